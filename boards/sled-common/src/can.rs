@@ -1,0 +1,292 @@
+//! The bxCAN cell in single shot: one mailbox, the outcome of each attempt, the
+//! receive FIFO, the error counters and the way back from bus-off.
+//!
+//! Configuration goes through the `bxcan` crate. The run-time path is written against
+//! the registers (RM0390 chapter 30, RM0316 chapter 31; the cell is the same), because
+//! a time-triggered node needs what the crate hides: whether a finished attempt was
+//! complete, lost arbitration or failed, an abort that does not wait, a receive path
+//! without panics whatever length code a frame carries.
+//!
+//! Settings (thesis 6.2.3.1): no automatic retransmission (NART), transmit order by
+//! request (TXFP), receive FIFO not locked, no automatic bus-off management (ABOM off),
+//! no automatic wake-up, time-triggered mode off.
+
+use bxcan::filter::Mask32;
+use bxcan::{Fifo, FilterOwner, Interrupt};
+
+/// Identifier of a received frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Identifier {
+    /// 11 bits.
+    Standard(u16),
+    /// 29 bits.
+    Extended(u32),
+}
+
+/// A frame as it came out of the receive FIFO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Received {
+    /// Its identifier.
+    pub id: Identifier,
+    /// Whether it was a remote frame (no data).
+    pub remote: bool,
+    /// Data bytes, 0..=8: length codes above 8 mean 8 (ISO 11898-1).
+    pub length: u8,
+    /// The data; bytes from `length` on are meaningless.
+    pub data: [u8; 8],
+}
+
+/// How the attempt to send the loaded frame ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Sent and acknowledged.
+    Complete,
+    /// Another node's frame won the arbitration.
+    ArbitrationLost,
+    /// A bit, stuff, form or acknowledge error.
+    Error,
+    /// Withdrawn before it began.
+    Aborted,
+}
+
+/// Error state of the controller (CAN_ESR).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ErrorState {
+    /// Transmit error counter.
+    pub transmit: u8,
+    /// Receive error counter.
+    pub receive: u8,
+    /// A counter is at 96 or above.
+    pub warning: bool,
+    /// A counter is above 127.
+    pub passive: bool,
+    /// The node is off the bus.
+    pub bus_off: bool,
+}
+
+/// The mailbox still holds a frame that has neither left nor failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Occupied;
+
+// Register offsets in bytes.
+const MCR: usize = 0x000;
+const MSR: usize = 0x004;
+const TSR: usize = 0x008;
+const RF0R: usize = 0x00C;
+const IER: usize = 0x014;
+const ESR: usize = 0x018;
+const TI0R: usize = 0x180;
+const TDT0R: usize = 0x184;
+const TDL0R: usize = 0x188;
+const TDH0R: usize = 0x18C;
+const RI0R: usize = 0x1B0;
+const RDT0R: usize = 0x1B4;
+const RDL0R: usize = 0x1B8;
+const RDH0R: usize = 0x1BC;
+
+const MCR_INRQ: u32 = 1 << 0;
+const MCR_SLEEP: u32 = 1 << 1;
+const MCR_TXFP: u32 = 1 << 2;
+const MCR_NART: u32 = 1 << 4;
+/// Running: single shot, order of request, everything else off.
+const MCR_RUN: u32 = MCR_NART | MCR_TXFP;
+
+const MSR_INAK: u32 = 1 << 0;
+const MSR_ERRI: u32 = 1 << 2;
+
+const TSR_RQCP0: u32 = 1 << 0;
+const TSR_TXOK0: u32 = 1 << 1;
+const TSR_ALST0: u32 = 1 << 2;
+const TSR_TERR0: u32 = 1 << 3;
+const TSR_ABRQ0: u32 = 1 << 7;
+const TSR_TME0: u32 = 1 << 26;
+
+const RF0R_FMP: u32 = 0b11;
+const RF0R_FOVR: u32 = 1 << 4;
+const RF0R_RFOM: u32 = 1 << 5;
+
+const IER_BOFIE: u32 = 1 << 10;
+const IER_ERRIE: u32 = 1 << 15;
+
+const ESR_WARNING: u32 = 1 << 0;
+const ESR_PASSIVE: u32 = 1 << 1;
+const ESR_BUS_OFF: u32 = 1 << 2;
+
+/// The CAN port of a sled.
+pub struct Port<I: FilterOwner> {
+    can: bxcan::Can<I>,
+}
+
+impl<I: FilterOwner> Port<I> {
+    /// Configures the cell and asks it to join the bus, which it does after eleven
+    /// recessive bits; nothing waits for that.
+    ///
+    /// `bit_timing` is the content of CAN_BTR. Every frame on the bus is accepted into
+    /// FIFO 0: each node supervises the schedule of all the others.
+    pub fn new(instance: I, bit_timing: u32) -> Self {
+        let mut can = bxcan::Can::builder(instance)
+            .set_bit_timing(bit_timing)
+            .set_automatic_retransmit(false)
+            .leave_disabled();
+        can.modify_filters()
+            .enable_bank(0, Fifo::Fifo0, Mask32::accept_all());
+        can.enable_interrupt(Interrupt::Fifo0MessagePending);
+        can.enable_interrupt(Interrupt::TransmitMailboxEmpty);
+        let mut port = Self { can };
+        // The crate has no name for the bus-off interrupt.
+        let enabled = port.read(IER);
+        port.write(IER, enabled | IER_BOFIE | IER_ERRIE);
+        port.write(MCR, MCR_RUN);
+        port
+    }
+
+    /// Takes the oldest frame out of the FIFO; `None` when it is empty.
+    #[inline]
+    pub fn receive(&mut self) -> Option<Received> {
+        if self.read(RF0R) & RF0R_FMP == 0 {
+            return None;
+        }
+        let identifier = self.read(RI0R);
+        let length = (self.read(RDT0R) & 0xF).min(8) as u8;
+        let [a, b, c, d] = self.read(RDL0R).to_le_bytes();
+        let [e, f, g, h] = self.read(RDH0R).to_le_bytes();
+        self.write(RF0R, RF0R_RFOM);
+        Some(Received {
+            id: if identifier & (1 << 2) == 0 {
+                Identifier::Standard((identifier >> 21) as u16)
+            } else {
+                Identifier::Extended(identifier >> 3)
+            },
+            remote: identifier & (1 << 1) != 0,
+            length,
+            data: [a, b, c, d, e, f, g, h],
+        })
+    }
+
+    /// Whether the FIFO lost a frame since the last call.
+    #[inline]
+    pub fn take_overrun(&mut self) -> bool {
+        let lost = self.read(RF0R) & RF0R_FOVR != 0;
+        if lost {
+            self.write(RF0R, RF0R_FOVR);
+        }
+        lost
+    }
+
+    /// Loads the mailbox and requests transmission: on an idle bus the frame starts with
+    /// the next bit, otherwise when the bus falls idle.
+    ///
+    /// `id` is an 11-bit identifier, `length` at most 8; larger values are cut.
+    ///
+    /// # Errors
+    /// [`Occupied`] while an earlier frame is pending.
+    #[inline]
+    pub fn load(&mut self, id: u16, length: u8, data: [u8; 8]) -> Result<(), Occupied> {
+        if self.read(TSR) & TSR_TME0 == 0 {
+            return Err(Occupied);
+        }
+        let [a, b, c, d, e, f, g, h] = data;
+        // Whole words: a TGT bit left from before would overwrite the last two bytes.
+        self.write(TDT0R, u32::from(length.min(8)));
+        self.write(TDL0R, u32::from_le_bytes([a, b, c, d]));
+        self.write(TDH0R, u32::from_le_bytes([e, f, g, h]));
+        self.write(TI0R, u32::from(id & 0x7FF) << 21 | 1);
+        Ok(())
+    }
+
+    /// Asks to withdraw the pending frame. One that is already on the bus is finished;
+    /// either way [`Port::outcome`] tells.
+    #[inline]
+    pub fn abort(&mut self) {
+        self.write(TSR, TSR_ABRQ0);
+    }
+
+    /// Acknowledges a finished attempt and says how it ended; `None` when none has ended
+    /// since the last call.
+    #[inline]
+    pub fn outcome(&mut self) -> Option<Outcome> {
+        let status = self.read(TSR);
+        if status & TSR_RQCP0 == 0 {
+            return None;
+        }
+        self.write(TSR, TSR_RQCP0);
+        Some(if status & TSR_TXOK0 != 0 {
+            Outcome::Complete
+        } else if status & TSR_ALST0 != 0 {
+            Outcome::ArbitrationLost
+        } else if status & TSR_TERR0 != 0 {
+            Outcome::Error
+        } else {
+            Outcome::Aborted
+        })
+    }
+
+    /// The error counters and states as they are now.
+    #[inline]
+    pub fn error_state(&self) -> ErrorState {
+        let status = self.read(ESR);
+        ErrorState {
+            transmit: (status >> 16) as u8,
+            receive: (status >> 24) as u8,
+            warning: status & ESR_WARNING != 0,
+            passive: status & ESR_PASSIVE != 0,
+            bus_off: status & ESR_BUS_OFF != 0,
+        }
+    }
+
+    /// Acknowledges the status-change interrupt.
+    #[inline]
+    pub fn acknowledge_error(&mut self) {
+        self.write(MSR, MSR_ERRI);
+    }
+
+    /// First half of the recovery from bus-off: enters initialisation, which also drops a
+    /// pending frame.
+    pub fn recovery_begin(&mut self) {
+        self.write(MCR, MCR_RUN | MCR_INRQ);
+    }
+
+    /// Second half: once the cell is in initialisation, lets it go. It takes part again
+    /// after 128 times 11 recessive bits. Returns false while it is not there yet.
+    pub fn recovery_finish(&mut self) -> bool {
+        let there = self.read(MSR) & MSR_INAK != 0;
+        if there {
+            self.write(MCR, MCR_RUN);
+        }
+        there
+    }
+
+    /// Leaves the bus for good: not a single dominant bit any more.
+    pub fn silence(&mut self) {
+        self.write(MCR, MCR_RUN | MCR_SLEEP);
+    }
+
+    /// The peripheral and its pins.
+    pub fn instance(&mut self) -> &mut I {
+        self.can.instance()
+    }
+
+    #[inline]
+    fn read(&self, offset: usize) -> u32 {
+        // SAFETY: an aligned register inside the block that `self` owns.
+        unsafe {
+            I::REGISTERS
+                .cast::<u8>()
+                .add(offset)
+                .cast::<u32>()
+                .read_volatile()
+        }
+    }
+
+    #[inline]
+    fn write(&mut self, offset: usize, value: u32) {
+        // SAFETY: an aligned register inside the block that `self` owns.
+        unsafe {
+            I::REGISTERS
+                .cast::<u8>()
+                .add(offset)
+                .cast::<u32>()
+                .write_volatile(value);
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! What a board found out about its clocks.
+
+/// The oscillator that the system clock is made from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Oscillator {
+    /// The 8 MHz clock that the on-board debugger feeds into the HSE input.
+    External,
+    /// The RC oscillator of the microcontroller (about 1 %): the external clock
+    /// was not there in time. A node on it can be heard on the bench, but CAN at
+    /// 250 kbit/s wants better than 0.5 %; it is reported for that reason.
+    Internal,
+}
+
+/// Frequencies after start-up, in hertz.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Clocks {
+    /// Where the clock comes from.
+    pub oscillator: Oscillator,
+    /// Core and AHB clock, Hz.
+    pub core: u32,
+    /// Peripheral bus 1 (CAN, USART2 and 3), Hz.
+    pub apb1: u32,
+    /// Peripheral bus 2 (USART1), Hz.
+    pub apb2: u32,
+    /// Rate of the node's time base (TIM2), ticks per microsecond.
+    pub ticks_per_us: u32,
+}
+
+/// Why the microcontroller started (RM0390 6.3.21, RM0316 9.4.10).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ResetCause {
+    /// Power came up, or dipped below the brown-out level.
+    #[default]
+    Power,
+    /// The reset pin.
+    Pin,
+    /// The program asked for it; [`crate::fault`] may know why.
+    Software,
+    /// The independent watchdog was not fed.
+    Watchdog,
+    /// Window watchdog, low-power or option-byte reset: nothing here uses them.
+    Other,
+}
+
+impl ResetCause {
+    /// Decodes the flags in the upper half of RCC_CSR.
+    ///
+    /// Both parts use the same positions: PINRSTF 26, PORRSTF 27, SFTRSTF 28,
+    /// IWDGRSTF 29, WWDGRSTF 30, LPWRRSTF 31. Every internal reset also pulls the
+    /// reset pin, so the pin counts only when nothing else is flagged.
+    pub const fn from_csr(csr: u32) -> Self {
+        if csr & (1 << 29) != 0 {
+            Self::Watchdog
+        } else if csr & (1 << 28) != 0 {
+            Self::Software
+        } else if csr & (1 << 27) != 0 {
+            Self::Power
+        } else if csr & (1 << 30 | 1 << 31) != 0 {
+            Self::Other
+        } else if csr & (1 << 26) != 0 {
+            Self::Pin
+        } else {
+            Self::Power
+        }
+    }
+
+    /// The number that stands for this cause in event messages.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Power => 0,
+            Self::Pin => 1,
+            Self::Software => 2,
+            Self::Watchdog => 3,
+            Self::Other => 4,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ResetCause;
+
+    #[test]
+    fn the_pin_flag_that_comes_with_every_reset_hides_no_cause() {
+        assert_eq!(ResetCause::from_csr(0x0C00_0000), ResetCause::Power);
+        assert_eq!(ResetCause::from_csr(0x0400_0000), ResetCause::Pin);
+        assert_eq!(ResetCause::from_csr(0x1400_0000), ResetCause::Software);
+        assert_eq!(ResetCause::from_csr(0x2400_0000), ResetCause::Watchdog);
+        assert_eq!(ResetCause::from_csr(0x4400_0000), ResetCause::Other);
+        assert_eq!(ResetCause::from_csr(0x8400_0000), ResetCause::Other);
+    }
+}

@@ -1,0 +1,106 @@
+//! The record of the last fault, which outlives a reset.
+//!
+//! A panic or a hard fault leaves one word in memory that start-up does not clear,
+//! lets the board put its actuator to a stop and resets. Nothing is formatted: the
+//! images carry no panic messages. The node reads the word once after the reset and
+//! reports it in an event message.
+
+/// What went wrong last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// A Rust panic.
+    Panic,
+    /// A hard fault of the processor (bus fault, undefined instruction, stack
+    /// overflow: the stack ends at an address without memory).
+    Hard,
+    /// An interrupt that no task is bound to.
+    Unhandled,
+}
+
+impl Fault {
+    /// The number that stands for this fault in the record and in event messages.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Panic => 1,
+            Self::Hard => 2,
+            Self::Unhandled => 3,
+        }
+    }
+
+    const fn from_code(code: u8) -> Option<Self> {
+        match code {
+            1 => Some(Self::Panic),
+            2 => Some(Self::Hard),
+            3 => Some(Self::Unhandled),
+            _ => None,
+        }
+    }
+
+    /// The word that is kept: the code behind a marker that random memory after
+    /// power-up is unlikely to hold.
+    const fn word(self) -> u32 {
+        0xFA17_5A00 | self.code() as u32
+    }
+
+    const fn from_word(word: u32) -> Option<Self> {
+        if word & 0xFFFF_FF00 == 0xFA17_5A00 {
+            Self::from_code(word as u8)
+        } else {
+            None
+        }
+    }
+}
+
+#[cfg(target_os = "none")]
+mod record {
+    use super::Fault;
+    use core::cell::UnsafeCell;
+    use core::mem::MaybeUninit;
+
+    struct Record(UnsafeCell<MaybeUninit<u32>>);
+
+    // SAFETY: accessed volatile, one aligned word at a time, on a single core.
+    unsafe impl Sync for Record {}
+
+    // SAFETY: `.uninit` is RAM that cortex-m-rt's start-up code leaves alone.
+    #[unsafe(link_section = ".uninit.FAULT_RECORD")]
+    static RECORD: Record = Record(UnsafeCell::new(MaybeUninit::uninit()));
+
+    /// Takes the fault that led to this start, if one did.
+    pub fn take() -> Option<Fault> {
+        let word = RECORD.0.get().cast::<u32>();
+        // SAFETY: RAM of ours; any bit pattern is a valid `u32`.
+        let found = unsafe { word.read_volatile() };
+        // SAFETY: as above.
+        unsafe { word.write_volatile(0) };
+        Fault::from_word(found)
+    }
+
+    /// Notes the fault and resets the microcontroller.
+    ///
+    /// The caller has stopped its actuator before; after the reset start-up sends the
+    /// stop command once more.
+    pub fn reset(fault: Fault) -> ! {
+        // SAFETY: RAM of ours; nothing else runs any more.
+        unsafe { RECORD.0.get().cast::<u32>().write_volatile(fault.word()) };
+        cortex_m::peripheral::SCB::sys_reset()
+    }
+}
+
+#[cfg(target_os = "none")]
+pub use record::{reset, take};
+
+#[cfg(test)]
+mod tests {
+    use super::Fault;
+
+    #[test]
+    fn a_record_is_told_from_random_memory() {
+        for fault in [Fault::Panic, Fault::Hard, Fault::Unhandled] {
+            assert_eq!(Fault::from_word(fault.word()), Some(fault));
+        }
+        for word in [0, 0xFFFF_FFFF, 0xFA17_5A00, 0xFA17_5B01, 0xFA17_5A04] {
+            assert_eq!(Fault::from_word(word), None);
+        }
+    }
+}
