@@ -1,1 +1,41 @@
+//! The network file of a time-triggered CAN network: reading, checking, writing Rust from it.
+//!
+//! A network file is a DBC file whose messages carry, as custom attributes, the
+//! window of the system matrix in which each is sent. One file then serves the
+//! firmware, the analyses on the host, and every outside tool that reads DBC.
+//!
+//! [`Network::parse`] reads a file and checks it; [`generate::messages`] and
+//! [`generate::matrix`] write the Rust of a network crate from its build script.
+//!
+//! # Attributes
+//!
+//! | attribute | of | meaning | unit, range |
+//! | --- | --- | --- | --- |
+//! | `Baudrate` | network | bit rate of the bus | bit/s |
+//! | `BasicCycle` | network | length of the basic cycle | us |
+//! | `BasicCycles` | network | basic cycles of the system matrix | 1, 2, 4 .. 64 |
+//! | `SyncUncertainty` | network | allowance in each window for clock error | us |
+//! | `TransmitEnable` | network | how late after its window's start a frame may still begin | bit times, 1..16 |
+//! | `MasterRank` | node | rank as time master, 0 first; -1: never a master | -1..7 |
+//! | `GenMsgSendType` | message | `Cyclic` or `Event` | |
+//! | `GenMsgCycleTime` | message | period of a cyclic message | ms |
+//! | `GenMsgDelayTime` | message | least time between two event messages | ms |
+//! | `ShortestLength` | message | fewest data bytes that still decode; -1: all of them | bytes |
+//! | `WindowKind` | message | `Reference`, `Exclusive` or `Arbitrating` | |
+//! | `WindowStart`, `WindowLength` | message | the window in the basic cycle | us |
+//! | `WindowRepeat`, `WindowOffset` | message | in which basic cycles: repeat factor and first cycle | 1..64, 0..63 |
+//!
+//! Messages that share an arbitrating window state the same window.
 
+mod check;
+mod frame;
+pub mod generate;
+mod network;
+mod parse;
+mod problem;
+mod signal;
+
+pub use frame::worst_case_bits;
+pub use network::{Message, Network, Node, SendType, Value, ValueTable, Window, WindowKind};
+pub use problem::{Problem, Problems};
+pub use signal::{ByteOrder, Piece, Signal};

@@ -1,0 +1,350 @@
+//! Whether the network makes sense: what the syntax of a DBC file cannot say.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{
+    frame::worst_case_bits,
+    network::{Message, Network, SendType, WindowKind},
+    problem::Problem,
+    signal::Signal,
+};
+
+/// Everything that is wrong with a network, in the order of its messages.
+pub fn check(network: &Network) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    time_frame(network, &mut problems);
+    names(network, &mut problems);
+    masters(network, &mut problems);
+    for message in &network.messages {
+        data(network, message, &mut problems);
+        window(network, message, &mut problems);
+    }
+    overlaps(network, &mut problems);
+    problems
+}
+
+fn time_frame(network: &Network, problems: &mut Vec<Problem>) {
+    let mut refuse = |what: String| problems.push(Problem { line: None, what });
+    if !(10_000..=1_000_000).contains(&network.bit_rate) {
+        refuse(format!(
+            "Baudrate is {} bit/s: 10000 to 1000000 are accepted",
+            network.bit_rate
+        ));
+    }
+    if network.basic_cycle_us == 0 {
+        refuse("BasicCycle is 0 us: a basic cycle has a length".into());
+    }
+    if !network.basic_cycles.is_power_of_two() || network.basic_cycles > 64 {
+        refuse(format!(
+            "BasicCycles is {}: a system matrix has 1, 2, 4, 8, 16, 32 or 64",
+            network.basic_cycles
+        ));
+    }
+    if !(1..=16).contains(&network.transmit_enable_bits) {
+        refuse(format!(
+            "TransmitEnable is {}: 1 to 16 bit times are accepted",
+            network.transmit_enable_bits
+        ));
+    }
+}
+
+fn names(network: &Network, problems: &mut Vec<Problem>) {
+    let mut ids = BTreeMap::new();
+    let mut names = BTreeSet::new();
+    for message in &network.messages {
+        if let Some(other) = ids.insert(message.id, &message.name) {
+            problems.push(Problem {
+                line: message.line,
+                what: format!(
+                    "messages {other} and {} have the same identifier {}",
+                    message.name, message.id
+                ),
+            });
+        }
+        if !names.insert(&message.name) {
+            problems.push(Problem {
+                line: message.line,
+                what: format!("two messages have the name {}", message.name),
+            });
+        }
+        if !network.nodes.iter().any(|n| n.name == message.sender) {
+            problems.push(Problem {
+                line: message.line,
+                what: format!(
+                    "the sender {} of message {} is no node of the network",
+                    message.sender, message.name
+                ),
+            });
+        }
+    }
+}
+
+/// The master of rank r sends the reference whose identifier is that of rank 0
+/// plus r, within the three low bits (ISO 11898-4).
+fn masters(network: &Network, problems: &mut Vec<Problem>) {
+    let mut ranks: Vec<_> = network
+        .nodes
+        .iter()
+        .filter_map(|node| Some((node.master_rank?, node)))
+        .collect();
+    ranks.sort_by_key(|(rank, _)| *rank);
+    let references: Vec<&Message> = network
+        .messages
+        .iter()
+        .filter(|message| message.window.kind == WindowKind::Reference)
+        .collect();
+    let mut refuse = |line, what: String| problems.push(Problem { line, what });
+    let Some((_, first)) = ranks.first() else {
+        refuse(
+            None,
+            "no node has a MasterRank: nobody would start a cycle".into(),
+        );
+        return;
+    };
+    let Some(base) = references.iter().find(|m| m.sender == first.name) else {
+        refuse(
+            None,
+            format!("the first master {} sends no reference message", first.name),
+        );
+        return;
+    };
+    for (index, (rank, node)) in ranks.iter().enumerate() {
+        if usize::from(*rank) != index {
+            refuse(
+                None,
+                format!(
+                    "node {} has the master rank {rank}: ranks count 0, 1, 2 without a gap, and the next is {index}",
+                    node.name
+                ),
+            );
+        }
+        let own: Vec<_> = references
+            .iter()
+            .filter(|m| m.sender == node.name)
+            .collect();
+        match own.as_slice() {
+            [own] => {
+                let id = base.id + u16::from(*rank);
+                if own.id != id || id >> 3 != base.id >> 3 {
+                    refuse(
+                        own.line,
+                        format!(
+                            "reference message {} ({}) of the master of rank {rank} must have the identifier {id}, which must equal that of {} but for its three low bits",
+                            own.name, own.id, base.name
+                        ),
+                    );
+                }
+                if own.length != base.length || own.shortest != base.shortest {
+                    refuse(
+                        own.line,
+                        format!(
+                            "reference messages {} and {} differ in length",
+                            base.name, own.name
+                        ),
+                    );
+                }
+            }
+            _ => refuse(
+                None,
+                format!(
+                    "master {} sends {} reference messages: each master sends one",
+                    node.name,
+                    own.len()
+                ),
+            ),
+        }
+    }
+    for message in references {
+        if !ranks.iter().any(|(_, node)| node.name == message.sender) {
+            refuse(
+                message.line,
+                format!(
+                    "{} sends the reference message {} but has no MasterRank",
+                    message.sender, message.name
+                ),
+            );
+        }
+    }
+}
+
+fn data(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
+    let mut owners: BTreeMap<(u16, u8), &Signal> = BTreeMap::new();
+    let mut clashes = BTreeSet::new();
+    let mut names = BTreeSet::new();
+    for signal in &message.signals {
+        let of = format!("signal {} of message {}", signal.name, message.name);
+        let mut refuse = |what: String| {
+            problems.push(Problem {
+                line: signal.line,
+                what,
+            });
+        };
+        if !names.insert(&signal.name) {
+            refuse(format!(
+                "message {} has two signals {}",
+                message.name, signal.name
+            ));
+        }
+        for index in 0..signal.size {
+            match signal.position(index) {
+                Some(place) if place.0 < u16::from(message.length) => {
+                    if let Some(other) = owners.insert(place, signal)
+                        && clashes.insert((other.name.as_str(), signal.name.as_str()))
+                    {
+                        refuse(format!(
+                            "{of} overlaps signal {} in byte {}",
+                            other.name, place.0
+                        ));
+                    }
+                }
+                _ => {
+                    refuse(format!(
+                        "{of} does not fit the {} data bytes of its message",
+                        message.length
+                    ));
+                    break;
+                }
+            }
+        }
+        if !(signal.factor.is_finite() && signal.factor > 0.0) {
+            refuse(format!(
+                "{of} has the factor {}: it must be positive",
+                signal.factor
+            ));
+            continue;
+        }
+        let (Some(offset), Some((least, greatest))) =
+            (signal.offset_counts(), signal.count_range())
+        else {
+            refuse(format!(
+                "{of} has an offset or a limit that is no whole number of its factor {}",
+                signal.factor
+            ));
+            continue;
+        };
+        let (raw_least, raw_greatest) = signal.raw_range();
+        if least > greatest || least < raw_least + offset || greatest > raw_greatest + offset {
+            refuse(format!(
+                "{of} has the range {} to {}: its {} bits hold {} to {}",
+                signal.min,
+                signal.max,
+                signal.size,
+                signal.physical(raw_least),
+                signal.physical(raw_greatest)
+            ));
+        }
+        if i64::try_from(least).is_err() || i64::try_from(greatest).is_err() {
+            refuse(format!("{of} exceeds a signed number of 64 bits"));
+        }
+        if let Some(name) = &signal.values
+            && let Some(table) = network.value_tables.iter().find(|t| t.name == *name)
+        {
+            for value in &table.values {
+                if !(least..=greatest).contains(&i128::from(value.raw)) {
+                    refuse(format!(
+                        "value {} ({}) of {of} is outside its range",
+                        value.raw, value.name
+                    ));
+                }
+            }
+        }
+        for receiver in &signal.receivers {
+            if receiver != "Vector__XXX" && !network.nodes.iter().any(|n| n.name == *receiver) {
+                refuse(format!(
+                    "the receiver {receiver} of {of} is no node of the network"
+                ));
+            }
+        }
+    }
+}
+
+fn window(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
+    let window = message.window;
+    let of = format!(
+        "message {} ({}) in the window at {} us",
+        message.name, message.id, window.start_us
+    );
+    let mut refuse = |what: String| {
+        problems.push(Problem {
+            line: message.line,
+            what,
+        });
+    };
+    if window.end_us() > network.basic_cycle_us {
+        refuse(format!(
+            "{of}: the window ends at {} us, after the basic cycle of {} us",
+            window.end_us(),
+            network.basic_cycle_us
+        ));
+    }
+    if !window.repeat.is_power_of_two() || window.repeat > network.basic_cycles {
+        refuse(format!(
+            "{of}: WindowRepeat is {}, but must be a power of two up to the {} basic cycles",
+            window.repeat, network.basic_cycles
+        ));
+    } else if window.offset >= window.repeat {
+        refuse(format!(
+            "{of}: WindowOffset is {}, but must be less than WindowRepeat {}",
+            window.offset, window.repeat
+        ));
+    }
+    let bits = worst_case_bits(message.length);
+    let enable = u32::from(network.transmit_enable_bits);
+    let need =
+        ((bits + enable) * network.bit_time_ns()).div_ceil(1000) + network.sync_uncertainty_us;
+    if need > window.length_us {
+        refuse(format!(
+            "{of}: {} us are too short, the longest frame ({bits} bit times), the transmit enable window ({enable}) and {} us of clock error need {need} us",
+            window.length_us, network.sync_uncertainty_us
+        ));
+    }
+    let period_us = network
+        .basic_cycle_us
+        .saturating_mul(u32::from(window.repeat));
+    match (window.kind, message.send_type) {
+        (WindowKind::Reference, _) if window.start_us != 0 || window.repeat != 1 => refuse(
+            format!("{of}: a reference message starts every basic cycle, at 0 us"),
+        ),
+        (WindowKind::Arbitrating, SendType::Cyclic { .. }) => {
+            refuse(format!("{of}: a cyclic message needs an exclusive window"))
+        }
+        (WindowKind::Exclusive, SendType::Event { .. }) => refuse(format!(
+            "{of}: an event message needs an arbitrating window"
+        )),
+        (_, SendType::Event { interval_ms: 0 }) => refuse(format!(
+            "{of}: an event message needs a least interval in GenMsgDelayTime"
+        )),
+        (_, SendType::Cyclic { period_ms }) if period_ms.saturating_mul(1000) != period_us => {
+            refuse(format!(
+                "{of}: GenMsgCycleTime is {period_ms} ms, but its window comes every {} ms",
+                f64::from(period_us) / 1000.0
+            ));
+        }
+        _ => {}
+    }
+}
+
+fn overlaps(network: &Network, problems: &mut Vec<Problem>) {
+    for (index, message) in network.messages.iter().enumerate() {
+        for other in network.messages.iter().take(index) {
+            let shared =
+                message.window == other.window && message.window.kind != WindowKind::Exclusive;
+            if !shared && message.window.overlaps(&other.window) {
+                problems.push(Problem {
+                    line: message.line,
+                    what: format!(
+                        "the window of message {} ({}), {} to {} us, overlaps that of {} ({}), {} to {} us",
+                        message.name,
+                        message.id,
+                        message.window.start_us,
+                        message.window.end_us(),
+                        other.name,
+                        other.id,
+                        other.window.start_us,
+                        other.window.end_us()
+                    ),
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! The network as plain data.
+
+use crate::signal::Signal;
+
+/// A checked network: its nodes, its messages and the time frame they live in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Network {
+    /// Comment of the whole file.
+    pub comment: String,
+    /// Bit rate of the bus in bit/s.
+    pub bit_rate: u32,
+    /// Length of the basic cycle in microseconds.
+    pub basic_cycle_us: u32,
+    /// Number of basic cycles in the system matrix: a power of two, 1..=64.
+    pub basic_cycles: u8,
+    /// Part of each window kept for the nodes' clock error, in microseconds.
+    pub sync_uncertainty_us: u32,
+    /// How late after its window's start a frame may still begin, in bit times.
+    pub transmit_enable_bits: u8,
+    /// Nodes in file order.
+    pub nodes: Vec<Node>,
+    /// Messages in the order of their windows, then of their identifiers.
+    pub messages: Vec<Message>,
+    /// Named value tables in file order.
+    pub value_tables: Vec<ValueTable>,
+}
+
+/// A node of the network.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Node {
+    /// Name as in the file.
+    pub name: String,
+    /// Comment, or empty.
+    pub comment: String,
+    /// Rank as time master, 0 first; `None` when it is never a master.
+    pub master_rank: Option<u8>,
+}
+
+/// A message and its window.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Message {
+    /// Identifier, 11 bits.
+    pub id: u16,
+    /// Name as in the file.
+    pub name: String,
+    /// Comment, or empty.
+    pub comment: String,
+    /// Data bytes, 0..=8.
+    pub length: u8,
+    /// Fewest data bytes that still decode; the missing ones read as zero.
+    pub shortest: u8,
+    /// The one node that sends it.
+    pub sender: String,
+    /// When it is sent.
+    pub send_type: SendType,
+    /// Where in the system matrix it is sent.
+    pub window: Window,
+    /// Signals in file order.
+    pub signals: Vec<Signal>,
+    /// Line of the file on which it begins, from 1.
+    pub line: Option<usize>,
+}
+
+/// When a message is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SendType {
+    /// Every period, in milliseconds.
+    Cyclic {
+        /// Period in milliseconds.
+        period_ms: u32,
+    },
+    /// When something happened.
+    Event {
+        /// Least time between two of them, in milliseconds.
+        interval_ms: u32,
+    },
+}
+
+/// A window of the system matrix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Window {
+    /// Start in the basic cycle, in microseconds.
+    pub start_us: u32,
+    /// Length in microseconds.
+    pub length_us: u32,
+    /// Every how many basic cycles it comes: a power of two.
+    pub repeat: u8,
+    /// First basic cycle it comes in, less than `repeat`.
+    pub offset: u8,
+    /// Who may send in it.
+    pub kind: WindowKind,
+}
+
+impl Window {
+    /// End in the basic cycle, in microseconds: the first instant after it.
+    pub fn end_us(&self) -> u32 {
+        self.start_us.saturating_add(self.length_us)
+    }
+
+    /// Whether both come in one same basic cycle and share an instant of it.
+    pub fn overlaps(&self, other: &Window) -> bool {
+        let (few, many) = if self.repeat <= other.repeat {
+            (self, other)
+        } else {
+            (other, self)
+        };
+        // Both repeat factors are powers of two, so the rarer one always meets
+        // the same phase of the more frequent one.
+        let same_cycle = many.offset % few.repeat.max(1) == few.offset;
+        same_cycle && self.start_us < other.end_us() && other.start_us < self.end_us()
+    }
+}
+
+/// Who may send in a window.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum WindowKind {
+    /// The time master's, for the reference message.
+    Reference,
+    /// One message's.
+    Exclusive,
+    /// Any event message's; the bus arbitrates.
+    Arbitrating,
+}
+
+/// A named set of values of a signal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ValueTable {
+    /// Name as in the file.
+    pub name: String,
+    /// Values in ascending order.
+    pub values: Vec<Value>,
+}
+
+/// A named value.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Value {
+    /// Raw value.
+    pub raw: i64,
+    /// Its name.
+    pub name: String,
+}
+
+impl Network {
+    /// The message with this identifier.
+    pub fn message(&self, id: u16) -> Option<&Message> {
+        self.messages.iter().find(|message| message.id == id)
+    }
+
+    /// One bit time in nanoseconds, rounded up.
+    pub fn bit_time_ns(&self) -> u32 {
+        1_000_000_000_u32.div_ceil(self.bit_rate.max(1))
+    }
+
+    /// The windows of the matrix in order of their start, each once.
+    pub fn windows(&self) -> Vec<Window> {
+        let mut windows: Vec<Window> = self.messages.iter().map(|m| m.window).collect();
+        windows.sort();
+        windows.dedup();
+        windows
+    }
+}

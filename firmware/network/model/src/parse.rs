@@ -1,0 +1,401 @@
+//! From the text of a DBC file to a [`Network`].
+
+use can_dbc::{AttributeValue, Comment, Dbc, MessageId, NumericValue, ValueDescription};
+
+use crate::{
+    check::check,
+    network::{Message, Network, Node, SendType, Value, ValueTable, Window, WindowKind},
+    problem::{Problem, Problems},
+    signal::{ByteOrder, Signal},
+};
+
+impl Network {
+    /// Reads a network file and checks it.
+    ///
+    /// # Errors
+    ///
+    /// Everything that is wrong with the file: its syntax, or else each signal
+    /// outside its message, each window that does not fit, and so on, by name
+    /// and line.
+    pub fn parse(text: &str) -> Result<Network, Problems> {
+        let dbc = Dbc::try_from(text).map_err(|error| {
+            Problems(vec![Problem {
+                line: None,
+                what: format!("not a DBC file: {error}"),
+            }])
+        })?;
+        let mut reader = Reader {
+            dbc: &dbc,
+            text,
+            problems: Vec::new(),
+        };
+        let network = reader.network();
+        let mut problems = reader.problems;
+        if problems.is_empty() {
+            problems = check(&network);
+        }
+        if problems.is_empty() {
+            Ok(network)
+        } else {
+            Err(Problems(problems))
+        }
+    }
+}
+
+struct Reader<'a> {
+    dbc: &'a Dbc,
+    text: &'a str,
+    problems: Vec<Problem>,
+}
+
+impl Reader<'_> {
+    fn problem(&mut self, line: Option<usize>, what: String) {
+        self.problems.push(Problem { line, what });
+    }
+
+    /// The line that begins, but for white space, with these words.
+    fn line(&self, words: &[&str]) -> Option<usize> {
+        self.line_after(0, words)
+    }
+
+    fn line_after(&self, after: usize, words: &[&str]) -> Option<usize> {
+        self.text
+            .lines()
+            .enumerate()
+            .skip(after)
+            .find(|(_, line)| {
+                let mut found = line.split([' ', '\t', ':', ';']).filter(|w| !w.is_empty());
+                words.iter().all(|word| found.next() == Some(word))
+            })
+            .map(|(index, _)| index + 1)
+    }
+
+    fn network(&mut self) -> Network {
+        let value_tables = self.value_tables();
+        let nodes = self.nodes();
+        let mut messages: Vec<Message> = Vec::new();
+        for message in &self.dbc.messages {
+            if let Some(message) = self.message(message, &value_tables) {
+                messages.push(message);
+            }
+        }
+        messages.sort_by_key(|message| (message.window, message.id));
+        let comment = self.dbc.comments.iter().find_map(|comment| match comment {
+            Comment::Plain { comment } => Some(comment.clone()),
+            _ => None,
+        });
+        Network {
+            comment: comment.unwrap_or_default(),
+            bit_rate: self.network_number("Baudrate"),
+            basic_cycle_us: self.network_number("BasicCycle"),
+            basic_cycles: self.network_number("BasicCycles"),
+            sync_uncertainty_us: self.network_number("SyncUncertainty"),
+            transmit_enable_bits: self.network_number("TransmitEnable"),
+            nodes,
+            messages,
+            value_tables,
+        }
+    }
+
+    fn network_number<T: TryFrom<i64> + Default>(&mut self, name: &str) -> T {
+        let quoted = format!("\"{name}\"");
+        let value = self
+            .dbc
+            .attribute_values_database
+            .iter()
+            .find(|attribute| attribute.name == name)
+            .map(|attribute| attribute.value.clone())
+            .or_else(|| self.dbc.attribute_default(name).cloned());
+        let line = self.line(&["BA_", &quoted]);
+        self.number(name, "the network", value, line)
+    }
+
+    fn number<T: TryFrom<i64> + Default>(
+        &mut self,
+        name: &str,
+        of: &str,
+        value: Option<AttributeValue>,
+        line: Option<usize>,
+    ) -> T {
+        let Some(value) = value else {
+            self.problem(line, format!("{of} lacks the attribute {name}"));
+            return T::default();
+        };
+        integer(&value)
+            .and_then(|value| T::try_from(value).ok())
+            .unwrap_or_else(|| {
+                self.problem(
+                    line,
+                    format!(
+                        "{name} of {of} is {}, not a whole number in range",
+                        text_of(&value)
+                    ),
+                );
+                T::default()
+            })
+    }
+
+    fn nodes(&mut self) -> Vec<Node> {
+        let mut nodes = Vec::new();
+        for node in &self.dbc.nodes {
+            let name = node.0.clone();
+            let value = self
+                .dbc
+                .attribute_values_node
+                .iter()
+                .find(|attribute| attribute.name == "MasterRank" && attribute.node_name == name)
+                .map(|attribute| attribute.value.clone())
+                .or_else(|| self.dbc.attribute_default("MasterRank").cloned())
+                .unwrap_or(AttributeValue::Int(-1));
+            let line = self.line(&["BA_", "\"MasterRank\"", "BU_", &name]);
+            let rank: i64 = self.number("MasterRank", &format!("node {name}"), Some(value), line);
+            if !(-1..=7).contains(&rank) {
+                self.problem(
+                    line,
+                    format!("node {name} has the master rank {rank}: 0 to 7, or -1 for none"),
+                );
+            }
+            let comment = self.dbc.comments.iter().find_map(|comment| match comment {
+                Comment::Node { name: of, comment } if *of == name => Some(comment.clone()),
+                _ => None,
+            });
+            nodes.push(Node {
+                name,
+                comment: comment.unwrap_or_default(),
+                master_rank: u8::try_from(rank).ok(),
+            });
+        }
+        nodes
+    }
+
+    fn value_tables(&mut self) -> Vec<ValueTable> {
+        self.dbc
+            .value_tables
+            .iter()
+            .map(|table| ValueTable {
+                name: table.name.clone(),
+                values: values(&table.descriptions),
+            })
+            .collect()
+    }
+
+    fn message(&mut self, message: &can_dbc::Message, tables: &[ValueTable]) -> Option<Message> {
+        let name = &message.name;
+        let raw = message.id.raw().to_string();
+        let line = self.line(&["BO_", &raw]);
+        let MessageId::Standard(id) = message.id else {
+            self.problem(
+                line,
+                format!(
+                    "message {name} has an extended identifier: only 11-bit ones are supported"
+                ),
+            );
+            return None;
+        };
+        let of = format!("message {name} ({id})");
+        let Some(sender) = message.transmitter.clone().filter(|s| s != "Vector__XXX") else {
+            self.problem(line, format!("{of} has no sender"));
+            return None;
+        };
+        let Some(length) = u8::try_from(message.size).ok().filter(|size| *size <= 8) else {
+            self.problem(
+                line,
+                format!("{of} has {} data bytes: 0 to 8 fit a frame", message.size),
+            );
+            return None;
+        };
+        let shortest: i64 = match self
+            .dbc
+            .resolved_message_attribute(message.id, "ShortestLength")
+        {
+            Some(value) => integer(value).unwrap_or(-1),
+            None => -1,
+        };
+        let send_type = match self.word(message.id, "GenMsgSendType", &["Cyclic", "Event"]) {
+            Some("Event") => SendType::Event {
+                interval_ms: self.message_number(message.id, name, "GenMsgDelayTime"),
+            },
+            _ => SendType::Cyclic {
+                period_ms: self.message_number(message.id, name, "GenMsgCycleTime"),
+            },
+        };
+        const KINDS: [&str; 4] = ["None", "Reference", "Exclusive", "Arbitrating"];
+        let kind = match self.word(message.id, "WindowKind", &KINDS) {
+            Some("Reference") => WindowKind::Reference,
+            Some("Exclusive") => WindowKind::Exclusive,
+            Some("Arbitrating") => WindowKind::Arbitrating,
+            _ => {
+                let what = format!(
+                    "{of} has no window: set WindowKind to Reference, Exclusive or Arbitrating"
+                );
+                self.problem(line, what);
+                return None;
+            }
+        };
+        let window = Window {
+            start_us: self.message_number(message.id, name, "WindowStart"),
+            length_us: self.message_number(message.id, name, "WindowLength"),
+            repeat: self.message_number(message.id, name, "WindowRepeat"),
+            offset: self.message_number(message.id, name, "WindowOffset"),
+            kind,
+        };
+        let mut signals = Vec::new();
+        for signal in &message.signals {
+            signals.extend(self.signal(message, signal, tables, line));
+        }
+        Some(Message {
+            id,
+            name: name.clone(),
+            comment: self
+                .dbc
+                .message_comment(message.id)
+                .unwrap_or_default()
+                .into(),
+            length,
+            shortest: u8::try_from(shortest).unwrap_or(length).min(length),
+            sender,
+            send_type,
+            window,
+            signals,
+            line,
+        })
+    }
+
+    fn message_number<T: TryFrom<i64> + Default>(
+        &mut self,
+        id: MessageId,
+        message: &str,
+        name: &str,
+    ) -> T {
+        let value = self.dbc.resolved_message_attribute(id, name).cloned();
+        let raw = id.raw().to_string();
+        let line = self.line(&["BA_", &format!("\"{name}\""), "BO_", &raw]);
+        let of = format!("message {message} ({raw})");
+        self.number(name, &of, value, line)
+    }
+
+    /// An attribute of the enumeration type, given by number or by word.
+    fn word<'w>(&self, id: MessageId, name: &str, words: &[&'w str]) -> Option<&'w str> {
+        match self.dbc.resolved_message_attribute(id, name)? {
+            AttributeValue::String(word) => words.iter().find(|w| *w == word).copied(),
+            number => {
+                let index = usize::try_from(integer(number)?).ok()?;
+                words.get(index).copied()
+            }
+        }
+    }
+
+    fn signal(
+        &mut self,
+        message: &can_dbc::Message,
+        signal: &can_dbc::Signal,
+        tables: &[ValueTable],
+        message_line: Option<usize>,
+    ) -> Option<Signal> {
+        let line = self.line_after(message_line.unwrap_or(0), &["SG_", &signal.name]);
+        let of = format!("signal {} of message {}", signal.name, message.name);
+        if signal.multiplexer_indicator != can_dbc::MultiplexIndicator::Plain {
+            self.problem(line, format!("{of} is multiplexed: that is not supported"));
+            return None;
+        }
+        let size = u8::try_from(signal.size)
+            .ok()
+            .filter(|s| (1..=64).contains(s));
+        let start = u16::try_from(signal.start_bit).ok().filter(|s| *s < 64);
+        let (Some(size), Some(start_bit)) = (size, start) else {
+            self.problem(
+                line,
+                format!(
+                    "{of} has {} bits from bit {}: 64 bits fit",
+                    signal.size, signal.start_bit
+                ),
+            );
+            return None;
+        };
+        let described =
+            self.dbc
+                .value_descriptions
+                .iter()
+                .find_map(|description| match description {
+                    ValueDescription::Signal {
+                        message_id,
+                        name,
+                        value_descriptions,
+                    } if *message_id == message.id && *name == signal.name => {
+                        Some(values(value_descriptions))
+                    }
+                    _ => None,
+                });
+        let values = match described {
+            None => None,
+            Some(described) => {
+                let table = tables.iter().find(|table| table.values == described);
+                if table.is_none() {
+                    self.problem(
+                        self.line(&["VAL_", &message.id.raw().to_string(), &signal.name]),
+                        format!("the values of {of} equal no VAL_TABLE_: give them a named one"),
+                    );
+                }
+                table.map(|table| table.name.clone())
+            }
+        };
+        let comment = self.dbc.signal_comment(message.id, &signal.name);
+        Some(Signal {
+            name: signal.name.clone(),
+            comment: comment.unwrap_or_default().into(),
+            start_bit,
+            size,
+            byte_order: match signal.byte_order {
+                can_dbc::ByteOrder::LittleEndian => ByteOrder::Little,
+                can_dbc::ByteOrder::BigEndian => ByteOrder::Big,
+            },
+            signed: signal.value_type == can_dbc::ValueType::Signed,
+            factor: signal.factor,
+            offset: signal.offset,
+            min: float(&signal.min),
+            max: float(&signal.max),
+            unit: signal.unit.clone(),
+            receivers: signal.receivers.clone(),
+            values,
+            line,
+        })
+    }
+}
+
+fn values(descriptions: &[can_dbc::ValDescription]) -> Vec<Value> {
+    let mut values: Vec<Value> = descriptions
+        .iter()
+        .map(|value| Value {
+            raw: value.id,
+            name: value.description.clone(),
+        })
+        .collect();
+    values.sort_by_key(|value| value.raw);
+    values
+}
+
+fn integer(value: &AttributeValue) -> Option<i64> {
+    match value {
+        AttributeValue::Uint(value) => i64::try_from(*value).ok(),
+        AttributeValue::Int(value) => Some(*value),
+        AttributeValue::Double(value) if value.fract() == 0.0 => Some(*value as i64),
+        _ => None,
+    }
+}
+
+fn text_of(value: &AttributeValue) -> String {
+    match value {
+        AttributeValue::Uint(value) => value.to_string(),
+        AttributeValue::Int(value) => value.to_string(),
+        AttributeValue::Double(value) => value.to_string(),
+        AttributeValue::String(value) => format!("\"{value}\""),
+    }
+}
+
+fn float(value: &NumericValue) -> f64 {
+    match value {
+        NumericValue::Uint(value) => *value as f64,
+        NumericValue::Int(value) => *value as f64,
+        NumericValue::Double(value) => *value,
+    }
+}
