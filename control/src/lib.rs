@@ -1,1 +1,31 @@
+//! Vehicle models, control design, estimation, guidance, modes and safety
+//! limits, without the standard library.
+//!
+//! Everything is generic over [`scalar::Scalar`]: `f32` on the target, `f64`
+//! on the host. No allocation, no I/O, no unsafe code; a step of the
+//! controller cannot panic.
+//!
+//! Frames and signs, as in thesis 7.2.4: positions are north and east;
+//! headings and steering angles are clockwise (to the right) positive, in
+//! radians; the cross-track error is positive to the right of the line.
+
 #![no_std]
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+// Conditions are written so that NaN takes the safe branch: `!(x > 0)` is not
+// `x <= 0`.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
+pub mod calibration;
+pub mod controller;
+pub mod discretise;
+pub mod feedback;
+pub mod line;
+pub mod linear;
+pub mod lqr;
+pub mod mode;
+pub mod model;
+pub mod position;
+pub mod safety;
+pub mod scalar;
+pub mod schedule;

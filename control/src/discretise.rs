@@ -1,0 +1,97 @@
+//! Zero-order hold: from a continuous to a sampled model (thesis equations
+//! 7.5 and 7.6).
+
+use crate::linear::is_finite;
+use crate::model::{Continuous, Discrete};
+use crate::scalar::Scalar;
+use nalgebra::SMatrix;
+
+/// Why a system cannot be sampled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DiscretiseError {
+    /// An entry of A or B is NaN or infinite.
+    ModelNotFinite,
+    /// The period is NaN, infinite, zero or negative.
+    Period,
+    /// The exponential overflows: the period is far longer than the system's
+    /// fastest growth.
+    Overflow,
+}
+
+impl core::fmt::Display for DiscretiseError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::ModelNotFinite => "an entry of A or B is not a finite number",
+            Self::Period => "the sampling period is not a positive number",
+            Self::Overflow => "the state transition overflows over this period",
+        })
+    }
+}
+
+impl core::error::Error for DiscretiseError {}
+
+/// The exact zero-order hold of `model` over `period` seconds, for any A, B.
+///
+/// F = exp(A T) and G = (integral of exp(A s) ds from 0 to T) B, from the
+/// Taylor series over a period halved until it is short and doubled back
+/// (scaling and squaring; Van Loan, "Computing integrals involving the matrix
+/// exponential", IEEE TAC 23(3), 1978). A singular A needs no special case.
+///
+/// # Errors
+/// [`DiscretiseError`] when the input is not finite, the period not positive,
+/// or the result overflows.
+pub fn zero_order_hold<T: Scalar, const N: usize, const M: usize>(
+    model: &Continuous<T, N, M>,
+    period: T,
+) -> Result<Discrete<T, N, M>, DiscretiseError> {
+    if !(is_finite(&model.a) && is_finite(&model.b)) {
+        return Err(DiscretiseError::ModelNotFinite);
+    }
+    if !(period.is_finite() && period > T::zero()) {
+        return Err(DiscretiseError::Period);
+    }
+    let mut step = period;
+    let mut doublings = 0_u32;
+    let size = row_sum_norm(&model.a);
+    while size * step > T::lit(0.5) {
+        step *= T::lit(0.5);
+        doublings += 1;
+        if doublings > 64 {
+            return Err(DiscretiseError::Overflow);
+        }
+    }
+    let scaled = model.a * step;
+    let mut f = SMatrix::<T, N, N>::identity();
+    let mut integral = SMatrix::<T, N, N>::identity() * step;
+    let mut term = SMatrix::<T, N, N>::identity();
+    // With a norm of 1/2 the 18th term is below 1e-21 of the first.
+    for order in 1..=18 {
+        term = term * scaled / T::lit(f64::from(order));
+        f += term;
+        integral += term * (step / T::lit(f64::from(order + 1)));
+    }
+    for _ in 0..doublings {
+        integral += f * integral;
+        f = f * f;
+    }
+    let g = integral * model.b;
+    if is_finite(&f) && is_finite(&g) {
+        Ok(Discrete { f, g })
+    } else {
+        Err(DiscretiseError::Overflow)
+    }
+}
+
+fn row_sum_norm<T: Scalar, const N: usize>(matrix: &SMatrix<T, N, N>) -> T {
+    let mut largest = T::zero();
+    for row in matrix.row_iter() {
+        let mut sum = T::zero();
+        for entry in row.iter() {
+            sum += entry.abs();
+        }
+        if sum > largest {
+            largest = sum;
+        }
+    }
+    largest
+}

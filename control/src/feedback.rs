@@ -1,0 +1,97 @@
+//! State feedback that knows the actuator's limits.
+
+use crate::scalar::{Scalar, clamp_symmetric};
+
+/// Limits of the vehicle (thesis 5.3), all positive, symmetric about zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits<T> {
+    /// Largest steering angle, rad.
+    pub steering_angle: T,
+    /// Largest steering rate, rad/s.
+    pub steering_rate: T,
+    /// Largest speed, m/s.
+    pub speed: T,
+}
+
+/// The limit that is not a positive number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LimitError {
+    /// The steering angle limit.
+    SteeringAngle,
+    /// The steering rate limit.
+    SteeringRate,
+    /// The speed limit.
+    Speed,
+}
+
+impl core::fmt::Display for LimitError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let name = match self {
+            Self::SteeringAngle => "steering angle",
+            Self::SteeringRate => "steering rate",
+            Self::Speed => "speed",
+        };
+        write!(f, "the {name} limit is not a positive number")
+    }
+}
+
+impl core::error::Error for LimitError {}
+
+impl<T: Scalar> Limits<T> {
+    /// The UAGV: 25 degrees, 25 degrees a second, 2 m/s (thesis 5.3).
+    #[must_use]
+    pub fn uagv() -> Self {
+        let degrees = T::lit(25.0 * core::f64::consts::PI / 180.0);
+        Self {
+            steering_angle: degrees,
+            steering_rate: degrees,
+            speed: T::lit(2.0),
+        }
+    }
+
+    /// Checks that every limit is a positive number.
+    ///
+    /// # Errors
+    /// [`LimitError`] names the limit that is not.
+    pub fn check(&self) -> Result<(), LimitError> {
+        let positive = |value: T| value.is_finite() && value > T::zero();
+        if !positive(self.steering_angle) {
+            Err(LimitError::SteeringAngle)
+        } else if !positive(self.steering_rate) {
+            Err(LimitError::SteeringRate)
+        } else if !positive(self.speed) {
+            Err(LimitError::Speed)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// The steering rate nearest to `rate` (rad/s) that respects the rate
+    /// limit and keeps the steering angle, now `angle` (rad), within its
+    /// limit over the next `period` (s, positive).
+    ///
+    /// From beyond the angle limit only motion back is let through.
+    #[must_use]
+    pub fn steering_rate(&self, rate: T, angle: T, period: T) -> T {
+        let rate = clamp_symmetric(rate, self.steering_rate);
+        let up = (self.steering_angle - angle) / period;
+        let down = (-self.steering_angle - angle) / period;
+        let up = if up > T::zero() { up } else { T::zero() };
+        let down = if down < T::zero() { down } else { T::zero() };
+        if rate > up {
+            up
+        } else if rate < down {
+            down
+        } else {
+            rate
+        }
+    }
+}
+
+/// u = -K x for one input and N states, before any limit.
+#[must_use]
+pub fn state_feedback<T: Scalar, const N: usize>(gain: &[T; N], state: &[T; N]) -> T {
+    gain.iter()
+        .zip(state)
+        .fold(T::zero(), |sum, (&k, &x)| sum - k * x)
+}

@@ -1,0 +1,198 @@
+//! Operation modes (thesis 5.2.5, Figure 5.17): who commands the actuators.
+//!
+//! Every transition stands in one table, [`next`]. Conditions of the vehicle
+//! (no fixed solution, a tripped stop loop, a fault) are looked at before any
+//! button, so that one step is enough to leave autonomous operation.
+
+/// What the vehicle is doing, and who commands its actuators.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Mode {
+    /// Actuators are still. The mode after start-up.
+    #[default]
+    Idle,
+    /// The joystick commands the actuators; no GPS fix is needed.
+    Manual,
+    /// Everything is prepared for an autonomous run; actuators are still.
+    AutonomousReady,
+    /// The control law commands the actuators.
+    AutonomousRun,
+    /// Actuators are still until the operator releases the stop.
+    EmergencyStop,
+    /// Actuators are still: a node reported that it cannot be trusted to
+    /// drive. Left by a release once the fault is gone.
+    Fault,
+}
+
+/// What the operator asked for in this step.
+///
+/// On the UAGV's remote: A is [`Request::Release`], B [`Request::Manual`],
+/// C [`Request::Autonomous`], D and the joystick's switch
+/// [`Request::EmergencyStop`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Request {
+    /// Nothing was pressed.
+    #[default]
+    None,
+    /// Go idle; from an emergency stop or a fault: release it.
+    Release,
+    /// Drive by joystick.
+    Manual,
+    /// From idle or manual: prepare an autonomous run; from ready: run;
+    /// from a run: back to ready.
+    Autonomous,
+    /// Stop now.
+    EmergencyStop,
+}
+
+/// The state of the vehicle that a transition depends on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Conditions {
+    /// The receiver has an RTK-fixed solution and its position is fresh.
+    pub fixed_solution: bool,
+    /// The hard-wired emergency stop loop is open (or a stop button is held).
+    pub stop_loop_open: bool,
+    /// A node failed its checks: stale or implausible sensors, missed
+    /// messages, an actuator that does not answer.
+    pub fault: bool,
+}
+
+/// The mode that follows `mode` under `request` and `conditions`: the one
+/// table of all transitions.
+///
+/// * An emergency stop is reached from every mode in one step.
+/// * It is left only by [`Request::Release`] with the stop loop closed.
+/// * [`Mode::AutonomousRun`] is neither entered nor kept without a fixed
+///   solution.
+#[must_use]
+pub const fn next(mode: Mode, request: Request, conditions: Conditions) -> Mode {
+    use Mode::{AutonomousReady, AutonomousRun, EmergencyStop, Fault, Idle, Manual};
+
+    if conditions.stop_loop_open || matches!(request, Request::EmergencyStop) {
+        return EmergencyStop;
+    }
+    if conditions.fault {
+        return match mode {
+            EmergencyStop => EmergencyStop,
+            _ => Fault,
+        };
+    }
+    let fixed = conditions.fixed_solution;
+    match (mode, request) {
+        // A stop or a fault holds until it is released.
+        (EmergencyStop | Fault, Request::Release) => Idle,
+        (EmergencyStop, _) => EmergencyStop,
+        (Fault, _) => Fault,
+
+        (_, Request::Release) => Idle,
+        (Idle | Manual | AutonomousReady | AutonomousRun, Request::Manual) => Manual,
+
+        (Idle | Manual, Request::Autonomous) => AutonomousReady,
+        (AutonomousReady, Request::Autonomous) if fixed => AutonomousRun,
+        (AutonomousRun, Request::Autonomous) => AutonomousReady,
+
+        // The fix is lost: leave at once.
+        (AutonomousRun, _) if !fixed => AutonomousReady,
+
+        (unchanged, _) => unchanged,
+    }
+}
+
+/// Who commands the actuators.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Source {
+    /// Nobody: commands are zero.
+    Still,
+    /// The joystick.
+    Joystick,
+    /// The control law.
+    Law,
+}
+
+impl Mode {
+    /// All modes, in the order of their codes.
+    pub const ALL: [Self; 6] = [
+        Self::Idle,
+        Self::Manual,
+        Self::AutonomousReady,
+        Self::AutonomousRun,
+        Self::EmergencyStop,
+        Self::Fault,
+    ];
+
+    /// Who commands the actuators in this mode (the multiplexer of thesis
+    /// Figure 5.16).
+    #[must_use]
+    pub const fn source(self) -> Source {
+        match self {
+            Self::Manual => Source::Joystick,
+            Self::AutonomousRun => Source::Law,
+            Self::Idle | Self::AutonomousReady | Self::EmergencyStop | Self::Fault => Source::Still,
+        }
+    }
+
+    /// The number that stands for this mode on the bus (message 300, D4).
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Idle => 0,
+            Self::Manual => 1,
+            Self::AutonomousReady => 2,
+            Self::AutonomousRun => 3,
+            Self::EmergencyStop => 4,
+            Self::Fault => 5,
+        }
+    }
+
+    /// The mode with this number, if there is one.
+    #[must_use]
+    pub const fn from_code(code: u8) -> Option<Self> {
+        Some(match code {
+            0 => Self::Idle,
+            1 => Self::Manual,
+            2 => Self::AutonomousReady,
+            3 => Self::AutonomousRun,
+            4 => Self::EmergencyStop,
+            5 => Self::Fault,
+            _ => return None,
+        })
+    }
+
+    /// A word for displays and logs.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Idle => "idle",
+            Self::Manual => "manual",
+            Self::AutonomousReady => "ready",
+            Self::AutonomousRun => "run",
+            Self::EmergencyStop => "stop",
+            Self::Fault => "fault",
+        }
+    }
+}
+
+/// The mode and its memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ModeMachine {
+    mode: Mode,
+}
+
+impl ModeMachine {
+    /// A machine in [`Mode::Idle`].
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { mode: Mode::Idle }
+    }
+
+    /// The present mode.
+    #[must_use]
+    pub const fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Takes one step through [`next`] and returns the new mode.
+    pub const fn step(&mut self, request: Request, conditions: Conditions) -> Mode {
+        self.mode = next(self.mode, request, conditions);
+        self.mode
+    }
+}

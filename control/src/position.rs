@@ -1,0 +1,62 @@
+//! Positions and velocities as they travel on the bus.
+
+use crate::scalar::Scalar;
+
+/// A position in the local north-east frame, in millimetres, as message 200
+/// carries it (thesis 6.2.1).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Position {
+    /// Northing, mm.
+    pub north: i32,
+    /// Easting, mm.
+    pub east: i32,
+}
+
+impl Position {
+    /// A position from northing and easting in millimetres.
+    #[must_use]
+    pub const fn new(north: i32, east: i32) -> Self {
+        Self { north, east }
+    }
+
+    /// North and east components of the way from `origin` to here, in metres.
+    ///
+    /// The difference is taken between integers, so single precision loses
+    /// nothing within 16 km of `origin`; it saturates beyond 2147 km.
+    #[must_use]
+    pub fn metres_from<T: Scalar>(self, origin: Self) -> (T, T) {
+        let millimetre = T::lit(1e-3);
+        (
+            T::integer(self.north.saturating_sub(origin.north)) * millimetre,
+            T::integer(self.east.saturating_sub(origin.east)) * millimetre,
+        )
+    }
+}
+
+/// A velocity over ground, in millimetres a second, as message 201 carries it
+/// (thesis 6.2.1).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Velocity {
+    /// North component, mm/s.
+    pub north: i32,
+    /// East component, mm/s.
+    pub east: i32,
+}
+
+impl Velocity {
+    /// A velocity from its components in millimetres a second.
+    #[must_use]
+    pub const fn new(north: i32, east: i32) -> Self {
+        Self { north, east }
+    }
+
+    /// North and east components in metres a second.
+    #[must_use]
+    pub fn metres_per_second<T: Scalar>(self) -> (T, T) {
+        let millimetre = T::lit(1e-3);
+        (
+            T::integer(self.north) * millimetre,
+            T::integer(self.east) * millimetre,
+        )
+    }
+}

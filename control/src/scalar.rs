@@ -1,0 +1,155 @@
+//! The number type that everything here is generic over.
+
+use nalgebra::RealField;
+
+/// A real number: `f32` on the target, whose floating-point unit has single
+/// precision only, and `f64` on the host.
+///
+/// The functions below stand beside nalgebra's because `libm` evaluates
+/// `sinf`, `cosf` and `tanf` in double precision, which the target would have
+/// to emulate (some thousand cycles a call). The `f32` versions here stay in
+/// single precision.
+pub trait Scalar: RealField + Copy {
+    /// The nearest representable value to `value`; exact constants are folded
+    /// at compile time.
+    fn lit(value: f64) -> Self;
+
+    /// The nearest representable value to the integer `value`.
+    fn integer(value: i32) -> Self;
+
+    /// This value in double precision (exact).
+    fn as_f64(self) -> f64;
+
+    /// Sine and cosine of an angle in radians.
+    ///
+    /// For `f32`: within 2 units in the last place of 1 for |angle| up to
+    /// 1000 rad; accuracy then falls with the magnitude of the angle. A
+    /// non-finite angle gives NaN.
+    fn sine_cosine(self) -> (Self, Self);
+
+    /// Angle of the vector (`x`, `y` = self) in radians, in [-pi, pi];
+    /// zero for the zero vector.
+    fn angle_of(self, x: Self) -> Self;
+
+    /// Square root; NaN for negative values.
+    fn root(self) -> Self;
+
+    /// Tangent of an angle in radians.
+    fn tangent(self) -> Self {
+        let (sine, cosine) = self.sine_cosine();
+        sine / cosine
+    }
+
+    /// The nearest whole number, halves to even, for magnitudes below 2^22.
+    fn nearest(self) -> Self;
+}
+
+impl Scalar for f64 {
+    fn lit(value: f64) -> Self {
+        value
+    }
+
+    fn integer(value: i32) -> Self {
+        f64::from(value)
+    }
+
+    fn as_f64(self) -> f64 {
+        self
+    }
+
+    fn sine_cosine(self) -> (Self, Self) {
+        libm::sincos(self)
+    }
+
+    fn angle_of(self, x: Self) -> Self {
+        libm::atan2(self, x)
+    }
+
+    fn root(self) -> Self {
+        libm::sqrt(self)
+    }
+
+    fn nearest(self) -> Self {
+        libm::rint(self)
+    }
+}
+
+impl Scalar for f32 {
+    #[inline(always)]
+    fn lit(value: f64) -> Self {
+        value as f32
+    }
+
+    #[inline(always)]
+    fn integer(value: i32) -> Self {
+        value as f32
+    }
+
+    fn as_f64(self) -> f64 {
+        f64::from(self)
+    }
+
+    fn sine_cosine(self) -> (Self, Self) {
+        // Cody and Waite: pi/2 in three parts, the first two short enough
+        // that their products with the quadrant number are exact.
+        const HIGH: f32 = 1.570_312_5;
+        const MIDDLE: f32 = 4.837_513e-4;
+        const LOW: f32 = 7.549_79e-8;
+        let quadrant = (self * core::f32::consts::FRAC_2_PI).nearest();
+        let r = ((self - quadrant * HIGH) - quadrant * MIDDLE) - quadrant * LOW;
+        let z = r * r;
+        // Minimax polynomials on [-pi/4, pi/4] (S. L. Moshier, Cephes, sinf.c).
+        let sine = ((-1.951_529_6e-4 * z + 8.332_161e-3) * z - 1.666_665_5e-1) * z * r + r;
+        let cosine =
+            ((2.443_315_7e-5 * z - 1.388_731_6e-3) * z + 4.166_664_6e-2) * z * z - 0.5 * z + 1.0;
+        match (quadrant as i32) & 3 {
+            0 => (sine, cosine),
+            1 => (cosine, -sine),
+            2 => (-sine, -cosine),
+            _ => (-cosine, sine),
+        }
+    }
+
+    fn angle_of(self, x: Self) -> Self {
+        libm::atan2f(self, x)
+    }
+
+    fn root(self) -> Self {
+        libm::sqrtf(self)
+    }
+
+    #[inline(always)]
+    fn nearest(self) -> Self {
+        // Adding and removing 1.5 * 2^23 leaves the bits above the point.
+        const SHIFT: f32 = 12_582_912.0;
+        (self + SHIFT) - SHIFT
+    }
+}
+
+/// An angle in radians brought into (-pi, pi].
+///
+/// NaN stays NaN. Exact to rounding for magnitudes below some thousand turns.
+#[must_use]
+pub fn wrap_angle<T: Scalar>(angle: T) -> T {
+    let turn = T::two_pi();
+    let wrapped = angle - turn * (angle / turn).nearest();
+    if wrapped <= -T::pi() {
+        wrapped + turn
+    } else if wrapped > T::pi() {
+        wrapped - turn
+    } else {
+        wrapped
+    }
+}
+
+/// `value` brought into [-`limit`, `limit`]; NaN stays NaN.
+#[must_use]
+pub fn clamp_symmetric<T: Scalar>(value: T, limit: T) -> T {
+    if value > limit {
+        limit
+    } else if value < -limit {
+        -limit
+    } else {
+        value
+    }
+}
