@@ -1,1 +1,45 @@
+//! Time-triggered CAN (ISO 11898-4) in software, for CAN controllers without
+//! time-trigger hardware.
+//!
+//! The protocol is a pure state machine: a [`Node`] is told of frames and of
+//! the passing of time and says what to send; it touches no hardware, reads no
+//! clock, allocates nothing and cannot panic. The same value runs in firmware,
+//! in a simulation of a thousand nodes and under a model checker.
+//!
+//! * [`SystemMatrix`]: the windows of the network, checked at compile time.
+//! * [`Schedule`]: the matrix compiled to a table, by [`schedule!`].
+//! * [`Node`]: one node that keeps the schedule.
+//! * [`frame_bits`], [`worst_case_bits`], [`BitTiming`]: the bus underneath.
+
 #![no_std]
+#![forbid(unsafe_code)]
+
+mod bit_timing;
+mod clock;
+mod events;
+mod frame;
+mod id;
+mod length;
+mod matrix;
+mod node;
+mod reference;
+mod schedule;
+mod supervision;
+mod time;
+
+pub use bit_timing::{BitTiming, NoBitTiming};
+pub use clock::ClockState;
+pub use frame::{Frame, TooLong};
+pub use id::Id;
+pub use length::{INTERFRAME_BITS, frame_bits, shortest_bits, worst_case_bits};
+pub use matrix::{
+    Event, MatrixConfig, MatrixError, Message, NodeId, Problem, SystemMatrix, Window, WindowKind,
+};
+pub use node::{
+    Action, ConfigError, Counters, Fault, Grant, MasterState, Node, NodeConfig, NotInCharge,
+    QueueError, Reception, StampLatency, Status, SyncState, TransmitOutcome,
+};
+pub use reference::ReferenceFormat;
+pub use schedule::{Schedule, ScheduleView, WrongSize};
+pub use supervision::{ErrorLevel, Health, Severe, WindowStatus};
+pub use time::{GlobalTime, Micros, Stamp};

@@ -1,0 +1,113 @@
+//! Bit timing of bxCAN, computed and checked at compile time.
+
+/// Settings of bxCAN's bit timing register (RM0390, CAN_BTR), as the numbers
+/// that they mean: the register holds each less one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BitTiming {
+    /// Clock cycles in a time quantum, 1..=1024.
+    pub prescaler: u16,
+    /// Time quanta of bit segment 1 (propagation and phase segment 1), 1..=16.
+    pub segment_1: u8,
+    /// Time quanta of bit segment 2, 1..=8.
+    pub segment_2: u8,
+    /// Resynchronisation jump width in time quanta, 1..=4.
+    pub jump_width: u8,
+}
+
+/// No setting of bxCAN gives the bit rate exactly with a sample point of 70 to
+/// 80 %.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoBitTiming;
+
+impl core::fmt::Display for NoBitTiming {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("no bxCAN setting gives this bit rate with a sample point of 70 to 80 %")
+    }
+}
+
+impl core::error::Error for NoBitTiming {}
+
+impl BitTiming {
+    /// The timing for `bit_rate` bit/s from a peripheral clock of `clock` Hz:
+    /// exact bit rate, sample point within 70 to 80 % and as near to 75 % as
+    /// can be, then as many time quanta as can be. The jump width is the largest
+    /// that segment 2 allows.
+    pub const fn bxcan(clock: u32, bit_rate: u32) -> Result<Self, NoBitTiming> {
+        if bit_rate == 0 || !clock.is_multiple_of(bit_rate) {
+            return Err(NoBitTiming);
+        }
+        let cycles = clock / bit_rate;
+        let mut best = None;
+        let mut best_error = u32::MAX;
+        // From the finest quantum on, so that an equally good coarser one loses.
+        let mut quanta = 25;
+        while quanta >= 4 {
+            let prescaler = cycles / quanta;
+            if cycles.is_multiple_of(quanta) && prescaler >= 1 && prescaler <= 1024 {
+                let mut segment_2 = 1;
+                while segment_2 <= 8 && segment_2 + 2 <= quanta {
+                    let segment_1 = quanta - 1 - segment_2;
+                    let per_mille = (1 + segment_1) * 1000 / quanta;
+                    let error = per_mille.abs_diff(750);
+                    if segment_1 <= 16 && error <= 50 && error < best_error {
+                        best_error = error;
+                        best = Some(Self {
+                            prescaler: prescaler as u16,
+                            segment_1: segment_1 as u8,
+                            segment_2: segment_2 as u8,
+                            jump_width: if segment_2 < 4 { segment_2 as u8 } else { 4 },
+                        });
+                    }
+                    segment_2 += 1;
+                }
+            }
+            quanta -= 1;
+        }
+        match best {
+            Some(timing) => Ok(timing),
+            None => Err(NoBitTiming),
+        }
+    }
+
+    /// [`BitTiming::bxcan`] for constants: fails the build when there is none.
+    ///
+    /// ```
+    /// const TIMING: ttcan::BitTiming = ttcan::BitTiming::constant::<45_000_000, 250_000>();
+    /// assert_eq!(TIMING.bit_rate(45_000_000), 250_000);
+    /// ```
+    pub const fn constant<const CLOCK: u32, const BIT_RATE: u32>() -> Self {
+        const {
+            match Self::bxcan(CLOCK, BIT_RATE) {
+                Ok(timing) => timing,
+                Err(_) => {
+                    panic!("no bxCAN setting gives this bit rate with a sample point of 70 to 80 %")
+                }
+            }
+        }
+    }
+
+    /// Time quanta in a bit.
+    pub const fn quanta(&self) -> u32 {
+        1 + self.segment_1 as u32 + self.segment_2 as u32
+    }
+
+    /// The sample point in thousandths of a bit, rounded down.
+    pub const fn sample_point_per_mille(&self) -> u32 {
+        (1 + self.segment_1 as u32) * 1000 / self.quanta()
+    }
+
+    /// The bit rate in bit/s from a peripheral clock of `clock` Hz, rounded
+    /// down.
+    pub const fn bit_rate(&self, clock: u32) -> u32 {
+        clock / (self.prescaler as u32 * self.quanta())
+    }
+
+    /// The value of CAN_BTR (RM0390) in normal mode: neither silent nor loop
+    /// back.
+    pub const fn register(&self) -> u32 {
+        (self.jump_width as u32 - 1) << 24
+            | (self.segment_2 as u32 - 1) << 20
+            | (self.segment_1 as u32 - 1) << 16
+            | (self.prescaler as u32 - 1)
+    }
+}

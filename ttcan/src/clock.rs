@@ -1,0 +1,203 @@
+//! Global time on a node: offset and rate against its own counter.
+//!
+//! Each reference message carries the global time of the one before (see
+//! [`ReferenceFormat`](crate::ReferenceFormat)), so a node has a pair of local
+//! stamp and global time for every basic cycle. The first pair sets the offset,
+//! the second the rate (ISO 11898-4: change of the master's mark over change of
+//! the local mark); after that an alpha-beta filter corrects both, because
+//! stamps taken in an interrupt carry its latency as noise. Between references,
+//! and when they cease, time runs on at the last rate (holdover).
+
+use crate::{GlobalTime, Stamp};
+
+/// How far a node's global time can be relied on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ClockState {
+    /// No global time is known.
+    Unset,
+    /// The time is this node's own: nobody has given it another.
+    Own,
+    /// The offset is known, the rate not yet.
+    Offset,
+    /// Offset and rate follow the master.
+    Locked,
+    /// The last correction asked for more drift than the limit: it was not
+    /// made, time runs on at the rate before.
+    Suspended,
+}
+
+/// What became of a pair of stamp and global time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Correction {
+    Stepped,
+    Applied,
+    Suspended,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Clock {
+    ticks_per_us: u32,
+    /// 2^-16 us in a tick, as a number of `shift` fractional bits; nominal and
+    /// corrected by the rate.
+    nominal: u32,
+    gain: u32,
+    shift: u8,
+    /// Global time gains this much on the counter, in 2^-32.
+    rate: i32,
+    limit: i32,
+    anchor: Stamp,
+    global: GlobalTime,
+    state: ClockState,
+    /// Corrections that were refused in a row.
+    refused: u8,
+}
+
+/// An error of more than this in one cycle is no noise of an interrupt: it is
+/// corrected by no more at once (2 us in 2^-16 us).
+const LARGEST_STEP: i64 = 2 << GlobalTime::FRACTION_BITS;
+/// Filter gains as shifts: half of the error goes to the offset, an eighth to
+/// the rate. Damped, and settled within eight cycles.
+const OFFSET_SHIFT: u32 = 1;
+const RATE_SHIFT: u32 = 3;
+/// Corrections refused in a row after which the master is believed: it was
+/// changed for one whose time is another.
+const REFUSALS: u8 = 3;
+
+impl Clock {
+    /// `ticks_per_us` from 1 to 1000; `limit_ppm` up to 10 000.
+    pub fn new(ticks_per_us: u32, limit_ppm: u16) -> Self {
+        let ticks_per_us = ticks_per_us.max(1);
+        // The gain gets 30 significant bits: 1e-9 of resolution, and products
+        // with 32 bits of ticks that fit in 64.
+        let shift = 13 + ticks_per_us.ilog2();
+        let nominal =
+            ((1u64 << (GlobalTime::FRACTION_BITS + shift)) / u64::from(ticks_per_us)) as u32;
+        Self {
+            ticks_per_us,
+            nominal,
+            gain: nominal,
+            shift: shift as u8,
+            rate: 0,
+            // 2^32 / 10^6, rounded.
+            limit: i32::from(limit_ppm.min(10_000) as i16) * 4295,
+            anchor: Stamp(0),
+            global: GlobalTime::default(),
+            state: ClockState::Unset,
+            refused: 0,
+        }
+    }
+
+    pub fn state(&self) -> ClockState {
+        self.state
+    }
+
+    /// Rate against the counter in 2^-32.
+    pub fn rate(&self) -> i32 {
+        self.rate
+    }
+
+    pub fn at(&self, stamp: Stamp) -> Option<GlobalTime> {
+        match self.state {
+            ClockState::Unset => None,
+            _ => Some(self.extrapolate(stamp)),
+        }
+    }
+
+    fn extrapolate(&self, stamp: Stamp) -> GlobalTime {
+        self.global
+            .offset(self.duration(stamp.ticks_since(self.anchor)))
+    }
+
+    /// Ticks in 2^-16 us of global time.
+    pub fn duration(&self, ticks: i32) -> i64 {
+        (i64::from(ticks) * i64::from(self.gain)) >> self.shift
+    }
+
+    /// Ticks that a time of the schedule takes on this node's counter.
+    pub fn ticks(&self, micros: u32) -> u32 {
+        let nominal = micros.wrapping_mul(self.ticks_per_us);
+        let correction = (i64::from(nominal) * i64::from(self.rate)) >> 32;
+        nominal.wrapping_sub(correction as u32)
+    }
+
+    /// Global time elapsed in whole microseconds; negative durations as 0.
+    pub fn micros(&self, ticks: i32) -> u32 {
+        (self.duration(ticks).max(0) >> GlobalTime::FRACTION_BITS) as u32
+    }
+
+    /// Moves the anchor to `stamp` without changing the time, so that the
+    /// counter cannot wrap round it.
+    pub fn carry(&mut self, stamp: Stamp) {
+        self.global = self.extrapolate(stamp);
+        self.anchor = stamp;
+    }
+
+    /// Sets the time by leap.
+    pub fn set(&mut self, stamp: Stamp, global: GlobalTime) {
+        self.anchor = stamp;
+        self.global = global;
+        self.state = ClockState::Own;
+        self.refused = 0;
+    }
+
+    /// Takes the master's time `global` of the instant that the own counter
+    /// stamped `stamp`; `discontinuity` says that the master's time leapt.
+    pub fn correct(&mut self, stamp: Stamp, global: GlobalTime, discontinuity: bool) -> Correction {
+        let elapsed = stamp.ticks_since(self.anchor);
+        let span = self.duration(elapsed);
+        let error = global.since(self.extrapolate(stamp));
+        let first = matches!(self.state, ClockState::Unset | ClockState::Own);
+        if first || discontinuity {
+            self.leap(stamp, global, first);
+            return Correction::Stepped;
+        }
+        if elapsed <= 0 {
+            // The pair of a reference that this node sent itself tells no rate.
+            if error.abs() <= LARGEST_STEP {
+                return Correction::Applied;
+            }
+            self.leap(stamp, global, true);
+            return Correction::Stepped;
+        }
+        // 2 us for the noise of two stamps, and the limit over the time between.
+        let allowed = (((span >> 8) * i64::from(self.limit)) >> 24) + LARGEST_STEP;
+        if error.abs() > allowed {
+            self.refused = self.refused.saturating_add(1);
+            if self.refused >= REFUSALS {
+                self.leap(stamp, global, true);
+                return Correction::Stepped;
+            }
+            self.state = ClockState::Suspended;
+            self.carry(stamp);
+            return Correction::Suspended;
+        }
+        let rate_of = |error: i64| ((error << 24) / (span >> 8).max(1)) as i32;
+        if self.state == ClockState::Offset {
+            self.set_rate(self.rate.saturating_add(rate_of(error)));
+            self.global = global;
+        } else {
+            let error = error.clamp(-LARGEST_STEP, LARGEST_STEP);
+            self.global = self.extrapolate(stamp).offset(error >> OFFSET_SHIFT);
+            self.set_rate(self.rate.saturating_add(rate_of(error) >> RATE_SHIFT));
+        }
+        self.anchor = stamp;
+        self.state = ClockState::Locked;
+        self.refused = 0;
+        Correction::Applied
+    }
+
+    fn leap(&mut self, stamp: Stamp, global: GlobalTime, forget_rate: bool) {
+        self.anchor = stamp;
+        self.global = global;
+        self.refused = 0;
+        if forget_rate {
+            self.state = ClockState::Offset;
+        }
+    }
+
+    fn set_rate(&mut self, rate: i32) {
+        self.rate = rate.clamp(-self.limit, self.limit);
+        let correction = (i64::from(self.nominal) * i64::from(self.rate)) >> 32;
+        self.gain = self.nominal.wrapping_add_signed(correction as i32);
+    }
+}

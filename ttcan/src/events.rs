@@ -1,0 +1,115 @@
+//! Messages that wait for an arbitrating window.
+
+use crate::{Frame, Id, Stamp};
+
+/// What is to be sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Item {
+    Event(Frame),
+    /// A scheduled message that missed its window.
+    Late {
+        window: u16,
+        id: Id,
+        len: u8,
+    },
+}
+
+impl Item {
+    pub fn id(&self) -> Id {
+        match self {
+            Self::Event(frame) => frame.id(),
+            Self::Late { id, .. } => *id,
+        }
+    }
+
+    pub fn len(&self) -> u8 {
+        match self {
+            Self::Event(frame) => frame.len(),
+            Self::Late { len, .. } => *len,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Waiting {
+    item: Item,
+    expires: Stamp,
+}
+
+/// Up to `Q` messages by identifier, messages of one identifier in the order
+/// in which they came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Queue<const Q: usize> {
+    waiting: [Option<Waiting>; Q],
+}
+
+impl<const Q: usize> Queue<Q> {
+    pub const fn new() -> Self {
+        Self { waiting: [None; Q] }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        !matches!(self.waiting.first(), Some(Some(_)))
+    }
+
+    pub fn len(&self) -> usize {
+        self.waiting.iter().flatten().count()
+    }
+
+    /// `false` when there is no room.
+    pub fn insert(&mut self, item: Item, expires: Stamp) -> bool {
+        if !matches!(self.waiting.last(), Some(None)) {
+            return false;
+        }
+        let mut carried = Some(Waiting { item, expires });
+        for place in &mut self.waiting {
+            let goes_before = match (&carried, &*place) {
+                (Some(new), Some(old)) => new.item.id() < old.item.id(),
+                (Some(_), None) => true,
+                (None, _) => break,
+            };
+            if goes_before {
+                core::mem::swap(place, &mut carried);
+            }
+        }
+        true
+    }
+
+    /// The most urgent message.
+    pub fn first(&self) -> Option<&Item> {
+        self.waiting.first()?.as_ref().map(|waiting| &waiting.item)
+    }
+
+    /// Removes the oldest message of `id`.
+    pub fn remove(&mut self, id: Id) {
+        let mut found = false;
+        self.retain(|waiting| {
+            let hit = !found && waiting.item.id() == id;
+            found |= hit;
+            !hit
+        });
+    }
+
+    /// Drops what has expired by `now` and returns how many that were.
+    pub fn expire(&mut self, now: Stamp) -> u32 {
+        let mut expired = 0;
+        self.retain(|waiting| {
+            let keep = !now.reached(waiting.expires);
+            expired += u32::from(!keep);
+            keep
+        });
+        expired
+    }
+
+    pub fn clear(&mut self) {
+        self.waiting = [None; Q];
+    }
+
+    fn retain(&mut self, mut keep: impl FnMut(&Waiting) -> bool) {
+        let old = core::mem::replace(&mut self.waiting, [None; Q]);
+        let kept = old.into_iter().flatten().filter(|waiting| keep(waiting));
+        for (place, waiting) in self.waiting.iter_mut().zip(kept) {
+            *place = Some(waiting);
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! CAN identifiers.
+
+/// A CAN identifier: 11 bits (base format) or 29 bits (extended format).
+///
+/// `Ord` is the order of arbitration: the smaller identifier wins the bus. A
+/// base identifier wins against an extended one with the same 11 leading bits
+/// (ISO 11898-1: the RTR bit of the former meets the recessive SRR bit of the
+/// latter).
+#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Id(u32);
+
+/// Kept in bit 0, below the 29 identifier bits, so that the derived order is
+/// the order of arbitration.
+const EXTENDED: u32 = 1;
+
+impl Id {
+    /// Largest 11-bit identifier.
+    pub const MAX_STANDARD: u16 = 0x7FF;
+    /// Largest 29-bit identifier.
+    pub const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
+
+    /// An 11-bit identifier, `None` above [`Id::MAX_STANDARD`].
+    pub const fn standard(raw: u16) -> Option<Self> {
+        if raw > Self::MAX_STANDARD {
+            None
+        } else {
+            Some(Self((raw as u32) << 19))
+        }
+    }
+
+    /// A 29-bit identifier, `None` above [`Id::MAX_EXTENDED`].
+    pub const fn extended(raw: u32) -> Option<Self> {
+        if raw > Self::MAX_EXTENDED {
+            None
+        } else {
+            Some(Self(raw << 1 | EXTENDED))
+        }
+    }
+
+    /// An 11-bit identifier known at compile time, which fails the build above
+    /// [`Id::MAX_STANDARD`].
+    ///
+    /// ```
+    /// const REFERENCE: ttcan::Id = ttcan::Id::constant::<100>();
+    /// assert_eq!(REFERENCE.raw(), 100);
+    /// ```
+    pub const fn constant<const RAW: u16>() -> Self {
+        const {
+            match Self::standard(RAW) {
+                Some(id) => id,
+                None => panic!("an 11-bit CAN identifier is at most 0x7FF"),
+            }
+        }
+    }
+
+    /// The identifier's number, without its format.
+    pub const fn raw(self) -> u32 {
+        if self.is_extended() {
+            self.0 >> 1
+        } else {
+            self.0 >> 19
+        }
+    }
+
+    /// Whether this is a 29-bit identifier.
+    pub const fn is_extended(self) -> bool {
+        self.0 & EXTENDED != 0
+    }
+
+    /// The identifier of the same format `steps` above this one, `None` past
+    /// the end of the range.
+    pub const fn offset(self, steps: u8) -> Option<Self> {
+        let raw = self.raw() + steps as u32;
+        if self.is_extended() {
+            Self::extended(raw)
+        } else if raw > Self::MAX_STANDARD as u32 {
+            None
+        } else {
+            Self::standard(raw as u16)
+        }
+    }
+
+    pub(crate) const fn equals(self, other: Self) -> bool {
+        self.0 == other.0
+    }
+
+    /// Order of arbitration as a number, for `const` comparisons.
+    pub(crate) const fn priority(self) -> u32 {
+        self.0
+    }
+}
+
+impl core::fmt::Debug for Id {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "Id({self})")
+    }
+}
+
+/// Hexadecimal, three digits for a base identifier and eight for an extended
+/// one, as candump prints them.
+impl core::fmt::Display for Id {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        if self.is_extended() {
+            write!(f, "{:08X}", self.raw())
+        } else {
+            write!(f, "{:03X}", self.raw())
+        }
+    }
+}

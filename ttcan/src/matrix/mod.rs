@@ -1,0 +1,389 @@
+//! The system matrix: who may send what when.
+//!
+//! A matrix is a power of two of basic cycles, each of them begun by a
+//! reference message. A window names the time marks, counted from the start of
+//! frame of the reference, between which a frame may be on the bus, and the
+//! cycles in which it does so by a repeat factor and an offset. What no window
+//! covers is free: any frame there is an error.
+
+mod error;
+mod validate;
+
+pub use error::{MatrixError, Message, Problem};
+
+use crate::{Id, Micros, ReferenceFormat, length};
+
+/// A node of the network, numbered densely from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct NodeId(
+    /// The node's number.
+    pub u8,
+);
+
+/// What a window is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WindowKind {
+    /// One message of one sender.
+    Exclusive {
+        /// Identifier of the message.
+        id: Id,
+        /// Its number of data bytes, 0 to 8.
+        len: u8,
+        /// The only node that may send in this window.
+        sender: NodeId,
+        /// Whether a message that was not sent here may use the next
+        /// arbitrating window (thesis 4.3.6.1).
+        retry_late: bool,
+    },
+    /// Event messages of any sender, by CAN arbitration.
+    Arbitrating {
+        /// Whether the window and the next one form one window, in which a
+        /// frame may cross the mark between the two.
+        merged_with_next: bool,
+    },
+    /// Nothing: margin for later messages.
+    Free,
+}
+
+/// A window of the system matrix.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window<'a> {
+    /// Name for people, as configuration errors print it.
+    pub name: &'a str,
+    /// Cycle time at which the window begins.
+    pub start: Micros,
+    /// How long it lasts.
+    pub length: Micros,
+    /// What it is for.
+    pub kind: WindowKind,
+    /// Repeat factor: the window exists in every `repeat`-th basic cycle (1, 2,
+    /// 4, .. 64, at most the number of cycles).
+    pub repeat: u8,
+    /// The first basic cycle in which the window exists, below `repeat`.
+    pub offset: u8,
+}
+
+impl<'a> Window<'a> {
+    /// An exclusive window in every basic cycle.
+    pub const fn exclusive(
+        name: &'a str,
+        start: Micros,
+        length: Micros,
+        id: Id,
+        len: u8,
+        sender: NodeId,
+    ) -> Self {
+        let kind = WindowKind::Exclusive {
+            id,
+            len,
+            sender,
+            retry_late: false,
+        };
+        Self::new(name, start, length, kind)
+    }
+
+    /// An arbitrating window in every basic cycle.
+    pub const fn arbitrating(name: &'a str, start: Micros, length: Micros) -> Self {
+        let kind = WindowKind::Arbitrating {
+            merged_with_next: false,
+        };
+        Self::new(name, start, length, kind)
+    }
+
+    /// A window that is kept free in every basic cycle.
+    pub const fn free(name: &'a str, start: Micros, length: Micros) -> Self {
+        Self::new(name, start, length, WindowKind::Free)
+    }
+
+    /// A window of any kind in every basic cycle.
+    pub const fn new(name: &'a str, start: Micros, length: Micros, kind: WindowKind) -> Self {
+        Self {
+            name,
+            start,
+            length,
+            kind,
+            repeat: 1,
+            offset: 0,
+        }
+    }
+
+    /// This window in every `repeat`-th basic cycle only, from cycle `offset`
+    /// on.
+    pub const fn every(mut self, repeat: u8, offset: u8) -> Self {
+        self.repeat = repeat;
+        self.offset = offset;
+        self
+    }
+
+    /// This exclusive window with leave to send its message in an arbitrating
+    /// window when it could not be sent here; nothing on windows of another
+    /// kind.
+    pub const fn retry_late(mut self) -> Self {
+        if let WindowKind::Exclusive {
+            ref mut retry_late, ..
+        } = self.kind
+        {
+            *retry_late = true;
+        }
+        self
+    }
+
+    /// This arbitrating window merged with the next one; nothing on windows of
+    /// another kind.
+    pub const fn merged(mut self) -> Self {
+        if let WindowKind::Arbitrating {
+            ref mut merged_with_next,
+        } = self.kind
+        {
+            *merged_with_next = true;
+        }
+        self
+    }
+
+    /// Whether the window exists in basic cycle `cycle`.
+    pub const fn is_in(&self, cycle: u8) -> bool {
+        // Repeat factors are powers of two, which spares a division.
+        cycle & self.repeat.wrapping_sub(1) == self.offset
+    }
+
+    pub(crate) const fn end(&self) -> u32 {
+        self.start.ticks().saturating_add(self.length.ticks())
+    }
+}
+
+/// A message that its sender may send in arbitrating windows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Event<'a> {
+    /// Name for people, as configuration errors print it.
+    pub name: &'a str,
+    /// Identifier, and so priority.
+    pub id: Id,
+    /// Largest number of data bytes, 0 to 8.
+    pub len: u8,
+    /// The node that sends it.
+    pub sender: NodeId,
+}
+
+impl<'a> Event<'a> {
+    /// An event message.
+    pub const fn new(name: &'a str, id: Id, len: u8, sender: NodeId) -> Self {
+        Self {
+            name,
+            id,
+            len,
+            sender,
+        }
+    }
+}
+
+/// Everything that all nodes of a network know in common, not yet checked.
+#[derive(Clone, Copy, Debug)]
+pub struct MatrixConfig<'a> {
+    /// Bit rate of the bus in bit/s.
+    pub bit_rate: u32,
+    /// Time from one reference message to the next.
+    pub basic_cycle: Micros,
+    /// Basic cycles in the matrix: 1, 2, 4, .. 64.
+    pub cycles: u8,
+    /// Identifier of the reference message of the best-ranked master. Rank `r`
+    /// sends the identifier `r` above; all share the bits above the lowest
+    /// three, which name the reference message (ISO 11898-4).
+    pub reference: Id,
+    /// What the reference message carries.
+    pub reference_format: ReferenceFormat,
+    /// The potential time masters, best rank first: one to eight.
+    pub masters: &'a [NodeId],
+    /// How long after its time mark a frame may still begin in an exclusive
+    /// window, in bit times: 1 to 16.
+    pub transmit_enable_bits: u8,
+    /// Largest difference between what two nodes in schedule hold for the same
+    /// cycle time.
+    pub sync_uncertainty: Micros,
+    /// The windows by start; windows with the same start must be in different
+    /// cycles.
+    pub windows: &'a [Window<'a>],
+    /// The messages that may be sent in arbitrating windows.
+    pub events: &'a [Event<'a>],
+}
+
+/// A checked system matrix.
+///
+/// ```
+/// use ttcan::{Id, MatrixConfig, Micros, NodeId, ReferenceFormat, SystemMatrix, Window};
+///
+/// const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
+///     bit_rate: 250_000,
+///     basic_cycle: Micros::millis(100),
+///     cycles: 1,
+///     reference: Id::constant::<100>(),
+///     reference_format: ReferenceFormat::LEVEL_1,
+///     masters: &[NodeId(0)],
+///     transmit_enable_bits: 16,
+///     sync_uncertainty: Micros::micros(20),
+///     windows: &[Window::exclusive(
+///         "speed",
+///         Micros::millis(1),
+///         Micros::millis(1),
+///         Id::constant::<200>(),
+///         8,
+///         NodeId(1),
+///     )],
+///     events: &[],
+/// });
+/// assert_eq!(MATRIX.node_count(), 2);
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct SystemMatrix<'a> {
+    config: MatrixConfig<'a>,
+}
+
+impl<'a> SystemMatrix<'a> {
+    /// Checks `config`.
+    ///
+    /// # Errors
+    /// The first problem found, with the window it is in; see [`Problem`] for
+    /// what is checked.
+    pub const fn new(config: MatrixConfig<'a>) -> Result<Self, MatrixError<'a>> {
+        match validate::check(&config) {
+            Ok(()) => Ok(Self { config }),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// [`SystemMatrix::new`] for constants.
+    ///
+    /// # Panics
+    /// With the message of the [`MatrixError`] if there is one: in a `const`
+    /// this fails the build. Use [`SystemMatrix::new`] at run time.
+    pub const fn constant(config: MatrixConfig<'a>) -> Self {
+        match Self::new(config) {
+            Ok(matrix) => matrix,
+            Err(error) => panic!("{}", error.message().as_str()),
+        }
+    }
+
+    /// What was checked.
+    pub const fn config(&self) -> &MatrixConfig<'a> {
+        &self.config
+    }
+
+    /// Number of windows, of any kind.
+    pub const fn window_count(&self) -> usize {
+        self.config.windows.len()
+    }
+
+    /// One more than the highest node number that is a master or a sender.
+    pub const fn node_count(&self) -> usize {
+        let mut count = 0;
+        let mut at = 0;
+        while at < self.config.masters.len() {
+            count = max(count, self.config.masters[at].0 as usize + 1);
+            at += 1;
+        }
+        at = 0;
+        while at < self.config.windows.len() {
+            if let WindowKind::Exclusive { sender, .. } = self.config.windows[at].kind {
+                count = max(count, sender.0 as usize + 1);
+            }
+            at += 1;
+        }
+        at = 0;
+        while at < self.config.events.len() {
+            count = max(count, self.config.events[at].sender.0 as usize + 1);
+            at += 1;
+        }
+        count
+    }
+
+    /// Number of identifiers that a node of this network can expect besides the
+    /// reference message's.
+    pub const fn id_count(&self) -> usize {
+        let mut count = self.config.events.len();
+        let mut at = 0;
+        while at < self.config.windows.len() {
+            if matches!(self.config.windows[at].kind, WindowKind::Exclusive { .. }) {
+                count += 1;
+            }
+            at += 1;
+        }
+        count
+    }
+
+    /// Basic cycles after which the order of windows repeats: the largest
+    /// repeat factor.
+    pub(crate) const fn distinct_cycles(&self) -> u8 {
+        let mut most = 1;
+        let mut at = 0;
+        while at < self.config.windows.len() {
+            let repeat = self.config.windows[at].repeat;
+            if repeat > most {
+                most = repeat;
+            }
+            at += 1;
+        }
+        most
+    }
+
+    /// Number of entries of the compiled schedule
+    /// ([`Schedule`](crate::Schedule)).
+    pub const fn entry_count(&self) -> usize {
+        let distinct = self.distinct_cycles();
+        let mut count = 0;
+        let mut cycle = 0;
+        while cycle < distinct {
+            let mut merging = false;
+            let mut at = 0;
+            while at < self.config.windows.len() {
+                let window = &self.config.windows[at];
+                if window.is_in(cycle) {
+                    match window.kind {
+                        WindowKind::Exclusive { .. } => count += 1,
+                        WindowKind::Arbitrating { merged_with_next } => {
+                            if !merging {
+                                count += 1;
+                            }
+                            merging = merged_with_next;
+                        }
+                        WindowKind::Free => {}
+                    }
+                }
+                at += 1;
+            }
+            cycle += 1;
+        }
+        count
+    }
+
+    /// Longest time that `bits` bit times take, in microseconds rounded up.
+    pub(crate) const fn bits_to_micros(&self, bits: u32) -> u32 {
+        bits_to_micros(bits, self.config.bit_rate)
+    }
+
+    /// Longest reference message with its interframe space, in microseconds.
+    pub(crate) const fn reference_micros(&self) -> u32 {
+        let bits = length::worst_case_bits(
+            self.config.reference,
+            self.config.reference_format.longest(),
+        );
+        self.bits_to_micros(bits + length::INTERFRAME_BITS)
+    }
+}
+
+const fn max(a: usize, b: usize) -> usize {
+    if a > b { a } else { b }
+}
+
+/// `bit_rate` is not zero in a checked matrix; 0 gives the longest time.
+pub(crate) const fn bits_to_micros(bits: u32, bit_rate: u32) -> u32 {
+    if bit_rate == 0 {
+        return u32::MAX;
+    }
+    let micros = (bits as u64 * 1_000_000).div_ceil(bit_rate as u64);
+    if micros > u32::MAX as u64 {
+        u32::MAX
+    } else {
+        micros as u32
+    }
+}
+
+pub(crate) use validate::REFERENCE_OFFSET_LIMIT;

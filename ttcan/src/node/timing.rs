@@ -1,0 +1,351 @@
+//! What is due when.
+
+use super::{Action, Grant, Last, Node, Pending, SyncState};
+use crate::events::Item;
+use crate::reference::{Fields, mark_of};
+use crate::schedule::{Entry, Role};
+use crate::supervision::{ErrorLevel, Severe};
+use crate::{Stamp, length};
+
+impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
+    /// What is to be done at `now`. Call it again until it returns `None`.
+    ///
+    /// A call that comes late does what can still be done: a message whose
+    /// transmit enable window has passed is not sent any more. Late calls catch
+    /// up window by window; otherwise the cost is constant.
+    #[must_use]
+    pub fn poll(&mut self, now: Stamp) -> Option<Action> {
+        if self.silence_due {
+            self.silence_due = false;
+            return Some(Action::Silence);
+        }
+        if self.abort_due {
+            self.abort_due = false;
+            return Some(Action::Abort);
+        }
+        if self.sync == SyncState::Off {
+            return None;
+        }
+        if due(self.watchdog_due, now) {
+            self.stop(Severe::ApplicationWatchdog);
+            self.silence_due = false;
+            return Some(Action::Silence);
+        }
+        if due(self.withdraw_due, now) {
+            self.withdraw_due = None;
+            return Some(Action::Abort);
+        }
+        while due(self.entry_due, now) {
+            if let Some(action) = self.step(now) {
+                return Some(action);
+            }
+        }
+        if due(self.reference_due, now) && self.pending == Pending::None {
+            return Some(self.transmit_reference(now));
+        }
+        if due(self.missed_due, now) {
+            self.miss_reference(now);
+            if self.silence_due {
+                self.silence_due = false;
+                return Some(Action::Silence);
+            }
+        }
+        self.transmit_event(now)
+    }
+
+    /// When [`Node::poll`] has something to do at the latest, if nothing
+    /// happens before. May have passed already; `None` while the node is off.
+    pub fn next_deadline(&self) -> Option<Stamp> {
+        if self.sync == SyncState::Off {
+            return None;
+        }
+        // A reference that waits for a mailbox is asked for when that is free.
+        let reference = self.reference_due.filter(|_| self.pending == Pending::None);
+        [
+            self.entry_due,
+            reference,
+            self.missed_due,
+            self.withdraw_due,
+            self.watchdog_due,
+        ]
+        .into_iter()
+        .flatten()
+        .reduce(|first, other| if first.reached(other) { other } else { first })
+    }
+
+    /// Begins the first entry of a basic cycle.
+    pub(super) fn begin_entries(&mut self) {
+        let (first, end) = self.schedule.entries_of(self.cycle);
+        self.cursor = first;
+        self.cursor_end = end;
+        self.inside = false;
+        self.last = None;
+        self.await_entry();
+    }
+
+    /// Waits for the entry at the cursor, if the cycle has one.
+    fn await_entry(&mut self) {
+        self.entry_due = if self.cursor < self.cursor_end {
+            self.entry().map(|entry| self.instant(entry.start))
+        } else {
+            None
+        };
+    }
+
+    /// Passes one boundary of an entry.
+    fn step(&mut self, now: Stamp) -> Option<Action> {
+        let Some(entry) = self.entry().copied() else {
+            self.entry_due = None;
+            return None;
+        };
+        if self.inside {
+            self.close(&entry);
+            self.inside = false;
+            self.cursor = self.cursor.wrapping_add(1);
+            self.await_entry();
+            return None;
+        }
+        self.inside = true;
+        self.seen = false;
+        let start = self.entry_due.replace(self.instant(entry.end));
+        match entry.role {
+            Role::Exclusive {
+                id,
+                len,
+                sender,
+                retry_late,
+            } if sender == self.config.node => {
+                self.open_own(&entry, (id, len, retry_late), start.unwrap_or(now), now)
+            }
+            _ => None,
+        }
+    }
+
+    /// Notes whether another node's message was there.
+    fn close(&mut self, entry: &Entry) {
+        let Role::Exclusive { id, sender, .. } = entry.role else {
+            return;
+        };
+        if sender == self.config.node {
+            return;
+        }
+        self.last = Some(Last {
+            window: entry.window,
+            id,
+            sender,
+            seen: self.seen,
+        });
+        if self.sync != SyncState::InSchedule {
+            return;
+        }
+        self.counts.note(entry.window, false, self.seen);
+        if !self.seen {
+            self.counters.missed_messages = self.counters.missed_messages.wrapping_add(1);
+            if let Some(peer) = self.peers.get_mut(usize::from(sender.0)) {
+                peer.missing();
+            }
+        }
+        self.assess();
+    }
+
+    fn open_own(
+        &mut self,
+        entry: &Entry,
+        (id, len, retry_late): (crate::Id, u8, bool),
+        start: Stamp,
+        now: Stamp,
+    ) -> Option<Action> {
+        if self.sync != SyncState::InSchedule {
+            return None;
+        }
+        if self.error_level >= ErrorLevel::Error {
+            self.counters.suppressed = self.counters.suppressed.wrapping_add(1);
+            return None;
+        }
+        let enabled = self.clock.ticks(self.schedule.network.transmit_enable);
+        let withdraw = start.after(enabled);
+        if self.pending != Pending::None || now.reached(withdraw) {
+            self.counters.skipped = self.counters.skipped.wrapping_add(1);
+            self.fail_own(entry.window, id, len, retry_late, now);
+            return None;
+        }
+        self.served = self.served.saturating_add(1);
+        if self.served > self.schedule.windows_of(self.config.node) {
+            self.counters.transmit_overflows = self.counters.transmit_overflows.wrapping_add(1);
+            self.overflow = true;
+            self.assess();
+            return None;
+        }
+        self.pending = Pending::Window {
+            window: entry.window,
+            id,
+            len,
+            retry_late,
+        };
+        self.withdraw_due = Some(withdraw);
+        Some(Action::Transmit(Grant {
+            window: entry.window,
+            id,
+            len,
+            late: false,
+        }))
+    }
+
+    /// Notes that an own message was not sent in its window.
+    pub(super) fn fail_own(
+        &mut self,
+        window: u16,
+        id: crate::Id,
+        len: u8,
+        retry_late: bool,
+        now: Stamp,
+    ) {
+        self.counts.note(window, true, false);
+        if retry_late {
+            // Worth sending until its next turn.
+            let lifetime = self.clock.ticks(self.schedule.network.basic_cycle);
+            if !self
+                .queue
+                .insert(Item::Late { window, id, len }, now.after(lifetime))
+            {
+                self.counters.events_refused = self.counters.events_refused.wrapping_add(1);
+            }
+        }
+        self.assess();
+    }
+
+    fn transmit_reference(&mut self, now: Stamp) -> Action {
+        self.reference_due = None;
+        let network = self.schedule.network;
+        if self.clock.at(now).is_none() {
+            self.clock.set(now, Default::default());
+        }
+        let start = now.after(self.config.transmit_lead);
+        let fields = Fields {
+            next_is_gap: self.gap_wanted,
+            discontinuity: self.leap,
+            cycle: if self.marked { self.next_cycle() } else { 0 },
+            coarse: self.clock.at(start).map(|time| time.as_millis()),
+            mark: if self.marked {
+                self.clock.at(self.mark).map(mark_of)
+            } else {
+                None
+            },
+        };
+        let rank = self.rank.unwrap_or(0);
+        let id = network.reference.offset(rank).unwrap_or(network.reference);
+        let frame = fields.encode(&network.reference_format, id, &self.application);
+        self.pending = Pending::Reference {
+            bits: length::frame_bits(&frame) as u16,
+            cycle: fields.cycle,
+            next_is_gap: fields.next_is_gap,
+            discontinuity: fields.discontinuity,
+        };
+        Action::TransmitReference(frame)
+    }
+
+    /// The cycle after the one under way.
+    pub(super) fn next_cycle(&self) -> u8 {
+        self.cycle.wrapping_add(1) & self.schedule.network.cycles.wrapping_sub(1)
+    }
+
+    fn miss_reference(&mut self, now: Stamp) {
+        let again = now.after(self.clock.ticks(self.schedule.network.basic_cycle));
+        if !self.marked {
+            self.initial_watch = true;
+            self.missed_due = Some(again);
+            self.retry_stuck_reference(now);
+            return;
+        }
+        self.counters.missed_references = self.counters.missed_references.wrapping_add(1);
+        self.missed_references = self.missed_references.saturating_add(1);
+        if self.missed_references >= self.config.watch {
+            self.stop(Severe::Watch);
+            return;
+        }
+        self.missed_due = Some(again);
+        self.retry_stuck_reference(now);
+    }
+
+    /// A reference that was asked for a basic cycle ago and has not been
+    /// reported will not be: its report was lost.
+    fn retry_stuck_reference(&mut self, now: Stamp) {
+        if self.reference_lost {
+            self.reference_lost = false;
+            self.reference_due = Some(now);
+        }
+        if !matches!(self.pending, Pending::None) {
+            self.pending = Pending::None;
+            self.withdraw_due = None;
+            self.abort_due = true;
+            if self.rank.is_some() {
+                self.reference_due = Some(now);
+            }
+        }
+    }
+
+    /// The most urgent event message, if this is the time for it.
+    fn transmit_event(&mut self, now: Stamp) -> Option<Action> {
+        if self.queue.is_empty() {
+            return None;
+        }
+        let expired = self.queue.expire(now);
+        self.counters.events_expired = self.counters.events_expired.wrapping_add(expired);
+        if !self.inside
+            || self.pending != Pending::None
+            || self.sync != SyncState::InSchedule
+            || self.error_level >= ErrorLevel::Error
+        {
+            return None;
+        }
+        let entry = self.entry()?;
+        if entry.role != Role::Arbitrating {
+            return None;
+        }
+        let first = *self.queue.first()?;
+        let latest = self.latest_start(entry, first.id(), first.len());
+        if now.reached(latest) {
+            return None;
+        }
+        self.pending = Pending::Event { id: first.id() };
+        self.withdraw_due = Some(latest);
+        Some(match first {
+            Item::Event(frame) => Action::TransmitEvent(frame),
+            Item::Late { window, id, len } => Action::Transmit(Grant {
+                window,
+                id,
+                len,
+                late: true,
+            }),
+        })
+    }
+
+    /// Until when a frame may begin so that it ends within the entry.
+    fn latest_start(&self, entry: &Entry, id: crate::Id, len: u8) -> Stamp {
+        let longest = self.bits(length::worst_case_bits(id, len) + length::INTERFRAME_BITS);
+        let uncertainty = self.clock.ticks(self.schedule.network.uncertainty);
+        Stamp(
+            self.instant(entry.end)
+                .0
+                .wrapping_sub(longest)
+                .wrapping_sub(uncertainty),
+        )
+    }
+
+    /// Passes the boundaries that lie before `start`, the instant at which a
+    /// received frame began: the timer was late.
+    pub(super) fn catch_up(&mut self, start: Stamp) {
+        while due(self.entry_due, start) {
+            // What could be sent then is past by a frame's length now.
+            let late = start.after(self.bits(u32::from(u8::MAX)));
+            if self.step(late).is_some() {
+                self.pending = Pending::None;
+                self.withdraw_due = None;
+            }
+        }
+    }
+}
+
+fn due(deadline: Option<Stamp>, now: Stamp) -> bool {
+    deadline.is_some_and(|deadline| now.reached(deadline))
+}

@@ -1,0 +1,99 @@
+//! Own transmissions and their ends.
+
+use super::{Node, Pending, TransmitOutcome};
+use crate::{ClockState, Stamp};
+
+impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
+    /// The transmission that the node asked for last has ended; `stamp` was
+    /// taken at its end (of no importance for [`TransmitOutcome::Empty`] and
+    /// [`TransmitOutcome::Aborted`]). Call [`Node::poll`] afterwards.
+    pub fn handle_transmit(&mut self, outcome: TransmitOutcome, stamp: Stamp) {
+        let pending = core::mem::replace(&mut self.pending, Pending::None);
+        if pending != Pending::None {
+            self.withdraw_due = None;
+        }
+        self.count_failure(outcome);
+        match pending {
+            // An abort may come too late to withdraw anything.
+            Pending::None if outcome == TransmitOutcome::Aborted => {}
+            Pending::None => {
+                self.counters.stray_reports = self.counters.stray_reports.wrapping_add(1);
+            }
+            Pending::Reference {
+                bits,
+                cycle,
+                next_is_gap,
+                discontinuity,
+            } => match outcome {
+                TransmitOutcome::Sent => {
+                    let length = self.bits(u32::from(bits)).cast_signed();
+                    let latency = self.config.latency.transmit;
+                    let start = stamp.offset(length.wrapping_add(latency).wrapping_neg());
+                    if discontinuity {
+                        self.leap = false;
+                    }
+                    if next_is_gap {
+                        self.gap_wanted = false;
+                    }
+                    self.lead(start, cycle, next_is_gap);
+                }
+                TransmitOutcome::ArbitrationLost => self.reference_lost = true,
+                TransmitOutcome::Error | TransmitOutcome::Aborted | TransmitOutcome::Empty => {
+                    self.counters.repeated_references =
+                        self.counters.repeated_references.wrapping_add(1);
+                    self.reference_due = Some(stamp);
+                }
+            },
+            Pending::Window {
+                window,
+                id,
+                len,
+                retry_late,
+            } => match outcome {
+                TransmitOutcome::Sent => {
+                    self.counters.sent = self.counters.sent.wrapping_add(1);
+                    self.counts.note(window, true, true);
+                    self.assess();
+                }
+                TransmitOutcome::Empty => {
+                    self.counters.left_empty = self.counters.left_empty.wrapping_add(1);
+                }
+                TransmitOutcome::ArbitrationLost
+                | TransmitOutcome::Error
+                | TransmitOutcome::Aborted => self.fail_own(window, id, len, retry_late, stamp),
+            },
+            Pending::Event { id } => match outcome {
+                TransmitOutcome::Sent => {
+                    self.counters.events_sent = self.counters.events_sent.wrapping_add(1);
+                    self.queue.remove(id);
+                }
+                // A late message that its owner does not want to send any more.
+                TransmitOutcome::Empty => self.queue.remove(id),
+                TransmitOutcome::ArbitrationLost
+                | TransmitOutcome::Error
+                | TransmitOutcome::Aborted => {}
+            },
+        }
+    }
+
+    fn count_failure(&mut self, outcome: TransmitOutcome) {
+        let counter = match outcome {
+            TransmitOutcome::Sent | TransmitOutcome::Empty => return,
+            TransmitOutcome::ArbitrationLost => &mut self.counters.arbitration_lost,
+            TransmitOutcome::Error => &mut self.counters.transmit_errors,
+            TransmitOutcome::Aborted => &mut self.counters.aborted,
+        };
+        *counter = counter.wrapping_add(1);
+    }
+
+    /// The own reference was sent, with its start of frame at `start`.
+    fn lead(&mut self, start: Stamp, cycle: u8, next_is_gap: bool) {
+        let consecutive = self.is_consecutive(start, cycle);
+        if matches!(self.clock.state(), ClockState::Unset) {
+            self.clock.set(start, Default::default());
+        } else {
+            self.clock.carry(start);
+        }
+        self.begin_cycle(start, cycle, next_is_gap, self.rank, consecutive);
+    }
+}

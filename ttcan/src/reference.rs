@@ -1,0 +1,167 @@
+//! What a reference message carries.
+//!
+//! ISO 11898-4 gives the level 1 reference one byte (next-is-gap and the cycle
+//! count) and the level 2 reference the master's reference mark, which its
+//! hardware inserts while the frame is on the bus. Without such hardware the
+//! mark can only follow one message later, so it is here the global time of the
+//! *previous* reference's start of frame:
+//!
+//! | field | width | contents |
+//! | --- | --- | --- |
+//! | application | up to the first field | anything |
+//! | coarse | 4 bytes, big-endian | global time at which this reference is meant to start, in ms |
+//! | control | 1 byte | bit 7 next-is-gap, bit 6 discontinuity, bits 5..0 cycle count |
+//! | mark | 2 bytes, big-endian | global time of the previous reference's start of frame in 1/32 us, modulo 2048 us |
+//!
+//! The mark stands last and is left out when its sender knows none; so a frame
+//! may be shorter than the format says.
+
+use crate::{Frame, GlobalTime, Id};
+
+/// Where the fields of a reference message stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReferenceFormat {
+    application: u8,
+    coarse: Option<u8>,
+    control: u8,
+    mark: Option<u8>,
+}
+
+impl ReferenceFormat {
+    /// ISO 11898-4 level 1: the control byte alone.
+    pub const LEVEL_1: Self = Self::new(0, None, 0, None);
+    /// Level 2 with nothing of an application's: coarse, control, mark.
+    pub const LEVEL_2: Self = Self::new(0, Some(0), 4, Some(5));
+
+    /// A format with `application` bytes of the application's in front and the
+    /// fields at these positions. Level 2 (global time) needs both `coarse` and
+    /// `mark`.
+    ///
+    /// Fields that overlap or pass byte 7 are found when the matrix is checked.
+    pub const fn new(application: u8, coarse: Option<u8>, control: u8, mark: Option<u8>) -> Self {
+        Self {
+            application,
+            coarse,
+            control,
+            mark,
+        }
+    }
+
+    /// Whether the fields stand in the order of the module's table, without
+    /// overlap and within 8 bytes.
+    pub(crate) const fn is_valid(&self) -> bool {
+        let control = match self.coarse {
+            Some(coarse) if coarse < self.application || coarse > 4 => return false,
+            Some(coarse) => coarse + 4,
+            None => self.application,
+        };
+        if self.control < control || self.control > 7 {
+            return false;
+        }
+        match self.mark {
+            Some(mark) => mark > self.control && mark <= 6,
+            None => true,
+        }
+    }
+
+    /// Number of bytes with all fields.
+    pub const fn longest(&self) -> u8 {
+        match self.mark {
+            Some(mark) => mark.saturating_add(2),
+            None => self.control.saturating_add(1),
+        }
+    }
+
+    /// Number of bytes in front that are the application's.
+    pub const fn application(&self) -> u8 {
+        self.application
+    }
+}
+
+/// The fields of one reference message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub(crate) struct Fields {
+    pub next_is_gap: bool,
+    pub discontinuity: bool,
+    pub cycle: u8,
+    pub coarse: Option<u32>,
+    pub mark: Option<u16>,
+}
+
+const GAP: u8 = 0x80;
+const DISCONTINUITY: u8 = 0x40;
+const CYCLE: u8 = 0x3F;
+
+/// Bits of global time (in 2^-16 us) below the mark's resolution of 1/32 us.
+const MARK_SHIFT: u32 = GlobalTime::FRACTION_BITS - 5;
+
+/// The mark of a global time.
+pub(crate) const fn mark_of(time: GlobalTime) -> u16 {
+    (time.raw() >> MARK_SHIFT) as u16
+}
+
+/// The global time nearest to `estimate` that has this mark; right if the
+/// estimate is less than 1024 us off.
+pub(crate) const fn nearest(estimate: GlobalTime, mark: u16) -> GlobalTime {
+    let ahead = mark.wrapping_sub(mark_of(estimate)).cast_signed();
+    let below = estimate.raw() & ((1 << MARK_SHIFT) - 1);
+    estimate.offset(((ahead as i64) << MARK_SHIFT) - below as i64)
+}
+
+impl Fields {
+    /// The frame of `id`, with the application's bytes from `application`.
+    pub fn encode(&self, format: &ReferenceFormat, id: Id, application: &[u8; 8]) -> Frame {
+        let mut data = *application;
+        if let (Some(at), Some(coarse)) = (format.coarse, self.coarse) {
+            put(&mut data, at, &coarse.to_be_bytes());
+        }
+        let control = self.cycle & CYCLE
+            | if self.next_is_gap { GAP } else { 0 }
+            | if self.discontinuity { DISCONTINUITY } else { 0 };
+        put(&mut data, format.control, &[control]);
+        let mut len = format.control.saturating_add(1);
+        if let (Some(at), Some(mark)) = (format.mark, self.mark) {
+            put(&mut data, at, &mark.to_be_bytes());
+            len = at.saturating_add(2);
+        }
+        Frame::from_parts(id, len, data)
+    }
+
+    /// The fields of `frame`, `None` if it is too short to have them: without
+    /// the control byte only a matrix of one basic cycle gets along.
+    pub fn decode(format: &ReferenceFormat, frame: &Frame, cycles: u8) -> Option<Self> {
+        let data = frame.data();
+        let mut fields = Self::default();
+        match data.get(usize::from(format.control)) {
+            Some(control) => {
+                fields.next_is_gap = control & GAP != 0;
+                fields.discontinuity = control & DISCONTINUITY != 0;
+                fields.cycle = control & CYCLE;
+            }
+            None if cycles == 1 && data.len() >= usize::from(format.application) => {}
+            None => return None,
+        }
+        if fields.cycle >= cycles || data.len() > usize::from(format.longest()) {
+            return None;
+        }
+        fields.coarse = format
+            .coarse
+            .and_then(|at| get(data, at))
+            .map(u32::from_be_bytes);
+        fields.mark = format
+            .mark
+            .and_then(|at| get(data, at))
+            .map(u16::from_be_bytes);
+        Some(fields)
+    }
+}
+
+fn put(data: &mut [u8; 8], at: u8, bytes: &[u8]) {
+    for (to, from) in data.iter_mut().skip(usize::from(at)).zip(bytes) {
+        *to = *from;
+    }
+}
+
+fn get<const N: usize>(data: &[u8], at: u8) -> Option<[u8; N]> {
+    data.get(usize::from(at)..)?.first_chunk().copied()
+}
