@@ -1,0 +1,143 @@
+//! The log format of can-utils' `candump -l`: `(seconds.microseconds) interface id#data`.
+
+use std::fmt;
+use std::str::FromStr;
+
+use embedded_can::{ExtendedId, Id, StandardId};
+
+use crate::Frame;
+use crate::time::SimTime;
+
+/// One line of a log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Line {
+    /// Time stamp; written rounded down to whole microseconds.
+    pub at: SimTime,
+    /// Name of the interface, such as `can0`.
+    pub interface: String,
+    /// The frame. Data length codes above 8 are written as 8.
+    pub frame: Frame,
+}
+
+/// Why a line is not a classical CAN frame of a candump log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ParseError {
+    /// The line has not exactly three fields separated by spaces.
+    #[error("expected `(seconds.microseconds) interface id#data`")]
+    Fields,
+    /// The time stamp is not `(seconds.microseconds)` with six digits behind the point, or it is
+    /// beyond 213 days.
+    #[error("expected a time stamp `(seconds.microseconds)` with six digits behind the point")]
+    Stamp,
+    /// The identifier is neither three hexadecimal digits up to 7FF nor eight up to 1FFFFFFF.
+    #[error("expected an identifier of three or eight hexadecimal digits")]
+    Identifier,
+    /// The data are not up to eight bytes of two hexadecimal digits, nor `R` with a length.
+    #[error("expected up to eight data bytes in hexadecimal, or R and a length")]
+    Data,
+}
+
+const PS_IN_US: u64 = 1_000_000;
+const US_IN_S: u64 = 1_000_000;
+
+impl fmt::Display for Line {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let us = self.at.as_ticks() / PS_IN_US;
+        write!(
+            f,
+            "({:010}.{:06}) {} ",
+            us / US_IN_S,
+            us % US_IN_S,
+            self.interface
+        )?;
+        match self.frame.id() {
+            Id::Standard(id) => write!(f, "{:03X}#", id.as_raw())?,
+            Id::Extended(id) => write!(f, "{:08X}#", id.as_raw())?,
+        }
+        if self.frame.is_remote() {
+            f.write_str("R")?;
+            return match self.frame.dlc().min(8) {
+                0 => Ok(()),
+                dlc => write!(f, "{dlc}"),
+            };
+        }
+        self.frame
+            .data()
+            .iter()
+            .try_for_each(|byte| write!(f, "{byte:02X}"))
+    }
+}
+
+impl FromStr for Line {
+    type Err = ParseError;
+
+    fn from_str(line: &str) -> Result<Self, ParseError> {
+        let mut fields = line.split_ascii_whitespace();
+        let (Some(stamp), Some(interface), Some(frame), None) =
+            (fields.next(), fields.next(), fields.next(), fields.next())
+        else {
+            return Err(ParseError::Fields);
+        };
+        Ok(Self {
+            at: parse_stamp(stamp).ok_or(ParseError::Stamp)?,
+            interface: interface.to_owned(),
+            frame: parse_frame(frame)?,
+        })
+    }
+}
+
+fn digits<T: FromStr>(text: &str) -> Option<T> {
+    text.bytes()
+        .all(|byte| byte.is_ascii_digit())
+        .then(|| text.parse().ok())?
+}
+
+fn parse_stamp(field: &str) -> Option<SimTime> {
+    let (seconds, micros) = field
+        .strip_prefix('(')?
+        .strip_suffix(')')?
+        .split_once('.')?;
+    if micros.len() != 6 {
+        return None;
+    }
+    digits::<u64>(seconds)?
+        .checked_mul(US_IN_S)?
+        .checked_add(digits(micros)?)?
+        .checked_mul(PS_IN_US)
+        .map(SimTime::from_ticks)
+}
+
+fn hex(text: &str) -> Option<u32> {
+    text.bytes()
+        .all(|byte| byte.is_ascii_hexdigit())
+        .then(|| u32::from_str_radix(text, 16).ok())?
+}
+
+fn parse_frame(field: &str) -> Result<Frame, ParseError> {
+    let (id, data) = field.split_once('#').ok_or(ParseError::Fields)?;
+    let raw = hex(id).ok_or(ParseError::Identifier)?;
+    let id = match id.len() {
+        3 => StandardId::new(raw as u16).map(Id::Standard),
+        8 => ExtendedId::new(raw).map(Id::Extended),
+        _ => None,
+    }
+    .ok_or(ParseError::Identifier)?;
+    if let Some(length) = data.strip_prefix('R') {
+        let dlc = if length.is_empty() {
+            Some(0)
+        } else {
+            digits::<u8>(length).filter(|dlc| *dlc <= 8)
+        };
+        return dlc
+            .and_then(|dlc| Frame::new_remote(id, dlc))
+            .ok_or(ParseError::Data);
+    }
+    if data.len() % 2 != 0 || !data.is_ascii() {
+        return Err(ParseError::Data);
+    }
+    let bytes = (0..data.len() / 2)
+        .map(|index| hex(&data[2 * index..2 * index + 2]).map(|byte| byte as u8))
+        .collect::<Option<Vec<u8>>>()
+        .ok_or(ParseError::Data)?;
+    Frame::new_data(id, &bytes).ok_or(ParseError::Data)
+}

@@ -1,0 +1,233 @@
+//! Disturbances of the medium: flipped bits, a bit error rate, a stuck bus.
+
+use embedded_can::Id;
+
+use crate::bus::NodeId;
+use crate::time::{Ps, SimTime};
+use crate::wire::Level;
+
+/// Which attempt to send a frame a disturbance is meant for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrameSelect {
+    /// The n-th start of frame on the bus, counted from 0 since its creation.
+    Number(u64),
+    /// The n-th attempt (from 0, counted from the call of [`crate::Bus::disturb`]) to send a
+    /// frame with this identifier.
+    Id {
+        /// The identifier.
+        id: Id,
+        /// Attempts to let pass.
+        occurrence: u64,
+    },
+}
+
+/// Who reads a disturbed bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SeenBy {
+    /// Every node: the bus itself has the wrong level.
+    All,
+    /// One node only, as with a bad contact at its plug.
+    Node(NodeId),
+}
+
+/// A disturbance. It acts on bits of frames, error frames and intermissions; a bus at rest is
+/// disturbed by [`Disturbance::Stuck`] only.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Disturbance {
+    /// One bit is inverted.
+    Flip {
+        /// The frame.
+        frame: FrameSelect,
+        /// The bit, counted from start of frame as 0, stuff bits included.
+        bit: u16,
+        /// Who reads it inverted.
+        seen_by: SeenBy,
+    },
+    /// Bits are inverted at random, independently of each other.
+    ErrorRate {
+        /// Probability for each bit, 0 to 1.
+        per_bit: f64,
+        /// Seed of the random sequence.
+        seed: u64,
+        /// Who reads them inverted.
+        seen_by: SeenBy,
+        /// First instant.
+        from: SimTime,
+        /// Behind the last instant.
+        until: SimTime,
+    },
+    /// The bus is held at one level whatever the nodes drive.
+    Stuck {
+        /// The level.
+        level: Level,
+        /// First instant.
+        from: SimTime,
+        /// Behind the last instant.
+        until: SimTime,
+    },
+}
+
+/// A disturbance with the state it needs.
+#[derive(Clone, Debug)]
+pub(crate) struct Active {
+    what: Disturbance,
+    /// Attempts with the wanted identifier so far, or bits until the next error.
+    count: u64,
+    /// Whether the frame in progress is the selected one.
+    armed: bool,
+    random: SplitMix,
+}
+
+impl Active {
+    pub(crate) fn new(what: Disturbance) -> Self {
+        let seed = match what {
+            Disturbance::ErrorRate { seed, .. } => seed,
+            _ => 0,
+        };
+        let mut active = Self {
+            what,
+            count: 0,
+            armed: false,
+            random: SplitMix(seed),
+        };
+        if let Disturbance::ErrorRate { per_bit, .. } = what {
+            active.count = active.random.gap(per_bit);
+        }
+        active
+    }
+
+    /// A frame starts: its number and the identifiers being sent.
+    pub(crate) fn frame_started(&mut self, number: u64, ids: &[Id]) {
+        if let Disturbance::Flip { frame, .. } = self.what {
+            self.armed = match frame {
+                FrameSelect::Number(wanted) => wanted == number,
+                FrameSelect::Id { id, occurrence } => {
+                    let named = ids.contains(&id);
+                    self.count += u64::from(named);
+                    named && self.count == occurrence + 1
+                }
+            };
+        }
+    }
+
+    /// Who reads the bit inverted that starts at `now` and is the given one of a frame (if in
+    /// one). Must be called once for each bit.
+    pub(crate) fn flips(&mut self, now: Ps, in_frame: Option<u16>) -> Option<SeenBy> {
+        match self.what {
+            Disturbance::Flip { bit, seen_by, .. } => {
+                (self.armed && in_frame == Some(bit)).then(|| {
+                    self.armed = false;
+                    seen_by
+                })
+            }
+            Disturbance::ErrorRate {
+                per_bit,
+                seen_by,
+                from,
+                until,
+                ..
+            } => {
+                if now < from.as_ticks() || now >= until.as_ticks() {
+                    return None;
+                }
+                if self.count > 0 {
+                    self.count -= 1;
+                    return None;
+                }
+                self.count = self.random.gap(per_bit);
+                Some(seen_by)
+            }
+            Disturbance::Stuck { .. } => None,
+        }
+    }
+
+    /// The level the bus is held at.
+    pub(crate) fn stuck(&self, now: Ps) -> Option<Level> {
+        match self.what {
+            Disturbance::Stuck { level, from, until }
+                if now >= from.as_ticks() && now < until.as_ticks() =>
+            {
+                Some(level)
+            }
+            _ => None,
+        }
+    }
+
+    /// When the disturbance wakes a bus at rest.
+    pub(crate) fn wakes(&self, now: Ps) -> Option<Ps> {
+        match self.what {
+            Disturbance::Stuck {
+                level: Level::Dominant,
+                from,
+                until,
+            } if now < until.as_ticks() => Some(from.as_ticks().max(now)),
+            _ => None,
+        }
+    }
+
+    /// Whether it can do nothing any more.
+    pub(crate) fn is_over(&self, now: Ps) -> bool {
+        match self.what {
+            Disturbance::Flip { .. } => false,
+            Disturbance::ErrorRate { until, .. } | Disturbance::Stuck { until, .. } => {
+                now >= until.as_ticks()
+            }
+        }
+    }
+
+    /// The earliest instant at which it may change a bit of the frame that started at `start`,
+    /// `bit` being the time of a bit; `None` if it cannot touch this frame.
+    pub(crate) fn earliest_in_frame(&self, start: Ps, now: Ps, bit: Ps) -> Option<Ps> {
+        match self.what {
+            Disturbance::Flip { bit: index, .. } => {
+                self.armed.then(|| start + u64::from(index) * bit)
+            }
+            Disturbance::ErrorRate { from, until, .. } => (now < until.as_ticks())
+                .then(|| from.as_ticks().max(now + self.count.saturating_mul(bit))),
+            Disturbance::Stuck { from, until, .. } => {
+                (now < until.as_ticks()).then(|| from.as_ticks().max(now))
+            }
+        }
+    }
+
+    /// Whether it may strike a frame that has not started yet, and from when.
+    pub(crate) fn earliest_in_future(&self, now: Ps) -> Option<Ps> {
+        match self.what {
+            Disturbance::Flip { .. } => Some(now),
+            Disturbance::ErrorRate { from, until, .. } | Disturbance::Stuck { from, until, .. } => {
+                (now < until.as_ticks()).then(|| from.as_ticks().max(now))
+            }
+        }
+    }
+}
+
+/// Steele, Lea and Flood's SplitMix64 (OOPSLA 2014): reproducible everywhere from its seed.
+#[derive(Clone, Debug)]
+struct SplitMix(u64);
+
+impl SplitMix {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// Bits that pass before the next error, geometrically distributed.
+    fn gap(&mut self, per_bit: f64) -> u64 {
+        let uniform = ((self.next() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64;
+        if per_bit >= 1.0 {
+            return 0;
+        }
+        if per_bit <= 0.0 {
+            return u64::MAX;
+        }
+        let gap = uniform.ln() / (1.0 - per_bit).ln();
+        if gap >= u64::MAX as f64 {
+            u64::MAX
+        } else {
+            gap as u64
+        }
+    }
+}
