@@ -28,7 +28,16 @@ pub use message::{DecodeError, Message, Signal};
 /// says; the offsets by which the frames shift some of them are taken off.
 #[allow(unused_parens, reason = "written by a program")]
 pub mod messages {
+    use ttcan::{Frame, Id};
+
     use crate::message::{DecodeError, Message, Signal};
 
     include!(concat!(env!("OUT_DIR"), "/messages.rs"));
+}
+
+/// The nodes and the system matrix of `uagv.dbc`, for `ttcan`.
+pub mod matrix {
+    use ttcan::{Event, Id, MatrixConfig, Micros, NodeId, ReferenceFormat, SystemMatrix, Window};
+
+    include!(concat!(env!("OUT_DIR"), "/matrix.rs"));
 }

@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use ttcan::Frame;
+
 use crate::messages::Node;
 
 /// A message of the network: a typed value on one side, data bytes on the other.
@@ -28,6 +30,9 @@ pub trait Message: Sized + Copy {
     /// The data bytes. A value outside its signal's range is sent as the nearest
     /// limit; bits that belong to no signal are zero.
     fn encode(&self) -> Self::Bytes;
+
+    /// The whole frame: [`encode`](Self::encode) under [`ID`](Self::ID).
+    fn frame(&self) -> Frame;
 
     /// Reads the data bytes. Bits that belong to no signal are ignored.
     ///

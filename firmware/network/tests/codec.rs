@@ -57,6 +57,8 @@ fn agrees<M: Message + PartialEq + core::fmt::Debug>(seeds: &[u64], noise: &[u8]
     let message = M::decode(&data).expect("every signal is in range");
     assert_eq!(counts_of(&message), counts);
     assert_eq!(message.encode().as_ref(), data);
+    assert_eq!(message.frame().id().raw(), u32::from(M::ID));
+    assert_eq!(message.frame().data(), data);
 
     // Any bytes at all: the same signals, or a refusal because one is out of range.
     let noise = &noise[..usize::from(M::LENGTH)];

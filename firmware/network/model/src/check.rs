@@ -6,6 +6,7 @@ use crate::{
     frame::worst_case_bits,
     network::{Message, Network, SendType, WindowKind},
     problem::Problem,
+    reference::Reference,
     signal::Signal,
 };
 
@@ -131,6 +132,15 @@ fn masters(network: &Network, problems: &mut Vec<Problem>) {
                         format!(
                             "reference message {} ({}) of the master of rank {rank} must have the identifier {id}, which must equal that of {} but for its three low bits",
                             own.name, own.id, base.name
+                        ),
+                    );
+                }
+                if Reference::of(own).is_none() || Reference::of(own) != Reference::of(base) {
+                    refuse(
+                        own.line,
+                        format!(
+                            "reference message {} needs CycleCount (6 bits), Discontinuity and NextIsGap in one byte from its lowest bit; SystemTime (32 bits) and PreviousStart (16 bits), if it has them, big-endian; and the same layout as {}",
+                            own.name, base.name
                         ),
                     );
                 }

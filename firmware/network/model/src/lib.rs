@@ -25,7 +25,9 @@
 //! | `WindowStart`, `WindowLength` | message | the window in the basic cycle | us |
 //! | `WindowRepeat`, `WindowOffset` | message | in which basic cycles: repeat factor and first cycle | 1..64, 0..63 |
 //!
-//! Messages that share an arbitrating window state the same window.
+//! Messages that share an arbitrating window state the same window. The
+//! reference message of a master of rank r has the identifier of rank 0 plus r;
+//! which of its bytes the protocol writes, [`Reference`] tells.
 
 mod check;
 mod frame;
@@ -33,9 +35,11 @@ pub mod generate;
 mod network;
 mod parse;
 mod problem;
+mod reference;
 mod signal;
 
 pub use frame::worst_case_bits;
 pub use network::{Message, Network, Node, SendType, Value, ValueTable, Window, WindowKind};
 pub use problem::{Problem, Problems};
+pub use reference::Reference;
 pub use signal::{ByteOrder, Piece, Signal};

@@ -1,11 +1,14 @@
-//! The system matrix.
+//! The system matrix, in the types of the crate `ttcan`.
 
 use std::fmt::Write;
 
-use super::names::{pascal, screaming, snake};
-use crate::network::{Message, Network, Window, WindowKind};
+use super::names::{doc, screaming, snake};
+use crate::{
+    network::{Message, Network, Node, Window, WindowKind},
+    reference::Reference,
+};
 
-/// Writes the system matrix of a network as constants of the crate `ttcan`.
+/// Writes the nodes that send, the windows and the system matrix of a network.
 pub fn matrix(network: &Network) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -14,7 +17,190 @@ pub fn matrix(network: &Network) -> String {
 }
 
 fn write_all(out: &mut String, network: &Network) -> std::fmt::Result {
-    let _ = (network, pascal("x"), screaming("x"), snake("x"));
-    let _: Option<(&Message, Window, WindowKind)> = None;
-    writeln!(out)
+    for (number, node) in senders(network).into_iter().enumerate() {
+        writeln!(out, "/// Node `{}`: {}", node.name, doc(&node.comment))?;
+        writeln!(
+            out,
+            "pub const {}: NodeId = NodeId({number});\n",
+            screaming(&node.name)
+        )?;
+    }
+    write_constants(out, network)?;
+    write_windows(out, network)?;
+    write_matrix(out, network)
+}
+
+/// Nodes that send at least one message, in file order.
+fn senders(network: &Network) -> Vec<&Node> {
+    let sends = |node: &&Node| network.messages.iter().any(|m| m.sender == node.name);
+    network.nodes.iter().filter(sends).collect()
+}
+
+fn write_constants(out: &mut String, network: &Network) -> std::fmt::Result {
+    writeln!(out, "/// Bit rate of the bus in bit/s.")?;
+    writeln!(out, "pub const BIT_RATE: u32 = {};\n", network.bit_rate)?;
+    writeln!(out, "/// Length of the basic cycle.")?;
+    writeln!(
+        out,
+        "pub const BASIC_CYCLE: Micros = Micros::micros({});\n",
+        network.basic_cycle_us
+    )
+}
+
+/// A window of the matrix with the name it has in Rust.
+struct Named<'n> {
+    name: String,
+    window: Window,
+    /// The one message of an exclusive window.
+    message: Option<&'n Message>,
+}
+
+fn named(network: &Network) -> Vec<Named<'_>> {
+    let windows = network.windows();
+    let arbitrating = |window: &&Window| window.kind == WindowKind::Arbitrating;
+    let several = windows.iter().filter(arbitrating).count() > 1;
+    let mut events = 0;
+    let mut named = Vec::new();
+    for window in windows {
+        let name = match window.kind {
+            WindowKind::Reference => continue,
+            WindowKind::Exclusive => None,
+            WindowKind::Arbitrating if several => {
+                events += 1;
+                Some(format!("events_{events}"))
+            }
+            WindowKind::Arbitrating => Some("events".into()),
+        };
+        let message = network
+            .messages
+            .iter()
+            .find(|message| message.window == window && name.is_none());
+        let name = name.or_else(|| message.map(|message| snake(&message.name)));
+        named.push(Named {
+            name: name.unwrap_or_default(),
+            window,
+            message,
+        });
+    }
+    named
+}
+
+fn write_windows(out: &mut String, network: &Network) -> std::fmt::Result {
+    writeln!(
+        out,
+        "/// Positions of the windows in the matrix, as the protocol reports them."
+    )?;
+    writeln!(out, "pub mod window {{")?;
+    for (index, named) in named(network).into_iter().enumerate() {
+        let contents = match named.message {
+            Some(message) => format!(
+                "Message `{}` ({}) of `{}`",
+                message.name, message.id, message.sender
+            ),
+            None => "Event messages".into(),
+        };
+        writeln!(
+            out,
+            "    /// {contents}, from {} to {} us.",
+            named.window.start_us,
+            named.window.end_us()
+        )?;
+        writeln!(
+            out,
+            "    pub const {}: usize = {index};",
+            named.name.to_uppercase()
+        )?;
+    }
+    writeln!(out, "}}\n")
+}
+
+fn write_matrix(out: &mut String, network: &Network) -> std::fmt::Result {
+    let mut masters: Vec<(u8, String)> = network
+        .nodes
+        .iter()
+        .filter_map(|node| Some((node.master_rank?, screaming(&node.name))))
+        .collect();
+    masters.sort();
+    let masters: Vec<String> = masters.into_iter().map(|(_, name)| name).collect();
+    let mut references = network
+        .messages
+        .iter()
+        .filter(|message| message.window.kind == WindowKind::Reference);
+    // The references are in the order of their identifiers, rank 0 first.
+    let base = references.next();
+    let reference = base.and_then(Reference::of).unwrap_or_default();
+
+    writeln!(out, "/// The system matrix, checked at compile time.")?;
+    writeln!(
+        out,
+        "pub const MATRIX: SystemMatrix<'static> = SystemMatrix::constant(MatrixConfig {{"
+    )?;
+    writeln!(out, "    bit_rate: BIT_RATE,")?;
+    writeln!(out, "    basic_cycle: BASIC_CYCLE,")?;
+    writeln!(out, "    cycles: {},", network.basic_cycles)?;
+    let id = base.map_or(0, |message| message.id);
+    writeln!(out, "    reference: Id::constant::<{id}>(),")?;
+    writeln!(
+        out,
+        "    reference_format: ReferenceFormat::new({}, {:?}, {}, {:?}),",
+        reference.application, reference.coarse, reference.control, reference.mark
+    )?;
+    writeln!(out, "    masters: &[{}],", masters.join(", "))?;
+    writeln!(
+        out,
+        "    transmit_enable_bits: {},",
+        network.transmit_enable_bits
+    )?;
+    writeln!(
+        out,
+        "    sync_uncertainty: Micros::micros({}),",
+        network.sync_uncertainty_us
+    )?;
+    writeln!(out, "    windows: &[")?;
+    for named in named(network) {
+        let Window {
+            start_us,
+            length_us,
+            repeat,
+            offset,
+            ..
+        } = named.window;
+        let name = &named.name;
+        let span = format!("Micros::micros({start_us}), Micros::micros({length_us})");
+        let mut window = match named.message {
+            Some(message) => format!(
+                "Window::exclusive({name:?}, {span}, Id::constant::<{}>(), {}, {})",
+                message.id,
+                message.length,
+                screaming(&message.sender)
+            ),
+            None => format!("Window::arbitrating({name:?}, {span})"),
+        };
+        if repeat > 1 {
+            let _ = write!(window, ".every({repeat}, {offset})");
+        }
+        writeln!(out, "        {window},")?;
+    }
+    writeln!(out, "    ],")?;
+    writeln!(out, "    events: &[")?;
+    for message in &network.messages {
+        if message.window.kind == WindowKind::Arbitrating {
+            writeln!(
+                out,
+                "        Event::new({:?}, Id::constant::<{}>(), {}, {}),",
+                snake(&message.name),
+                message.id,
+                message.length,
+                screaming(&message.sender)
+            )?;
+        }
+    }
+    writeln!(out, "    ],\n}});\n")?;
+    writeln!(out, "ttcan::schedule!(")?;
+    writeln!(
+        out,
+        "    /// The schedule compiled from [`MATRIX`], the same on every node."
+    )?;
+    writeln!(out, "    pub static SCHEDULE = MATRIX")?;
+    writeln!(out, ");")
 }

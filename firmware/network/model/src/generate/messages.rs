@@ -205,6 +205,7 @@ fn write_message(out: &mut String, network: &Network, message: &Message) -> std:
     )?;
     writeln!(out, "    type Bytes = [u8; {}];\n", message.length)?;
     encode(out, network, message)?;
+    frame(out, message)?;
     decode(out, network, message)?;
     visit(out, network, message)?;
     writeln!(out, "}}\n")
@@ -267,6 +268,21 @@ fn encode(out: &mut String, network: &Network, message: &Message) -> std::fmt::R
         })
         .collect();
     writeln!(out, "        [{}]\n    }}\n", bytes.join(", "))
+}
+
+fn frame(out: &mut String, message: &Message) -> std::fmt::Result {
+    let length = usize::from(message.length);
+    let names: Vec<String> = (0..length).map(|byte| format!("b{byte}")).collect();
+    let mut padded = names.clone();
+    padded.resize(8, "0".into());
+    writeln!(out, "    fn frame(&self) -> Frame {{")?;
+    writeln!(out, "        let [{}] = self.encode();", names.join(", "))?;
+    writeln!(
+        out,
+        "        Frame::from_parts(Id::constant::<{}>(), {length}, [{}])\n    }}\n",
+        message.id,
+        padded.join(", ")
+    )
 }
 
 /// The raw number of a count, kept within the limits of the signal.

@@ -1,8 +1,8 @@
 //! Writes the Rust of a network: its message types and its system matrix.
 //!
 //! The text is meant for a build script, which puts it where the network crate
-//! includes it. What it refers to (`Message`, `DecodeError`, `Signal` and, for
-//! the matrix, the crate `ttcan`) is brought into scope by that crate.
+//! includes it. That crate brings into scope what the text refers to: its own
+//! `Message`, `DecodeError` and `Signal`, and the types of `ttcan`.
 
 mod matrix;
 mod messages;
