@@ -1,0 +1,405 @@
+//! The positioning receiver: a Piksi that measures the antenna ten times a second and sends each
+//! solution as a burst of SBP frames at 1 Mbaud (thesis 6.2.4.3).
+//!
+//! A burst holds what the receiver of 2016-17 sent with its factory settings: time, position,
+//! velocity and baseline, each also in earth-centred coordinates, 296 bytes in eleven frames.
+//! With the gaps between the frames it lasts the thesis's 3.15 ms.
+
+pub mod earth;
+mod parameters;
+pub mod sbp;
+mod stream;
+
+use libm::{cos, exp, round, sin, sqrt};
+
+pub use parameters::{Base, Fix, FixChange, Parameters, StreamFault, StreamFaultKind};
+
+use crate::random::{Purpose, Stream};
+use crate::time::{PER_SECOND, SimDuration, SimTime, after, from_seconds, seconds};
+use crate::vehicle::Motion;
+use earth::Geodetic;
+use sbp::{Accuracy, Message, Vector};
+use stream::Damage;
+
+/// Time between solutions.
+pub const PERIOD: SimDuration = SimDuration::from_ticks(PER_SECOND / 10);
+
+/// Bits of a byte on the serial line: start, eight data, stop.
+const BITS: u64 = 10;
+
+/// SBP sender id of the receiver, as a fresh Piksi uses a number of its serial number.
+const SENDER: u16 = 0x88D3;
+
+/// GPS week in which every run takes place: that of 6 March 2016.
+const WEEK: u16 = 1887;
+
+/// Time of week near which every run starts, milliseconds: Monday, noon.
+const TOW: u64 = 129_600_000;
+
+/// Seconds by which GPS time was ahead of UTC in 2016.
+const LEAP_SECONDS: u64 = 17;
+
+/// Time constant of the slowly wandering error of a float or single solution, seconds.
+const WANDER: f64 = 60.0;
+
+/// Height of the antenna above the base station, metres.
+const HEIGHT: f64 = -1.2;
+
+/// A byte on the line.
+#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+pub struct TimedByte {
+    /// End of its stop bit.
+    pub at: SimTime,
+    /// Its value.
+    pub byte: u8,
+}
+
+/// A first-order Gauss-Markov process with standard deviation 1; white when its time constant
+/// is zero.
+#[derive(Copy, Clone, Debug, Default)]
+struct Wander {
+    value: f64,
+    started: bool,
+}
+
+impl Wander {
+    fn next(&mut self, constant: f64, noise: &mut Stream) -> f64 {
+        let keep = if constant > 0.0 && self.started {
+            exp(-0.1 / constant)
+        } else {
+            0.0
+        };
+        self.value = keep * self.value + sqrt(1.0 - keep * keep) * noise.normal();
+        self.started = true;
+        self.value
+    }
+}
+
+/// The receiver.
+#[derive(Clone, Debug)]
+pub struct Receiver {
+    parameters: Parameters,
+    base: Geodetic,
+    timing: Stream,
+    noise: Stream,
+    damage: Damage,
+    bit: SimDuration,
+    clock_ppm: f64,
+    phase: SimDuration,
+    epoch: SimTime,
+    count: u64,
+    line_free: SimTime,
+    errors: [Wander; 6],
+    slow: [Wander; 3],
+}
+
+impl Receiver {
+    /// A receiver that has been running before the nodes start: its first solution falls into
+    /// the first 100 ms.
+    #[must_use]
+    pub fn new(parameters: Parameters, faults: Vec<StreamFault>, seed: u64) -> Self {
+        let mut timing = Stream::new(seed, Purpose::ReceiverTiming);
+        let drawn_ppm = timing.symmetric(20.0);
+        let drawn_phase = timing.uniform() * 0.1;
+        let clock_ppm = parameters
+            .clock
+            .map_or(drawn_ppm, crate::units::Quantity::get);
+        let phase = from_seconds(
+            parameters
+                .phase
+                .map_or(drawn_phase, crate::units::Quantity::get),
+        );
+        let bit = 1e-6 / (1.0 + clock_ppm * 1e-6);
+        Self {
+            base: Geodetic {
+                latitude: parameters.base.latitude.get(),
+                longitude: parameters.base.longitude.get(),
+                height: parameters.base.height.get(),
+            },
+            timing,
+            noise: Stream::new(seed, Purpose::ReceiverNoise),
+            damage: Damage::new(faults, seed),
+            bit: from_seconds(bit),
+            clock_ppm,
+            phase,
+            epoch: SimTime::from_ticks(phase.as_ticks()),
+            count: 0,
+            line_free: SimTime::from_ticks(0),
+            errors: [Wander::default(); 6],
+            slow: [Wander::default(); 3],
+            parameters,
+        }
+    }
+
+    /// When the next solution's measurement is taken.
+    #[must_use]
+    pub fn next_epoch(&self) -> SimTime {
+        self.epoch
+    }
+
+    /// Length of a bit on the serial line.
+    #[must_use]
+    pub fn bit_time(&self) -> SimDuration {
+        self.bit
+    }
+
+    /// Error of the receiver's own clock, parts per million.
+    #[must_use]
+    pub fn clock_ppm(&self) -> f64 {
+        self.clock_ppm
+    }
+
+    /// Takes the measurement that is due at [`Receiver::next_epoch`] and returns the bytes that
+    /// it leads to, in order.
+    pub fn measure(&mut self, antenna: &Motion, fix: Fix) -> Vec<TimedByte> {
+        let epoch = self.epoch;
+        let frames: Vec<Vec<u8>> = self
+            .solution(antenna, fix)
+            .iter()
+            .map(|message| message.frame(SENDER))
+            .collect();
+        let jitter = self.timing.uniform() * self.parameters.latency_jitter.get();
+        let latency = from_seconds(self.parameters.latency.get() + jitter);
+        let begin = after(epoch, latency).max(self.line_free);
+        let gap = self.parameters.frame_gap.span();
+
+        let mut bytes = Vec::new();
+        let mut line = begin;
+        for frame in self.damage.apply(epoch, frames) {
+            for byte in frame {
+                line = after(line, self.bit * BITS as u32);
+                bytes.push(TimedByte { at: line, byte });
+            }
+            line = after(line, gap);
+        }
+        self.advance_epoch(fix);
+        // A flood leaves no pause before the next burst.
+        let byte_time = (self.bit * BITS as u32).as_ticks();
+        let quiet = self.epoch.as_ticks() + latency.as_ticks();
+        let room = quiet.saturating_sub(line.as_ticks()) / byte_time;
+        for byte in self.damage.flood(epoch, room as usize) {
+            line = after(line, self.bit * BITS as u32);
+            bytes.push(TimedByte { at: line, byte });
+        }
+        self.line_free = line;
+        bytes
+    }
+
+    /// Solutions are steered to whole tenths of GPS time; without satellites the receiver runs on
+    /// its own clock, and returns to the grid when they come back.
+    fn advance_epoch(&mut self, fix: Fix) {
+        self.count += 1;
+        let step = PERIOD.as_ticks() as f64;
+        self.epoch = if fix == Fix::None {
+            let own = step * (1.0 - self.clock_ppm * 1e-6);
+            SimTime::from_ticks(self.epoch.as_ticks() + own.round() as u64)
+        } else {
+            SimTime::from_ticks(self.phase.as_ticks() + (self.tenths() + 1) * PERIOD.as_ticks())
+        };
+    }
+
+    /// Whole tenths of GPS time since the first solution, to the nearest.
+    fn tenths(&self) -> u64 {
+        let past = self.epoch.as_ticks().saturating_sub(self.phase.as_ticks());
+        (past + PERIOD.as_ticks() / 2) / PERIOD.as_ticks()
+    }
+
+    /// Time of week of the current epoch, milliseconds: a whole tenth of a second.
+    fn tow(&self) -> u32 {
+        (TOW + self.tenths() * 100) as u32
+    }
+
+    fn solution(&mut self, antenna: &Motion, fix: Fix) -> Vec<Message> {
+        let tow = self.tow();
+        let noise = self.errors_now(fix);
+        let true_position = [antenna.north, antenna.east, HEIGHT];
+        let position = [0, 1, 2].map(|i| true_position[i] + noise.position[i]);
+        let (s, c) = (
+            sin(self.parameters.heading_bias.get()),
+            cos(self.parameters.heading_bias.get()),
+        );
+        let velocity = [
+            c * antenna.north_speed - s * antenna.east_speed + noise.velocity[0],
+            s * antenna.north_speed + c * antenna.east_speed + noise.velocity[1],
+            noise.velocity[2],
+        ];
+
+        let solved = fix != Fix::None;
+        let satellites = match fix {
+            Fix::None => 0,
+            Fix::Single => 7,
+            Fix::Float => 8,
+            Fix::Fixed => 10,
+        };
+        let accuracy = Accuracy::Split(millimetres(noise.sigma), millimetres(1.5 * noise.sigma));
+        let accuracy_all = Accuracy::Overall(millimetres(1.8 * noise.sigma));
+        let v_accuracy = millimetres(self.parameters.velocity_noise.get());
+        let zero_unless = |yes: bool, components: [f64; 3]| {
+            if yes { components } else { [0.0; 3] }
+        };
+        let whole = |v: [f64; 3]| v.map(|metres| round(metres * 1000.0) as i32);
+
+        let place = self.base.offset(zero_unless(solved, position));
+        let baseline = zero_unless(fix.has_baseline(), position);
+        let velocity = zero_unless(solved, velocity);
+        let heading = if fix.has_baseline() {
+            let angle = libm::atan2(baseline[1], baseline[0]).to_degrees();
+            round((angle + 360.0) % 360.0 * 1000.0) as u32 % 360_000
+        } else {
+            0
+        };
+        let degrees = zero_unless(
+            solved,
+            [
+                place.latitude.to_degrees(),
+                place.longitude.to_degrees(),
+                place.height,
+            ],
+        );
+        let metres = |components, accuracy| Vector {
+            tow,
+            components,
+            accuracy,
+            satellites,
+            flags: fix.position_flags(),
+        };
+        let integers = |components, accuracy, flags| Vector {
+            tow,
+            components: whole(components),
+            accuracy,
+            satellites,
+            flags,
+        };
+        let baseline_flags = fix.baseline_flags();
+        let velocity_flags = u8::from(solved);
+
+        let mut messages = vec![
+            Message::GpsTime {
+                week: WEEK,
+                tow,
+                residual: 0,
+                flags: u8::from(solved),
+            },
+            utc(tow, solved),
+            Message::PositionLlh(metres(degrees, accuracy)),
+            Message::PositionEcef(metres(zero_unless(solved, place.ecef()), accuracy_all)),
+            Message::VelocityNed(integers(
+                velocity,
+                Accuracy::Split(v_accuracy, v_accuracy),
+                velocity_flags,
+            )),
+            Message::VelocityEcef(integers(
+                self.base.rotate(velocity),
+                Accuracy::Overall(v_accuracy),
+                velocity_flags,
+            )),
+            Message::Dops {
+                tow,
+                values: if solved {
+                    [180, 160, 90, 80, 130]
+                } else {
+                    [u16::MAX; 5]
+                },
+                flags: fix.position_flags(),
+            },
+            Message::BaselineNed(integers(baseline, accuracy, baseline_flags)),
+            Message::BaselineEcef(integers(
+                self.base.rotate(baseline),
+                accuracy_all,
+                baseline_flags,
+            )),
+            Message::BaselineHeading {
+                tow,
+                heading,
+                satellites,
+                flags: baseline_flags,
+            },
+            Message::AgeOfCorrections {
+                tow,
+                age: if fix.has_baseline() { 10 } else { u16::MAX },
+            },
+        ];
+        if self.count.is_multiple_of(10) {
+            messages.push(Message::Heartbeat(0));
+        }
+        messages
+    }
+
+    /// Draws the errors of one solution. The same numbers are drawn in every fix state, so that
+    /// losing the fix does not change the noise of the rest of the run.
+    fn errors_now(&mut self, fix: Fix) -> Errors {
+        let constant = self.parameters.correlation.get();
+        let fast = self
+            .errors
+            .each_mut()
+            .map(|e| e.next(constant, &mut self.noise));
+        let slow = self
+            .slow
+            .each_mut()
+            .map(|e| e.next(WANDER, &mut self.noise));
+        let fixed = self.parameters.noise.get();
+        let (own, wander) = match fix {
+            Fix::Fixed => (fixed, 0.0),
+            Fix::Float => (fixed, 0.3),
+            Fix::Single | Fix::None => (fixed, 1.5),
+        };
+        let mut position = [0, 1, 2].map(|i| own * fast[i] + wander * slow[i]);
+        // Heights are worse than horizontal positions, because no satellite is below.
+        position[2] *= 1.5;
+        let velocity = self.parameters.velocity_noise.get();
+        Errors {
+            position,
+            velocity: [velocity * fast[3], velocity * fast[4], velocity * fast[5]],
+            sigma: sqrt(own * own + wander * wander),
+        }
+    }
+}
+
+struct Errors {
+    position: [f64; 3],
+    velocity: [f64; 3],
+    sigma: f64,
+}
+
+fn millimetres(metres: f64) -> u16 {
+    round(metres * 1000.0).clamp(0.0, 65_535.0) as u16
+}
+
+fn utc(tow: u32, solved: bool) -> Message {
+    let second = u64::from(tow) / 1000 - LEAP_SECONDS;
+    Message::UtcTime {
+        flags: u8::from(solved),
+        tow,
+        year: 2016,
+        fields: [
+            3,
+            // The week begins on Sunday, 6 March.
+            6 + (second / 86_400) as u8,
+            (second / 3600 % 24) as u8,
+            (second / 60 % 60) as u8,
+            (second % 60) as u8,
+        ],
+        nanoseconds: tow % 1000 * 1_000_000,
+    }
+}
+
+/// Length of the longest burst without faults, seconds, for a receiver with `parameters`.
+#[must_use]
+pub fn burst_seconds(parameters: &Parameters) -> f64 {
+    let mut receiver = Receiver::new(parameters.clone(), Vec::new(), 0);
+    let still = Motion {
+        north: 0.0,
+        east: 0.0,
+        north_speed: 0.0,
+        east_speed: 0.0,
+    };
+    receiver.count = 1;
+    let bytes = receiver.measure(&still, Fix::Fixed);
+    match (bytes.first(), bytes.last()) {
+        (Some(first), Some(last)) => {
+            seconds(last.at) - seconds(first.at)
+                + seconds(SimTime::from_ticks(receiver.bit.as_ticks() * BITS))
+        }
+        _ => 0.0,
+    }
+}

@@ -1,0 +1,173 @@
+//! What a scenario may say about the receiver.
+
+use serde::{Deserialize, Serialize};
+
+use crate::units::{Angle, Length, Ppm, Ratio, Speed, Time};
+
+/// The receiver. Every field may be left out of a scenario.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// Standard deviation of a fixed position, each coordinate, 0 to 1 m. Default 1 cm.
+    pub noise: Length,
+    /// Standard deviation of the velocity, each coordinate, 0 to 1 m/s. Default 1 cm/s.
+    pub velocity_noise: Speed,
+    /// Time constant of the noise, 0 to 600 s. Default 0 s: white.
+    pub correlation: Time,
+    /// Measurement to first byte, 0 to 90 ms. Default 40 ms.
+    pub latency: Time,
+    /// Latency added at random, between nothing and this, 0 to 10 ms. Default 100 us.
+    pub latency_jitter: Time,
+    /// Pause between two frames of a burst, 0 to 1 ms. Default 19 us.
+    pub frame_gap: Time,
+    /// Rotation of the velocity vector that the receiver reports, -10 to 10 deg. Default 0 deg.
+    pub heading_bias: Angle,
+    /// Error of the receiver's clock, -100 to 100 ppm; drawn within 20 ppm when left out.
+    pub clock: Option<Ppm>,
+    /// Start of the run to first measurement, 0 to 100 ms; drawn when left out.
+    pub phase: Option<Time>,
+    /// Fix at the start of the run. Default fixed.
+    pub fix: Fix,
+    /// Where the base station stands.
+    pub base: Base,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            noise: Length::new(0.01),
+            velocity_noise: Speed::new(0.01),
+            correlation: Time::new(0.0),
+            latency: Time::new(0.04),
+            latency_jitter: Time::new(100e-6),
+            frame_gap: Time::new(19e-6),
+            heading_bias: Angle::degrees(0.0),
+            clock: None,
+            phase: None,
+            fix: Fix::Fixed,
+            base: Base::default(),
+        }
+    }
+}
+
+/// Place of the base station: the origin of all northings and eastings.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Base {
+    /// Latitude, -89 to 89 deg.
+    pub latitude: Angle,
+    /// Longitude, -180 to 180 deg.
+    pub longitude: Angle,
+    /// Height above the ellipsoid, -500 to 9000 m.
+    pub height: Length,
+}
+
+impl Default for Base {
+    /// The thesis's test track in Lincoln, Nebraska, to a hundredth of a degree.
+    fn default() -> Self {
+        Self {
+            latitude: Angle::degrees(40.83),
+            longitude: Angle::degrees(-96.66),
+            height: Length::new(330.0),
+        }
+    }
+}
+
+/// Quality of the solution.
+#[derive(Copy, Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Fix {
+    /// No satellites.
+    None,
+    /// Satellites, no corrections from the base.
+    Single,
+    /// Corrections, ambiguities not resolved.
+    Float,
+    /// Carrier-phase ambiguities resolved.
+    Fixed,
+}
+
+impl Fix {
+    /// The word that scenario files and reports use.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Single => "single",
+            Self::Float => "float",
+            Self::Fixed => "fixed",
+        }
+    }
+
+    /// Flags of the position messages.
+    #[must_use]
+    pub const fn position_flags(self) -> u8 {
+        match self {
+            Self::None => 0,
+            Self::Single => 1,
+            Self::Float => 3,
+            Self::Fixed => 4,
+        }
+    }
+
+    /// Flags of the baseline messages.
+    #[must_use]
+    pub const fn baseline_flags(self) -> u8 {
+        match self {
+            Self::None | Self::Single => 0,
+            Self::Float => 3,
+            Self::Fixed => 4,
+        }
+    }
+
+    /// Whether there is a baseline to the base station.
+    #[must_use]
+    pub const fn has_baseline(self) -> bool {
+        matches!(self, Self::Float | Self::Fixed)
+    }
+}
+
+/// The fix changes.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FixChange {
+    /// When.
+    pub at: Time,
+    /// To what.
+    pub state: Fix,
+}
+
+/// The byte stream is damaged for a while.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StreamFault {
+    /// First instant.
+    pub from: Time,
+    /// Last instant; the end of the run when left out.
+    pub until: Option<Time>,
+    /// Kind of damage.
+    pub fault: StreamFaultKind,
+    /// How often, where the kind has a rate: 0 to 100 %, default 1 %.
+    #[serde(default = "default_rate")]
+    pub rate: Ratio,
+}
+
+fn default_rate() -> Ratio {
+    Ratio::new(0.01)
+}
+
+/// Kinds of damage.
+#[derive(Copy, Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum StreamFaultKind {
+    /// `rate` of the bytes have one bit inverted.
+    Flip,
+    /// `rate` of the frames end early.
+    Truncate,
+    /// `rate` of the frames have wrong length bytes with a right check value.
+    Length,
+    /// Random bytes without pause until the next burst.
+    Flood,
+    /// Nothing is sent.
+    Silence,
+}

@@ -1,0 +1,77 @@
+//! Damage to the receiver's byte stream.
+
+use super::parameters::{StreamFault, StreamFaultKind};
+use super::sbp;
+use crate::random::{Purpose, Stream};
+use crate::time::{SimTime, seconds};
+
+/// Applies the faults that a scenario asks for.
+#[derive(Clone, Debug)]
+pub(super) struct Damage {
+    faults: Vec<StreamFault>,
+    random: Stream,
+}
+
+impl Damage {
+    pub(super) fn new(faults: Vec<StreamFault>, seed: u64) -> Self {
+        Self {
+            faults,
+            random: Stream::new(seed, Purpose::StreamFaults),
+        }
+    }
+
+    fn active(&self, now: SimTime) -> Vec<(StreamFaultKind, f64)> {
+        let now = seconds(now);
+        self.faults
+            .iter()
+            .filter(|f| f.from.get() <= now && f.until.is_none_or(|until| now < until.get()))
+            .map(|f| (f.fault, f.rate.get()))
+            .collect()
+    }
+
+    /// The frames of one burst as they leave the receiver.
+    pub(super) fn apply(&mut self, now: SimTime, mut frames: Vec<Vec<u8>>) -> Vec<Vec<u8>> {
+        for (kind, rate) in self.active(now) {
+            match kind {
+                StreamFaultKind::Silence => frames.clear(),
+                StreamFaultKind::Flood => {}
+                StreamFaultKind::Flip => {
+                    for byte in frames.iter_mut().flatten() {
+                        if self.random.uniform() < rate {
+                            *byte ^= 1 << self.random.below(8);
+                        }
+                    }
+                }
+                StreamFaultKind::Truncate => {
+                    for frame in &mut frames {
+                        if self.random.uniform() < rate {
+                            frame.truncate(self.random.below(frame.len()));
+                        }
+                    }
+                }
+                StreamFaultKind::Length => {
+                    for frame in &mut frames {
+                        if self.random.uniform() < rate && frame.len() > sbp::OVERHEAD {
+                            let length = self.random.byte();
+                            let end = frame.len() - 2;
+                            frame[5] = length;
+                            let crc = sbp::crc(&frame[1..end]).to_le_bytes();
+                            frame[end..].copy_from_slice(&crc);
+                        }
+                    }
+                }
+            }
+        }
+        frames
+    }
+
+    /// Up to `room` bytes that fill the pause after a burst.
+    pub(super) fn flood(&mut self, now: SimTime, room: usize) -> Vec<u8> {
+        let flooding = self
+            .active(now)
+            .iter()
+            .any(|(kind, _)| *kind == StreamFaultKind::Flood);
+        let count = if flooding { room } else { 0 };
+        (0..count).map(|_| self.random.byte()).collect()
+    }
+}

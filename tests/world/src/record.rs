@@ -1,0 +1,58 @@
+//! What a run leaves behind of the world.
+
+use crate::node::Node;
+use crate::receiver::Fix;
+use crate::time::SimTime;
+
+/// The vehicle at one instant.
+#[derive(Copy, Clone, Debug, PartialEq)]
+pub struct StateSample {
+    /// When.
+    pub at: SimTime,
+    /// True northing of the antenna, metres.
+    pub north: f64,
+    /// True easting of the antenna, metres.
+    pub east: f64,
+    /// Heading of the body, radians clockwise from north, not wrapped.
+    pub heading: f64,
+    /// Steering angle that the potentiometer sees, radians, positive right.
+    pub steering: f64,
+    /// Speed of the rear wheels, metres per second.
+    pub speed: f64,
+    /// Effort of the steering motor driver, -1 to 1.
+    pub steering_effort: f64,
+    /// Effort of the drive motor driver, -1 to 1.
+    pub drive_effort: f64,
+    /// Quality of the receiver's solution.
+    pub fix: Fix,
+}
+
+/// A motor driver's effort changes.
+#[derive(Copy, Clone, Debug, PartialEq)]
+pub struct EffortChange {
+    /// End of the byte that changed it.
+    pub at: SimTime,
+    /// The node that sent the byte.
+    pub node: Node,
+    /// The byte.
+    pub byte: u8,
+    /// The effort from then on, -1 to 1.
+    pub effort: f64,
+}
+
+/// Traffic between the nodes and their devices.
+#[derive(Copy, Clone, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Bytes the receiver sent.
+    pub receiver_bytes: u64,
+    /// Bytes that the motor drivers took.
+    pub motor_bytes: u64,
+    /// Bytes lost at the motor drivers because of a wrong baud rate.
+    pub motor_wrong_baud: u64,
+    /// Commands that the display executed.
+    pub lcd_commands: u64,
+    /// Bytes lost at the display because of a wrong baud rate.
+    pub lcd_wrong_baud: u64,
+    /// Bytes sent to a device that listens to nobody, such as the receiver.
+    pub unheard_bytes: u64,
+}

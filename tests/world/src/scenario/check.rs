@@ -1,0 +1,326 @@
+//! Ranges of a scenario's values.
+
+use super::{BusEvent, Scenario};
+use crate::node::Node;
+use crate::units::{
+    Angle, Compliance, Count, CountSlope, Kind, Length, Ppm, Quantity, Rate, Ratio, Speed, Time,
+};
+
+/// The range of values that a field accepts.
+struct Range<K> {
+    least: Quantity<K>,
+    most: Quantity<K>,
+    /// Whether `least` itself is refused.
+    open: bool,
+}
+
+fn between<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
+    Range {
+        least,
+        most,
+        open: false,
+    }
+}
+
+fn above<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
+    Range {
+        least,
+        most,
+        open: true,
+    }
+}
+
+type Outcome = Result<(), String>;
+
+fn within<K: Kind>(field: &str, value: Quantity<K>, range: Range<K>) -> Outcome {
+    let low = if range.open {
+        value <= range.least
+    } else {
+        value < range.least
+    };
+    if low || value > range.most {
+        let from = if range.open { "above " } else { "" };
+        return Err(format!(
+            "{field}: {value} is out of range, it takes {from}{} to {}",
+            range.least, range.most
+        ));
+    }
+    Ok(())
+}
+
+fn whole(field: &str, value: u64, least: u64, most: u64) -> Outcome {
+    if (least..=most).contains(&value) {
+        Ok(())
+    } else {
+        Err(format!(
+            "{field}: {value} is out of range, it takes {least} to {most}"
+        ))
+    }
+}
+
+fn times() -> Range<crate::units::TimeKind> {
+    between(Time::new(0.0), Time::new(86_400.0))
+}
+
+fn coordinates() -> Range<crate::units::LengthKind> {
+    between(Length::new(-10_000.0), Length::new(10_000.0))
+}
+
+fn later(field: &str, from: Time, until: Option<Time>) -> Outcome {
+    let Some(until) = until else { return Ok(()) };
+    within(&format!("{field}.until"), until, times())?;
+    if until <= from {
+        return Err(format!(
+            "{field}.until: {until} is not after the beginning at {from}"
+        ));
+    }
+    Ok(())
+}
+
+/// The first value out of its range, as `field: value is out of range, it takes ...`.
+pub(super) fn check(scenario: &Scenario) -> Outcome {
+    within(
+        "duration",
+        scenario.duration,
+        above(Time::new(0.0), Time::new(86_400.0)),
+    )?;
+    vehicle(scenario)?;
+    start(scenario)?;
+    ground(scenario)?;
+    receiver(scenario)?;
+    within(
+        "lcd.delay",
+        scenario.lcd.delay,
+        between(Time::new(0.0), Time::new(0.1)),
+    )?;
+    for node in Node::ALL {
+        let clock = scenario.nodes.get(node);
+        for (name, ppm, most) in [
+            ("crystal", clock.crystal, 100.0),
+            ("internal", clock.internal, 10_000.0),
+        ] {
+            if let Some(ppm) = ppm {
+                let range = between(Ppm::new(-most), Ppm::new(most));
+                within(&format!("nodes.{node}.{name}"), ppm, range)?;
+            }
+        }
+    }
+    operator(scenario)?;
+    faults(scenario)
+}
+
+fn start(scenario: &Scenario) -> Outcome {
+    let start = &scenario.start;
+    within("start.north", start.north, coordinates())?;
+    within("start.east", start.east, coordinates())?;
+    let turn = between(Angle::degrees(-360.0), Angle::degrees(360.0));
+    within("start.heading", start.heading, turn)?;
+    let limit = scenario.vehicle.steering_limit.get();
+    let stops = between(Angle::new(-limit), Angle::new(limit));
+    within("start.steering", start.steering, stops)?;
+    let speeds = between(Speed::new(0.0), scenario.vehicle.top_speed);
+    within("start.speed", start.speed, speeds)?;
+    for (name, point) in [("from", scenario.line.from), ("to", scenario.line.to)] {
+        within(&format!("line.{name}.north"), point.north, coordinates())?;
+        within(&format!("line.{name}.east"), point.east, coordinates())?;
+    }
+    if scenario.line.length() < 1.0 {
+        return Err("line: the two waypoints coincide, they must be at least 1 m apart".into());
+    }
+    Ok(())
+}
+
+fn vehicle(scenario: &Scenario) -> Outcome {
+    let v = &scenario.vehicle;
+    let lengths = || above(Length::new(0.0), Length::new(10.0));
+    let bands = || between(Ratio::new(0.0), Ratio::new(0.5));
+    within("vehicle.rear_to_antenna", v.rear_to_antenna, lengths())?;
+    within("vehicle.antenna_to_front", v.antenna_to_front, lengths())?;
+    within(
+        "vehicle.top_speed",
+        v.top_speed,
+        above(Speed::new(0.0), Speed::new(10.0)),
+    )?;
+    within("vehicle.drive_dead_band", v.drive_dead_band, bands())?;
+    within(
+        "vehicle.drive_lag",
+        v.drive_lag,
+        between(Time::new(0.0), Time::new(10.0)),
+    )?;
+    let limits = above(Angle::degrees(0.0), Angle::degrees(60.0));
+    within("vehicle.steering_limit", v.steering_limit, limits)?;
+    let rates = above(Rate::degrees(0.0), Rate::degrees(180.0));
+    within("vehicle.steering_rate", v.steering_rate, rates)?;
+    let gains = between(Ratio::new(0.1), Ratio::new(2.0));
+    within("vehicle.actuator_gain", v.actuator_gain, gains)?;
+    within("vehicle.dead_band_right", v.dead_band_right, bands())?;
+    within("vehicle.dead_band_left", v.dead_band_left, bands())?;
+    let biases = between(Angle::degrees(-10.0), Angle::degrees(10.0));
+    within("vehicle.steering_bias", v.steering_bias, biases)?;
+    let readings = between(Count::new(0.0), Count::new(4095.0));
+    within("vehicle.pot_centre", v.pot_centre, readings)?;
+    let steepest = 80.0 * 180.0 / core::f64::consts::PI;
+    let slopes = between(CountSlope::new(-steepest), CountSlope::new(steepest));
+    within("vehicle.pot_slope", v.pot_slope, slopes)?;
+    if v.pot_slope.get() == 0.0 {
+        return Err("vehicle.pot_slope: 0 counts/deg would hide the steering angle".into());
+    }
+    within(
+        "vehicle.pot_noise",
+        v.pot_noise,
+        between(Count::new(0.0), Count::new(100.0)),
+    )
+}
+
+fn ground(scenario: &Scenario) -> Outcome {
+    let g = &scenario.ground;
+    within(
+        "ground.slope",
+        g.slope,
+        between(Angle::degrees(0.0), Angle::degrees(30.0)),
+    )?;
+    let turn = between(Angle::degrees(-360.0), Angle::degrees(360.0));
+    within("ground.downhill", g.downhill, turn)?;
+    let softest = 60.0 * core::f64::consts::PI / 180.0;
+    let slips = || between(Compliance::new(0.0), Compliance::new(softest));
+    within("ground.front_slip", g.front_slip, slips())?;
+    within("ground.rear_slip", g.rear_slip, slips())?;
+    within(
+        "ground.wheel_slip",
+        g.wheel_slip,
+        between(Ratio::new(0.0), Ratio::new(0.9)),
+    )
+}
+
+fn receiver(scenario: &Scenario) -> Outcome {
+    let r = &scenario.receiver;
+    within(
+        "receiver.noise",
+        r.noise,
+        between(Length::new(0.0), Length::new(1.0)),
+    )?;
+    let speeds = between(Speed::new(0.0), Speed::new(1.0));
+    within("receiver.velocity_noise", r.velocity_noise, speeds)?;
+    let constants = between(Time::new(0.0), Time::new(600.0));
+    within("receiver.correlation", r.correlation, constants)?;
+    within(
+        "receiver.latency",
+        r.latency,
+        between(Time::new(0.0), Time::new(0.09)),
+    )?;
+    let jitters = between(Time::new(0.0), Time::new(0.01));
+    within("receiver.latency_jitter", r.latency_jitter, jitters)?;
+    within(
+        "receiver.frame_gap",
+        r.frame_gap,
+        between(Time::new(0.0), Time::new(1e-3)),
+    )?;
+    let biases = between(Angle::degrees(-10.0), Angle::degrees(10.0));
+    within("receiver.heading_bias", r.heading_bias, biases)?;
+    if let Some(clock) = r.clock {
+        within(
+            "receiver.clock",
+            clock,
+            between(Ppm::new(-100.0), Ppm::new(100.0)),
+        )?;
+    }
+    if let Some(phase) = r.phase {
+        within(
+            "receiver.phase",
+            phase,
+            between(Time::new(0.0), Time::new(0.1)),
+        )?;
+    }
+    let latitudes = between(Angle::degrees(-89.0), Angle::degrees(89.0));
+    within("receiver.base.latitude", r.base.latitude, latitudes)?;
+    let longitudes = between(Angle::degrees(-180.0), Angle::degrees(180.0));
+    within("receiver.base.longitude", r.base.longitude, longitudes)?;
+    let heights = between(Length::new(-500.0), Length::new(9000.0));
+    within("receiver.base.height", r.base.height, heights)?;
+    for (i, change) in scenario.fix.iter().enumerate() {
+        within(&format!("fix[{i}].at"), change.at, times())?;
+    }
+    for (i, fault) in scenario.stream.iter().enumerate() {
+        within(&format!("stream[{i}].from"), fault.from, times())?;
+        later(&format!("stream[{i}]"), fault.from, fault.until)?;
+        let rates = between(Ratio::new(0.0), Ratio::new(1.0));
+        within(&format!("stream[{i}].rate"), fault.rate, rates)?;
+    }
+    Ok(())
+}
+
+fn operator(scenario: &Scenario) -> Outcome {
+    for (i, press) in scenario.press.iter().enumerate() {
+        within(&format!("press[{i}].at"), press.at, times())?;
+        let holds = between(Time::new(1e-3), Time::new(60.0));
+        within(&format!("press[{i}].hold"), press.hold, holds)?;
+        let bounces = between(Time::new(0.0), Time::new(0.05));
+        within(&format!("press[{i}].bounce"), press.bounce, bounces)?;
+        if press.bounce > press.hold {
+            return Err(format!(
+                "press[{i}].bounce: {} is longer than the button is held, {}",
+                press.bounce, press.hold
+            ));
+        }
+    }
+    for (i, joystick) in scenario.joystick.iter().enumerate() {
+        within(&format!("joystick[{i}].at"), joystick.at, times())?;
+        let shares = || between(Ratio::new(-1.0), Ratio::new(1.0));
+        within(&format!("joystick[{i}].right"), joystick.right, shares())?;
+        within(
+            &format!("joystick[{i}].forward"),
+            joystick.forward,
+            shares(),
+        )?;
+    }
+    for (i, change) in scenario.stop_loop.iter().enumerate() {
+        within(&format!("stop_loop[{i}].at"), change.at, times())?;
+    }
+    Ok(())
+}
+
+fn faults(scenario: &Scenario) -> Outcome {
+    for (i, reset) in scenario.reset.iter().enumerate() {
+        within(&format!("reset[{i}].at"), reset.at, times())?;
+        later(&format!("reset[{i}]"), reset.at, reset.until)?;
+    }
+    for (i, event) in scenario.bus.iter().enumerate() {
+        let field = format!("bus[{i}]");
+        match event {
+            BusEvent::Frame {
+                at,
+                id,
+                data,
+                every,
+                until,
+            } => {
+                within(&format!("{field}.at"), *at, times())?;
+                whole(&format!("{field}.id"), u64::from(*id), 0, 2047)?;
+                whole(
+                    &format!("number of bytes in {field}.data"),
+                    data.len() as u64,
+                    0,
+                    8,
+                )?;
+                if let Some(every) = every {
+                    let periods = between(Time::new(100e-6), Time::new(86_400.0));
+                    within(&format!("{field}.every"), *every, periods)?;
+                }
+                later(&field, *at, *until)?;
+            }
+            BusEvent::Corrupt { at, id, count } => {
+                within(&format!("{field}.at"), *at, times())?;
+                if let Some(id) = id {
+                    whole(&format!("{field}.id"), u64::from(*id), 0, 2047)?;
+                }
+                whole(&format!("{field}.count"), u64::from(*count), 1, 1000)?;
+            }
+            BusEvent::Dominant { at, hold } => {
+                within(&format!("{field}.at"), *at, times())?;
+                let holds = above(Time::new(0.0), Time::new(1.0));
+                within(&format!("{field}.hold"), *hold, holds)?;
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,91 @@
+//! One sentence for everything that may be wrong with a scenario.
+
+use core::fmt;
+
+use super::builtin;
+
+/// Why a scenario cannot be used. Displays as one sentence.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ScenarioError {
+    sentence: String,
+}
+
+impl fmt::Display for ScenarioError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.sentence)
+    }
+}
+
+impl core::error::Error for ScenarioError {}
+
+/// Line of a byte offset, counted from 1.
+fn line(text: &str, offset: usize) -> usize {
+    text.bytes()
+        .take(offset)
+        .filter(|byte| *byte == b'\n')
+        .count()
+        + 1
+}
+
+/// A parser's message as one phrase.
+fn phrase(message: &str) -> String {
+    message.trim().trim_end_matches('.').replace('\n', ", ")
+}
+
+impl ScenarioError {
+    pub(super) fn unknown(name: &str) -> Self {
+        let names: Vec<&str> = builtin::ALL.iter().map(|builtin| builtin.name).collect();
+        Self {
+            sentence: format!(
+                "there is no scenario {name:?}: name one of {} or the path of a TOML file",
+                names.join(", ")
+            ),
+        }
+    }
+
+    pub(super) fn unreadable(path: &str, error: &std::io::Error) -> Self {
+        let why = match error.kind() {
+            std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
+            std::io::ErrorKind::PermissionDenied => "permission denied".to_owned(),
+            std::io::ErrorKind::InvalidData => "it is not text in UTF-8".to_owned(),
+            std::io::ErrorKind::IsADirectory => "it is a folder".to_owned(),
+            _ => error.to_string(),
+        };
+        Self {
+            sentence: format!("scenario {path} cannot be read: {why}"),
+        }
+    }
+
+    pub(super) fn syntax(place: &str, text: &str, error: &toml::de::Error) -> Self {
+        let line = line(text, error.span().map_or(0, |span| span.start));
+        Self {
+            sentence: format!(
+                "scenario {place}, line {line}, is not TOML: {}",
+                phrase(error.message())
+            ),
+        }
+    }
+
+    pub(super) fn field(
+        place: &str,
+        text: &str,
+        error: &serde_path_to_error::Error<toml::de::Error>,
+    ) -> Self {
+        let path = error.path().to_string();
+        let inner = error.inner();
+        let line = line(text, inner.span().map_or(0, |span| span.start));
+        let message = phrase(inner.message());
+        let sentence = if path == "." || path == "?" {
+            format!("scenario {place}, line {line}: {message}")
+        } else {
+            format!("scenario {place}, line {line}, {path}: {message}")
+        };
+        Self { sentence }
+    }
+
+    pub(super) fn value(place: &str, problem: &str) -> Self {
+        Self {
+            sentence: format!("scenario {place}, {problem}"),
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Things that happen at stated times.
+
+use serde::Deserialize;
+
+use crate::node::Node;
+use crate::units::{Ratio, Time};
+
+/// A button that the operator can press.
+#[derive(Copy, Clone, Debug, PartialEq, Eq, Deserialize)]
+pub enum Button {
+    /// Remote: idle, and release of an emergency stop.
+    A,
+    /// Remote: manual.
+    B,
+    /// Remote: autonomous, ready then run.
+    C,
+    /// Remote: emergency stop.
+    D,
+    /// Switch of the joystick, which means the same as D (thesis 5.2.5).
+    J,
+}
+
+/// A button is pressed and released.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ButtonPress {
+    /// When it goes down.
+    pub at: Time,
+    /// Which one.
+    pub button: Button,
+    /// How long it stays down, 1 ms to 60 s. Default 200 ms.
+    #[serde(default = "default_hold")]
+    pub hold: Time,
+    /// How long its contact bounces after each edge, 0 to 50 ms. Default 2 ms.
+    #[serde(default = "default_bounce")]
+    pub bounce: Time,
+}
+
+fn default_hold() -> Time {
+    Time::new(0.2)
+}
+
+fn default_bounce() -> Time {
+    Time::new(0.002)
+}
+
+/// The joystick is moved and stays there.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JoystickMove {
+    /// When.
+    pub at: Time,
+    /// Share of the way to the right, -100 to 100 %. Default 0 %.
+    #[serde(default = "centre")]
+    pub right: Ratio,
+    /// Share of the way forward, -100 to 100 %. Default 0 %.
+    #[serde(default = "centre")]
+    pub forward: Ratio,
+}
+
+fn centre() -> Ratio {
+    Ratio::new(0.0)
+}
+
+/// The emergency-stop loop opens or closes.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StopLoopChange {
+    /// When.
+    pub at: Time,
+    /// True opens the loop, which stops the vehicle.
+    pub open: bool,
+}
+
+/// A node's reset line is pulled low.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ResetEvent {
+    /// Which node.
+    pub node: Node,
+    /// When.
+    pub at: Time,
+    /// When it is released; never when left out.
+    pub until: Option<Time>,
+}
+
+/// Something foreign happens on the bus.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(tag = "what", rename_all = "lowercase", deny_unknown_fields)]
+pub enum BusEvent {
+    /// A foreign node sends a frame, perhaps again and again.
+    Frame {
+        /// When it is first queued.
+        at: Time,
+        /// Standard identifier, 0 to 2047.
+        id: u16,
+        /// 0 to 8 bytes.
+        #[serde(default)]
+        data: Vec<u8>,
+        /// Time to the next one, at least 100 us; sent once when left out.
+        every: Option<Time>,
+        /// No more are queued from then on; the end of the run when left out.
+        until: Option<Time>,
+    },
+    /// The next frames are hit by a wrong bit and end in an error frame.
+    Corrupt {
+        /// When.
+        at: Time,
+        /// Only frames with this identifier; any frame when left out.
+        id: Option<u16>,
+        /// How many, 1 to 1000. Default 1.
+        #[serde(default = "once")]
+        count: u32,
+    },
+    /// The bus is held dominant.
+    Dominant {
+        /// When.
+        at: Time,
+        /// How long, above 0 to 1 s.
+        hold: Time,
+    },
+}
+
+fn once() -> u32 {
+    1
+}

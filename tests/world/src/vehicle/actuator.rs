@@ -1,0 +1,46 @@
+//! The linear actuator that steers the front wheels.
+
+use super::Parameters;
+
+/// Effort to steering rate: a dead band for each sign, then linear (thesis 5.2.6, Figure 5.20),
+/// between two mechanical end stops.
+#[derive(Copy, Clone, Debug)]
+pub struct SteeringActuator {
+    /// Effort of the motor driver, -1 to 1.
+    pub effort: f64,
+    limit: f64,
+    rate: f64,
+    right_band: f64,
+    left_band: f64,
+}
+
+impl SteeringActuator {
+    /// An actuator without effort.
+    #[must_use]
+    pub fn new(parameters: &Parameters) -> Self {
+        Self {
+            effort: 0.0,
+            limit: parameters.steering_limit.get(),
+            rate: parameters.steering_rate.get() * parameters.actuator_gain.get(),
+            right_band: parameters.dead_band_right.get(),
+            left_band: parameters.dead_band_left.get(),
+        }
+    }
+
+    /// Rate without regard to the end stops, radians per second.
+    #[must_use]
+    pub fn rate(&self) -> f64 {
+        let beyond = |effort: f64, band: f64| ((effort - band) / (1.0 - band)).max(0.0);
+        if self.effort >= 0.0 {
+            self.rate * beyond(self.effort, self.right_band)
+        } else {
+            -self.rate * beyond(-self.effort, self.left_band)
+        }
+    }
+
+    /// The angle reached from `angle` after `span` seconds.
+    #[must_use]
+    pub fn after(&self, angle: f64, span: f64) -> f64 {
+        (angle + self.rate() * span).clamp(-self.limit, self.limit)
+    }
+}

@@ -1,0 +1,47 @@
+//! The drive motor with the mass it moves.
+
+use super::Parameters;
+
+/// Effort to speed: a dead band, proportional outside of it, reached with a first-order lag.
+#[derive(Copy, Clone, Debug)]
+pub struct Drive {
+    /// Effort of the motor driver, -1 to 1.
+    pub effort: f64,
+    top_speed: f64,
+    band: f64,
+    lag: f64,
+}
+
+impl Drive {
+    /// A drive without effort.
+    #[must_use]
+    pub fn new(parameters: &Parameters) -> Self {
+        Self {
+            effort: 0.0,
+            top_speed: parameters.top_speed.get(),
+            band: parameters.drive_dead_band.get(),
+            lag: parameters.drive_lag.get(),
+        }
+    }
+
+    /// Speed that the effort leads to, metres per second.
+    #[must_use]
+    pub fn target(&self) -> f64 {
+        if self.effort.abs() < self.band {
+            0.0
+        } else {
+            self.top_speed * self.effort
+        }
+    }
+
+    /// The speed reached from `speed` after `span` seconds.
+    #[must_use]
+    pub fn after(&self, speed: f64, span: f64) -> f64 {
+        let target = self.target();
+        if self.lag > 0.0 {
+            target + (speed - target) * libm::exp(-span / self.lag)
+        } else {
+            target
+        }
+    }
+}

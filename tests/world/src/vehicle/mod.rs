@@ -1,0 +1,256 @@
+//! The vehicle: a kinematic bicycle with a slow, limited steering actuator and a lagging drive.
+//!
+//! Geometry and signs (thesis 7.2.4 after O'Connor, Figure 7.7): north-east-down frame, heading
+//! clockwise from north, positive steering turns right. The antenna is mounted `L1` ahead of the
+//! rear axle and the front axle is `L2` ahead of the antenna, so that the linear model's
+//! `y' = V psi + V L1/L delta` and `psi' = V/L delta` are the small-angle limit of what is
+//! integrated here.
+//!
+//! Tyres slip in proportion to the lateral force they carry (linear tyre, J. Y. Wong, Theory of
+//! Ground Vehicles, 5.2): the centripetal force of the turn less the downhill part of the weight.
+
+mod actuator;
+mod drive;
+mod parameters;
+
+use std::collections::VecDeque;
+
+use libm::{atan2, cos, sin, tan};
+
+pub use actuator::SteeringActuator;
+pub use drive::Drive;
+pub use parameters::{Ground, Parameters};
+
+use crate::time::{SimTime, at, from_seconds, seconds, since, span_seconds};
+
+/// Longest integration step, in picoseconds: 1 ms, at 2 m/s a way of 2 mm.
+const STEP: u64 = 1_000_000_000;
+
+/// Gravity in metres per second squared (conventional value, ISO 80000-3).
+const GRAVITY: f64 = 9.806_65;
+
+/// Which motor an effort drives.
+#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+pub enum Motor {
+    /// The steering actuator.
+    Steering,
+    /// The drive motor.
+    Drive,
+}
+
+/// Where the vehicle is and how it moves.
+#[derive(Copy, Clone, Debug, PartialEq)]
+pub struct State {
+    /// Northing of the middle of the rear axle, metres.
+    pub north: f64,
+    /// Easting of the middle of the rear axle, metres.
+    pub east: f64,
+    /// Heading of the body, radians clockwise from north, not wrapped.
+    pub heading: f64,
+    /// Angle of the steering actuator as its potentiometer sees it, radians, positive right.
+    pub steering: f64,
+    /// Rolling speed of the rear wheels, metres per second, negative in reverse.
+    pub speed: f64,
+}
+
+/// A point of the vehicle over ground.
+#[derive(Copy, Clone, Debug, PartialEq)]
+pub struct Motion {
+    /// Northing, metres.
+    pub north: f64,
+    /// Easting, metres.
+    pub east: f64,
+    /// Speed towards north, metres per second.
+    pub north_speed: f64,
+    /// Speed towards east, metres per second.
+    pub east_speed: f64,
+}
+
+/// Derivative of the pose.
+#[derive(Copy, Clone)]
+struct Pose {
+    north: f64,
+    east: f64,
+    heading: f64,
+}
+
+/// The vehicle in motion: state, actuators and the efforts that are still to take effect.
+#[derive(Clone, Debug)]
+pub struct Vehicle {
+    parameters: Parameters,
+    ground: Ground,
+    now: SimTime,
+    state: State,
+    actuator: SteeringActuator,
+    drive: Drive,
+    pending: VecDeque<(SimTime, Motor, f64)>,
+}
+
+impl Vehicle {
+    /// A vehicle at rest in its actuators, with the given pose at the start of the run.
+    #[must_use]
+    pub fn new(parameters: Parameters, ground: Ground, state: State) -> Self {
+        Self {
+            actuator: SteeringActuator::new(&parameters),
+            drive: Drive::new(&parameters),
+            parameters,
+            ground,
+            now: SimTime::from_ticks(0),
+            state,
+            pending: VecDeque::new(),
+        }
+    }
+
+    /// Sets the effort of a motor, -1 to 1, from `from` on. An instant already passed counts as now.
+    pub fn set_effort(&mut self, from: SimTime, motor: Motor, effort: f64) {
+        let from = from.max(self.now);
+        let place = self.pending.partition_point(|(when, _, _)| *when <= from);
+        self.pending
+            .insert(place, (from, motor, effort.clamp(-1.0, 1.0)));
+    }
+
+    /// Moves the vehicle to `to`; earlier instants change nothing.
+    pub fn advance_to(&mut self, to: SimTime) {
+        while self.now < to {
+            while let Some(&(when, motor, effort)) = self.pending.front()
+                && when <= self.now
+            {
+                match motor {
+                    Motor::Steering => self.actuator.effort = effort,
+                    Motor::Drive => self.drive.effort = effort,
+                }
+                self.pending.pop_front();
+            }
+            let grid = (self.now.as_ticks() / STEP + 1) * STEP;
+            let change = self
+                .pending
+                .front()
+                .map_or(u64::MAX, |(when, _, _)| when.as_ticks());
+            let end = SimTime::from_ticks(grid.min(change).min(to.as_ticks()));
+            self.step(span_seconds(since(end, self.now)));
+            self.now = end;
+        }
+    }
+
+    /// The state at `when` as the efforts known so far give it, without moving the vehicle.
+    #[must_use]
+    pub fn state_at(&self, when: SimTime) -> State {
+        if when <= self.now {
+            return self.state;
+        }
+        let mut ahead = self.clone();
+        ahead.advance_to(when);
+        ahead.state
+    }
+
+    /// The instant that [`Vehicle::state`] belongs to.
+    #[must_use]
+    pub fn now(&self) -> SimTime {
+        self.now
+    }
+
+    /// The state at [`Vehicle::now`].
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// Position and velocity of the antenna.
+    #[must_use]
+    pub fn antenna(&self) -> Motion {
+        self.point(self.parameters.rear_to_antenna.get())
+    }
+
+    /// Position and velocity of the point `ahead` metres before the rear axle on the centre line
+    /// (negative: behind it, such as a hitch).
+    #[must_use]
+    pub fn point(&self, ahead: f64) -> Motion {
+        let rate = self.pose_rate(self.state.heading, self.state.steering, self.state.speed);
+        let (s, c) = (sin(self.state.heading), cos(self.state.heading));
+        Motion {
+            north: self.state.north + ahead * c,
+            east: self.state.east + ahead * s,
+            north_speed: rate.north - ahead * s * rate.heading,
+            east_speed: rate.east + ahead * c * rate.heading,
+        }
+    }
+
+    /// Voltage of the steering potentiometer as a converter reading before noise and rounding.
+    #[must_use]
+    pub fn pot(&self, state: &State) -> f64 {
+        self.parameters.pot_centre.get() + self.parameters.pot_slope.get() * state.steering
+    }
+
+    /// The vehicle's constants.
+    #[must_use]
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// One step of classical Runge-Kutta for the pose; steering and speed are exact because
+    /// their inputs are constant over the step.
+    fn step(&mut self, step: f64) {
+        let (steering, speed) = (self.state.steering, self.state.speed);
+        let half = (
+            self.actuator.after(steering, step / 2.0),
+            self.drive.after(speed, step / 2.0),
+        );
+        let full = (
+            self.actuator.after(steering, step),
+            self.drive.after(speed, step),
+        );
+        let heading = self.state.heading;
+        let k1 = self.pose_rate(heading, steering, speed);
+        let k2 = self.pose_rate(heading + step / 2.0 * k1.heading, half.0, half.1);
+        let k3 = self.pose_rate(heading + step / 2.0 * k2.heading, half.0, half.1);
+        let k4 = self.pose_rate(heading + step * k3.heading, full.0, full.1);
+        let mean = |part: fn(&Pose) -> f64| {
+            step / 6.0 * (part(&k1) + 2.0 * part(&k2) + 2.0 * part(&k3) + part(&k4))
+        };
+        self.state = State {
+            north: self.state.north + mean(|k| k.north),
+            east: self.state.east + mean(|k| k.east),
+            heading: heading + mean(|k| k.heading),
+            steering: full.0,
+            speed: full.1,
+        };
+    }
+
+    fn pose_rate(&self, heading: f64, steering: f64, speed: f64) -> Pose {
+        let length = self.parameters.wheelbase();
+        let wheels = steering + self.parameters.steering_bias.get();
+        let ahead = speed * (1.0 - self.ground.wheel_slip.get());
+
+        let centripetal = ahead * ahead * tan(wheels) / length;
+        let downhill =
+            GRAVITY * sin(self.ground.slope.get()) * sin(self.ground.downhill.get() - heading);
+        let load = (centripetal - downhill) / GRAVITY;
+        let front = self.ground.front_slip.get() * load;
+        let rear = self.ground.rear_slip.get() * load;
+
+        // Slip turns each axle's direction of travel away from the force that its tyres carry,
+        // in both directions of driving.
+        let way = if ahead < 0.0 { -1.0 } else { 1.0 };
+        let sideways = -ahead * tan(way * rear);
+        let turn = (ahead * tan(wheels - way * front) - sideways) / length;
+        Pose {
+            north: ahead * cos(heading) - sideways * sin(heading),
+            east: ahead * sin(heading) + sideways * cos(heading),
+            heading: turn,
+        }
+    }
+}
+
+/// `angle` brought into -pi to pi.
+#[must_use]
+pub fn wrap(angle: f64) -> f64 {
+    atan2(sin(angle), cos(angle))
+}
+
+/// Moves a vehicle for `span` seconds with constant efforts; for tests and examples.
+pub fn drive_for(vehicle: &mut Vehicle, span: f64, steering: f64, drive: f64) {
+    let now = vehicle.now();
+    vehicle.set_effort(now, Motor::Steering, steering);
+    vehicle.set_effort(now, Motor::Drive, drive);
+    vehicle.advance_to(at(from_seconds(seconds(now) + span)));
+}
