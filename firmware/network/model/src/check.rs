@@ -300,9 +300,9 @@ fn window(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
     }
     let bits = worst_case_bits(message.length);
     let enable = u32::from(network.transmit_enable_bits);
-    let need =
-        ((bits + enable) * network.bit_time_ns()).div_ceil(1000) + network.sync_uncertainty_us;
-    if need > window.length_us {
+    let on_bus = u64::from(bits + enable) * u64::from(network.bit_time_ns());
+    let need = on_bus.div_ceil(1000) + u64::from(network.sync_uncertainty_us);
+    if need > u64::from(window.length_us) {
         refuse(format!(
             "{of}: {} us are too short, the longest frame ({bits} bit times), the transmit enable window ({enable}) and {} us of clock error need {need} us",
             window.length_us, network.sync_uncertainty_us

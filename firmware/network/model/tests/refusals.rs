@@ -1,0 +1,316 @@
+//! What is wrong with a network file is said by name and line.
+
+use network_model::{Network, worst_case_bits};
+
+/// A network of two nodes: a reference, one exclusive and one event message.
+const GOOD: &str = r#"VERSION ""
+BU_: master slave
+BO_ 96 Reference: 1 master
+ SG_ CycleCount : 0|6@1+ (1,0) [0|63] "" slave
+ SG_ Discontinuity : 6|1@1+ (1,0) [0|1] "" slave
+ SG_ NextIsGap : 7|1@1+ (1,0) [0|1] "" slave
+BO_ 200 Speed: 8 slave
+ SG_ Left : 0|16@1- (1,0) [-100|100] "mm/s" master
+ SG_ Right : 16|16@1- (1,0) [-100|100] "mm/s" master
+BO_ 600 Alarm: 1 slave
+ SG_ Kind : 0|8@1+ (1,0) [0|1] "" master
+VAL_TABLE_ Kind 1 "Fire" 0 "Water" ;
+BA_DEF_ "Baudrate" INT 1 1000000;
+BA_DEF_ "BasicCycle" INT 1 1000000;
+BA_DEF_ "BasicCycles" INT 1 64;
+BA_DEF_ "SyncUncertainty" INT 0 1000;
+BA_DEF_ "TransmitEnable" INT 1 16;
+BA_DEF_ BU_ "MasterRank" INT -1 7;
+BA_DEF_ BO_ "GenMsgSendType" ENUM "Cyclic","Event";
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_ BO_ "GenMsgDelayTime" INT 0 65535;
+BA_DEF_ BO_ "WindowKind" ENUM "None","Reference","Exclusive","Arbitrating";
+BA_DEF_ BO_ "WindowStart" INT 0 1000000;
+BA_DEF_ BO_ "WindowLength" INT 0 1000000;
+BA_DEF_ BO_ "WindowRepeat" INT 1 64;
+BA_DEF_ BO_ "WindowOffset" INT 0 63;
+BA_DEF_DEF_ "Baudrate" 250000;
+BA_DEF_DEF_ "BasicCycle" 10000;
+BA_DEF_DEF_ "BasicCycles" 2;
+BA_DEF_DEF_ "SyncUncertainty" 20;
+BA_DEF_DEF_ "TransmitEnable" 16;
+BA_DEF_DEF_ "MasterRank" -1;
+BA_DEF_DEF_ "GenMsgSendType" "Cyclic";
+BA_DEF_DEF_ "GenMsgCycleTime" 10;
+BA_DEF_DEF_ "GenMsgDelayTime" 100;
+BA_DEF_DEF_ "WindowKind" "None";
+BA_DEF_DEF_ "WindowStart" 0;
+BA_DEF_DEF_ "WindowLength" 1000;
+BA_DEF_DEF_ "WindowRepeat" 1;
+BA_DEF_DEF_ "WindowOffset" 0;
+BA_ "MasterRank" BU_ master 0;
+BA_ "WindowKind" BO_ 96 1;
+BA_ "WindowKind" BO_ 200 2;
+BA_ "WindowStart" BO_ 200 1000;
+BA_ "GenMsgSendType" BO_ 600 1;
+BA_ "WindowKind" BO_ 600 3;
+BA_ "WindowStart" BO_ 600 2000;
+VAL_ 600 Kind 1 "Fire" 0 "Water" ;
+"#;
+
+/// What is said about the good file after one replacement and more lines.
+fn refusal(from: &str, to: &str) -> String {
+    assert!(GOOD.contains(from), "nothing to replace: {from}");
+    match Network::parse(&GOOD.replacen(from, to, 1)) {
+        Ok(_) => panic!("accepted: {from} -> {to}"),
+        Err(problems) => problems.to_string(),
+    }
+}
+
+#[track_caller]
+fn refused(from: &str, to: &str, says: &[&str]) {
+    let message = refusal(from, to);
+    for words in says {
+        assert!(message.contains(words), "`{words}` is not in: {message}");
+    }
+}
+
+#[test]
+fn the_good_network_is_read() {
+    let network = Network::parse(GOOD).expect("nothing is wrong with it");
+    assert_eq!(network.messages.len(), 3);
+    assert_eq!(network.windows().len(), 3);
+    assert_eq!(network.nodes[0].master_rank, Some(0));
+    assert_eq!(network.messages[1].line, Some(7));
+    assert_eq!(network.messages[1].signals[1].line, Some(9));
+}
+
+#[test]
+fn a_file_that_is_no_dbc_is_refused() {
+    refused(
+        "BU_: master slave",
+        "BU_ master; slave",
+        &["not a DBC file"],
+    );
+}
+
+#[test]
+fn a_frame_longer_than_its_window_is_refused() {
+    // 135 bits and 16 of the transmit enable window at 4 us, and 20 us.
+    refused(
+        "BA_ \"WindowKind\" BO_ 200 2;",
+        "BA_ \"WindowKind\" BO_ 200 2;\nBA_ \"WindowLength\" BO_ 200 623;",
+        &[
+            "line 7",
+            "Speed (200)",
+            "window at 1000 us",
+            "623 us are too short",
+            "135 bit times",
+            "need 624 us",
+        ],
+    );
+}
+
+#[test]
+fn overlapping_windows_are_refused() {
+    refused(
+        "BA_ \"WindowStart\" BO_ 200 1000;",
+        "BA_ \"WindowStart\" BO_ 200 1001;",
+        &[
+            "Alarm (600), 2000 to 3000 us",
+            "Speed (200), 1001 to 2001 us",
+        ],
+    );
+    refused(
+        "BA_ \"WindowStart\" BO_ 200 1000;",
+        "BA_ \"WindowStart\" BO_ 200 900;",
+        &["Reference (96)", "Speed (200)"],
+    );
+}
+
+#[test]
+fn windows_of_different_cycles_may_share_a_time() {
+    let text = GOOD.replace(
+        "VAL_ 600",
+        "BA_ \"WindowRepeat\" BO_ 200 2;\nBA_ \"GenMsgCycleTime\" BO_ 200 20;\n\
+         BA_ \"WindowRepeat\" BO_ 600 2;\nBA_ \"WindowOffset\" BO_ 600 1;\n\
+         BA_ \"WindowStart\" BO_ 600 1000;\nVAL_ 600",
+    );
+    let text = text.replace("BA_ \"WindowStart\" BO_ 600 2000;\n", "");
+    assert_eq!(Network::parse(&text).map(|n| n.messages.len()), Ok(3));
+    let same = text.replace(
+        "BA_ \"WindowOffset\" BO_ 600 1;",
+        "BA_ \"WindowOffset\" BO_ 600 0;",
+    );
+    assert!(
+        Network::parse(&same)
+            .unwrap_err()
+            .to_string()
+            .contains("overlaps")
+    );
+}
+
+#[test]
+fn a_window_beyond_the_cycle_is_refused() {
+    refused(
+        "BA_ \"WindowStart\" BO_ 600 2000;",
+        "BA_ \"WindowStart\" BO_ 600 9500;",
+        &["Alarm (600)", "ends at 10500 us", "10000 us"],
+    );
+}
+
+#[test]
+fn a_matrix_of_three_cycles_is_refused() {
+    refused(
+        "\"BasicCycles\" 2",
+        "\"BasicCycles\" 3",
+        &["BasicCycles is 3", "1, 2, 4"],
+    );
+}
+
+#[test]
+fn a_repeat_factor_that_does_not_divide_the_matrix_is_refused() {
+    let add = |attribute: &str| format!("BA_ \"WindowKind\" BO_ 200 2;\nBA_ {attribute};");
+    refused(
+        "BA_ \"WindowKind\" BO_ 200 2;",
+        &add("\"WindowRepeat\" BO_ 200 4"),
+        &["WindowRepeat is 4", "2 basic cycles"],
+    );
+    refused(
+        "BA_ \"WindowKind\" BO_ 200 2;",
+        &add("\"WindowOffset\" BO_ 200 1"),
+        &["WindowOffset is 1", "less than WindowRepeat 1"],
+    );
+}
+
+#[test]
+fn a_period_that_differs_from_the_windows_is_refused() {
+    refused(
+        "BA_ \"WindowKind\" BO_ 200 2;",
+        "BA_ \"WindowKind\" BO_ 200 2;\nBA_ \"GenMsgCycleTime\" BO_ 200 20;",
+        &["Speed (200)", "GenMsgCycleTime is 20 ms", "every 10 ms"],
+    );
+}
+
+#[test]
+fn the_kind_of_window_must_suit_the_message() {
+    refused(
+        "BA_ \"WindowKind\" BO_ 200 2;",
+        "BA_ \"WindowKind\" BO_ 200 3;",
+        &["Speed (200)", "a cyclic message needs an exclusive window"],
+    );
+    refused(
+        "BA_ \"WindowKind\" BO_ 600 3;",
+        "BA_ \"WindowKind\" BO_ 600 2;",
+        &[
+            "Alarm (600)",
+            "an event message needs an arbitrating window",
+        ],
+    );
+    refused(
+        "BA_ \"WindowKind\" BO_ 200 2;\n",
+        "",
+        &["line 7", "Speed (200) has no window"],
+    );
+}
+
+#[test]
+fn signals_must_fit_and_not_overlap() {
+    refused(
+        "Right : 16|16",
+        "Right : 8|16",
+        &["line 9", "Right", "overlaps signal Left in byte 1"],
+    );
+    refused("Right : 16|16", "Right : 56|16", &["Right", "8 data bytes"]);
+    refused(
+        "Left : 0|16@1- (1,0) [-100|100]",
+        "Left : 0|16@1- (1,0) [-100|40000]",
+        &["line 8", "-32768 to 32767"],
+    );
+    refused(
+        "Left : 0|16@1- (1,0)",
+        "Left : 0|16@1- (1,0.5)",
+        &["no whole number"],
+    );
+    refused(
+        "Left : 0|16@1- (1,0)",
+        "Left : 0|16@1- (0,0)",
+        &["factor 0"],
+    );
+    refused("SG_ Right", "SG_ Left", &["two signals Left"]);
+}
+
+#[test]
+fn names_and_identifiers_must_be_known_and_unique() {
+    refused(
+        "BO_ 600 Alarm: 1 slave",
+        "BO_ 600 Alarm: 1 stranger",
+        &["stranger", "no node"],
+    );
+    refused(
+        "BO_ 600 Alarm",
+        "BO_ 600 Speed",
+        &["two messages have the name Speed"],
+    );
+    refused(
+        "[0|1] \"\" master",
+        "[0|1] \"\" stranger",
+        &["receiver stranger"],
+    );
+    refused("BO_ 600 Alarm: 1", "BO_ 600 Alarm: 9", &["9 data bytes"]);
+    refused(
+        "VAL_ 600 Kind 1 \"Fire\"",
+        "VAL_ 600 Kind 1 \"Smoke\"",
+        &["VAL_TABLE_"],
+    );
+}
+
+#[test]
+fn masters_and_references_must_agree() {
+    refused(
+        "BA_ \"MasterRank\" BU_ master 0;\n",
+        "",
+        &["no node has a MasterRank"],
+    );
+    refused("BU_ master 0", "BU_ master 1", &["rank 1", "the next is 0"]);
+    refused(
+        "BU_ master 0",
+        "BU_ slave 0",
+        &["slave sends no reference message"],
+    );
+    refused(
+        "CycleCount : 0|6",
+        "CycleCount : 0|5",
+        &["line 3", "CycleCount (6 bits)"],
+    );
+}
+
+#[test]
+fn attributes_must_be_numbers_in_range() {
+    refused(
+        "\"Baudrate\" 250000",
+        "\"Baudrate\" 25",
+        &["Baudrate is 25 bit/s"],
+    );
+    refused(
+        "\"TransmitEnable\" 16;\nBA_DEF_DEF_ \"MasterRank\"",
+        "\"TransmitEnable\" 17;\nBA_DEF_DEF_ \"MasterRank\"",
+        &["TransmitEnable is 17"],
+    );
+    refused(
+        "BA_ \"WindowStart\" BO_ 200 1000;",
+        "BA_ \"WindowStart\" BO_ 200 -1;",
+        &["WindowStart of message Speed (200) is -1"],
+    );
+}
+
+#[test]
+fn every_problem_is_reported_at_once() {
+    let text = GOOD
+        .replace("Right : 16|16", "Right : 8|16")
+        .replace("BO_ 600 Alarm: 1 slave", "BO_ 600 Alarm: 1 stranger");
+    let problems = Network::parse(&text).unwrap_err();
+    assert_eq!(problems.0.len(), 2, "{problems}");
+}
+
+/// Davis et al. 2007: 55 + 10 n; eight bytes take 135 bit times, 540 us at 250 kbit/s.
+#[test]
+fn the_longest_frame_takes_135_bit_times() {
+    assert_eq!(worst_case_bits(8), 135);
+    assert_eq!(worst_case_bits(0), 55);
+}
