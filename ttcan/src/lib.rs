@@ -14,6 +14,9 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "std")]
+extern crate std;
+
 mod bit_timing;
 mod clock;
 mod events;
@@ -24,6 +27,8 @@ mod matrix;
 mod node;
 mod reference;
 mod schedule;
+#[cfg(feature = "std")]
+pub mod simulation;
 mod supervision;
 mod time;
 

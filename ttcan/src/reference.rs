@@ -128,7 +128,8 @@ impl Fields {
     }
 
     /// The fields of `frame`, `None` if it is too short to have them: without
-    /// the control byte only a matrix of one basic cycle gets along.
+    /// the control byte and all behind it only a matrix of one basic cycle gets
+    /// along.
     pub fn decode(format: &ReferenceFormat, frame: &Frame, cycles: u8) -> Option<Self> {
         let data = frame.data();
         let mut fields = Self::default();
@@ -138,7 +139,7 @@ impl Fields {
                 fields.discontinuity = control & DISCONTINUITY != 0;
                 fields.cycle = control & CYCLE;
             }
-            None if cycles == 1 && data.len() >= usize::from(format.application) => {}
+            None if cycles == 1 && data.len() == usize::from(format.control) => {}
             None => return None,
         }
         if fields.cycle >= cycles || data.len() > usize::from(format.longest()) {

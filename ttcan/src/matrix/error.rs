@@ -39,8 +39,7 @@ pub enum Problem {
     },
     /// The reference format's fields overlap or pass the end of the frame.
     ReferenceFormat,
-    /// The matrix has more than one basic cycle or node than the table can
-    /// hold: 255 nodes, 65 535 windows.
+    /// There are more nodes, windows or event messages than 65 534.
     TooLarge,
     /// The repeat factor is no power of two of at most the number of cycles.
     RepeatFactor {
@@ -191,7 +190,7 @@ impl MatrixError<'_> {
             Problem::ReferenceFormat => {
                 message.text("the fields of the reference message overlap or exceed 8 bytes")
             }
-            Problem::TooLarge => message.text("more than 255 nodes or 65535 windows"),
+            Problem::TooLarge => message.text("more than 65534 nodes, windows or event messages"),
             Problem::RepeatFactor { repeat } => message
                 .text("repeat factor ")
                 .number(repeat)

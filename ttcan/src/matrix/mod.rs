@@ -17,7 +17,7 @@ use crate::{Id, Micros, ReferenceFormat, length};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct NodeId(
     /// The node's number.
-    pub u8,
+    pub u16,
 );
 
 /// What a window is for.

@@ -104,7 +104,7 @@ const fn check_network<'a>(config: &MatrixConfig<'a>) -> Checked<'a> {
             }
             before += 1;
         }
-        if node == u8::MAX {
+        if node == u16::MAX {
             return network(Problem::TooLarge);
         }
         at += 1;
@@ -159,7 +159,7 @@ const fn check_window<'a>(config: &MatrixConfig<'a>, at: usize) -> Checked<'a> {
         WindowKind::Exclusive {
             id, len, sender, ..
         } => {
-            if sender.0 == u8::MAX {
+            if sender.0 == u16::MAX {
                 return network(Problem::TooLarge);
             }
             if len > 8 {
@@ -291,7 +291,7 @@ const fn check_ids<'a>(config: &MatrixConfig<'a>) -> Checked<'a> {
 
 const fn check_event<'a>(config: &MatrixConfig<'a>, at: usize) -> Checked<'a> {
     let event: &Event<'a> = &config.events[at];
-    let problem = if event.sender.0 == u8::MAX {
+    let problem = if event.sender.0 == u16::MAX {
         Some(Problem::TooLarge)
     } else if event.len > 8 {
         Some(Problem::Length {

@@ -93,6 +93,9 @@ pub struct Node<'s, const W: usize, const P: usize, const Q: usize> {
     missed_references: u8,
     /// A reference lost arbitration, and what won has not been seen.
     reference_lost: bool,
+    /// Repeated references so far when one was last missing while the own one
+    /// waited for its report.
+    repeats_at_miss: Option<u32>,
 
     /// The entry under way (`inside`) or the next one.
     cursor: u16,
@@ -186,6 +189,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
             initial_watch: false,
             missed_references: 0,
             reference_lost: false,
+            repeats_at_miss: None,
             cursor: 0,
             cursor_end: 0,
             inside: false,
@@ -238,6 +242,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         self.initial_watch = false;
         self.missed_references = 0;
         self.reference_lost = false;
+        self.repeats_at_miss = None;
         self.inside = false;
         self.last = None;
         self.last_receive = now;

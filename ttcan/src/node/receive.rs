@@ -187,6 +187,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         self.initial_watch = false;
         self.missed_references = 0;
         self.reference_lost = false;
+        self.repeats_at_miss = None;
         if cycle == 0 {
             self.begin_matrix();
         }

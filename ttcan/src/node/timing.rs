@@ -254,7 +254,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if !self.marked {
             self.initial_watch = true;
             self.missed_due = Some(again);
-            self.retry_stuck_reference(now);
+            self.give_up_stuck(now);
             return;
         }
         self.counters.missed_references = self.counters.missed_references.wrapping_add(1);
@@ -264,21 +264,33 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             return;
         }
         self.missed_due = Some(again);
-        self.retry_stuck_reference(now);
+        self.give_up_stuck(now);
     }
 
-    /// A reference that was asked for a basic cycle ago and has not been
-    /// reported will not be: its report was lost.
-    fn retry_stuck_reference(&mut self, now: Stamp) {
+    /// Gives up a transmission whose report was lost: a message from the basic
+    /// cycle that is over, or a reference that has neither been sent nor
+    /// repeated since the last one that was missing.
+    fn give_up_stuck(&mut self, now: Stamp) {
         if self.reference_lost {
             self.reference_lost = false;
             self.reference_due = Some(now);
         }
-        if !matches!(self.pending, Pending::None) {
+        let repeats = self.counters.repeated_references;
+        let stuck = match self.pending {
+            Pending::None => false,
+            Pending::Reference { .. } => self.repeats_at_miss == Some(repeats),
+            Pending::Window { .. } | Pending::Event { .. } => true,
+        };
+        self.repeats_at_miss = match self.pending {
+            Pending::Reference { .. } => Some(repeats),
+            _ => None,
+        };
+        if stuck {
             self.pending = Pending::None;
+            self.repeats_at_miss = None;
             self.withdraw_due = None;
             self.abort_due = true;
-            if self.rank.is_some() {
+            if self.rank.is_some() && self.reference_due.is_none() {
                 self.reference_due = Some(now);
             }
         }

@@ -1,0 +1,516 @@
+//! An in-memory CAN bus with nodes on crystals of their own.
+//!
+//! Event-driven, in nanoseconds of true time: frames have their exact stuffed
+//! length, requests of several nodes are arbitrated, interrupts are served with
+//! a random latency, and frames can be destroyed or missed. The same seed gives
+//! the same run.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::vec::Vec;
+
+use crate::{
+    Action, Frame, Grant, INTERFRAME_BITS, Id, Node, Reception, Stamp, TransmitOutcome, frame_bits,
+};
+
+/// True time in nanoseconds.
+pub type SimTime = fugit::TimerInstantU64<1_000_000_000>;
+
+const NANOS_PER_MICRO: u64 = 1000;
+/// Bits of an error frame and the interframe space behind it: six of each flag
+/// and eight of delimiter at the least.
+const ERROR_BITS: u64 = 17;
+
+/// A node's oscillator and interrupt latency.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Crystal {
+    /// Nominal ticks in a microsecond.
+    pub ticks_per_us: u32,
+    /// Deviation from the nominal rate in parts per billion.
+    pub ppb: i32,
+    /// Counter at time 0.
+    pub phase: u32,
+    /// Shortest and longest time from an interrupt's cause to its stamp, in
+    /// nanoseconds.
+    pub interrupt: (u32, u32),
+}
+
+impl Crystal {
+    /// A perfect oscillator, and interrupts served at once.
+    pub const fn perfect(ticks_per_us: u32) -> Self {
+        Self {
+            ticks_per_us,
+            ppb: 0,
+            phase: 0,
+            interrupt: (0, 0),
+        }
+    }
+
+    /// Ticks in 10^9 us, rate included.
+    fn rate(&self) -> u128 {
+        u128::from(self.ticks_per_us) * (1_000_000_000 + i128::from(self.ppb)).unsigned_abs()
+    }
+
+    /// The counter at `now`.
+    pub fn stamp(&self, now: SimTime) -> Stamp {
+        let ticks = u128::from(now.ticks()) * self.rate() / 1_000_000_000_000;
+        Stamp(self.phase.wrapping_add(ticks as u32))
+    }
+
+    /// The time at which the counter reaches `stamp`, `now` if it has.
+    fn time_of(&self, stamp: Stamp, now: SimTime) -> SimTime {
+        let ticks = stamp.ticks_since(self.stamp(now)).max(0).unsigned_abs();
+        let nanos = (u128::from(ticks) * 1_000_000_000_000).div_ceil(self.rate());
+        SimTime::from_ticks(now.ticks() + nanos as u64)
+    }
+}
+
+/// What happens to a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fate {
+    /// All nodes receive it.
+    Delivered,
+    /// An error frame destroys it for all.
+    Destroyed,
+    /// This node alone does not get it, by its index.
+    MissedBy(usize),
+}
+
+/// A frame that was on the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Traffic {
+    /// Index of the sender.
+    pub sender: usize,
+    /// The frame.
+    pub frame: Frame,
+    /// Start of its start-of-frame bit.
+    pub start: SimTime,
+    /// End of its last bit.
+    pub end: SimTime,
+    /// What happened to it.
+    pub fate: Fate,
+}
+
+/// What the bus asks of the applications.
+pub trait Application {
+    /// The data of a granted window, `None` to leave it empty. Nothing but zeros
+    /// by default.
+    fn payload(&mut self, _node: usize, _grant: &Grant) -> Option<[u8; 8]> {
+        Some([0; 8])
+    }
+
+    /// A frame was received.
+    fn received(&mut self, _node: usize, _frame: &Frame, _reception: Reception, _now: SimTime) {}
+
+    /// Decides what happens to a frame that begins now.
+    fn fate(&mut self, _sender: usize, _frame: &Frame, _now: SimTime) -> Fate {
+        Fate::Delivered
+    }
+}
+
+/// Zeros in every window, and no fault.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Quiet;
+
+impl Application for Quiet {}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Event {
+    /// A node's interrupt; the number tells a superseded timer.
+    Receive(usize, u32),
+    Report(usize, u32, Report),
+    Timer(usize, u32),
+    /// The bus may be free for a start of frame.
+    Start,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Report {
+    Sent,
+    Lost,
+    Error,
+    Aborted,
+}
+
+#[derive(Debug)]
+struct Station<'s, const W: usize, const P: usize, const Q: usize> {
+    node: Node<'s, W, P, Q>,
+    crystal: Crystal,
+    mailbox: Option<(Frame, SimTime)>,
+    transmitting: bool,
+    powered: bool,
+    silent: bool,
+    /// Counts power-ups, so that nothing of an earlier life arrives.
+    life: u32,
+    timer: u32,
+}
+
+/// A bus with its nodes.
+#[derive(Debug)]
+pub struct Bus<'s, A, const W: usize, const P: usize, const Q: usize> {
+    stations: Vec<Station<'s, W, P, Q>>,
+    /// The applications of all nodes.
+    pub application: A,
+    bit: u64,
+    now: SimTime,
+    idle_at: SimTime,
+    queue: BinaryHeap<Reverse<(SimTime, u64, Event)>>,
+    sequence: u64,
+    frames: Vec<(Frame, SimTime)>,
+    random: u64,
+    /// Every frame that was on the bus so far.
+    pub traffic: Vec<Traffic>,
+}
+
+impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s, A, W, P, Q> {
+    /// A bus of `bit_rate` bit/s without nodes.
+    pub fn new(bit_rate: u32, application: A, seed: u64) -> Self {
+        Self {
+            stations: Vec::new(),
+            application,
+            bit: 1_000_000 * NANOS_PER_MICRO / u64::from(bit_rate.max(1)),
+            now: SimTime::from_ticks(0),
+            idle_at: SimTime::from_ticks(0),
+            queue: BinaryHeap::new(),
+            sequence: 0,
+            frames: Vec::new(),
+            random: seed,
+            traffic: Vec::new(),
+        }
+    }
+
+    /// Adds a node, without power; returns its index.
+    pub fn add(&mut self, node: Node<'s, W, P, Q>, crystal: Crystal) -> usize {
+        self.stations.push(Station {
+            node,
+            crystal,
+            mailbox: None,
+            transmitting: false,
+            powered: false,
+            silent: false,
+            life: 0,
+            timer: 0,
+        });
+        self.stations.len() - 1
+    }
+
+    /// True time.
+    pub fn now(&self) -> SimTime {
+        self.now
+    }
+
+    /// The node of this index.
+    ///
+    /// # Panics
+    /// When there is none.
+    pub fn node(&self, index: usize) -> &Node<'s, W, P, Q> {
+        &self.stations[index].node
+    }
+
+    /// Whether a node has power.
+    pub fn is_powered(&self, index: usize) -> bool {
+        self.stations[index].powered
+    }
+
+    /// A node's counter now.
+    pub fn stamp(&self, index: usize) -> Stamp {
+        self.stations[index].crystal.stamp(self.now)
+    }
+
+    /// Changes a node's rate from now on; its counter goes on without a leap.
+    pub fn drift(&mut self, index: usize, ppb: i32) {
+        let now = self.now;
+        let station = &mut self.stations[index];
+        let before = station.crystal.stamp(now);
+        station.crystal.ppb = ppb;
+        let after = station.crystal.stamp(now);
+        station.crystal.phase = station
+            .crystal
+            .phase
+            .wrapping_add(before.0.wrapping_sub(after.0));
+        self.arm(index);
+    }
+
+    /// Power on and [`Node::start`], also after silence.
+    pub fn start(&mut self, index: usize) {
+        let station = &mut self.stations[index];
+        station.powered = true;
+        station.silent = false;
+        station.life += 1;
+        station.mailbox = None;
+        station.node.start(station.crystal.stamp(self.now));
+        self.serve(index);
+    }
+
+    /// Power off, in the middle of anything; `node` is what the node is when it
+    /// is powered on again.
+    pub fn crash(&mut self, index: usize, node: Node<'s, W, P, Q>) {
+        let station = &mut self.stations[index];
+        station.powered = false;
+        station.transmitting = false;
+        station.mailbox = None;
+        station.life += 1;
+        station.timer += 1;
+        station.node = node;
+    }
+
+    /// Lets a node's application do something and serves the node.
+    pub fn with<R>(
+        &mut self,
+        index: usize,
+        act: impl FnOnce(&mut Node<'s, W, P, Q>, Stamp) -> R,
+    ) -> R {
+        let station = &mut self.stations[index];
+        let result = act(&mut station.node, station.crystal.stamp(self.now));
+        self.serve(index);
+        result
+    }
+
+    /// Sends a frame past the node, as a defective one would.
+    pub fn inject(&mut self, index: usize, frame: Frame) {
+        self.stations[index].mailbox = Some((frame, self.now));
+        self.push(self.now, Event::Start);
+    }
+
+    /// Runs until `end`.
+    pub fn run_until(&mut self, end: SimTime) {
+        while let Some(Reverse((time, _, _))) = self.queue.peek() {
+            if *time > end {
+                break;
+            }
+            let Some(Reverse((time, _, event))) = self.queue.pop() else {
+                break;
+            };
+            self.now = time;
+            self.handle(event);
+        }
+        self.now = self.now.max(end);
+    }
+
+    /// Runs for `millis` milliseconds.
+    pub fn run_millis(&mut self, millis: u64) {
+        let nanos = millis * 1000 * NANOS_PER_MICRO;
+        self.run_until(SimTime::from_ticks(self.now.ticks() + nanos));
+    }
+
+    fn handle(&mut self, event: Event) {
+        match event {
+            Event::Start => self.arbitrate(),
+            Event::Timer(index, timer) => {
+                if self.stations[index].timer == timer {
+                    self.serve(index);
+                }
+            }
+            Event::Receive(index, life) => {
+                let at = self.frames.iter().rposition(|(_, end)| *end <= self.now);
+                let Some(&(frame, _)) = at.and_then(|at| self.frames.get(at)) else {
+                    return;
+                };
+                let now = self.now;
+                let station = &mut self.stations[index];
+                if station.life != life || station.silent {
+                    return;
+                }
+                let stamp = station.crystal.stamp(now);
+                let reception = station.node.handle_receive(&frame, stamp);
+                self.application.received(index, &frame, reception, now);
+                self.serve(index);
+            }
+            Event::Report(index, life, report) => {
+                let now = self.now;
+                let station = &mut self.stations[index];
+                if station.life != life {
+                    return;
+                }
+                let outcome = match report {
+                    Report::Sent => TransmitOutcome::Sent,
+                    Report::Lost => TransmitOutcome::ArbitrationLost,
+                    Report::Error => TransmitOutcome::Error,
+                    Report::Aborted => TransmitOutcome::Aborted,
+                };
+                station.transmitting = false;
+                let stamp = station.crystal.stamp(now);
+                station.node.handle_transmit(outcome, stamp);
+                self.serve(index);
+            }
+        }
+    }
+
+    /// Does what the node asks for and sets its timer.
+    fn serve(&mut self, index: usize) {
+        let now = self.now;
+        let stamp = self.stations[index].crystal.stamp(now);
+        if !self.stations[index].powered {
+            return;
+        }
+        while let Some(action) = self.stations[index].node.poll(stamp) {
+            match action {
+                Action::TransmitReference(frame) | Action::TransmitEvent(frame) => {
+                    self.request(index, frame);
+                }
+                Action::Transmit(grant) => match self.application.payload(index, &grant) {
+                    Some(data) => {
+                        self.request(index, Frame::from_parts(grant.id, grant.len, data));
+                    }
+                    None => self.stations[index]
+                        .node
+                        .handle_transmit(TransmitOutcome::Empty, stamp),
+                },
+                Action::Abort => {
+                    if self.stations[index].mailbox.take().is_some() {
+                        self.report(index, Report::Aborted, now);
+                    }
+                }
+                Action::Silence => {
+                    self.stations[index].mailbox = None;
+                    self.stations[index].silent = true;
+                }
+            }
+        }
+        self.arm(index);
+    }
+
+    /// A controller begins at the next boundary of its own bits.
+    fn request(&mut self, index: usize, frame: Frame) {
+        let ready = self.now.ticks() + self.below(self.bit);
+        let ready = SimTime::from_ticks(ready);
+        self.stations[index].mailbox = Some((frame, ready));
+        self.push(ready, Event::Start);
+    }
+
+    fn arm(&mut self, index: usize) {
+        let station = &mut self.stations[index];
+        station.timer += 1;
+        let timer = station.timer;
+        if let Some(deadline) = station.node.next_deadline() {
+            let due = station.crystal.time_of(deadline, self.now);
+            let served = self.interrupt(index, due);
+            self.push(served, Event::Timer(index, timer));
+        }
+    }
+
+    fn interrupt(&mut self, index: usize, cause: SimTime) -> SimTime {
+        let (shortest, longest) = self.stations[index].crystal.interrupt;
+        let spread = u64::from(longest.saturating_sub(shortest));
+        let latency = u64::from(shortest) + self.below(spread + 1);
+        SimTime::from_ticks(cause.ticks() + latency)
+    }
+
+    fn report(&mut self, index: usize, report: Report, cause: SimTime) {
+        let served = self.interrupt(index, cause);
+        let life = self.stations[index].life;
+        self.push(served, Event::Report(index, life, report));
+    }
+
+    fn arbitrate(&mut self) {
+        let now = self.now;
+        if now < self.idle_at {
+            self.push(self.idle_at, Event::Start);
+            return;
+        }
+        let ready = |station: &Station<W, P, Q>| match station.mailbox {
+            Some((frame, ready)) if ready <= now && station.powered && !station.silent => {
+                Some(frame)
+            }
+            _ => None,
+        };
+        let contenders: Vec<(usize, Frame)> = self
+            .stations
+            .iter()
+            .enumerate()
+            .filter_map(|(index, station)| Some((index, ready(station)?)))
+            .collect();
+        let Some(&(sender, frame)) = contenders.iter().min_by_key(|(_, frame)| frame.id()) else {
+            return;
+        };
+        let collides = |other: &Frame| other.id() == frame.id() && *other != frame;
+        let mut fate = self.application.fate(sender, &frame, now);
+        let mut heard = false;
+        for (index, station) in self.stations.iter().enumerate() {
+            heard |= index != sender && station.powered && !station.silent;
+        }
+        // A bit error, or no acknowledgement.
+        if !heard || contenders.iter().any(|(_, other)| collides(other)) {
+            fate = Fate::Destroyed;
+        }
+        for &(index, other) in &contenders {
+            self.stations[index].mailbox = None;
+            if other.id() != frame.id() {
+                let decided = SimTime::from_ticks(now.ticks() + 13 * self.bit);
+                self.report(index, Report::Lost, decided);
+            } else {
+                self.stations[index].transmitting = true;
+            }
+        }
+        let bits = u64::from(frame_bits(&frame));
+        let end = if fate == Fate::Destroyed {
+            let broken = 14 + self.below(bits - 14);
+            SimTime::from_ticks(now.ticks() + (broken + ERROR_BITS) * self.bit)
+        } else {
+            SimTime::from_ticks(now.ticks() + bits * self.bit)
+        };
+        self.idle_at = SimTime::from_ticks(end.ticks() + u64::from(INTERFRAME_BITS) * self.bit);
+        self.push(self.idle_at, Event::Start);
+        for &(index, other) in contenders.iter().filter(|(_, f)| f.id() == frame.id()) {
+            let _ = other;
+            let report = if fate == Fate::Destroyed {
+                Report::Error
+            } else {
+                Report::Sent
+            };
+            self.report(index, report, end);
+        }
+        self.traffic.push(Traffic {
+            sender,
+            frame,
+            start: now,
+            end,
+            fate,
+        });
+        if fate == Fate::Destroyed {
+            return;
+        }
+        // Receivers hold a frame for valid one bit before its end.
+        let valid = SimTime::from_ticks(end.ticks() - self.bit);
+        self.frames.push((frame, valid));
+        if self.frames.len() > 8 {
+            self.frames.remove(0);
+        }
+        for index in 0..self.stations.len() {
+            let station = &self.stations[index];
+            if index == sender
+                || station.transmitting
+                || !station.powered
+                || station.silent
+                || fate == Fate::MissedBy(index)
+            {
+                continue;
+            }
+            let life = station.life;
+            let served = self.interrupt(index, valid);
+            self.push(served, Event::Receive(index, life));
+        }
+    }
+
+    fn push(&mut self, time: SimTime, event: Event) {
+        self.sequence += 1;
+        self.queue.push(Reverse((time, self.sequence, event)));
+    }
+
+    /// A number below `end`, 0 for 0 (SplitMix64, Steele et al. 2014).
+    fn below(&mut self, end: u64) -> u64 {
+        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut mixed = self.random;
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        mixed ^= mixed >> 31;
+        if end == 0 { 0 } else { mixed % end }
+    }
+}
+
+/// Frames of an identifier in a bus's traffic that were not destroyed.
+pub fn delivered(traffic: &[Traffic], id: Id) -> impl Iterator<Item = &Traffic> {
+    traffic
+        .iter()
+        .filter(move |sent| sent.frame.id() == id && sent.fate != Fate::Destroyed)
+}

@@ -1,0 +1,204 @@
+//! A network of the kind of the UAGV's and what its traffic must satisfy.
+#![allow(dead_code)] // Each test file uses its part.
+
+use ttcan::simulation::{Application, Bus, Crystal, Fate, SimTime, Traffic};
+use ttcan::{
+    Event, Id, MatrixConfig, Micros, Node, NodeConfig, NodeId, ReferenceFormat, StampLatency,
+    SystemMatrix, Window, WindowKind,
+};
+
+pub const GPS: NodeId = NodeId(0);
+pub const CONTROLLER: NodeId = NodeId(1);
+pub const STEERING: NodeId = NodeId(2);
+pub const DRIVE: NodeId = NodeId(3);
+
+pub const FORMAT: ReferenceFormat = ReferenceFormat::new(1, Some(1), 5, Some(6));
+
+pub const BIT_NANOS: u64 = 4000;
+
+pub const ALARM: Id = Id::constant::<0x20>();
+pub const BUTTON: Id = Id::constant::<0x21>();
+
+const fn millis(at: u32) -> Micros {
+    Micros::millis(at)
+}
+
+pub const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
+    bit_rate: 250_000,
+    basic_cycle: millis(100),
+    cycles: 1,
+    reference: Id::constant::<100>(),
+    reference_format: FORMAT,
+    masters: &[GPS, CONTROLLER],
+    transmit_enable_bits: 16,
+    sync_uncertainty: Micros::micros(20),
+    windows: &[
+        Window::exclusive(
+            "latitude",
+            millis(1),
+            millis(1),
+            Id::constant::<401>(),
+            7,
+            GPS,
+        ),
+        Window::exclusive(
+            "position",
+            millis(3),
+            millis(1),
+            Id::constant::<200>(),
+            8,
+            GPS,
+        ),
+        Window::exclusive(
+            "steering",
+            millis(6),
+            millis(1),
+            Id::constant::<206>(),
+            2,
+            STEERING,
+        )
+        .retry_late(),
+        Window::exclusive(
+            "command",
+            millis(7),
+            millis(1),
+            Id::constant::<300>(),
+            8,
+            CONTROLLER,
+        ),
+        Window::exclusive(
+            "state",
+            millis(8),
+            millis(1),
+            Id::constant::<450>(),
+            8,
+            CONTROLLER,
+        ),
+        Window::exclusive(
+            "speed",
+            millis(9),
+            millis(1),
+            Id::constant::<210>(),
+            4,
+            DRIVE,
+        ),
+        Window::arbitrating("events 1", millis(11), millis(1)).merged(),
+        Window::arbitrating("events 2", millis(12), millis(2)),
+    ],
+    events: &[
+        Event::new("alarm", ALARM, 8, DRIVE),
+        Event::new("button", BUTTON, 8, DRIVE),
+    ],
+});
+
+ttcan::schedule!(pub static SCHEDULE = MATRIX);
+
+pub type Uagv = Node<'static, { MATRIX.window_count() }, { MATRIX.node_count() }, 4>;
+pub type UagvBus<A> = Bus<'static, A, { MATRIX.window_count() }, { MATRIX.node_count() }, 4>;
+
+pub const TICKS_PER_US: u32 = 18;
+
+pub fn config(node: NodeId) -> NodeConfig {
+    NodeConfig {
+        latency: StampLatency::bxcan(4 * TICKS_PER_US, 6),
+        transmit_lead: 3 * TICKS_PER_US,
+        ..NodeConfig::new(node, TICKS_PER_US)
+    }
+}
+
+pub fn uagv(node: NodeId) -> Uagv {
+    Uagv::new(SCHEDULE.view(), config(node)).expect("the configuration is sound")
+}
+
+/// A crystal off by `ppb`, with interrupts served within 0.2 to 0.8 us.
+pub fn crystal(ppb: i32, phase: u32) -> Crystal {
+    Crystal {
+        ticks_per_us: TICKS_PER_US,
+        ppb,
+        phase,
+        interrupt: (200, 800),
+    }
+}
+
+/// The four nodes, without power, on crystals up to 50 ppm off whose counters
+/// wrap soon.
+pub fn vehicle<A: Application>(application: A, seed: u64) -> UagvBus<A> {
+    let mut bus = Bus::new(250_000, application, seed);
+    let ppm = [31_000, -50_000, 50_000, -12_345];
+    for node in 0..4 {
+        let phase = u32::MAX - 18_000_000 * (u32::from(node) + 1);
+        bus.add(uagv(NodeId(node)), crystal(ppm[usize::from(node)], phase));
+    }
+    bus
+}
+
+pub fn seconds(nanos: u64) -> f64 {
+    nanos as f64 * 1e-9
+}
+
+pub fn at(millis: u64) -> SimTime {
+    SimTime::from_ticks(millis * 1_000_000)
+}
+
+/// Says what is wrong with a frame of a matrix's exclusive windows, whose
+/// cycle began with a start of frame at `mark`.
+pub fn misplaced(
+    matrix: &SystemMatrix,
+    cycle: u8,
+    mark: SimTime,
+    sent: &Traffic,
+) -> Option<String> {
+    let from = (sent.start.ticks() - mark.ticks()) as i64;
+    let until = (sent.end.ticks() - mark.ticks()) as i64;
+    let config = matrix.config();
+    let uncertainty = i64::from(config.sync_uncertainty.ticks()) * 1000;
+    for window in config.windows.iter().filter(|window| window.is_in(cycle)) {
+        let start = i64::from(window.start.ticks()) * 1000 - uncertainty;
+        let end = start + i64::from(window.length.ticks()) * 1000 + 2 * uncertainty;
+        let middle = (from + until) / 2;
+        if middle < start + uncertainty || middle >= end - uncertainty {
+            continue;
+        }
+        return match window.kind {
+            WindowKind::Exclusive { id, sender, .. } => {
+                let own = id == sent.frame.id() && usize::from(sender.0) == sent.sender;
+                let inside = from >= start && until <= end;
+                (!own || !inside).then(|| {
+                    format!(
+                        "{} of node {} from {from} to {until} ns in window {}",
+                        sent.frame.id(),
+                        sent.sender,
+                        window.name
+                    )
+                })
+            }
+            WindowKind::Arbitrating { .. } => None,
+            WindowKind::Free => Some(format!("{} in a free window", sent.frame.id())),
+        };
+    }
+    Some(format!(
+        "{} of node {} at {from} ns outside all windows",
+        sent.frame.id(),
+        sent.sender
+    ))
+}
+
+pub fn is_reference(sent: &Traffic) -> bool {
+    sent.frame.id().raw() >> 3 == MATRIX.config().reference.raw() >> 3
+}
+
+/// Every frame of `traffic` that is no reference must lie in a window of its
+/// own; times are counted from the last delivered reference.
+pub fn assert_in_place(traffic: &[Traffic]) {
+    let mut mark = None;
+    for sent in traffic {
+        if is_reference(sent) {
+            if sent.fate != Fate::Destroyed {
+                mark = Some(sent.start);
+            }
+            continue;
+        }
+        let mark = mark.expect("nothing is sent before a reference");
+        assert_eq!(misplaced(&MATRIX, 0, mark, sent), None, "at {}", sent.start);
+    }
+}
