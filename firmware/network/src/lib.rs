@@ -18,6 +18,7 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+mod geodetic;
 mod message;
 
 pub use message::{DecodeError, Message, Signal};

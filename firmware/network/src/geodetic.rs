@@ -1,0 +1,109 @@
+//! Latitude and longitude as whole angles, put together from their two signals.
+//!
+//! The frames of the thesis carry whole degrees and ten decimal places apart
+//! (Figures 6.2 and 6.3); here they meet as one number in 1E-10 of a degree,
+//! 11 micrometres on the ground.
+
+use crate::messages::{Degrees, DegreesE10, Latitude, Longitude};
+
+/// 1E-10 degrees in a degree.
+const DEGREE: u64 = 10_000_000_000;
+
+/// Parts of an angle as the messages carry it: truncated whole degrees, the
+/// magnitude of the rest, the sign.
+struct Parts {
+    whole: Degrees,
+    fraction: DegreesE10,
+    negative: bool,
+}
+
+impl Parts {
+    /// `limit` is in degrees, at most 180; a greater angle is taken as the limit.
+    fn new(angle: i64, limit: u8) -> Self {
+        let magnitude = angle.unsigned_abs().min(u64::from(limit) * DEGREE);
+        // At most 180, which fits.
+        let whole = (magnitude / DEGREE) as i16;
+        Self {
+            whole: Degrees(if angle < 0 { -whole } else { whole }),
+            fraction: DegreesE10(magnitude % DEGREE),
+            negative: angle < 0,
+        }
+    }
+
+    /// The whole degrees give the sign where they can: the thesis's frames have
+    /// no other.
+    fn angle(&self) -> i64 {
+        // Below 180 degrees and 1, so no sum overflows.
+        let fraction = self.fraction.0.min(DEGREE - 1) as i64;
+        let whole = i64::from(self.whole.0) * DEGREE as i64;
+        if self.whole.0 < 0 || (self.whole.0 == 0 && self.negative) {
+            whole - fraction
+        } else {
+            whole + fraction
+        }
+    }
+}
+
+impl Latitude {
+    /// The message for a latitude in 1E-10 degrees, north positive; beyond a pole
+    /// it is the pole.
+    pub fn from_angle(angle: i64) -> Self {
+        let Parts {
+            whole,
+            fraction,
+            negative,
+        } = Parts::new(angle, 90);
+        Self {
+            fraction,
+            whole,
+            negative,
+        }
+    }
+
+    /// The latitude in 1E-10 degrees, north positive.
+    pub fn angle(&self) -> i64 {
+        let Self {
+            fraction,
+            whole,
+            negative,
+        } = *self;
+        Parts {
+            whole,
+            fraction,
+            negative,
+        }
+        .angle()
+    }
+}
+
+impl Longitude {
+    /// The message for a longitude in 1E-10 degrees, east positive; beyond 180
+    /// degrees it is 180 degrees.
+    pub fn from_angle(angle: i64) -> Self {
+        let Parts {
+            whole,
+            fraction,
+            negative,
+        } = Parts::new(angle, 180);
+        Self {
+            fraction,
+            whole,
+            negative,
+        }
+    }
+
+    /// The longitude in 1E-10 degrees, east positive.
+    pub fn angle(&self) -> i64 {
+        let Self {
+            fraction,
+            whole,
+            negative,
+        } = *self;
+        Parts {
+            whole,
+            fraction,
+            negative,
+        }
+        .angle()
+    }
+}
