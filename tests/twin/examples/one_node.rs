@@ -1,0 +1,89 @@
+//! Runs one image alone and tells what it did:
+//! `cargo run --profile host -p twin --example one_node -- f446 path/to/gps 2`
+
+use can_bus::{SimDuration, SimTime};
+use std::sync::Arc;
+use twin::image::Image;
+use twin::mcu::{Board, Mcu};
+use twin::part::Part;
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [part, path, seconds] = &arguments[..] else {
+        eprintln!("wanted: f446|f303, the ELF file, seconds to run");
+        std::process::exit(2);
+    };
+    let part = if part == "f446" {
+        Part::F446
+    } else {
+        Part::F303
+    };
+    let elf = std::fs::read(path).expect("the ELF file is readable");
+    let image = Arc::new(Image::from_elf(part, &elf).expect("a program for this part"));
+    let bus = Arc::new(std::sync::Mutex::new(can_bus::Bus::new()));
+    let mut mcu = Mcu::new(image, &Board::default(), Some(&bus));
+    let begin = std::time::Instant::now();
+    let milliseconds = (seconds.parse::<f64>().expect("a number") * 1000.0) as u64;
+    for ms in 0..milliseconds {
+        let until = SimTime::from_ticks((ms + 1) * 1_000_000_000);
+        while mcu.now() < until {
+            mcu.run_until(until);
+        }
+        bus.lock().unwrap().advance_to(until);
+        mcu.bus_moved();
+    }
+    let wall = begin.elapsed();
+    let _ = SimDuration::from_ticks(0);
+    println!(
+        "{} s in {:.3} s wall; core at {} Hz, pc {:#x} in {:?}, exception {}, asleep {}, locked up {}",
+        milliseconds as f64 / 1000.0,
+        wall.as_secs_f64(),
+        mcu.core_hz(),
+        mcu.pc(),
+        mcu.image().function_at(mcu.pc()),
+        mcu.exception(),
+        mcu.is_asleep(),
+        mcu.is_locked_up()
+    );
+    println!(
+        "bus faults {:x?}, unmodelled {:x?}",
+        mcu.bus_faults(),
+        mcu.unmodelled()
+    );
+    println!("resets {:?}", mcu.resets());
+    for change in mcu.drain_pins().iter().take(20) {
+        println!(
+            "{} us {} {}",
+            change.at.as_ticks() / 1_000_000,
+            change.pin,
+            change.high
+        );
+    }
+    let bytes = mcu.drain_uart();
+    println!("{} bytes on UARTs", bytes.len());
+    for n in 1..=3 {
+        let line: Vec<u8> = bytes
+            .iter()
+            .filter(|b| b.usart == n)
+            .map(|b| b.byte)
+            .collect();
+        if !line.is_empty() {
+            let baud = bytes.iter().find(|b| b.usart == n).map(|b| b.baud);
+            println!(
+                "USART{n} at {baud:?}: {}",
+                String::from_utf8_lossy(&line[..line.len().min(1000)])
+            );
+        }
+    }
+    let load = mcu.load();
+    for task in &load.tasks {
+        println!("{task:?}");
+    }
+    println!(
+        "thread {} asleep {} switching {}: {:.3} %",
+        load.thread,
+        load.asleep,
+        load.switching,
+        100.0 * load.utilisation()
+    );
+}

@@ -1,0 +1,597 @@
+//! The first ADC of both parts: sequences started by software or by a timer's trigger,
+//! conversion times, DMA requests (RM0390 chapter 13, RM0316 chapter 15).
+//!
+//! Inputs are 12-bit counts that the twin holds per channel and that are taken at the end
+//! of the sampling time. Resolution below 12 bits, left alignment, offsets, oversampling,
+//! injected conversions, analogue watchdogs, differential inputs and the dual modes are
+//! not modelled: their registers read back what was written.
+
+use crate::clock::{Cycles, NEVER};
+use crate::part::Part;
+
+/// Start-up of the F303's voltage regulator: 10 us (data sheet, T_ADCVREG_STUP). Earlier
+/// enabling or calibration is outside the specification and is not carried out.
+const REGULATOR_PS: u64 = 10_000_000;
+
+/// Number of channels of an ADC.
+pub(crate) const CHANNELS: usize = 19;
+
+#[derive(Debug)]
+struct Sequence {
+    /// Next rank to convert.
+    rank: usize,
+    /// When the channel is sampled, and when its conversion ends.
+    sample: Cycles,
+    end: Cycles,
+    value: Option<u16>,
+}
+
+#[derive(Debug)]
+pub(crate) struct Adc {
+    part: Part,
+    registers: [u32; 0xC0 / 4],
+    common: u32,
+    /// Core cycles in a cycle of the converter's clock.
+    clock: u64,
+    inputs: [u16; CHANNELS],
+    sequence: Option<Sequence>,
+    data: u32,
+    /// A value waits to be fetched by the DMA controller.
+    request: bool,
+    /// DMA went through its buffer in one-shot mode (DDS or DMACFG clear): no further
+    /// requests.
+    dma_done: bool,
+    // F303 only.
+    regulator_ready: Cycles,
+    calibration_end: Cycles,
+    armed: bool,
+    // Flags.
+    end_of_conversion: bool,
+    end_of_sequence: bool,
+    started: bool,
+    overrun: bool,
+    ready: bool,
+    enabled: bool,
+}
+
+impl Adc {
+    pub(crate) fn new(part: Part) -> Self {
+        let mut registers = [0; 0xC0 / 4];
+        if part == Part::F303 {
+            // ADVREGEN "10": off.
+            registers[0x08 / 4] = 0b10 << 28;
+        }
+        Self {
+            part,
+            registers,
+            common: 0,
+            clock: 1,
+            inputs: [0; CHANNELS],
+            sequence: None,
+            data: 0,
+            request: false,
+            dma_done: false,
+            regulator_ready: NEVER,
+            calibration_end: NEVER,
+            armed: false,
+            end_of_conversion: false,
+            end_of_sequence: false,
+            started: false,
+            overrun: false,
+            ready: false,
+            enabled: false,
+        }
+    }
+
+    /// Reset of the block; what is on the pins stays there.
+    pub(crate) fn reset(&mut self) {
+        let inputs = self.inputs;
+        let clock = self.clock;
+        *self = Self::new(self.part);
+        self.inputs = inputs;
+        self.clock = clock;
+    }
+
+    pub(crate) fn set_input(&mut self, channel: usize, count: u16) {
+        if let Some(input) = self.inputs.get_mut(channel) {
+            *input = count.min(0xFFF);
+        }
+    }
+
+    /// Core cycles in a cycle of APB2 and of the F303's own ADC clock.
+    pub(crate) fn set_clock(&mut self, apb2: u64, asynchronous: u64) {
+        self.clock = match self.part {
+            Part::F446 => apb2 * 2 * (u64::from(self.common >> 16 & 3) + 1),
+            Part::F303 => match self.common >> 16 & 3 {
+                0 => asynchronous,
+                1 => 1,
+                2 => 2,
+                _ => 4,
+            },
+        }
+        .max(1);
+    }
+
+    pub(crate) fn rescale(&mut self, now: Cycles, scale: impl Fn(Cycles) -> Cycles) {
+        let fix = |at: &mut Cycles| {
+            if *at != NEVER && *at > now {
+                *at = scale(*at);
+            }
+        };
+        if let Some(sequence) = &mut self.sequence {
+            fix(&mut sequence.sample);
+            fix(&mut sequence.end);
+        }
+        fix(&mut self.regulator_ready);
+        fix(&mut self.calibration_end);
+    }
+
+    fn get(&self, offset: u32) -> u32 {
+        self.registers[(offset / 4) as usize]
+    }
+
+    /// Control register that holds the trigger selection and its value.
+    fn trigger_control(&self) -> (u32, u32) {
+        match self.part {
+            Part::F446 => {
+                let cr2 = self.get(0x08);
+                (cr2 >> 28 & 3, cr2 >> 24 & 0xF)
+            }
+            Part::F303 => {
+                let cfgr = self.get(0x0C);
+                (cfgr >> 10 & 3, cfgr >> 6 & 0xF)
+            }
+        }
+    }
+
+    /// Selection code of TIM3's TRGO (RM0390 table 69, RM0316 table 86).
+    const fn tim3_code(&self) -> u32 {
+        match self.part {
+            Part::F446 => 0b1000,
+            Part::F303 => 0b0100,
+        }
+    }
+
+    fn on(&self) -> bool {
+        match self.part {
+            Part::F446 => self.get(0x08) & 1 != 0,
+            Part::F303 => self.enabled,
+        }
+    }
+
+    /// A rising edge of TIM3's TRGO.
+    pub(crate) fn tim3_trigger(&mut self, now: Cycles) {
+        let (edge, code) = self.trigger_control();
+        let listens = match self.part {
+            Part::F446 => true,
+            Part::F303 => self.armed,
+        };
+        if edge & 1 != 0 && code == self.tim3_code() && listens {
+            self.start(now);
+        }
+    }
+
+    fn start(&mut self, now: Cycles) {
+        if self.on() && self.sequence.is_none() {
+            self.started = true;
+            self.convert(0, now);
+        }
+    }
+
+    fn length(&self) -> usize {
+        match self.part {
+            Part::F446 if self.get(0x04) & 1 << 8 == 0 => 1,
+            Part::F446 => (self.get(0x2C) >> 20 & 0xF) as usize + 1,
+            Part::F303 => (self.get(0x30) & 0xF) as usize + 1,
+        }
+    }
+
+    fn channel(&self, rank: usize) -> usize {
+        let channel = match self.part {
+            Part::F446 => {
+                let register = [0x34, 0x30, 0x2C][rank / 6];
+                self.get(register) >> (5 * (rank % 6))
+            }
+            Part::F303 => {
+                // Rank 1 sits at bit 6 of SQR1; five to a register from there on.
+                let position = rank + 1;
+                self.get(0x30 + 4 * (position / 5) as u32) >> (6 * (position % 5))
+            }
+        };
+        (channel & 0x1F) as usize % CHANNELS
+    }
+
+    /// Sampling time in halves of the converter's clock.
+    fn sampling_halves(&self, channel: usize) -> u64 {
+        match self.part {
+            Part::F446 => {
+                let (register, index) = if channel < 10 {
+                    (0x10, channel)
+                } else {
+                    (0x0C, channel - 10)
+                };
+                [6, 30, 56, 112, 168, 224, 288, 960]
+                    [(self.get(register) >> (3 * index) & 7) as usize]
+            }
+            Part::F303 => {
+                let (register, index) = if channel < 10 {
+                    (0x14, channel)
+                } else {
+                    (0x18, channel - 10)
+                };
+                [3, 5, 9, 15, 39, 123, 363, 1203][(self.get(register) >> (3 * index) & 7) as usize]
+            }
+        }
+    }
+
+    fn convert(&mut self, rank: usize, now: Cycles) {
+        // Twelve cycles for twelve bits, twelve and a half on the F303.
+        let conversion = match self.part {
+            Part::F446 => 24,
+            Part::F303 => 25,
+        };
+        let halves = self.sampling_halves(self.channel(rank));
+        let sample = now + (halves * self.clock).div_ceil(2);
+        let end = now + ((halves + conversion) * self.clock).div_ceil(2);
+        self.sequence = Some(Sequence {
+            rank,
+            sample,
+            end,
+            value: None,
+        });
+    }
+
+    pub(crate) fn next_event(&self) -> Cycles {
+        self.sequence
+            .as_ref()
+            .map_or(NEVER, |s| if s.value.is_none() { s.sample } else { s.end })
+    }
+
+    pub(crate) fn advance(&mut self, now: Cycles) {
+        let Some(sequence) = &self.sequence else {
+            return;
+        };
+        let (rank, end) = (sequence.rank, sequence.end);
+        if sequence.value.is_none() && sequence.sample <= now {
+            let value = self.inputs[self.channel(rank)];
+            if let Some(sequence) = &mut self.sequence {
+                sequence.value = Some(value);
+            }
+        } else if let Some(value) = sequence.value
+            && end <= now
+        {
+            self.sequence = None;
+            self.finish(rank, value, end);
+        }
+    }
+
+    fn dma_enabled(&self) -> bool {
+        match self.part {
+            Part::F446 => self.get(0x08) & 1 << 8 != 0,
+            Part::F303 => self.get(0x0C) & 1 != 0,
+        }
+    }
+
+    /// Requests go on after the DMA controller's buffer is full: DDS, DMACFG.
+    fn dma_continues(&self) -> bool {
+        match self.part {
+            Part::F446 => self.get(0x08) & 1 << 9 != 0,
+            Part::F303 => self.get(0x0C) & 1 << 1 != 0,
+        }
+    }
+
+    fn finish(&mut self, rank: usize, value: u16, now: Cycles) {
+        let last = rank + 1 >= self.length();
+        let unread = match self.part {
+            Part::F446 => self.request,
+            Part::F303 => self.end_of_conversion,
+        };
+        let keep = match self.part {
+            Part::F446 => true,
+            // OVRMOD: overwrite.
+            Part::F303 => self.get(0x0C) & 1 << 12 == 0,
+        };
+        if unread {
+            self.overrun = true;
+        }
+        if !(unread && keep) {
+            self.data = u32::from(value);
+        }
+        // EOC at the end of each conversion, or of the sequence (RM0390 13.8.2).
+        let each = self.part == Part::F303 || self.get(0x08) & 1 << 10 != 0;
+        if each || last {
+            self.end_of_conversion = true;
+        }
+        if self.dma_enabled() && !self.dma_done && !self.overrun {
+            self.request = true;
+        }
+        if last {
+            self.end_of_sequence = true;
+            let continuous = match self.part {
+                Part::F446 => self.get(0x08) & 1 << 1 != 0,
+                Part::F303 => self.get(0x0C) & 1 << 13 != 0,
+            };
+            let stopped = self.part == Part::F446 && self.overrun && self.dma_enabled();
+            if continuous && !stopped {
+                self.convert(0, now);
+            } else if self.trigger_control().0 == 0 {
+                self.armed = false;
+            }
+        } else {
+            self.convert(rank + 1, now);
+        }
+    }
+
+    pub(crate) fn dma_request(&self) -> bool {
+        self.request
+    }
+
+    /// The DMA controller moved the last item of its buffer.
+    pub(crate) fn dma_complete(&mut self) {
+        if !self.dma_continues() {
+            self.dma_done = true;
+        }
+    }
+
+    pub(crate) fn interrupt(&self) -> bool {
+        match self.part {
+            Part::F446 => {
+                let cr1 = self.get(0x04);
+                cr1 & 1 << 5 != 0 && self.end_of_conversion || cr1 & 1 << 26 != 0 && self.overrun
+            }
+            Part::F303 => {
+                let enable = self.get(0x04);
+                enable & 1 != 0 && self.ready
+                    || enable & 1 << 2 != 0 && self.end_of_conversion
+                    || enable & 1 << 3 != 0 && self.end_of_sequence
+                    || enable & 1 << 4 != 0 && self.overrun
+            }
+        }
+    }
+
+    fn fetch(&mut self) -> u32 {
+        self.end_of_conversion = false;
+        self.request = false;
+        self.data
+    }
+
+    pub(crate) fn read(&mut self, offset: u32, now: Cycles) -> Option<u32> {
+        match self.part {
+            Part::F446 => match offset {
+                0x00 => Some(
+                    u32::from(self.end_of_conversion) << 1
+                        | u32::from(self.started) << 4
+                        | u32::from(self.overrun) << 5,
+                ),
+                0x04..=0x48 => Some(self.get(offset)),
+                0x4C => Some(self.fetch()),
+                0x300 => self.read(0x00, now),
+                0x304 => Some(self.common),
+                0x308 => Some(self.data),
+                _ => None,
+            },
+            Part::F303 => match offset {
+                0x00 => Some(
+                    u32::from(self.ready)
+                        | u32::from(self.end_of_conversion) << 2
+                        | u32::from(self.end_of_sequence) << 3
+                        | u32::from(self.overrun) << 4,
+                ),
+                0x08 => {
+                    let calibrating = self.calibration_end != NEVER && now < self.calibration_end;
+                    Some(
+                        self.get(0x08) & 0x7000_0000
+                            | u32::from(self.enabled)
+                            | u32::from(self.armed) << 2
+                            | u32::from(calibrating) << 31,
+                    )
+                }
+                0x40 => Some(self.fetch()),
+                0x04 | 0x0C..=0x3C | 0x44..=0xB4 => Some(self.get(offset)),
+                0x300 => self.read(0x00, now),
+                0x308 => Some(self.common),
+                0x30C => Some(self.data),
+                _ => None,
+            },
+        }
+    }
+
+    /// `cycles_of` turns picoseconds into core cycles.
+    pub(crate) fn write(
+        &mut self,
+        offset: u32,
+        value: u32,
+        now: Cycles,
+        cycles_of: impl Fn(u64) -> Cycles,
+    ) {
+        match (self.part, offset) {
+            (Part::F446, 0x00) => {
+                self.end_of_conversion &= value & 1 << 1 != 0;
+                self.started &= value & 1 << 4 != 0;
+                self.overrun &= value & 1 << 5 != 0;
+            }
+            (Part::F446, 0x04 | 0x0C..=0x48) => self.registers[(offset / 4) as usize] = value,
+            (Part::F446, 0x08) => {
+                self.registers[2] = value & !(1 << 30 | 1 << 22);
+                if value & 1 == 0 {
+                    self.sequence = None;
+                }
+                if !self.dma_enabled() {
+                    self.dma_done = false;
+                    self.request = false;
+                }
+                if value & 1 << 30 != 0 {
+                    self.start(now);
+                }
+            }
+            (Part::F446, 0x304) | (Part::F303, 0x308) => self.common = value,
+            (Part::F303, 0x00) => {
+                self.ready &= value & 1 == 0;
+                self.end_of_conversion &= value & 1 << 2 == 0;
+                self.end_of_sequence &= value & 1 << 3 == 0;
+                self.overrun &= value & 1 << 4 == 0;
+            }
+            (Part::F303, 0x08) => self.write_control(value, now, cycles_of),
+            (Part::F303, 0x04 | 0x0C..=0x3C | 0x44..=0xB4) => {
+                self.registers[(offset / 4) as usize] = value;
+                if !self.dma_enabled() {
+                    self.dma_done = false;
+                    self.request = false;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// ADC_CR of the F303: regulator, calibration, enable, start, stop.
+    fn write_control(&mut self, value: u32, now: Cycles, cycles_of: impl Fn(u64) -> Cycles) {
+        // Start bits written as zero change nothing; ADVREGEN is an ordinary field.
+        self.registers[2] = value & 0x7000_0000;
+        if value >> 28 & 3 == 1 {
+            if self.regulator_ready == NEVER {
+                self.regulator_ready = now + cycles_of(REGULATOR_PS);
+            }
+        } else {
+            self.regulator_ready = NEVER;
+            self.enabled = false;
+            self.ready = false;
+            self.sequence = None;
+            self.armed = false;
+        }
+        let powered = now >= self.regulator_ready;
+        let calibrating = self.calibration_end != NEVER && now < self.calibration_end;
+        if value & 1 << 31 != 0 && powered && !self.enabled {
+            // 112 cycles of the converter's clock (RM0316 15.3.8).
+            self.calibration_end = now + 112 * self.clock;
+        }
+        if value & 1 != 0 && powered && !calibrating && !self.enabled {
+            self.enabled = true;
+            self.ready = true;
+        }
+        if value & 1 << 1 != 0 && self.enabled && self.sequence.is_none() {
+            self.enabled = false;
+            self.armed = false;
+        }
+        if value & 1 << 2 != 0 && self.enabled {
+            self.armed = true;
+            if self.trigger_control().0 == 0 {
+                self.start(now);
+            }
+        }
+        if value & 1 << 4 != 0 {
+            self.sequence = None;
+            self.armed = false;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Adc;
+    use crate::part::Part;
+
+    fn run(adc: &mut Adc, until: u64) {
+        while adc.next_event() <= until {
+            let at = adc.next_event();
+            adc.advance(at);
+        }
+    }
+
+    fn no_delay(_: u64) -> u64 {
+        0
+    }
+
+    /// Two channels by scan on TIM3's TRGO, 22.5 MHz (90 MHz / 4), core at 180 MHz.
+    fn scanning() -> Adc {
+        let mut adc = Adc::new(Part::F446);
+        adc.write(0x304, 1 << 16, 0, no_delay);
+        adc.set_clock(2, 1);
+        adc.set_input(0, 1111);
+        adc.set_input(1, 2222);
+        adc.write(0x04, 1 << 8, 0, no_delay);
+        adc.write(0x2C, 1 << 20, 0, no_delay);
+        adc.write(0x34, 1 << 5, 0, no_delay);
+        adc.write(0x10, 2 | 2 << 3, 0, no_delay);
+        adc.write(0x08, 1 | 1 << 8 | 1 << 9 | 8 << 24 | 1 << 28, 0, no_delay);
+        adc
+    }
+
+    #[test]
+    fn a_scan_takes_its_sampling_and_conversion_times_and_asks_for_each_value() {
+        let mut adc = scanning();
+        adc.tim3_trigger(1000);
+        // 28 + 12 cycles of 8 core cycles each.
+        run(&mut adc, 1319);
+        assert!(!adc.dma_request());
+        run(&mut adc, 1320);
+        assert!(adc.dma_request());
+        assert_eq!(adc.read(0x4C, 1320), Some(1111));
+        assert!(!adc.dma_request());
+        run(&mut adc, 1640);
+        assert_eq!(adc.read(0x4C, 1640), Some(2222));
+        assert_eq!(adc.next_event(), u64::MAX);
+        adc.tim3_trigger(2000);
+        run(&mut adc, 2320);
+        assert!(adc.dma_request());
+    }
+
+    #[test]
+    fn another_timer_or_a_powered_down_converter_does_not_start() {
+        let mut adc = scanning();
+        adc.write(0x08, 1 | 6 << 24 | 1 << 28, 0, no_delay);
+        adc.tim3_trigger(1000);
+        assert_eq!(adc.next_event(), u64::MAX);
+        adc.write(0x08, 8 << 24 | 1 << 28, 0, no_delay);
+        adc.tim3_trigger(1000);
+        assert_eq!(adc.next_event(), u64::MAX);
+    }
+
+    #[test]
+    fn values_that_nobody_fetches_overrun() {
+        let mut adc = scanning();
+        adc.tim3_trigger(1000);
+        run(&mut adc, 10_000);
+        assert_ne!(adc.read(0, 10_000).unwrap() & 1 << 5, 0);
+        assert_eq!(
+            adc.read(0x4C, 10_000),
+            Some(1111),
+            "the first value is kept"
+        );
+    }
+
+    #[test]
+    fn the_f303_wants_its_regulator_calibration_and_start() {
+        let mut adc = Adc::new(Part::F303);
+        let ps = |ps: u64| ps * 72 / 1_000_000;
+        adc.write(0x308, 1 << 16, 0, ps);
+        adc.set_clock(1, 1);
+        adc.set_input(1, 3048);
+        adc.write(0x08, 0, 0, ps);
+        adc.write(0x08, 1 << 28, 10, ps);
+        adc.write(0x08, 1 << 28 | 1 << 31, 300, ps);
+        assert_eq!(
+            adc.read(0x08, 300).unwrap() >> 31,
+            0,
+            "regulator not up yet"
+        );
+        adc.write(0x08, 1 << 28 | 1 << 31, 1000, ps);
+        assert_eq!(adc.read(0x08, 1111).unwrap() >> 31, 1);
+        assert_eq!(adc.read(0x08, 1112).unwrap() >> 31, 0);
+        adc.write(0x08, 1 << 28 | 1, 1200, ps);
+        assert_eq!(adc.read(0x00, 1200).unwrap() & 1, 1);
+        // One conversion of channel 1, TIM3's TRGO rising, DMA circular.
+        adc.write(0x30, 1 << 6, 1200, ps);
+        adc.write(0x14, 4 << 3, 1200, ps);
+        adc.write(0x0C, 1 | 2 | 4 << 6 | 1 << 10, 1200, ps);
+        adc.tim3_trigger(1300);
+        assert_eq!(adc.next_event(), u64::MAX, "not started by ADSTART");
+        adc.write(0x08, 1 << 28 | 1 | 1 << 2, 1400, ps);
+        adc.tim3_trigger(2000);
+        run(&mut adc, 2031);
+        assert!(!adc.dma_request());
+        run(&mut adc, 2032);
+        assert!(adc.dma_request());
+        assert_eq!(adc.read(0x40, 2032), Some(3048));
+        assert_eq!(adc.read(0x08, 2032).unwrap() & 1 << 2, 1 << 2);
+    }
+}

@@ -1,0 +1,769 @@
+//! Everything of a microcontroller but the core and the memories, as one synchronous
+//! state that is brought up to date when somebody looks.
+//!
+//! Times are core cycles of the node. Between two events nothing changes, so that a node
+//! may sleep from one event to the next and a register shows, whenever it is read, what
+//! it would show in that cycle.
+
+mod adc;
+mod dma;
+mod gpio;
+mod iwdg;
+mod rcc;
+mod system;
+mod tim;
+mod usart;
+
+pub use rcc::ResetCause;
+
+use crate::clock::{Cycles, LocalClock, NEVER, Ps};
+use crate::part::{Block, Part, Pin, Request, Slot, TIM3, TIMERS};
+use can_bus::{ClockRate, NodeId, SimTime};
+use rsemu::core::device::Device;
+use rsemu::core::space::{MemAttrs, MemOps, RamStore, RegionKind};
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// The bus that the nodes of a network share.
+pub type SharedBus = Arc<Mutex<can_bus::Bus>>;
+
+/// Locks the bus; a run is single-threaded, so that poisoning cannot matter.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A byte that left a node on one of its UARTs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UartByte {
+    /// 1 for USART1 and so on.
+    pub usart: u8,
+    /// Beginning of its start bit.
+    pub start: SimTime,
+    /// End of its last stop bit.
+    pub end: SimTime,
+    /// The byte.
+    pub byte: u8,
+    /// Baud rate at which it left, bit/s, rounded.
+    pub baud: u32,
+}
+
+/// An output pin changed its level.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PinChange {
+    /// When.
+    pub at: SimTime,
+    /// Which.
+    pub pin: Pin,
+    /// Its level from now on.
+    pub high: bool,
+}
+
+/// The node's place on the bus.
+#[derive(Debug, Clone)]
+pub(crate) struct CanLink {
+    pub bus: SharedBus,
+    pub node: NodeId,
+}
+
+/// How far off nominal the oscillators run, parts in 10^9.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Oscillators {
+    /// External clock at OSC_IN, Hz; `None`: not connected.
+    pub hse_hz: Option<u64>,
+    pub crystal_ppb: i64,
+    pub rc_ppb: i64,
+}
+
+/// Requests of one unit that are served in one go before others get their turn. Nothing
+/// sensible comes near it: it ends the endless transfer of a unit that is pointed at the
+/// wrong register.
+const BEATS: u32 = 4096;
+
+#[derive(Debug)]
+pub(crate) struct Peripherals {
+    part: Part,
+    oscillators: Oscillators,
+    clock: LocalClock,
+    now: Cycles,
+    next: Cycles,
+    /// Earliest change that CAN or the watchdog bring, in cycles.
+    watchdog_at: Cycles,
+    rcc: rcc::Rcc,
+    flash: system::Flash,
+    pwr: system::Pwr,
+    debug_control: [u32; 3],
+    iwdg: iwdg::Iwdg,
+    ports: Vec<gpio::Port>,
+    timers: Vec<tim::Timer>,
+    usarts: Vec<usart::Usart>,
+    dmas: Vec<dma::Dma>,
+    adc: adc::Adc,
+    can: Option<CanLink>,
+    can_lines: u32,
+    flash_image: Arc<[u8]>,
+    memories: Vec<(u32, Arc<RamStore>, bool)>,
+    /// Levels of the interrupt lines, one bit each.
+    pub(crate) lines: [u32; 4],
+    pub(crate) reset_request: Option<ResetCause>,
+    /// The program wrote to the CAN controller.
+    pub(crate) can_written: bool,
+    seen_generation: u32,
+    /// Counts changes of the core's rate.
+    pub(crate) generation: u32,
+    levels: [u32; 8],
+    pub(crate) sent: Vec<UartByte>,
+    pub(crate) pins: Vec<PinChange>,
+    /// Registers that the program touched and that no model knows.
+    pub(crate) unmodelled: BTreeSet<u32>,
+}
+
+/// What the bus answers to an access outside of every peripheral.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Nothing;
+
+impl Peripherals {
+    pub(crate) fn new(
+        part: Part,
+        oscillators: Oscillators,
+        origin: Ps,
+        can: Option<CanLink>,
+        flash_image: Arc<[u8]>,
+        memories: Vec<(u32, Arc<RamStore>, bool)>,
+    ) -> Result<Self, rsemu::Error> {
+        let mut peripherals = Self {
+            part,
+            oscillators,
+            clock: LocalClock::new(part.hsi_hz(), oscillators.rc_ppb, origin),
+            now: 0,
+            next: NEVER,
+            watchdog_at: NEVER,
+            rcc: rcc::Rcc::new(part, oscillators.hse_hz),
+            flash: system::Flash::new(part),
+            pwr: system::Pwr::new(part),
+            debug_control: [0; 3],
+            iwdg: iwdg::Iwdg::new(part, part.lsi_hz()),
+            ports: (0..8).map(|k| gpio::Port::new(part, k)).collect(),
+            timers: TIMERS
+                .into_iter()
+                .map(tim::Timer::new)
+                .collect::<Result<_, _>>()?,
+            usarts: (0..3).map(|_| usart::Usart::new(part)).collect(),
+            dmas: (0..2).map(|_| dma::Dma::new(part)).collect(),
+            adc: adc::Adc::new(part),
+            can,
+            can_lines: 0,
+            flash_image,
+            memories,
+            lines: [0; 4],
+            reset_request: None,
+            can_written: false,
+            seen_generation: 0,
+            generation: 0,
+            levels: [0; 8],
+            sent: Vec::new(),
+            pins: Vec::new(),
+            unmodelled: BTreeSet::new(),
+        };
+        for (levels, port) in peripherals.levels.iter_mut().zip(&peripherals.ports) {
+            *levels = port.levels();
+        }
+        peripherals.retune(true);
+        peripherals.connect_can();
+        peripherals.refresh();
+        Ok(peripherals)
+    }
+
+    pub(crate) fn clock(&self) -> &LocalClock {
+        &self.clock
+    }
+
+    pub(crate) fn next_event(&self) -> Cycles {
+        self.next
+    }
+
+    /// Whether the run loop has to look, lines aside.
+    pub(crate) fn wants_attention(&self) -> bool {
+        self.reset_request.is_some() || self.can_written || self.seen_generation != self.generation
+    }
+
+    /// The run loop has looked.
+    pub(crate) fn attended(&mut self) {
+        self.seen_generation = self.generation;
+    }
+
+    /// How far the node may run without missing anything on the bus.
+    pub(crate) fn can_horizon(&self) -> SimTime {
+        self.can
+            .as_ref()
+            .map_or(SimTime::from_ticks(NEVER), |link| {
+                lock(&link.bus).horizon_of(link.node)
+            })
+    }
+
+    fn time(&self) -> SimTime {
+        SimTime::from_ticks(self.clock.time(self.now))
+    }
+
+    /// A reset of the whole part but for its memories.
+    pub(crate) fn reset(&mut self, cause: ResetCause, now: Cycles) {
+        self.catch_up(now);
+        self.reset_request = None;
+        self.rcc.reset(cause);
+        self.flash = system::Flash::new(self.part);
+        self.pwr = system::Pwr::new(self.part);
+        self.debug_control = [0; 3];
+        self.iwdg = iwdg::Iwdg::new(self.part, self.part.lsi_hz());
+        self.watchdog_at = NEVER;
+        for port in 0..self.ports.len() {
+            self.ports[port].reset();
+            self.watch_port(port);
+        }
+        for timer in &mut self.timers {
+            timer.reset();
+        }
+        for usart in &mut self.usarts {
+            usart.reset();
+        }
+        for dma in &mut self.dmas {
+            *dma = dma::Dma::new(self.part);
+        }
+        self.adc.reset();
+        if let Some(link) = &self.can {
+            lock(&link.bus).reset(link.node, SimTime::from_ticks(self.clock.time(now)));
+        }
+        self.retune(false);
+        self.connect_can();
+        self.read_can_lines();
+        self.refresh();
+    }
+
+    /// Brings everything up to cycle `now`.
+    pub(crate) fn catch_up(&mut self, now: Cycles) {
+        while self.next <= now {
+            self.now = self.next;
+            self.process();
+            self.refresh();
+        }
+        self.now = self.now.max(now);
+    }
+
+    /// Handles the events of the present cycle.
+    fn process(&mut self) {
+        let now = self.now;
+        if self.rcc.next_event(now.saturating_sub(1)) <= now {
+            self.rcc.settle(now, &self.clock);
+            self.retune(false);
+        }
+        for timer in &mut self.timers {
+            timer.advance(now);
+        }
+        self.forward_triggers();
+        self.adc.advance(now);
+        for usart in &mut self.usarts {
+            usart.advance(now);
+        }
+        if self.watchdog_at <= now {
+            if self.iwdg.expired(self.clock.time(now)) {
+                self.reset_request = Some(ResetCause::Watchdog);
+                self.watchdog_at = NEVER;
+            } else {
+                self.watchdog_at = self.clock.cycle_from(self.iwdg.expires()).max(now + 1);
+            }
+        }
+        self.serve_dma();
+    }
+
+    fn forward_triggers(&mut self) {
+        let rises = self.timers[TIM3].take_triggers();
+        for _ in 0..rises {
+            self.adc.tim3_trigger(self.now);
+        }
+    }
+
+    /// Works out the next event and the interrupt lines after any change.
+    fn refresh(&mut self) {
+        self.collect_sent();
+        let mut next = self.rcc.next_event(self.now).min(self.watchdog_at);
+        for timer in &self.timers {
+            next = next.min(timer.next_event());
+        }
+        for usart in &self.usarts {
+            next = next.min(usart.next_event());
+        }
+        self.next = next.min(self.adc.next_event());
+
+        let mut lines = [0_u32; 4];
+        let mut raise = |irq: u16, level: bool| {
+            lines[usize::from(irq / 32)] |= u32::from(level) << (irq % 32);
+        };
+        for (k, timer) in self.timers.iter().enumerate() {
+            raise(Part::tim_irq(k), timer.interrupt());
+        }
+        for (k, usart) in self.usarts.iter().enumerate() {
+            raise(Part::usart_irq(k), usart.interrupt());
+        }
+        for (controller, dma) in self.dmas.iter().enumerate() {
+            if controller == 1 && self.part == Part::F303 {
+                break;
+            }
+            for unit in 0..dma.units() {
+                raise(self.part.dma_irq(controller, unit), dma.interrupt(unit));
+            }
+        }
+        raise(Part::adc_irq(), self.adc.interrupt());
+        for k in 0..4 {
+            raise(Part::can_irq() + k, self.can_lines >> k & 1 != 0);
+        }
+        self.lines = lines;
+    }
+
+    fn collect_sent(&mut self) {
+        for (k, usart) in self.usarts.iter_mut().enumerate() {
+            let bytes = usart.drain_sent();
+            if bytes.is_empty() {
+                continue;
+            }
+            let wired = self.part.usart_pins(k).is_some_and(|pins| {
+                self.ports[pins.transmit.port_index()].routed(pins.transmit.number, pins.function)
+            });
+            if !wired {
+                continue;
+            }
+            let hertz = self.clock.hertz();
+            self.sent.extend(bytes.into_iter().map(|sent| {
+                let baud = (hertz * 256 + sent.bit256 / 2) / sent.bit256;
+                UartByte {
+                    usart: k as u8 + 1,
+                    start: SimTime::from_ticks(self.clock.time(sent.start)),
+                    end: SimTime::from_ticks(self.clock.time(sent.end)),
+                    byte: sent.byte,
+                    baud: u32::try_from(baud).unwrap_or(u32::MAX),
+                }
+            }));
+        }
+    }
+
+    // -- clocks ---------------------------------------------------------------------
+
+    /// Takes over what the clock tree has become.
+    fn retune(&mut self, first: bool) {
+        let now = self.now;
+        let tree = self.rcc.tree();
+        let ppb = if tree.external {
+            self.oscillators.crystal_ppb
+        } else {
+            self.oscillators.rc_ppb
+        };
+        let before = self.clock;
+        if before.hertz() != tree.hclk || before.ppb() != ppb {
+            self.clock.set_rate(now, tree.hclk, ppb);
+            self.generation += 1;
+            let after = self.clock;
+            let scale = move |at: Cycles| after.cycle_from(before.time(at));
+            self.rcc.rescale(now, scale);
+            self.pwr.rescale(now, scale);
+            self.adc.rescale(now, scale);
+            for usart in &mut self.usarts {
+                usart.rescale(now, scale);
+            }
+            if self.watchdog_at != NEVER {
+                self.watchdog_at = scale(self.watchdog_at);
+            }
+        }
+        for k in 0..self.timers.len() {
+            let clocked = self.gate_open(Block::Tim(k));
+            self.timers[k].set_clock(now, clocked, tree.timer1);
+        }
+        for k in 0..self.usarts.len() {
+            let divider = match (self.part, k) {
+                (Part::F446, 0) => tree.apb2,
+                // USART1's own clock selection (RM0316 9.4.13).
+                (Part::F303, 0) => match self.rcc.cfgr3() & 3 {
+                    0 => tree.apb1,
+                    1 => 1,
+                    _ => (tree.hclk / self.part.hsi_hz()).max(1),
+                },
+                _ => tree.apb1,
+            };
+            self.usarts[k].set_divider(divider);
+        }
+        // ADC12PRES: off below 16, then 1, 2, 4, 6, 8, 10, 12, 16 and on (RM0316 9.4.12).
+        let asynchronous = match self.rcc.cfgr2() >> 4 & 0x1F {
+            code @ 16..=27 => [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256][code as usize - 16],
+            _ => 1,
+        };
+        self.adc.set_clock(tree.apb2, asynchronous);
+        if let Some(link) = &self.can {
+            let hertz = u32::try_from(tree.hclk / tree.apb1).unwrap_or(u32::MAX);
+            let ppb = i32::try_from(ppb).unwrap_or(0);
+            let rate = ClockRate::new(hertz).with_offset_ppb(ppb);
+            if first || before.hertz() != tree.hclk || before.ppb() != i64::from(ppb) {
+                let at = SimTime::from_ticks(self.clock.time(now));
+                lock(&link.bus).set_clock(link.node, rate, at);
+            }
+        }
+    }
+
+    fn slot_of(&self, block: Block) -> Option<&'static Slot> {
+        self.part.slots().iter().find(|slot| slot.block == block)
+    }
+
+    fn gate_open(&self, block: Block) -> bool {
+        self.slot_of(block).is_some_and(|slot| {
+            slot.gate
+                .is_none_or(|(enable, _, bit)| self.rcc.enabled(enable, bit))
+        })
+    }
+
+    // -- surroundings ---------------------------------------------------------------
+
+    fn watch_port(&mut self, port: usize) {
+        let levels = self.ports[port].levels();
+        let changed = levels ^ self.levels[port];
+        self.levels[port] = levels;
+        if changed == 0 {
+            return;
+        }
+        let at = self.time();
+        for number in 0..16_u8 {
+            if changed >> number & 1 != 0 && self.ports[port].drives(number) {
+                self.pins.push(PinChange {
+                    at,
+                    pin: Pin::new((b'A' + port as u8) as char, number),
+                    high: levels >> number & 1 != 0,
+                });
+            }
+        }
+    }
+
+    fn connect_can(&mut self) {
+        let Some(link) = &self.can else { return };
+        let pins = self.part.can_pins();
+        let routed = [pins.transmit, pins.receive]
+            .iter()
+            .all(|pin| self.ports[pin.port_index()].routed(pin.number, pins.function));
+        lock(&link.bus).set_connected(link.node, routed, self.time());
+    }
+
+    /// Takes over the interrupt lines of the CAN controller after the bus moved on.
+    pub(crate) fn read_can_lines(&mut self) {
+        let Some(link) = &self.can else { return };
+        let lines = lock(&link.bus).irq(link.node);
+        self.can_lines = u32::from(lines.tx)
+            | u32::from(lines.rx0) << 1
+            | u32::from(lines.rx1) << 2
+            | u32::from(lines.sce) << 3;
+        for k in 0..4 {
+            let irq = Part::can_irq() + k;
+            let bit = 1 << (irq % 32);
+            let word = &mut self.lines[usize::from(irq / 32)];
+            *word = *word & !bit | if self.can_lines >> k & 1 != 0 { bit } else { 0 };
+        }
+    }
+
+    pub(crate) fn drive_pin(&mut self, pin: Pin, level: Option<bool>) {
+        if let Some(port) = self.ports.get_mut(pin.port_index()) {
+            port.drive(pin.number, level);
+            self.levels[pin.port_index()] = port.levels();
+        }
+    }
+
+    pub(crate) fn pin_level(&self, pin: Pin) -> bool {
+        self.ports
+            .get(pin.port_index())
+            .is_some_and(|port| port.levels() >> pin.number & 1 != 0)
+    }
+
+    pub(crate) fn set_analog(&mut self, channel: usize, count: u16) {
+        self.adc.set_input(channel, count);
+    }
+
+    /// A byte begins to arrive at `start` at USART `usart` (1..) with `baud` bit/s.
+    pub(crate) fn feed_uart(&mut self, usart: u8, byte: u8, start: Ps, baud: u32) {
+        let index = usize::from(usart).wrapping_sub(1);
+        let wired = self.part.usart_pins(index).is_some_and(|pins| {
+            self.ports[pins.receive.port_index()].routed(pins.receive.number, pins.function)
+        });
+        if !wired || baud == 0 {
+            return;
+        }
+        let second = 1_000_000_000_000 * 256 / u64::from(baud);
+        let arriving = usart::Arriving {
+            start: self.clock.cycle_from(start).max(self.now + 1),
+            bit256: self.clock.cycles_of(second),
+            byte,
+        };
+        self.usarts[index].receive(arriving);
+        self.refresh();
+    }
+
+    // -- the bus of the microcontroller -----------------------------------------------
+
+    fn slot_at(&self, address: u32) -> Option<&'static Slot> {
+        self.part
+            .slots()
+            .iter()
+            .find(|slot| address >= slot.base && address - slot.base < slot.size)
+    }
+
+    /// Reads the register word at `address`.
+    pub(crate) fn read(&mut self, address: u32) -> Result<u32, Nothing> {
+        let slot = self.slot_at(address).ok_or(Nothing)?;
+        if let Some((enable, _, bit)) = slot.gate
+            && !self.rcc.enabled(enable, bit)
+        {
+            // Without its clock a block answers zero.
+            return Ok(0);
+        }
+        let offset = address - slot.base;
+        let now = self.now;
+        let value = match slot.block {
+            Block::Rcc => self.rcc.read(offset, now),
+            Block::Flash => self.flash.read(offset),
+            Block::Pwr => self.pwr.read(offset, now),
+            Block::Iwdg => self.iwdg.read(offset, self.clock.time(now)),
+            Block::Dbgmcu => match offset {
+                0 => Some(self.part.idcode()),
+                4..=12 => Some(self.debug_control[(offset / 4 - 1) as usize]),
+                _ => None,
+            },
+            Block::Gpio(port) => self.ports[port].read(offset),
+            Block::Tim(k) => self.timers[k].read(offset, now),
+            Block::Usart(k) => self.usarts[k].read(offset),
+            Block::Dma(k) => self.dmas[k].read(offset),
+            Block::Adc => self.adc.read(offset, now),
+            Block::Can => match &self.can {
+                Some(link) if offset < 0x320 => Some(lock(&link.bus).read(link.node, offset)),
+                _ => None,
+            },
+        };
+        Ok(value.unwrap_or_else(|| {
+            self.unmodelled.insert(address);
+            0
+        }))
+    }
+
+    /// Writes the register word at `address`.
+    pub(crate) fn write(&mut self, address: u32, value: u32) -> Result<(), Nothing> {
+        let slot = self.slot_at(address).ok_or(Nothing)?;
+        if let Some((enable, _, bit)) = slot.gate
+            && !self.rcc.enabled(enable, bit)
+        {
+            return Ok(());
+        }
+        let offset = address - slot.base;
+        let now = self.now;
+        match slot.block {
+            Block::Rcc => self.write_rcc(offset, value),
+            Block::Flash => self.flash.write(offset, value),
+            Block::Pwr => self.pwr.write(offset, value, now, &self.clock),
+            Block::Iwdg => {
+                let time = self.clock.time(now);
+                if self.iwdg.write(offset, value, time) {
+                    self.reset_request = Some(ResetCause::Watchdog);
+                }
+                self.watchdog_at = self.clock.cycle_from(self.iwdg.expires());
+            }
+            Block::Dbgmcu => {
+                if let 4..=12 = offset {
+                    self.debug_control[(offset / 4 - 1) as usize] = value;
+                }
+            }
+            Block::Gpio(port) => {
+                self.ports[port].write(offset, value);
+                self.watch_port(port);
+                let routing = matches!(offset, 0x00 | 0x20 | 0x24);
+                if routing {
+                    self.connect_can();
+                }
+            }
+            Block::Tim(k) => {
+                self.timers[k].write(offset, value, now);
+                self.forward_triggers();
+            }
+            Block::Usart(k) => self.usarts[k].write(offset, value, now),
+            Block::Dma(k) => self.dmas[k].write(offset, value),
+            Block::Adc => {
+                let clock = self.clock;
+                self.adc.write(offset, value, now, |ps| clock.cycles_of(ps));
+                if offset >= 0x300 {
+                    self.retune(false);
+                }
+            }
+            Block::Can => {
+                if let Some(link) = &self.can
+                    && offset < 0x320
+                {
+                    let at = SimTime::from_ticks(self.clock.time(now));
+                    lock(&link.bus).write(link.node, offset, value, at);
+                    self.can_written = true;
+                    self.read_can_lines();
+                }
+            }
+        }
+        self.serve_dma();
+        self.refresh();
+        Ok(())
+    }
+
+    fn write_rcc(&mut self, offset: u32, value: u32) {
+        let now = self.now;
+        self.rcc.write(offset, value, now, &self.clock);
+        for slot in self.part.slots() {
+            if let Some((_, reset, bit)) = slot.gate
+                && reset == offset
+                && value >> bit & 1 != 0
+            {
+                self.reset_block(slot.block);
+            }
+        }
+        self.retune(false);
+    }
+
+    fn reset_block(&mut self, block: Block) {
+        match block {
+            Block::Gpio(port) => {
+                self.ports[port].reset();
+                self.watch_port(port);
+                self.connect_can();
+            }
+            Block::Tim(k) => self.timers[k].reset(),
+            Block::Usart(k) => self.usarts[k].reset(),
+            Block::Dma(k) => self.dmas[k] = dma::Dma::new(self.part),
+            Block::Adc => self.adc.reset(),
+            Block::Can => {
+                if let Some(link) = &self.can {
+                    lock(&link.bus).reset(link.node, self.time());
+                }
+                self.read_can_lines();
+            }
+            Block::Pwr => self.pwr = system::Pwr::new(self.part),
+            Block::Rcc | Block::Flash | Block::Iwdg | Block::Dbgmcu => {}
+        }
+    }
+
+    // -- DMA ------------------------------------------------------------------------
+
+    fn requested(&self, request: Request) -> bool {
+        match request {
+            Request::UsartReceive(k) => {
+                self.usarts[k].receive_request() && self.gate_open(Block::Usart(k))
+            }
+            Request::UsartTransmit(k) => {
+                self.usarts[k].transmit_request() && self.gate_open(Block::Usart(k))
+            }
+            Request::Adc => self.adc.dma_request() && self.gate_open(Block::Adc),
+        }
+    }
+
+    fn serve_dma(&mut self) {
+        for route in self.part.routes() {
+            for _ in 0..BEATS {
+                if !(self.requested(route.request)
+                    && self.dmas[route.controller].listens(route.unit, route.selector)
+                    && self.gate_open(Block::Dma(route.controller)))
+                {
+                    break;
+                }
+                let Some(last) = self.move_item(route.controller, route.unit) else {
+                    break;
+                };
+                if last && route.request == Request::Adc {
+                    self.adc.dma_complete();
+                }
+            }
+        }
+        for controller in 0..self.dmas.len() {
+            for unit in 0..self.dmas[controller].units() {
+                while self.dmas[controller].copies(unit)
+                    && self.move_item(controller, unit).is_some()
+                {}
+            }
+        }
+    }
+
+    /// Moves one item; whether it was the last of its buffer, or `None` when there was
+    /// nothing to move.
+    fn move_item(&mut self, controller: usize, unit: usize) -> Option<bool> {
+        let item = self.dmas[controller].item(unit)?;
+        let moved = self
+            .dma_read(item.from, item.from_size)
+            .and_then(|value| self.dma_write(item.to, item.to_size, value));
+        if moved.is_err() {
+            self.dmas[controller].fail(unit);
+            return None;
+        }
+        Some(self.dmas[controller].moved(unit))
+    }
+
+    fn memory(&self, address: u32, size: u32) -> Option<(&RamStore, u64)> {
+        self.memories.iter().find_map(|(base, store, dma)| {
+            let offset = u64::from(address.checked_sub(*base)?);
+            let inside = offset + u64::from(size) <= store.len();
+            (*dma && inside).then_some((&**store, offset))
+        })
+    }
+
+    fn dma_read(&mut self, address: u32, size: u32) -> Result<u32, Nothing> {
+        let mut bytes = [0; 4];
+        let wanted = &mut bytes[..size as usize];
+        if let Some((store, offset)) = self.memory(address, size) {
+            store.read_at(offset, wanted).map_err(|_| Nothing)?;
+            return Ok(u32::from_le_bytes(bytes));
+        }
+        let flash = self.part.flash();
+        if flash.contains(address) {
+            let start = (address - flash.base) as usize;
+            let source = self
+                .flash_image
+                .get(start..start + size as usize)
+                .ok_or(Nothing)?;
+            wanted.copy_from_slice(source);
+            return Ok(u32::from_le_bytes(bytes));
+        }
+        let word = self.read(address & !3)?;
+        Ok(word >> (8 * (address & 3)))
+    }
+
+    fn dma_write(&mut self, address: u32, size: u32, value: u32) -> Result<(), Nothing> {
+        if let Some((store, offset)) = self.memory(address, size) {
+            return store
+                .write_at(offset, &value.to_le_bytes()[..size as usize])
+                .map_err(|_| Nothing);
+        }
+        let slot = self.slot_at(address).ok_or(Nothing)?;
+        let mask = u32::MAX >> (32 - 8 * size);
+        match slot.block {
+            // The only registers that are written on request. Not `write`, which would
+            // come back here.
+            Block::Usart(k) => self.usarts[k].write(address - slot.base, value & mask, self.now),
+            _ => return Err(Nothing),
+        }
+        Ok(())
+    }
+}
+
+/// The register block of one of rsemu's devices.
+///
+/// # Panics
+/// When the device has none, which none of those used here is.
+pub(crate) fn registers_of(device: &dyn Device) -> Arc<dyn MemOps> {
+    let region = device.region("regs").or_else(|| device.region(""));
+    match region.as_ref().map(|region| region.kind()) {
+        Some(RegionKind::Io(registers)) => Arc::clone(registers),
+        _ => panic!("{} has no register block", device.class().name),
+    }
+}
+
+pub(crate) fn read_word(registers: &dyn MemOps, offset: u32) -> Option<u32> {
+    let mut bytes = [0; 4];
+    registers
+        .read(u64::from(offset), &mut bytes, MemAttrs::DEFAULT)
+        .ok()
+        .map(|()| u32::from_le_bytes(bytes))
+}
+
+pub(crate) fn write_word(registers: &dyn MemOps, offset: u32, value: u32) {
+    // A refused write is one to a register that does not exist.
+    let _ = registers.write(u64::from(offset), &value.to_le_bytes(), MemAttrs::DEFAULT);
+}

@@ -1,0 +1,221 @@
+//! A general-purpose timer: rsemu's model, which counts in ticks of its own clock, set
+//! into the node's core cycles.
+
+use crate::clock::{Cycles, NEVER};
+use rsemu::core::device::{Device, ResetKind};
+use rsemu::core::props::Props;
+use rsemu::core::space::MemOps;
+use rsemu::core::wire::{Level, Wire, WireId, WireIdAllocator, WireSink, WireSource};
+use rsemu::dev::stm32::tim::{IRQ_PIN, TRGO_PIN, Tim};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+/// The level of an output wire, and how often it rose.
+#[derive(Debug, Default)]
+struct Probe {
+    high: AtomicBool,
+    rises: AtomicU32,
+}
+
+impl WireSink for Probe {
+    fn set_level(&self, _source: WireId, _line: u32, level: Level) {
+        let high = level == Level::High;
+        if high && !self.high.swap(high, Ordering::Relaxed) {
+            self.rises.fetch_add(1, Ordering::Relaxed);
+        }
+        self.high.store(high, Ordering::Relaxed);
+    }
+}
+
+#[derive(Debug)]
+pub(crate) struct Timer {
+    model: Tim,
+    registers: Arc<dyn MemOps>,
+    interrupt: Arc<Probe>,
+    trigger: Arc<Probe>,
+    /// Core cycles in a tick, and the tick that a cycle corresponds to.
+    divider: u64,
+    origin_cycle: Cycles,
+    origin_tick: u64,
+    /// The block's clock runs (its gate is open).
+    clocked: bool,
+}
+
+impl Timer {
+    /// TIM2 counts over 32 bits, the others over 16.
+    pub(crate) fn new(number: u8) -> Result<Self, rsemu::Error> {
+        let width = if number == 2 { 32_u64 } else { 16 };
+        let reset = if width == 32 { 0xFFFF_FFFF_u64 } else { 0xFFFF };
+        let model = Tim::new(
+            &Props::new()
+                .with("variant", "general")
+                .with("width", width)
+                .with("channels", 4_u64)
+                .with("arr-reset", reset),
+        )?;
+        let interrupt = Arc::new(Probe::default());
+        let trigger = Arc::new(Probe::default());
+        let ids = WireIdAllocator::new();
+        for (port, probe) in [(IRQ_PIN, &interrupt), (TRGO_PIN, &trigger)] {
+            let id = ids.alloc();
+            let wire = Wire::builder()
+                .source(id)
+                .sink(Arc::clone(probe) as Arc<dyn WireSink>, 0)
+                .build_shared();
+            model.connect(port, WireSource::new(wire, id))?;
+        }
+        let registers = super::registers_of(&model);
+        Ok(Self {
+            model,
+            registers,
+            interrupt,
+            trigger,
+            divider: 1,
+            origin_cycle: 0,
+            origin_tick: 0,
+            clocked: false,
+        })
+    }
+
+    pub(crate) fn reset(&mut self) {
+        self.model.reset(ResetKind::Cold);
+    }
+
+    fn tick(&self, now: Cycles) -> u64 {
+        self.origin_tick + now.saturating_sub(self.origin_cycle) / self.divider
+    }
+
+    /// Brings the counter up to date; it stands still while the block is not clocked.
+    pub(crate) fn advance(&mut self, now: Cycles) {
+        if self.clocked {
+            self.model.advance_to(self.tick(now));
+        }
+    }
+
+    /// Opens or closes the clock gate, or changes the core cycles in a tick.
+    pub(crate) fn set_clock(&mut self, now: Cycles, clocked: bool, divider: u64) {
+        if clocked == self.clocked && divider == self.divider {
+            return;
+        }
+        self.advance(now);
+        self.origin_tick = if self.clocked {
+            self.tick(now)
+        } else {
+            self.origin_tick
+        };
+        self.origin_cycle = now;
+        self.clocked = clocked;
+        self.divider = divider;
+    }
+
+    pub(crate) fn next_event(&self) -> Cycles {
+        if !self.clocked {
+            return NEVER;
+        }
+        self.model.next_event().map_or(NEVER, |tick| {
+            tick.saturating_sub(self.origin_tick)
+                .saturating_mul(self.divider)
+                .saturating_add(self.origin_cycle)
+        })
+    }
+
+    pub(crate) fn read(&mut self, offset: u32, now: Cycles) -> Option<u32> {
+        if offset > 0x50 {
+            return None;
+        }
+        self.advance(now);
+        super::read_word(&*self.registers, offset)
+    }
+
+    pub(crate) fn write(&mut self, offset: u32, value: u32, now: Cycles) {
+        self.advance(now);
+        super::write_word(&*self.registers, offset, value);
+    }
+
+    pub(crate) fn interrupt(&self) -> bool {
+        self.interrupt.high.load(Ordering::Relaxed)
+    }
+
+    /// Rising edges of TRGO since the last call.
+    pub(crate) fn take_triggers(&self) -> u32 {
+        self.trigger.rises.swap(0, Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Timer;
+
+    const CR1: u32 = 0x00;
+    const CR2: u32 = 0x04;
+    const DIER: u32 = 0x0C;
+    const SR: u32 = 0x10;
+    const EGR: u32 = 0x14;
+    const CNT: u32 = 0x24;
+    const PSC: u32 = 0x28;
+    const ARR: u32 = 0x2C;
+    const CCR1: u32 = 0x34;
+
+    /// Ticks of two core cycles, prescaled by five: 18 MHz from 180 MHz.
+    fn time_base() -> Timer {
+        let mut timer = Timer::new(2).unwrap();
+        timer.set_clock(1000, true, 2);
+        timer.write(PSC, 4, 1000);
+        timer.write(ARR, u32::MAX, 1000);
+        timer.write(EGR, 1, 1000);
+        timer.write(SR, 0, 1000);
+        timer.write(CR1, 1, 1000);
+        timer
+    }
+
+    #[test]
+    fn the_counter_follows_the_core_clock_through_both_dividers() {
+        let mut timer = time_base();
+        assert_eq!(timer.read(CNT, 1009), Some(0));
+        assert_eq!(timer.read(CNT, 1010), Some(1));
+        assert_eq!(timer.read(CNT, 1000 + 180_000_000), Some(18_000_000));
+    }
+
+    #[test]
+    fn a_compare_match_interrupts_in_its_own_cycle() {
+        let mut timer = time_base();
+        timer.write(CCR1, 100, 1100);
+        timer.write(DIER, 1 << 1, 1100);
+        assert_eq!(timer.next_event(), 2000);
+        timer.advance(1999);
+        assert!(!timer.interrupt());
+        timer.advance(2000);
+        assert!(timer.interrupt());
+        assert_eq!(timer.read(SR, 2000).unwrap() & 1 << 1, 1 << 1);
+        timer.write(SR, !(1 << 1), 2100);
+        assert!(!timer.interrupt());
+    }
+
+    #[test]
+    fn the_update_event_goes_out_as_a_trigger() {
+        let mut timer = Timer::new(3).unwrap();
+        timer.set_clock(0, true, 1);
+        timer.write(PSC, 71, 0);
+        timer.write(ARR, 4999, 0);
+        timer.write(EGR, 1, 0);
+        timer.write(CR2, 0b010 << 4, 0);
+        timer.take_triggers();
+        timer.write(CR1, 1, 0);
+        timer.advance(359_999);
+        assert_eq!(timer.take_triggers(), 0);
+        timer.advance(360_000);
+        assert_eq!(timer.take_triggers(), 1);
+        timer.advance(720_000);
+        assert_eq!(timer.take_triggers(), 1);
+    }
+
+    #[test]
+    fn a_stopped_clock_holds_the_counter_and_a_slower_one_counts_slower() {
+        let mut timer = time_base();
+        timer.set_clock(2000, false, 2);
+        timer.advance(50_000);
+        timer.set_clock(50_000, true, 4);
+        assert_eq!(timer.read(CNT, 50_000), Some(100));
+        assert_eq!(timer.read(CNT, 50_020), Some(101));
+    }
+}

@@ -1,0 +1,184 @@
+//! What the tasks of a node cost: for each exception its activations, the longest time it
+//! computed itself and the longest time from its entry to its return.
+
+use crate::clock::Cycles;
+use crate::image::Image;
+use std::collections::BTreeMap;
+
+/// Figures of one exception handler, in core cycles.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TaskTimes {
+    /// Exception number: 15 is SysTick, 16 the first interrupt.
+    pub exception: u16,
+    /// Symbol of the handler, which for interrupts is the vector's name.
+    pub name: String,
+    /// How often it ran.
+    pub activations: u64,
+    /// Longest own time of an activation: from the first instruction to the return,
+    /// without what higher priorities took and without exception entry and return.
+    pub longest: Cycles,
+    /// Longest response: from the exception entry (stacking included) to the return.
+    pub longest_response: Cycles,
+    /// Own time of all activations.
+    pub total: Cycles,
+}
+
+/// Where a node's cycles went.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Load {
+    /// Tasks in the order of their exception number.
+    pub tasks: Vec<TaskTimes>,
+    /// Cycles in thread mode, awake.
+    pub thread: Cycles,
+    /// Cycles asleep.
+    pub asleep: Cycles,
+    /// Cycles of exception entries and returns.
+    pub switching: Cycles,
+}
+
+impl Load {
+    /// Share of the time that the core was awake, 0..=1.
+    #[must_use]
+    pub fn utilisation(&self) -> f64 {
+        let tasks: Cycles = self.tasks.iter().map(|task| task.total).sum();
+        let awake = tasks + self.thread + self.switching;
+        let all = awake + self.asleep;
+        if all == 0 {
+            0.0
+        } else {
+            awake as f64 / all as f64
+        }
+    }
+}
+
+#[derive(Debug)]
+struct Activation {
+    exception: u16,
+    entered: Cycles,
+    own: Cycles,
+}
+
+/// Follows the exceptions of a core.
+#[derive(Debug, Default)]
+pub(crate) struct Observer {
+    stack: Vec<Activation>,
+    tasks: BTreeMap<u16, TaskTimes>,
+    pub(crate) thread: Cycles,
+    pub(crate) asleep: Cycles,
+    switching: Cycles,
+}
+
+/// What a step of the core turned out to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Switch {
+    /// The exception in hand did not change.
+    None,
+    /// A higher priority came in, or thread mode was interrupted.
+    Enter(u16),
+    /// The handler ended and another began without unstacking.
+    Chain(u16),
+    /// The handler ended and what it had interrupted goes on.
+    Return,
+}
+
+impl Observer {
+    /// The exception in hand; 0 in thread mode.
+    pub(crate) fn current(&self) -> u16 {
+        self.stack.last().map_or(0, |top| top.exception)
+    }
+
+    /// The exception that is interrupted by the one in hand.
+    pub(crate) fn below(&self) -> u16 {
+        match self.stack.len() {
+            0 | 1 => 0,
+            n => self.stack[n - 2].exception,
+        }
+    }
+
+    /// Accounts a step of `own` cycles for what was in hand and `overhead` for switching,
+    /// which ends at `now`.
+    pub(crate) fn step(&mut self, now: Cycles, own: Cycles, overhead: Cycles, switch: Switch) {
+        self.switching += overhead;
+        match self.stack.last_mut() {
+            Some(top) => top.own += own,
+            None => self.thread += own,
+        }
+        match switch {
+            Switch::None => {}
+            Switch::Enter(exception) => self.enter(exception, now - overhead),
+            Switch::Chain(exception) => {
+                self.leave(now);
+                self.enter(exception, now - overhead);
+            }
+            Switch::Return => self.leave(now),
+        }
+    }
+
+    fn enter(&mut self, exception: u16, at: Cycles) {
+        self.stack.push(Activation {
+            exception,
+            entered: at,
+            own: 0,
+        });
+    }
+
+    fn leave(&mut self, now: Cycles) {
+        if let Some(done) = self.stack.pop() {
+            let task = self.tasks.entry(done.exception).or_default();
+            task.activations += 1;
+            task.total += done.own;
+            task.longest = task.longest.max(done.own);
+            task.longest_response = task.longest_response.max(now - done.entered);
+        }
+    }
+
+    /// A reset ends whatever was in hand.
+    pub(crate) fn abandon(&mut self) {
+        self.stack.clear();
+    }
+
+    pub(crate) fn report(&self, image: &Image) -> Load {
+        let tasks = self.tasks.iter().map(|(&exception, times)| TaskTimes {
+            exception,
+            name: image.handler(exception).map_or_else(String::new, |h| h.1),
+            ..times.clone()
+        });
+        Load {
+            tasks: tasks.collect(),
+            thread: self.thread,
+            asleep: self.asleep,
+            switching: self.switching,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Observer, Switch};
+    use crate::image::Image;
+    use crate::part::Part;
+
+    #[test]
+    fn preemption_is_nobodys_own_time_but_everybodys_response() {
+        let mut observer = Observer::default();
+        observer.step(12, 0, 12, Switch::Enter(20));
+        observer.step(22, 10, 0, Switch::None);
+        observer.step(34, 0, 12, Switch::Enter(44));
+        observer.step(64, 30, 0, Switch::None);
+        observer.step(75, 1, 10, Switch::Return);
+        assert_eq!(observer.current(), 20);
+        observer.step(80, 5, 0, Switch::None);
+        observer.step(87, 1, 6, Switch::Chain(21));
+        observer.step(90, 3, 0, Switch::None);
+        observer.step(101, 1, 10, Switch::Return);
+        let load = observer.report(&Image::from_code(Part::F446, &[]).unwrap());
+        let of = |n: u16| {
+            let t = load.tasks.iter().find(|t| t.exception == n).unwrap();
+            (t.longest, t.longest_response)
+        };
+        assert_eq!(of(20), (16, 87));
+        assert_eq!(of(44), (31, 53));
+        assert_eq!(of(21), (4, 20));
+        assert_eq!(load.switching, 12 + 12 + 10 + 6 + 10);
+    }
+}

@@ -1,0 +1,109 @@
+//! The seam between the emulated core's bus and the peripherals: what the core calls when
+//! a load or a store leaves for a peripheral.
+
+use crate::clock::Cycles;
+use crate::peripheral::{Nothing, Peripherals, lock};
+use rsemu::core::error::BusError;
+use rsemu::core::space::{AccessConstraints, MemAttrs, MemOps, MemResult};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// What the core and the peripherals share. All of it belongs to one node and one thread;
+/// the atomics only satisfy the emulator's bounds.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub(crate) peripherals: Mutex<Peripherals>,
+    /// Cycle at which the instruction in hand began.
+    now: AtomicU64,
+    /// From this cycle on the run loop has to look at the peripherals.
+    attention: AtomicU64,
+}
+
+impl Shared {
+    pub(crate) fn new(peripherals: Peripherals) -> Self {
+        Self {
+            peripherals: Mutex::new(peripherals),
+            now: AtomicU64::new(0),
+            attention: AtomicU64::new(0),
+        }
+    }
+
+    #[inline]
+    pub(crate) fn set_now(&self, now: Cycles) {
+        self.now.store(now, Ordering::Relaxed);
+    }
+
+    #[inline]
+    pub(crate) fn attention(&self) -> Cycles {
+        self.attention.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn set_attention(&self, at: Cycles) {
+        self.attention.store(at, Ordering::Relaxed);
+    }
+
+    fn access<R>(&self, act: impl FnOnce(&mut Peripherals) -> R) -> R {
+        let mut peripherals = lock(&self.peripherals);
+        let seen = peripherals.lines;
+        peripherals.catch_up(self.now.load(Ordering::Relaxed));
+        let result = act(&mut peripherals);
+        let at_once = peripherals.lines != seen || peripherals.wants_attention();
+        self.set_attention(if at_once {
+            0
+        } else {
+            self.attention().min(peripherals.next_event())
+        });
+        result
+    }
+}
+
+/// A stretch of the peripheral address space.
+#[derive(Debug)]
+pub(crate) struct Window {
+    pub(crate) base: u32,
+    pub(crate) shared: std::sync::Arc<Shared>,
+}
+
+impl MemOps for Window {
+    fn read(&self, offset: u64, dst: &mut [u8], attrs: MemAttrs) -> MemResult {
+        if attrs.debug {
+            // A look that must change nothing.
+            return Err(BusError::BadAccess);
+        }
+        let address = self.base + offset as u32;
+        let lane = (address & 3) as usize;
+        let word = self
+            .shared
+            .access(|peripherals| peripherals.read(address & !3));
+        let bytes = word.map_err(|Nothing| BusError::Unassigned)?.to_le_bytes();
+        let source = bytes
+            .get(lane..lane + dst.len())
+            .ok_or(BusError::BadAccess)?;
+        dst.copy_from_slice(source);
+        Ok(())
+    }
+
+    fn write(&self, offset: u64, src: &[u8], attrs: MemAttrs) -> MemResult {
+        if attrs.debug {
+            return Err(BusError::BadAccess);
+        }
+        let address = self.base + offset as u32;
+        let lane = (address & 3) as usize;
+        let mut bytes = [0; 4];
+        self.shared
+            .access(|peripherals| {
+                if lane != 0 {
+                    bytes = peripherals.read(address & !3)?.to_le_bytes();
+                }
+                if let Some(target) = bytes.get_mut(lane..lane + src.len()) {
+                    target.copy_from_slice(src);
+                }
+                peripherals.write(address & !3, u32::from_le_bytes(bytes))
+            })
+            .map_err(|Nothing| BusError::Unassigned)
+    }
+
+    fn constraints(&self) -> AccessConstraints {
+        AccessConstraints::IO.with_natural_alignment(true)
+    }
+}
