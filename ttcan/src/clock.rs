@@ -132,6 +132,14 @@ impl Clock {
         self.anchor = stamp;
     }
 
+    /// Makes `stamp` stamp 0, at the time `global`.
+    #[cfg(feature = "std")]
+    pub fn restart(&mut self, stamp: Stamp, global: GlobalTime) {
+        self.carry(stamp);
+        self.anchor = Stamp(0);
+        self.global = global;
+    }
+
     /// Sets the time by leap.
     pub fn set(&mut self, stamp: Stamp, global: GlobalTime) {
         self.anchor = stamp;
@@ -196,7 +204,8 @@ impl Clock {
     }
 
     fn set_rate(&mut self, rate: i32) {
-        self.rate = rate.clamp(-self.limit, self.limit);
+        // Not `clamp`, which panics on limits out of order.
+        self.rate = rate.min(self.limit).max(self.limit.wrapping_neg());
         let correction = (i64::from(self.nominal) * i64::from(self.rate)) >> 32;
         self.gain = self.nominal.wrapping_add_signed(correction as i32);
     }

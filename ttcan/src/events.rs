@@ -105,6 +105,14 @@ impl<const Q: usize> Queue<Q> {
         self.waiting = [None; Q];
     }
 
+    /// Moves all deadlines so that `now` becomes stamp 0.
+    #[cfg(feature = "std")]
+    pub fn shift(&mut self, now: Stamp) {
+        for waiting in self.waiting.iter_mut().flatten() {
+            waiting.expires = Stamp(waiting.expires.0.wrapping_sub(now.0));
+        }
+    }
+
     fn retain(&mut self, mut keep: impl FnMut(&Waiting) -> bool) {
         let old = core::mem::replace(&mut self.waiting, [None; Q]);
         let kept = old.into_iter().flatten().filter(|waiting| keep(waiting));

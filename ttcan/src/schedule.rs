@@ -297,6 +297,20 @@ impl<const N: usize, const I: usize, const P: usize> Schedule<N, I, P> {
     }
 }
 
+/// Two views are equal when they are of one schedule.
+impl PartialEq for ScheduleView<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        core::ptr::eq(self.network, other.network)
+    }
+}
+
+impl Eq for ScheduleView<'_> {}
+
+impl core::hash::Hash for ScheduleView<'_> {
+    /// Nodes of one network share their schedule.
+    fn hash<H: core::hash::Hasher>(&self, _: &mut H) {}
+}
+
 impl<'s> ScheduleView<'s> {
     pub(crate) fn entry(&self, at: u16) -> Option<&'s Entry> {
         self.entries.get(usize::from(at))

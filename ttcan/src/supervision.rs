@@ -109,6 +109,14 @@ impl<const W: usize> Counts<W> {
         self.note(window, false, true);
     }
 
+    /// Cuts runs of missed messages off at `many`.
+    #[cfg(feature = "std")]
+    pub fn cut(&mut self, many: u8) {
+        for window in &mut self.windows {
+            window.missed = window.missed.min(many);
+        }
+    }
+
     fn moved(&mut self, before: u8, after: u8, own: bool) {
         if let Some(count) = self.at.get_mut(usize::from(before)) {
             *count = count.saturating_sub(1);
@@ -184,6 +192,21 @@ impl Peer {
         self.heard = true;
         self.in_cycle = self.in_cycle.saturating_add(1);
         self.astray = (self.astray + 2).min(MOST_ASTRAY);
+    }
+
+    /// Makes the basic cycle numbered `cycle` number 0, and forgets what has
+    /// no influence any more.
+    #[cfg(feature = "std")]
+    pub fn normalise(&mut self, cycle: u32, in_two_cycles: u16) {
+        self.empty = self.empty.min(in_two_cycles.max(2));
+        let age = cycle.wrapping_sub(self.cycle);
+        if age > 1 || self.in_cycle == 0 {
+            self.in_cycle = 0;
+            self.cycle = 0;
+        } else {
+            self.in_cycle = self.in_cycle.min(in_two_cycles.max(FORGIVEN) + 1);
+            self.cycle = age.wrapping_neg();
+        }
     }
 
     /// `cycle` is the running number of the basic cycle, `in_two_cycles` the

@@ -63,6 +63,13 @@ pub struct NodeConfig {
     pub drift_limit_ppm: u16,
 }
 
+impl core::hash::Hash for NodeConfig {
+    /// The node stands for the rest.
+    fn hash<H: core::hash::Hasher>(&self, state: &mut H) {
+        self.node.hash(state);
+    }
+}
+
 impl NodeConfig {
     /// The usual configuration: no latency, reference trigger offset by rank,
     /// watch at four missing references, gaps of ten seconds at most, no

@@ -11,6 +11,8 @@
 //! transmissions open, so one mailbox does.
 
 mod config;
+#[cfg(feature = "std")]
+mod normal;
 mod receive;
 mod status;
 mod timing;
@@ -61,7 +63,7 @@ struct Last {
 /// A node: `W` windows of the matrix, `P` nodes of the network, room for `Q`
 /// event messages. It takes some 400 bytes and 3 bytes for each window, 12 for
 /// each node, 28 for each event message.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Node<'s, const W: usize, const P: usize, const Q: usize> {
     schedule: ScheduleView<'s>,
     config: NodeConfig,
@@ -439,9 +441,12 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         let Some(peer) = self.peers.get(usize::from(node.0)) else {
             return Health::Unknown;
         };
+        peer.health(self.cycles_seen, self.windows_in_two_cycles(node))
+    }
+
+    fn windows_in_two_cycles(&self, node: NodeId) -> u16 {
         let windows = u32::from(self.schedule.windows_of(node)) * 2;
-        let in_two = windows.div_ceil(u32::from(self.schedule.network.cycles.max(1)));
-        peer.health(self.cycles_seen, in_two as u16)
+        windows.div_ceil(u32::from(self.schedule.network.cycles.max(1))) as u16
     }
 
     /// What happened so far.

@@ -253,6 +253,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if self.sync != SyncState::InSchedule {
             return Reception::Fault(Fault::NotInSchedule);
         }
+        if self.is_overdue(end) {
+            // The frame may well be in place in a cycle that this node missed.
+            return Reception::Fault(Fault::NotInSchedule);
+        }
         // The latest instant at which the frame can have begun. Up to 24 stuff
         // bits may have made it earlier; to know them costs more than this
         // check can gain.
@@ -282,6 +286,19 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             return self.take_from_last(frame, last);
         }
         self.astray(frame)
+    }
+
+    /// Whether the next reference should have come before `end`, at which a
+    /// frame ended.
+    fn is_overdue(&self, end: Stamp) -> bool {
+        if self.entry_due.is_some() || self.gap_follows {
+            return false;
+        }
+        let cycle = self.schedule.network.basic_cycle;
+        let expected = self
+            .clock
+            .ticks(cycle.saturating_sub(self.schedule.reference_early()));
+        end.ticks_since(self.mark) > expected.cast_signed()
     }
 
     /// Whether a frame began after the entry before the cursor's was over.
