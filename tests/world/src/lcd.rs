@@ -1,8 +1,9 @@
 //! The operator's display at the controller node.
 //!
 //! The thesis does not name the model (6.2.4.5): it only shows that the module answers every
-//! command that it accepts with `0x55`. So the display is a trait, and [`LineDisplay`] the
-//! simplest module that behaves as shown: a command is the text up to a carriage return.
+//! command that it accepts with `0x55`. So the display is a trait, and [`RowDisplay`] a module
+//! that behaves as shown, with the commands that the controller's firmware speaks: two digits
+//! for the row, a letter for the colour (`W`, `G` or `R`), the text, a carriage return.
 
 use crate::syren::fits;
 use crate::time::{SimDuration, SimTime, after, since};
@@ -13,8 +14,11 @@ pub const ACKNOWLEDGE: u8 = 0x55;
 /// Baud rate of the display.
 pub const BAUD: u32 = 115_200;
 
-/// Longest command that the display buffers, in bytes.
-const LONGEST: usize = 255;
+/// Rows of the screen.
+const ROWS: usize = 20;
+
+/// Longest command that the display buffers, in bytes: row, colour and 40 characters.
+const LONGEST: usize = 43;
 
 /// A serial display.
 pub trait Display {
@@ -22,28 +26,28 @@ pub trait Display {
     /// command that the byte completes and begins to acknowledge it.
     fn receive(&mut self, byte: u8, at: SimTime) -> Option<SimTime>;
 
-    /// What the display shows: the commands executed last, newest last, one a line.
+    /// What the display shows, row by row.
     fn text(&self) -> String;
 
     /// Commands executed.
-    fn commands(&self) -> u64;
+    fn executed(&self) -> u64;
+
+    /// Commands not understood, which get no answer.
+    fn refused(&self) -> u64;
 }
 
-/// A display whose commands end with a carriage return.
+/// A display of coloured rows of text.
 #[derive(Clone, Debug)]
-pub struct LineDisplay {
+pub struct RowDisplay {
     acknowledges: bool,
     delay: SimDuration,
-    line: Vec<u8>,
-    overrun: bool,
-    screen: Vec<String>,
-    commands: u64,
+    command: Vec<u8>,
+    rows: [Option<(char, String)>; ROWS],
+    executed: u64,
+    refused: u64,
 }
 
-/// Commands that the screen text keeps.
-const KEPT: usize = 64;
-
-impl LineDisplay {
+impl RowDisplay {
     /// A blank display that executes a command in `delay`; with `acknowledges` false it never
     /// answers.
     #[must_use]
@@ -51,47 +55,61 @@ impl LineDisplay {
         Self {
             acknowledges,
             delay,
-            line: Vec::new(),
-            overrun: false,
-            screen: Vec::new(),
-            commands: 0,
+            command: Vec::new(),
+            rows: [const { None }; ROWS],
+            executed: 0,
+            refused: 0,
         }
+    }
+
+    /// Row, colour and text of a command.
+    fn parse(command: &[u8]) -> Option<(usize, char, String)> {
+        let text = core::str::from_utf8(command).ok()?;
+        if command.len() > LONGEST || !text.bytes().all(|byte| (b' '..=b'~').contains(&byte)) {
+            return None;
+        }
+        let (row, rest) = text.split_at_checked(2)?;
+        let colour = rest
+            .chars()
+            .next()
+            .filter(|colour| "WGR".contains(*colour))?;
+        let digits = row.bytes().all(|byte| byte.is_ascii_digit());
+        let row: usize = row.parse().ok().filter(|row| digits && *row < ROWS)?;
+        Some((row, colour, rest[1..].to_owned()))
     }
 }
 
-impl Display for LineDisplay {
+impl Display for RowDisplay {
     fn receive(&mut self, byte: u8, at: SimTime) -> Option<SimTime> {
         if byte != b'\r' {
-            if self.line.len() < LONGEST {
-                self.line.push(byte);
-            } else {
-                self.overrun = true;
+            // One byte too many is kept to tell that the command is too long.
+            if self.command.len() <= LONGEST {
+                self.command.push(byte);
             }
             return None;
         }
-        let line = core::mem::take(&mut self.line);
-        if core::mem::take(&mut self.overrun) {
+        let command = core::mem::take(&mut self.command);
+        let Some((row, colour, text)) = Self::parse(&command) else {
+            self.refused += 1;
             return None;
-        }
-        let text: String = line
-            .iter()
-            .filter(|byte| byte.is_ascii_graphic() || **byte == b' ')
-            .map(|byte| char::from(*byte))
-            .collect();
-        if self.screen.len() == KEPT {
-            self.screen.remove(0);
-        }
-        self.screen.push(text);
-        self.commands += 1;
+        };
+        self.rows[row] = Some((colour, text));
+        self.executed += 1;
         self.acknowledges.then(|| after(at, self.delay))
     }
 
     fn text(&self) -> String {
-        self.screen.join("\n")
+        let rows = self.rows.iter().flatten();
+        rows.map(|(colour, text)| format!("{colour} {text}\n"))
+            .collect()
     }
 
-    fn commands(&self) -> u64 {
-        self.commands
+    fn executed(&self) -> u64 {
+        self.executed
+    }
+
+    fn refused(&self) -> u64 {
+        self.refused
     }
 }
 
@@ -105,35 +123,67 @@ pub fn readable(start: SimTime, end: SimTime) -> bool {
 mod tests {
     use super::*;
 
-    fn send(display: &mut LineDisplay, text: &[u8]) -> Vec<Option<SimTime>> {
+    fn display(acknowledges: bool) -> RowDisplay {
+        RowDisplay::new(acknowledges, SimDuration::from_ticks(7))
+    }
+
+    /// Answers to each byte of `text`, sent at instant 5.
+    fn send(display: &mut RowDisplay, text: &[u8]) -> Vec<Option<u64>> {
+        let answer = |byte: &u8| display.receive(*byte, SimTime::from_ticks(5));
         text.iter()
-            .map(|byte| display.receive(*byte, SimTime::from_ticks(5)))
+            .map(answer)
+            .map(|at| at.map(|at| at.as_ticks()))
             .collect()
     }
 
     #[test]
     fn each_command_is_acknowledged_once() {
-        let mut display = LineDisplay::new(true, SimDuration::from_ticks(7));
-        let answers = send(&mut display, b"AB\rC\r");
-        let answer = Some(SimTime::from_ticks(12));
-        assert_eq!(answers, [None, None, answer, None, answer]);
-        assert_eq!(display.text(), "AB\nC");
+        let mut display = display(true);
+        let answers = send(&mut display, b"01Gok\r00W\r");
+        let when: Vec<usize> = (0..answers.len())
+            .filter(|i| answers[*i] == Some(12))
+            .collect();
+        assert_eq!(when, [5, 9]);
+        assert_eq!(display.text(), "W \nG ok\n");
     }
 
     #[test]
     fn a_mute_display_still_shows() {
-        let mut display = LineDisplay::new(false, SimDuration::from_ticks(0));
-        assert!(send(&mut display, b"X\r").iter().all(Option::is_none));
-        assert_eq!((display.text().as_str(), display.commands()), ("X", 1));
+        let mut display = display(false);
+        assert!(send(&mut display, b"19RX\r").iter().all(Option::is_none));
+        assert_eq!((display.text().as_str(), display.executed()), ("R X\n", 1));
     }
 
     #[test]
-    fn an_endless_command_is_dropped() {
-        let mut display = LineDisplay::new(true, SimDuration::from_ticks(0));
-        let mut text = vec![b'x'; LONGEST + 1];
-        text.push(b'\r');
-        assert!(send(&mut display, &text).iter().all(Option::is_none));
-        assert_eq!(display.commands(), 0);
-        assert!(send(&mut display, b"ok\r")[2].is_some());
+    fn what_is_no_command_gets_no_answer() {
+        let mut display = display(true);
+        for text in [
+            "\r",
+            "1\r",
+            "00\r",
+            "20Wx\r",
+            "xxWx\r",
+            "00Bx\r",
+            "00W\x07\r",
+        ] {
+            assert!(
+                send(&mut display, text.as_bytes())
+                    .iter()
+                    .all(Option::is_none),
+                "{text:?}"
+            );
+        }
+        let endless = ["00W", &"x".repeat(41), "\r"].concat();
+        assert!(
+            send(&mut display, endless.as_bytes())
+                .iter()
+                .all(Option::is_none)
+        );
+        assert_eq!((display.executed(), display.refused()), (0, 9));
+        let longest = ["00W", &"x".repeat(40), "\r"].concat();
+        assert_eq!(
+            send(&mut display, longest.as_bytes()).last(),
+            Some(&Some(12))
+        );
     }
 }

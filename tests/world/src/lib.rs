@@ -17,6 +17,7 @@ pub mod operator;
 pub mod random;
 pub mod receiver;
 mod record;
+pub mod report;
 pub mod scenario;
 pub mod syren;
 pub mod time;

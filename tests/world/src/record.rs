@@ -51,6 +51,8 @@ pub struct Counters {
     pub motor_wrong_baud: u64,
     /// Commands that the display executed.
     pub lcd_commands: u64,
+    /// Commands that the display did not understand.
+    pub lcd_refused: u64,
     /// Bytes lost at the display because of a wrong baud rate.
     pub lcd_wrong_baud: u64,
     /// Bytes sent to a device that listens to nobody, such as the receiver.

@@ -8,7 +8,7 @@
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
-use crate::lcd::{self, ACKNOWLEDGE, Display, LineDisplay};
+use crate::lcd::{self, ACKNOWLEDGE, Display, RowDisplay};
 use crate::node::{Analog, Input, Node, Port};
 use crate::operator;
 use crate::random::{Purpose, Stream};
@@ -196,7 +196,7 @@ impl World {
             fixes,
             steering: Syren::new(scenario.vehicle.steering_reversed),
             drive: Syren::new(scenario.vehicle.drive_reversed),
-            display: Box::new(LineDisplay::new(
+            display: Box::new(RowDisplay::new(
                 scenario.lcd.acknowledges,
                 scenario.lcd.delay.span(),
             )),
@@ -492,7 +492,8 @@ impl World {
             return;
         }
         let answer = self.display.receive(byte, end);
-        self.counters.lcd_commands = self.display.commands();
+        self.counters.lcd_commands = self.display.executed();
+        self.counters.lcd_refused = self.display.refused();
         if let Some(begin) = answer {
             let bit_time = from_seconds(1.0 / f64::from(lcd::BAUD));
             let done = after(begin.max(self.lcd_line_free), bit_time * 10);

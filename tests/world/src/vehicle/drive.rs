@@ -2,7 +2,7 @@
 
 use super::Parameters;
 
-/// Effort to speed: a dead band, proportional outside of it, reached with a first-order lag.
+/// Effort to speed: a dead band, then linear, reached with a first-order lag.
 #[derive(Copy, Clone, Debug)]
 pub struct Drive {
     /// Effort of the motor driver, -1 to 1.
@@ -27,11 +27,8 @@ impl Drive {
     /// Speed that the effort leads to, metres per second.
     #[must_use]
     pub fn target(&self) -> f64 {
-        if self.effort.abs() < self.band {
-            0.0
-        } else {
-            self.top_speed * self.effort
-        }
+        let beyond = ((self.effort.abs() - self.band) / (1.0 - self.band)).max(0.0);
+        (self.top_speed * beyond).copysign(self.effort)
     }
 
     /// The speed reached from `speed` after `span` seconds.

@@ -1,0 +1,174 @@
+//! How the vehicle followed the line, and how it stopped.
+
+use super::Run;
+use super::summary::{AutonomousRun, StopFigures, rounded};
+use crate::node::Node;
+use crate::receiver::Fix;
+use crate::record::StateSample;
+use crate::time::{SimTime, at, seconds};
+
+/// The cross-track error that counts as settled, metres.
+pub(super) const BAND: f64 = 0.05;
+
+/// How long it must stay within the band, seconds, so that crossing the line does not count.
+const HOLD: f64 = 3.0;
+
+/// Begin and end of each time in an autonomous mode.
+pub(super) fn autonomous_spans(run: &Run) -> Vec<(SimTime, SimTime)> {
+    let mut spans = Vec::new();
+    let mut begun = None;
+    for change in run.modes {
+        match (begun, change.autonomous) {
+            (None, true) => begun = Some(change.at),
+            (Some(from), false) => {
+                spans.push((from, change.at));
+                begun = None;
+            }
+            _ => {}
+        }
+    }
+    if let Some(from) = begun {
+        spans.push((from, at(run.duration)));
+    }
+    spans
+}
+
+/// Time and cross-track error of each state.
+pub(super) fn errors<'a>(run: &'a Run) -> impl Iterator<Item = (f64, f64)> + 'a {
+    run.states.iter().map(|state| {
+        let (_, error) = run.scenario.line.locate(state.north, state.east);
+        (seconds(state.at), error)
+    })
+}
+
+/// The index from which the errors stay within the band for [`HOLD`] seconds.
+fn settled(errors: &[(f64, f64)]) -> Option<usize> {
+    let mut candidate: Option<usize> = None;
+    for (i, (time, error)) in errors.iter().enumerate() {
+        if error.abs() > BAND {
+            candidate = None;
+            continue;
+        }
+        let first = *candidate.get_or_insert(i);
+        if time - errors[first].0 >= HOLD - 1e-9 {
+            return Some(first);
+        }
+    }
+    None
+}
+
+/// Changes of sign between efforts that differ from zero.
+fn reversals(states: &[StateSample]) -> usize {
+    let signs: Vec<bool> = states
+        .iter()
+        .filter(|state| state.steering_effort != 0.0)
+        .map(|state| state.steering_effort > 0.0)
+        .collect();
+    signs.windows(2).filter(|pair| pair[0] != pair[1]).count()
+}
+
+pub(super) fn autonomous_runs(run: &Run) -> Vec<AutonomousRun> {
+    let all: Vec<(f64, f64)> = errors(run).collect();
+    autonomous_spans(run)
+        .into_iter()
+        .filter_map(|(from, until)| {
+            let begin = run.states.partition_point(|state| state.at < from);
+            let end = run.states.partition_point(|state| state.at <= until);
+            let errors = all.get(begin..end)?;
+            let initial = errors.first()?.1;
+            let side = if initial < 0.0 { 1.0 } else { -1.0 };
+            let overshoot = errors
+                .iter()
+                .map(|(_, error)| side * error)
+                .fold(0.0, f64::max);
+            let first = settled(errors);
+            let steady = first
+                .and_then(|first| errors.get(first..))
+                .unwrap_or_default();
+            let states = first.and_then(|first| run.states.get(begin + first..end));
+            let count = steady.len() as f64;
+            let mean = steady.iter().map(|(_, error)| error).sum::<f64>() / count;
+            let variance = steady
+                .iter()
+                .map(|(_, error)| (error - mean) * (error - mean))
+                .sum::<f64>()
+                / count;
+            let largest = steady
+                .iter()
+                .map(|(_, error)| error.abs())
+                .fold(0.0, f64::max);
+            let if_settled = |value: f64| first.map(|_| value);
+            let span = steady.last().map_or(0.0, |last| last.0 - steady[0].0);
+            Some(AutonomousRun {
+                from_seconds: rounded(seconds(from), 6),
+                until_seconds: rounded(seconds(until), 6),
+                initial_cross_track_error_cm: rounded(initial * 100.0, 3),
+                settling_seconds: first
+                    .map(|first| rounded((errors[first].0 - seconds(from)).max(0.0), 3)),
+                mean_cross_track_error_cm: if_settled(rounded(mean * 100.0, 3)),
+                standard_deviation_cm: if_settled(rounded(libm::sqrt(variance) * 100.0, 3)),
+                largest_cross_track_error_cm: if_settled(rounded(largest * 100.0, 3)),
+                overshoot_cm: rounded(overshoot * 100.0, 3),
+                steering_reversals_per_second: states
+                    .map(|states| rounded(reversals(states) as f64 / span, 3)),
+            })
+        })
+        .collect()
+}
+
+/// Whether a motor stands still at `when`, and when its effort changes next.
+fn effort_at(run: &Run, node: Node, when: SimTime) -> bool {
+    run.efforts
+        .iter()
+        .take_while(|change| change.at <= when)
+        .filter(|change| change.node == node)
+        .last()
+        .is_none_or(|change| change.effort == 0.0)
+}
+
+pub(super) fn stops(run: &Run) -> Vec<StopFigures> {
+    let mut events: Vec<(SimTime, String)> = run
+        .scenario
+        .reset
+        .iter()
+        .map(|reset| (at(reset.at.span()), format!("{} held in reset", reset.node)))
+        .collect();
+    let mut fix = run.scenario.receiver.fix;
+    let mut changes = run.scenario.fix.clone();
+    changes.sort_by(|a, b| a.at.get().total_cmp(&b.at.get()));
+    for change in changes {
+        if fix == Fix::Fixed && change.state != Fix::Fixed {
+            events.push((
+                at(change.at.span()),
+                format!("fix lost ({})", change.state.name()),
+            ));
+        }
+        fix = change.state;
+    }
+    events.sort();
+    events.retain(|(when, _)| *when < at(run.duration));
+
+    let standing = |when| effort_at(run, Node::Steering, when) && effort_at(run, Node::Drive, when);
+    let ends = events
+        .iter()
+        .skip(1)
+        .map(|(when, _)| *when)
+        .chain([at(run.duration)]);
+    events
+        .iter()
+        .zip(ends)
+        .map(|((when, event), end)| {
+            let moments = run.efforts.iter().map(|change| change.at);
+            let stopped = [*when]
+                .into_iter()
+                .chain(moments.filter(|moment| moment > when && *moment < end))
+                .find(|moment| standing(*moment));
+            StopFigures {
+                event: event.clone(),
+                at_seconds: rounded(seconds(*when), 6),
+                motors_stopped_after_ms: stopped
+                    .map(|moment| rounded((seconds(moment) - seconds(*when)) * 1e3, 3)),
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,151 @@
+//! Figures, tables and pictures of a finished run.
+//!
+//! [`Run`] is what was recorded, [`Summary`] what it amounts to. [`write`] puts the summary
+//! (`summary.json`), the vehicle's states (`states.csv`) and a picture (`track.svg`) into an
+//! [`OutputFolder`]; [`terminal`] is the summary as text. Nothing written to files depends on the
+//! machine that simulates: the same run gives the same bytes.
+
+mod bus;
+mod folder;
+mod guidance;
+mod plot;
+mod states;
+mod summary;
+mod terminal;
+mod track;
+
+use crate::node::Node;
+use crate::record::{EffortChange, StateSample};
+use crate::scenario::Scenario;
+use crate::time::{SimDuration, SimTime};
+
+pub use folder::{FolderError, OutputFolder};
+pub use states::states_csv;
+pub use summary::{
+    AutonomousRun, BusFigures, IdFigures, ModeFigures, StopFigures, Summary, TaskFigures,
+    WindowFigures,
+};
+pub use terminal::terminal;
+pub use track::track_svg;
+
+/// Everything recorded in a run.
+#[derive(Clone, Copy, Debug)]
+pub struct Run<'a> {
+    /// What was simulated.
+    pub scenario: &'a Scenario,
+    /// Seed of the run.
+    pub seed: u64,
+    /// How long was simulated.
+    pub duration: SimDuration,
+    /// States of the vehicle, in order of time.
+    pub states: &'a [StateSample],
+    /// Changes of the motor drivers' efforts, in order of time.
+    pub efforts: &'a [EffortChange],
+    /// Frames on the bus, in order of time.
+    pub frames: &'a [FrameRecord],
+    /// The windows of the basic cycle.
+    pub windows: &'a [Window],
+    /// Length of the basic cycle.
+    pub basic_cycle: SimDuration,
+    /// Length of a bit on the bus.
+    pub bit_time: SimDuration,
+    /// Changes of the vehicle's mode, in order of time.
+    pub modes: &'a [ModeChange],
+    /// Longest observed times of the nodes' tasks.
+    pub tasks: &'a [TaskTime],
+}
+
+/// A frame on the bus.
+#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+pub struct FrameRecord {
+    /// Standard identifier.
+    pub id: u16,
+    /// Number of data bytes.
+    pub dlc: u8,
+    /// Data; only the first `dlc` bytes count.
+    pub data: [u8; 8],
+    /// First edge of the start-of-frame bit.
+    pub start: SimTime,
+    /// End of the last bit of the end of frame, or of the error frame.
+    pub end: SimTime,
+    /// Whether every receiver took it; false when it ended in an error frame.
+    pub complete: bool,
+}
+
+/// When the message of a window is expected in it.
+#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+pub enum Due {
+    /// In every basic cycle.
+    Always,
+    /// In every basic cycle whose reference message says that the fix is good (lowest bit of its
+    /// first byte).
+    WhileFixed,
+    /// When there is something to send.
+    Sometimes,
+}
+
+/// Kind of a window.
+#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+pub enum WindowKind {
+    /// The reference message, which begins the basic cycle.
+    Reference,
+    /// One message of one sender.
+    Exclusive,
+    /// Whoever wins the arbitration.
+    Arbitrating,
+}
+
+/// A window of the system matrix and the message sent in it; a matrix of one basic cycle.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// Identifier of its message.
+    pub id: u16,
+    /// Name of its message.
+    pub message: String,
+    /// Its sender.
+    pub sender: String,
+    /// Its begin, counted from the reference message's start of frame.
+    pub start: SimDuration,
+    /// Its length.
+    pub length: SimDuration,
+    /// Its kind.
+    pub kind: WindowKind,
+    /// When its message is expected.
+    pub due: Due,
+}
+
+/// The vehicle's mode changes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ModeChange {
+    /// When.
+    pub at: SimTime,
+    /// Name of the new mode.
+    pub mode: String,
+    /// Whether the vehicle follows the line in it.
+    pub autonomous: bool,
+}
+
+/// Longest observed time of a task.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TaskTime {
+    /// Its node.
+    pub node: Node,
+    /// Its name.
+    pub task: String,
+    /// How often it ran.
+    pub runs: u64,
+    /// Core cycles of its longest run.
+    pub longest_cycles: u64,
+    /// Core clock, cycles per second.
+    pub core_hz: u64,
+}
+
+/// Writes `summary.json`, `states.csv` and `track.svg` into `folder`.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write(run: &Run, summary: &Summary, folder: &mut OutputFolder) -> Result<(), FolderError> {
+    folder.write("summary.json", summary.json().as_bytes())?;
+    folder.write("states.csv", states_csv(run).as_bytes())?;
+    folder.write("track.svg", track_svg(run, summary).as_bytes())
+}

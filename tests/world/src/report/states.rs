@@ -1,0 +1,43 @@
+//! The vehicle's states as a table.
+
+use core::fmt::Write;
+
+use super::Run;
+use crate::time::seconds;
+use crate::vehicle::wrap;
+
+/// `states.csv`: one line for each recorded state, every 10 ms. Positions are those of the
+/// antenna as it truly is, not as the receiver measures it.
+#[must_use]
+pub fn states_csv(run: &Run) -> String {
+    let mut text = String::from(
+        "time_s,north_m,east_m,heading_deg,steering_angle_deg,speed_m_s,along_m,\
+         cross_track_error_m,heading_error_deg,steering_effort,drive_effort,fix\n",
+    );
+    let direction = run.scenario.line.direction();
+    for state in run.states {
+        let (along, error) = run.scenario.line.locate(state.north, state.east);
+        let heading = state.heading.to_degrees().rem_euclid(360.0);
+        let columns = [
+            (seconds(state.at), 2),
+            (state.north, 4),
+            (state.east, 4),
+            (heading, 3),
+            (state.steering.to_degrees(), 3),
+            (state.speed, 4),
+            (along, 4),
+            (error, 4),
+            (wrap(state.heading - direction).to_degrees(), 3),
+            (state.steering_effort, 4),
+            (state.drive_effort, 4),
+        ];
+        for (value, digits) in columns {
+            let value = super::summary::rounded(value, digits as i32);
+            // Writing to a string cannot fail.
+            let _ = write!(text, "{value:.digits$},");
+        }
+        text.push_str(state.fix.name());
+        text.push('\n');
+    }
+    text
+}

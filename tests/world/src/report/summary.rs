@@ -1,0 +1,234 @@
+//! The figures of a run, as `summary.json` holds them.
+
+use serde::Serialize;
+
+use super::{Run, bus, guidance};
+use crate::time::{seconds, since, span_seconds};
+
+/// The figures of a run. The fields' names and meanings are those of `summary.json`; units are
+/// part of the names because JSON has no types for them. A figure that does not exist, such as
+/// the settling time of a run that never settles, is `null`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Simulated time.
+    pub simulated_seconds: f64,
+    /// One entry for each time that the vehicle drove autonomously.
+    pub autonomous_runs: Vec<AutonomousRun>,
+    /// Way of the antenna.
+    pub distance_m: f64,
+    /// Largest speed of the wheels, either direction.
+    pub largest_speed_m_s: f64,
+    /// Largest steering angle, either side.
+    pub largest_steering_angle_deg: f64,
+    /// One entry for each node reset and each loss of the fix in the scenario.
+    pub stops: Vec<StopFigures>,
+    /// The vehicle's modes.
+    pub modes: Vec<ModeFigures>,
+    /// The bus.
+    pub bus: BusFigures,
+    /// The nodes' tasks.
+    pub tasks: Vec<TaskFigures>,
+}
+
+/// One uninterrupted time in an autonomous mode.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AutonomousRun {
+    /// Its begin.
+    pub from_seconds: f64,
+    /// Its end.
+    pub until_seconds: f64,
+    /// Cross-track error of the antenna at its begin, positive right of the line.
+    pub initial_cross_track_error_cm: f64,
+    /// Begin to the first instant from which the cross-track error stays within 5 cm for at
+    /// least 3 s.
+    pub settling_seconds: Option<f64>,
+    /// Mean of the cross-track error from then on.
+    pub mean_cross_track_error_cm: Option<f64>,
+    /// Standard deviation of the cross-track error from then on.
+    pub standard_deviation_cm: Option<f64>,
+    /// Largest cross-track error from then on, either side.
+    pub largest_cross_track_error_cm: Option<f64>,
+    /// Largest cross-track error past the line, on the side away from the start; the overshoot.
+    pub overshoot_cm: f64,
+    /// Changes of sign of the steering effort per second from then on, standstill left out.
+    pub steering_reversals_per_second: Option<f64>,
+}
+
+/// How the motors came to rest after an event.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StopFigures {
+    /// What happened.
+    pub event: String,
+    /// When.
+    pub at_seconds: f64,
+    /// Time until both motor drivers were told to stop; 0 when they stood already, `null` when
+    /// they were not stopped before the next event.
+    pub motors_stopped_after_ms: Option<f64>,
+}
+
+/// A mode of the vehicle.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ModeFigures {
+    /// When it began.
+    pub at_seconds: f64,
+    /// Its name.
+    pub mode: String,
+}
+
+/// Figures of the bus.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BusFigures {
+    /// Share of the time in which the bus is busy: frames, error frames, intermissions.
+    pub load_percent: f64,
+    /// Complete frames.
+    pub frames: u64,
+    /// Frames that ended in an error frame.
+    pub error_frames: u64,
+    /// Basic cycles: reference messages.
+    pub basic_cycles: u64,
+    /// Frames for each identifier that was seen, in order of the identifier.
+    pub frames_per_id: Vec<IdFigures>,
+    /// Latest start of frame after its window's begin, over the exclusive windows.
+    pub latest_start_us: Option<f64>,
+    /// Identifier of that frame.
+    pub latest_start_id: Option<u16>,
+    /// Earliest start of frame against its window's begin, negative when early.
+    pub earliest_start_us: Option<f64>,
+    /// Exclusive windows that stayed empty although their message was due and had been on the
+    /// bus before.
+    pub missed_windows: u64,
+    /// Complete frames whose identifier has a window but that started outside of it.
+    pub frames_outside_their_window: u64,
+    /// Complete frames whose identifier has no window.
+    pub foreign_frames: u64,
+    /// Figures for each exclusive window, in order of the basic cycle.
+    pub windows: Vec<WindowFigures>,
+}
+
+/// Frames of one identifier.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct IdFigures {
+    /// Identifier.
+    pub id: u16,
+    /// Name of the message; empty when the matrix does not know it.
+    pub message: String,
+    /// Complete frames.
+    pub frames: u64,
+}
+
+/// Figures of one exclusive window.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WindowFigures {
+    /// Identifier of its message.
+    pub id: u16,
+    /// Name of its message.
+    pub message: String,
+    /// Sender of its message.
+    pub sender: String,
+    /// Begin of the window, counted from the reference message's start of frame.
+    pub window_start_us: f64,
+    /// Cycles in which its message was on the bus in the window.
+    pub frames: u64,
+    /// Cycles in which the window stayed empty although the message was due and had been on the
+    /// bus before.
+    pub missed: u64,
+    /// Earliest start of frame after the window's begin, negative when early.
+    pub earliest_start_us: Option<f64>,
+    /// Mean start of frame after the window's begin.
+    pub mean_start_us: Option<f64>,
+    /// Latest start of frame after the window's begin.
+    pub latest_start_us: Option<f64>,
+}
+
+/// Figures of one task of one node.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TaskFigures {
+    /// Node.
+    pub node: String,
+    /// Task.
+    pub task: String,
+    /// How often it ran.
+    pub runs: u64,
+    /// Core cycles of its longest run.
+    pub longest_cycles: u64,
+    /// The same as a time at the node's nominal clock.
+    pub longest_us: f64,
+}
+
+/// `value` rounded to `digits` decimals, so that files are legible and differences of the last
+/// bit do not show.
+pub(super) fn rounded(value: f64, digits: i32) -> f64 {
+    let scale = 10_f64.powi(digits);
+    let rounded = (value * scale).round() / scale;
+    // No negative zero.
+    rounded + 0.0
+}
+
+impl Summary {
+    /// The figures of `run`.
+    #[must_use]
+    pub fn of(run: &Run) -> Self {
+        let largest = |part: fn(&crate::StateSample) -> f64| {
+            run.states
+                .iter()
+                .map(|state| part(state).abs())
+                .fold(0.0, f64::max)
+        };
+        let steps = run.states.windows(2);
+        let distance: f64 = steps
+            .map(|pair| libm::hypot(pair[1].north - pair[0].north, pair[1].east - pair[0].east))
+            .sum();
+        Self {
+            scenario: run.scenario.name.clone(),
+            seed: run.seed,
+            simulated_seconds: rounded(span_seconds(run.duration), 6),
+            autonomous_runs: guidance::autonomous_runs(run),
+            distance_m: rounded(distance, 3),
+            largest_speed_m_s: rounded(largest(|state| state.speed), 4),
+            largest_steering_angle_deg: rounded(largest(|state| state.steering).to_degrees(), 3),
+            stops: guidance::stops(run),
+            modes: run
+                .modes
+                .iter()
+                .map(|change| ModeFigures {
+                    at_seconds: rounded(seconds(change.at), 6),
+                    mode: change.mode.clone(),
+                })
+                .collect(),
+            bus: bus::figures(run),
+            tasks: run
+                .tasks
+                .iter()
+                .map(|task| TaskFigures {
+                    node: task.node.name().to_owned(),
+                    task: task.task.clone(),
+                    runs: task.runs,
+                    longest_cycles: task.longest_cycles,
+                    longest_us: rounded(
+                        task.longest_cycles as f64 / task.core_hz.max(1) as f64 * 1e6,
+                        3,
+                    ),
+                })
+                .collect(),
+        }
+    }
+
+    /// The figures as indented JSON with a final line end.
+    #[must_use]
+    pub fn json(&self) -> String {
+        let mut text = serde_json::to_string_pretty(self).unwrap_or_default();
+        text.push('\n');
+        text
+    }
+}
+
+/// Microseconds from `earlier` to `later`, negative when it is the other way round.
+pub(super) fn micros_between(earlier: crate::SimTime, later: crate::SimTime) -> f64 {
+    let ahead = since(later, earlier).as_ticks() as f64;
+    let behind = since(earlier, later).as_ticks() as f64;
+    (ahead - behind) / 1e6
+}

@@ -1,0 +1,168 @@
+//! The summary as text for a terminal.
+
+use core::fmt::Write;
+use std::time::Duration;
+
+use super::Summary;
+
+fn figure(value: Option<f64>, digits: usize, unit: &str) -> String {
+    value.map_or_else(
+        || "-".to_owned(),
+        |value| format!("{value:.digits$} {unit}"),
+    )
+}
+
+/// The summary as text. `wall` is the time that the simulation took; it stands here and in no
+/// file, because it is different every time.
+#[must_use]
+pub fn terminal(summary: &Summary, wall: Option<Duration>) -> String {
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_all(&mut text, summary, wall);
+    text
+}
+
+fn write_all(t: &mut String, s: &Summary, wall: Option<Duration>) -> core::fmt::Result {
+    writeln!(
+        t,
+        "{}, seed {}, {} s simulated",
+        s.scenario, s.seed, s.simulated_seconds
+    )?;
+    if let Some(wall) = wall {
+        let wall = wall.as_secs_f64();
+        let pace = s.simulated_seconds / wall.max(1e-9);
+        writeln!(
+            t,
+            "  {wall:.1} s of wall time: {pace:.2} simulated seconds per second"
+        )?;
+    }
+
+    writeln!(t, "\nGuidance")?;
+    writeln!(
+        t,
+        "  {:.1} m driven, up to {:.2} m/s and {:.1} deg of steering",
+        s.distance_m, s.largest_speed_m_s, s.largest_steering_angle_deg
+    )?;
+    if s.autonomous_runs.is_empty() {
+        writeln!(t, "  no autonomous run")?;
+    }
+    for run in &s.autonomous_runs {
+        writeln!(
+            t,
+            "  autonomous {:.2} s to {:.2} s, from {:.1} cm off the line:",
+            run.from_seconds, run.until_seconds, run.initial_cross_track_error_cm
+        )?;
+        let rows = [
+            ("settled to 5 cm in", figure(run.settling_seconds, 2, "s")),
+            (
+                "mean cross-track error",
+                figure(run.mean_cross_track_error_cm, 2, "cm"),
+            ),
+            (
+                "standard deviation",
+                figure(run.standard_deviation_cm, 2, "cm"),
+            ),
+            (
+                "largest once settled",
+                figure(run.largest_cross_track_error_cm, 2, "cm"),
+            ),
+            ("overshoot", figure(Some(run.overshoot_cm), 2, "cm")),
+            (
+                "steering reversals",
+                figure(run.steering_reversals_per_second, 2, "per s"),
+            ),
+        ];
+        for (name, value) in rows {
+            writeln!(t, "    {name:<24}{value:>12}")?;
+        }
+    }
+    for mode in &s.modes {
+        writeln!(t, "  {:>10.3} s  {}", mode.at_seconds, mode.mode)?;
+    }
+    for stop in &s.stops {
+        let after = stop
+            .motors_stopped_after_ms
+            .map_or("motors not stopped".to_owned(), |ms| {
+                format!("motors stopped after {ms:.1} ms")
+            });
+        writeln!(t, "  {:>10.3} s  {}: {after}", stop.at_seconds, stop.event)?;
+    }
+
+    let bus = &s.bus;
+    writeln!(t, "\nBus")?;
+    writeln!(
+        t,
+        "  load {:.2} %, {} frames, {} error frames, {} basic cycles",
+        bus.load_percent, bus.frames, bus.error_frames, bus.basic_cycles
+    )?;
+    let latest = bus
+        .latest_start_id
+        .map_or(String::new(), |id| format!(" (id {id})"));
+    writeln!(
+        t,
+        "  latest start of frame {}{latest} after its window begins, earliest {}",
+        figure(bus.latest_start_us, 2, "us"),
+        figure(bus.earliest_start_us, 2, "us")
+    )?;
+    writeln!(
+        t,
+        "  {} missed windows, {} frames outside their window, {} foreign frames",
+        bus.missed_windows, bus.frames_outside_their_window, bus.foreign_frames
+    )?;
+    if !bus.windows.is_empty() {
+        writeln!(
+            t,
+            "  {:>9}  {:>4}  {:<16} {:<11} {:>7} {:>7} {:>10} {:>10} {:>10}",
+            "window", "id", "message", "sender", "frames", "missed", "earliest", "mean", "latest"
+        )?;
+    }
+    for window in &bus.windows {
+        let us = |value: Option<f64>| figure(value, 2, "us");
+        writeln!(
+            t,
+            "  {:>6.0} us  {:>4}  {:<16} {:<11} {:>7} {:>7} {:>10} {:>10} {:>10}",
+            window.window_start_us,
+            window.id,
+            window.message,
+            window.sender,
+            window.frames,
+            window.missed,
+            us(window.earliest_start_us),
+            us(window.mean_start_us),
+            us(window.latest_start_us)
+        )?;
+    }
+    let others: Vec<String> = bus
+        .frames_per_id
+        .iter()
+        .filter(|entry| bus.windows.iter().all(|window| window.id != entry.id))
+        .map(|entry| {
+            let name = if entry.message.is_empty() {
+                "foreign"
+            } else {
+                &entry.message
+            };
+            format!("{} {name}: {}", entry.id, entry.frames)
+        })
+        .collect();
+    if !others.is_empty() {
+        writeln!(t, "  other frames: {}", others.join(", "))?;
+    }
+
+    if !s.tasks.is_empty() {
+        writeln!(t, "\nLongest observed times of tasks")?;
+        writeln!(
+            t,
+            "  {:<11} {:<20} {:>9} {:>10} {:>12}",
+            "node", "task", "runs", "cycles", "time"
+        )?;
+    }
+    for task in &s.tasks {
+        writeln!(
+            t,
+            "  {:<11} {:<20} {:>9} {:>10} {:>9.2} us",
+            task.node, task.task, task.runs, task.longest_cycles, task.longest_us
+        )?;
+    }
+    Ok(())
+}
