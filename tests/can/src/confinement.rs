@@ -84,11 +84,11 @@ impl ErrorCounters {
         self.transmit = self.transmit.saturating_sub(1);
     }
 
-    /// Takes 1 from the receive error count, or brings it from above 127 back to 127 (rule h:
-    /// a value between 119 and 127).
+    /// Takes 1 from the receive error count, or brings it back to 120 from above 128 (rule h
+    /// leaves a value of 119 to 127 open; this is bxCAN's, RM0390 section 30.9.2).
     pub(crate) fn received(&mut self) {
-        self.receive = if self.receive > 127 {
-            127
+        self.receive = if self.receive > 128 {
+            120
         } else {
             self.receive.saturating_sub(1)
         };

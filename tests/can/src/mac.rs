@@ -316,8 +316,9 @@ impl Mac {
                 }
             }
             Phase::Idle => {
+                // Whoever had a frame pending has started together with the first sender.
                 if dominant {
-                    self.start_seen(true, events);
+                    self.start_seen(false, events);
                 }
             }
             Phase::InFrame(_) => self.sample_frame(level, driven, events),

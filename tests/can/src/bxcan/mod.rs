@@ -241,7 +241,9 @@ impl BxCan {
     fn settle(&mut self, mode: Mode) {
         self.mode = mode;
         if mode == Mode::Sleep {
-            self.flags |= msr::SLAKI;
+            if self.ier & ier::SLKIE != 0 {
+                self.flags |= msr::SLAKI;
+            }
         } else {
             self.flags &= !msr::SLAKI;
         }

@@ -110,8 +110,8 @@ pub fn request(bus: &mut Bus, node: NodeId, mailbox: u32, frame: &Frame, at: Sim
     bus.write(node, base, tir | remote | 1, at);
 }
 
-/// Takes the oldest message out of FIFO 0.
-pub fn take(bus: &mut Bus, node: NodeId, at: SimTime) -> Option<(u32, u32, [u32; 2])> {
+/// Takes the oldest message out of FIFO 0: RIxR, RDTxR and the data.
+pub fn take(bus: &mut Bus, node: NodeId) -> Option<(u32, u32, [u32; 2])> {
     if bus.read(node, RF0R) & 3 == 0 {
         return None;
     }
@@ -120,7 +120,7 @@ pub fn take(bus: &mut Bus, node: NodeId, at: SimTime) -> Option<(u32, u32, [u32;
         bus.read(node, RI0R + 4),
         [bus.read(node, RI0R + 8), bus.read(node, RI0R + 12)],
     );
-    bus.write(node, RF0R, 1 << 5, at);
+    bus.write(node, RF0R, 1 << 5, bus.now());
     Some(message)
 }
 
