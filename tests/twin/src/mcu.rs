@@ -271,11 +271,11 @@ impl Mcu {
         let shared = Arc::clone(&self.shared);
         let mut peripherals = lock(&shared.peripherals);
         peripherals.catch_up(self.now);
-        self.generation = peripherals.generation;
         if let Some(cause) = peripherals.reset_request.take() {
             peripherals.reset(cause, self.now);
             self.restart(cause, peripherals.clock().time(self.now));
         }
+        self.generation = peripherals.generation;
         let lines = peripherals.lines;
         self.apply(lines);
         let written = std::mem::take(&mut peripherals.can_written);
@@ -361,7 +361,7 @@ impl Mcu {
         self.poke = false;
         self.shared.set_now(self.now);
         let used = self.core.step();
-        if used >= CHAIN + 1 {
+        if used > CHAIN {
             self.long_step(used);
             return;
         }
@@ -395,9 +395,7 @@ impl Mcu {
             }
         } else if exception == 0 {
             Switch::Return
-        } else if current == 0 {
-            Switch::Enter(exception)
-        } else if self.core.with_sys(|sys| sys.is_active(Exception(current))) {
+        } else if current == 0 || self.core.with_sys(|sys| sys.is_active(Exception(current))) {
             Switch::Enter(exception)
         } else if exception == self.observer.below() {
             Switch::Return
@@ -501,7 +499,6 @@ impl Mcu {
         let shared = Arc::clone(&self.shared);
         lock(&shared.peripherals).reset(ResetCause::Pin, self.now);
         shared.set_attention(0);
-        self.generation = 0;
     }
 
     /// Lets the reset pin go: the program starts anew, RAM keeps its contents.

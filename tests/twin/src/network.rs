@@ -1,0 +1,106 @@
+//! Microcontrollers on one bus, run in step.
+
+use crate::image::Image;
+use crate::mcu::{Board, Mcu};
+use crate::peripheral::{SharedBus, lock};
+use can_bus::{Bus, SimDuration, SimTime};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+/// Shortest stretch that the nodes run between two looks at the bus: a quarter of a bit at
+/// 250 kbit/s. A node is never further ahead of the bus than its horizon or this.
+const SLICE: SimDuration = SimDuration::from_ticks(1_000_000);
+
+/// Nodes and the bus between them.
+///
+/// Within a slice each node runs alone, up to the instant at which something that another
+/// node may do could first reach it ([`Bus::horizon_of`]); then the bus catches up. The
+/// outcome depends on nothing but the programs, the boards and the inputs.
+pub struct Network {
+    bus: SharedBus,
+    nodes: Vec<Mcu>,
+    now: SimTime,
+}
+
+impl Default for Network {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Network {
+    /// A bus without nodes.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            bus: Arc::new(Mutex::new(Bus::new())),
+            nodes: Vec::new(),
+            now: SimTime::from_ticks(0),
+        }
+    }
+
+    /// Adds a node; its index counts from 0 in the order of the calls.
+    pub fn add(&mut self, image: Arc<Image>, board: &Board) -> usize {
+        self.nodes.push(Mcu::new(image, board, Some(&self.bus)));
+        self.nodes.len() - 1
+    }
+
+    /// The bus, for testers, disturbances and records.
+    pub fn bus(&self) -> MutexGuard<'_, Bus> {
+        lock(&self.bus)
+    }
+
+    /// A node by its index.
+    #[must_use]
+    pub fn node(&self, index: usize) -> &Mcu {
+        &self.nodes[index]
+    }
+
+    /// A node by its index.
+    pub fn node_mut(&mut self, index: usize) -> &mut Mcu {
+        &mut self.nodes[index]
+    }
+
+    /// How far all of it has come.
+    #[must_use]
+    pub fn now(&self) -> SimTime {
+        self.now
+    }
+
+    /// Runs everything up to `end`.
+    pub fn run_until(&mut self, end: SimTime) {
+        while self.now < end {
+            let target = self.target(end);
+            let mut reached = target;
+            for node in &mut self.nodes {
+                if node.now() < target {
+                    node.run_until(target);
+                    reached = reached.min(node.now());
+                }
+            }
+            // A node that wrote to its controller stopped where it did.
+            self.now = reached.max(self.now);
+            lock(&self.bus).advance_to(self.now);
+            for node in &mut self.nodes {
+                node.bus_moved();
+            }
+        }
+    }
+
+    /// How far the nodes may run on their own.
+    fn target(&self, end: SimTime) -> SimTime {
+        let mut wake = end;
+        for node in &self.nodes {
+            if let Some(at) = node.next_wake() {
+                wake = wake.min(at);
+            }
+        }
+        let bus = lock(&self.bus);
+        let target = if wake > self.now {
+            // All sleep: nothing happens before one wakes or the bus wakes it.
+            bus.next_event().map_or(wake, |event| wake.min(event))
+        } else {
+            bus.horizon()
+        };
+        target.max(self.now + SLICE).min(end)
+    }
+}
