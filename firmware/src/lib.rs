@@ -1,9 +1,34 @@
 //! What the nodes of the vehicle share. The four applications in `src/bin` compose it.
+//!
+//! - [`design`]: every constant, with unit, source and arithmetic;
+//! - [`convert`]: where raw codes and physical units meet;
+//! - [`link`]: protocol stack, CAN port and window timer as one value;
+//! - [`e2e`]: the protection of actuator commands; [`actuator`]: what they may do;
+//! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: what it says, for the bus;
+//! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law and their messages;
+//! - [`text`], [`display`], [`console`]: what the operator reads;
+//! - [`housekeeping`]: watchdog, status messages, LED.
+//!
+//! Everything but the modules of the target runs, and is tested, on the host.
 
 #![no_std]
 
 #[cfg(all(feature = "f303", feature = "f446"))]
 compile_error!("an image is for one part: choose the feature `f303` or `f446`, not both");
+
+pub mod actuator;
+pub mod buttons;
+pub mod console;
+pub mod convert;
+pub mod design;
+pub mod display;
+pub mod e2e;
+pub mod housekeeping;
+pub mod link;
+pub mod navigation;
+pub mod pilot;
+pub mod sbp;
+pub mod text;
 
 #[cfg(feature = "f303")]
 pub use sled_f303 as board;
@@ -12,3 +37,5 @@ pub use sled_f446 as board;
 
 #[cfg(feature = "target")]
 pub mod fault;
+#[cfg(feature = "target")]
+pub mod node;

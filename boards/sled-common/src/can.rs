@@ -11,29 +11,18 @@
 //! request (TXFP), receive FIFO not locked, no automatic bus-off management (ABOM off),
 //! no automatic wake-up, time-triggered mode off.
 
+pub use bxcan::FilterOwner;
 use bxcan::filter::Mask32;
-use bxcan::{Fifo, FilterOwner, Interrupt};
+use bxcan::{Fifo, Interrupt};
+use ttcan::{BitTiming, Frame, Id};
 
-/// Identifier of a received frame.
+/// What came out of the receive FIFO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Identifier {
-    /// 11 bits.
-    Standard(u16),
-    /// 29 bits.
-    Extended(u32),
-}
-
-/// A frame as it came out of the receive FIFO.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Received {
-    /// Its identifier.
-    pub id: Identifier,
-    /// Whether it was a remote frame (no data).
-    pub remote: bool,
-    /// Data bytes, 0..=8: length codes above 8 mean 8 (ISO 11898-1).
-    pub length: u8,
-    /// The data; bytes from `length` on are meaningless.
-    pub data: [u8; 8],
+pub enum Received {
+    /// A data frame.
+    Data(Frame),
+    /// A remote frame, which has no place in a time-triggered schedule.
+    Remote(Id),
 }
 
 /// How the attempt to send the loaded frame ended.
@@ -85,7 +74,6 @@ const RDL0R: usize = 0x1B8;
 const RDH0R: usize = 0x1BC;
 
 const MCR_INRQ: u32 = 1 << 0;
-const MCR_SLEEP: u32 = 1 << 1;
 const MCR_TXFP: u32 = 1 << 2;
 const MCR_NART: u32 = 1 << 4;
 /// Running: single shot, order of request, everything else off.
@@ -100,6 +88,11 @@ const TSR_ALST0: u32 = 1 << 2;
 const TSR_TERR0: u32 = 1 << 3;
 const TSR_ABRQ0: u32 = 1 << 7;
 const TSR_TME0: u32 = 1 << 26;
+
+/// Bits of the identifier registers of mailbox and FIFO.
+const TIR_TXRQ: u32 = 1 << 0;
+const TIR_RTR: u32 = 1 << 1;
+const TIR_IDE: u32 = 1 << 2;
 
 const RF0R_FMP: u32 = 0b11;
 const RF0R_FOVR: u32 = 1 << 4;
@@ -121,11 +114,11 @@ impl<I: FilterOwner> Port<I> {
     /// Configures the cell and asks it to join the bus, which it does after eleven
     /// recessive bits; nothing waits for that.
     ///
-    /// `bit_timing` is the content of CAN_BTR. Every frame on the bus is accepted into
-    /// FIFO 0: each node supervises the schedule of all the others.
-    pub fn new(instance: I, bit_timing: u32) -> Self {
+    /// Every frame on the bus is accepted into FIFO 0: each node supervises the schedule
+    /// of all the others.
+    pub fn new(instance: I, timing: BitTiming) -> Self {
         let mut can = bxcan::Can::builder(instance)
-            .set_bit_timing(bit_timing)
+            .set_bit_timing(timing.register())
             .set_automatic_retransmit(false)
             .leave_disabled();
         can.modify_filters()
@@ -147,19 +140,20 @@ impl<I: FilterOwner> Port<I> {
             return None;
         }
         let identifier = self.read(RI0R);
-        let length = (self.read(RDT0R) & 0xF).min(8) as u8;
+        let length = (self.read(RDT0R) & 0xF) as u8;
         let [a, b, c, d] = self.read(RDL0R).to_le_bytes();
         let [e, f, g, h] = self.read(RDH0R).to_le_bytes();
         self.write(RF0R, RF0R_RFOM);
-        Some(Received {
-            id: if identifier & (1 << 2) == 0 {
-                Identifier::Standard((identifier >> 21) as u16)
-            } else {
-                Identifier::Extended(identifier >> 3)
-            },
-            remote: identifier & (1 << 1) != 0,
-            length,
-            data: [a, b, c, d, e, f, g, h],
+        // Both fields are as wide as the identifiers, so neither is ever `None`.
+        let id = if identifier & TIR_IDE == 0 {
+            Id::standard((identifier >> 21) as u16)
+        } else {
+            Id::extended(identifier >> 3)
+        }?;
+        Some(if identifier & TIR_RTR == 0 {
+            Received::Data(Frame::from_parts(id, length, [a, b, c, d, e, f, g, h]))
+        } else {
+            Received::Remote(id)
         })
     }
 
@@ -176,21 +170,25 @@ impl<I: FilterOwner> Port<I> {
     /// Loads the mailbox and requests transmission: on an idle bus the frame starts with
     /// the next bit, otherwise when the bus falls idle.
     ///
-    /// `id` is an 11-bit identifier, `length` at most 8; larger values are cut.
-    ///
     /// # Errors
     /// [`Occupied`] while an earlier frame is pending.
     #[inline]
-    pub fn load(&mut self, id: u16, length: u8, data: [u8; 8]) -> Result<(), Occupied> {
+    pub fn load(&mut self, frame: &Frame) -> Result<(), Occupied> {
         if self.read(TSR) & TSR_TME0 == 0 {
             return Err(Occupied);
         }
-        let [a, b, c, d, e, f, g, h] = data;
+        let [a, b, c, d, e, f, g, h] = frame.buffer();
+        let id = frame.id();
+        let identifier = if id.is_extended() {
+            id.raw() << 3 | TIR_IDE
+        } else {
+            id.raw() << 21
+        };
         // Whole words: a TGT bit left from before would overwrite the last two bytes.
-        self.write(TDT0R, u32::from(length.min(8)));
+        self.write(TDT0R, u32::from(frame.len()));
         self.write(TDL0R, u32::from_le_bytes([a, b, c, d]));
         self.write(TDH0R, u32::from_le_bytes([e, f, g, h]));
-        self.write(TI0R, u32::from(id & 0x7FF) << 21 | 1);
+        self.write(TI0R, identifier | TIR_TXRQ);
         Ok(())
     }
 
@@ -240,25 +238,21 @@ impl<I: FilterOwner> Port<I> {
         self.write(MSR, MSR_ERRI);
     }
 
-    /// First half of the recovery from bus-off: enters initialisation, which also drops a
-    /// pending frame.
-    pub fn recovery_begin(&mut self) {
+    /// Leaves the bus: enters initialisation, in which the cell sends no dominant bit, and
+    /// drops a pending frame. First half of the recovery from bus-off.
+    pub fn leave_bus(&mut self) {
         self.write(MCR, MCR_RUN | MCR_INRQ);
     }
 
     /// Second half: once the cell is in initialisation, lets it go. It takes part again
-    /// after 128 times 11 recessive bits. Returns false while it is not there yet.
-    pub fn recovery_finish(&mut self) -> bool {
+    /// after eleven recessive bits, after bus-off 128 times that. Returns false, and does
+    /// nothing, while it is not there yet.
+    pub fn join_bus(&mut self) -> bool {
         let there = self.read(MSR) & MSR_INAK != 0;
         if there {
             self.write(MCR, MCR_RUN);
         }
         there
-    }
-
-    /// Leaves the bus for good: not a single dominant bit any more.
-    pub fn silence(&mut self) {
-        self.write(MCR, MCR_RUN | MCR_SLEEP);
     }
 
     /// The peripheral and its pins.

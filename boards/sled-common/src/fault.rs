@@ -15,6 +15,9 @@ pub enum Fault {
     Hard,
     /// An interrupt that no task is bound to.
     Unhandled,
+    /// The node could not be started: a converter that does not get ready, a schedule that
+    /// its stack refuses.
+    Start,
 }
 
 impl Fault {
@@ -24,24 +27,29 @@ impl Fault {
             Self::Panic => 1,
             Self::Hard => 2,
             Self::Unhandled => 3,
+            Self::Start => 4,
         }
     }
 
+    #[cfg(any(target_os = "none", test))]
     const fn from_code(code: u8) -> Option<Self> {
         match code {
             1 => Some(Self::Panic),
             2 => Some(Self::Hard),
             3 => Some(Self::Unhandled),
+            4 => Some(Self::Start),
             _ => None,
         }
     }
 
     /// The word that is kept: the code behind a marker that random memory after
     /// power-up is unlikely to hold.
+    #[cfg(any(target_os = "none", test))]
     const fn word(self) -> u32 {
         0xFA17_5A00 | self.code() as u32
     }
 
+    #[cfg(any(target_os = "none", test))]
     const fn from_word(word: u32) -> Option<Self> {
         if word & 0xFFFF_FF00 == 0xFA17_5A00 {
             Self::from_code(word as u8)
@@ -96,10 +104,10 @@ mod tests {
 
     #[test]
     fn a_record_is_told_from_random_memory() {
-        for fault in [Fault::Panic, Fault::Hard, Fault::Unhandled] {
+        for fault in [Fault::Panic, Fault::Hard, Fault::Unhandled, Fault::Start] {
             assert_eq!(Fault::from_word(fault.word()), Some(fault));
         }
-        for word in [0, 0xFFFF_FFFF, 0xFA17_5A00, 0xFA17_5B01, 0xFA17_5A04] {
+        for word in [0, 0xFFFF_FFFF, 0xFA17_5A00, 0xFA17_5B01, 0xFA17_5A05] {
             assert_eq!(Fault::from_word(word), None);
         }
     }

@@ -1,12 +1,44 @@
 //! The Nucleo-F303K8 on a CAN sled: clocks, pins and peripherals.
+//!
+//! # Pins
+//!
+//! | pin | function | peripheral | connected to |
+//! | --- | --- | --- | --- |
+//! | PF0 | HSE in, bypass | RCC | 8 MHz of the on-board debugger, if SB4 and SB6 say so |
+//! | PA11 | CAN RX, AF9 | CAN | R of the sled's SN65HVD250 transceiver |
+//! | PA12 | CAN TX, AF9 | CAN | D of the transceiver |
+//! | PB3 | LED, push-pull, high = on | GPIO | LD3 of the Nucleo |
+//! | PA2 | console TX, AF7 | USART2, DMA1 channel 7 | debugger's virtual port |
+//! | PA15 | console RX, AF7 | USART2 | debugger's virtual port |
+//! | PA9 | motor command, AF7 | USART1 | S1 of the SyRen 50 motor driver |
+//! | PA0 | analogue | ADC1_IN1, DMA1 channel 1 | wiper of the steering potentiometer (steering) |
+//!
+//! # Wiring
+//!
+//! The sled feeds 5 V from its 6.5-32 V switching supply into the Nucleo's 5V pin behind a
+//! 1 A fuse (thesis 5.2.4.2). The transceiver runs on 3.3 V; its RS pin is at ground (high
+//! speed). The potentiometer lies between 3.3 V and ground. The motor driver's switches are
+//! set to simplified serial at 38 400 baud; its 0V is the sled's ground, its S1 takes 3.3 V
+//! levels. All grounds are the chassis.
+//!
+//! # Timers
+//!
+//! TIM2 is the time base and window timer ([`time`]), TIM3 starts the potentiometer's
+//! conversions. The watchdog has its own oscillator.
 
 #![no_std]
 
+mod bus;
 pub mod clocks;
+pub mod console;
 pub mod led;
+pub mod motor;
+pub mod pot;
 pub mod time;
 pub mod watchdog;
 
+pub use bus::{BIT_RATE, CanPort, EXTERNAL_TIMING, INTERNAL_TIMING};
+pub use motor::stop as stop_actuator;
 pub use sled_common::{can, clock, dma, fault, lines};
 pub use stm32f3xx_hal::pac;
 
@@ -23,31 +55,98 @@ pub struct Sled {
     pub clock: time::Clock,
     /// Its compare channels.
     pub alarms: time::Alarms,
+    /// The CAN port.
+    pub can: CanPort,
+    /// The console.
+    pub console: console::Console,
+    /// The motor driver.
+    pub motor: motor::Motor,
     /// The LED.
     pub led: led::Led,
+    /// The watchdog, not started yet.
+    pub watchdog: watchdog::Idle,
+    /// What only one of the nodes uses.
+    pub rest: Rest,
+}
+
+/// Peripherals that only one of the nodes uses.
+pub struct Rest {
+    adc: pac::ADC1,
+    adc_common: pac::ADC1_2,
+    adc_timer: pac::TIM3,
+    clocks: Clocks,
 }
 
 impl Sled {
-    /// Starts the board: clocks first, everything else after.
-    pub fn start(device: pac::Peripherals) -> Self {
+    /// Starts the board: clocks first, then the stop command to the motor, then everything
+    /// else.
+    ///
+    /// `None` the second time in one run: the memory of the DMA channels is handed out
+    /// once.
+    pub fn start(device: pac::Peripherals) -> Option<Self> {
         let reset_cause = clocks::reset_cause(&device.RCC);
         let clocks = clocks::start(&device.RCC, &device.FLASH);
-        let (clock, alarms) = time::start(device.TIM2, &device.RCC);
+        let rcc = &device.RCC;
+        rcc.apb2enr.modify(|_, w| w.usart1en().enabled());
+        rcc.apb1enr.modify(|_, w| {
+            w.canen().enabled();
+            w.usart2en().enabled();
+            w.tim3en().enabled()
+        });
+        rcc.ahbenr
+            .modify(|_, w| w.dma1en().enabled().adc12en().enabled().iopaen().enabled());
+        rcc.cfgr3.modify(|_, w| w.usart1sw().sysclk());
+        // Before the pin is the port's: the line then goes from floating to idle.
+        let mut motor = motor::start(device.USART1, clocks.core);
+        let (clock, alarms) = time::start(device.TIM2, rcc);
+        let console = console::start(device.USART2, clocks.apb1)?;
+
         let mut rcc = device.RCC.constrain();
-        let mut gpiob = device.GPIOB.split(&mut rcc.ahb);
-        Self {
+        let mut a = device.GPIOA.split(&mut rcc.ahb);
+        let mut b = device.GPIOB.split(&mut rcc.ahb);
+        a.pa9
+            .into_af_push_pull::<7>(&mut a.moder, &mut a.otyper, &mut a.afrh);
+        motor.send(motor::STOP);
+        a.pa2
+            .into_af_push_pull::<7>(&mut a.moder, &mut a.otyper, &mut a.afrl);
+        a.pa15
+            .into_af_push_pull::<7>(&mut a.moder, &mut a.otyper, &mut a.afrh);
+        a.pa11
+            .into_af_push_pull::<9>(&mut a.moder, &mut a.otyper, &mut a.afrh);
+        a.pa12
+            .into_af_push_pull::<9>(&mut a.moder, &mut a.otyper, &mut a.afrh);
+        a.pa0.into_analog(&mut a.moder, &mut a.pupdr);
+        let led = b.pb3.into_push_pull_output(&mut b.moder, &mut b.otyper);
+        Some(Self {
             clocks,
             reset_cause,
             clock,
             alarms,
-            led: led::Led::new(
-                gpiob
-                    .pb3
-                    .into_push_pull_output(&mut gpiob.moder, &mut gpiob.otyper),
-            ),
-        }
+            can: bus::start(device.CAN, clocks.oscillator),
+            console,
+            motor,
+            led: led::Led::new(led),
+            watchdog: watchdog::Idle::new(device.IWDG),
+            rest: Rest {
+                adc: device.ADC1,
+                adc_common: device.ADC1_2,
+                adc_timer: device.TIM3,
+                clocks,
+            },
+        })
     }
 }
 
-/// Brings the actuator that this sled drives to a stop, without any state.
-pub fn stop_actuator() {}
+impl Rest {
+    /// Starts the potentiometer's conversions (node steering). `None` when the converter
+    /// does not get ready.
+    pub fn pot(self) -> Option<pot::Pot> {
+        pot::start(
+            self.adc,
+            &self.adc_common,
+            self.adc_timer,
+            self.clocks.core,
+            2 * self.clocks.apb1,
+        )
+    }
+}

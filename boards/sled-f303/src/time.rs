@@ -62,6 +62,12 @@ impl Alarms {
         }
     }
 
+    /// Disarms the window timer.
+    #[inline]
+    pub fn clear_window(&mut self) {
+        self.timer.dier.modify(|_, w| w.cc1ie().clear_bit());
+    }
+
     /// Whether the window timer fired since the last call; acknowledges it.
     #[inline]
     pub fn take_window(&mut self) -> bool {

@@ -2,16 +2,26 @@
 
 use crate::pac;
 
-/// The running watchdog.
+/// The watchdog before it is started.
+pub struct Idle {
+    iwdg: pac::IWDG,
+}
+
+/// The running watchdog; nothing but a reset stops it.
 pub struct Watchdog {
     iwdg: pac::IWDG,
 }
 
-impl Watchdog {
+impl Idle {
+    pub(crate) fn new(iwdg: pac::IWDG) -> Self {
+        Self { iwdg }
+    }
+
     /// Starts it. `milliseconds` is nominal, 1..=3276: the oscillator is somewhere between
     /// 30 and 50 kHz (data sheet, table of LSI characteristics), so the real time is
     /// between 0.8 and 1.34 times as long.
-    pub(crate) fn start(iwdg: pac::IWDG, milliseconds: u16) -> Self {
+    pub fn start(self, milliseconds: u16) -> Watchdog {
+        let iwdg = self.iwdg;
         // SAFETY: key values and fields of RM0316 25.4; 40 kHz / 32 = 1.25 kHz.
         unsafe {
             iwdg.kr.write(|w| w.bits(0xCCCC));
@@ -20,11 +30,13 @@ impl Watchdog {
             iwdg.rlr
                 .write(|w| w.bits(u32::from(milliseconds.min(3276)) * 5 / 4));
         }
-        let mut watchdog = Self { iwdg };
+        let mut watchdog = Watchdog { iwdg };
         watchdog.feed();
         watchdog
     }
+}
 
+impl Watchdog {
     /// Gives it its full time again.
     pub fn feed(&mut self) {
         // SAFETY: the reload key of RM0316 25.4.1.

@@ -1,17 +1,56 @@
 //! The Nucleo-F446RE on a CAN sled: clocks, pins and peripherals.
+//!
+//! # Pins
+//!
+//! | pin | function | peripheral | connected to |
+//! | --- | --- | --- | --- |
+//! | PH0 | HSE in, bypass | RCC | 8 MHz of the on-board debugger |
+//! | PB8 | CAN RX, AF9 | CAN1 | R of the sled's SN65HVD250 transceiver |
+//! | PB9 | CAN TX, AF9 | CAN1 | D of the transceiver |
+//! | PA5 | LED, push-pull, high = on | GPIO | LD2 of the Nucleo |
+//! | PA2 | console TX, AF7 | USART2, DMA1 stream 6 | debugger's virtual port |
+//! | PA3 | console RX, AF7 | USART2 | debugger's virtual port |
+//! | PA9 | receiver TX, AF7 | USART1 | RX of the satellite receiver (node gps) |
+//! | PA10 | receiver RX, AF7 | USART1, DMA2 stream 2 | TX of the satellite receiver (gps) |
+//! | PA0 | analogue | ADC1_IN0, DMA2 stream 0 | joystick x (controller) |
+//! | PA1 | analogue | ADC1_IN1, DMA2 stream 0 | joystick y (controller) |
+//! | PC0..PC3 | input, pull-down, high = pressed | GPIO | remote control A, B, C, D (controller) |
+//! | PC4 | input, pull-up, low = pressed | GPIO | joystick switch (controller) |
+//! | PC5 | input, pull-up, high = open | GPIO | emergency stop loop, normally closed to ground (controller) |
+//! | PC10 | display TX, AF7 | USART3, DMA1 stream 3 | RX of the display (controller) |
+//! | PC11 | display RX, AF7 | USART3 | TX of the display (controller) |
+//!
+//! # Wiring
+//!
+//! The sled feeds 5 V from its 6.5-32 V switching supply into the Nucleo's E5V (jumper JP5
+//! on E5V) behind a 1 A fuse, and the 5 V rail out to the receiver and the display (thesis
+//! 5.2.4.2). The transceiver runs on 3.3 V; its RS pin is at ground (high speed). The bus
+//! is terminated with 120 ohm at the two outermost sleds. All grounds are the chassis.
+//!
+//! # Timers
+//!
+//! TIM2 is the time base and window timer ([`time`]), TIM3 starts the joystick's scan,
+//! TIM4 is the display's tick. The watchdog has its own oscillator.
 
 #![no_std]
 
+mod bus;
 pub mod clocks;
+pub mod console;
+pub mod lcd;
 pub mod led;
+pub mod panel;
+pub mod receiver;
 pub mod time;
 pub mod watchdog;
 
+pub use bus::{BIT_RATE, BIT_TIMING, CanPort};
 pub use sled_common::{can, clock, dma, fault, lines};
 pub use stm32f4xx_hal::pac;
 
 use clock::{Clocks, ResetCause};
-use stm32f4xx_hal::gpio::GpioExt;
+use stm32f4xx_hal::can::CanExt;
+use stm32f4xx_hal::gpio::{self, GpioExt, alt::usart1, alt::usart2, alt::usart3};
 use stm32f4xx_hal::rcc::RccExt;
 
 /// What every node on this sled has.
@@ -24,25 +63,123 @@ pub struct Sled {
     pub clock: time::Clock,
     /// Its compare channels.
     pub alarms: time::Alarms,
+    /// The CAN port.
+    pub can: CanPort,
+    /// The console.
+    pub console: console::Console,
     /// The LED.
     pub led: led::Led,
+    /// The watchdog, not started yet.
+    pub watchdog: watchdog::Idle,
+    /// What only one of the nodes uses.
+    pub rest: Rest,
+}
+
+/// Peripherals and pins that only one of the nodes uses.
+pub struct Rest {
+    receiver: pac::USART1,
+    display: pac::USART3,
+    display_tick: pac::TIM4,
+    adc: pac::ADC1,
+    adc_common: pac::ADC_COMMON,
+    adc_timer: pac::TIM3,
+    rcc: stm32f4xx_hal::rcc::Rcc,
+    receiver_pins: (gpio::PA9, gpio::PA10),
+    axes: (gpio::PA0, gpio::PA1),
+    port_c: gpio::gpioc::Parts,
 }
 
 impl Sled {
     /// Starts the board: clocks first, everything else after.
-    pub fn start(device: pac::Peripherals) -> Self {
+    ///
+    /// `None` the second time in one run: the memory of the DMA channels is handed out
+    /// once.
+    pub fn start(device: pac::Peripherals) -> Option<Self> {
         let reset_cause = clocks::reset_cause(&device.RCC);
         let clocks = clocks::start(&device.RCC, &device.PWR, &device.FLASH);
         let (clock, alarms) = time::start(device.TIM2, &device.RCC);
+        let console = console::start(device.USART2, &device.RCC)?;
         let mut rcc = device.RCC.constrain();
-        let gpioa = device.GPIOA.split(&mut rcc);
-        Self {
+        let port_a = device.GPIOA.split(&mut rcc);
+        let port_b = device.GPIOB.split(&mut rcc);
+        let port_c = device.GPIOC.split(&mut rcc);
+        let _: (usart2::Tx, usart2::Rx) = (port_a.pa2.into(), port_a.pa3.into());
+        let can = device.CAN1.can((port_b.pb9, port_b.pb8), &mut rcc);
+        Some(Self {
             clocks,
             reset_cause,
             clock,
             alarms,
-            led: led::Led::new(gpioa.pa5),
-        }
+            can: bus::start(can),
+            console,
+            led: led::Led::new(port_a.pa5),
+            watchdog: watchdog::Idle::new(device.IWDG),
+            rest: Rest {
+                receiver: device.USART1,
+                display: device.USART3,
+                display_tick: device.TIM4,
+                adc: device.ADC1,
+                adc_common: device.ADC_COMMON,
+                adc_timer: device.TIM3,
+                rcc,
+                receiver_pins: (port_a.pa9, port_a.pa10),
+                axes: (port_a.pa0, port_a.pa1),
+                port_c,
+            },
+        })
+    }
+}
+
+/// What the controller has besides.
+pub struct Operator {
+    /// The joystick's axes.
+    pub joystick: panel::Joystick,
+    /// The remote control and the switches.
+    pub buttons: panel::Buttons,
+    /// The display.
+    pub lcd: lcd::Lcd,
+    /// The display's tick.
+    pub tick: lcd::Tick,
+}
+
+impl Rest {
+    /// Starts the satellite receiver's port (node gps).
+    pub fn receiver(self) -> Option<receiver::Receiver> {
+        let rcc = &self.rcc;
+        rcc.apb2enr().modify(|_, w| w.usart1en().set_bit());
+        rcc.ahb1enr().modify(|_, w| w.dma2en().set_bit());
+        let (tx, rx) = self.receiver_pins;
+        let _: (usart1::Tx, usart1::Rx) = (tx.into(), rx.into());
+        receiver::start(self.receiver)
+    }
+
+    /// Starts joystick, buttons and display (node controller).
+    pub fn operator(self) -> Option<Operator> {
+        let rcc = &self.rcc;
+        rcc.apb1enr().modify(|_, w| {
+            w.usart3en().set_bit();
+            w.tim3en().set_bit();
+            w.tim4en().set_bit()
+        });
+        rcc.apb2enr().modify(|_, w| w.adc1en().set_bit());
+        rcc.ahb1enr()
+            .modify(|_, w| w.dma1en().set_bit().dma2en().set_bit());
+        let _ = (self.axes.0.into_analog(), self.axes.1.into_analog());
+        let _: (usart3::Tx, usart3::Rx) = (self.port_c.pc10.into(), self.port_c.pc11.into());
+        let (lcd, tick) = lcd::start(self.display, self.display_tick)?;
+        Some(Operator {
+            joystick: panel::start(self.adc, &self.adc_common, self.adc_timer)?,
+            buttons: panel::Buttons {
+                a: self.port_c.pc0.into_pull_down_input(),
+                b: self.port_c.pc1.into_pull_down_input(),
+                c: self.port_c.pc2.into_pull_down_input(),
+                d: self.port_c.pc3.into_pull_down_input(),
+                joystick: self.port_c.pc4.into_pull_up_input(),
+                stop_loop: self.port_c.pc5.into_pull_up_input(),
+            },
+            lcd,
+            tick,
+        })
     }
 }
 

@@ -1,4 +1,20 @@
-//! The controller node.
+//! The controller node: modes, states, control law, logging messages, operator's panel and
+//! display; backup time master.
+//!
+//! | task | bound to | priority | does |
+//! | --- | --- | --- | --- |
+//! | `can_rx` | receive FIFO 0 | 6 | stamps, feeds the protocol stack |
+//! | `can_tx` | mailbox empty | 6 | stamps, reports the outcome |
+//! | `can_error` | status change | 6 | bus-off |
+//! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 releases `control` |
+//! | `control` | EXTI1, pended by software | 5 | one step for each basic cycle: messages 300, 450-453 |
+//! | `scan` | DMA2 stream 0 | 4 | 200 Hz: joystick, buttons |
+//! | `display_dma` | DMA1 stream 3 | 3 | end of the display's string |
+//! | `display_rx` | USART3 | 3 | the display's acknowledges |
+//! | `console_dma` | DMA1 stream 6 | 3 | next console line |
+//! | `display_tick` | TIM4 | 2 | 5 Hz: builds and sends the display's string |
+//! | `housekeeping` | software | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `console` | software | 1 | 10 Hz lines |
 
 #![no_std]
 #![no_main]
@@ -8,26 +24,98 @@ use rtic_monotonics::systick::prelude::*;
 
 systick_monotonic!(Mono, 100);
 
-#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI0])]
+#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2, EXTI3])]
 mod app {
     use super::Mono;
-    use firmware::board::{Sled, led::Led};
+    use firmware::board::fault::Fault;
+    use firmware::board::{
+        self, Sled,
+        lcd::{Lcd, Tick},
+        led::Led,
+        pac::Interrupt,
+        panel::{self, Joystick},
+        time::Clock,
+        watchdog::Watchdog,
+    };
+    use firmware::buttons::Buttons;
+    use firmware::console::{self as lines, BusView, Line};
+    use firmware::display::{self, Plain, Supervision};
+    use firmware::housekeeping::Housekeeping;
+    use firmware::node::{self, BoardLink};
+    use firmware::pilot::{self, Pilot};
+    use firmware::text::Text;
+    use firmware::{design, fault};
+    use network::Message as _;
+    use network::matrix::{BASIC_CYCLE, CONTROLLER, window};
+    use network::messages::{ButtonEvent, ControllerStatus, ModeChange};
     use rtic_monotonics::systick::prelude::*;
 
     #[shared]
-    struct Shared {}
+    struct Shared {
+        clock: Clock,
+        link: BoardLink,
+        pilot: Pilot,
+        buttons: Buttons,
+        /// Latest samples of the joystick, x and y.
+        axes: (u16, u16),
+        lcd: Lcd,
+        supervision: Supervision,
+        console: board::console::Console,
+    }
 
     #[local]
     struct Local {
+        joystick: Joystick,
+        inputs: panel::Buttons,
+        button_events: u8,
+        mode_events: u8,
+        tick: Tick,
+        screen: Text<{ display::CAPACITY }>,
         led: Led,
+        watchdog: Watchdog,
+        keeping: Housekeeping,
     }
 
     #[init]
     fn init(cx: init::Context) -> (Shared, Local) {
-        let sled = Sled::start(cx.device);
-        Mono::start(cx.core.SYST, sled.clocks.core);
-        let _ = blink::spawn();
-        (Shared {}, Local { led: sled.led })
+        let last_fault = board::fault::take();
+        let Some(sled) = Sled::start(cx.device) else {
+            fault::stop(Fault::Start)
+        };
+        let clocks = sled.clocks;
+        let Ok(mut link) = node::link(CONTROLLER, clocks, sled.can, sled.clock, sled.alarms) else {
+            fault::stop(Fault::Start)
+        };
+        let (Some(operator), Ok(pilot)) = (sled.rest.operator(), Pilot::new()) else {
+            fault::stop(Fault::Start)
+        };
+        Mono::start(cx.core.SYST, clocks.core);
+        link.start();
+        link.release_in(BASIC_CYCLE);
+        let _ = (housekeeping::spawn(), console::spawn());
+        (
+            Shared {
+                clock: sled.clock,
+                link,
+                pilot,
+                buttons: Buttons::default(),
+                axes: (design::JOYSTICK_CENTRE, design::JOYSTICK_CENTRE),
+                lcd: operator.lcd,
+                supervision: Supervision::default(),
+                console: sled.console,
+            },
+            Local {
+                joystick: operator.joystick,
+                inputs: operator.buttons,
+                button_events: 0,
+                mode_events: 0,
+                tick: operator.tick,
+                screen: Text::new(),
+                led: sled.led,
+                watchdog: sled.watchdog.start(design::WATCHDOG.ticks() as u16),
+                keeping: Housekeeping::new(sled.reset_cause, last_fault, clocks.oscillator),
+            },
+        )
     }
 
     #[idle]
@@ -38,13 +126,183 @@ mod app {
         }
     }
 
-    #[task(priority = 1, local = [led])]
-    async fn blink(cx: blink::Context) {
-        let mut on = false;
+    #[task(binds = CAN1_RX0, priority = 6, shared = [&clock, link])]
+    fn can_rx(mut cx: can_rx::Context) {
+        let stamp = cx.shared.clock.now();
+        cx.shared.link.lock(|link| {
+            if link.on_receive(stamp).reference {
+                link.release_at(design::CONTROL_RELEASE);
+            }
+        });
+    }
+
+    #[task(binds = CAN1_TX, priority = 6, shared = [&clock, link])]
+    fn can_tx(mut cx: can_tx::Context) {
+        let stamp = cx.shared.clock.now();
+        cx.shared.link.lock(|link| {
+            if link.on_transmit(stamp) {
+                link.release_at(design::CONTROL_RELEASE);
+            }
+        });
+    }
+
+    #[task(binds = CAN1_SCE, priority = 6, shared = [link])]
+    fn can_error(mut cx: can_error::Context) {
+        cx.shared.link.lock(|link| link.on_error());
+    }
+
+    #[task(binds = TIM2, priority = 6, shared = [link])]
+    fn window_timer(mut cx: window_timer::Context) {
+        cx.shared.link.lock(|link| {
+            if link.timer_mut().take_window() {
+                link.service();
+            }
+            if link.timer_mut().take_release() {
+                rtic::pend(Interrupt::EXTI1);
+                // Without references the step goes on at its own pace.
+                link.release_in(BASIC_CYCLE);
+            }
+        });
+    }
+
+    /// Deadline: the beginning of the command's window, 600 us after the release. A step that
+    /// misses it leaves the window empty, and the actuators stop after two of those.
+    #[task(binds = EXTI1, priority = 5, shared = [link, pilot, buttons, axes], local = [mode_events])]
+    fn control(cx: control::Context) {
+        let mut link = cx.shared.link;
+        let mut inputs = link.lock(|link| pilot::Inputs::take(link));
+        (cx.shared.pilot, cx.shared.buttons, cx.shared.axes).lock(|pilot, buttons, axes| {
+            inputs.joystick = *axes;
+            let (frames, change) = pilot.step(&inputs, buttons);
+            link.lock(|link| {
+                link.put(window::COMMAND, frames.command);
+                link.put(window::LOG_POSITION, frames.position);
+                link.put(window::LOG_MOTION, frames.motion);
+                link.put(window::LOG_GUIDANCE, frames.guidance);
+                link.put(window::LOG_CONTROL, frames.control);
+            });
+            if let Some(change) = change {
+                *cx.local.mode_events = cx.local.mode_events.wrapping_add(1);
+                let count = *cx.local.mode_events;
+                link.lock(|link| {
+                    let data = change.event(count, link.system_time()).encode();
+                    // A full queue is counted by the stack; the mode is in message 300 too.
+                    let _ = link.queue_event(ModeChange::ID, &data, design::EVENT_LIFETIME);
+                });
+            }
+        });
+    }
+
+    #[task(binds = DMA2_STREAM0, priority = 4, shared = [link, pilot, buttons, axes], local = [joystick, inputs, button_events])]
+    fn scan(cx: scan::Context) {
+        cx.local.joystick.acknowledge();
+        let counts = cx.local.joystick.counts();
+        let levels = cx.local.inputs.levels();
+        let mut axes = cx.shared.axes;
+        axes.lock(|axes| *axes = counts);
+        let mut link = cx.shared.link;
+        (cx.shared.buttons, cx.shared.pilot).lock(|buttons, pilot| {
+            buttons.sample(levels.as_array(), |button, edge| {
+                pilot.button(button, edge);
+                *cx.local.button_events = cx.local.button_events.wrapping_add(1);
+                let data = button.event(edge, *cx.local.button_events).encode();
+                // A full queue is counted by the stack; the request itself is not lost.
+                let _ = link
+                    .lock(|link| link.queue_event(ButtonEvent::ID, &data, design::EVENT_LIFETIME));
+            });
+        });
+    }
+
+    #[task(binds = DMA1_STREAM3, priority = 3, shared = [lcd])]
+    fn display_dma(mut cx: display_dma::Context) {
+        cx.shared.lcd.lock(|lcd| lcd.on_transfer_complete());
+    }
+
+    #[task(binds = USART3, priority = 3, shared = [lcd, supervision])]
+    fn display_rx(cx: display_rx::Context) {
+        (cx.shared.lcd, cx.shared.supervision).lock(|lcd, supervision| {
+            if let Some(byte) = lcd.received() {
+                supervision.received(byte);
+            }
+        });
+    }
+
+    #[task(binds = DMA1_STREAM6, priority = 3, shared = [console])]
+    fn console_dma(mut cx: console_dma::Context) {
+        cx.shared
+            .console
+            .lock(|console| console.on_transfer_complete());
+    }
+
+    /// Deadline: the next tick, 200 ms later. A string that is still being sent then is not
+    /// replaced.
+    #[task(binds = TIM4, priority = 2, shared = [link, pilot, lcd, supervision], local = [tick, screen])]
+    fn display_tick(cx: display_tick::Context) {
+        cx.local.tick.acknowledge();
+        let mut link = cx.shared.link;
+        let mut pilot = cx.shared.pilot;
+        let (time, bus) = link.lock(|link| (link.system_time(), link.node().is_alive()));
+        let view = pilot.lock(|pilot| pilot.view(time, bus));
+        let screen = cx.local.screen;
+        screen.clear();
+        display::write::<Plain>(screen, &view);
+        (cx.shared.lcd, cx.shared.supervision).lock(|lcd, supervision| {
+            if !lcd.is_busy() {
+                supervision.sent(display::ROWS);
+                lcd.send(screen.as_bytes());
+            }
+        });
+    }
+
+    #[task(priority = 2, shared = [link, pilot], local = [led, watchdog, keeping])]
+    async fn housekeeping(mut cx: housekeeping::Context) {
+        let mut due = Mono::now();
         loop {
-            on = !on;
-            cx.local.led.set(on);
-            Mono::delay(500.millis()).await;
+            let bus = cx.shared.link.lock(|link| {
+                link.keep_present();
+                BusView::of(link)
+            });
+            let steps = cx.shared.pilot.lock(|pilot| pilot.steps());
+            let duties = cx.local.keeping.step(&bus, steps);
+            if duties.feed {
+                cx.local.watchdog.feed();
+            }
+            cx.local.led.set(duties.led);
+            if let Some(data) = duties.report {
+                let queued = cx.shared.link.lock(|link| {
+                    link.queue_event(ControllerStatus::ID, &data, design::EVENT_LIFETIME)
+                });
+                if queued.is_err() {
+                    cx.local.keeping.report_refused();
+                }
+            }
+            due += design::HOUSEKEEPING_PERIOD.convert();
+            Mono::delay_until(due).await;
+        }
+    }
+
+    #[task(priority = 1, shared = [link, pilot, supervision, console])]
+    async fn console(mut cx: console::Context) {
+        let mut due = Mono::now();
+        loop {
+            let bus = cx.shared.link.lock(|link| BusView::of(link));
+            let present = cx
+                .shared
+                .supervision
+                .lock(|supervision| supervision.is_present());
+            let view = cx.shared.pilot.lock(|pilot| pilot.line(present));
+            let mut line = Line::new();
+            lines::bus(&mut line, &bus);
+            cx.shared
+                .console
+                .lock(|console| console.push(line.as_bytes()));
+            line.clear();
+            lines::pilot(&mut line, &view);
+            cx.shared
+                .console
+                .lock(|console| console.push(line.as_bytes()));
+            due += design::CONSOLE_PERIOD.convert();
+            Mono::delay_until(due).await;
         }
     }
 }

@@ -1,4 +1,16 @@
-//! The gps node.
+//! The gps node: time master of the bus, and the satellite receiver's voice on it.
+//!
+//! | task | bound to | priority | does |
+//! | --- | --- | --- | --- |
+//! | `can_rx` | receive FIFO 0 | 6 | stamps, feeds the protocol stack |
+//! | `can_tx` | mailbox empty | 6 | stamps, reports the outcome |
+//! | `can_error` | status change | 6 | bus-off |
+//! | `window_timer` | TIM2 | 6 | sends the reference, loads the mailbox |
+//! | `ring` | DMA2 stream 2 | 4 | parses the receiver's bytes, half a ring at a time |
+//! | `line_idle` | USART1 | 4 | parses the rest of a burst |
+//! | `console_dma` | DMA1 stream 6 | 3 | next console line |
+//! | `housekeeping` | software | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `console` | software | 1 | 10 Hz lines |
 
 #![no_std]
 #![no_main]
@@ -8,26 +20,69 @@ use rtic_monotonics::systick::prelude::*;
 
 systick_monotonic!(Mono, 100);
 
-#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI0])]
+#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2, EXTI3])]
 mod app {
     use super::Mono;
-    use firmware::board::{Sled, led::Led};
+    use firmware::board::fault::Fault;
+    use firmware::board::{
+        self, Sled, led::Led, receiver::Receiver, time::Clock, watchdog::Watchdog,
+    };
+    use firmware::console::{self as lines, BusView, Line};
+    use firmware::housekeeping::Housekeeping;
+    use firmware::navigation::Station;
+    use firmware::node::{self, BoardLink};
+    use firmware::{design, fault};
+    use network::Message as _;
+    use network::matrix::GPS;
+    use network::messages::GpsStatus;
     use rtic_monotonics::systick::prelude::*;
+    use ttcan::{GlobalTime, Stamp};
 
     #[shared]
-    struct Shared {}
+    struct Shared {
+        clock: Clock,
+        link: BoardLink,
+        receiver: Receiver,
+        station: Station,
+        console: board::console::Console,
+    }
 
     #[local]
     struct Local {
         led: Led,
+        watchdog: Watchdog,
+        keeping: Housekeeping,
     }
 
     #[init]
     fn init(cx: init::Context) -> (Shared, Local) {
-        let sled = Sled::start(cx.device);
-        Mono::start(cx.core.SYST, sled.clocks.core);
-        let _ = blink::spawn();
-        (Shared {}, Local { led: sled.led })
+        let last_fault = board::fault::take();
+        let Some(sled) = Sled::start(cx.device) else {
+            fault::stop(Fault::Start)
+        };
+        let clocks = sled.clocks;
+        let Ok(link) = node::link(GPS, clocks, sled.can, sled.clock, sled.alarms) else {
+            fault::stop(Fault::Start)
+        };
+        let Some(receiver) = sled.rest.receiver() else {
+            fault::stop(Fault::Start)
+        };
+        Mono::start(cx.core.SYST, clocks.core);
+        let _ = (housekeeping::spawn(), console::spawn());
+        (
+            Shared {
+                clock: sled.clock,
+                link,
+                receiver,
+                station: Station::new(),
+                console: sled.console,
+            },
+            Local {
+                led: sled.led,
+                watchdog: sled.watchdog.start(design::WATCHDOG.ticks() as u16),
+                keeping: Housekeeping::new(sled.reset_cause, last_fault, clocks.oscillator),
+            },
+        )
     }
 
     #[idle]
@@ -38,13 +93,140 @@ mod app {
         }
     }
 
-    #[task(priority = 1, local = [led])]
-    async fn blink(cx: blink::Context) {
-        let mut on = false;
+    #[task(binds = CAN1_RX0, priority = 6, shared = [&clock, link])]
+    fn can_rx(mut cx: can_rx::Context) {
+        let stamp = cx.shared.clock.now();
+        cx.shared.link.lock(|link| link.on_receive(stamp));
+    }
+
+    #[task(binds = CAN1_TX, priority = 6, shared = [&clock, link])]
+    fn can_tx(mut cx: can_tx::Context) {
+        let stamp = cx.shared.clock.now();
+        cx.shared.link.lock(|link| link.on_transmit(stamp));
+    }
+
+    #[task(binds = CAN1_SCE, priority = 6, shared = [link])]
+    fn can_error(mut cx: can_error::Context) {
+        cx.shared.link.lock(|link| link.on_error());
+    }
+
+    #[task(binds = TIM2, priority = 6, shared = [link])]
+    fn window_timer(mut cx: window_timer::Context) {
+        cx.shared.link.lock(|link| {
+            if link.timer_mut().take_window() {
+                link.service();
+            }
+        });
+    }
+
+    #[task(binds = DMA2_STREAM2, priority = 4, shared = [&clock, link, receiver, station])]
+    fn ring(cx: ring::Context) {
+        let now = cx.shared.clock.now();
+        let mut link = cx.shared.link;
+        (cx.shared.receiver, cx.shared.station).lock(|receiver, station| {
+            receiver.acknowledge_dma();
+            let put = |(window, data)| link.lock(|link| link.replace(window, data));
+            station.feed(|| receiver.next_byte(), now, put);
+        });
+    }
+
+    #[task(binds = USART1, priority = 4, shared = [&clock, link, receiver, station])]
+    fn line_idle(cx: line_idle::Context) {
+        let now = cx.shared.clock.now();
+        let mut link = cx.shared.link;
+        (cx.shared.receiver, cx.shared.station).lock(|receiver, station| {
+            receiver.acknowledge_line();
+            let put = |(window, data)| link.lock(|link| link.replace(window, data));
+            station.feed(|| receiver.next_byte(), now, put);
+            let fixed = station.navigation().fix().is_fixed();
+            let tow = station.navigation().tow();
+            link.lock(|link| {
+                link.node_mut().set_reference_payload(&[u8::from(fixed)]);
+                // The schedule begins at the end of the first burst, so that the windows
+                // follow the receiver's data as closely as they can.
+                if let Some(tow) = tow
+                    && !link.is_started()
+                {
+                    let time = GlobalTime::from_micros(u64::from(tow) * 1000);
+                    let _ = link.node_mut().set_global_time(Stamp(now), time);
+                    link.start();
+                }
+            });
+        });
+    }
+
+    #[task(binds = DMA1_STREAM6, priority = 3, shared = [console])]
+    fn console_dma(mut cx: console_dma::Context) {
+        cx.shared
+            .console
+            .lock(|console| console.on_transfer_complete());
+    }
+
+    #[task(priority = 2, shared = [&clock, link, station], local = [led, watchdog, keeping])]
+    async fn housekeeping(mut cx: housekeeping::Context) {
+        let mut due = Mono::now();
+        let begin = due + design::RECEIVER_PATIENCE.convert();
         loop {
-            on = !on;
-            cx.local.led.set(on);
-            Mono::delay(500.millis()).await;
+            let now = cx.shared.clock.now();
+            let timeout = cx
+                .shared
+                .link
+                .lock(|link| link.ticks(design::RECEIVER_TIMEOUT));
+            let silent = cx
+                .shared
+                .station
+                .lock(|station| station.navigation_mut().lapse(now, timeout));
+            let bus = cx.shared.link.lock(|link| {
+                link.keep_present();
+                if silent {
+                    link.node_mut().set_reference_payload(&[0]);
+                }
+                // The vehicle is driven by hand without any receiver (thesis 5.3).
+                if !link.is_started() && due >= begin {
+                    link.start();
+                }
+                BusView::of(link)
+            });
+            let duties = cx.local.keeping.step(&bus, bus.link.services);
+            if duties.feed {
+                cx.local.watchdog.feed();
+            }
+            cx.local.led.set(duties.led);
+            if let Some(data) = duties.report {
+                let queued = cx
+                    .shared
+                    .link
+                    .lock(|link| link.queue_event(GpsStatus::ID, &data, design::EVENT_LIFETIME));
+                if queued.is_err() {
+                    cx.local.keeping.report_refused();
+                }
+            }
+            due += design::HOUSEKEEPING_PERIOD.convert();
+            Mono::delay_until(due).await;
+        }
+    }
+
+    #[task(priority = 1, shared = [link, station, console])]
+    async fn console(mut cx: console::Context) {
+        let mut due = Mono::now();
+        loop {
+            let bus = cx.shared.link.lock(|link| BusView::of(link));
+            let (navigation, counters) = cx
+                .shared
+                .station
+                .lock(|station| (*station.navigation(), station.counters()));
+            let mut line = Line::new();
+            lines::bus(&mut line, &bus);
+            cx.shared
+                .console
+                .lock(|console| console.push(line.as_bytes()));
+            line.clear();
+            lines::receiver(&mut line, &navigation, counters);
+            cx.shared
+                .console
+                .lock(|console| console.push(line.as_bytes()));
+            due += design::CONSOLE_PERIOD.convert();
+            Mono::delay_until(due).await;
         }
     }
 }

@@ -1,4 +1,17 @@
-//! The steering node.
+//! The steering node: runs the steering rate of message 300 on its actuator and sends the
+//! potentiometer's count in message 206.
+//!
+//! | task | bound to | priority | does |
+//! | --- | --- | --- | --- |
+//! | `can_rx` | receive FIFO 0 | 6 | stamps, feeds the protocol stack |
+//! | `can_tx` | mailbox empty | 6 | stamps, reports the outcome |
+//! | `can_error` | status change | 6 | bus-off |
+//! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 is the command's expiry |
+//! | `pot` | DMA1 channel 1 | 5 | 200 Hz: sample, end stops, message 206 |
+//! | `actuate` | EXTI1, pended by software | 5 | commands and stops |
+//! | `console_dma` | DMA1 channel 7 | 3 | next console line |
+//! | `housekeeping` | software | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `console` | software | 1 | 10 Hz lines |
 
 #![no_std]
 #![no_main]
@@ -8,26 +21,73 @@ use rtic_monotonics::systick::prelude::*;
 
 systick_monotonic!(Mono, 100);
 
-#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI0])]
+#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC, EXTI3])]
 mod app {
     use super::Mono;
-    use firmware::board::{Sled, led::Led};
+    use firmware::actuator::{Steering, Times};
+    use firmware::board::fault::Fault;
+    use firmware::board::{
+        self, Sled, led::Led, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock,
+        watchdog::Watchdog,
+    };
+    use firmware::console::{self as lines, ActuatorView, BusView, Line};
+    use firmware::housekeeping::Housekeeping;
+    use firmware::navigation::padded;
+    use firmware::node::{self, BoardLink};
+    use firmware::{design, fault};
+    use network::Message as _;
+    use network::matrix::{STEERING, window};
+    use network::messages::{AdcCount, SteeringPot, SteeringStatus};
     use rtic_monotonics::systick::prelude::*;
 
     #[shared]
-    struct Shared {}
+    struct Shared {
+        clock: Clock,
+        link: BoardLink,
+        steering: Steering,
+        output: MotorOutput,
+        console: board::console::Console,
+    }
 
     #[local]
     struct Local {
+        pot: Pot,
         led: Led,
+        watchdog: Watchdog,
+        keeping: Housekeeping,
     }
 
     #[init]
     fn init(cx: init::Context) -> (Shared, Local) {
-        let sled = Sled::start(cx.device);
-        Mono::start(cx.core.SYST, sled.clocks.core);
-        let _ = blink::spawn();
-        (Shared {}, Local { led: sled.led })
+        let last_fault = board::fault::take();
+        let Some(sled) = Sled::start(cx.device) else {
+            fault::stop(Fault::Start)
+        };
+        let clocks = sled.clocks;
+        let Ok(mut link) = node::link(STEERING, clocks, sled.can, sled.clock, sled.alarms) else {
+            fault::stop(Fault::Start)
+        };
+        let Some(pot) = sled.rest.pot() else {
+            fault::stop(Fault::Start)
+        };
+        Mono::start(cx.core.SYST, clocks.core);
+        link.start();
+        let _ = (housekeeping::spawn(), console::spawn());
+        (
+            Shared {
+                clock: sled.clock,
+                link,
+                steering: Steering::new(Times::new(clocks.ticks_per_us)),
+                output: MotorOutput::new(sled.motor),
+                console: sled.console,
+            },
+            Local {
+                pot,
+                led: sled.led,
+                watchdog: sled.watchdog.start(design::WATCHDOG.ticks() as u16),
+                keeping: Housekeeping::new(sled.reset_cause, last_fault, clocks.oscillator),
+            },
+        )
     }
 
     #[idle]
@@ -38,13 +98,139 @@ mod app {
         }
     }
 
-    #[task(priority = 1, local = [led])]
-    async fn blink(cx: blink::Context) {
-        let mut on = false;
+    #[task(binds = USB_LP_CAN_RX0, priority = 6, shared = [&clock, link])]
+    fn can_rx(mut cx: can_rx::Context) {
+        let stamp = cx.shared.clock.now();
+        let news = cx.shared.link.lock(|link| link.on_receive(stamp));
+        if news.has(window::COMMAND) {
+            rtic::pend(Interrupt::EXTI1);
+        }
+    }
+
+    #[task(binds = USB_HP_CAN_TX, priority = 6, shared = [&clock, link])]
+    fn can_tx(mut cx: can_tx::Context) {
+        let stamp = cx.shared.clock.now();
+        cx.shared.link.lock(|link| link.on_transmit(stamp));
+    }
+
+    #[task(binds = CAN_SCE, priority = 6, shared = [link])]
+    fn can_error(mut cx: can_error::Context) {
+        cx.shared.link.lock(|link| link.on_error());
+        rtic::pend(Interrupt::EXTI1);
+    }
+
+    #[task(binds = TIM2, priority = 6, shared = [link])]
+    fn window_timer(mut cx: window_timer::Context) {
+        let act = cx.shared.link.lock(|link| {
+            let expired = link.timer_mut().take_release();
+            if link.timer_mut().take_window() {
+                link.service();
+            }
+            expired || !link.node().is_alive()
+        });
+        if act {
+            rtic::pend(Interrupt::EXTI1);
+        }
+    }
+
+    #[task(binds = DMA1_CH1, priority = 5, shared = [&clock, link, steering, output], local = [pot])]
+    fn pot(cx: pot::Context) {
+        cx.local.pot.acknowledge();
+        let count = cx.local.pot.count();
+        let now = cx.shared.clock.now();
+        (cx.shared.steering, cx.shared.output).lock(|steering, output| {
+            steering.sample(count, now);
+            output.set(steering.byte(now));
+        });
+        let data = SteeringPot {
+            count: AdcCount(count),
+        };
+        let data = padded(data.encode());
+        let mut link = cx.shared.link;
+        link.lock(|link| link.put(window::STEERING_POT, data));
+    }
+
+    #[task(binds = EXTI1, priority = 5, shared = [&clock, link, steering, output])]
+    fn actuate(cx: actuate::Context) {
+        let now = cx.shared.clock.now();
+        let mut link = cx.shared.link;
+        let (frame, alive) = link.lock(|link| (link.take(window::COMMAND), link.commands_arrive()));
+        let accepted = (cx.shared.steering, cx.shared.output).lock(|steering, output| {
+            let accepted =
+                frame.is_some_and(|frame| steering.supervised.receive(frame.data(), now).is_ok());
+            steering.supervised.supervise(alive, now);
+            output.repeat(steering.byte(now));
+            accepted
+        });
+        if accepted {
+            link.lock(|link| link.release_in(design::COMMAND_TIMEOUT));
+        }
+    }
+
+    #[task(binds = DMA1_CH7, priority = 3, shared = [console])]
+    fn console_dma(mut cx: console_dma::Context) {
+        cx.shared
+            .console
+            .lock(|console| console.on_transfer_complete());
+    }
+
+    #[task(priority = 2, shared = [&clock, link, steering], local = [led, watchdog, keeping])]
+    async fn housekeeping(mut cx: housekeeping::Context) {
+        let mut due = Mono::now();
         loop {
-            on = !on;
-            cx.local.led.set(on);
-            Mono::delay(500.millis()).await;
+            let now = cx.shared.clock.now();
+            let bus = cx.shared.link.lock(|link| {
+                link.keep_present();
+                BusView::of(link)
+            });
+            // The potentiometer's task counts as work while its samples are fresh.
+            let fresh = cx.shared.steering.lock(|steering| steering.has_sample(now));
+            let work = if fresh { bus.link.services } else { 0 };
+            let duties = cx.local.keeping.step(&bus, work);
+            if duties.feed {
+                cx.local.watchdog.feed();
+            }
+            cx.local.led.set(duties.led);
+            if let Some(data) = duties.report {
+                let queued = cx.shared.link.lock(|link| {
+                    link.queue_event(SteeringStatus::ID, &data, design::EVENT_LIFETIME)
+                });
+                if queued.is_err() {
+                    cx.local.keeping.report_refused();
+                }
+            }
+            due += design::HOUSEKEEPING_PERIOD.convert();
+            Mono::delay_until(due).await;
+        }
+    }
+
+    #[task(priority = 1, shared = [link, steering, output, console])]
+    async fn console(mut cx: console::Context) {
+        let mut due = Mono::now();
+        loop {
+            let bus = cx.shared.link.lock(|link| BusView::of(link));
+            let byte = cx.shared.output.lock(|output| output.last());
+            let view = cx.shared.steering.lock(|steering| ActuatorView {
+                command: steering
+                    .supervised
+                    .command()
+                    .map(|command| command.steering_rate.0),
+                count: steering.count(),
+                byte,
+                refused: steering.supervised.refused(),
+            });
+            let mut line = Line::new();
+            lines::bus(&mut line, &bus);
+            cx.shared
+                .console
+                .lock(|console| console.push(line.as_bytes()));
+            line.clear();
+            lines::actuator(&mut line, "steering", &view);
+            cx.shared
+                .console
+                .lock(|console| console.push(line.as_bytes()));
+            due += design::CONSOLE_PERIOD.convert();
+            Mono::delay_until(due).await;
         }
     }
 }

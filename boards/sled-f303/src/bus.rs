@@ -1,0 +1,50 @@
+//! The CAN port: RX PA11, TX PA12, 250 kbit/s from 36 MHz or, on the RC oscillator, 32 MHz.
+
+use crate::{clocks, pac};
+use sled_common::clock::Oscillator;
+use ttcan::BitTiming;
+
+/// Bits per second.
+pub const BIT_RATE: u32 = 250_000;
+
+/// The timing with the external clock; the build fails when no setting fits.
+pub const EXTERNAL_TIMING: BitTiming = BitTiming::constant::<{ clocks::EXTERNAL.apb1 }, BIT_RATE>();
+/// The timing with the RC oscillator.
+pub const INTERNAL_TIMING: BitTiming = BitTiming::constant::<{ clocks::INTERNAL.apb1 }, BIT_RATE>();
+
+const fn fits(timing: BitTiming, clock: u32) -> bool {
+    timing.bit_rate(clock) == BIT_RATE
+        && timing.sample_point_per_mille() >= 700
+        && timing.sample_point_per_mille() <= 800
+}
+const _: () = assert!(
+    fits(EXTERNAL_TIMING, clocks::EXTERNAL.apb1) && fits(INTERNAL_TIMING, clocks::INTERNAL.apb1),
+    "250 kbit/s with a sample point of 70 to 80 % (thesis 6.2.3.1)"
+);
+
+/// The CAN cell, with its pins in their function.
+pub struct Cell {
+    _cell: pac::CAN,
+}
+
+// SAFETY: `Cell` owns the peripheral, and the pointer is its register block.
+unsafe impl bxcan::Instance for Cell {
+    const REGISTERS: *mut bxcan::RegisterBlock = pac::CAN::ptr() as *mut _;
+}
+
+// SAFETY: the only CAN cell of the part, with 14 filter banks (RM0316 31.3).
+unsafe impl bxcan::FilterOwner for Cell {
+    const NUM_FILTER_BANKS: u8 = 14;
+}
+
+/// The CAN port of this sled.
+pub type CanPort = sled_common::can::Port<Cell>;
+
+/// The pins are in their function and the cell's clock is on.
+pub(crate) fn start(cell: pac::CAN, oscillator: Oscillator) -> CanPort {
+    let timing = match oscillator {
+        Oscillator::External => EXTERNAL_TIMING,
+        Oscillator::Internal => INTERNAL_TIMING,
+    };
+    CanPort::new(Cell { _cell: cell }, timing)
+}

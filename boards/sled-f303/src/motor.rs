@@ -1,0 +1,88 @@
+//! The motor driver's port: USART1, TX PA9, 38 400 baud 8N1, single bytes (SyRen 50,
+//! simplified serial: 0 and 255 are the two full speeds, 127 is stop).
+
+use crate::pac;
+
+/// Bits per second, the fastest of the driver's switch settings.
+pub const BAUD: u32 = 38_400;
+
+/// The byte that stops the motor.
+pub const STOP: u8 = 127;
+
+/// The motor driver's port.
+pub struct Motor {
+    usart: pac::USART1,
+}
+
+/// Starts the port, idle. USART1 runs on the system clock, `clock` Hz, which the caller
+/// has selected: its default differs between variants of the part. Its bus clock is on.
+pub(crate) fn start(usart: pac::USART1, clock: u32) -> Motor {
+    // Divider of RM0316 29.5.4 for oversampling by 16, rounded to the nearest.
+    let divider = (clock + BAUD / 2) / BAUD;
+    // SAFETY: 1667 or 1875, which the register holds.
+    usart.brr.write(|w| unsafe { w.bits(divider) });
+    usart.cr1.write(|w| w.ue().set_bit().te().set_bit());
+    Motor { usart }
+}
+
+impl Motor {
+    /// Sends one command byte. While the one before waits for its turn, which takes at
+    /// most 260 us, the newer is dropped and false returned.
+    pub fn send(&mut self, command: u8) -> bool {
+        let free = self.usart.isr.read().txe().bit_is_set();
+        if free {
+            self.usart.tdr.write(|w| w.tdr().bits(u16::from(command)));
+        }
+        free
+    }
+}
+
+/// The port with the byte that it sent last.
+pub struct MotorOutput {
+    motor: Motor,
+    last: u8,
+}
+
+impl MotorOutput {
+    /// The port after the stop command of the start.
+    pub fn new(motor: Motor) -> Self {
+        Self { motor, last: STOP }
+    }
+
+    /// Sends a command byte when it differs from the last one.
+    pub fn set(&mut self, command: u8) {
+        if command != self.last {
+            self.repeat(command);
+        }
+    }
+
+    /// Sends a command byte even when it is the last one: the driver may have lost its power
+    /// in between.
+    pub fn repeat(&mut self, command: u8) {
+        if self.motor.send(command) {
+            self.last = command;
+        }
+    }
+
+    /// The byte sent last.
+    pub fn last(&self) -> u8 {
+        self.last
+    }
+}
+
+/// Polls for one byte to leave, about 6 cycles each: longer than the 260 us of a byte.
+const POLLS: u32 = 10_000;
+
+/// Sends the stop command without any state, and waits until it has left the pin.
+///
+/// For the end of the program: the bytes before it are waited for, each within a bound.
+pub fn stop() {
+    // SAFETY: nothing else runs any more; a port that was never started takes no byte.
+    let usart = unsafe { &*pac::USART1::ptr() };
+    if usart.cr1.read().ue().bit_is_clear() {
+        return;
+    }
+    let _ = (0..POLLS).any(|_| usart.isr.read().txe().bit_is_set());
+    usart.tdr.write(|w| w.tdr().bits(u16::from(STOP)));
+    let _ = (0..2 * POLLS).any(|_| usart.isr.read().tc().bit_is_set());
+}

@@ -1,0 +1,151 @@
+//! The display's port: USART3, TX PC10, RX PC11, 115 200 baud 8N1, sent by DMA1 stream 3,
+//! and the 5 Hz tick (TIM4) that it is refreshed with.
+//!
+//! The display answers 0x55 to every command that it accepted (thesis 6.2.4.5); the bytes
+//! arrive by interrupt, one at a time.
+
+use crate::{
+    clocks::{APB1_HZ, APB1_TIMER_HZ},
+    pac,
+};
+use sled_common::dma::{Shared, Window};
+use sled_common::lines::Transmitter;
+
+/// Bits per second.
+pub const BAUD: u32 = 115_200;
+/// Longest string of commands: 78 ms at 115 200 baud are 898 bytes (thesis 6.2.4.5).
+pub const CAPACITY: usize = 898;
+/// Refreshes per second.
+pub const REFRESH_HZ: u32 = 5;
+
+/// DMA request channel of USART3_TX on stream 3 (RM0390 table 28).
+const CHANNEL: u8 = 4;
+
+static MEMORY: Shared<u8, CAPACITY> = Shared::new(0);
+
+/// The display's port.
+pub struct Lcd {
+    usart: pac::USART3,
+    memory: Window<u8, CAPACITY>,
+    busy: bool,
+}
+
+/// The 5 Hz tick.
+pub struct Tick {
+    timer: pac::TIM4,
+}
+
+pub(crate) fn start(usart: pac::USART3, timer: pac::TIM4) -> Option<(Lcd, Tick)> {
+    let memory = MEMORY.take()?;
+    // SAFETY: divider of RM0390 25.4.4 for oversampling by 16, rounded to the nearest.
+    usart
+        .brr()
+        .write(|w| unsafe { w.bits((((APB1_HZ + BAUD / 2) / BAUD) as u16).into()) });
+    usart.cr3().write(|w| w.dmat().set_bit());
+    usart.cr1().write(|w| {
+        w.ue().set_bit();
+        w.te().set_bit();
+        w.re().set_bit();
+        w.rxneie().set_bit()
+    });
+
+    // 90 MHz / 9000 = 10 kHz, / 2000 = 5 Hz.
+    const PRESCALER: u32 = 9000;
+    const PERIOD: u32 = APB1_TIMER_HZ / PRESCALER / REFRESH_HZ;
+    const { assert!(PRESCALER * PERIOD * REFRESH_HZ == APB1_TIMER_HZ && PERIOD <= 0x1_0000) };
+    timer.psc().write(|w| w.psc().set((PRESCALER - 1) as u16));
+    timer.arr().write(|w| w.arr().set((PERIOD - 1) as u16));
+    timer.egr().write(|w| w.ug().set_bit());
+    timer.sr().modify(|_, w| w.uif().clear_bit());
+    timer.dier().write(|w| w.uie().set_bit());
+    timer.cr1().write(|w| w.cen().set_bit());
+    Some((
+        Lcd {
+            usart,
+            memory,
+            busy: false,
+        },
+        Tick { timer },
+    ))
+}
+
+impl Lcd {
+    /// Whether a string is still being sent.
+    pub fn is_busy(&self) -> bool {
+        self.busy
+    }
+
+    /// Sends one string of commands, cut at [`CAPACITY`]; false when the last one is still
+    /// under way.
+    pub fn send(&mut self, text: &[u8]) -> bool {
+        if self.busy || text.is_empty() {
+            return false;
+        }
+        let mut length = 0;
+        for &byte in text.iter().take(CAPACITY) {
+            self.memory.write(length, byte);
+            length += 1;
+        }
+        self.busy = true;
+        let address = self.memory.address();
+        Transmitter::start(self, address, length as u16);
+        true
+    }
+
+    /// To be called by the task that is bound to the end of the DMA transfer.
+    pub fn on_transfer_complete(&mut self) {
+        if self.finished() {
+            self.busy = false;
+        }
+    }
+
+    /// The byte that the display sent, to be called by the task that is bound to USART3.
+    pub fn received(&mut self) -> Option<u8> {
+        let status = self.usart.sr().read();
+        if status.rxne().bit_is_set() || status.ore().bit_is_set() {
+            Some(self.usart.dr().read().bits() as u8)
+        } else {
+            None
+        }
+    }
+}
+
+impl Transmitter for Lcd {
+    fn start(&mut self, address: u32, length: u16) {
+        // SAFETY: stream 3 is this type's; memory to peripheral, one byte at a time, from
+        // memory that is left alone until the transfer has ended.
+        unsafe {
+            let stream = (*pac::DMA1::ptr()).st(3);
+            stream
+                .par()
+                .write(|w| w.bits(self.usart.dr().as_ptr() as u32));
+            stream.m0ar().write(|w| w.bits(address));
+            stream.ndtr().write(|w| w.ndt().bits(length));
+            stream.cr().write(|w| {
+                w.chsel().bits(CHANNEL);
+                w.dir().memory_to_peripheral();
+                w.minc().set_bit();
+                w.tcie().set_bit();
+                w.teie().set_bit();
+                w.en().set_bit()
+            });
+        }
+    }
+
+    fn finished(&mut self) -> bool {
+        // SAFETY: reads and clears the flags of stream 3 only (bits 22..=27 of LISR).
+        unsafe {
+            let dma = &*pac::DMA1::ptr();
+            let flags = dma.lisr().read().bits() & (0b11_1101 << 22);
+            dma.lifcr().write(|w| w.bits(flags));
+            flags & (1 << 27 | 1 << 25) != 0
+        }
+    }
+}
+
+impl Tick {
+    /// Acknowledges the tick.
+    pub fn acknowledge(&mut self) {
+        self.timer.sr().modify(|_, w| w.uif().clear_bit());
+    }
+}

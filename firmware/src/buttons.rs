@@ -1,0 +1,168 @@
+//! Debouncing of buttons and switches, and what the operator asks for with them.
+
+use network::messages::{Button as Named, ButtonEvent};
+
+/// Samples that an input must hold a new level before it counts: 20 ms at 200 Hz. A remote
+/// control's relay and a tactile switch bounce for less than 10 ms.
+pub const STEADY_SAMPLES: u8 = 4;
+
+/// One debounced input.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Debounced {
+    level: bool,
+    differing: u8,
+}
+
+/// A change of a debounced input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Edge {
+    /// It was pressed, or opened.
+    Pressed,
+    /// It was released, or closed.
+    Released,
+}
+
+impl Debounced {
+    /// Takes one sample and says when the input changed.
+    pub fn sample(&mut self, level: bool) -> Option<Edge> {
+        if level == self.level {
+            self.differing = 0;
+            return None;
+        }
+        self.differing += 1;
+        if self.differing < STEADY_SAMPLES {
+            return None;
+        }
+        self.differing = 0;
+        self.level = level;
+        Some(if level { Edge::Pressed } else { Edge::Released })
+    }
+
+    /// The debounced level.
+    pub const fn is_pressed(&self) -> bool {
+        self.level
+    }
+}
+
+/// The operator's inputs (thesis 5.2.5), in the order of their numbers on the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Button {
+    /// Remote control A: idle, release.
+    A,
+    /// Remote control B: manual.
+    B,
+    /// Remote control C: autonomous.
+    C,
+    /// Remote control D: emergency stop.
+    D,
+    /// The joystick's switch, same as D.
+    Joystick,
+    /// The emergency stop loop; pressed means open.
+    StopLoop,
+}
+
+impl Button {
+    /// All of them, in order.
+    pub const ALL: [Self; 6] = [
+        Self::A,
+        Self::B,
+        Self::C,
+        Self::D,
+        Self::Joystick,
+        Self::StopLoop,
+    ];
+
+    /// Its event message, with its number.
+    pub const fn event(self, edge: Edge, counter: u8) -> ButtonEvent {
+        ButtonEvent {
+            button: match self {
+                Self::A => Named::A,
+                Self::B => Named::B,
+                Self::C => Named::C,
+                Self::D => Named::D,
+                Self::Joystick => Named::Joystick,
+                Self::StopLoop => Named::StopLoop,
+            },
+            pressed: matches!(edge, Edge::Pressed),
+            counter,
+        }
+    }
+}
+
+/// All inputs, debounced.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Buttons {
+    inputs: [Debounced; 6],
+}
+
+impl Buttons {
+    /// Takes one sample of all inputs, in the order of [`Button::ALL`], and hands each
+    /// change to `sink`.
+    pub fn sample(&mut self, levels: [bool; 6], mut sink: impl FnMut(Button, Edge)) {
+        for ((input, level), button) in self.inputs.iter_mut().zip(levels).zip(Button::ALL) {
+            if let Some(edge) = input.sample(level) {
+                sink(button, edge);
+            }
+        }
+    }
+
+    /// The debounced level of one input.
+    pub fn is_pressed(&self, button: Button) -> bool {
+        self.inputs
+            .get(button as usize)
+            .is_some_and(Debounced::is_pressed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::{Button, Buttons, Debounced, Edge, STEADY_SAMPLES};
+    use network::Message as _;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    #[test]
+    fn a_held_button_counts_once_and_the_loop_is_the_last() {
+        let mut buttons = Buttons::default();
+        let mut seen = Vec::new();
+        for _ in 0..20 {
+            buttons.sample([false, false, false, false, false, true], |button, edge| {
+                seen.push((button, edge));
+            });
+        }
+        assert_eq!(seen, [(Button::StopLoop, Edge::Pressed)]);
+        assert!(buttons.is_pressed(Button::StopLoop));
+        assert_eq!(Button::StopLoop.event(Edge::Pressed, 3).encode(), [6, 1, 3]);
+    }
+
+    proptest! {
+        /// Bounces shorter than the steady time never count, whatever their pattern.
+        #[test]
+        fn bounces_never_count(runs in proptest::collection::vec(1u8..STEADY_SAMPLES, 0..40)) {
+            let mut input = Debounced::default();
+            let mut level = true;
+            for run in runs {
+                for _ in 0..run {
+                    prop_assert_eq!(input.sample(level), None);
+                }
+                // Back to the steady level for one sample at least.
+                prop_assert_eq!(input.sample(false), None);
+                level = true;
+            }
+        }
+
+        /// Edges alternate: pressed, released, pressed.
+        #[test]
+        fn edges_alternate(levels in proptest::collection::vec(any::<bool>(), 0..300)) {
+            let mut input = Debounced::default();
+            let mut expected = Edge::Pressed;
+            for level in levels {
+                if let Some(edge) = input.sample(level) {
+                    prop_assert_eq!(edge, expected);
+                    expected = if edge == Edge::Pressed { Edge::Released } else { Edge::Pressed };
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,248 @@
+//! Console lines (thesis 6.2.4.6): what a node knows, ten times a second, on a serial port.
+
+use control::mode::Mode;
+use network::messages::Millimetres;
+use sled_common::can::ErrorState;
+use ttcan::{ErrorLevel, MasterState, Status, SyncState};
+
+use crate::link;
+use crate::navigation::Navigation;
+use crate::sbp;
+use crate::text::Text;
+
+/// Longest line, line ending included; a line of the boards' queue.
+pub const WIDTH: usize = 128;
+
+/// One line.
+pub type Line = Text<WIDTH>;
+
+/// The bus as one node sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct BusView {
+    /// State of the protocol.
+    pub status: Status,
+    /// References that did not come.
+    pub missed_references: u32,
+    /// Messages that did not come.
+    pub missed_messages: u32,
+    /// Own windows missed: skipped, suppressed, not begun in time, lost or destroyed.
+    pub missed_windows: u32,
+    /// Frames that were foreign or out of place.
+    pub misplaced: u32,
+    /// Error counters of the controller.
+    pub errors: ErrorState,
+    /// What the link counted.
+    pub link: link::Counters,
+}
+
+impl BusView {
+    /// What there is to say about a link now.
+    pub fn of<P: link::Port, T: link::WindowTimer>(link: &link::Link<P, T>) -> Self {
+        let counters = link.node().counters();
+        Self {
+            status: link.node().status(),
+            missed_references: counters.missed_references,
+            missed_messages: counters.missed_messages,
+            missed_windows: counters
+                .skipped
+                .wrapping_add(counters.suppressed)
+                .wrapping_add(counters.arbitration_lost)
+                .wrapping_add(counters.transmit_errors)
+                .wrapping_add(counters.aborted),
+            misplaced: counters.misplaced.wrapping_add(counters.foreign),
+            errors: link.error_state(),
+            link: link.counters(),
+        }
+    }
+}
+
+/// The line about the bus.
+pub fn bus(line: &mut Line, view: &BusView) {
+    let status = &view.status;
+    line.str("bus ");
+    line.str(match status.sync {
+        SyncState::Off => "off",
+        SyncState::Synchronising => "sync",
+        SyncState::InSchedule => "run",
+        SyncState::InGap => "gap",
+    });
+    line.str(match status.master {
+        MasterState::Off | MasterState::Follower => "",
+        MasterState::Backup => " backup",
+        MasterState::Current => " master",
+    });
+    line.str(match status.error_level {
+        ErrorLevel::None => " S0",
+        ErrorLevel::Warning => " S1",
+        ErrorLevel::Error => " S2",
+        ErrorLevel::Severe(_) => " S3",
+    });
+    line.str(" ref-").unsigned(view.missed_references);
+    line.str(" msg-").unsigned(view.missed_messages);
+    line.str(" own-").unsigned(view.missed_windows);
+    line.str(" odd ").unsigned(view.misplaced);
+    line.str(" tec ").unsigned(u32::from(view.errors.transmit));
+    line.str(" rec ").unsigned(u32::from(view.errors.receive));
+    line.str(" ovr ").unsigned(u32::from(view.link.overruns));
+    line.str(" off ").unsigned(u32::from(view.link.bus_off));
+    line.str("\r\n");
+}
+
+/// What an actuator node says.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ActuatorView {
+    /// Commanded steering rate in centidegrees a second, or speed in cm/s; `None` when no
+    /// command is in force.
+    pub command: Option<i16>,
+    /// Potentiometer, counts, where there is one.
+    pub count: Option<u16>,
+    /// The motor driver's byte.
+    pub byte: u8,
+    /// Command frames refused.
+    pub refused: u16,
+}
+
+/// The line about an actuator.
+pub fn actuator(line: &mut Line, label: &str, view: &ActuatorView) {
+    line.str(label);
+    match view.command {
+        Some(command) => line.str(" cmd ").fixed(i32::from(command), 2),
+        None => line.str(" no cmd"),
+    };
+    if let Some(count) = view.count {
+        line.str(" pot ").unsigned(u32::from(count));
+    }
+    line.str(" out ").unsigned(u32::from(view.byte));
+    line.str(" refused ").unsigned(u32::from(view.refused));
+    line.str("\r\n");
+}
+
+/// The line about the satellite receiver.
+pub fn receiver(line: &mut Line, navigation: &Navigation, counters: sbp::Counters) {
+    line.str("gps ");
+    line.str(match navigation.fix() {
+        sbp::Fix::None => "none",
+        sbp::Fix::Single => "single",
+        sbp::Fix::Differential => "dgnss",
+        sbp::Fix::Float => "float",
+        sbp::Fix::Fixed => "fixed",
+        sbp::Fix::DeadReckoning => "dr",
+        sbp::Fix::Augmented => "sbas",
+    });
+    line.str(" sats ")
+        .unsigned(u32::from(navigation.satellites()));
+    line.str(" epochs ").unsigned(navigation.epochs());
+    line.str(" frames ").unsigned(counters.frames);
+    line.str(" crc ").unsigned(counters.checksum_errors);
+    line.str(" skip ").unsigned(counters.skipped);
+    line.str("\r\n");
+}
+
+/// What the controller says.
+#[derive(Clone, Copy, Debug)]
+pub struct PilotView {
+    /// Mode.
+    pub mode: Mode,
+    /// Position, north.
+    pub north: Millimetres,
+    /// Position, east.
+    pub east: Millimetres,
+    /// Cross-track error.
+    pub cross_track: Millimetres,
+    /// Heading error, thousandths of a degree.
+    pub heading_error: i32,
+    /// Whether the solution is fixed.
+    pub fixed: bool,
+    /// Whether the display answers.
+    pub display: bool,
+}
+
+/// The line about the vehicle.
+pub fn pilot(line: &mut Line, view: &PilotView) {
+    line.str("uagv ").str(view.mode.name());
+    line.str(if view.fixed { " fixed" } else { " no fix" });
+    line.str(" n ").fixed(view.north.0, 3);
+    line.str(" e ").fixed(view.east.0, 3);
+    line.str(" xte ").fixed(view.cross_track.0, 3);
+    line.str(" psi ").fixed(view.heading_error, 3);
+    if !view.display {
+        line.str(" lcd?");
+    }
+    line.str("\r\n");
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+
+    #[test]
+    fn the_longest_lines_fit() {
+        let mut line = Line::new();
+        let view = ActuatorView {
+            command: Some(i16::MIN),
+            count: Some(u16::MAX),
+            byte: 255,
+            refused: u16::MAX,
+        };
+        actuator(&mut line, "steering", &view);
+        assert_eq!(
+            std::str::from_utf8(line.as_bytes()).unwrap(),
+            "steering cmd -327.68 pot 65535 out 255 refused 65535\r\n"
+        );
+        line.clear();
+        let most = sbp::Counters {
+            frames: u32::MAX,
+            checksum_errors: u32::MAX,
+            skipped: u32::MAX,
+        };
+        receiver(&mut line, &Navigation::new(), most);
+        assert!(!line.is_cut());
+        line.clear();
+        let worst = PilotView {
+            mode: Mode::Manual,
+            north: Millimetres(i32::MIN),
+            east: Millimetres(i32::MIN),
+            cross_track: Millimetres(i32::MIN),
+            heading_error: i32::MIN,
+            fixed: false,
+            display: false,
+        };
+        pilot(&mut line, &worst);
+        assert!(!line.is_cut());
+        line.clear();
+        let status = Status {
+            sync: SyncState::InSchedule,
+            master: MasterState::Current,
+            error_level: ErrorLevel::Severe(ttcan::Severe::BusOff),
+            missed_references: 255,
+            cycle: 63,
+            master_rank: Some(7),
+            initial_watch: false,
+            clock: ttcan::ClockState::Locked,
+            reference_offset: -127,
+        };
+        // Three counters at their most in one line is more than a lifetime of the vehicle.
+        let worst = BusView {
+            status,
+            missed_references: 9_999_999,
+            missed_messages: 99_999_999,
+            missed_windows: 9_999_999,
+            misplaced: 99_999_999,
+            errors: ErrorState {
+                transmit: 255,
+                receive: 255,
+                warning: true,
+                passive: true,
+                bus_off: true,
+            },
+            link: link::Counters {
+                overruns: u16::MAX,
+                bus_off: u16::MAX,
+                ..link::Counters::default()
+            },
+        };
+        bus(&mut line, &worst);
+        assert!(!line.is_cut());
+    }
+}

@@ -1,0 +1,141 @@
+//! Every constant of the vehicle and of its nodes, with unit, source and arithmetic.
+
+use control::calibration::{Actuator, Direction, Potentiometer};
+use control::position::Position;
+use fugit::MillisDurationU32;
+use ttcan::Micros;
+
+/// One degree in radians.
+const DEGREE: f32 = core::f32::consts::PI / 180.0;
+
+/// First waypoint of the run (thesis 7.3), mm north and east of the base station.
+pub const WAYPOINT_A: Position = Position::new(0, 0);
+/// Second waypoint: a 243 m line due north (thesis 7.3).
+pub const WAYPOINT_B: Position = Position::new(243_000, 0);
+
+/// Largest steering angle, rad: 25 degrees to each side (thesis 5.3).
+pub const STEERING_ANGLE_LIMIT: f32 = 25.0 * DEGREE;
+/// Largest steering rate, rad/s: 25 degrees a second (thesis 5.3).
+pub const STEERING_RATE_LIMIT: f32 = 25.0 * DEGREE;
+/// Largest speed, m/s (thesis 5.3).
+pub const SPEED_LIMIT: f32 = 2.0;
+
+/// The steering potentiometer (thesis 5.2.6, Figure 5.18: linear; the numbers are not in the
+/// text). 2048 counts straight ahead, 40 counts for a degree: 1048..3048 within the limits.
+/// An intact one cannot leave the mechanical range of some 35 degrees to each side.
+pub const POTENTIOMETER: Potentiometer<f32> = Potentiometer {
+    centre: 2048.0,
+    counts_per_radian: 40.0 / DEGREE,
+    lowest: 2048 - 35 * 40,
+    highest: 2048 + 35 * 40,
+};
+
+/// The steering actuator on its motor driver (thesis 5.2.6, Figure 5.20: linear beyond a
+/// dead band, one line for each sign; the numbers are not in the text).
+pub const STEERING_ACTUATOR: Actuator<f32> = Actuator {
+    positive: Direction {
+        dead_band: 0.10,
+        full_rate: STEERING_RATE_LIMIT,
+    },
+    negative: Direction {
+        dead_band: 0.12,
+        full_rate: STEERING_RATE_LIMIT,
+    },
+};
+
+/// How far ahead of the end stops the steering node begins to slow its actuator: it never
+/// asks for a rate that would reach the stop sooner than in this time, s.
+pub const END_STOP_HORIZON: f32 = 0.05;
+
+/// The drive motor on its motor driver: 2 m/s at full effort, dead band 5 %.
+pub const DRIVE_MOTOR: Actuator<f32> = Actuator {
+    positive: Direction {
+        dead_band: 0.05,
+        full_rate: SPEED_LIMIT,
+    },
+    negative: Direction {
+        dead_band: 0.05,
+        full_rate: SPEED_LIMIT,
+    },
+};
+
+/// Largest growth of the drive speed, m/s each second. Slowing down is never delayed.
+pub const DRIVE_SLEW: f32 = 2.0;
+
+/// Which way the motor driver's byte 255 turns. The maker's manual contradicts itself, so it
+/// is configuration: true means forward.
+pub const FULL_BYTE_IS_FORWARD: bool = true;
+
+/// Basic periods that the reference or the command may be missing before an actuator stops
+/// (thesis 6.2.4.4).
+pub const MISSED_PERIODS: u32 = 2;
+
+/// After the end of a command frame, the time when the second frame after it is overdue: two
+/// periods, the difference in length between the shortest and the longest 8-byte frame (24
+/// bits, 96 us), and 100 us for the jitter of both starts.
+pub const COMMAND_TIMEOUT: Micros =
+    Micros::micros(MISSED_PERIODS * network::matrix::BASIC_CYCLE.ticks() + 96 + 100);
+
+/// Age at which a sample of the potentiometer cannot be believed any more: ten of its
+/// periods of 5 ms.
+pub const SAMPLE_TIMEOUT: Micros = Micros::millis(50);
+
+/// Longest time that one step of the drive's slew makes up for: two of its periods.
+pub const LONGEST_SLEW_STEP: Micros = Micros::millis(20);
+
+/// Cycle time at which the control step is released: the last sensor window begins at 6 ms;
+/// its frame of two bytes takes at most 75 bits or 300 us and starts within 64 us (the
+/// transmit enable window). The command's window begins at 7 ms: 600 us are left.
+pub const CONTROL_RELEASE: Micros = Micros::micros(6_400);
+
+/// How long a node that had to leave the bus stays away before it joins again: two basic
+/// cycles, so that the others see it gone.
+pub const REJOIN_PAUSE: Micros = Micros::millis(200);
+
+/// Longest silence of the satellite receiver: two and a half of its periods. After that its
+/// fix does not count any more.
+pub const RECEIVER_TIMEOUT: Micros = Micros::millis(250);
+
+/// How long the gps node waits for the receiver's first burst before it begins the schedule
+/// without it: five of its periods.
+pub const RECEIVER_PATIENCE: MillisDurationU32 = MillisDurationU32::millis(500);
+
+/// Speed below which the velocity vector says nothing about the heading, mm/s: ten times the
+/// receiver's noise of 20 mm/s.
+pub const HEADING_SPEED: u32 = 200;
+
+/// Joystick: counts from the centre that do nothing, 4 % of its way.
+pub const JOYSTICK_DEAD_ZONE: u16 = 80;
+/// Joystick: count at rest, the middle of the 12-bit range.
+pub const JOYSTICK_CENTRE: u16 = 2048;
+
+/// Nominal time of the watchdog: five basic cycles; its oscillator may be off by a factor of
+/// two.
+pub const WATCHDOG: MillisDurationU32 = MillisDurationU32::millis(500);
+
+/// Period of the console lines (thesis 6.2.4.6).
+pub const CONSOLE_PERIOD: MillisDurationU32 = MillisDurationU32::millis(100);
+
+/// Period of the housekeeping: bus recovery, watchdog, status.
+pub const HOUSEKEEPING_PERIOD: MillisDurationU32 = MillisDurationU32::millis(10);
+
+/// How long an event message may wait for its window: ten basic cycles.
+pub const EVENT_LIFETIME: Micros = Micros::secs(1);
+
+/// Ticks from a bus interrupt to the stamp in its task: entry of 12 cycles and the task's
+/// first instructions, at 180 MHz (F446) some 40 cycles or 0.2 us.
+pub const STAMP_TICKS_F446: u32 = 4;
+/// The same at 72 MHz (F303): some 45 cycles or 0.6 us.
+pub const STAMP_TICKS_F303: u32 = 11;
+
+/// Ticks from the window timer's compare to the transmit request: half of what the window
+/// task needs, so that the start of frame, which waits for the next bit, is never early by
+/// more than it is late.
+pub const TRANSMIT_LEAD_F446: u32 = 18;
+/// The same for the F303.
+pub const TRANSMIT_LEAD_F303: u32 = 54;
+
+/// Rate error between two crystals that the schedule follows, ppm: two of 50 ppm, doubled.
+pub const DRIFT_LIMIT_PPM: u16 = 200;
+/// The same for a node on its RC oscillator, which is good for about 1 %.
+pub const DRIFT_LIMIT_PPM_INTERNAL: u16 = 10_000;

@@ -1,0 +1,216 @@
+//! End-to-end protection of the actuator commands.
+//!
+//! Message 300 carries a sequence counter (D6) and a check value (D7) over its identifier
+//! and D0..D6, after the pattern of the AUTOSAR E2E profiles (AUTOSAR_PRS_E2EProtocol,
+//! profile 2: CRC-8 with polynomial 0x2F, sequence counter, data identity in the CRC). The
+//! differences: the counter has eight bits instead of four, and the CAN identifier stands
+//! for the list of data identities, so that the thesis's frame keeps its eight bytes.
+//!
+//! A receiver acts on a frame only when the check value fits and the counter went on by one
+//! or two: a frame that was altered, that belongs to another identifier, that is repeated,
+//! replayed or out of order moves nothing. After a start or a longer gap the counter has no
+//! past; then a frame counts only when it continues the one just before it.
+
+/// Offset of the counter in the data.
+const COUNTER: usize = 6;
+/// Offset of the check value in the data.
+const CHECK: usize = 7;
+
+/// Largest step of the counter that is accepted: one frame may be lost.
+const LARGEST_STEP: u8 = 2;
+
+/// CRC-8H2F: polynomial 0x2F, initial value and final exclusive-or 0xFF, not reflected.
+const TABLE: [u8; 16] = {
+    let mut table = [0; 16];
+    let mut nibble = 0;
+    while nibble < 16 {
+        let mut value = (nibble as u8) << 4;
+        let mut bit = 0;
+        while bit < 4 {
+            value = if value & 0x80 != 0 {
+                value << 1 ^ 0x2F
+            } else {
+                value << 1
+            };
+            bit += 1;
+        }
+        table[nibble] = value;
+        nibble += 1;
+    }
+    table
+};
+
+#[inline]
+fn update(crc: u8, byte: u8) -> u8 {
+    let crc = crc ^ byte;
+    let crc = crc << 4 ^ TABLE[usize::from(crc >> 4) & 0xF];
+    crc << 4 ^ TABLE[usize::from(crc >> 4) & 0xF]
+}
+
+/// The check value of a frame: over the identifier, low byte first, and D0..D6.
+pub fn check_value(id: u16, data: &[u8; 8]) -> u8 {
+    let crc = id.to_le_bytes().into_iter().fold(0xFF, update);
+    let [covered @ .., _] = data;
+    covered.iter().fold(crc, |crc, &byte| update(crc, byte)) ^ 0xFF
+}
+
+/// Sender's side: numbers and seals frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sender {
+    counter: u8,
+}
+
+impl Sender {
+    /// Numbers the data of one frame and writes its check value. The counter wraps.
+    pub fn seal(&mut self, id: u16, data: &mut [u8; 8]) {
+        data[COUNTER] = self.counter;
+        data[CHECK] = check_value(id, data);
+        self.counter = self.counter.wrapping_add(1);
+    }
+}
+
+/// Why a frame is not acted on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// The check value does not fit: altered, or sealed for another identifier.
+    Altered,
+    /// The counter did not go on: repeated or stuck.
+    Repeated,
+    /// The counter went back or too far: replayed, out of order, or after a gap.
+    OutOfSequence,
+    /// The first frame after a start or a gap: there is nothing to compare it with.
+    First,
+}
+
+/// Receiver's side.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Receiver {
+    last: Option<u8>,
+}
+
+impl Receiver {
+    /// A receiver that has seen nothing.
+    pub const fn new() -> Self {
+        Self { last: None }
+    }
+
+    /// Judges a frame.
+    ///
+    /// # Errors
+    /// [`Refusal`] says why the frame moves nothing. A frame whose check value fits becomes
+    /// the one that the next must continue, except when it repeats the last: a replay does
+    /// not take the place of the true sequence for longer than until the next true frame.
+    pub fn judge(&mut self, id: u16, data: &[u8; 8]) -> Result<(), Refusal> {
+        if check_value(id, data) != data[CHECK] {
+            return Err(Refusal::Altered);
+        }
+        let counter = data[COUNTER];
+        let last = self.last.replace(counter);
+        match last.map(|last| counter.wrapping_sub(last)) {
+            Some(1..=LARGEST_STEP) => Ok(()),
+            Some(0) => Err(Refusal::Repeated),
+            Some(_) => Err(Refusal::OutOfSequence),
+            None => Err(Refusal::First),
+        }
+    }
+
+    /// Forgets the sequence: to be called after a gap in which the sender may have started
+    /// anew.
+    pub fn forget(&mut self) {
+        self.last = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Receiver, Refusal, Sender, check_value, update};
+    use proptest::prelude::*;
+
+    /// AUTOSAR_SWS_CRCLibrary, 8-bit 0x2F: check values of the published test patterns.
+    #[test]
+    fn the_crc_gives_autosar_s_check_values() {
+        let crc = |bytes: &[u8]| bytes.iter().fold(0xFF, |crc, &byte| update(crc, byte)) ^ 0xFF;
+        assert_eq!(crc(b"123456789"), 0xDF);
+        assert_eq!(crc(&[0, 0, 0, 0]), 0x12);
+        assert_eq!(crc(&[0xF2, 0x01, 0x83]), 0xC2);
+        assert_eq!(crc(&[0x0F, 0xAA, 0x00, 0x55]), 0xC6);
+        assert_eq!(crc(&[0x00, 0xFF, 0x55, 0x11]), 0x77);
+        assert_eq!(
+            crc(&[0x33, 0x22, 0x55, 0xAA, 0xBB, 0xCC, 0xDD, 0xEE, 0xFF]),
+            0x11
+        );
+        assert_eq!(crc(&[0x92, 0x6B, 0x55]), 0x33);
+        assert_eq!(crc(&[0xFF, 0xFF, 0xFF, 0xFF]), 0x6C);
+    }
+
+    fn sequence(count: usize) -> Vec<[u8; 8]> {
+        let mut sender = Sender::default();
+        (0..count)
+            .map(|_| {
+                let mut data = [0x64, 0, 0x10, 0, 3, 3, 0, 0];
+                sender.seal(300, &mut data);
+                data
+            })
+            .collect()
+    }
+    extern crate std;
+    use std::vec::Vec;
+
+    #[test]
+    fn an_unbroken_sequence_passes_after_its_first_frame() {
+        let frames = sequence(600);
+        let mut receiver = Receiver::default();
+        assert_eq!(receiver.judge(300, &frames[0]), Err(Refusal::First));
+        for frame in &frames[1..] {
+            assert_eq!(receiver.judge(300, frame), Ok(()));
+        }
+    }
+
+    #[test]
+    fn one_lost_frame_is_bridged_and_two_are_not() {
+        let frames = sequence(8);
+        let mut receiver = Receiver::default();
+        let _ = receiver.judge(300, &frames[0]);
+        assert_eq!(receiver.judge(300, &frames[2]), Ok(()));
+        assert_eq!(receiver.judge(300, &frames[5]), Err(Refusal::OutOfSequence));
+        assert_eq!(receiver.judge(300, &frames[6]), Ok(()));
+    }
+
+    proptest! {
+        /// Up to three flipped bits are always seen, in a burst of up to eight bits too.
+        #[test]
+        fn flipped_bits_are_seen(data: [u8; 7], one in 0usize..64, two in 0usize..64, three in 0usize..64) {
+            let [a, b, c, d, e, f, g] = data;
+            let mut frame = [a, b, c, d, e, f, g, 0];
+            frame[7] = check_value(300, &frame);
+            let sealed = frame;
+            for bit in [one, two, three] {
+                frame[bit / 8] ^= 1 << (bit % 8);
+            }
+            if frame != sealed {
+                prop_assert_ne!(check_value(300, &frame), frame[7]);
+            }
+        }
+
+        /// A frame sealed for any other identifier is refused.
+        #[test]
+        fn a_foreign_identifier_is_seen(other in 0u16..0x800) {
+            prop_assume!(other != 300);
+            let mut data = [1, 2, 3, 4, 5, 6, 0, 0];
+            Sender::default().seal(other, &mut data);
+            prop_assert_ne!(check_value(300, &data), data[7]);
+        }
+
+        /// Replaying any earlier frame of a run never passes unless it is the next in line.
+        #[test]
+        fn replays_are_refused(length in 4usize..250, which: prop::sample::Index) {
+            let frames = sequence(length);
+            let mut receiver = Receiver::default();
+            for frame in &frames {
+                let _ = receiver.judge(300, frame);
+            }
+            let replayed = which.index(length);
+            prop_assert!(receiver.judge(300, &frames[replayed]).is_err());
+        }
+    }
+}

@@ -1,0 +1,451 @@
+//! The node's place on the bus: the protocol stack, the CAN port and the window timer as one
+//! value, which the three interrupts of the bus share.
+//!
+//! Every entry point ends with [`Link::service`], which carries out what the stack asks for
+//! and sets the window timer to its next deadline. None of them waits for anything.
+
+use network::matrix::{MATRIX, SCHEDULE, window};
+use sled_common::can::{ErrorState, Occupied, Outcome, Received};
+use ttcan::{
+    Action, ConfigError, Frame, Id, Micros, NodeConfig, QueueError, Reception, Stamp,
+    TransmitOutcome,
+};
+
+/// Windows of the system matrix.
+pub const WINDOWS: usize = MATRIX.window_count();
+/// Event messages of a node that wait for their window at most.
+pub const EVENT_QUEUE: usize = 8;
+/// The protocol stack of a node of this network.
+pub type Stack = ttcan::Node<'static, WINDOWS, { MATRIX.node_count() }, EVENT_QUEUE>;
+
+/// The CAN controller as the link uses it.
+pub trait Port {
+    /// Takes the oldest frame out of the receive FIFO.
+    fn receive(&mut self) -> Option<Received>;
+    /// Whether the FIFO lost a frame since the last call.
+    fn take_overrun(&mut self) -> bool;
+    /// Loads the mailbox and requests transmission.
+    ///
+    /// # Errors
+    /// [`Occupied`] while an earlier frame is pending.
+    fn load(&mut self, frame: &Frame) -> Result<(), Occupied>;
+    /// Asks to withdraw the pending frame.
+    fn abort(&mut self);
+    /// How the last attempt ended, once.
+    fn outcome(&mut self) -> Option<Outcome>;
+    /// Acknowledges the error interrupt.
+    fn acknowledge_error(&mut self);
+    /// Error counters and states.
+    fn error_state(&self) -> ErrorState;
+    /// Leaves the bus: no dominant bit from here on.
+    fn leave_bus(&mut self);
+    /// Joins the bus again; false while the controller is still leaving it.
+    fn join_bus(&mut self) -> bool;
+}
+
+impl<I: sled_common::can::FilterOwner> Port for sled_common::can::Port<I> {
+    #[inline]
+    fn receive(&mut self) -> Option<Received> {
+        self.receive()
+    }
+    #[inline]
+    fn take_overrun(&mut self) -> bool {
+        self.take_overrun()
+    }
+    #[inline]
+    fn load(&mut self, frame: &Frame) -> Result<(), Occupied> {
+        self.load(frame)
+    }
+    #[inline]
+    fn abort(&mut self) {
+        self.abort();
+    }
+    #[inline]
+    fn outcome(&mut self) -> Option<Outcome> {
+        self.outcome()
+    }
+    #[inline]
+    fn acknowledge_error(&mut self) {
+        self.acknowledge_error();
+    }
+    #[inline]
+    fn error_state(&self) -> ErrorState {
+        self.error_state()
+    }
+    fn leave_bus(&mut self) {
+        self.leave_bus();
+    }
+    fn join_bus(&mut self) -> bool {
+        self.join_bus()
+    }
+}
+
+/// The time base and its window timer.
+pub trait WindowTimer {
+    /// The counter now.
+    fn now(&self) -> u32;
+    /// Fires when the counter reaches `instant`; at once when that has passed.
+    fn set_window(&mut self, instant: u32);
+    /// No deadline.
+    fn clear_window(&mut self);
+}
+
+/// What an interrupt of the bus brought for the application.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct News {
+    /// A basic cycle began.
+    pub reference: bool,
+    /// Exclusive windows whose message arrived, one bit each.
+    pub windows: u32,
+    /// An event message arrived.
+    pub event: bool,
+}
+
+impl News {
+    /// Whether the message of this window arrived.
+    pub const fn has(self, window: usize) -> bool {
+        window < 32 && self.windows & 1 << window != 0
+    }
+}
+
+const _: () = assert!(WINDOWS <= 32, "News has one bit for each window");
+
+/// Event messages that the application has not taken yet.
+const EVENTS: usize = 4;
+
+/// What the link counts besides the stack's own counters; every counter wraps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Times the receive FIFO overran.
+    pub overruns: u16,
+    /// Remote frames.
+    pub remote: u16,
+    /// Requests that found the mailbox occupied.
+    pub occupied: u16,
+    /// Bus-off states.
+    pub bus_off: u16,
+    /// Times the node left the bus and joined it again.
+    pub rejoins: u16,
+    /// Calls of [`Link::service`]; shows that the window timer lives.
+    pub services: u32,
+}
+
+/// Whether the node takes part in the traffic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Presence {
+    On,
+    /// Off the bus since this instant, for at least `pause` ticks.
+    Off {
+        since: u32,
+        pause: u32,
+    },
+    /// Joining: waiting for the controller to leave bus-off.
+    Joining,
+}
+
+/// Protocol stack, port and timer.
+pub struct Link<P, T> {
+    node: Stack,
+    port: P,
+    timer: T,
+    inbox: [Option<Frame>; WINDOWS],
+    outbox: [Option<[u8; 8]>; WINDOWS],
+    events: heapless::Deque<Frame, EVENTS>,
+    presence: Presence,
+    started: bool,
+    reference_byte: u8,
+    pause: u32,
+    ticks_per_us: u32,
+    counters: Counters,
+}
+
+impl<P: Port, T: WindowTimer> Link<P, T> {
+    /// A link that listens only when [`Link::start`] is called.
+    ///
+    /// # Errors
+    /// The stack refuses the configuration.
+    pub fn new(config: NodeConfig, port: P, timer: T) -> Result<Self, ConfigError> {
+        Ok(Self {
+            pause: crate::design::REJOIN_PAUSE
+                .ticks()
+                .saturating_mul(config.ticks_per_us),
+            ticks_per_us: config.ticks_per_us,
+            node: Stack::new(SCHEDULE.view(), config)?,
+            port,
+            timer,
+            inbox: [None; WINDOWS],
+            outbox: [None; WINDOWS],
+            events: heapless::Deque::new(),
+            presence: Presence::On,
+            started: false,
+            reference_byte: 0,
+            counters: Counters::default(),
+        })
+    }
+
+    /// Joins the schedule, or, as a time master, begins it.
+    pub fn start(&mut self) {
+        self.started = true;
+        let now = self.now();
+        self.node.start(now);
+        self.service();
+    }
+
+    /// Whether [`Link::start`] was called.
+    pub const fn is_started(&self) -> bool {
+        self.started
+    }
+
+    /// Receive interrupt. `stamp` is the time base as the task read it first of all.
+    pub fn on_receive(&mut self, stamp: u32) -> News {
+        let mut news = News::default();
+        if self.port.take_overrun() {
+            self.counters.overruns = self.counters.overruns.wrapping_add(1);
+        }
+        while let Some(received) = self.port.receive() {
+            let Received::Data(frame) = received else {
+                self.counters.remote = self.counters.remote.wrapping_add(1);
+                continue;
+            };
+            match self.node.handle_receive(&frame, Stamp(stamp)) {
+                Reception::Reference { .. } => {
+                    news.reference = true;
+                    self.reference_byte = frame.data().first().copied().unwrap_or(0);
+                }
+                Reception::Scheduled { window } | Reception::Late { window } => {
+                    if let Some(slot) = self.inbox.get_mut(usize::from(window)) {
+                        *slot = Some(frame);
+                        news.windows |= 1u32.checked_shl(u32::from(window)).unwrap_or(0);
+                    }
+                }
+                Reception::Event => {
+                    if self.events.is_full() {
+                        self.events.pop_front();
+                    }
+                    let _ = self.events.push_back(frame);
+                    news.event = true;
+                }
+                Reception::Fault(_) => {}
+            }
+        }
+        self.service();
+        news
+    }
+
+    /// Transmit interrupt. `stamp` is the time base as the task read it first of all.
+    /// True when the node's own reference was sent: a basic cycle began.
+    pub fn on_transmit(&mut self, stamp: u32) -> bool {
+        let cycle = self.node.reference_mark();
+        if let Some(outcome) = self.port.outcome() {
+            let outcome = match outcome {
+                Outcome::Complete => TransmitOutcome::Sent,
+                Outcome::ArbitrationLost => TransmitOutcome::ArbitrationLost,
+                Outcome::Error => TransmitOutcome::Error,
+                Outcome::Aborted => TransmitOutcome::Aborted,
+            };
+            self.node.handle_transmit(outcome, Stamp(stamp));
+        }
+        self.service();
+        let begun = self.node.reference_mark() != cycle;
+        if begun {
+            self.reference_byte = 0;
+        }
+        begun
+    }
+
+    /// Error interrupt.
+    pub fn on_error(&mut self) {
+        self.port.acknowledge_error();
+        if self.port.error_state().bus_off && self.presence == Presence::On {
+            self.counters.bus_off = self.counters.bus_off.wrapping_add(1);
+            self.node.handle_bus_off();
+        }
+        self.service();
+    }
+
+    /// Carries out what the stack asks for and sets the window timer. The window timer's
+    /// interrupt calls this alone.
+    pub fn service(&mut self) {
+        self.counters.services = self.counters.services.wrapping_add(1);
+        loop {
+            let now = self.now();
+            let Some(action) = self.node.poll(now) else {
+                break;
+            };
+            match action {
+                Action::TransmitReference(frame) | Action::TransmitEvent(frame) => {
+                    self.request(&frame);
+                }
+                Action::Transmit(grant) => {
+                    let data = self
+                        .outbox
+                        .get_mut(usize::from(grant.window))
+                        .and_then(Option::take);
+                    match data {
+                        Some(data) => self.request(&Frame::from_parts(grant.id, grant.len, data)),
+                        None => self.node.handle_transmit(TransmitOutcome::Empty, now),
+                    }
+                }
+                Action::Abort => self.port.abort(),
+                Action::Silence => {
+                    self.port.leave_bus();
+                    self.presence = Presence::Off {
+                        since: now.0,
+                        pause: self.pause,
+                    };
+                }
+            }
+        }
+        match self.node.next_deadline() {
+            Some(deadline) => self.timer.set_window(deadline.0),
+            None => self.timer.clear_window(),
+        }
+    }
+
+    fn request(&mut self, frame: &Frame) {
+        if self.port.load(frame).is_err() {
+            self.counters.occupied = self.counters.occupied.wrapping_add(1);
+            let now = self.now();
+            self.node.handle_transmit(TransmitOutcome::Aborted, now);
+        }
+    }
+
+    /// Brings the node back after bus-off and after S3, by the software sequence that bxCAN
+    /// wants with automatic bus-off management off: initialisation, back to normal, 128 times
+    /// eleven recessive bits. To be called every few milliseconds.
+    pub fn keep_present(&mut self) {
+        match self.presence {
+            Presence::On => {}
+            Presence::Off { since, pause } => {
+                if self.timer.now().wrapping_sub(since) >= pause && self.port.join_bus() {
+                    self.presence = Presence::Joining;
+                }
+            }
+            Presence::Joining => {
+                if !self.port.error_state().bus_off {
+                    self.presence = Presence::On;
+                    self.counters.rejoins = self.counters.rejoins.wrapping_add(1);
+                    self.start();
+                }
+            }
+        }
+    }
+
+    /// The application's byte of the last reference that another node sent; 0 when this node
+    /// is the time master itself.
+    pub const fn reference_byte(&self) -> u8 {
+        self.reference_byte
+    }
+
+    /// Hands out what arrived in a window, once.
+    pub fn take(&mut self, window: usize) -> Option<Frame> {
+        self.inbox.get_mut(window).and_then(Option::take)
+    }
+
+    /// Hands out the oldest event message.
+    pub fn take_event(&mut self) -> Option<Frame> {
+        self.events.pop_front()
+    }
+
+    /// Puts data in line for a window of this node. It is sent once; what is not replaced in
+    /// time leaves the window empty.
+    pub fn put(&mut self, window: usize, data: [u8; 8]) {
+        if let Some(slot) = self.outbox.get_mut(window) {
+            *slot = Some(data);
+        }
+    }
+
+    /// [`Link::put`], or takes back what was in line.
+    pub fn replace(&mut self, window: usize, data: Option<[u8; 8]>) {
+        if let Some(slot) = self.outbox.get_mut(window) {
+            *slot = data;
+        }
+    }
+
+    /// Queues an event message of this node.
+    ///
+    /// # Errors
+    /// The queue is full, or the message is not one of this node's events.
+    pub fn queue_event(
+        &mut self,
+        id: u16,
+        data: &[u8],
+        lifetime: Micros,
+    ) -> Result<(), QueueError> {
+        let frame = Id::standard(id)
+            .and_then(|id| Frame::new(id, data).ok())
+            .ok_or(QueueError::NotAnEvent)?;
+        let now = self.now();
+        let queued = self.node.queue_event(frame, now, lifetime);
+        self.service();
+        queued
+    }
+
+    /// Whether an actuator may act on commands: the network lives, and the command is not
+    /// missing for the second time in a row (thesis 6.2.4.4).
+    pub fn commands_arrive(&self) -> bool {
+        self.node.is_alive()
+            && self
+                .node
+                .window(window::COMMAND as u16)
+                .is_some_and(|status| u32::from(status.missed) < crate::design::MISSED_PERIODS)
+    }
+
+    /// Global time now, ms; 0 before it is known.
+    pub fn system_time(&self) -> u32 {
+        self.node
+            .global_time(self.now())
+            .map_or(0, |time| time.as_millis())
+    }
+
+    /// The protocol stack.
+    pub fn node(&self) -> &Stack {
+        &self.node
+    }
+
+    /// The protocol stack, to set what its application decides.
+    pub fn node_mut(&mut self) -> &mut Stack {
+        &mut self.node
+    }
+
+    /// The window timer.
+    pub fn timer_mut(&mut self) -> &mut T {
+        &mut self.timer
+    }
+
+    /// Ticks of the time base in a microsecond.
+    pub const fn ticks_per_us(&self) -> u32 {
+        self.ticks_per_us
+    }
+
+    /// `time` in ticks of the time base.
+    pub const fn ticks(&self, time: Micros) -> u32 {
+        time.ticks().saturating_mul(self.ticks_per_us)
+    }
+
+    /// Error counters and states of the controller.
+    pub fn error_state(&self) -> ErrorState {
+        self.port.error_state()
+    }
+
+    /// What the link counted.
+    pub const fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// Ticks of the time base from now until the basic cycle is `time` old; negative when
+    /// that is past. `None` before the first reference.
+    pub fn until(&self, time: Micros) -> Option<i32> {
+        let now = self.now();
+        let age = self.node.cycle_time(now)?;
+        let left = time
+            .ticks()
+            .cast_signed()
+            .saturating_sub(age.ticks().cast_signed());
+        Some(left.saturating_mul(self.ticks_per_us.cast_signed()))
+    }
+
+    fn now(&self) -> Stamp {
+        Stamp(self.timer.now())
+    }
+}

@@ -1,0 +1,301 @@
+//! What the satellite receiver says, turned into messages of the gps node.
+
+use network::Message as _;
+use network::matrix::window;
+use network::messages::{
+    Heading, Latitude, Longitude, Millidegrees, Millimetres, MillimetresPerSecond, Position,
+    Velocity,
+};
+
+use crate::convert;
+use crate::sbp::{self, Fix, Message, Parser};
+
+/// Data for a window of the node; `None` takes back what was in line.
+pub type Put = (usize, Option<[u8; 8]>);
+
+/// State of the receiver.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Navigation {
+    fix: Fix,
+    satellites: u8,
+    heading: Option<Millidegrees>,
+    heard_at: Option<u32>,
+    tow: Option<u32>,
+    epochs: u32,
+}
+
+impl Navigation {
+    /// A receiver that has not been heard.
+    pub const fn new() -> Self {
+        Self {
+            fix: Fix::None,
+            satellites: 0,
+            heading: None,
+            heard_at: None,
+            tow: None,
+            epochs: 0,
+        }
+    }
+
+    /// Takes one message, decoded at `now` (time base), and hands what it changes in the
+    /// node's windows to `put`.
+    ///
+    /// Position and heading are for the bus only while the solution is fixed; a message that
+    /// ends the fix takes both back at once.
+    pub fn message(&mut self, message: &Message, now: u32, mut put: impl FnMut(Put)) {
+        match *message {
+            Message::PositionNed(position) => {
+                self.heard(position.tow, now);
+                self.fix = position.fix;
+                self.satellites = position.satellites;
+                let data = position.fix.is_fixed().then(|| {
+                    Position {
+                        north: Millimetres(position.north),
+                        east: Millimetres(position.east),
+                    }
+                    .encode()
+                });
+                put((window::POSITION, data));
+                if data.is_none() {
+                    put((window::HEADING, None));
+                }
+            }
+            Message::VelocityNed(velocity) => {
+                self.heard(velocity.tow, now);
+                if !velocity.valid {
+                    put((window::VELOCITY, None));
+                    return;
+                }
+                put((
+                    window::VELOCITY,
+                    Some(
+                        Velocity {
+                            north: MillimetresPerSecond(velocity.north),
+                            east: MillimetresPerSecond(velocity.east),
+                        }
+                        .encode(),
+                    ),
+                ));
+                // At walking pace and below the last heading stands.
+                if let Some(heading) = convert::heading_of(velocity.north, velocity.east) {
+                    self.heading = Some(heading);
+                }
+                let heading = self.heading.filter(|_| self.fix.is_fixed());
+                put((
+                    window::HEADING,
+                    heading.map(|heading| padded(Heading { heading }.encode())),
+                ));
+            }
+            Message::PositionLlh(position) => {
+                self.heard(position.tow, now);
+                let known = position.fix != Fix::None;
+                let angle = |degrees| {
+                    if known {
+                        convert::geodetic(degrees)
+                    } else {
+                        None
+                    }
+                };
+                let latitude = angle(position.latitude).map(|angle| {
+                    Latitude {
+                        fraction: angle.fraction,
+                        whole: angle.whole,
+                        negative: angle.negative,
+                    }
+                    .encode()
+                });
+                let longitude = angle(position.longitude).map(|angle| {
+                    Longitude {
+                        fraction: angle.fraction,
+                        whole: angle.whole,
+                        negative: angle.negative,
+                    }
+                    .encode()
+                });
+                put((window::LATITUDE, latitude.map(padded)));
+                put((window::LONGITUDE, longitude.map(padded)));
+            }
+            Message::Time(_) | Message::Heading(_) | Message::Heartbeat(_) => {}
+        }
+    }
+
+    fn heard(&mut self, tow: u32, now: u32) {
+        if self.tow != Some(tow) {
+            self.tow = Some(tow);
+            self.epochs = self.epochs.wrapping_add(1);
+        }
+        self.heard_at = Some(now);
+    }
+
+    /// Notes that time passes: after `timeout` ticks without a message there is no fix any
+    /// more. True when that just happened.
+    pub fn lapse(&mut self, now: u32, timeout: u32) -> bool {
+        let silent = self
+            .heard_at
+            .is_some_and(|heard| now.wrapping_sub(heard) > timeout);
+        if silent {
+            self.heard_at = None;
+            self.fix = Fix::None;
+        }
+        silent
+    }
+
+    /// Quality of the last baseline position.
+    pub const fn fix(&self) -> Fix {
+        self.fix
+    }
+
+    /// Satellites used in it.
+    pub const fn satellites(&self) -> u8 {
+        self.satellites
+    }
+
+    /// Measurement epochs heard; wraps.
+    pub const fn epochs(&self) -> u32 {
+        self.epochs
+    }
+
+    /// Time of week of the last epoch, ms.
+    pub const fn tow(&self) -> Option<u32> {
+        self.tow
+    }
+
+    /// Ticks since the last message; `None` when the receiver is silent.
+    pub fn age(&self, now: u32) -> Option<u32> {
+        self.heard_at.map(|heard| now.wrapping_sub(heard))
+    }
+}
+
+/// The receiver as the node hears it: bytes in, data for windows out.
+#[derive(Clone, Debug, Default)]
+pub struct Station {
+    parser: Parser,
+    navigation: Navigation,
+}
+
+impl Station {
+    /// A receiver that has not been heard.
+    pub const fn new() -> Self {
+        Self {
+            parser: Parser::new(),
+            navigation: Navigation::new(),
+        }
+    }
+
+    /// Takes the bytes that have arrived by `now` from `next` until it has none, and hands
+    /// what they change to `put`.
+    pub fn feed(
+        &mut self,
+        mut next: impl FnMut() -> Option<u8>,
+        now: u32,
+        mut put: impl FnMut(Put),
+    ) {
+        let Self { parser, navigation } = self;
+        while let Some(byte) = next() {
+            parser.push(byte, |frame| {
+                if let Some(message) = sbp::decode(&frame) {
+                    navigation.message(&message, now, &mut put);
+                }
+            });
+        }
+    }
+
+    /// What the receiver said.
+    pub const fn navigation(&self) -> &Navigation {
+        &self.navigation
+    }
+
+    /// What the receiver said, to note that time passes.
+    pub const fn navigation_mut(&mut self) -> &mut Navigation {
+        &mut self.navigation
+    }
+
+    /// What happened to its bytes.
+    pub const fn counters(&self) -> sbp::Counters {
+        self.parser.counters()
+    }
+}
+
+/// Data of a shorter message in the buffer of a window.
+pub fn padded<const N: usize>(data: [u8; N]) -> [u8; 8] {
+    let mut bytes = [0; 8];
+    for (to, from) in bytes.iter_mut().zip(data) {
+        *to = from;
+    }
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::sbp::{PositionNed, VelocityNed};
+    use std::vec::Vec;
+
+    fn position(fix: Fix) -> Message {
+        Message::PositionNed(PositionNed {
+            tow: 100,
+            north: -5,
+            east: 7,
+            down: 0,
+            satellites: 9,
+            fix,
+        })
+    }
+
+    fn velocity(north: i32) -> Message {
+        Message::VelocityNed(VelocityNed {
+            tow: 100,
+            north,
+            east: 0,
+            down: 0,
+            satellites: 9,
+            valid: true,
+        })
+    }
+
+    fn puts(navigation: &mut Navigation, message: &Message) -> Vec<Put> {
+        let mut puts = Vec::new();
+        navigation.message(message, 0, |put| puts.push(put));
+        puts
+    }
+
+    #[test]
+    fn position_and_heading_need_a_fixed_solution() {
+        let mut navigation = Navigation::new();
+        for fix in [Fix::None, Fix::Single, Fix::Float, Fix::DeadReckoning] {
+            assert_eq!(
+                puts(&mut navigation, &position(fix)),
+                [(window::POSITION, None), (window::HEADING, None)]
+            );
+            assert_eq!(
+                puts(&mut navigation, &velocity(1000))[1],
+                (window::HEADING, None)
+            );
+        }
+        let put = puts(&mut navigation, &position(Fix::Fixed));
+        assert_eq!(
+            put,
+            [(window::POSITION, Some([0xFB, 0xFF, 0xFF, 0xFF, 7, 0, 0, 0]))]
+        );
+        // 180 degrees = 180 000 = 0x02BF20; and it stands when the vehicle stops.
+        for speed in [-1000, 0] {
+            let put = puts(&mut navigation, &velocity(speed));
+            assert_eq!(
+                put[1],
+                (window::HEADING, Some([0x20, 0xBF, 2, 0, 0, 0, 0, 0]))
+            );
+        }
+    }
+
+    #[test]
+    fn a_silent_receiver_has_no_fix() {
+        let mut navigation = Navigation::new();
+        navigation.message(&position(Fix::Fixed), 1000, |_| {});
+        assert!(!navigation.lapse(1500, 500));
+        assert!(navigation.fix().is_fixed());
+        assert!(navigation.lapse(1501, 500));
+        assert_eq!(navigation.fix(), Fix::None);
+        assert!(!navigation.lapse(5000, 500));
+    }
+}

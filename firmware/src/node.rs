@@ -1,0 +1,98 @@
+//! The link on the boards' own port and timer.
+
+use crate::board;
+use crate::design;
+use crate::link::{Link, WindowTimer};
+use board::clock::{Clocks, Oscillator};
+use ttcan::{ConfigError, Micros, NodeConfig, NodeId, StampLatency};
+
+/// The time base and its compare channels, as the link uses them.
+pub struct Timer {
+    clock: board::time::Clock,
+    alarms: board::time::Alarms,
+}
+
+/// The link of a node on this board.
+pub type BoardLink = Link<board::CanPort, Timer>;
+
+impl WindowTimer for Timer {
+    #[inline]
+    fn now(&self) -> u32 {
+        self.clock.now()
+    }
+    #[inline]
+    fn set_window(&mut self, instant: u32) {
+        self.alarms.set_window(instant);
+    }
+    #[inline]
+    fn clear_window(&mut self) {
+        self.alarms.clear_window();
+    }
+}
+
+impl BoardLink {
+    /// Sets the node's second alarm to go off in `time`.
+    pub fn release_in(&mut self, time: Micros) {
+        let ticks = self.ticks(time);
+        self.timer_mut().release_in(ticks.cast_signed());
+    }
+}
+
+impl BoardLink {
+    /// Sets the node's second alarm to the cycle time `time` of the basic cycle under way; at
+    /// once when that is past.
+    pub fn release_at(&mut self, time: Micros) {
+        if let Some(ticks) = self.until(time) {
+            self.timer_mut().release_in(ticks);
+        }
+    }
+}
+
+impl Timer {
+    /// Acknowledges the window timer; true when it had fired.
+    #[inline]
+    pub fn take_window(&mut self) -> bool {
+        self.alarms.take_window()
+    }
+
+    /// Sets the second alarm of the node `ticks` from now; at once when negative.
+    #[inline]
+    pub fn release_in(&mut self, ticks: i32) {
+        let instant = self.clock.now().wrapping_add_signed(ticks);
+        self.alarms.set_release(instant);
+    }
+
+    /// Acknowledges the second alarm; true when it had fired.
+    #[inline]
+    pub fn take_release(&mut self) -> bool {
+        self.alarms.take_release()
+    }
+}
+
+/// Makes the link of a node; it is silent until [`Link::start`].
+///
+/// # Errors
+/// The protocol stack refuses the configuration.
+pub fn link(
+    node: NodeId,
+    clocks: Clocks,
+    can: board::CanPort,
+    clock: board::time::Clock,
+    alarms: board::time::Alarms,
+) -> Result<BoardLink, ConfigError> {
+    #[cfg(feature = "f446")]
+    let (stamp, lead) = (design::STAMP_TICKS_F446, design::TRANSMIT_LEAD_F446);
+    #[cfg(feature = "f303")]
+    let (stamp, lead) = (design::STAMP_TICKS_F303, design::TRANSMIT_LEAD_F303);
+    let bit = 1_000_000 * clocks.ticks_per_us / board::BIT_RATE;
+    let config = NodeConfig {
+        latency: StampLatency::bxcan(bit, stamp),
+        transmit_lead: lead,
+        drift_limit_ppm: match clocks.oscillator {
+            Oscillator::External => design::DRIFT_LIMIT_PPM,
+            Oscillator::Internal => design::DRIFT_LIMIT_PPM_INTERNAL,
+        },
+        ..NodeConfig::new(node, clocks.ticks_per_us)
+    };
+    Link::new(config, can, Timer { clock, alarms })
+}

@@ -1,0 +1,202 @@
+//! The node's SBP parser against the `sbp` crate, on libsbp's own packets.
+
+use firmware::sbp::{self, Fix, Message, Parser};
+use proptest::prelude::*;
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+struct Packet {
+    hex: String,
+    r#type: String,
+    len: usize,
+}
+
+impl Packet {
+    fn bytes(&self) -> Vec<u8> {
+        (0..self.hex.len())
+            .step_by(2)
+            .map(|at| u8::from_str_radix(&self.hex[at..at + 2], 16).expect("hex digits"))
+            .collect()
+    }
+}
+
+fn packets() -> Vec<Packet> {
+    serde_json::from_str(include_str!("data/sbp_packets.json")).expect("the data file parses")
+}
+
+/// What the parser makes of a stream: type and message of each frame.
+fn parse(parser: &mut Parser, bytes: &[u8]) -> Vec<(u16, Option<Message>)> {
+    let mut found = Vec::new();
+    for &byte in bytes {
+        parser.push(byte, |frame| found.push((frame.kind, sbp::decode(&frame))));
+    }
+    found
+}
+
+/// The same by the oracle.
+fn oracle(bytes: &[u8]) -> ::sbp::Sbp {
+    ::sbp::iter_messages(bytes)
+        .next()
+        .expect("one message")
+        .expect("that decodes")
+}
+
+/// Fix of a position, as libsbp's enumerations name it.
+fn fix_of(name: &str) -> Fix {
+    match name {
+        "SinglePointPosition" | "SinglePointPositioning" => Fix::Single,
+        "DifferentialGnss" | "Dgnss" => Fix::Differential,
+        "FloatRtk" => Fix::Float,
+        "FixedRtk" => Fix::Fixed,
+        "DeadReckoning" => Fix::DeadReckoning,
+        "SbasPosition" => Fix::Augmented,
+        "Invalid" => Fix::None,
+        other => panic!("the oracle knows a fix {other} that the test does not"),
+    }
+}
+
+#[test]
+fn every_packet_decodes_as_the_sbp_crate_says() {
+    use ::sbp::Sbp;
+    let packets = packets();
+    assert_eq!(packets.len(), 68);
+    for packet in &packets {
+        let bytes = packet.bytes();
+        let found = parse(&mut Parser::new(), &bytes);
+        let [(kind, Some(message))] = found[..] else {
+            panic!("{}: {found:?}", packet.hex);
+        };
+        let kind_said = u16::from_str_radix(packet.r#type.trim_start_matches("0x"), 16).unwrap();
+        assert_eq!(kind, kind_said);
+        assert_eq!(bytes.len(), packet.len + 8);
+        match (message, oracle(&bytes)) {
+            (Message::Time(ours), Sbp::MsgGpsTime(theirs)) => {
+                assert_eq!(
+                    (ours.week, ours.tow, ours.nanoseconds, ours.valid),
+                    (
+                        theirs.wn,
+                        theirs.tow,
+                        theirs.ns_residual,
+                        theirs.flags & 7 != 0
+                    )
+                );
+            }
+            (Message::Time(ours), Sbp::MsgGpsTimeDepA(theirs)) => {
+                assert_eq!(
+                    (ours.week, ours.tow, ours.nanoseconds),
+                    (theirs.wn, theirs.tow, theirs.ns_residual)
+                );
+            }
+            (Message::PositionLlh(ours), Sbp::MsgPosLlh(theirs)) => {
+                assert_eq!(
+                    (ours.tow, ours.latitude, ours.longitude, ours.satellites),
+                    (theirs.tow, theirs.lat, theirs.lon, theirs.n_sats)
+                );
+                let mode = theirs.fix_mode().expect("a known mode");
+                assert_eq!(ours.fix, fix_of(&format!("{mode:?}")));
+            }
+            (Message::PositionLlh(ours), Sbp::MsgPosLlhDepA(theirs)) => {
+                assert_eq!(
+                    (ours.tow, ours.latitude, ours.longitude, ours.satellites),
+                    (theirs.tow, theirs.lat, theirs.lon, theirs.n_sats)
+                );
+                let mode = theirs.fix_mode().expect("a known mode");
+                assert_eq!(ours.fix, fix_of(&format!("{mode:?}")));
+            }
+            (Message::PositionNed(ours), Sbp::MsgBaselineNed(theirs)) => {
+                assert_eq!(
+                    (ours.tow, ours.north, ours.east, ours.down, ours.satellites),
+                    (theirs.tow, theirs.n, theirs.e, theirs.d, theirs.n_sats)
+                );
+                let mode = theirs.fix_mode().expect("a known mode");
+                assert_eq!(ours.fix, fix_of(&format!("{mode:?}")));
+            }
+            (Message::PositionNed(ours), Sbp::MsgBaselineNedDepA(theirs)) => {
+                assert_eq!(
+                    (ours.tow, ours.north, ours.east, ours.down, ours.satellites),
+                    (theirs.tow, theirs.n, theirs.e, theirs.d, theirs.n_sats)
+                );
+                let mode = theirs.fix_mode().expect("a known mode");
+                assert_eq!(ours.fix, fix_of(&format!("{mode:?}")));
+            }
+            (Message::VelocityNed(ours), Sbp::MsgVelNed(theirs)) => {
+                assert_eq!(
+                    (ours.tow, ours.north, ours.east, ours.down, ours.valid),
+                    (
+                        theirs.tow,
+                        theirs.n,
+                        theirs.e,
+                        theirs.d,
+                        theirs.flags & 7 != 0
+                    )
+                );
+            }
+            (Message::VelocityNed(ours), Sbp::MsgVelNedDepA(theirs)) => {
+                assert_eq!(
+                    (ours.tow, ours.north, ours.east, ours.down, ours.satellites),
+                    (theirs.tow, theirs.n, theirs.e, theirs.d, theirs.n_sats)
+                );
+            }
+            (Message::Heading(ours), Sbp::MsgBaselineHeading(theirs)) => {
+                assert_eq!((ours.tow, ours.millidegrees), (theirs.tow, theirs.heading));
+                let mode = theirs.fix_mode().expect("a known mode");
+                assert_eq!(ours.fix, fix_of(&format!("{mode:?}")));
+            }
+            (Message::Heading(ours), Sbp::MsgBaselineHeadingDepA(theirs)) => {
+                assert_eq!((ours.tow, ours.millidegrees), (theirs.tow, theirs.heading));
+            }
+            (Message::Heartbeat(ours), Sbp::MsgHeartbeat(theirs)) => assert_eq!(ours, theirs.flags),
+            (ours, theirs) => panic!("{ours:?} is not {theirs:?}"),
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+
+    /// Whatever comes before it, and wherever the stream was cut, a whole frame is found as
+    /// soon as every candidate that began before it has ended.
+    #[test]
+    fn a_frame_behind_any_bytes_is_found(
+        noise in proptest::collection::vec(prop_oneof![Just(0x55u8), any::<u8>()], 0..400),
+        which in 0usize..68,
+    ) {
+        let frame = packets()[which].bytes();
+        let mut stream = noise;
+        stream.extend(&frame);
+        stream.extend([0; 263]);
+        let expected = parse(&mut Parser::new(), &frame);
+        let found = parse(&mut Parser::new(), &stream);
+        prop_assert!(found.contains(&expected[0]));
+    }
+
+    /// A flipped bit never gets through, costs no other frame, and is counted.
+    #[test]
+    fn a_flipped_bit_costs_one_frame(which in 0usize..68, at in any::<prop::sample::Index>(), bit in 0..8) {
+        let packets = packets();
+        let good = packets[which].bytes();
+        let mut bad = good.clone();
+        let at = at.index(bad.len());
+        bad[at] ^= 1u8 << bit;
+        let mut parser = Parser::new();
+        let mut stream = good.clone();
+        stream.extend(&bad);
+        stream.extend(&good);
+        stream.extend(&good);
+        stream.extend([0; 263]);
+        let found = parse(&mut parser, &stream);
+        prop_assert_eq!(found.len(), 3);
+        let counters = parser.counters();
+        prop_assert_eq!(counters.frames, 3);
+        prop_assert!(counters.skipped as usize >= bad.len());
+    }
+
+    /// Arbitrary payloads of the right type and any length never do more than fail.
+    #[test]
+    fn any_payload_is_survived(kind in any::<u16>(), payload in proptest::collection::vec(any::<u8>(), 0..=255)) {
+        let frame = sbp::Frame { kind, sender: 1, payload: &payload };
+        for kind in [kind, 0x0100, 0x0102, 0x0201, 0x0203, 0x0205, 0x0207, 0x020A, 0x020C, 0x020E, 0x020F, 0xFFFF] {
+            let _ = sbp::decode(&sbp::Frame { kind, ..frame });
+        }
+    }
+}
