@@ -471,13 +471,14 @@ impl Mac {
             return;
         }
         match field {
+            // Known since the CRC sequence, signalled behind the acknowledge delimiter.
+            Field::AcknowledgeDelimiter if !progress.decoder.crc_matches() => {
+                self.error(ErrorKind::Crc, sending, None, bit, events);
+            }
             Field::CrcDelimiter | Field::AcknowledgeDelimiter | Field::EndOfFrame(1..=6)
                 if dominant =>
             {
                 self.error(ErrorKind::Form, sending, None, bit, events);
-            }
-            Field::AcknowledgeDelimiter if !progress.decoder.crc_matches() => {
-                self.error(ErrorKind::Crc, sending, None, bit, events);
             }
             Field::EndOfFrame(6) if !sending || self.loop_back => {
                 if let Some(frame) = progress.decoder.frame() {
