@@ -39,6 +39,7 @@ enum Pending {
         cycle: u8,
         next_is_gap: bool,
         discontinuity: bool,
+        asked: Stamp,
     },
     Window {
         window: u16,
@@ -218,8 +219,8 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         })
     }
 
-    /// Begins to listen for references; a potential master sends one when none
-    /// comes within a basic cycle.
+    /// Begins to listen for references; a potential master sends one when
+    /// neither a reference nor anything else comes for a basic cycle.
     ///
     /// Also starts again after S3 or at any other time: counters and global
     /// time stay, everything else begins anew.
@@ -254,14 +255,8 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         if self.clock.at(now).is_some() {
             self.clock.carry(now);
         }
-        let network = self.schedule.network;
         self.reference_offset = self.initial_offset();
-        // A reference under way now is heard before the own one is sent.
-        let quiet = network.basic_cycle + 2 * network.reference_length;
-        self.reference_due = self.rank.map(|_| {
-            let wait = quiet + u32::from(self.reference_offset.unsigned_abs());
-            now.after(self.clock.ticks(wait))
-        });
+        self.reference_due = self.rank.map(|_| now.after(self.quiet()));
         self.missed_due = Some(now.after(self.missed_after(u32::from(self.config.watch))));
         self.feed_watchdog(now);
         self.assess();
@@ -509,6 +504,15 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     fn initial_offset(&self) -> i8 {
         let by_rank = self.rank.unwrap_or(0).saturating_mul(16);
         self.config.reference_offset.unwrap_or(by_rank).min(127) as i8
+    }
+
+    /// Ticks of silence after which a potential master that has seen no
+    /// reference sends one: one that is under way is heard before.
+    fn quiet(&self) -> u32 {
+        let network = self.schedule.network;
+        let offset = u32::from(self.reference_offset.unsigned_abs());
+        self.clock
+            .ticks(network.basic_cycle + 2 * network.reference_length + offset)
     }
 
     /// When the own reference is to be asked for in the basic cycle under way.

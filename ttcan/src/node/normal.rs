@@ -1,6 +1,6 @@
 //! A node's state without its history.
 
-use super::{Counters, Node};
+use super::{Counters, Node, Pending};
 use crate::{GlobalTime, Stamp};
 
 /// From here on, more messages missed in a row change nothing.
@@ -35,6 +35,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         } else {
             moved(self.last_receive)
         };
+        if let Pending::Reference { asked, .. } = &mut node.pending {
+            *asked = moved(*asked);
+        }
         node.queue.shift(now);
         if node.clock.at(now).is_some() {
             node.clock.restart(now, GlobalTime::default());

@@ -38,6 +38,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                     self.reference_lost = false;
                     self.reference_due = Some(stamp);
                 }
+                if !self.marked && !self.initial_watch && self.reference_due.is_some() {
+                    // Somebody keeps a schedule, so a reference will come.
+                    self.reference_due = Some(stamp.after(self.quiet()));
+                }
                 self.take_message(frame, end)
             }
         }

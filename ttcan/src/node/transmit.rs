@@ -1,6 +1,6 @@
 //! Own transmissions and their ends.
 
-use super::{Node, Pending, TransmitOutcome};
+use super::{Node, Pending, SyncState, TransmitOutcome};
 use crate::{ClockState, Stamp};
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
@@ -24,6 +24,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 cycle,
                 next_is_gap,
                 discontinuity,
+                asked,
             } => match outcome {
                 TransmitOutcome::Sent => {
                     let length = self.bits(u32::from(bits)).cast_signed();
@@ -35,7 +36,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                     if next_is_gap {
                         self.gap_wanted = false;
                     }
-                    self.lead(start, cycle, next_is_gap);
+                    self.lead(start, asked, cycle, next_is_gap);
                 }
                 TransmitOutcome::ArbitrationLost => self.reference_lost = true,
                 TransmitOutcome::Error | TransmitOutcome::Aborted | TransmitOutcome::Empty => {
@@ -86,14 +87,25 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         *counter = counter.wrapping_add(1);
     }
 
-    /// The own reference was sent, with its start of frame at `start`.
-    fn lead(&mut self, start: Stamp, cycle: u8, next_is_gap: bool) {
+    /// The own reference was sent, with its start of frame at `start` after it
+    /// was asked for at `asked`.
+    fn lead(&mut self, start: Stamp, asked: Stamp, cycle: u8, next_is_gap: bool) {
         let consecutive = self.is_consecutive(start, cycle);
         if matches!(self.clock.state(), ClockState::Unset) {
             self.clock.set(start, Default::default());
         } else {
             self.clock.carry(start);
         }
-        self.begin_cycle(start, cycle, next_is_gap, self.rank, consecutive);
+        // The bus was taken when it should have been idle: perhaps by another
+        // master's reference that this node alone did not receive, and this is
+        // not the basic cycle that the others are in. The next reference tells.
+        let enabled = self.clock.ticks(self.schedule.network.transmit_enable);
+        let expected = asked.after(self.config.transmit_lead).after(enabled);
+        if start.reached(expected) {
+            self.sync = SyncState::Synchronising;
+            self.begin_cycle(start, cycle, next_is_gap, self.rank, false);
+        } else {
+            self.begin_cycle(start, cycle, next_is_gap, self.rank, consecutive);
+        }
     }
 }

@@ -1,0 +1,588 @@
+//! Explores every behaviour of three real nodes, two of them potential masters,
+//! on a bus that loses frames, with nodes that crash and start again and
+//! counters that drift.
+//!
+//! Time is discrete, in microseconds of a 1 Mbit/s bus, one bit and one tick
+//! each. From event to event everything is determined but for
+//!
+//! * the fate of each frame that begins: delivered, destroyed for all, or missed
+//!   by one receiver alone (which CAN's acknowledgement does not notice);
+//! * crashes, at any event, and starts, at any event or quarter of a cycle;
+//! * the drift of each node against true time, up to the synchronisation
+//!   uncertainty in a basic cycle.
+//!
+//! The numbers of losses and crashes are bounded; starts from power-off in any
+//! order come on top.
+
+use std::time::Instant;
+
+use stateright::{Checker, Expectation, Model, Property};
+use ttcan::{
+    Action, Fault, Frame, INTERFRAME_BITS, Id, MasterState, MatrixConfig, Micros, Node, NodeConfig,
+    NodeId, Reception, ReferenceFormat, Stamp, SyncState, SystemMatrix, TransmitOutcome, Window,
+    WindowKind, frame_bits,
+};
+
+const CYCLE: u32 = 1000;
+const UNCERTAINTY: u32 = 10;
+/// A node's drift in a basic cycle; two nodes differ by twice as much.
+const DRIFT: i32 = 5;
+/// Bits of an error flag, its delimiter and the superposition of flags.
+const ERROR_BITS: u32 = 17;
+/// Bits of a frame before an error destroys it.
+const BROKEN_AFTER: u32 = 30;
+
+/// Cycles after the last fault within which all powered nodes are in schedule
+/// under the best-ranked master. The longest way: the watch trigger after four
+/// missing references, a start anew, two references, and the better-ranked
+/// master's return.
+const RECOVERY: u32 = 8;
+
+const fn micros(at: u32) -> Micros {
+    Micros::micros(at)
+}
+
+const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
+    bit_rate: 1_000_000,
+    basic_cycle: micros(CYCLE),
+    cycles: 2,
+    reference: Id::constant::<0>(),
+    reference_format: ReferenceFormat::LEVEL_1,
+    masters: &[NodeId(0), NodeId(1)],
+    transmit_enable_bits: 16,
+    sync_uncertainty: micros(UNCERTAINTY),
+    windows: &[
+        Window::exclusive(
+            "a",
+            micros(100),
+            micros(90),
+            Id::constant::<16>(),
+            0,
+            NodeId(0),
+        ),
+        Window::exclusive(
+            "b",
+            micros(190),
+            micros(90),
+            Id::constant::<17>(),
+            0,
+            NodeId(1),
+        ),
+        Window::exclusive(
+            "c",
+            micros(280),
+            micros(90),
+            Id::constant::<18>(),
+            0,
+            NodeId(2),
+        ),
+        Window::exclusive(
+            "c again",
+            micros(700),
+            micros(90),
+            Id::constant::<18>(),
+            0,
+            NodeId(2),
+        )
+        .every(2, 1),
+    ],
+    events: &[],
+});
+
+ttcan::schedule!(static SCHEDULE = MATRIX);
+
+type Stack = Node<'static, { MATRIX.window_count() }, { MATRIX.node_count() }, 1>;
+
+fn stack(node: u16) -> Stack {
+    let config = NodeConfig::new(NodeId(node), 1);
+    Stack::new(SCHEDULE.view(), config).expect("the configuration is sound")
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Station {
+    node: Stack,
+    powered: bool,
+    mailbox: Option<Frame>,
+    drift: i32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Fate {
+    Delivered,
+    Destroyed,
+    MissedBy(usize),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct OnBus {
+    sender: usize,
+    frame: Frame,
+    fate: Fate,
+    left: u32,
+    /// Bits since the start of frame.
+    age: u32,
+}
+
+/// What must never happen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Violation {
+    /// A message outside its windows, as counted from the reference that the
+    /// nodes in schedule hold.
+    Misplaced,
+    /// Two messages at once.
+    Contention,
+    /// A frame of a healthy node that another one in schedule finds misplaced.
+    Suspected,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct State {
+    stations: [Station; 3],
+    on_bus: Option<OnBus>,
+    interframe: u32,
+    /// Time since the last valid reference began, if it matters.
+    cycle_time: Option<u32>,
+    cycle: u8,
+    losses: u8,
+    crashes: u8,
+    /// Time since the last fault, up to the time of recovery.
+    calm: u32,
+    violation: Option<Violation>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    /// On to the next event; a frame that begins there has this fate.
+    Next(Fate),
+    Crash(usize),
+    Start(usize),
+}
+
+struct Network {
+    losses: u8,
+    crashes: u8,
+    drifts: Vec<[i32; 3]>,
+    /// Whether all nodes are in schedule at the beginning, or without power.
+    settled: bool,
+}
+
+impl State {
+    /// One line of a counterexample.
+    fn print(&self, step: Option<&Step>) {
+        print!("{:?} cycle {} ", self.cycle_time, self.cycle);
+        for station in &self.stations {
+            let status = station.node.status();
+            let (sync, master, rank) = (status.sync, status.master, status.master_rank);
+            match station.powered {
+                true => print!("| {sync:?} {master:?} {rank:?} {} ", status.cycle),
+                false => print!("| off "),
+            }
+            if let Some(frame) = station.mailbox {
+                print!("sends {} ", frame.id());
+            }
+        }
+        if let Some(on_bus) = self.on_bus {
+            print!(
+                "| {} of {} {:?}",
+                on_bus.frame.id(),
+                on_bus.sender,
+                on_bus.fate
+            );
+        }
+        println!(" {:?}, then {step:?}", self.violation);
+    }
+
+    fn serve(&mut self, index: usize) {
+        let station = &mut self.stations[index];
+        while let Some(action) = station.node.poll(Stamp(0)) {
+            match action {
+                Action::TransmitReference(frame) | Action::TransmitEvent(frame) => {
+                    station.mailbox = Some(frame);
+                }
+                Action::Transmit(grant) => {
+                    station.mailbox = Some(Frame::from_parts(grant.id, grant.len, [0; 8]));
+                }
+                Action::Abort => {
+                    if station.mailbox.take().is_some() {
+                        station
+                            .node
+                            .handle_transmit(TransmitOutcome::Aborted, Stamp(0));
+                    }
+                }
+                // The application starts its node again after every severe error.
+                Action::Silence => {
+                    station.mailbox = None;
+                    station.node.start(Stamp(0));
+                }
+            }
+        }
+    }
+
+    /// Lets `time` pass, no longer than until the next event.
+    fn pass(&mut self, time: u32) {
+        for station in self.stations.iter_mut().filter(|station| station.powered) {
+            station.node = station.node.normalised(Stamp(time));
+        }
+        if let Some(on_bus) = &mut self.on_bus {
+            on_bus.left -= time;
+            on_bus.age += time;
+        }
+        self.interframe = self.interframe.saturating_sub(time);
+        self.cycle_time = self
+            .cycle_time
+            .map(|cycle_time| cycle_time + time)
+            .filter(|cycle_time| *cycle_time < 2 * CYCLE);
+        self.calm = (self.calm + time).min(RECOVERY * CYCLE);
+    }
+
+    /// Time to the next event.
+    fn next_event(&self) -> Option<u32> {
+        let timers = self
+            .stations
+            .iter()
+            .filter(|station| station.powered)
+            .filter_map(|station| station.node.next_deadline())
+            .map(|deadline| deadline.ticks_since(Stamp(0)).max(0).unsigned_abs());
+        let bus = self.on_bus.map(|on_bus| on_bus.left);
+        let waiting = self
+            .stations
+            .iter()
+            .any(|station| station.mailbox.is_some());
+        let idle = (self.on_bus.is_none() && waiting).then_some(self.interframe);
+        // So that a start can fall into any quarter of a cycle.
+        let off = self.stations.iter().any(|station| !station.powered);
+        let quarter = off.then_some(CYCLE / 4);
+        timers.chain(bus).chain(idle).chain(quarter).min()
+    }
+
+    fn end_frame(&mut self) {
+        let Some(ended) = self.on_bus.filter(|on_bus| on_bus.left == 0) else {
+            return;
+        };
+        self.on_bus = None;
+        self.interframe = INTERFRAME_BITS;
+        let delivered = ended.fate != Fate::Destroyed;
+        let due = self
+            .cycle_time
+            .is_none_or(|cycle_time| cycle_time - ended.age > CYCLE - 210);
+        let mut begins_cycle = delivered && is_reference(&ended.frame) && due;
+        for index in 0..3 {
+            if !self.stations[index].powered {
+                continue;
+            }
+            if index == ended.sender {
+                let outcome = if delivered {
+                    TransmitOutcome::Sent
+                } else {
+                    TransmitOutcome::Error
+                };
+                let station = &mut self.stations[index];
+                station.node.handle_transmit(outcome, Stamp(0));
+            } else if delivered && ended.fate != Fate::MissedBy(index) {
+                let station = &mut self.stations[index];
+                let reception = station.node.handle_receive(&ended.frame, Stamp(0));
+                match reception {
+                    Reception::Reference { .. } => {
+                        let sync = station.node.status().sync;
+                        begins_cycle |= sync == SyncState::InSchedule;
+                    }
+                    Reception::Fault(Fault::Misplaced) => {
+                        self.violation.get_or_insert(Violation::Suspected);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        // A master that is out of step may send a reference in the middle of
+        // another's cycle; if no node in schedule takes it, that cycle goes on.
+        if begins_cycle {
+            self.cycle_time = Some(ended.age);
+            self.cycle = ended.frame.data()[0] & 0x3F;
+        }
+    }
+
+    fn begin_frame(&mut self, fate: Fate) -> bool {
+        if self.on_bus.is_some() || self.interframe > 0 {
+            return false;
+        }
+        let contenders: Vec<(usize, Frame)> = (0..3)
+            .filter_map(|index| Some((index, self.stations[index].mailbox?)))
+            .collect();
+        let Some(&(sender, frame)) = contenders.iter().min_by_key(|(_, frame)| frame.id()) else {
+            return false;
+        };
+        let messages = contenders.iter().filter(|(_, frame)| !is_reference(frame));
+        if messages.count() > 1 {
+            self.violation.get_or_insert(Violation::Contention);
+        }
+        let acknowledged = (0..3).any(|index| index != sender && self.stations[index].powered);
+        let fate = if acknowledged { fate } else { Fate::Destroyed };
+        for &(index, other) in &contenders {
+            self.stations[index].mailbox = None;
+            if index != sender && other.id() != frame.id() {
+                let node = &mut self.stations[index].node;
+                node.handle_transmit(TransmitOutcome::ArbitrationLost, Stamp(0));
+            }
+        }
+        if !is_reference(&frame) {
+            self.check_place(sender, &frame);
+        }
+        self.on_bus = Some(OnBus {
+            sender,
+            frame,
+            fate,
+            left: if fate == Fate::Destroyed {
+                BROKEN_AFTER + ERROR_BITS
+            } else {
+                frame_bits(&frame)
+            },
+            age: 0,
+        });
+        true
+    }
+
+    /// A message that begins now must lie in a window of its own.
+    fn check_place(&mut self, sender: usize, frame: &Frame) {
+        let in_place = self.cycle_time.is_some_and(|from| {
+            let until = from + frame_bits(frame);
+            MATRIX.config().windows.iter().any(|window| {
+                let WindowKind::Exclusive { id, .. } = window.kind else {
+                    return false;
+                };
+                let start = window.start.ticks();
+                let end = start + window.length.ticks();
+                id == frame.id()
+                    && window.is_in(self.cycle)
+                    && from + UNCERTAINTY >= start
+                    && until <= end + UNCERTAINTY
+            })
+        });
+        let _ = sender;
+        if !in_place {
+            self.violation.get_or_insert(Violation::Misplaced);
+        }
+    }
+
+    /// Applies the drift of a cycle where one has begun or gone by.
+    fn drift(&mut self) {
+        for station in self.stations.iter_mut().filter(|station| station.powered) {
+            let counters = station.node.counters();
+            let passed = counters.references > 0 || counters.missed_references > 0;
+            let now = if passed { station.drift } else { 0 };
+            station.node = station.node.normalised(Stamp(0).offset(now));
+        }
+    }
+
+    fn powered(&self) -> impl Iterator<Item = &Station> {
+        self.stations.iter().filter(|station| station.powered)
+    }
+
+    fn masters(&self) -> usize {
+        self.powered()
+            .filter(|station| station.node.status().master == MasterState::Current)
+            .count()
+    }
+
+    /// All powered nodes in schedule under the best-ranked master; nothing is
+    /// asked of a node alone or of nodes without a master.
+    fn is_settled(&self) -> bool {
+        let Some(best) = (0..2).find(|index| self.stations[*index].powered) else {
+            return true;
+        };
+        if self.powered().count() < 2 {
+            return true;
+        }
+        self.masters() == 1
+            && self.powered().all(|station| {
+                let status = station.node.status();
+                status.sync == SyncState::InSchedule && status.master_rank == Some(best as u8)
+            })
+    }
+}
+
+fn is_reference(frame: &Frame) -> bool {
+    frame.id().raw() < 8
+}
+
+impl Model for Network {
+    type State = State;
+    type Action = Step;
+
+    fn init_states(&self) -> Vec<State> {
+        let station = |node: u16, drift| Station {
+            node: stack(node),
+            powered: false,
+            mailbox: None,
+            drift,
+        };
+        let off = self.drifts.iter().map(|drift| State {
+            stations: [0, 1, 2].map(|node| station(node, drift[usize::from(node)])),
+            on_bus: None,
+            interframe: 0,
+            cycle_time: None,
+            cycle: 0,
+            losses: self.losses,
+            crashes: self.crashes,
+            calm: 0,
+            violation: None,
+        });
+        if !self.settled {
+            return off.collect();
+        }
+        off.map(|mut state| {
+            for index in 0..3 {
+                state = self
+                    .next_state(&state, Step::Start(index))
+                    .expect("it starts");
+            }
+            while state.calm < RECOVERY * CYCLE {
+                let next = self.next_state(&state, Step::Next(Fate::Delivered));
+                state = next.expect("something is always due");
+            }
+            state
+        })
+        .collect()
+    }
+
+    fn actions(&self, state: &State, actions: &mut Vec<Step>) {
+        actions.push(Step::Next(Fate::Delivered));
+        if state.losses > 0 {
+            actions.push(Step::Next(Fate::Destroyed));
+            actions.extend((0..3).map(|index| Step::Next(Fate::MissedBy(index))));
+        }
+        for (index, station) in state.stations.iter().enumerate() {
+            if !station.powered {
+                actions.push(Step::Start(index));
+            } else if state.crashes > 0 {
+                actions.push(Step::Crash(index));
+            }
+        }
+    }
+
+    fn next_state(&self, last: &State, step: Step) -> Option<State> {
+        let mut state = last.clone();
+        match step {
+            Step::Next(fate) => {
+                let time = state.next_event()?;
+                state.pass(time);
+                state.end_frame();
+                for index in 0..3 {
+                    if state.stations[index].powered {
+                        state.serve(index);
+                    }
+                }
+                let begun = state.begin_frame(fate);
+                if fate != Fate::Delivered {
+                    let sender = state.on_bus.map(|on_bus| on_bus.sender);
+                    let idle =
+                        |index: usize| sender == Some(index) || !state.stations[index].powered;
+                    if !begun || matches!(fate, Fate::MissedBy(index) if idle(index)) {
+                        return None;
+                    }
+                    state.losses -= 1;
+                    state.calm = 0;
+                }
+            }
+            Step::Crash(index) => {
+                state.crashes -= 1;
+                state.calm = 0;
+                let station = &mut state.stations[index];
+                station.powered = false;
+                station.mailbox = None;
+                station.node = stack(index as u16);
+                if let Some(on_bus) = &mut state.on_bus
+                    && on_bus.sender == index
+                {
+                    on_bus.fate = Fate::Destroyed;
+                    on_bus.left = ERROR_BITS;
+                }
+            }
+            Step::Start(index) => {
+                state.calm = 0;
+                state.stations[index].powered = true;
+                state.stations[index].node.start(Stamp(0));
+                state.serve(index);
+            }
+        }
+        state.drift();
+        Some(state)
+    }
+
+    fn properties(&self) -> Vec<Property<Self>> {
+        vec![
+            Property::always("no frame in another node's window", |_, state: &State| {
+                state.violation.is_none()
+            }),
+            Property::always("synchronised again", |_, state: &State| {
+                state.calm < RECOVERY * CYCLE || state.is_settled()
+            }),
+            Property::always("one master", |_, state: &State| {
+                state.calm < CYCLE + 200 || state.masters() <= 1
+            }),
+            Property::sometimes("in schedule", |_, state: &State| {
+                state.powered().count() == 3 && state.is_settled()
+            }),
+            Property::sometimes("failover", |_, state: &State| {
+                let [best, backup, follower] = &state.stations;
+                !best.powered
+                    && state.crashes == 0
+                    && backup.node.status().master == MasterState::Current
+                    && follower.node.is_alive()
+                    && state.calm >= RECOVERY * CYCLE
+            }),
+        ]
+    }
+}
+
+fn check(name: &str, model: Network) {
+    let begun = Instant::now();
+    let checker = model.checker().threads(2).spawn_bfs().join();
+    println!(
+        "{name}: {} states, {} of them different, depth {}, {:.1} s",
+        checker.state_count(),
+        checker.unique_state_count(),
+        checker.max_depth(),
+        begun.elapsed().as_secs_f64()
+    );
+    for (name, path) in checker.discoveries() {
+        let property = checker.model().property(name);
+        if property.expectation == Expectation::Always {
+            let path = path.into_vec();
+            let broken = path.iter().position(|(state, _)| state.violation.is_some());
+            let end = broken.map_or(path.len(), |at| at + 1);
+            for (state, step) in &path[end.saturating_sub(60)..end] {
+                state.print(step.as_ref());
+            }
+            panic!("{name} is broken");
+        }
+    }
+    checker.assert_properties();
+}
+
+const FAST_AND_SLOW: [i32; 3] = [DRIFT, -DRIFT, DRIFT];
+
+#[test]
+fn starts_in_any_order() {
+    check(
+        "starts",
+        Network {
+            losses: 0,
+            crashes: 0,
+            drifts: vec![FAST_AND_SLOW],
+            settled: false,
+        },
+    );
+}
+
+#[test]
+fn a_crash_and_a_loss() {
+    check(
+        "crash and loss",
+        Network {
+            losses: 1,
+            crashes: 1,
+            drifts: vec![FAST_AND_SLOW],
+            settled: true,
+        },
+    );
+}
