@@ -163,6 +163,7 @@ mod tests {
             "00\r",
             "20Wx\r",
             "xxWx\r",
+            "+1Wx\r",
             "00Bx\r",
             "00W\x07\r",
         ] {

@@ -1,6 +1,6 @@
 //! Figures, tables and pictures of a finished run.
 //!
-//! [`Run`] is what was recorded, [`Summary`] what it amounts to. [`write`] puts the summary
+//! [`Run`] is what was recorded, [`Summary`] what it amounts to. [`write()`] puts the summary
 //! (`summary.json`), the vehicle's states (`states.csv`) and a picture (`track.svg`) into an
 //! [`OutputFolder`]; [`terminal`] is the summary as text. Nothing written to files depends on the
 //! machine that simulates: the same run gives the same bytes.

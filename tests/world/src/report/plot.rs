@@ -243,7 +243,7 @@ impl Panel {
                 &number,
             );
         }
-        let (ticks, digits) = self.y.ticks((self.height / 32.0) as usize);
+        let (ticks, digits) = self.y.ticks((self.height / 28.0) as usize);
         for tick in ticks {
             let y = self.y(tick);
             canvas.line(

@@ -190,7 +190,9 @@ impl Vehicle {
     /// One step of classical Runge-Kutta for the pose; steering and speed are exact because
     /// their inputs are constant over the step.
     fn step(&mut self, step: f64) {
-        let (steering, speed) = (self.state.steering, self.state.speed);
+        let steering = self.state.steering;
+        // A drive without lag is at its new speed from the beginning.
+        let speed = self.drive.after(self.state.speed, 0.0);
         let half = (
             self.actuator.after(steering, step / 2.0),
             self.drive.after(speed, step / 2.0),

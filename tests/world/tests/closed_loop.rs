@@ -1,0 +1,87 @@
+//! The world in a closed loop: receiver bytes in, motor bytes out, judged by the report.
+
+mod pilot;
+
+use pilot::Pilot;
+use world::report::{ModeChange, Run, Summary, track_svg};
+use world::time::{at, from_seconds};
+use world::{Scenario, SimDuration};
+
+const START: SimDuration = SimDuration::from_ticks(2_000_000_000_000);
+
+fn drive(name: &str, seed: u64, length: f64) -> (Summary, String, String) {
+    let scenario = Scenario::find(name).unwrap();
+    let mut pilot = Pilot::new(&scenario, seed);
+    let duration = from_seconds(length);
+    pilot.run(START, duration);
+    let mode = |at, mode: &str, autonomous| ModeChange {
+        at,
+        mode: mode.to_owned(),
+        autonomous,
+    };
+    let modes = [
+        mode(at(SimDuration::from_ticks(0)), "Idle", false),
+        mode(at(START), "AutonomousRun", true),
+    ];
+    let run = Run {
+        scenario: &scenario,
+        seed,
+        duration,
+        states: pilot.world.states(),
+        efforts: pilot.world.efforts(),
+        frames: &[],
+        windows: &[],
+        basic_cycle: from_seconds(0.1),
+        bit_time: from_seconds(4e-6),
+        modes: &modes,
+        tasks: &[],
+    };
+    let summary = Summary::of(&run);
+    let files = (world::report::states_csv(&run), track_svg(&run, &summary));
+    (summary, files.0, files.1)
+}
+
+#[test]
+fn state_feedback_brings_the_vehicle_to_the_line() {
+    let (summary, ..) = drive("straight-line", 1, 60.0);
+    let run = &summary.autonomous_runs[0];
+    assert!((run.initial_cross_track_error_cm - 100.0).abs() < 1.0);
+    assert!(run.settling_seconds.unwrap() < 15.0, "{run:?}");
+    assert!(run.largest_cross_track_error_cm.unwrap() < 10.0, "{run:?}");
+    assert!(
+        (summary.distance_m - 58.0).abs() < 2.0,
+        "{}",
+        summary.distance_m
+    );
+}
+
+#[test]
+fn it_turns_round_when_it_faces_away() {
+    let (summary, ..) = drive("five-metres-off", 1, 60.0);
+    let run = &summary.autonomous_runs[0];
+    assert!((run.initial_cross_track_error_cm - 500.0).abs() < 1.0);
+    assert!(run.settling_seconds.unwrap() < 40.0, "{run:?}");
+    assert!(summary.largest_steering_angle_deg > 24.9);
+}
+
+#[test]
+fn a_lost_fix_stops_the_motors() {
+    let (summary, ..) = drive("gps-lost", 1, 45.0);
+    let stop = &summary.stops[0];
+    assert_eq!(
+        (stop.event.as_str(), stop.at_seconds),
+        ("fix lost (single)", 20.0)
+    );
+    // Receiver phase, latency and burst: at most 100 + 41 + 4 ms, and a byte.
+    assert!(stop.motors_stopped_after_ms.unwrap() < 146.0, "{stop:?}");
+}
+
+#[test]
+fn a_seed_repeats_and_another_gives_other_noise() {
+    let first = drive("straight-line", 3, 8.0);
+    let again = drive("straight-line", 3, 8.0);
+    assert_eq!((&first.1, &first.2), (&again.1, &again.2));
+    assert_eq!(first.0.json(), again.0.json());
+    let other = drive("straight-line", 4, 8.0);
+    assert_ne!(first.1, other.1);
+}

@@ -1,0 +1,478 @@
+//! The report on made-up runs whose figures can be worked out by hand.
+
+use std::time::Duration;
+
+use world::receiver::Fix;
+use world::report::{
+    Due, FrameRecord, ModeChange, OutputFolder, Run, Summary, TaskTime, Window, WindowKind,
+    states_csv, terminal, track_svg,
+};
+use world::time::{at, from_seconds};
+use world::{EffortChange, Node, Scenario, SimDuration, SimTime, StateSample};
+
+const BIT: SimDuration = SimDuration::from_ticks(4_000_000);
+
+fn micros(us: f64) -> SimTime {
+    at(from_seconds(us * 1e-6))
+}
+
+fn span(us: f64) -> SimDuration {
+    from_seconds(us * 1e-6)
+}
+
+fn state(time: f64, north: f64, east: f64) -> StateSample {
+    StateSample {
+        at: at(from_seconds(time)),
+        north,
+        east,
+        heading: 0.1,
+        steering: -0.2,
+        speed: 1.0,
+        steering_effort: 0.0,
+        drive_effort: 0.5,
+        fix: Fix::Fixed,
+    }
+}
+
+fn frame(id: u16, first: u8, start: f64, bits: u32) -> FrameRecord {
+    FrameRecord {
+        id,
+        dlc: 1,
+        data: [first, 0, 0, 0, 0, 0, 0, 0],
+        start: micros(start),
+        end: micros(start + 4.0 * f64::from(bits)),
+        complete: true,
+    }
+}
+
+fn window(id: u16, start: f64, kind: WindowKind, due: Due) -> Window {
+    Window {
+        id,
+        message: format!("Message{id}"),
+        sender: "gps".to_owned(),
+        start: span(start),
+        length: span(1000.0),
+        kind,
+        due,
+    }
+}
+
+/// Everything that a run refers to.
+struct Made {
+    scenario: Scenario,
+    duration: f64,
+    states: Vec<StateSample>,
+    efforts: Vec<EffortChange>,
+    frames: Vec<FrameRecord>,
+    windows: Vec<Window>,
+    modes: Vec<ModeChange>,
+    tasks: Vec<TaskTime>,
+}
+
+impl Made {
+    fn new(scenario: &str, duration: f64) -> Self {
+        Self {
+            scenario: Scenario::parse("made", "made", scenario).unwrap(),
+            duration,
+            states: Vec::new(),
+            efforts: Vec::new(),
+            frames: Vec::new(),
+            windows: Vec::new(),
+            modes: Vec::new(),
+            tasks: Vec::new(),
+        }
+    }
+
+    fn run(&self) -> Run<'_> {
+        Run {
+            scenario: &self.scenario,
+            seed: 42,
+            duration: from_seconds(self.duration),
+            states: &self.states,
+            efforts: &self.efforts,
+            frames: &self.frames,
+            windows: &self.windows,
+            basic_cycle: span(100_000.0),
+            bit_time: BIT,
+            modes: &self.modes,
+            tasks: &self.tasks,
+        }
+    }
+
+    fn mode(&mut self, time: f64, mode: &str, autonomous: bool) {
+        self.modes.push(ModeChange {
+            at: at(from_seconds(time)),
+            mode: mode.to_owned(),
+            autonomous,
+        });
+    }
+
+    fn effort(&mut self, time: f64, node: Node, effort: f64) {
+        self.efforts.push(EffortChange {
+            at: at(from_seconds(time)),
+            node,
+            byte: 127,
+            effort,
+        });
+    }
+}
+
+/// 1 m right of the line until 2 s, then 2 cm right and left by turns each 10 ms, with one
+/// touch of the band at 3 s that is too short to count as settling before it.
+fn driven() -> Made {
+    let mut made = Made::new("", 10.0);
+    for i in 0..=1000 {
+        let time = f64::from(i) / 100.0;
+        let east = match i {
+            0..200 => 1.0,
+            300 => -0.08,
+            _ if i % 2 == 0 => 0.02,
+            _ => -0.02,
+        };
+        made.states.push(state(time, time, east));
+    }
+    made.mode(0.0, "Idle", false);
+    made.mode(1.0, "AutonomousRun", true);
+    made
+}
+
+#[test]
+fn guidance_figures() {
+    let made = driven();
+    let summary = Summary::of(&made.run());
+    assert_eq!(summary.autonomous_runs.len(), 1);
+    let run = &summary.autonomous_runs[0];
+    assert_eq!((run.from_seconds, run.until_seconds), (1.0, 10.0));
+    assert_eq!(run.initial_cross_track_error_cm, 100.0);
+    // In the band from 2 s, left at 3 s after 1 s, in it again from 3.01 s: 2.01 s after 1 s.
+    assert_eq!(run.settling_seconds, Some(2.01));
+    assert_eq!(run.largest_cross_track_error_cm, Some(2.0));
+    assert_eq!(run.overshoot_cm, 8.0);
+    // From -2 cm at 3.01 s to 2 cm at 10 s: as many of each.
+    assert_eq!(run.mean_cross_track_error_cm, Some(0.0));
+    assert_eq!(run.standard_deviation_cm, Some(2.0));
+    assert_eq!(run.steering_reversals_per_second, Some(0.0));
+    assert_eq!(summary.largest_speed_m_s, 1.0);
+    assert_eq!(summary.largest_steering_angle_deg, 11.459);
+}
+
+#[test]
+fn a_run_that_never_settles_has_no_such_figures() {
+    let mut made = driven();
+    made.states.truncate(450);
+    made.duration = 4.49;
+    let summary = Summary::of(&made.run());
+    assert_eq!(summary.autonomous_runs[0].settling_seconds, None);
+    assert_eq!(summary.autonomous_runs[0].mean_cross_track_error_cm, None);
+    assert!(summary.json().contains("\"settling_seconds\": null"));
+}
+
+#[test]
+fn the_error_is_measured_from_the_line() {
+    let mut made = driven();
+    // A line to the east, 3 m north of the origin: south of it is right of it.
+    let text = r#"
+        [line]
+        from = { north = "3 m", east = "0 m" }
+        to = { north = "3 m", east = "100 m" }
+    "#;
+    made.scenario = Scenario::parse("made", "made", text).unwrap();
+    let (along, error) = made.scenario.line.locate(1.0, 7.0);
+    assert!(
+        (along - 7.0).abs() < 1e-12 && (error - 2.0).abs() < 1e-12,
+        "{along} {error}"
+    );
+}
+
+#[test]
+fn reversals_are_counted_once_settled() {
+    let mut made = driven();
+    // Alternating every 100 ms from 5 s on, with pauses that do not count: 50 changes of sign in
+    // 5 s, one of them already at 5 s against the effort before.
+    for (i, state) in made.states.iter_mut().enumerate() {
+        let tenth = i / 10;
+        state.steering_effort = match (i >= 500, i % 10 == 0, tenth % 2 == 0) {
+            (false, ..) => -0.3,
+            (true, true, _) => 0.0,
+            (true, false, true) => 0.3,
+            (true, false, false) => -0.3,
+        };
+    }
+    let summary = Summary::of(&made.run());
+    let rate = summary.autonomous_runs[0]
+        .steering_reversals_per_second
+        .unwrap();
+    assert_eq!(rate, (50.0_f64 / 6.99 * 1000.0).round() / 1000.0);
+}
+
+#[test]
+fn stops_are_timed_from_the_event() {
+    let mut made = Made::new(
+        "[[reset]]\nnode = \"gps\"\nat = \"2 s\"\n[[fix]]\nat = \"4 s\"\nstate = \"float\"\n\
+         [[reset]]\nnode = \"drive\"\nat = \"6 s\"\n[[fix]]\nat = \"50 s\"\nstate = \"none\"\n",
+        8.0,
+    );
+    made.effort(1.0, Node::Steering, 0.3);
+    made.effort(1.0, Node::Drive, 0.5);
+    made.effort(2.150, Node::Drive, 0.0);
+    made.effort(2.190, Node::Steering, 0.0);
+    made.effort(6.5, Node::Drive, 0.5);
+    let summary = Summary::of(&made.run());
+    let stops: Vec<(&str, Option<f64>)> = summary
+        .stops
+        .iter()
+        .map(|stop| (stop.event.as_str(), stop.motors_stopped_after_ms))
+        .collect();
+    assert_eq!(
+        stops,
+        [
+            ("gps held in reset", Some(190.0)),
+            ("fix lost (float)", Some(0.0)),
+            ("drive held in reset", Some(0.0)),
+        ]
+    );
+    made.efforts.truncate(3);
+    assert_eq!(
+        Summary::of(&made.run()).stops[0].motors_stopped_after_ms,
+        None
+    );
+}
+
+/// Two basic cycles and a bit of a third, with one frame late, one missed and one foreign.
+fn traffic() -> Made {
+    let mut made = Made::new("", 0.25);
+    made.windows = vec![
+        window(100, 0.0, WindowKind::Reference, Due::Always),
+        window(200, 3000.0, WindowKind::Exclusive, Due::WhileFixed),
+        window(206, 6000.0, WindowKind::Exclusive, Due::Always),
+        window(501, 12_000.0, WindowKind::Arbitrating, Due::Sometimes),
+    ];
+    made.frames = vec![
+        frame(100, 1, 10_000.0, 50),
+        frame(200, 0, 13_008.0, 50),
+        frame(206, 0, 16_002.0, 50),
+        frame(501, 0, 22_500.0, 50),
+        frame(100, 0, 110_000.0, 50),
+        frame(206, 0, 115_998.0, 50),
+        frame(7, 0, 150_000.0, 50),
+        frame(100, 1, 210_000.0, 50),
+        frame(200, 0, 213_020.0, 50),
+        frame(200, 0, 240_000.0, 50),
+    ];
+    made
+}
+
+#[test]
+fn bus_figures() {
+    let made = traffic();
+    let bus = Summary::of(&made.run()).bus;
+    assert_eq!((bus.frames, bus.error_frames, bus.basic_cycles), (10, 0, 3));
+    // 10 frames of 53 bits of 4 us in 250 ms.
+    assert_eq!(bus.load_percent, 0.848);
+    assert_eq!(
+        (bus.latest_start_us, bus.latest_start_id),
+        (Some(20.0), Some(200))
+    );
+    assert_eq!(bus.earliest_start_us, Some(-2.0));
+    // 206 in the third cycle. 200 in the second is not due without a fix.
+    assert_eq!(bus.missed_windows, 1);
+    assert_eq!(bus.frames_outside_their_window, 1);
+    assert_eq!(bus.foreign_frames, 1);
+    let counts: Vec<(u16, u64)> = bus
+        .frames_per_id
+        .iter()
+        .map(|entry| (entry.id, entry.frames))
+        .collect();
+    assert_eq!(counts, [(7, 1), (100, 3), (200, 3), (206, 2), (501, 1)]);
+    let windows: Vec<_> = bus
+        .windows
+        .iter()
+        .map(|w| {
+            (
+                w.id,
+                w.frames,
+                w.missed,
+                w.earliest_start_us,
+                w.mean_start_us,
+                w.latest_start_us,
+            )
+        })
+        .collect();
+    assert_eq!(
+        windows,
+        [
+            (200, 2, 0, Some(8.0), Some(14.0), Some(20.0)),
+            (206, 2, 1, Some(-2.0), Some(0.0), Some(2.0)),
+        ]
+    );
+}
+
+#[test]
+fn a_missed_window_needs_the_fix_of_its_cycle() {
+    let mut made = traffic();
+    made.frames[4].data[0] = 1;
+    assert_eq!(Summary::of(&made.run()).bus.missed_windows, 2);
+}
+
+#[test]
+fn frames_without_a_reference_are_outside() {
+    let mut made = traffic();
+    made.duration = 1.0;
+    // 150 ms after the last reference its cycle is over.
+    made.frames.push(frame(206, 0, 359_000.0, 50));
+    made.frames.push(frame(206, 0, 361_000.0, 50));
+    let bus = Summary::of(&made.run()).bus;
+    assert_eq!(bus.frames_outside_their_window, 3);
+}
+
+#[test]
+fn error_frames_load_the_bus_but_are_no_frames() {
+    let mut made = traffic();
+    made.frames[9].complete = false;
+    let bus = Summary::of(&made.run()).bus;
+    assert_eq!(
+        (bus.frames, bus.error_frames, bus.load_percent),
+        (9, 1, 0.848)
+    );
+    assert_eq!(bus.frames_outside_their_window, 0);
+}
+
+#[test]
+fn an_empty_run_has_a_report() {
+    let made = Made::new("", 1.0);
+    let summary = Summary::of(&made.run());
+    assert!(terminal(&summary, None).contains("no autonomous run"));
+    let text = track_svg(&made.run(), &summary);
+    roxmltree::Document::parse(&text).unwrap();
+}
+
+fn complete() -> Made {
+    let mut made = driven();
+    let traffic = traffic();
+    (made.frames, made.windows) = (traffic.frames, traffic.windows);
+    made.tasks.push(TaskTime {
+        node: Node::Steering,
+        task: "can_receive".to_owned(),
+        runs: 321,
+        longest_cycles: 720,
+        core_hz: 72_000_000,
+    });
+    made
+}
+
+#[test]
+fn the_summary_file_and_the_terminal_say_the_same() {
+    let made = complete();
+    let summary = Summary::of(&made.run());
+    insta::assert_snapshot!("summary", summary.json());
+    let wall = Some(Duration::from_millis(4_000));
+    insta::assert_snapshot!("terminal", terminal(&summary, wall));
+}
+
+#[test]
+fn the_table_of_states() {
+    let mut made = driven();
+    made.states.truncate(2);
+    assert_eq!(
+        states_csv(&made.run()),
+        "time_s,north_m,east_m,heading_deg,steering_angle_deg,speed_m_s,along_m,\
+         cross_track_error_m,heading_error_deg,steering_effort,drive_effort,fix\n\
+         0.00,0.0000,1.0000,5.730,-11.459,1.0000,0.0000,1.0000,5.730,0.0000,0.5000,fixed\n\
+         0.01,0.0100,1.0000,5.730,-11.459,1.0000,0.0100,1.0000,5.730,0.0000,0.5000,fixed\n"
+    );
+}
+
+#[test]
+fn the_picture_is_svg_with_everything_inside() {
+    let mut made = complete();
+    made.scenario.name = "a < b & \"c\"".to_owned();
+    made.states[5].fix = Fix::Single;
+    let summary = Summary::of(&made.run());
+    let text = track_svg(&made.run(), &summary);
+    let document = roxmltree::Document::parse(&text).unwrap();
+    let root = document.root_element();
+    let size = |name: &str| root.attribute(name).unwrap().parse::<f64>().unwrap();
+    let (width, height) = (size("width"), size("height"));
+    let words: Vec<&str> = root.descendants().filter_map(|node| node.text()).collect();
+    for expected in [
+        "a < b & \"c\"",
+        "start",
+        "end",
+        "path of antenna",
+        "way along the line (m)",
+        "right of line (m)",
+        "time (s)",
+        "speed (m/s)",
+        "settled, 2.0 s",
+    ] {
+        assert!(
+            words.contains(&expected),
+            "{expected:?} is missing in {words:?}"
+        );
+    }
+    assert!(!text.contains("NaN") && !text.contains("inf"));
+    for node in root.descendants() {
+        for (name, most) in [("x", width), ("cx", width), ("y", height), ("cy", height)] {
+            if let Some(place) = node.attribute(name) {
+                let place: f64 = place.parse().unwrap();
+                assert!((0.0..=most).contains(&place), "{name}={place} in {node:?}");
+            }
+        }
+    }
+    let curves = root
+        .descendants()
+        .filter(|node| node.has_tag_name("path"))
+        .count();
+    assert_eq!(curves, 5, "path, error twice, steering, speed");
+}
+
+#[test]
+fn a_folder_appears_whole() {
+    let parent = tempfile::tempdir().unwrap();
+    let target = parent.path().join("deep/er/out");
+    let mut folder = OutputFolder::create(&target).unwrap();
+    folder.write("a.txt", b"A").unwrap();
+    assert!(!target.exists(), "nothing half written");
+    assert_eq!(folder.finish().unwrap(), target);
+    assert_eq!(std::fs::read(target.join("a.txt")).unwrap(), b"A");
+
+    // Again into the same folder: replaced, the rest stays.
+    std::fs::write(target.join("mine.txt"), b"M").unwrap();
+    let mut folder = OutputFolder::create(&target).unwrap();
+    folder.write("a.txt", b"B").unwrap();
+    assert_eq!(std::fs::read(target.join("a.txt")).unwrap(), b"A");
+    folder.finish().unwrap();
+    let mut names: Vec<_> = std::fs::read_dir(&target)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    assert_eq!(names, ["a.txt", "mine.txt"]);
+    assert_eq!(std::fs::read(target.join("a.txt")).unwrap(), b"B");
+}
+
+#[test]
+fn an_unfinished_folder_leaves_nothing() {
+    let parent = tempfile::tempdir().unwrap();
+    let target = parent.path().join("out");
+    let mut folder = OutputFolder::create(&target).unwrap();
+    folder.write("a.txt", b"A").unwrap();
+    drop(folder);
+    assert_eq!(std::fs::read_dir(parent.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn a_folder_that_cannot_be_is_refused_in_a_sentence() {
+    let parent = tempfile::tempdir().unwrap();
+    let file = parent.path().join("file");
+    std::fs::write(&file, b"").unwrap();
+    for target in [file.clone(), file.join("below")] {
+        let error = OutputFolder::create(&target).unwrap_err().to_string();
+        let expected = format!(
+            "output folder {} cannot be written: a file is in the way; name a folder that can be \
+             created or written to",
+            target.display()
+        );
+        assert_eq!(error, expected);
+    }
+}

@@ -1,0 +1,270 @@
+//! The vehicle against closed forms, and within its limits whatever it is told.
+
+use proptest::prelude::*;
+use world::time::{at, from_seconds, seconds};
+use world::units::{Angle, Ratio, Speed, Time};
+use world::vehicle::{Ground, Motor, Parameters, State, Vehicle, drive_for, wrap};
+
+const REST: State = State {
+    north: 0.0,
+    east: 0.0,
+    heading: 0.0,
+    steering: 0.0,
+    speed: 0.0,
+};
+
+/// Grips, and reaches its speed at once.
+fn ideal() -> (Parameters, Ground) {
+    let parameters = Parameters {
+        drive_lag: Time::new(0.0),
+        ..Parameters::default()
+    };
+    let ground = Ground {
+        front_slip: "0 deg/g".parse().unwrap(),
+        rear_slip: "0 deg/g".parse().unwrap(),
+        ..Ground::default()
+    };
+    (parameters, ground)
+}
+
+/// Effort that drives at `speed`, below 2 m/s.
+fn effort(speed: f64) -> f64 {
+    (0.05 + 0.95 * speed.abs() / 2.0) * speed.signum()
+}
+
+fn near(a: f64, b: f64, tolerance: f64) -> bool {
+    (a - b).abs() <= tolerance
+}
+
+#[test]
+fn straight_ahead_is_a_straight_line() {
+    let (parameters, ground) = ideal();
+    let heading = 0.3_f64;
+    let mut vehicle = Vehicle::new(parameters, ground, State { heading, ..REST });
+    drive_for(&mut vehicle, 10.0, 0.0, effort(1.5));
+    let state = vehicle.state();
+    assert!(near(state.north, 15.0 * heading.cos(), 1e-9), "{state:?}");
+    assert!(near(state.east, 15.0 * heading.sin(), 1e-9), "{state:?}");
+    assert!(near(state.speed, 1.5, 1e-12), "{state:?}");
+    assert_eq!((state.heading, state.steering), (heading, 0.0));
+}
+
+#[test]
+fn constant_steering_is_a_circle_of_wheelbase_over_tangent() {
+    let (parameters, ground) = ideal();
+    let steering = 20_f64.to_radians();
+    let radius = 1.10 / steering.tan();
+    let mut vehicle = Vehicle::new(parameters, ground, State { steering, ..REST });
+    // Positive steering turns right: the centre lies to the east.
+    for _ in 0..40 {
+        drive_for(&mut vehicle, 0.5, 0.0, effort(1.0));
+        let state = vehicle.state();
+        let distance = state.north.hypot(state.east - radius);
+        assert!(
+            near(distance, radius, 1e-9),
+            "{distance} instead of {radius}"
+        );
+        let turned = seconds(vehicle.now()) / radius;
+        assert!(near(state.heading, turned, 1e-9));
+    }
+    // The antenna, 0.255 m ahead of the axle, runs on a circle of its own around the same centre
+    // and as fast as its radius says.
+    let antenna = vehicle.antenna();
+    let own = radius.hypot(0.255);
+    assert!(near(antenna.north.hypot(antenna.east - radius), own, 1e-9));
+    assert!(near(
+        antenna.north_speed.hypot(antenna.east_speed),
+        own / radius,
+        1e-9
+    ));
+}
+
+#[test]
+fn small_angles_follow_the_linear_model() {
+    // Zero-order hold of thesis 7.2.4 over T with a constant steering rate u, from rest in all
+    // three states: y = G1 u, psi = G2 u, with G = [V L1 T^2/(2L) + V^2 T^3/(6L), V T^2/(2L), T].
+    let (parameters, ground) = ideal();
+    let (v, l1, l, t) = (1.0, 0.255, 1.10, 0.1);
+    let u = 0.2_f64.to_radians();
+    let share = u / 25_f64.to_radians();
+    let state = State { speed: v, ..REST };
+    let mut vehicle = Vehicle::new(parameters, ground, state);
+    drive_for(&mut vehicle, t, 0.10 + 0.90 * share, effort(v));
+    let g = [
+        v * l1 * t * t / (2.0 * l) + v * v * t * t * t / (6.0 * l),
+        v * t * t / (2.0 * l),
+        t,
+    ];
+    assert!(near(vehicle.antenna().east, g[0] * u, 1e-9));
+    assert!(near(vehicle.state().heading, g[1] * u, 1e-9));
+    assert!(near(vehicle.state().steering, g[2] * u, 1e-12));
+}
+
+#[test]
+fn each_direction_has_its_dead_band() {
+    for (effort, rate) in [
+        (0.0999, 0.0),
+        (-0.1199, 0.0),
+        (1.0, 25.0),
+        (-1.0, -25.0),
+        (0.55, 12.5),
+        (-0.56, -12.5),
+    ] {
+        let mut vehicle = Vehicle::new(Parameters::default(), Ground::default(), REST);
+        drive_for(&mut vehicle, 0.4, effort, 0.0);
+        let turned = vehicle.state().steering.to_degrees();
+        assert!(near(turned, 0.4 * rate, 1e-9), "{effort}: {turned}");
+    }
+}
+
+#[test]
+fn the_end_stops_hold() {
+    let mut vehicle = Vehicle::new(Parameters::default(), Ground::default(), REST);
+    drive_for(&mut vehicle, 3.0, 1.0, 0.0);
+    assert_eq!(vehicle.state().steering, 25_f64.to_radians());
+    drive_for(&mut vehicle, 0.2, -1.0, 0.0);
+    assert!(
+        near(vehicle.state().steering.to_degrees(), 20.0, 1e-9),
+        "no wind-up behind a stop"
+    );
+}
+
+#[test]
+fn the_drive_lags() {
+    let mut vehicle = Vehicle::new(Parameters::default(), Ground::default(), REST);
+    drive_for(&mut vehicle, 0.3, 0.0, 1.0);
+    assert!(near(
+        vehicle.state().speed,
+        2.0 * (1.0 - (-1.0_f64).exp()),
+        1e-12
+    ));
+    drive_for(&mut vehicle, 30.0, 0.0, 0.05);
+    assert!(
+        vehicle.state().speed.abs() < 1e-12,
+        "the dead band stops it"
+    );
+}
+
+#[test]
+fn an_effort_counts_from_its_instant() {
+    let mut vehicle = Vehicle::new(Parameters::default(), Ground::default(), REST);
+    let sent = at(from_seconds(0.123_456_7));
+    vehicle.set_effort(sent, Motor::Steering, 1.0);
+    let later = vehicle.state_at(at(from_seconds(0.323_456_7)));
+    assert!(near(later.steering.to_degrees(), 5.0, 1e-9));
+    assert_eq!(vehicle.state(), REST, "looking ahead moves nothing");
+    vehicle.advance_to(at(from_seconds(0.323_456_7)));
+    assert_eq!(vehicle.state(), later);
+}
+
+#[test]
+fn a_side_slope_makes_it_drift_downhill_without_turning() {
+    // Both axles slip by 14 deg/g x sin(3 deg) = 0.7327 deg.
+    let (parameters, _) = ideal();
+    let ground = Ground {
+        slope: Angle::degrees(3.0),
+        ..Ground::default()
+    };
+    let drift = (14.0 * 3_f64.to_radians().sin()).to_radians().tan();
+    for speed in [1.0, -1.0] {
+        let mut vehicle = Vehicle::new(parameters.clone(), ground.clone(), REST);
+        drive_for(&mut vehicle, 10.0, 0.0, effort(speed));
+        let state = vehicle.state();
+        assert!(near(state.east, 10.0 * drift, 1e-9), "{state:?}");
+        assert!(near(state.north, 10.0 * speed, 1e-9), "{state:?}");
+        assert!(near(state.heading, 0.0, 1e-12), "{state:?}");
+    }
+}
+
+#[test]
+fn tyres_widen_a_turn() {
+    let (parameters, grip) = ideal();
+    let turn = |ground: Ground| {
+        let state = State {
+            steering: 0.3,
+            ..REST
+        };
+        let mut vehicle = Vehicle::new(parameters.clone(), ground, state);
+        drive_for(&mut vehicle, 2.0, 0.0, effort(2.0));
+        vehicle.state().heading
+    };
+    let understeer = Ground {
+        front_slip: "20 deg/g".parse().unwrap(),
+        rear_slip: "5 deg/g".parse().unwrap(),
+        ..grip.clone()
+    };
+    assert!(turn(understeer) < turn(grip));
+}
+
+#[test]
+fn wheel_slip_and_steering_bias_do_what_they_say() {
+    let (parameters, ground) = ideal();
+    let biased = Parameters {
+        steering_bias: Angle::degrees(2.0),
+        ..parameters
+    };
+    let slippery = Ground {
+        wheel_slip: Ratio::new(0.1),
+        ..ground
+    };
+    let mut vehicle = Vehicle::new(biased, slippery, REST);
+    drive_for(&mut vehicle, 10.0, 0.0, effort(1.0));
+    let heading = 9.0 / 1.10 * 2_f64.to_radians().tan();
+    assert!(near(vehicle.state().heading, heading, 1e-9));
+    assert_eq!(
+        vehicle.state().steering,
+        0.0,
+        "the potentiometer does not see the bias"
+    );
+    assert_eq!(vehicle.pot(&vehicle.state()), 2048.0);
+    let right = State {
+        steering: 25_f64.to_radians(),
+        ..REST
+    };
+    assert!(near(vehicle.pot(&right), 3048.0, 1e-9));
+}
+
+#[test]
+fn angles_wrap_to_half_a_turn() {
+    assert!(near(
+        wrap(3.0 * core::f64::consts::PI / 2.0),
+        -core::f64::consts::FRAC_PI_2,
+        1e-12
+    ));
+    assert!(near(
+        wrap(-20.0),
+        -20.0 + 6.0 * core::f64::consts::PI,
+        1e-12
+    ));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn no_input_breaks_a_limit(
+        inputs in prop::collection::vec((0.0_f64..0.7, -1.5_f64..1.5, -1.5_f64..1.5), 1..30),
+        slope in 0.0_f64..15.0,
+        gain in 0.1_f64..2.0,
+    ) {
+        let parameters = Parameters {
+            actuator_gain: Ratio::new(gain),
+            top_speed: Speed::new(2.0),
+            ..Parameters::default()
+        };
+        let ground = Ground { slope: Angle::degrees(slope), ..Ground::default() };
+        let mut vehicle = Vehicle::new(parameters, ground, REST);
+        for (span, steering, drive) in inputs {
+            let before = vehicle.state();
+            drive_for(&mut vehicle, span, steering, drive);
+            let after = vehicle.state();
+            prop_assert!(after.steering.abs() <= 25_f64.to_radians());
+            prop_assert!(after.speed.abs() <= 2.0);
+            let most = 25_f64.to_radians() * gain * span;
+            prop_assert!((after.steering - before.steering).abs() <= most + 1e-9);
+            let moved = (after.north - before.north).hypot(after.east - before.east);
+            // Along and across: slip angles stay below 20 degrees here.
+            prop_assert!(moved <= 2.0 * span / 20_f64.to_radians().cos() + 1e-9);
+        }
+    }
+}

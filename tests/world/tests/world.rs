@@ -1,0 +1,326 @@
+//! The world as the nodes see it.
+
+use proptest::prelude::*;
+use world::time::{after, at, from_seconds, seconds};
+use world::{
+    Analog, Disturbance, Effect, Input, Node, Output, Port, Scenario, SimDuration, SimTime, World,
+};
+
+fn scenario(text: &str) -> Scenario {
+    Scenario::parse("test", "test", text).unwrap()
+}
+
+fn everything(world: &mut World) -> Vec<Output> {
+    core::iter::from_fn(|| world.poll()).collect()
+}
+
+fn until(text: &str, end: f64) -> Vec<Output> {
+    let mut world = World::new(&scenario(text), 1);
+    world.advance_to(at(from_seconds(end)));
+    everything(&mut world)
+}
+
+/// Sends a byte at 38400 baud and returns the end of its stop bit.
+fn send(world: &mut World, node: Node, byte: u8, start: f64) -> SimTime {
+    let start = at(from_seconds(start));
+    let end = after(start, from_seconds(10.0 / 38_400.0));
+    world.serial(node, Port::Motor, byte, start, end);
+    end
+}
+
+#[test]
+fn a_press_bounces_and_settles() {
+    let outputs = until("[[press]]\nat = \"1 s\"\nbutton = \"J\"\n", 2.0);
+    let levels: Vec<(f64, bool)> = outputs
+        .iter()
+        .filter_map(|output| match output.what {
+            Effect::Level {
+                input: Input::JoystickSwitch,
+                high,
+            } => Some((seconds(output.at), high)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(
+        levels,
+        [
+            (1.0, false),
+            (1.0005, true),
+            (1.001, false),
+            (1.0015, true),
+            (1.002, false),
+            (1.2, true),
+            (1.2005, false),
+            (1.201, true),
+            (1.2015, false),
+            (1.202, true),
+        ]
+    );
+}
+
+#[test]
+fn idle_levels_are_those_of_the_wiring() {
+    let world = World::new(&scenario(""), 1);
+    for input in Input::ALL {
+        assert_eq!(
+            world.level(input),
+            input == Input::JoystickSwitch,
+            "{input:?}"
+        );
+    }
+}
+
+#[test]
+fn the_stop_loop_is_high_when_open() {
+    let mut world = World::new(&scenario("[[stop_loop]]\nat = \"1 s\"\nopen = true\n"), 1);
+    world.advance_to(at(from_seconds(1.0)));
+    assert!(world.level(Input::StopLoop));
+}
+
+#[test]
+fn resets_and_bus_events_come_at_their_times() {
+    let text = r#"
+        [[reset]]
+        node = "drive"
+        at = "100 ms"
+        until = "300 ms"
+        [[bus]]
+        what = "frame"
+        at = "10 ms"
+        id = 7
+        data = [1, 2]
+        every = "100 ms"
+        until = "200 ms"
+        [[bus]]
+        what = "corrupt"
+        at = "50 ms"
+        id = 300
+        count = 2
+        [[bus]]
+        what = "dominant"
+        at = "60 ms"
+        hold = "1 ms"
+    "#;
+    let outputs = until(text, 1.0);
+    let foreign: Vec<(u64, Effect)> = outputs
+        .into_iter()
+        .filter(|output| !matches!(output.what, Effect::Byte { .. }))
+        .map(|output| (output.at.as_ticks() / 1_000_000_000, output.what))
+        .collect();
+    let frame = Disturbance::Frame {
+        id: 7,
+        data: [1, 2, 0, 0, 0, 0, 0, 0],
+        dlc: 2,
+    };
+    let corrupt = Disturbance::CorruptNext {
+        id: Some(300),
+        count: 2,
+    };
+    let hold = SimDuration::from_ticks(1_000_000_000);
+    assert_eq!(
+        foreign,
+        [
+            (10, Effect::Bus(frame.clone())),
+            (50, Effect::Bus(corrupt)),
+            (60, Effect::Bus(Disturbance::Dominant { hold })),
+            (
+                100,
+                Effect::Reset {
+                    node: Node::Drive,
+                    held: true
+                }
+            ),
+            (110, Effect::Bus(frame)),
+            (
+                300,
+                Effect::Reset {
+                    node: Node::Drive,
+                    held: false
+                }
+            ),
+        ]
+    );
+}
+
+#[test]
+fn clocks_are_drawn_or_given() {
+    let text = "[nodes.gps]\ncrystal = \"12.5 ppm\"\n[nodes.drive]\nexternal = false\n";
+    let world = World::new(&scenario(text), 3);
+    assert_eq!(world.crystal_ppm(Node::Gps), 12.5);
+    assert!(world.external_clock(Node::Gps) && !world.external_clock(Node::Drive));
+    let drawn: Vec<f64> = Node::ALL.map(|node| world.crystal_ppm(node)).to_vec();
+    assert!(drawn.iter().all(|ppm| ppm.abs() <= 50.0), "{drawn:?}");
+    assert!(drawn[1] != drawn[2] && drawn[2] != drawn[3]);
+    assert!(world.internal_ppm(Node::Drive).abs() <= 10_000.0);
+    assert_ne!(
+        World::new(&scenario(text), 4).crystal_ppm(Node::Drive),
+        drawn[3]
+    );
+}
+
+#[test]
+fn motor_bytes_move_the_vehicle() {
+    let mut world = World::new(&scenario(""), 1);
+    let sent = send(&mut world, Node::Steering, 255, 0.5);
+    send(&mut world, Node::Drive, 127, 0.5);
+    world.advance_to(at(from_seconds(1.0)));
+    // 25 deg/s from the end of the byte on.
+    let steering = world.vehicle().state().steering.to_degrees();
+    assert!(
+        (steering - 25.0 * (1.0 - seconds(sent))).abs() < 1e-9,
+        "{steering}"
+    );
+    let efforts: Vec<(Node, u8, f64)> = world
+        .efforts()
+        .iter()
+        .map(|change| (change.node, change.byte, change.effort))
+        .collect();
+    assert_eq!(
+        efforts,
+        [(Node::Steering, 255, 1.0), (Node::Drive, 127, 0.0)]
+    );
+    assert_eq!(world.states().len(), 101);
+}
+
+#[test]
+fn the_wrong_baud_rate_moves_nothing() {
+    let mut world = World::new(&scenario(""), 1);
+    let start = at(from_seconds(0.1));
+    let end = after(start, from_seconds(10.0 / 115_200.0));
+    world.serial(Node::Drive, Port::Motor, 255, start, end);
+    world.advance_to(at(from_seconds(1.0)));
+    assert_eq!(world.effort(Node::Drive), 0.0);
+    assert_eq!(world.counters().motor_wrong_baud, 1);
+}
+
+#[test]
+fn the_display_answers_after_its_delay() {
+    let mut world = World::new(&scenario("[lcd]\ndelay = \"1 ms\"\n"), 1);
+    let bit = 1.0 / 115_200.0;
+    let mut start = 0.010;
+    for byte in b"00Ghello\r" {
+        let (from, to) = (from_seconds(start), from_seconds(start + 10.0 * bit));
+        world.serial(Node::Controller, Port::Lcd, *byte, at(from), at(to));
+        start += 10.0 * bit;
+    }
+    world.advance_to(at(from_seconds(0.1)));
+    let answers: Vec<f64> = everything(&mut world)
+        .iter()
+        .filter_map(|output| match output.what {
+            Effect::Byte {
+                port: Port::Lcd,
+                byte: 0x55,
+                ..
+            } => Some(seconds(output.at)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(answers.len(), 1);
+    assert!((answers[0] - (start + 1e-3 + 10.0 * bit)).abs() < 1e-9);
+    assert_eq!(world.lcd_text(), "G hello\n");
+}
+
+#[test]
+fn the_joystick_reads_from_its_script() {
+    let text = "[[joystick]]\nat = \"1 s\"\nright = \"-100 %\"\nforward = \"50 %\"\n";
+    let mut world = World::new(&scenario(text), 1);
+    let near = |reading: u16, expected: f64| (f64::from(reading) - expected).abs() <= 10.0;
+    assert!(near(
+        world.adc(Analog::JoystickX, at(from_seconds(0.9))),
+        2048.0
+    ));
+    assert!(near(
+        world.adc(Analog::JoystickX, at(from_seconds(1.0))),
+        1.0
+    ));
+    assert!(near(
+        world.adc(Analog::JoystickY, at(from_seconds(5.0))),
+        2048.0 + 1023.5
+    ));
+}
+
+#[test]
+fn a_reading_repeats() {
+    let mut world = World::new(&scenario("[vehicle]\npot_noise = \"20 counts\"\n"), 1);
+    let when = |i: u32| at(from_seconds(f64::from(i) * 5e-3));
+    let first: Vec<u16> = (0..200)
+        .map(|i| world.adc(Analog::SteeringPot, when(i)))
+        .collect();
+    let again: Vec<u16> = (0..200)
+        .map(|i| world.adc(Analog::SteeringPot, when(i)))
+        .collect();
+    assert_eq!(first, again);
+    let mean = first.iter().map(|reading| f64::from(*reading)).sum::<f64>() / 200.0;
+    // Four standard errors of 20 counts over 200 readings.
+    assert!((mean - 2048.0).abs() < 5.7, "{mean}");
+    assert!(first.iter().any(|reading| reading.abs_diff(2048) > 20));
+}
+
+#[test]
+fn the_fix_follows_the_scenario() {
+    let world = World::new(&Scenario::find("gps-lost").unwrap(), 1);
+    let fix = |time: f64| world.fix(at(from_seconds(time))).name();
+    assert_eq!(
+        [fix(0.0), fix(19.99), fix(20.0), fix(40.0)],
+        ["fixed", "fixed", "single", "fixed"]
+    );
+}
+
+/// What a run looks like from outside when it is stepped at the given times.
+fn stepped(steps: &[f64], seed: u64) -> (Vec<Output>, Vec<u16>, String) {
+    let mut world = World::new(&Scenario::find("straight-line").unwrap(), seed);
+    let commands = [
+        (0.11, Node::Drive, 200),
+        (0.333, Node::Steering, 20),
+        (0.8, Node::Steering, 127),
+    ];
+    for (start, node, byte) in commands {
+        send(&mut world, node, byte, start);
+    }
+    let mut outputs = Vec::new();
+    for step in steps {
+        world.advance_to(at(from_seconds(*step)));
+        outputs.extend(everything(&mut world));
+        // Looking must not disturb.
+        world.adc(Analog::SteeringPot, after(world.now(), from_seconds(0.001)));
+    }
+    world.advance_to(at(from_seconds(1.5)));
+    outputs.extend(everything(&mut world));
+    let pot = world.adc(Analog::SteeringPot, at(from_seconds(1.5)));
+    (outputs, vec![pot], format!("{:?}", world.states()))
+}
+
+#[test]
+fn seeds_differ() {
+    assert_eq!(stepped(&[], 1), stepped(&[], 1));
+    assert_ne!(stepped(&[], 1).0, stepped(&[], 2).0);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn the_way_of_stepping_changes_nothing(
+        steps in prop::collection::vec(0.0_f64..1.5, 0..40),
+    ) {
+        let mut steps = steps;
+        steps.sort_by(f64::total_cmp);
+        let (outputs, readings, states) = stepped(&steps, 1);
+        prop_assert!(outputs.windows(2).all(|pair| pair[0].at <= pair[1].at), "in order of time");
+        prop_assert_eq!((outputs, readings, states), stepped(&[], 1));
+    }
+
+    #[test]
+    fn no_event_comes_before_it_is_announced(step in 0.001_f64..0.05) {
+        let mut world = World::new(&Scenario::find("straight-line").unwrap(), 1);
+        let mut time = 0.0;
+        while time < 1.2 {
+            let announced = world.next_event().unwrap();
+            time += step;
+            world.advance_to(at(from_seconds(time)));
+            let first = world.poll().map(|output| output.at);
+            prop_assert!(first.is_none_or(|first| first >= announced));
+            everything(&mut world);
+        }
+    }
+}
