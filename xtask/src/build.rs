@@ -1,0 +1,148 @@
+//! `build`: release images of the nodes, and their sizes.
+
+use std::{
+    path::PathBuf,
+    process::{Command, Stdio},
+};
+
+use serde_json::Value;
+
+use crate::{
+    Board, Failure, Node, Workspace,
+    cli::Build,
+    size::{self, Usage},
+    target::{self, Target},
+};
+
+/// A release image.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Image {
+    /// The node it is for.
+    pub node: Node,
+    /// The ELF file.
+    pub path: PathBuf,
+}
+
+/// Runs the command: the nodes named, or all.
+///
+/// # Errors
+///
+/// An image does not build, or is larger than its board's budget.
+pub fn run(workspace: &Workspace, options: &Build) -> Result<(), Failure> {
+    let nodes = match options.nodes.as_slice() {
+        [] => &Node::ALL,
+        nodes => nodes,
+    };
+    let sizes = sizes(&images(workspace, nodes)?)?;
+    if options.json {
+        println!("{}", size::json(&sizes));
+    } else {
+        print!("{}", size::table(&sizes));
+    }
+    match size::excess(&sizes).as_slice() {
+        [] => Ok(()),
+        excess => Err(Failure::Failed(excess.join("; "))),
+    }
+}
+
+/// Measures images.
+///
+/// # Errors
+///
+/// A file cannot be read or is not an image for its node's board.
+pub fn sizes(images: &[Image]) -> Result<Vec<(Node, Usage)>, Failure> {
+    images
+        .iter()
+        .map(|image| Ok((image.node, size::measure(&image.path, image.node.board())?)))
+        .collect()
+}
+
+/// Builds the release images of these nodes, each once, in the nodes' own order.
+///
+/// # Errors
+///
+/// The target is missing, or an image does not build.
+pub fn images(workspace: &Workspace, nodes: &[Node]) -> Result<Vec<Image>, Failure> {
+    let target = target::ensure(workspace)?;
+    let mut images = Vec::new();
+    for board in Board::ALL {
+        let nodes: Vec<Node> = Node::ALL
+            .into_iter()
+            .filter(|node| node.board() == board && nodes.contains(node))
+            .collect();
+        if !nodes.is_empty() {
+            images.extend(build(workspace, &target, board, &nodes)?);
+        }
+    }
+    Ok(images)
+}
+
+/// The cargo command that builds the images of one board.
+pub fn command(workspace: &Workspace, target: &Target, board: Board, nodes: &[Node]) -> Command {
+    let mut cargo = target.cargo(workspace, "build");
+    cargo.args(["--release", "--package", "firmware"]);
+    cargo.args(["--features", board.name()]);
+    for node in nodes {
+        cargo.args(["--bin", node.name()]);
+    }
+    cargo
+}
+
+fn build(
+    workspace: &Workspace,
+    target: &Target,
+    board: Board,
+    nodes: &[Node],
+) -> Result<Vec<Image>, Failure> {
+    let names: Vec<&str> = nodes.iter().map(|node| node.name()).collect();
+    let names = names.join(", ");
+    let mut cargo = command(workspace, target, board, nodes);
+    cargo.arg("--message-format=json-render-diagnostics");
+    let output = cargo
+        .stderr(Stdio::inherit())
+        .output()
+        .map_err(|error| Failure::Failed(format!("cargo cannot be run: {error}")))?;
+    if !output.status.success() {
+        return Err(Failure::Failed(format!(
+            "{names} for {} did not build",
+            board.name()
+        )));
+    }
+    let messages = String::from_utf8_lossy(&output.stdout);
+    nodes
+        .iter()
+        .map(|&node| {
+            let path = executable(&messages, node.name()).ok_or_else(|| {
+                Failure::Failed(format!("cargo built no image for {}", node.name()))
+            })?;
+            Ok(Image { node, path })
+        })
+        .collect()
+}
+
+/// The executable of this name among cargo's messages, one JSON object a line.
+fn executable(messages: &str, name: &str) -> Option<PathBuf> {
+    messages
+        .lines()
+        .filter_map(|line| serde_json::from_str::<Value>(line).ok())
+        .filter(|message| message["reason"] == "compiler-artifact")
+        .filter(|message| message["target"]["name"] == name)
+        .find_map(|message| message["executable"].as_str().map(PathBuf::from))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_executable_is_found_among_the_messages_of_cargo() {
+        let messages = r#"
+{"reason":"compiler-artifact","target":{"name":"gps"},"executable":null}
+{"reason":"compiler-artifact","target":{"name":"drive"},"executable":"/t/drive"}
+{"reason":"compiler-artifact","target":{"name":"gps"},"executable":"/t/gps"}
+{"reason":"build-finished","success":true}
+"#;
+        assert_eq!(executable(messages, "gps"), Some(PathBuf::from("/t/gps")));
+        assert_eq!(executable(messages, "steering"), None);
+    }
+}

@@ -1,0 +1,182 @@
+//! The words of the command line.
+
+use std::ffi::OsString;
+
+use clap::{Args, CommandFactory, Parser, Subcommand, error::ErrorKind};
+
+use crate::{Failure, Node};
+
+/// Builds, flashes and tests the nodes of the vehicle.
+#[derive(Debug, Parser)]
+#[command(
+    name = "cargo xtask",
+    bin_name = "cargo xtask",
+    version,
+    subcommand_required = true,
+    disable_help_subcommand = true,
+    after_help = "Examples:\n  \
+        cargo xtask build             all images, with their sizes\n  \
+        cargo xtask flash gps         the gps image onto the board that is connected\n  \
+        cargo xtask test              everything that CI checks\n  \
+        cargo xtask build --help      options and examples of one command"
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// A command and its options.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Build release images and compare their sizes with the boards'.
+    Build(Build),
+    /// Write a node's release image to a board with probe-rs.
+    Flash(Flash),
+    /// Check everything: format, lints, tests, images, documentation.
+    Test(Test),
+}
+
+/// Options of `build`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask build                  all nodes\n  \
+    cargo xtask build steering drive   two of them\n  \
+    cargo xtask build --json           the table for programs, sizes in bytes\n\n\
+    The target thumbv7em-none-eabihf is installed when it is missing.")]
+pub struct Build {
+    /// Nodes to build [default: all]
+    #[arg(value_enum, value_name = "NODE")]
+    pub nodes: Vec<Node>,
+    /// Print the table as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `flash`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask flash gps              build, write, verify, start\n  \
+    cargo xtask flash gps --dry-run    print the commands that would do so")]
+pub struct Flash {
+    /// Node whose image to write
+    #[arg(value_enum, value_name = "NODE")]
+    pub node: Node,
+    /// Print the commands instead of running them
+    #[arg(long)]
+    pub dry_run: bool,
+}
+
+/// Options of `test`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask test           all steps; exit code 1 if any of them fails\n  \
+    cargo xtask test --list    name the steps and their commands")]
+pub struct Test {
+    /// Name the steps instead of running them
+    #[arg(long)]
+    pub list: bool,
+}
+
+/// What the command line asks for.
+#[derive(Debug)]
+pub enum Request {
+    /// To run a command.
+    Run(Command),
+    /// To show a text: help or version.
+    Show(String),
+}
+
+/// Reads the command line, the program's name first.
+///
+/// # Errors
+///
+/// [`Failure::Usage`] in one sentence that says what is wrong and what is accepted.
+pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, Failure> {
+    match Cli::try_parse_from(arguments) {
+        Ok(cli) => Ok(Request::Run(cli.command)),
+        Err(error) => match error.kind() {
+            ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
+                Ok(Request::Show(error.render().to_string()))
+            }
+            ErrorKind::MissingSubcommand => Err(Failure::Usage(format!(
+                "no command is given: {} are accepted; see `cargo xtask --help`",
+                commands().join(", ")
+            ))),
+            _ => Err(Failure::Usage(sentence(&error))),
+        },
+    }
+}
+
+fn commands() -> Vec<String> {
+    let cli = Cli::command();
+    let names = cli.get_subcommands().map(|command| command.get_name());
+    names.map(String::from).collect()
+}
+
+/// The first paragraph of a clap error, which says what is wrong, on one line.
+fn sentence(error: &clap::Error) -> String {
+    let text = error.render().to_string();
+    let paragraph = text.split("\n\n").next().unwrap_or_default();
+    let line: Vec<&str> = paragraph.split_whitespace().collect();
+    let line = line.join(" ");
+    let line = line.strip_prefix("error: ").unwrap_or(&line);
+    format!("{line}; see `cargo xtask --help`")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(line: &str) -> Result<Request, Failure> {
+        parse(line.split(' ').map(OsString::from))
+    }
+
+    fn refused(line: &str) -> String {
+        let failure = words(line).unwrap_err();
+        assert_eq!(failure.exit_code(), 2);
+        failure.to_string()
+    }
+
+    #[test]
+    fn the_definitions_are_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn nodes_are_named_in_any_number() {
+        let Ok(Request::Run(Command::Build(build))) = words("xtask build drive gps --json") else {
+            panic!("not read");
+        };
+        assert_eq!(build.nodes, [Node::Drive, Node::Gps]);
+        assert!(build.json);
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_in_one_sentence() {
+        let node = refused("xtask build rudder");
+        assert!(node.contains("'rudder'"), "{node}");
+        assert!(node.contains("gps, controller, steering, drive"), "{node}");
+        for line in [
+            "xtask build rudder",
+            "xtask flash",
+            "xtask paint",
+            "xtask build --colour",
+            "xtask",
+        ] {
+            let text = refused(line);
+            assert!(!text.contains('\n'), "{text}");
+            assert!(text.len() > 30, "{text}");
+        }
+    }
+
+    #[test]
+    fn every_command_has_help_with_examples() {
+        for command in std::iter::once(String::new()).chain(commands()) {
+            let line = format!("xtask {command} --help").replace("  ", " ");
+            let Ok(Request::Show(text)) = words(&line) else {
+                panic!("no help: {line}");
+            };
+            assert!(text.contains("Examples:"), "{text}");
+        }
+    }
+}

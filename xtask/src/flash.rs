@@ -1,0 +1,90 @@
+//! `flash`: a node's image onto a board.
+
+use std::{path::Path, process::Command};
+
+use crate::{
+    Failure, Node, Workspace, build,
+    cli::Flash,
+    workspace::{output, succeed, typed},
+};
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// The image does not build, probe-rs is not installed, no probe is connected,
+/// or probe-rs fails.
+pub fn run(workspace: &Workspace, options: &Flash) -> Result<(), Failure> {
+    let node = options.node;
+    if !options.dry_run {
+        ready(workspace, node)?;
+    }
+    let images = build::images(workspace, &[node])?;
+    for image in images {
+        for mut command in commands(workspace, node, &image.path) {
+            if options.dry_run {
+                println!("{}", typed(&command));
+            } else {
+                succeed(&mut command, "probe-rs")?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The commands that write, verify and start an image.
+fn commands(workspace: &Workspace, node: Node, image: &Path) -> [Command; 2] {
+    let probe = |command: &str| {
+        let mut probe = workspace.program("probe-rs");
+        probe.args([command, "--chip", node.board().chip()]);
+        probe
+    };
+    let mut download = probe("download");
+    download.arg("--verify").arg(image);
+    [download, probe("reset")]
+}
+
+/// Whether probe-rs and a probe are there, before the time for a build is spent.
+fn ready(workspace: &Workspace, node: Node) -> Result<(), Failure> {
+    match output(workspace.program("probe-rs").arg("list")) {
+        None => Err(Failure::Failed(
+            "probe-rs is not installed: `cargo install probe-rs-tools --locked` installs it".into(),
+        )),
+        Some(list) if !has_probe(&list) => Err(Failure::Failed(format!(
+            "no debug probe is connected: connect the board of {} by USB",
+            node.name()
+        ))),
+        Some(_) => Ok(()),
+    }
+}
+
+/// Whether `probe-rs list` lists a probe: a line such as `[0]: STLink V2-1 (..)`.
+fn has_probe(list: &str) -> bool {
+    list.lines()
+        .any(|line| line.trim_start().starts_with("[0]"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_node_goes_onto_its_part() {
+        let workspace = Workspace::find().unwrap();
+        let [download, reset] = commands(&workspace, Node::Gps, Path::new("t/gps"));
+        assert_eq!(
+            typed(&download),
+            "probe-rs download --chip STM32F446RETx --verify t/gps"
+        );
+        assert_eq!(typed(&reset), "probe-rs reset --chip STM32F446RETx");
+        let [download, _] = commands(&workspace, Node::Drive, Path::new("t/drive"));
+        assert!(typed(&download).contains("--chip STM32F303K8Tx"));
+    }
+
+    #[test]
+    fn an_empty_list_of_probes_is_recognised() {
+        assert!(!has_probe("No debug probes were found.\n"));
+        let list = "The following debug probes were found:\n[0]: STLink V2-1 (ST-LINK)\n";
+        assert!(has_probe(list));
+    }
+}

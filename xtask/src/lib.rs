@@ -1,0 +1,51 @@
+//! The commands of `cargo xtask`, one module each.
+//!
+//! The binary hands its arguments to [`run`]; everything else is here, where
+//! tests reach it. A command returns a [`Failure`] for what it could not do,
+//! said in one sentence: the wrong words on the command line exit with code 2,
+//! everything else with code 1.
+
+pub mod build;
+pub mod cli;
+pub mod flash;
+pub mod size;
+pub mod target;
+pub mod test;
+
+mod failure;
+mod node;
+mod workspace;
+
+pub use failure::Failure;
+pub use node::{Board, Budget, Node, Region};
+pub use workspace::Workspace;
+
+use std::{ffi::OsString, process::ExitCode};
+
+/// Runs the command that the arguments (the program's name first) ask for.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    match cli::parse(arguments).and_then(execute) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Shown) => ExitCode::FAILURE,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}
+
+fn execute(request: cli::Request) -> Result<(), Failure> {
+    let command = match request {
+        cli::Request::Show(text) => {
+            print!("{text}");
+            return Ok(());
+        }
+        cli::Request::Run(command) => command,
+    };
+    let workspace = Workspace::find()?;
+    match command {
+        cli::Command::Build(options) => build::run(&workspace, &options),
+        cli::Command::Flash(options) => flash::run(&workspace, &options),
+        cli::Command::Test(options) => test::run(&workspace, &options),
+    }
+}

@@ -1,0 +1,386 @@
+//! What an image takes of its board's memories.
+
+use std::{fmt::Write, fs, path::Path};
+
+use object::{
+    LittleEndian, Object, ObjectSection, ObjectSymbol,
+    elf::{FileHeader32, PT_LOAD, SHF_ALLOC},
+    read::elf::{ElfFile, ProgramHeader, SectionHeader},
+};
+use serde::Serialize;
+
+use crate::{Board, Failure, Node, Region};
+
+/// Bytes that an image takes of its board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Usage {
+    /// Code, constants and initial values, in flash.
+    pub flash: u64,
+    /// Static variables, in all RAM together.
+    pub statics: u64,
+    /// Room for the stack.
+    pub stack: u64,
+}
+
+/// Measures the ELF file of an image.
+///
+/// # Errors
+///
+/// The file cannot be read, is no ELF file of 32 bits, or holds something that
+/// lies in none of the board's memories.
+pub fn measure(path: &Path, board: Board) -> Result<Usage, Failure> {
+    let name = path.display();
+    let data = fs::read(path)
+        .map_err(|error| Failure::Failed(format!("{name} cannot be read: {error}")))?;
+    usage(&data, board).map_err(|what| Failure::Failed(format!("{name}: {what}")))
+}
+
+fn usage(data: &[u8], board: Board) -> Result<Usage, String> {
+    let file = ElfFile::<FileHeader32<LittleEndian>>::parse(data)
+        .map_err(|error| format!("not an image: {error}"))?;
+    let endian = file.endian();
+
+    let mut flash = 0;
+    for segment in file.elf_program_headers() {
+        let size = u64::from(segment.p_filesz(endian));
+        if segment.p_type(endian) != PT_LOAD || size == 0 {
+            continue;
+        }
+        let address = u64::from(segment.p_paddr(endian));
+        if !fits(&board.flash(), address, size) {
+            return Err(format!(
+                "{size} bytes at {address:#010x} are outside the flash of {}",
+                board.name()
+            ));
+        }
+        flash += size;
+    }
+
+    let mut statics = 0;
+    for section in file.sections() {
+        let header = section.elf_section_header();
+        let (address, size) = (section.address(), section.size());
+        if !header.sh_flags(endian).contains(SHF_ALLOC) || size == 0 {
+            continue;
+        }
+        if board.ram().iter().any(|ram| fits(ram, address, size)) {
+            statics += size;
+        } else if !fits(&board.flash(), address, size) {
+            return Err(format!(
+                "section {} at {address:#010x} is in no memory of {}",
+                section.name().unwrap_or("without a name"),
+                board.name()
+            ));
+        }
+    }
+
+    let symbol = |name: &str| {
+        file.symbols()
+            .find(|symbol| symbol.name() == Ok(name))
+            .map(|symbol| symbol.address())
+            .ok_or_else(|| format!("the image has no symbol {name}"))
+    };
+    // The linker script leaves the stack between these two; it grows downwards.
+    let (top, bottom) = (symbol("_stack_start")?, symbol("_stack_end")?);
+    let stack = top.checked_sub(bottom);
+    let stack = stack.ok_or("the stack's top is below its end")?;
+    if !board.ram().iter().any(|ram| fits(ram, bottom, stack)) {
+        return Err(format!(
+            "the stack at {bottom:#010x} is in no RAM of {}",
+            board.name()
+        ));
+    }
+    Ok(Usage {
+        flash,
+        statics,
+        stack,
+    })
+}
+
+fn fits(region: &Region, address: u64, size: u64) -> bool {
+    let within = |offset: u64| {
+        offset
+            .checked_add(size)
+            .is_some_and(|end| end <= region.size)
+    };
+    address.checked_sub(region.origin).is_some_and(within)
+}
+
+fn ram(board: Board) -> u64 {
+    board.ram().iter().map(|region| region.size).sum()
+}
+
+/// The sizes as a table for people: used, of how much, budget.
+pub fn table(sizes: &[(Node, Usage)]) -> String {
+    let mut out = String::new();
+    let heading = [
+        "node",
+        "board",
+        "flash",
+        "budget",
+        "static RAM",
+        "budget",
+        "stack",
+        "RAM free",
+    ];
+    let mut rows = vec![heading.map(String::from)];
+    for (node, usage) in sizes {
+        let board = node.board();
+        let budget = board.budget();
+        let free = ram(board).saturating_sub(usage.statics + usage.stack);
+        rows.push([
+            node.name().into(),
+            board.name().into(),
+            share(usage.flash, board.flash().size),
+            kib(budget.flash),
+            share(usage.statics, ram(board)),
+            kib(budget.statics),
+            kib(usage.stack),
+            kib(free),
+        ]);
+    }
+    for row in &rows {
+        let mut line = String::new();
+        for (column, cell) in row.iter().enumerate() {
+            let width = rows.iter().map(|row| row[column].len()).max().unwrap_or(0);
+            // Words to the left, numbers to the right.
+            let _ = if column < 2 {
+                write!(line, "{cell:<width$}  ")
+            } else {
+                write!(line, "{cell:>width$}  ")
+            };
+        }
+        let _ = writeln!(out, "{}", line.trim_end());
+    }
+    out
+}
+
+fn kib(bytes: u64) -> String {
+    format!("{:.1} KiB", bytes as f64 / 1024.0)
+}
+
+fn share(bytes: u64, of: u64) -> String {
+    let percent = 100.0 * bytes as f64 / of as f64;
+    format!("{} of {} ({percent:.0} %)", kib(bytes), kib(of))
+}
+
+#[derive(Serialize)]
+struct Row {
+    node: &'static str,
+    board: &'static str,
+    #[serde(flatten)]
+    usage: Usage,
+    flash_size: u64,
+    flash_budget: u64,
+    ram_size: u64,
+    statics_budget: u64,
+    stack_budget: u64,
+}
+
+/// The sizes for programs: a JSON array, all numbers in bytes.
+pub fn json(sizes: &[(Node, Usage)]) -> String {
+    let rows: Vec<Row> = sizes
+        .iter()
+        .map(|(node, usage)| {
+            let board = node.board();
+            let budget = board.budget();
+            Row {
+                node: node.name(),
+                board: board.name(),
+                usage: *usage,
+                flash_size: board.flash().size,
+                flash_budget: budget.flash,
+                ram_size: ram(board),
+                statics_budget: budget.statics,
+                stack_budget: budget.stack,
+            }
+        })
+        .collect();
+    // Rows of plain numbers and words always serialise.
+    serde_json::to_string_pretty(&rows).unwrap_or_default()
+}
+
+/// What exceeds its budget, one sentence each.
+pub fn excess(sizes: &[(Node, Usage)]) -> Vec<String> {
+    let mut excess = Vec::new();
+    for (node, usage) in sizes {
+        let budget = node.board().budget();
+        let name = node.name();
+        for (what, used, allowed) in [
+            ("flash", usage.flash, budget.flash),
+            ("static RAM", usage.statics, budget.statics),
+        ] {
+            if used > allowed {
+                excess.push(format!(
+                    "{name} uses {used} bytes of {what}, {} more than its budget of {allowed}",
+                    used - allowed
+                ));
+            }
+        }
+        if usage.stack < budget.stack {
+            excess.push(format!(
+                "{name} leaves {} bytes for the stack, its budget is {}",
+                usage.stack, budget.stack
+            ));
+        }
+    }
+    excess
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A little ELF file: the sections (address, size, whether in the file) and
+    /// the load segments (physical address, size) that a linker would write.
+    struct Elf {
+        sections: Vec<(u32, u32, bool)>,
+        segments: Vec<(u32, u32)>,
+        stack: (u32, u32),
+    }
+
+    const NAMES: &[u8] = b"\0_stack_start\0_stack_end\0";
+
+    impl Elf {
+        fn f303() -> Self {
+            Self {
+                sections: vec![
+                    (0x0800_0000, 0x188, true),
+                    (0x0800_0188, 0x4000, true),
+                    (0x2000_0000, 0x10, true),
+                    (0x2000_0010, 0x300, false),
+                ],
+                segments: vec![
+                    (0x0800_0000, 0x4188),
+                    // Initial values of .data, loaded behind the code.
+                    (0x0800_4188, 0x10),
+                    (0x2000_0010, 0),
+                ],
+                stack: (0x1000_1000, 0x1000_0000),
+            }
+        }
+
+        fn bytes(&self) -> Vec<u8> {
+            let halves = |values: &[u16]| -> Vec<u8> {
+                values
+                    .iter()
+                    .flat_map(|value| value.to_le_bytes())
+                    .collect()
+            };
+            let words = |values: &[u32]| -> Vec<u8> {
+                values
+                    .iter()
+                    .flat_map(|value| value.to_le_bytes())
+                    .collect()
+            };
+            let segments = self.segments.len() as u32;
+            let symbols_at = 52 + 32 * segments;
+            let names_at = symbols_at + 3 * 16;
+            let sections_at = names_at + NAMES.len() as u32;
+            let sections = 3 + self.sections.len() as u16;
+
+            let mut elf = b"\x7fELF\x01\x01\x01".to_vec();
+            elf.resize(16, 0);
+            // Executable for ARM, version 1.
+            elf.extend(halves(&[2, 40]));
+            elf.extend(words(&[1, 0x0800_0189, 52, sections_at, 0x0500_0400]));
+            elf.extend(halves(&[52, 32, segments as u16, 40, sections, 2]));
+            for &(address, size) in &self.segments {
+                elf.extend(words(&[1, 0, address, address, size, size, 5, 4]));
+            }
+            elf.extend(words(&[0; 4]));
+            for (name, value) in [(1, self.stack.0), (14, self.stack.1)] {
+                elf.extend(words(&[name, value, 0]));
+                elf.extend(halves(&[0x10, 0xFFF1]));
+            }
+            elf.extend(NAMES);
+            let mut section = |kind, flags, address, offset, size, link, entry| {
+                let info = u32::from(kind == 2);
+                elf.extend(words(&[
+                    0, kind, flags, address, offset, size, link, info, 4, entry,
+                ]));
+            };
+            section(0, 0, 0, 0, 0, 0, 0);
+            section(2, 0, 0, symbols_at, 48, 2, 16);
+            section(3, 0, 0, names_at, NAMES.len() as u32, 0, 0);
+            for &(address, size, in_file) in &self.sections {
+                section(if in_file { 1 } else { 8 }, 2, address, 0, size, 0, 0);
+            }
+            elf
+        }
+    }
+
+    #[test]
+    fn an_image_is_measured_by_segment_and_section() {
+        let expected = Usage {
+            flash: 0x4188 + 0x10,
+            statics: 0x310,
+            stack: 0x1000,
+        };
+        assert_eq!(usage(&Elf::f303().bytes(), Board::F303), Ok(expected));
+    }
+
+    #[test]
+    fn what_lies_outside_the_memories_is_refused() {
+        let mut elf = Elf::f303();
+        elf.segments[1] = (0x0800_FFF8, 0x10);
+        let refusal = usage(&elf.bytes(), Board::F303).unwrap_err();
+        assert!(refusal.contains("outside the flash of f303"), "{refusal}");
+
+        let mut elf = Elf::f303();
+        elf.sections[3] = (0x2000_2FF0, 0x20, false);
+        let refusal = usage(&elf.bytes(), Board::F303).unwrap_err();
+        assert!(refusal.contains("0x20002ff0 is in no memory"), "{refusal}");
+
+        let mut elf = Elf::f303();
+        elf.stack = (0x2002_1000, 0x2002_0000);
+        let refusal = usage(&elf.bytes(), Board::F446).unwrap_err();
+        assert!(refusal.contains("stack at 0x20020000"), "{refusal}");
+    }
+
+    #[test]
+    fn a_file_that_is_no_image_is_refused() {
+        assert!(usage(b"not an image", Board::F446).is_err());
+        let failure = measure(Path::new("no/such/image"), Board::F446).unwrap_err();
+        assert!(
+            failure
+                .to_string()
+                .starts_with("no/such/image cannot be read")
+        );
+    }
+
+    #[test]
+    fn more_than_the_budget_is_named() {
+        let budget = Board::F303.budget();
+        let usage = Usage {
+            flash: budget.flash,
+            statics: budget.statics,
+            stack: budget.stack,
+        };
+        assert_eq!(excess(&[(Node::Drive, usage)]), Vec::<String>::new());
+        let over = Usage {
+            flash: budget.flash + 3,
+            stack: budget.stack - 1,
+            ..usage
+        };
+        let excess = excess(&[(Node::Drive, over)]);
+        assert_eq!(excess.len(), 2);
+        assert!(
+            excess[0].contains("drive uses 49155 bytes of flash, 3 more"),
+            "{excess:?}"
+        );
+    }
+
+    #[test]
+    fn the_columns_of_the_table_are_aligned() {
+        let usage = Usage {
+            flash: 44_208,
+            statics: 4_324,
+            stack: 4_096,
+        };
+        let table = table(&[(Node::Gps, usage), (Node::Drive, usage)]);
+        let widths: Vec<usize> = table.lines().map(str::len).collect();
+        assert_eq!(widths, [widths[0]; 3], "{table}");
+        assert!(table.contains("43.2 KiB of 64.0 KiB (67 %)"), "{table}");
+    }
+}

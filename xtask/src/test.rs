@@ -1,0 +1,272 @@
+//! `test`: everything that must hold before a change is kept.
+
+use std::{
+    process::Command,
+    time::{Duration, Instant},
+};
+
+use crate::{
+    Board, Failure, Node, Workspace, build,
+    cli::Test,
+    size,
+    target::{self, Target},
+    workspace::{succeed, typed},
+};
+
+/// Runs the command: every step, even after one failed.
+///
+/// # Errors
+///
+/// Any step failed; which ones is on the screen.
+pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
+    let target = if options.list {
+        Target::default()
+    } else {
+        target::ensure(workspace)?
+    };
+    let steps = steps(workspace, &target);
+    if options.list {
+        for step in &steps {
+            println!("{}", step.name);
+            match &step.work {
+                Work::Commands(commands) => {
+                    for command in commands {
+                        println!("    {}", typed(command));
+                    }
+                }
+                Work::Images => println!("    cargo xtask build"),
+                Work::Impossible(why) => println!("    left out: {why}"),
+            }
+        }
+        return Ok(());
+    }
+
+    let count = steps.len();
+    let mut finished = Vec::new();
+    for (index, step) in steps.into_iter().enumerate() {
+        let name = step.name;
+        eprintln!("\n[{}/{count}] {name}", index + 1);
+        let start = Instant::now();
+        let outcome = step.run(workspace);
+        let step = Finished {
+            name,
+            took: start.elapsed(),
+            outcome,
+        };
+        eprintln!("[{}/{count}] {}", index + 1, step.line());
+        finished.push(step);
+    }
+    summary(&finished)
+}
+
+/// One step of the test.
+struct Step {
+    name: &'static str,
+    work: Work,
+}
+
+enum Work {
+    /// Commands that must succeed, all of them run.
+    Commands(Vec<Command>),
+    /// The images: that they build and are within their budgets.
+    Images,
+    /// Nothing, for this reason.
+    Impossible(&'static str),
+}
+
+/// How a step ended.
+enum Outcome {
+    Passed,
+    LeftOut(&'static str),
+    Failed(Vec<String>),
+}
+
+impl Step {
+    fn commands(name: &'static str, commands: Vec<Command>) -> Self {
+        Self {
+            name,
+            work: Work::Commands(commands),
+        }
+    }
+
+    fn run(self, workspace: &Workspace) -> Outcome {
+        let failures = match self.work {
+            Work::Impossible(why) => return Outcome::LeftOut(why),
+            Work::Images => match images(workspace) {
+                Ok(()) => Vec::new(),
+                Err(failure) => vec![failure.to_string()],
+            },
+            Work::Commands(commands) => {
+                let run = |mut command: Command| {
+                    let what = format!("`{}`", typed(&command));
+                    eprintln!("{what}");
+                    succeed(&mut command, &what).err()
+                };
+                let failures = commands.into_iter().filter_map(run);
+                failures.map(|failure| failure.to_string()).collect()
+            }
+        };
+        if failures.is_empty() {
+            Outcome::Passed
+        } else {
+            Outcome::Failed(failures)
+        }
+    }
+}
+
+/// Crates that exist for a microcontroller only: the host leaves them out.
+const BOARDS: [&str; 2] = ["sled-f446", "sled-f303"];
+
+fn steps(workspace: &Workspace, target: &Target) -> Vec<Step> {
+    let host = |command: &str, rest: &[&str]| {
+        let mut cargo = workspace.cargo();
+        cargo.args([command, "--workspace"]);
+        cargo.args(BOARDS.iter().flat_map(|board| ["--exclude", board]));
+        cargo.args(rest);
+        cargo
+    };
+    let mut format = workspace.cargo();
+    format.args(["fmt", "--all", "--check"]);
+    let strict = ["--", "--deny", "warnings"];
+    let lints = host("clippy", &[&["--all-targets"], strict.as_slice()].concat());
+    let mut documentation = host("doc", &["--no-deps"]);
+    documentation.env("RUSTDOCFLAGS", "--deny warnings");
+
+    let on_target = |command: &str, rest: &[&str]| -> Vec<Command> {
+        let boards = Board::ALL.into_iter();
+        let command = |board: Board| {
+            let mut cargo = target.cargo(workspace, command);
+            cargo.args(["--package", "firmware", "--features", board.name()]);
+            cargo.args(["--package", &format!("sled-{}", board.name())]);
+            cargo.args(rest);
+            cargo.env("RUSTDOCFLAGS", "--deny warnings");
+            cargo
+        };
+        boards.map(command).collect()
+    };
+    let with_tools = |name, command, rest: &[&str]| {
+        let work = if target.has_tools() {
+            Work::Commands(on_target(command, rest))
+        } else {
+            Work::Impossible("Debian's compiler comes without clippy and rustdoc for the target")
+        };
+        Step { name, work }
+    };
+    vec![
+        Step::commands("format", vec![format]),
+        Step::commands("lints, host", vec![lints]),
+        with_tools("lints, images", "clippy", &strict),
+        Step::commands("tests, host", vec![host("test", &[])]),
+        Step {
+            name: "images",
+            work: Work::Images,
+        },
+        Step::commands("documentation, host", vec![documentation]),
+        with_tools("documentation, images", "doc", &["--no-deps"]),
+    ]
+}
+
+fn images(workspace: &Workspace) -> Result<(), Failure> {
+    let sizes = build::sizes(&build::images(workspace, &Node::ALL)?)?;
+    eprint!("{}", size::table(&sizes));
+    match size::excess(&sizes).as_slice() {
+        [] => Ok(()),
+        excess => Err(Failure::Failed(excess.join("; "))),
+    }
+}
+
+/// A finished step.
+struct Finished {
+    name: &'static str,
+    took: Duration,
+    outcome: Outcome,
+}
+
+impl Finished {
+    fn line(&self) -> String {
+        let outcome = match &self.outcome {
+            Outcome::Passed => "passed".into(),
+            Outcome::LeftOut(why) => format!("left out: {why}"),
+            Outcome::Failed(failures) => format!("FAILED: {}", failures.join("; ")),
+        };
+        let seconds = self.took.as_secs_f64();
+        format!("{:<24}{seconds:>7.1} s  {outcome}", self.name)
+    }
+}
+
+/// One line for each step on standard output.
+fn summary(steps: &[Finished]) -> Result<(), Failure> {
+    eprintln!();
+    for step in steps {
+        println!("{}", step.line());
+    }
+    let failed = steps
+        .iter()
+        .filter(|step| matches!(step.outcome, Outcome::Failed(_)))
+        .count();
+    match failed {
+        0 => Ok(()),
+        _ => Err(Failure::Failed(format!(
+            "{failed} of {} steps failed",
+            steps.len()
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_command_of_a_step_runs_and_every_failure_is_kept() {
+        let workspace = Workspace::find().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let mut touch = Command::new("touch");
+        touch.arg(folder.path().join("ran"));
+        let step = Step::commands(
+            "two failures",
+            vec![
+                Command::new("false"),
+                touch,
+                Command::new("no-such-program"),
+            ],
+        );
+        let Outcome::Failed(failures) = step.run(&workspace) else {
+            panic!("it passed");
+        };
+        assert_eq!(failures.len(), 2, "{failures:?}");
+        assert!(folder.path().join("ran").exists());
+    }
+
+    #[test]
+    fn a_failed_step_fails_the_whole() {
+        let finished = |outcome| Finished {
+            name: "step",
+            took: Duration::from_millis(1500),
+            outcome,
+        };
+        assert_eq!(summary(&[finished(Outcome::Passed)]), Ok(()));
+        let failure = summary(&[
+            finished(Outcome::Passed),
+            finished(Outcome::Failed(vec!["why".into()])),
+        ]);
+        assert_eq!(failure, Err(Failure::Failed("1 of 2 steps failed".into())));
+        let left_out = finished(Outcome::LeftOut("no tool")).line();
+        assert!(left_out.contains("1.5 s  left out: no tool"), "{left_out}");
+    }
+
+    #[test]
+    fn the_boards_are_left_to_the_target() {
+        let workspace = Workspace::find().unwrap();
+        let steps = steps(&workspace, &Target::default());
+        let Some(Work::Commands(commands)) = steps
+            .iter()
+            .find(|step| step.name == "tests, host")
+            .map(|step| &step.work)
+        else {
+            panic!("no host tests");
+        };
+        let typed = typed(&commands[0]);
+        assert!(typed.contains("--exclude sled-f303"), "{typed}");
+    }
+}

@@ -1,0 +1,122 @@
+//! Where the workspace is, and cargo run in it.
+
+use std::{
+    env,
+    ffi::OsStr,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+use crate::Failure;
+
+/// The workspace that the commands work on.
+#[derive(Debug, Clone)]
+pub struct Workspace {
+    root: PathBuf,
+}
+
+impl Workspace {
+    /// The workspace that this program belongs to.
+    ///
+    /// # Errors
+    ///
+    /// It is not where it was when the program was built, and cargo does not
+    /// say where it is.
+    pub fn find() -> Result<Self, Failure> {
+        let package = env::var_os("CARGO_MANIFEST_DIR")
+            .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
+        package
+            .parent()
+            .filter(|root| root.join("Cargo.toml").is_file())
+            .map(|root| Self { root: root.into() })
+            .ok_or_else(|| {
+                Failure::Failed("the workspace is not found: run this as `cargo xtask`".into())
+            })
+    }
+
+    /// Its root folder.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Cargo, to be run in the workspace.
+    pub fn cargo(&self) -> Command {
+        let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        command.current_dir(&self.root);
+        command
+    }
+
+    /// Another program, to be run in the workspace, where the pinned toolchain is
+    /// in force.
+    pub fn program(&self, name: impl AsRef<OsStr>) -> Command {
+        let mut command = Command::new(name);
+        command.current_dir(&self.root);
+        command
+    }
+}
+
+/// What a program printed on its standard output, if it could be run and succeeded.
+pub fn output(command: &mut Command) -> Option<String> {
+    let output = command.stderr(Stdio::null()).output().ok()?;
+    output
+        .status
+        .success()
+        .then(|| String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// Runs a program to its end; its output goes where ours goes.
+///
+/// # Errors
+///
+/// It cannot be run or does not succeed, with `what` it was to do.
+pub fn succeed(command: &mut Command, what: &str) -> Result<(), Failure> {
+    match command.status() {
+        Ok(status) if status.success() => Ok(()),
+        Ok(status) => Err(Failure::Failed(format!("{what} failed ({status})"))),
+        Err(error) => Err(Failure::Failed(format!(
+            "{what} failed: {} cannot be run: {error}",
+            command.get_program().to_string_lossy()
+        ))),
+    }
+}
+
+/// A command as one would type it.
+pub fn typed(command: &Command) -> String {
+    // A program is typed by its name, wherever it was found.
+    let program = Path::new(command.get_program());
+    let program = program.file_name().unwrap_or(program.as_os_str());
+    let mut words = vec![program.to_string_lossy().into_owned()];
+    for argument in command.get_args() {
+        let argument = argument.to_string_lossy();
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
+        if !argument.is_empty() && argument.chars().all(plain) {
+            words.push(argument.into_owned());
+        } else {
+            words.push(format!("'{}'", argument.replace('\'', r"'\''")));
+        }
+    }
+    words.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_is_shown_so_that_a_shell_reads_it_back() {
+        let mut command = Command::new("/usr/bin/probe-rs");
+        command.args(["download", "a file", "it's"]);
+        assert_eq!(typed(&command), r"probe-rs download 'a file' 'it'\''s'");
+    }
+
+    #[test]
+    fn a_program_that_fails_is_named() {
+        let failure = succeed(&mut Command::new("no-such-program"), "the attempt");
+        let text = failure.unwrap_err().to_string();
+        assert!(
+            text.starts_with("the attempt failed: no-such-program"),
+            "{text}"
+        );
+        assert_eq!(output(&mut Command::new("no-such-program")), None);
+    }
+}
