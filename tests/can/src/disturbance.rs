@@ -75,6 +75,8 @@ pub(crate) struct Active {
     count: u64,
     /// Whether the frame in progress is the selected one.
     armed: bool,
+    /// A flip has been made, or its frame has passed without that bit.
+    spent: bool,
     random: SplitMix,
 }
 
@@ -88,6 +90,7 @@ impl Active {
             what,
             count: 0,
             armed: false,
+            spent: false,
             random: SplitMix(seed),
         };
         if let Disturbance::ErrorRate { per_bit, .. } = what {
@@ -99,8 +102,12 @@ impl Active {
     /// A frame starts: its number and the identifiers being sent.
     pub(crate) fn frame_started(&mut self, number: u64, ids: &[Id]) {
         if let Disturbance::Flip { frame, .. } = self.what {
+            self.spent |= self.armed;
             self.armed = match frame {
-                FrameSelect::Number(wanted) => wanted == number,
+                FrameSelect::Number(wanted) => {
+                    self.spent |= number > wanted;
+                    number == wanted
+                }
                 FrameSelect::Id { id, occurrence } => {
                     let named = ids.contains(&id);
                     self.count += u64::from(named);
@@ -117,6 +124,7 @@ impl Active {
             Disturbance::Flip { bit, seen_by, .. } => {
                 (self.armed && in_frame == Some(bit)).then(|| {
                     self.armed = false;
+                    self.spent = true;
                     seen_by
                 })
             }
@@ -168,7 +176,7 @@ impl Active {
     /// Whether it can do nothing any more.
     pub(crate) fn is_over(&self, now: Ps) -> bool {
         match self.what {
-            Disturbance::Flip { .. } => false,
+            Disturbance::Flip { .. } => self.spent,
             Disturbance::ErrorRate { until, .. } | Disturbance::Stuck { until, .. } => {
                 now >= until.as_ticks()
             }
