@@ -146,6 +146,27 @@ fn the_loaded_vehicle_of_the_experiments_can_be_described() {
     assert!((scenario.ground.slope.get().to_degrees() - 3.0).abs() < 1e-12);
 }
 
+#[test]
+fn the_example_of_the_description_reads() {
+    let text = include_str!("../SCENARIOS.md");
+    let example = text
+        .split("```toml\n")
+        .nth(1)
+        .unwrap()
+        .split("```")
+        .next()
+        .unwrap();
+    let scenario = Scenario::parse("example", "SCENARIOS.md", example).unwrap();
+    // Where the description states a default it is the default.
+    let default = Scenario::parse("empty", "empty", "").unwrap();
+    assert_eq!(scenario.vehicle.drive_lag, default.vehicle.drive_lag);
+    assert_eq!(scenario.ground.rear_slip, default.ground.rear_slip);
+    assert_eq!(scenario.receiver.base, default.receiver.base);
+    assert_eq!(scenario.receiver.latency, default.receiver.latency);
+    assert_eq!((scenario.line, scenario.lcd), (default.line, default.lcd));
+    assert_eq!((scenario.press.len(), scenario.bus.len()), (1, 3));
+}
+
 proptest! {
     #[test]
     fn no_text_makes_the_reader_panic(text in "(\\PC|\n){0,200}") {

@@ -2,7 +2,8 @@
 //!
 //! Quantities are strings with a unit (`"1 m/s"`); a missing table or field takes its default; an
 //! unknown field is refused. [`Scenario::find`] takes the name of a built-in scenario or the path
-//! of a file. Times are counted from the start of the run, when power comes on.
+//! of a file. Times are counted from the start of the run, when power comes on. `SCENARIOS.md`
+//! beside this crate's manifest describes the format.
 
 mod builtin;
 mod check;
