@@ -537,6 +537,10 @@ impl Peripherals {
                 _ => None,
             },
         };
+        if matches!(slot.block, Block::Usart(_) | Block::Adc) {
+            // Reading their data clears flags and requests.
+            self.refresh();
+        }
         Ok(value.unwrap_or_else(|| {
             self.unmodelled.insert(address);
             0
