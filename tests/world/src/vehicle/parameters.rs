@@ -95,7 +95,7 @@ pub struct Ground {
 
 impl Default for Ground {
     fn default() -> Self {
-        let slip = Compliance::new(14.0 * core::f64::consts::PI / 180.0);
+        let slip = Compliance::new(Angle::degrees(14.0).get());
         Self {
             slope: Angle::degrees(0.0),
             downhill: Angle::degrees(90.0),
