@@ -13,19 +13,21 @@ use crate::time::SimDuration;
 pub trait Kind {
     /// What it is called, with its article.
     const NAME: &'static str;
-    /// Units with their factor to the base unit; the first is the one used in messages.
-    const UNITS: &'static [(&'static str, f64)];
+    /// Units with the factor and the divisor that lead to the base unit; the first is the one
+    /// used in messages. Dividing by a power of ten gives the number that the text means, where
+    /// multiplying by its inverse would not.
+    const UNITS: &'static [(&'static str, f64, f64)];
 }
 
 macro_rules! kinds {
-    ($($(#[$doc:meta])* $kind:ident, $alias:ident: $name:literal, $($unit:literal = $factor:expr),+;)+) => {$(
+    ($($(#[$doc:meta])* $kind:ident, $alias:ident: $name:literal, $($unit:literal = $factor:tt / $divisor:tt),+;)+) => {$(
         $(#[$doc])*
         #[derive(Copy, Clone, Debug, PartialEq)]
         pub struct $kind;
 
         impl Kind for $kind {
             const NAME: &'static str = $name;
-            const UNITS: &'static [(&'static str, f64)] = &[$(($unit, $factor)),+];
+            const UNITS: &'static [(&'static str, f64, f64)] = &[$(($unit, $factor, $divisor)),+];
         }
 
         $(#[$doc])*
@@ -37,25 +39,25 @@ const DEGREE: f64 = core::f64::consts::PI / 180.0;
 
 kinds! {
     /// A time span, in seconds.
-    TimeKind, Time: "a time", "s" = 1.0, "ms" = 1e-3, "us" = 1e-6, "min" = 60.0;
+    TimeKind, Time: "a time", "s" = 1.0 / 1.0, "ms" = 1.0 / 1e3, "us" = 1.0 / 1e6, "min" = 60.0 / 1.0;
     /// A length or coordinate, in metres.
-    LengthKind, Length: "a length", "m" = 1.0, "cm" = 1e-2, "mm" = 1e-3;
+    LengthKind, Length: "a length", "m" = 1.0 / 1.0, "cm" = 1.0 / 1e2, "mm" = 1.0 / 1e3;
     /// A speed, in metres per second.
-    SpeedKind, Speed: "a speed", "m/s" = 1.0, "cm/s" = 1e-2, "mm/s" = 1e-3, "km/h" = 1.0 / 3.6;
+    SpeedKind, Speed: "a speed", "m/s" = 1.0 / 1.0, "cm/s" = 1.0 / 1e2, "mm/s" = 1.0 / 1e3, "km/h" = 1.0 / 3.6;
     /// An angle, in radians.
-    AngleKind, Angle: "an angle", "deg" = DEGREE, "rad" = 1.0;
+    AngleKind, Angle: "an angle", "deg" = DEGREE / 1.0, "rad" = 1.0 / 1.0;
     /// An angular rate, in radians per second.
-    RateKind, Rate: "an angular rate", "deg/s" = DEGREE, "rad/s" = 1.0;
+    RateKind, Rate: "an angular rate", "deg/s" = DEGREE / 1.0, "rad/s" = 1.0 / 1.0;
     /// A share of a whole, as a plain ratio.
-    RatioKind, Ratio: "a share", "%" = 1e-2;
+    RatioKind, Ratio: "a share", "%" = 1.0 / 1e2;
     /// A relative error of a clock, in parts per million.
-    PpmKind, Ppm: "a clock error", "ppm" = 1.0;
+    PpmKind, Ppm: "a clock error", "ppm" = 1.0 / 1.0;
     /// A converter reading, in counts.
-    CountKind, Count: "a converter reading", "counts" = 1.0, "count" = 1.0;
+    CountKind, Count: "a converter reading", "counts" = 1.0 / 1.0, "count" = 1.0 / 1.0;
     /// Counts for an angle, in counts per radian.
-    SlopeKind, CountSlope: "a slope", "counts/deg" = 1.0 / DEGREE, "counts/rad" = 1.0;
+    SlopeKind, CountSlope: "a slope", "counts/deg" = 1.0 / DEGREE, "counts/rad" = 1.0 / 1.0;
     /// Slip angle of a tyre for a lateral load, in radians per unit of the vehicle's weight.
-    ComplianceKind, Compliance: "a tyre's slip", "deg/g" = DEGREE, "rad/g" = 1.0;
+    ComplianceKind, Compliance: "a tyre's slip", "deg/g" = DEGREE / 1.0, "rad/g" = 1.0 / 1.0;
 }
 
 /// A number with its unit, held in the base unit of its kind.
@@ -127,9 +129,9 @@ impl<K> PartialOrd for Quantity<K> {
 
 impl<K: Kind> fmt::Display for Quantity<K> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (unit, factor) = K::UNITS[0];
+        let (unit, factor, divisor) = K::UNITS[0];
         // Twelve significant decimals hide the last bit that the conversion costs.
-        let value = (self.value / factor * 1e12).round() / 1e12;
+        let value = (self.value / factor * divisor * 1e12).round() / 1e12;
         write!(f, "{value} {unit}")
     }
 }
@@ -142,7 +144,7 @@ impl<K: Kind> fmt::Debug for Quantity<K> {
 
 /// The units of `K` as a list for messages: `s, ms, us or min`.
 fn units_of<K: Kind>() -> String {
-    let names: Vec<&str> = K::UNITS.iter().map(|(unit, _)| *unit).collect();
+    let names: Vec<&str> = K::UNITS.iter().map(|(unit, ..)| *unit).collect();
     match names.split_last() {
         Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
         Some((only, _)) => (*only).to_owned(),
@@ -171,14 +173,14 @@ impl<K: Kind> core::str::FromStr for Quantity<K> {
             .split_once(char::is_whitespace)
             .ok_or_else(refuse)?;
         let value: f64 = number.parse().map_err(|_| refuse())?;
-        let (_, factor) = K::UNITS
+        let (_, factor, divisor) = K::UNITS
             .iter()
-            .find(|(name, _)| *name == unit.trim())
+            .find(|(name, ..)| *name == unit.trim())
             .ok_or_else(refuse)?;
         if !value.is_finite() {
             return Err(refuse());
         }
-        Ok(Self::new(value * factor))
+        Ok(Self::new(value * factor / divisor))
     }
 }
 
@@ -239,6 +241,7 @@ mod tests {
             10_000_000_000
         );
         assert_eq!("10 %".parse::<Ratio>().unwrap().get(), 0.1);
+        assert_eq!("100 us".parse::<Time>().unwrap().get(), 100e-6);
     }
 
     #[test]

@@ -159,7 +159,7 @@ fn vehicle(scenario: &Scenario) -> Outcome {
     within("vehicle.steering_bias", v.steering_bias, biases)?;
     let readings = between(Count::new(0.0), Count::new(4095.0));
     within("vehicle.pot_centre", v.pot_centre, readings)?;
-    let steepest = 80.0 * 180.0 / core::f64::consts::PI;
+    let steepest = 80.0 / Angle::degrees(1.0).get();
     let slopes = between(CountSlope::new(-steepest), CountSlope::new(steepest));
     within("vehicle.pot_slope", v.pot_slope, slopes)?;
     if v.pot_slope.get() == 0.0 {
@@ -181,7 +181,7 @@ fn ground(scenario: &Scenario) -> Outcome {
     )?;
     let turn = between(Angle::degrees(-360.0), Angle::degrees(360.0));
     within("ground.downhill", g.downhill, turn)?;
-    let softest = 60.0 * core::f64::consts::PI / 180.0;
+    let softest = Angle::degrees(60.0).get();
     let slips = || between(Compliance::new(0.0), Compliance::new(softest));
     within("ground.front_slip", g.front_slip, slips())?;
     within("ground.rear_slip", g.rear_slip, slips())?;

@@ -59,7 +59,7 @@ impl Default for Parameters {
             dead_band_left: Ratio::new(0.12),
             steering_bias: Angle::degrees(0.0),
             pot_centre: Count::new(2048.0),
-            pot_slope: CountSlope::new(40.0 * 180.0 / core::f64::consts::PI),
+            pot_slope: CountSlope::new(40.0 / Angle::degrees(1.0).get()),
             pot_noise: Count::new(1.0),
             steering_reversed: false,
             drive_reversed: false,
