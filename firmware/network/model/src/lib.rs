@@ -21,6 +21,7 @@
 //! | `GenMsgCycleTime` | message | period of a cyclic message | ms |
 //! | `GenMsgDelayTime` | message | least time between two event messages | ms |
 //! | `ShortestLength` | message | fewest data bytes that still decode; -1: all of them | bytes |
+//! | `SendCondition` | message | `Always`, or `WhileFixed`: its window stays empty while the reference message says that no fix is there | |
 //! | `WindowKind` | message | `Reference`, `Exclusive` or `Arbitrating` | |
 //! | `WindowStart`, `WindowLength` | message | the window in the basic cycle | us |
 //! | `WindowRepeat`, `WindowOffset` | message | in which basic cycles: repeat factor and first cycle | 1..64, 0..63 |
@@ -39,7 +40,9 @@ mod reference;
 mod signal;
 
 pub use frame::worst_case_bits;
-pub use network::{Message, Network, Node, SendType, Value, ValueTable, Window, WindowKind};
+pub use network::{
+    Condition, Message, Network, Node, SendType, Value, ValueTable, Window, WindowKind,
+};
 pub use problem::{Problem, Problems};
 pub use reference::Reference;
 pub use signal::{ByteOrder, Piece, Signal};

@@ -53,6 +53,8 @@ pub struct Message {
     pub sender: String,
     /// When it is sent.
     pub send_type: SendType,
+    /// In which basic cycles a cyclic message is sent.
+    pub condition: Condition,
     /// Where in the system matrix it is sent.
     pub window: Window,
     /// Signals in file order.
@@ -74,6 +76,15 @@ pub enum SendType {
         /// Least time between two of them, in milliseconds.
         interval_ms: u32,
     },
+}
+
+/// In which basic cycles a cyclic message is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Condition {
+    /// In each that has its window.
+    Always,
+    /// In those whose reference message has its signal `Fixed` set.
+    WhileFixed,
 }
 
 /// A window of the system matrix.

@@ -4,7 +4,7 @@ use can_dbc::{AttributeValue, Comment, Dbc, MessageId, NumericValue, ValueDescri
 
 use crate::{
     check::check,
-    network::{Message, Network, Node, SendType, Value, ValueTable, Window, WindowKind},
+    network::{Condition, Message, Network, Node, SendType, Value, ValueTable, Window, WindowKind},
     problem::{Problem, Problems},
     signal::{ByteOrder, Signal},
 };
@@ -219,6 +219,10 @@ impl Reader<'_> {
                 period_ms: self.message_number(message.id, name, "GenMsgCycleTime"),
             },
         };
+        let condition = match self.word(message.id, "SendCondition", &["Always", "WhileFixed"]) {
+            Some("WhileFixed") => Condition::WhileFixed,
+            _ => Condition::Always,
+        };
         const KINDS: [&str; 4] = ["None", "Reference", "Exclusive", "Arbitrating"];
         let kind = match self.word(message.id, "WindowKind", &KINDS) {
             Some("Reference") => WindowKind::Reference,
@@ -255,6 +259,7 @@ impl Reader<'_> {
             shortest: u8::try_from(shortest).unwrap_or(length).min(length),
             sender,
             send_type,
+            condition,
             window,
             signals,
             line,
