@@ -512,13 +512,10 @@ impl World {
     /// channel and the microsecond, so that asking again gives the same answer.
     pub fn adc(&mut self, channel: Analog, when: SimTime) -> u16 {
         let (volts, deviation) = match channel {
-            Analog::SteeringPot => {
-                let state = self.vehicle.state_at(when);
-                (
-                    self.vehicle.pot(&state),
-                    self.vehicle.parameters().pot_noise.get(),
-                )
-            }
+            Analog::SteeringPot => (
+                self.vehicle.pot_at(when),
+                self.vehicle.parameters().pot_noise.get(),
+            ),
             Analog::JoystickX => {
                 let (right, _) = operator::joystick(&self.scenario, when);
                 (CENTRE + right * (FULL_SCALE - CENTRE), JOYSTICK_NOISE)

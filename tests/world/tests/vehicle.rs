@@ -216,12 +216,9 @@ fn wheel_slip_and_steering_bias_do_what_they_say() {
         0.0,
         "the potentiometer does not see the bias"
     );
-    assert_eq!(vehicle.pot(&vehicle.state()), 2048.0);
-    let right = State {
-        steering: 25_f64.to_radians(),
-        ..REST
-    };
-    assert!(near(vehicle.pot(&right), 3048.0, 1e-9));
+    assert_eq!(vehicle.pot_at(vehicle.now()), 2048.0);
+    drive_for(&mut vehicle, 2.0, 1.0, 0.0);
+    assert!(near(vehicle.pot_at(vehicle.now()), 3048.0, 1e-9));
 }
 
 #[test]
@@ -256,8 +253,11 @@ proptest! {
         let mut vehicle = Vehicle::new(parameters, ground, REST);
         for (span, steering, drive) in inputs {
             let before = vehicle.state();
+            vehicle.set_effort(vehicle.now(), Motor::Steering, steering);
+            let foreseen = vehicle.steering_at(at(from_seconds(seconds(vehicle.now()) + span)));
             drive_for(&mut vehicle, span, steering, drive);
             let after = vehicle.state();
+            prop_assert!(near(foreseen, after.steering, 1e-9));
             prop_assert!(after.steering.abs() <= 25_f64.to_radians());
             prop_assert!(after.speed.abs() <= 2.0);
             let most = 25_f64.to_radians() * gain * span;

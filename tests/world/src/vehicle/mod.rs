@@ -175,10 +175,30 @@ impl Vehicle {
         }
     }
 
-    /// Voltage of the steering potentiometer as a converter reading before noise and rounding.
+    /// The steering angle at `when` as the efforts known so far give it; much cheaper than
+    /// [`Vehicle::state_at`], because converters ask for it all the time.
     #[must_use]
-    pub fn pot(&self, state: &State) -> f64 {
-        self.parameters.pot_centre.get() + self.parameters.pot_slope.get() * state.steering
+    pub fn steering_at(&self, when: SimTime) -> f64 {
+        let mut actuator = self.actuator;
+        let mut angle = self.state.steering;
+        let mut now = self.now;
+        let changes = self
+            .pending
+            .iter()
+            .filter(|(_, motor, _)| *motor == Motor::Steering);
+        for &(from, _, effort) in changes.take_while(|(from, ..)| *from <= when) {
+            angle = actuator.after(angle, span_seconds(since(from, now)));
+            actuator.effort = effort;
+            now = from;
+        }
+        actuator.after(angle, span_seconds(since(when, now)))
+    }
+
+    /// Voltage of the steering potentiometer at `when` as a converter reading before noise and
+    /// rounding.
+    #[must_use]
+    pub fn pot_at(&self, when: SimTime) -> f64 {
+        self.parameters.pot_centre.get() + self.parameters.pot_slope.get() * self.steering_at(when)
     }
 
     /// The vehicle's constants.
