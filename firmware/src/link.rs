@@ -144,8 +144,11 @@ enum Presence {
 }
 
 /// Protocol stack, port and timer.
+///
+/// The stack lives in static memory of the application: some 1 KiB that is not moved about
+/// on the call stack while the node starts.
 pub struct Link<P, T> {
-    node: Stack,
+    node: &'static mut Stack,
     port: P,
     timer: T,
     inbox: [Option<Frame>; WINDOWS],
@@ -164,13 +167,19 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     ///
     /// # Errors
     /// The stack refuses the configuration.
-    pub fn new(config: NodeConfig, port: P, timer: T) -> Result<Self, ConfigError> {
+    pub fn new(
+        place: &'static mut Option<Stack>,
+        config: NodeConfig,
+        port: P,
+        timer: T,
+    ) -> Result<Self, ConfigError> {
+        let node = place.insert(Stack::new(SCHEDULE.view(), config)?);
         Ok(Self {
             pause: crate::design::REJOIN_PAUSE
                 .ticks()
                 .saturating_mul(config.ticks_per_us),
             ticks_per_us: config.ticks_per_us,
-            node: Stack::new(SCHEDULE.view(), config)?,
+            node,
             port,
             timer,
             inbox: [None; WINDOWS],
@@ -377,7 +386,9 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
             .ok_or(QueueError::NotAnEvent)?;
         let now = self.now();
         let queued = self.node.queue_event(frame, now, lifetime);
-        self.service();
+        // The service is left to the window timer's own task, so that the caller, who blocks
+        // the bus's interrupts meanwhile, is short.
+        self.timer.set_window(now.0);
         queued
     }
 
@@ -400,12 +411,12 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
 
     /// The protocol stack.
     pub fn node(&self) -> &Stack {
-        &self.node
+        self.node
     }
 
     /// The protocol stack, to set what its application decides.
     pub fn node_mut(&mut self) -> &mut Stack {
-        &mut self.node
+        self.node
     }
 
     /// The window timer.

@@ -2,7 +2,7 @@
 
 use crate::board;
 use crate::design;
-use crate::link::{Link, WindowTimer};
+use crate::link::{Link, Stack, WindowTimer};
 use board::clock::{Clocks, Oscillator};
 use ttcan::{ConfigError, Micros, NodeConfig, NodeId, StampLatency};
 
@@ -69,11 +69,12 @@ impl Timer {
     }
 }
 
-/// Makes the link of a node; it is silent until [`Link::start`].
+/// Makes the link of a node, whose protocol stack lives in `place`; it is silent until [`Link::start`].
 ///
 /// # Errors
 /// The protocol stack refuses the configuration.
 pub fn link(
+    place: &'static mut Option<Stack>,
     node: NodeId,
     clocks: Clocks,
     can: board::CanPort,
@@ -94,5 +95,5 @@ pub fn link(
         },
         ..NodeConfig::new(node, clocks.ticks_per_us)
     };
-    Link::new(config, can, Timer { clock, alarms })
+    Link::new(place, config, can, Timer { clock, alarms })
 }

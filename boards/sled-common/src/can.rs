@@ -12,8 +12,7 @@
 //! no automatic wake-up, time-triggered mode off.
 
 pub use bxcan::FilterOwner;
-use bxcan::filter::Mask32;
-use bxcan::{Fifo, Interrupt};
+use bxcan::Interrupt;
 use ttcan::{BitTiming, Frame, Id};
 
 /// What came out of the receive FIFO.
@@ -72,6 +71,15 @@ const RI0R: usize = 0x1B0;
 const RDT0R: usize = 0x1B4;
 const RDL0R: usize = 0x1B8;
 const RDH0R: usize = 0x1BC;
+const FMR: usize = 0x200;
+const FM1R: usize = 0x204;
+const FS1R: usize = 0x20C;
+const FFA1R: usize = 0x214;
+const FA1R: usize = 0x21C;
+const F0R1: usize = 0x240;
+const F0R2: usize = 0x244;
+
+const FMR_FINIT: u32 = 1 << 0;
 
 const MCR_INRQ: u32 = 1 << 0;
 const MCR_TXFP: u32 = 1 << 2;
@@ -121,16 +129,31 @@ impl<I: FilterOwner> Port<I> {
             .set_bit_timing(timing.register())
             .set_automatic_retransmit(false)
             .leave_disabled();
-        can.modify_filters()
-            .enable_bank(0, Fifo::Fifo0, Mask32::accept_all());
         can.enable_interrupt(Interrupt::Fifo0MessagePending);
         can.enable_interrupt(Interrupt::TransmitMailboxEmpty);
         let mut port = Self { can };
+        port.accept_all();
         // The crate has no name for the bus-off interrupt.
         let enabled = port.read(IER);
         port.write(IER, enabled | IER_BOFIE | IER_ERRIE);
         port.write(MCR, MCR_RUN);
         port
+    }
+
+    /// Filter bank 0 as one 32-bit mask that asks for nothing, into FIFO 0. The crate's own
+    /// way checks the bank's number at run time and could panic.
+    fn accept_all(&mut self) {
+        let mode = self.read(FMR);
+        self.write(FMR, mode | FMR_FINIT);
+        for (register, set) in [(FM1R, false), (FS1R, true), (FFA1R, false), (FA1R, true)] {
+            let banks = self.read(register) & !1;
+            if register == FA1R {
+                self.write(F0R1, 0);
+                self.write(F0R2, 0);
+            }
+            self.write(register, banks | u32::from(set));
+        }
+        self.write(FMR, mode & !FMR_FINIT);
     }
 
     /// Takes the oldest frame out of the FIFO; `None` when it is empty.

@@ -41,6 +41,7 @@ mod app {
     use firmware::console::{self as lines, BusView, Line};
     use firmware::display::{self, Plain, Supervision};
     use firmware::housekeeping::Housekeeping;
+    use firmware::link::Stack;
     use firmware::node::{self, BoardLink};
     use firmware::pilot::{self, Pilot};
     use firmware::text::Text;
@@ -76,14 +77,21 @@ mod app {
         keeping: Housekeeping,
     }
 
-    #[init]
+    #[init(local = [stack: Option<Stack> = None])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let last_fault = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
         };
         let clocks = sled.clocks;
-        let Ok(mut link) = node::link(CONTROLLER, clocks, sled.can, sled.clock, sled.alarms) else {
+        let Ok(mut link) = node::link(
+            cx.local.stack,
+            CONTROLLER,
+            clocks,
+            sled.can,
+            sled.clock,
+            sled.alarms,
+        ) else {
             fault::stop(Fault::Start)
         };
         let (Some(operator), Ok(pilot)) = (sled.rest.operator(), Pilot::new()) else {

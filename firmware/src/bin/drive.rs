@@ -29,6 +29,7 @@ mod app {
     };
     use firmware::console::{self as lines, ActuatorView, BusView, Line};
     use firmware::housekeeping::Housekeeping;
+    use firmware::link::Stack;
     use firmware::node::{self, BoardLink};
     use firmware::{design, fault};
     use network::Message as _;
@@ -52,14 +53,21 @@ mod app {
         keeping: Housekeeping,
     }
 
-    #[init]
+    #[init(local = [stack: Option<Stack> = None])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let last_fault = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
         };
         let clocks = sled.clocks;
-        let Ok(mut link) = node::link(DRIVE, clocks, sled.can, sled.clock, sled.alarms) else {
+        let Ok(mut link) = node::link(
+            cx.local.stack,
+            DRIVE,
+            clocks,
+            sled.can,
+            sled.clock,
+            sled.alarms,
+        ) else {
             fault::stop(Fault::Start)
         };
         Mono::start(cx.core.SYST, clocks.core);

@@ -29,6 +29,7 @@ mod app {
     };
     use firmware::console::{self as lines, BusView, Line};
     use firmware::housekeeping::Housekeeping;
+    use firmware::link::Stack;
     use firmware::navigation::Station;
     use firmware::node::{self, BoardLink};
     use firmware::{design, fault};
@@ -54,14 +55,21 @@ mod app {
         keeping: Housekeeping,
     }
 
-    #[init]
+    #[init(local = [stack: Option<Stack> = None])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let last_fault = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
         };
         let clocks = sled.clocks;
-        let Ok(link) = node::link(GPS, clocks, sled.can, sled.clock, sled.alarms) else {
+        let Ok(link) = node::link(
+            cx.local.stack,
+            GPS,
+            clocks,
+            sled.can,
+            sled.clock,
+            sled.alarms,
+        ) else {
             fault::stop(Fault::Start)
         };
         let Some(receiver) = sled.rest.receiver() else {

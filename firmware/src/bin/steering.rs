@@ -32,6 +32,7 @@ mod app {
     };
     use firmware::console::{self as lines, ActuatorView, BusView, Line};
     use firmware::housekeeping::Housekeeping;
+    use firmware::link::Stack;
     use firmware::navigation::padded;
     use firmware::node::{self, BoardLink};
     use firmware::{design, fault};
@@ -57,14 +58,21 @@ mod app {
         keeping: Housekeeping,
     }
 
-    #[init]
+    #[init(local = [stack: Option<Stack> = None])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let last_fault = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
         };
         let clocks = sled.clocks;
-        let Ok(mut link) = node::link(STEERING, clocks, sled.can, sled.clock, sled.alarms) else {
+        let Ok(mut link) = node::link(
+            cx.local.stack,
+            STEERING,
+            clocks,
+            sled.can,
+            sled.clock,
+            sled.alarms,
+        ) else {
             fault::stop(Fault::Start)
         };
         let Some(pot) = sled.rest.pot() else {
