@@ -116,3 +116,284 @@ impl<T: Scalar> Actuator<T> {
         }
     }
 }
+
+/// Why a fit gives nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FitError {
+    /// Too few samples; how many there were.
+    TooFew(u32),
+    /// The samples do not spread: all at one place, or all on one line.
+    NoSpread,
+    /// The fit contradicts what it stands for: a rate that falls with effort,
+    /// or a dead band outside [0, 1).
+    Implausible,
+}
+
+impl core::fmt::Display for FitError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::TooFew(count) => write!(f, "{count} samples are too few for a fit"),
+            Self::NoSpread => f.write_str("the samples do not spread enough for a fit"),
+            Self::Implausible => f.write_str("the fit contradicts what it stands for"),
+        }
+    }
+}
+
+impl core::error::Error for FitError {}
+
+/// A straight line through samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FittedLine<T> {
+    /// Growth of y with x.
+    pub slope: T,
+    /// y at x = 0.
+    pub offset: T,
+    /// Root mean square of what remains, in units of y.
+    pub residual: T,
+    /// Number of samples.
+    pub count: u32,
+}
+
+/// Least squares for y = slope x + offset, sample by sample (Welford's
+/// update, so that far-off means cost no digits).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LineFit<T> {
+    count: u32,
+    mean_x: T,
+    mean_y: T,
+    xx: T,
+    xy: T,
+    yy: T,
+}
+
+impl<T: Scalar> LineFit<T> {
+    /// A fit without samples.
+    #[must_use]
+    pub fn new() -> Self {
+        let zero = T::zero();
+        Self {
+            count: 0,
+            mean_x: zero,
+            mean_y: zero,
+            xx: zero,
+            xy: zero,
+            yy: zero,
+        }
+    }
+
+    /// Takes a sample; one that is not finite is left out.
+    pub fn add(&mut self, x: T, y: T) {
+        if !(x.is_finite() && y.is_finite()) {
+            return;
+        }
+        self.count = self.count.saturating_add(1);
+        let share = T::one() / T::lit(f64::from(self.count));
+        let (dx, dy) = (x - self.mean_x, y - self.mean_y);
+        self.mean_x += dx * share;
+        self.mean_y += dy * share;
+        self.xx += dx * (x - self.mean_x);
+        self.xy += dx * (y - self.mean_y);
+        self.yy += dy * (y - self.mean_y);
+    }
+
+    /// The line.
+    ///
+    /// # Errors
+    /// [`FitError::TooFew`] below three samples, [`FitError::NoSpread`] when
+    /// all x are the same.
+    pub fn solve(&self) -> Result<FittedLine<T>, FitError> {
+        if self.count < 3 {
+            return Err(FitError::TooFew(self.count));
+        }
+        let size = self.mean_x * self.mean_x * T::lit(f64::from(self.count));
+        if !(self.xx > size * T::default_epsilon()) || !(self.xx > T::zero()) {
+            return Err(FitError::NoSpread);
+        }
+        let slope = self.xy / self.xx;
+        let rest = self.yy - slope * self.xy;
+        let rest = if rest > T::zero() { rest } else { T::zero() };
+        Ok(FittedLine {
+            slope,
+            offset: self.mean_y - slope * self.mean_x,
+            residual: (rest / T::lit(f64::from(self.count))).root(),
+            count: self.count,
+        })
+    }
+}
+
+/// A circle driven with the steering held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FittedCircle<T> {
+    /// Centre, in the coordinates of the samples, m.
+    pub north: T,
+    /// Centre, in the coordinates of the samples, m.
+    pub east: T,
+    /// Radius, m.
+    pub radius: T,
+}
+
+/// Least squares for a circle, sample by sample (Kasa, IEEE Trans. Instrum.
+/// Meas. 25, 1976), relative to the first sample. Drive at least a third of
+/// the circle: on short arcs this fit reads the radius too small.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CircleFit<T> {
+    count: u32,
+    first: (T, T),
+    normal: nalgebra::SMatrix<T, 3, 3>,
+    right: nalgebra::SVector<T, 3>,
+}
+
+impl<T: Scalar> CircleFit<T> {
+    /// A fit without samples.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            count: 0,
+            first: (T::zero(), T::zero()),
+            normal: nalgebra::SMatrix::zeros(),
+            right: nalgebra::SVector::zeros(),
+        }
+    }
+
+    /// Takes a position (m); one that is not finite is left out.
+    pub fn add(&mut self, north: T, east: T) {
+        if !(north.is_finite() && east.is_finite()) {
+            return;
+        }
+        if self.count == 0 {
+            self.first = (north, east);
+        }
+        self.count = self.count.saturating_add(1);
+        let (x, y) = (north - self.first.0, east - self.first.1);
+        let row = nalgebra::SVector::<T, 3>::new(x, y, T::one());
+        self.normal += row * row.transpose();
+        self.right += row * (x * x + y * y);
+    }
+
+    /// The circle.
+    ///
+    /// # Errors
+    /// [`FitError::TooFew`] below four samples, [`FitError::NoSpread`] when
+    /// they lie on a point or a line.
+    pub fn solve(&self) -> Result<FittedCircle<T>, FitError> {
+        if self.count < 4 {
+            return Err(FitError::TooFew(self.count));
+        }
+        let found = crate::linear::solve(self.normal, self.right).ok_or(FitError::NoSpread)?;
+        let half = T::lit(0.5);
+        let (x, y) = (found[0] * half, found[1] * half);
+        let square = found[2] + x * x + y * y;
+        if !(square > T::zero() && square.is_finite()) {
+            return Err(FitError::NoSpread);
+        }
+        Ok(FittedCircle {
+            north: x + self.first.0,
+            east: y + self.first.1,
+            radius: square.root(),
+        })
+    }
+}
+
+impl<T: Scalar> Default for CircleFit<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Steering angle (rad, not negative) with which a vehicle drives a circle on
+/// which its antenna runs at `radius` (m). `None` when the antenna's lever
+/// alone is that long.
+#[must_use]
+pub fn angle_on_circle<T: Scalar>(geometry: &crate::model::Geometry<T>, radius: T) -> Option<T> {
+    let rear = radius * radius - geometry.l1 * geometry.l1;
+    if rear > T::zero() {
+        Some(geometry.wheelbase().angle_of(rear.root()))
+    } else {
+        None
+    }
+}
+
+impl<T: Scalar> Potentiometer<T> {
+    /// The potentiometer whose readings (counts, y) were seen at steering
+    /// angles (rad, x), by least squares (thesis Figure 5.18).
+    ///
+    /// # Errors
+    /// [`FitError`]; [`FitError::Implausible`] when counts do not change with
+    /// the angle.
+    pub fn fit(samples: &LineFit<T>, lowest: u16, highest: u16) -> Result<Self, FitError> {
+        let line = samples.solve()?;
+        // A turn of the wheels by a radian moves any real potentiometer.
+        if !(line.slope.abs() > T::one()) {
+            return Err(FitError::Implausible);
+        }
+        Ok(Self {
+            centre: line.offset,
+            counts_per_radian: line.slope,
+            lowest,
+            highest,
+        })
+    }
+}
+
+/// Fits an [`Actuator`] to efforts and the rates that they gave, one line for
+/// each sign (thesis Figure 5.20).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ActuatorFit<T> {
+    still: T,
+    positive: LineFit<T>,
+    negative: LineFit<T>,
+}
+
+impl<T: Scalar> ActuatorFit<T> {
+    /// A fit without samples; rates not above `still` (rad/s) count as
+    /// standstill and are left out, since inside the dead band the line does
+    /// not hold.
+    #[must_use]
+    pub fn new(still: T) -> Self {
+        Self {
+            still,
+            positive: LineFit::new(),
+            negative: LineFit::new(),
+        }
+    }
+
+    /// Takes an effort in [-1, 1] and the steady rate it gave (rad/s). Samples
+    /// at full effort are left out: the rate may have wanted more.
+    pub fn add(&mut self, effort: T, rate: T) {
+        if !(effort.abs() < T::one()) {
+            return;
+        }
+        if effort > T::zero() && rate > self.still {
+            self.positive.add(effort, rate);
+        } else if effort < T::zero() && rate < -self.still {
+            self.negative.add(-effort, -rate);
+        }
+    }
+
+    /// The calibration.
+    ///
+    /// # Errors
+    /// [`FitError`] of the direction that could not be fitted, the positive
+    /// one first.
+    pub fn solve(&self) -> Result<Actuator<T>, FitError> {
+        Ok(Actuator {
+            positive: Self::direction(&self.positive)?,
+            negative: Self::direction(&self.negative)?,
+        })
+    }
+
+    fn direction(samples: &LineFit<T>) -> Result<Direction<T>, FitError> {
+        let line = samples.solve()?;
+        if !(line.slope > T::zero()) {
+            return Err(FitError::Implausible);
+        }
+        let dead_band = -line.offset / line.slope;
+        if !(dead_band >= T::zero() && dead_band < T::one()) {
+            return Err(FitError::Implausible);
+        }
+        Ok(Direction {
+            dead_band,
+            full_rate: line.slope + line.offset,
+        })
+    }
+}

@@ -1,54 +1,84 @@
 //! One control step of the vehicle: what the buses and sensors say in, what
 //! the actuators are told out.
+//!
+//! The step is a fixed chain: estimator, place on the path, steering law,
+//! hold, safety filter. Its loops have fixed bounds and it cannot panic.
 
-use crate::feedback::{LimitError, Limits, state_feedback};
+use crate::estimator::{
+    Estimate, Estimator, EstimatorError, EstimatorSettings, Observation, Update,
+};
+use crate::feedback::{LimitError, Limits};
+use crate::guidance::{Deviation, Guidance, GuidanceError, GuidanceSettings};
+use crate::hold::{Hold, HoldSettings};
 use crate::line::Line;
-use crate::model::{Geometry, GeometryError};
+use crate::path::{Path, Place, Progress};
 use crate::position::{Position, Velocity};
 use crate::safety::{Command, SafetyFilter, Slew, Verdict};
 use crate::scalar::{Scalar, wrap_angle};
 use crate::schedule::GainSchedule;
 
-/// Gains on the integral of the cross-track error (1/(m s^2)), the cross-track
-/// error (1/(m s)), the heading error (1/s) and the steering angle (1/s), at
-/// nine speeds.
+/// Steering gains at nine speeds; each row is a [`crate::guidance::Gains`].
 pub type SteeringGains<T> = GainSchedule<T, 4, 9>;
 
 /// Everything about a vehicle that the controller needs to know.
+/// [`crate::uagv::settings`] is an example.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings<T> {
-    /// Axles and antenna.
-    pub geometry: Geometry<T>,
+    /// The vehicle and its sensors, for the estimator.
+    pub estimator: EstimatorSettings<T>,
     /// Actuator limits.
     pub limits: Limits<T>,
     /// How fast commands may change.
     pub slew: Slew<T>,
-    /// Steering gains over speed.
-    pub gains: SteeringGains<T>,
-    /// Speed of an autonomous run, m/s.
+    /// Gains that bring the vehicle onto the path.
+    pub firm: SteeringGains<T>,
+    /// Gains that keep it there.
+    pub gentle: SteeringGains<T>,
+    /// The steering law's own.
+    pub guidance: GuidanceSettings<T>,
+    /// When the steering moves and when it rests.
+    pub hold: HoldSettings<T>,
+    /// Speed of an autonomous run, m/s, not negative.
     pub cruise: T,
-    /// Age at which a position is no longer used to drive, s.
+    /// Standard deviation of the position beyond which the law does not
+    /// drive, m.
+    pub lost: T,
+    /// Age of the last position beyond which the law does not drive, s.
     pub stale_after: T,
+    /// The point held on the path: its distance ahead of the rear axle, m.
+    /// The antenna's L1, or negative for a hitch (thesis Figure 7.2).
+    pub controlled_point: T,
 }
 
 /// Which setting is unusable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SettingsError {
-    /// The geometry.
-    Geometry(GeometryError),
+    /// One of the estimator's.
+    Estimator(EstimatorError),
     /// A limit.
     Limit(LimitError),
-    /// A gain, the schedule's spacing, a slew, the cruise speed or the age is
-    /// not a usable number.
+    /// One of the steering law's.
+    Guidance(GuidanceError),
+    /// A gain is not finite, a gain on cross-track error, heading or steering
+    /// angle is not positive, one on the integral is negative, or a schedule's
+    /// spacing is not positive.
+    Gains,
+    /// The hold's angles are not positive and in order, or its rate is
+    /// negative.
+    Hold,
+    /// A slew, an age, a deviation or the cruise speed is not a usable number.
     Number,
 }
 
 impl core::fmt::Display for SettingsError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Geometry(error) => error.fmt(f),
+            Self::Estimator(error) => error.fmt(f),
             Self::Limit(error) => error.fmt(f),
-            Self::Number => f.write_str("a gain, slew, speed or age is not a usable number"),
+            Self::Guidance(error) => error.fmt(f),
+            Self::Gains => f.write_str("a steering gain or a schedule's spacing is unusable"),
+            Self::Hold => f.write_str("the hold's angles are not positive and in order"),
+            Self::Number => f.write_str("a slew, age, deviation or speed is not a usable number"),
         }
     }
 }
@@ -56,28 +86,50 @@ impl core::fmt::Display for SettingsError {
 impl core::error::Error for SettingsError {}
 
 impl<T: Scalar> Settings<T> {
-    /// The UAGV with a regulator for Q = I, R = 1 at 10 Hz.
+    /// The UAGV at 10 Hz and 1 m/s: [`crate::uagv::settings`].
     #[must_use]
     pub fn uagv() -> Self {
-        let row = [
-            T::zero(),
-            T::lit(0.888_975_001_406_838),
-            T::lit(2.040_969_866_222_82),
-            T::lit(2.198_962_922_897_80),
-        ];
-        Self {
-            geometry: Geometry::uagv(),
-            limits: Limits::uagv(),
-            slew: Slew {
-                steering: T::lit(25.0),
-                speed: T::lit(2.0),
-            },
-            gains: GainSchedule {
-                spacing: T::lit(0.25),
-                gains: [row; 9],
-            },
-            cruise: T::one(),
-            stale_after: T::lit(0.25),
+        crate::uagv::settings()
+    }
+
+    /// Checks that every setting is usable.
+    ///
+    /// # Errors
+    /// [`SettingsError`] names the group at fault.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        self.estimator.check().map_err(SettingsError::Estimator)?;
+        self.limits.check().map_err(SettingsError::Limit)?;
+        self.guidance.check().map_err(SettingsError::Guidance)?;
+        let positive = |value: T| value.is_finite() && value > T::zero();
+        let usable = |schedule: &SteeringGains<T>| {
+            schedule.is_usable()
+                && schedule.gains.iter().all(|[integral, others @ ..]| {
+                    *integral >= T::zero() && others.iter().all(|&gain| gain > T::zero())
+                })
+        };
+        if !(usable(&self.firm) && usable(&self.gentle)) {
+            return Err(SettingsError::Gains);
+        }
+        let hold = &self.hold;
+        let hold_usable = positive(hold.begin)
+            && positive(hold.end)
+            && hold.begin > hold.end
+            && hold.slowest.is_finite()
+            && hold.slowest >= T::zero();
+        if !hold_usable {
+            return Err(SettingsError::Hold);
+        }
+        let numbers = positive(self.slew.speed)
+            && positive(self.slew.steering)
+            && positive(self.stale_after)
+            && positive(self.lost)
+            && self.controlled_point.is_finite()
+            && self.cruise.is_finite()
+            && self.cruise >= T::zero();
+        if numbers {
+            Ok(())
+        } else {
+            Err(SettingsError::Number)
         }
     }
 }
@@ -102,20 +154,23 @@ pub struct Sample<T> {
     pub dt: T,
 }
 
-/// Where the vehicle stands relative to its line.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Where the vehicle stands relative to its path.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tracking<T> {
-    /// Distance along the line, m.
+    /// The segment of the path being followed, counted from zero.
+    pub segment: usize,
+    /// Distance along it, m.
     pub along: T,
-    /// Cross-track error of the antenna, m, positive right of the line.
+    /// Cross-track error of the controlled point, m, positive right of the
+    /// path.
     pub cross_track: T,
     /// Heading, rad clockwise from north, in (-pi, pi].
     pub heading: T,
-    /// Heading relative to the line, rad, in (-pi, pi].
+    /// Heading relative to the path, rad, in (-pi, pi].
     pub heading_error: T,
-    /// Steering angle, rad, positive to the right.
+    /// Steering angle less its estimated bias, rad, positive to the right.
     pub steering_angle: T,
-    /// Speed over ground, m/s.
+    /// Speed of the rear axle, m/s.
     pub speed: T,
 }
 
@@ -124,9 +179,13 @@ pub struct Tracking<T> {
 pub struct Outcome<T> {
     /// For the actuators, when the law commands them; still otherwise.
     pub command: Command<T>,
-    /// Where the vehicle is, for displays and logs; the last known when
-    /// nothing new arrived.
+    /// Where the vehicle is, for displays and logs; dead-reckoned when nothing
+    /// new arrived.
     pub tracking: Tracking<T>,
+    /// The path's end lies behind: the law commands standstill.
+    pub finished: bool,
+    /// What the estimator made of the sample.
+    pub update: Update,
     /// What the safety filter did.
     pub verdict: Verdict,
 }
@@ -135,61 +194,101 @@ pub struct Outcome<T> {
 #[derive(Clone, Copy, Debug)]
 pub struct Controller<T> {
     settings: Settings<T>,
-    line: Line<T>,
+    path: Path<T>,
+    progress: Progress<T>,
+    estimator: Estimator<T>,
+    guidance: Guidance<T>,
+    hold: Hold,
     safety: SafetyFilter<T>,
-    tracking: Tracking<T>,
     position_age: T,
+    crab: T,
 }
 
 impl<T: Scalar> Controller<T> {
-    /// A controller that follows `line`.
+    /// A controller that follows `line` and stops at its end.
     ///
     /// # Errors
     /// [`SettingsError`] names the setting that is unusable.
     pub fn new(settings: Settings<T>, line: Line<T>) -> Result<Self, SettingsError> {
-        settings.geometry.check().map_err(SettingsError::Geometry)?;
-        settings.limits.check().map_err(SettingsError::Limit)?;
-        let positive = |value: T| value.is_finite() && value > T::zero();
-        let usable = positive(settings.gains.spacing)
-            && positive(settings.slew.speed)
-            && positive(settings.slew.steering)
-            && positive(settings.stale_after)
-            && settings.cruise.is_finite()
-            && settings
-                .gains
-                .gains
-                .iter()
-                .flatten()
-                .all(|gain| gain.is_finite());
-        if !usable {
-            return Err(SettingsError::Number);
-        }
+        settings.check()?;
+        let path = Path::line(&line);
         Ok(Self {
             settings,
-            line,
+            path,
+            progress: Progress::start(),
+            estimator: Estimator::new(settings.estimator, path.origin())
+                .map_err(SettingsError::Estimator)?,
+            guidance: Guidance::new(settings.guidance).map_err(SettingsError::Guidance)?,
+            hold: Hold::new(),
             safety: SafetyFilter::new(settings.limits, settings.slew, settings.stale_after),
-            tracking: Tracking {
-                along: T::zero(),
-                cross_track: T::zero(),
-                heading: line.bearing(),
-                heading_error: T::zero(),
-                steering_angle: T::zero(),
-                speed: T::zero(),
-            },
             position_age: settings.stale_after + T::one(),
+            crab: T::zero(),
         })
     }
 
-    /// The line being followed.
-    #[must_use]
-    pub fn line(&self) -> &Line<T> {
-        &self.line
+    /// Follows `path` from its beginning from now on.
+    pub fn follow(&mut self, path: Path<T>) {
+        self.estimator.rebase(path.origin());
+        self.path = path;
+        self.progress = Progress::start();
+        self.guidance.reset();
     }
 
-    /// One control step; call it once in each basic cycle.
+    /// Tells the angle (rad) by which the body points to the right of its
+    /// course, as on a slope, when something beside the antenna knows it. It
+    /// matters only for a controlled point away from the antenna.
+    pub fn set_crab(&mut self, crab: T) {
+        if crab.is_finite() {
+            self.crab = crab;
+        }
+    }
+
+    /// The path being followed.
+    #[must_use]
+    pub fn path(&self) -> &Path<T> {
+        &self.path
+    }
+
+    /// The estimator.
+    #[must_use]
+    pub fn estimator(&self) -> &Estimator<T> {
+        &self.estimator
+    }
+
+    /// The steering law.
+    #[must_use]
+    pub fn guidance(&self) -> &Guidance<T> {
+        &self.guidance
+    }
+
+    /// One control step; call it once in each basic cycle, in every mode: the
+    /// estimator keeps running while someone else drives.
     pub fn step(&mut self, sample: &Sample<T>) -> Outcome<T> {
-        self.observe(sample);
-        let proposed = sample.engaged.then(|| self.law());
+        let update = self.estimator.step(&Observation {
+            position: sample.position,
+            velocity: sample.velocity,
+            steering_angle: sample.steering_angle,
+            steering_rate: sample.applied.steering_rate,
+            speed: sample.applied.speed,
+            dt: sample.dt,
+        });
+        if sample.position.is_some() {
+            self.position_age = T::zero();
+        } else {
+            self.position_age += sample.dt;
+        }
+        let estimate = self.estimator.estimate();
+        let place = self
+            .progress
+            .advance(&self.path, estimate.north, estimate.east);
+        let tracking = self.locate(&estimate, &place);
+        let proposed = if sample.engaged {
+            self.law(&tracking, sample.dt)
+        } else {
+            self.guidance.reset();
+            self.hold = Hold::new();
+            None
+        };
         let (command, verdict) = self.safety.step(
             proposed,
             self.position_age,
@@ -198,50 +297,85 @@ impl<T: Scalar> Controller<T> {
         );
         Outcome {
             command,
-            tracking: self.tracking,
+            tracking,
+            finished: self.progress.finished,
+            update,
             verdict,
         }
     }
 
-    fn observe(&mut self, sample: &Sample<T>) {
-        let tracking = &mut self.tracking;
-        if let Some(angle) = sample.steering_angle {
-            tracking.steering_angle = angle;
-        }
-        if let Some(velocity) = sample.velocity {
-            let (north, east) = velocity.metres_per_second::<T>();
-            let speed = (north * north + east * east).root();
-            tracking.speed = speed;
-            if speed > T::lit(0.2) {
-                // The antenna is ahead of the rear axle, so in a turn its
-                // course leads the heading.
-                let lead = (self.settings.geometry.l1 * tracking.steering_angle.tangent())
-                    .angle_of(self.settings.geometry.wheelbase());
-                tracking.heading = wrap_angle(east.angle_of(north) - lead);
-                tracking.heading_error = self.line.heading_error(tracking.heading);
-            }
-        }
-        match sample.position {
-            Some(position) => {
-                let place = self.line.locate(position);
-                tracking.along = place.along;
-                tracking.cross_track = place.cross_track;
-                self.position_age = T::zero();
-            }
-            None => self.position_age += sample.dt,
+    fn locate(&self, estimate: &Estimate<T>, place: &Place<T>) -> Tracking<T> {
+        let heading_error = wrap_angle(estimate.heading - place.bearing);
+        let ahead = self.settings.controlled_point;
+        let (course, _) = heading_error.sine_cosine();
+        let (body, _) = (heading_error + self.crab).sine_cosine();
+        // The estimator takes the body to point along the course, so its rear
+        // axle is off by what the antenna's lever makes of the crab angle.
+        let l1 = self.settings.estimator.geometry.l1;
+        Tracking {
+            segment: self.progress.segment,
+            along: place.along,
+            cross_track: place.cross_track + l1 * (course - body) + ahead * body,
+            heading: estimate.heading,
+            heading_error,
+            steering_angle: estimate.steering_angle,
+            speed: estimate.speed,
         }
     }
 
-    fn law(&self) -> Command<T> {
-        let [_, gains @ ..] = self.settings.gains.at(self.tracking.speed);
-        let state = [
-            self.tracking.cross_track,
-            self.tracking.heading_error,
-            self.tracking.steering_angle,
-        ];
-        Command {
-            steering_rate: state_feedback(&gains, &state),
-            speed: self.settings.cruise,
+    fn law(&mut self, tracking: &Tracking<T>, dt: T) -> Option<Command<T>> {
+        let speed = self.settings.cruise;
+        if !self.estimator.is_ready() {
+            // The heading shows itself only when the vehicle moves.
+            return Some(Command {
+                steering_rate: T::zero(),
+                speed,
+            });
+        }
+        let lost = self.settings.lost;
+        if !(self.estimator.position_variance() <= lost * lost) {
+            return None;
+        }
+        if self.progress.finished {
+            return Some(Command::still());
+        }
+        let effectiveness = self.estimator.effectiveness();
+        let deviation = self.deviation(tracking, effectiveness);
+        let wish = self.guidance.wish(
+            &deviation,
+            &self.settings.firm.at(tracking.speed),
+            &self.settings.gentle.at(tracking.speed),
+            dt,
+        );
+        let error = wish.angle - tracking.steering_angle;
+        let rate = self.hold.rate(&self.settings.hold, error, wish.follow, dt);
+        Some(Command {
+            steering_rate: rate / effectiveness,
+            speed,
+        })
+    }
+
+    fn deviation(&self, tracking: &Tracking<T>, effectiveness: T) -> Deviation<T> {
+        let Progress { segment, along, .. } = self.progress;
+        let forward = if tracking.speed > T::zero() {
+            tracking.speed
+        } else {
+            T::zero()
+        };
+        let half = self.guidance.steering_way(forward, effectiveness) * T::lit(0.5);
+        // The angle follows the wish a little late.
+        let ahead = along + forward * T::lit(0.2);
+        let (sine, _) = tracking.heading_error.sine_cosine();
+        Deviation {
+            cross_track: tracking.cross_track - self.settings.controlled_point * sine,
+            heading: tracking.heading_error,
+            steering_angle: tracking.steering_angle,
+            speed: forward,
+            curvature: self.path.mean_curvature(segment, along, along),
+            curvature_ahead: self
+                .path
+                .mean_curvature(segment, ahead - half, ahead + half),
+            effectiveness,
         }
     }
 }

@@ -16,16 +16,26 @@
 // `x <= 0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
+pub mod analysis;
 pub mod calibration;
 pub mod controller;
+pub mod design;
 pub mod discretise;
+pub mod dubins;
+pub mod estimator;
 pub mod feedback;
+pub mod guidance;
+pub mod hold;
+pub mod kalman;
 pub mod line;
 pub mod linear;
 pub mod lqr;
 pub mod mode;
 pub mod model;
+pub mod path;
 pub mod position;
+pub mod row;
 pub mod safety;
 pub mod scalar;
 pub mod schedule;
+pub mod uagv;

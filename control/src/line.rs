@@ -87,10 +87,18 @@ impl<T: Scalar> Line<T> {
     #[must_use]
     pub fn locate(&self, position: Position) -> LinePosition<T> {
         let (north, east) = position.metres_from::<T>(self.origin);
-        LinePosition {
-            along: self.north * north + self.east * east,
-            cross_track: self.north * east - self.east * north,
-        }
+        let (along, cross_track) = self.locate_metres(north, east);
+        LinePosition { along, cross_track }
+    }
+
+    /// Like [`Self::locate`] for a point `north` and `east` metres from the
+    /// first waypoint: distance along the line and to its right, m.
+    #[must_use]
+    pub fn locate_metres(&self, north: T, east: T) -> (T, T) {
+        (
+            self.north * north + self.east * east,
+            self.north * east - self.east * north,
+        )
     }
 
     /// Difference of `heading` (radians clockwise from north) from the line's

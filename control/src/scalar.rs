@@ -40,6 +40,14 @@ pub trait Scalar: RealField + Copy {
         sine / cosine
     }
 
+    /// Angle in [0, pi] whose cosine is `self`; arguments beyond [-1, 1] count
+    /// as the nearer end.
+    fn arccosine(self) -> Self {
+        let limited = clamp_symmetric(self, Self::one());
+        let sine = ((Self::one() - limited) * (Self::one() + limited)).root();
+        sine.angle_of(limited)
+    }
+
     /// The nearest whole number, halves to even, for magnitudes below 2^22.
     fn nearest(self) -> Self;
 }

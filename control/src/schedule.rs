@@ -18,27 +18,62 @@ impl<T: Scalar, const N: usize, const P: usize> GainSchedule<T, N, P> {
     /// the gains of standstill.
     #[must_use]
     pub fn at(&self, speed: T) -> [T; N] {
-        let mut result = [T::zero(); N];
-        let place = speed.abs() / self.spacing;
-        let mut position = T::zero();
         let mut rows = self.gains.iter();
         let Some(mut row) = rows.next() else {
-            return result;
+            return [T::zero(); N];
         };
+        let mut share = speed.abs() / self.spacing;
         for next in rows {
-            if !(place > position) {
+            if !(share > T::zero()) {
                 break;
             }
-            let share = place - position;
             if share < T::one() {
-                for ((result, &low), &high) in result.iter_mut().zip(row).zip(next) {
-                    *result = low + (high - low) * share;
+                let mut between = *row;
+                for (low, &high) in between.iter_mut().zip(next) {
+                    *low += (high - *low) * share;
                 }
-                return result;
+                return between;
             }
-            position += T::one();
+            share -= T::one();
             row = next;
         }
         *row
+    }
+
+    /// The same schedule in another precision.
+    #[must_use]
+    pub fn cast<U: Scalar>(&self) -> GainSchedule<U, N, P> {
+        GainSchedule {
+            spacing: U::lit(self.spacing.as_f64()),
+            gains: self.gains.map(|row| row.map(|gain| U::lit(gain.as_f64()))),
+        }
+    }
+
+    /// Whether every gain is finite and the spacing a positive number.
+    #[must_use]
+    pub fn is_usable(&self) -> bool {
+        self.spacing.is_finite()
+            && self.spacing > T::zero()
+            && self.gains.iter().flatten().all(|gain| gain.is_finite())
+    }
+}
+
+/// Shown as a Rust expression with nine digits, which single precision needs
+/// to be restored exactly: a build script writes it into its output.
+impl<T: Scalar, const N: usize, const P: usize> core::fmt::Display for GainSchedule<T, N, P> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        writeln!(f, "GainSchedule {{")?;
+        writeln!(f, "    spacing: {:?},", self.spacing.as_f64())?;
+        writeln!(f, "    gains: [")?;
+        for row in &self.gains {
+            write!(f, "        [")?;
+            for (number, gain) in row.iter().enumerate() {
+                let comma = if number == 0 { "" } else { ", " };
+                write!(f, "{comma}{:.8e}", gain.as_f64())?;
+            }
+            writeln!(f, "],")?;
+        }
+        writeln!(f, "    ],")?;
+        write!(f, "}}")
     }
 }

@@ -1,0 +1,116 @@
+//! From a vehicle and weights to steering gains over speed: done on the host or
+//! at build time, in double precision, then carried to the target as a table.
+
+use crate::discretise::{DiscretiseError, zero_order_hold};
+use crate::lqr::{RegulatorError, dlqr};
+use crate::model::{Continuous, Geometry, GeometryError};
+use crate::scalar::Scalar;
+use crate::schedule::GainSchedule;
+use nalgebra::{SMatrix, SVector};
+
+/// What the regulator weighs: each value is the inverse square of a deviation
+/// that matters as much as any other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SteeringWeights<T> {
+    /// On the integral of the cross-track error, 1/(m s)^2; positive.
+    pub integral: T,
+    /// On the cross-track error, 1/m^2; positive.
+    pub cross_track: T,
+    /// On the heading error, 1/rad^2; not negative.
+    pub heading: T,
+    /// On the steering angle, 1/rad^2; not negative.
+    pub steering_angle: T,
+    /// On the steering rate, s^2/rad^2; positive.
+    pub steering_rate: T,
+}
+
+/// Why no schedule could be designed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DesignError<T> {
+    /// The vehicle's geometry.
+    Geometry(GeometryError),
+    /// The spacing of speeds or the slowest speed is not a positive number.
+    Speed,
+    /// The period.
+    Discretise(DiscretiseError),
+    /// No regulator at this speed (m/s).
+    Regulator {
+        /// The speed, m/s.
+        speed: T,
+        /// What is wrong.
+        error: RegulatorError,
+    },
+}
+
+impl<T: core::fmt::Display> core::fmt::Display for DesignError<T> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Geometry(error) => error.fmt(f),
+            Self::Speed => f.write_str("a speed of the schedule is not a positive number"),
+            Self::Discretise(error) => error.fmt(f),
+            Self::Regulator { speed, error } => write!(f, "at {speed} m/s: {error}"),
+        }
+    }
+}
+
+impl<T: core::fmt::Display + core::fmt::Debug> core::error::Error for DesignError<T> {}
+
+/// The steering model with the integral of the cross-track error in front
+/// (thesis Figure 7.12): states integral (m s), cross-track error (m), heading
+/// error (rad), steering angle (rad).
+#[must_use]
+pub fn with_integral<T: Scalar>(model: &Continuous<T, 3, 1>) -> Continuous<T, 4, 1> {
+    let mut a = SMatrix::<T, 4, 4>::zeros();
+    a[(0, 1)] = T::one();
+    a.fixed_view_mut::<3, 3>(1, 1).copy_from(&model.a);
+    let mut b = SMatrix::<T, 4, 1>::zeros();
+    b.fixed_view_mut::<3, 1>(1, 0).copy_from(&model.b);
+    Continuous { a, b }
+}
+
+/// Steering gains at P speeds, `spacing` (m/s) apart from standstill upwards,
+/// for a controller that runs each `period` seconds.
+///
+/// `geometry.l1` is the controlled point's distance ahead of the rear axle.
+/// Row k holds [K_integral, K_cross, K_heading, K_steering] for u = -K x.
+/// Steering moves nothing while the vehicle stands, so speeds below `slowest`
+/// (m/s, positive) are designed as if at `slowest`.
+///
+/// # Errors
+/// [`DesignError`] names the speed and the condition at fault.
+pub fn steering_gains<T: Scalar, const P: usize>(
+    geometry: &Geometry<T>,
+    weights: &SteeringWeights<T>,
+    period: T,
+    spacing: T,
+    slowest: T,
+) -> Result<GainSchedule<T, 4, P>, DesignError<T>> {
+    geometry.check().map_err(DesignError::Geometry)?;
+    let positive = |value: T| value.is_finite() && value > T::zero();
+    if !(positive(spacing) && positive(slowest)) {
+        return Err(DesignError::Speed);
+    }
+    let q = SMatrix::<T, 4, 4>::from_diagonal(&SVector::<T, 4>::new(
+        weights.integral,
+        weights.cross_track,
+        weights.heading,
+        weights.steering_angle,
+    ));
+    let r = SMatrix::<T, 1, 1>::new(weights.steering_rate);
+    let mut gains = [[T::zero(); 4]; P];
+    let mut speed = T::zero();
+    for row in &mut gains {
+        let design = if speed > slowest { speed } else { slowest };
+        let model = with_integral(&geometry.steering_model(design));
+        let sampled = zero_order_hold(&model, period).map_err(DesignError::Discretise)?;
+        let regulator = dlqr(&sampled, &q, &r).map_err(|error| DesignError::Regulator {
+            speed: design,
+            error,
+        })?;
+        for (entry, &gain) in row.iter_mut().zip(regulator.gain.iter()) {
+            *entry = gain;
+        }
+        speed += spacing;
+    }
+    Ok(GainSchedule { spacing, gains })
+}

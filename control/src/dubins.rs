@@ -1,0 +1,288 @@
+//! Shortest paths of a car that only drives forward and turns no tighter than
+//! a given radius (L. E. Dubins, American Journal of Mathematics 79, 1957).
+//!
+//! Headland turns are built from them, and the time that the shortest one
+//! takes is the yardstick for an approach to a line. For design and tests on
+//! the host and for planning between passes, not for the control step: a
+//! search takes some hundred thousand operations.
+
+use crate::scalar::{Scalar, wrap_angle};
+
+/// A place and a direction in the plane.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pose<T> {
+    /// North, m.
+    pub north: T,
+    /// East, m.
+    pub east: T,
+    /// Radians clockwise from north.
+    pub heading: T,
+}
+
+/// What the car does in one piece of the path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Turn {
+    /// An arc to the left (anticlockwise).
+    Left,
+    /// A straight piece.
+    Straight,
+    /// An arc to the right (clockwise).
+    Right,
+}
+
+impl Turn {
+    /// Curvature of the piece for unit radius: -1, 0 or 1.
+    #[must_use]
+    pub const fn sign(self) -> i8 {
+        match self {
+            Self::Left => -1,
+            Self::Straight => 0,
+            Self::Right => 1,
+        }
+    }
+}
+
+/// A shortest path: three pieces, each with its length in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DubinsPath<T> {
+    /// The pieces in driving order; any may have zero length.
+    pub pieces: [(Turn, T); 3],
+    /// Radius of the arcs, m.
+    pub radius: T,
+}
+
+/// Why there is no path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DubinsError {
+    /// The radius is not a positive number.
+    Radius,
+    /// A pose has a coordinate that is not a finite number.
+    Pose,
+}
+
+impl core::fmt::Display for DubinsError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Radius => "the turning radius is not a positive number",
+            Self::Pose => "a pose has a coordinate that is not a finite number",
+        })
+    }
+}
+
+impl core::error::Error for DubinsError {}
+
+impl<T: Scalar> DubinsPath<T> {
+    /// Length of the whole path, m.
+    #[must_use]
+    pub fn length(&self) -> T {
+        let [(_, first), (_, second), (_, third)] = self.pieces;
+        first + second + third
+    }
+
+    /// Where the path ends when it starts at `start`.
+    #[must_use]
+    pub fn end(&self, start: Pose<T>) -> Pose<T> {
+        self.pieces.iter().fold(start, |pose, &(turn, length)| {
+            advance(pose, T::lit(f64::from(turn.sign())) / self.radius, length)
+        })
+    }
+}
+
+/// The pose after driving `length` metres from `start` with constant
+/// `curvature` (1/m, positive to the right).
+#[must_use]
+pub fn advance<T: Scalar>(start: Pose<T>, curvature: T, length: T) -> Pose<T> {
+    let turn = curvature * length;
+    let half = turn * T::lit(0.5);
+    let (sine, cosine) = (start.heading + half).sine_cosine();
+    // The chord; sin(x)/x by its series where the quotient would lose digits.
+    let shrink = if half.abs() < T::lit(1e-2) {
+        let square = half * half;
+        T::one() - square / T::lit(6.0) + square * square / T::lit(120.0)
+    } else {
+        half.sine_cosine().0 / half
+    };
+    Pose {
+        north: start.north + length * shrink * cosine,
+        east: start.east + length * shrink * sine,
+        heading: wrap_angle(start.heading + turn),
+    }
+}
+
+/// The shortest path from `start` to `end` with turns of `radius` metres or
+/// wider.
+///
+/// # Errors
+/// [`DubinsError`] when the radius is not positive or a pose is not finite.
+pub fn shortest<T: Scalar>(
+    start: Pose<T>,
+    end: Pose<T>,
+    radius: T,
+) -> Result<DubinsPath<T>, DubinsError> {
+    if !(radius.is_finite() && radius > T::zero()) {
+        return Err(DubinsError::Radius);
+    }
+    let finite = |pose: &Pose<T>| {
+        pose.north.is_finite() && pose.east.is_finite() && pose.heading.is_finite()
+    };
+    if !(finite(&start) && finite(&end)) {
+        return Err(DubinsError::Pose);
+    }
+    // In units of the radius, with the end on the first axis (Shkel and
+    // Lumelsky, Robotics and Autonomous Systems 34, 2001). Angles here grow
+    // clockwise like headings, so their "left" is our right.
+    let north = (end.north - start.north) / radius;
+    let east = (end.east - start.east) / radius;
+    let distance = (north * north + east * east).root();
+    let bearing = east.angle_of(north);
+    let alpha = turn_forward(start.heading - bearing);
+    let beta = turn_forward(end.heading - bearing);
+    let words = [
+        csc(distance, alpha, beta, true, true),
+        csc(distance, alpha, beta, true, false),
+        csc(distance, alpha, beta, false, true),
+        csc(distance, alpha, beta, false, false),
+        ccc(distance, alpha, beta, true),
+        ccc(distance, alpha, beta, false),
+    ];
+    let mut best: Option<[(Turn, T); 3]> = None;
+    for pieces in words.into_iter().flatten() {
+        let length = |pieces: &[(Turn, T); 3]| pieces.iter().fold(T::zero(), |sum, p| sum + p.1);
+        if best
+            .as_ref()
+            .is_none_or(|best| length(&pieces) < length(best))
+        {
+            best = Some(pieces);
+        }
+    }
+    // One of the first and the fourth word always exists.
+    let pieces = best.ok_or(DubinsError::Pose)?;
+    Ok(DubinsPath {
+        pieces: pieces.map(|(turn, length)| (turn, length * radius)),
+        radius,
+    })
+}
+
+/// The shortest path from `start` onto the line through the origin to the
+/// north, ending anywhere on it with heading north: `start.east` is the
+/// cross-track error, `start.heading` the heading error.
+///
+/// # Errors
+/// [`DubinsError`] when the radius is not positive or the pose is not finite.
+pub fn shortest_to_line<T: Scalar>(
+    start: Pose<T>,
+    radius: T,
+) -> Result<DubinsPath<T>, DubinsError> {
+    let ending = |north: T| {
+        let end = Pose {
+            north,
+            east: T::zero(),
+            heading: T::zero(),
+        };
+        shortest(start, end, radius)
+    };
+    let mut best = ending(start.north)?;
+    let mut best_north = start.north;
+    // Ends farther away than this are longer than going straight there.
+    let mut reach = start.east.abs() + T::lit(7.0) * radius;
+    for _ in 0..12 {
+        let centre = best_north;
+        const STEPS: i32 = 40;
+        for k in -STEPS..=STEPS {
+            let north = centre + reach * T::lit(f64::from(k) / f64::from(STEPS));
+            let path = ending(north)?;
+            if path.length() < best.length() {
+                best = path;
+                best_north = north;
+            }
+        }
+        reach *= T::lit(if reach > radius { 0.25 } else { 0.1 });
+    }
+    Ok(best)
+}
+
+/// `angle` brought into [0, 2 pi).
+fn turn_forward<T: Scalar>(angle: T) -> T {
+    let wrapped = wrap_angle(angle);
+    // An angle that is zero but for rounding is no full turn.
+    if wrapped < -T::default_epsilon() * T::lit(16.0) {
+        wrapped + T::two_pi()
+    } else if wrapped < T::zero() {
+        T::zero()
+    } else {
+        wrapped
+    }
+}
+
+/// Arc, straight, arc; a `right` arc turns clockwise.
+fn csc<T: Scalar>(
+    distance: T,
+    alpha: T,
+    beta: T,
+    first_right: bool,
+    last_right: bool,
+) -> Option<[(Turn, T); 3]> {
+    // Centres of the turning circles, the start at the origin.
+    let side = |right: bool| if right { T::one() } else { -T::one() };
+    let (sine_a, cosine_a) = alpha.sine_cosine();
+    let (sine_b, cosine_b) = beta.sine_cosine();
+    let (first, last) = (side(first_right), side(last_right));
+    let x = distance - last * sine_b + first * sine_a;
+    let y = last * cosine_b - first * cosine_a;
+    let square = x * x + y * y;
+    let span = y.angle_of(x);
+    let (length, direction) = if first_right == last_right {
+        (square.root(), span)
+    } else {
+        let rest = square - T::lit(4.0);
+        if rest < T::zero() {
+            return None;
+        }
+        let length = rest.root();
+        (length, span + first * T::lit(2.0).angle_of(length))
+    };
+    let turn = |right: bool| if right { Turn::Right } else { Turn::Left };
+    Some([
+        (turn(first_right), turn_forward(first * (direction - alpha))),
+        (Turn::Straight, length),
+        (turn(last_right), turn_forward(last * (beta - direction))),
+    ])
+}
+
+/// Three arcs, the middle one the other way and longer than a half circle.
+fn ccc<T: Scalar>(distance: T, alpha: T, beta: T, right: bool) -> Option<[(Turn, T); 3]> {
+    let side = if right { T::one() } else { -T::one() };
+    let (sine_a, cosine_a) = alpha.sine_cosine();
+    let (sine_b, cosine_b) = beta.sine_cosine();
+    let x = distance - side * sine_b + side * sine_a;
+    let y = side * cosine_b - side * cosine_a;
+    let between = (x * x + y * y).root();
+    if !(between <= T::lit(4.0)) {
+        return None;
+    }
+    let span = y.angle_of(x);
+    // Angle at a centre between the way to the other outer centre and the way
+    // to the middle circle's centre.
+    let corner = (between * T::lit(0.25)).arccosine();
+    // Direction of travel where the circles touch, for the middle circle on
+    // either side; the longer middle arc is the shortest path's.
+    let mut best: Option<[(Turn, T); 3]> = None;
+    for sign in [T::one(), -T::one()] {
+        let quarter = T::frac_pi_2();
+        let leave = span + sign * corner + side * quarter;
+        let join = span + T::pi() - sign * corner + side * quarter;
+        let first = turn_forward(side * (leave - alpha));
+        let middle = turn_forward(-side * (join - leave));
+        let last = turn_forward(side * (beta - join));
+        let total = first + middle + last;
+        if best.is_none_or(|[a, b, c]| total < a.1 + b.1 + c.1) {
+            let (outer, inner) = if right {
+                (Turn::Right, Turn::Left)
+            } else {
+                (Turn::Left, Turn::Right)
+            };
+            best = Some([(outer, first), (inner, middle), (outer, last)]);
+        }
+    }
+    best
+}

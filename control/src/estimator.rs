@@ -1,0 +1,706 @@
+//! Where the vehicle is: an extended Kalman filter over position, heading,
+//! steering angle and the biases of both angle measurements.
+//!
+//! These are the five states of thesis Figure 7.11 with the cross-track
+//! distance split into north and east, so that the same filter holds off the
+//! line, facing away from it, and around headland turns; linearised about a
+//! line, the rows across it are Figure 7.11's.
+//!
+//! * Heading comes from the velocity vector and from how the position moves,
+//!   never from the receiver's baseline heading, which points from the base
+//!   station to the rover.
+//! * "Heading" is the direction in which the rear axle travels. On a side
+//!   slope the body points uphill of it by the crab angle; with one antenna
+//!   that angle cannot be observed, and to hold a line it need not be.
+//! * GPS data are late by a known delay: their measurement equations are
+//!   written for the pose that many seconds ago.
+//! * While the vehicle stands the biases are not observable (thesis 7.2.5
+//!   with V = 0) and stay frozen: they keep value and variance.
+//! * Without GPS data the filter dead-reckons on steering angle and speed,
+//!   and its variance grows by what slip and steering noise add.
+
+use crate::linear::is_finite;
+use crate::model::{Geometry, GeometryError};
+use crate::position::{Position, Velocity};
+use crate::scalar::{Scalar, clamp_symmetric, wrap_angle};
+use nalgebra::{SMatrix, SVector};
+
+/// Number of states: north, east, heading, steering angle, heading bias,
+/// steering bias.
+const STATES: usize = 6;
+const NORTH: usize = 0;
+const EAST: usize = 1;
+const HEADING: usize = 2;
+const STEERING: usize = 3;
+const HEADING_BIAS: usize = 4;
+const STEERING_BIAS: usize = 5;
+
+/// How noisy the sensors are and how far the model can be trusted. All values
+/// are standard deviations and positive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise<T> {
+    /// GPS position, per axis, m.
+    pub position: T,
+    /// GPS velocity, per axis, m/s.
+    pub velocity: T,
+    /// Potentiometer, rad.
+    pub steering: T,
+    /// Slip of the wheels: drift of the position, m per square root of a
+    /// second.
+    pub slip: T,
+    /// Drift of the heading beside what the steering explains, rad per square
+    /// root of a second.
+    pub heading: T,
+    /// Drift of the steering angle beside what the command explains, rad per
+    /// square root of a second.
+    pub actuator: T,
+    /// Error of the actuator's rate as a share of the commanded rate.
+    pub actuator_share: T,
+    /// Drift of the heading bias, rad per square root of a second.
+    pub heading_bias: T,
+    /// Drift of the steering bias, rad per square root of a second.
+    pub steering_bias: T,
+    /// Heading bias to be expected at the start, rad.
+    pub first_heading_bias: T,
+    /// Steering bias to be expected at the start, rad.
+    pub first_steering_bias: T,
+}
+
+/// Everything the estimator needs to know about a vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EstimatorSettings<T> {
+    /// Axles and antenna.
+    pub geometry: Geometry<T>,
+    /// Noise of sensors and model.
+    pub noise: Noise<T>,
+    /// Age of GPS data when they are used, s, not negative.
+    pub gps_delay: T,
+    /// Time constant of the drive from commanded to real speed, s, positive.
+    pub drive_lag: T,
+    /// Speed below which the vehicle counts as standing and the velocity
+    /// vector says nothing about the heading, m/s, positive.
+    pub standstill: T,
+}
+
+/// Which estimator setting is unusable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EstimatorError {
+    /// The geometry.
+    Geometry(GeometryError),
+    /// A noise level is not a positive number.
+    Noise,
+    /// The GPS delay is negative or not a number.
+    Delay,
+    /// The drive's time constant or the standstill speed is not a positive
+    /// number.
+    Drive,
+}
+
+impl core::fmt::Display for EstimatorError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Geometry(error) => error.fmt(f),
+            Self::Noise => f.write_str("a noise level of the estimator is not a positive number"),
+            Self::Delay => f.write_str("the GPS delay is negative or not a number"),
+            Self::Drive => {
+                f.write_str("the drive's lag or the standstill speed is not a positive number")
+            }
+        }
+    }
+}
+
+impl core::error::Error for EstimatorError {}
+
+impl<T: Scalar> EstimatorSettings<T> {
+    /// The UAGV with an RTK-fixed receiver: 1 cm and 3 cm/s of noise, data
+    /// 75 ms old.
+    #[must_use]
+    pub fn uagv() -> Self {
+        let degrees = |value: f64| T::lit(value * core::f64::consts::PI / 180.0);
+        Self {
+            geometry: Geometry::uagv(),
+            noise: Noise {
+                position: T::lit(0.01),
+                velocity: T::lit(0.03),
+                steering: degrees(0.1),
+                slip: T::lit(0.002),
+                heading: degrees(0.1),
+                actuator: degrees(0.3),
+                actuator_share: T::lit(0.2),
+                heading_bias: degrees(0.01),
+                steering_bias: degrees(0.02),
+                first_heading_bias: degrees(1.0),
+                first_steering_bias: degrees(2.0),
+            },
+            gps_delay: T::lit(0.075),
+            drive_lag: T::lit(0.3),
+            standstill: T::lit(0.2),
+        }
+    }
+
+    /// Checks that every setting is usable.
+    ///
+    /// # Errors
+    /// [`EstimatorError`] names the group at fault.
+    pub fn check(&self) -> Result<(), EstimatorError> {
+        self.geometry.check().map_err(EstimatorError::Geometry)?;
+        let positive = |value: T| value.is_finite() && value > T::zero();
+        let noise = &self.noise;
+        let levels = [
+            noise.position,
+            noise.velocity,
+            noise.steering,
+            noise.slip,
+            noise.heading,
+            noise.actuator,
+            noise.actuator_share,
+            noise.heading_bias,
+            noise.steering_bias,
+            noise.first_heading_bias,
+            noise.first_steering_bias,
+        ];
+        if !levels.into_iter().all(positive) {
+            return Err(EstimatorError::Noise);
+        }
+        if !(self.gps_delay.is_finite() && self.gps_delay >= T::zero()) {
+            return Err(EstimatorError::Delay);
+        }
+        if positive(self.drive_lag) && positive(self.standstill) {
+            Ok(())
+        } else {
+            Err(EstimatorError::Drive)
+        }
+    }
+}
+
+/// What is known of the vehicle at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate<T> {
+    /// Rear axle, m north of the frame's origin.
+    pub north: T,
+    /// Rear axle, m east of the frame's origin.
+    pub east: T,
+    /// Direction of travel of the rear axle, rad clockwise from north, in
+    /// (-pi, pi].
+    pub heading: T,
+    /// True steering angle, rad, positive right: the measured one less its
+    /// bias.
+    pub steering_angle: T,
+    /// How far the course of the velocity vector reads too far clockwise, rad.
+    pub heading_bias: T,
+    /// How far the potentiometer reads too far right, rad.
+    pub steering_bias: T,
+    /// Speed of the rear axle, m/s, negative in reverse.
+    pub speed: T,
+}
+
+/// What the estimator is told in one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observation<T> {
+    /// The antenna's position, `gps_delay` old, when one arrived.
+    pub position: Option<Position>,
+    /// The antenna's velocity, `gps_delay` old, when one arrived.
+    pub velocity: Option<Velocity>,
+    /// The measured steering angle, rad, when one arrived.
+    pub steering_angle: Option<T>,
+    /// The steering rate commanded since the last step, rad/s.
+    pub steering_rate: T,
+    /// The speed commanded since the last step, m/s.
+    pub speed: T,
+    /// Time since the last step, s, positive.
+    pub dt: T,
+}
+
+/// What came of a step of the estimator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Update {
+    /// The heading is not known yet: the vehicle has not moved under GPS.
+    NoHeading,
+    /// GPS data were used.
+    Corrected,
+    /// No GPS data, or none that fit: dead reckoning.
+    DeadReckoned,
+    /// The estimate did not fit the GPS data for so long that it was started
+    /// anew from them.
+    Restarted,
+    /// An input was not finite or the period not positive: nothing was done.
+    BadInput,
+}
+
+/// Squared innovation, in variances, beyond which a GPS position is taken for
+/// an outlier (5 standard deviations).
+const GATE: f64 = 25.0;
+/// Outliers in a row after which the estimate is what is wrong.
+const PATIENCE: u8 = 5;
+
+/// The filter: an estimate and its covariance.
+#[derive(Clone, Copy, Debug)]
+pub struct Estimator<T> {
+    settings: EstimatorSettings<T>,
+    origin: Position,
+    state: SVector<T, STATES>,
+    covariance: SMatrix<T, STATES, STATES>,
+    speed: T,
+    /// Real steering rate as a share of the commanded one, and its variance.
+    effectiveness: T,
+    effectiveness_variance: T,
+    heading_known: bool,
+    outliers: u8,
+}
+
+impl<T: Scalar> Estimator<T> {
+    /// A filter that knows nothing yet; `origin` is where its frame starts,
+    /// within some kilometres of the field.
+    ///
+    /// # Errors
+    /// [`EstimatorError`] names the setting that is unusable.
+    pub fn new(settings: EstimatorSettings<T>, origin: Position) -> Result<Self, EstimatorError> {
+        settings.check()?;
+        let mut filter = Self {
+            settings,
+            origin,
+            state: SVector::zeros(),
+            covariance: SMatrix::zeros(),
+            speed: T::zero(),
+            effectiveness: T::one(),
+            effectiveness_variance: T::lit(0.09),
+            heading_known: false,
+            outliers: 0,
+        };
+        filter.forget_angles();
+        Ok(filter)
+    }
+
+    /// Whether position and heading are known.
+    #[must_use]
+    pub fn is_ready(&self) -> bool {
+        self.heading_known
+    }
+
+    /// The origin of the frame.
+    #[must_use]
+    pub fn origin(&self) -> Position {
+        self.origin
+    }
+
+    /// Moves the frame to a new origin; the vehicle stays where it is.
+    pub fn rebase(&mut self, origin: Position) {
+        let (north, east) = self.origin.metres_from::<T>(origin);
+        self.state[NORTH] += north;
+        self.state[EAST] += east;
+        self.origin = origin;
+    }
+
+    /// The present estimate; position and heading mean something only once
+    /// [`Self::is_ready`].
+    #[must_use]
+    pub fn estimate(&self) -> Estimate<T> {
+        let x = &self.state;
+        Estimate {
+            north: x[NORTH],
+            east: x[EAST],
+            heading: x[HEADING],
+            steering_angle: x[STEERING],
+            heading_bias: x[HEADING_BIAS],
+            steering_bias: x[STEERING_BIAS],
+            speed: self.speed,
+        }
+    }
+
+    /// Standard deviations of the estimate's first six fields, in their units.
+    #[must_use]
+    pub fn deviations(&self) -> [T; STATES] {
+        let p = &self.covariance;
+        [
+            p[(0, 0)].root(),
+            p[(1, 1)].root(),
+            p[(2, 2)].root(),
+            p[(3, 3)].root(),
+            p[(4, 4)].root(),
+            p[(5, 5)].root(),
+        ]
+    }
+
+    /// Real steering rate as a share of the commanded one, in [0.3, 1.5],
+    /// learnt while the steering moves: a loaded or worn actuator is slower
+    /// than its calibration.
+    #[must_use]
+    pub fn effectiveness(&self) -> T {
+        self.effectiveness
+    }
+
+    /// The covariance of north, east, heading, steering angle, heading bias
+    /// and steering bias.
+    #[must_use]
+    pub fn covariance(&self) -> &SMatrix<T, STATES, STATES> {
+        &self.covariance
+    }
+
+    /// Variance of the position, north plus east, m^2.
+    #[must_use]
+    pub fn position_variance(&self) -> T {
+        self.covariance[(NORTH, NORTH)] + self.covariance[(EAST, EAST)]
+    }
+
+    /// One step: moves the estimate on by `dt`, then corrects it by what
+    /// arrived.
+    pub fn step(&mut self, seen: &Observation<T>) -> Update {
+        let finite = seen.dt.is_finite()
+            && seen.dt > T::zero()
+            && seen.steering_rate.is_finite()
+            && seen.speed.is_finite()
+            && seen.steering_angle.is_none_or(|angle| angle.is_finite());
+        if !finite {
+            return Update::BadInput;
+        }
+        self.predict(seen);
+        if let Some(angle) = seen.steering_angle {
+            self.see_steering(angle, seen.steering_rate * seen.dt);
+        }
+        let update = self.see_gps(seen);
+        if !(is_finite(&self.state) && is_finite(&self.covariance)) {
+            self.heading_known = false;
+            self.state = SVector::zeros();
+            self.speed = T::zero();
+            self.covariance = SMatrix::zeros();
+            self.forget_angles();
+            return Update::NoHeading;
+        }
+        update
+    }
+
+    fn forget_angles(&mut self) {
+        let noise = self.settings.noise;
+        let square = |value: T| value * value;
+        // Any angle is possible until the potentiometer has spoken.
+        self.covariance[(STEERING, STEERING)] = T::lit(0.25);
+        self.covariance[(HEADING_BIAS, HEADING_BIAS)] = square(noise.first_heading_bias);
+        self.covariance[(STEERING_BIAS, STEERING_BIAS)] = square(noise.first_steering_bias);
+    }
+
+    fn is_moving(&self) -> bool {
+        self.speed.abs() > self.settings.standstill
+    }
+
+    fn predict(&mut self, seen: &Observation<T>) {
+        let dt = seen.dt;
+        let half = T::lit(0.5);
+        let noise = self.settings.noise;
+
+        let share = dt / (dt + self.settings.drive_lag);
+        let before = self.speed;
+        self.speed += (seen.speed - self.speed) * share;
+        let way = (before + self.speed) * half * dt;
+
+        let length = self.settings.geometry.wheelbase();
+        let turned = seen.steering_rate * self.effectiveness * dt;
+        let tangent = (self.state[STEERING] + turned * half).tangent();
+        let turn = way * tangent / length;
+        // Growth of the turn with the steering angle.
+        let gain = way * (T::one() + tangent * tangent) / length;
+        let (sine, cosine) = (self.state[HEADING] + turn * half).sine_cosine();
+        self.state[NORTH] += way * cosine;
+        self.state[EAST] += way * sine;
+        self.state[HEADING] = wrap_angle(self.state[HEADING] + turn);
+        self.state[STEERING] += turned;
+
+        // P <- F P F' with F the identity but for these entries.
+        let north_heading = -way * sine;
+        let east_heading = way * cosine;
+        let north_steering = north_heading * gain * half;
+        let east_steering = east_heading * gain * half;
+        let p = &mut self.covariance;
+        for k in 0..STATES {
+            let (heading, steering) = (p[(HEADING, k)], p[(STEERING, k)]);
+            p[(NORTH, k)] += north_heading * heading + north_steering * steering;
+            p[(EAST, k)] += east_heading * heading + east_steering * steering;
+            p[(HEADING, k)] += gain * steering;
+        }
+        for k in 0..STATES {
+            let (heading, steering) = (p[(k, HEADING)], p[(k, STEERING)]);
+            p[(k, NORTH)] += north_heading * heading + north_steering * steering;
+            p[(k, EAST)] += east_heading * heading + east_steering * steering;
+            p[(k, HEADING)] += gain * steering;
+        }
+        let square = |value: T| value * value;
+        let stray = noise.actuator_share * turned;
+        p[(STEERING, STEERING)] += square(noise.actuator) * dt + square(stray);
+        if self.is_moving() {
+            let p = &mut self.covariance;
+            p[(NORTH, NORTH)] += square(noise.slip) * dt;
+            p[(EAST, EAST)] += square(noise.slip) * dt;
+            p[(HEADING, HEADING)] += square(noise.heading) * dt;
+            p[(HEADING_BIAS, HEADING_BIAS)] += square(noise.heading_bias) * dt;
+            p[(STEERING_BIAS, STEERING_BIAS)] += square(noise.steering_bias) * dt;
+        }
+    }
+
+    /// Corrects the effectiveness by what the potentiometer shows beside what
+    /// a movement of `asked` (rad) should have made of it.
+    fn learn_effectiveness(&mut self, innovation: T, asked: T) {
+        let noise = self.settings.noise.steering;
+        // Small movements drown in the noise of two readings.
+        if !(asked.abs() > T::lit(5.0) * noise) {
+            return;
+        }
+        let spread = asked * asked * self.effectiveness_variance + T::lit(8.0) * noise * noise;
+        let gain = asked * self.effectiveness_variance / spread;
+        self.effectiveness += gain * innovation;
+        self.effectiveness_variance *= T::one() - gain * asked;
+        // It changes by some percent a second.
+        self.effectiveness_variance += T::lit(4e-4);
+        let (least, most) = (T::lit(0.3), T::lit(1.5));
+        if !(self.effectiveness > least) {
+            self.effectiveness = least;
+        } else if self.effectiveness > most {
+            self.effectiveness = most;
+        }
+    }
+
+    fn see_steering(&mut self, angle: T, asked: T) {
+        let mut row = SVector::<T, STATES>::zeros();
+        row[STEERING] = T::one();
+        row[STEERING_BIAS] = T::one();
+        let innovation = angle - self.state[STEERING] - self.state[STEERING_BIAS];
+        self.learn_effectiveness(innovation, asked);
+        let noise = self.settings.noise.steering;
+        self.correct(&row, innovation, noise * noise);
+    }
+
+    fn see_gps(&mut self, seen: &Observation<T>) -> Update {
+        let velocity = seen
+            .velocity
+            .map(|velocity| velocity.metres_per_second::<T>());
+        let course = velocity.and_then(|(north, east)| self.see_speed(north, east, seen));
+        if !self.heading_known {
+            return match (seen.position, course) {
+                (Some(position), Some((course, variance))) => {
+                    self.start(position, course, variance, seen);
+                    Update::Corrected
+                }
+                _ => Update::NoHeading,
+            };
+        }
+        let fits = match seen.position {
+            Some(position) => self.see_position(position, seen),
+            None => false,
+        };
+        if seen.position.is_some() && !fits {
+            self.outliers = self.outliers.saturating_add(1);
+            if self.outliers >= PATIENCE {
+                self.heading_known = false;
+                self.outliers = 0;
+                return match (seen.position, course) {
+                    (Some(position), Some((course, variance))) => {
+                        self.start(position, course, variance, seen);
+                        Update::Restarted
+                    }
+                    _ => Update::NoHeading,
+                };
+            }
+        } else if fits {
+            self.outliers = 0;
+        }
+        if let Some((course, variance)) = course {
+            self.see_course(course, variance, seen);
+        }
+        if fits || course.is_some() {
+            Update::Corrected
+        } else {
+            Update::DeadReckoned
+        }
+    }
+
+    /// Corrects the speed and returns the course of the antenna with its
+    /// variance, when there is one.
+    fn see_speed(&mut self, north: T, east: T, seen: &Observation<T>) -> Option<(T, T)> {
+        let size = (north * north + east * east).root();
+        // The velocity vector has no sign of its own: it is the drive that
+        // goes forward or back.
+        let backward = self.speed < T::zero();
+        let lead = self.antenna_lead(self.state[STEERING]);
+        let (_, cosine) = lead.sine_cosine();
+        let measured = if backward { -size } else { size } * cosine;
+        let late = self.settings.gps_delay / (self.settings.drive_lag + self.settings.gps_delay);
+        let expected = self.speed - (seen.speed - self.speed) * late;
+        self.speed += (measured - expected) * T::lit(0.4);
+        if size > self.settings.standstill && self.is_moving() {
+            let course = if backward {
+                (-east).angle_of(-north)
+            } else {
+                east.angle_of(north)
+            };
+            let deviation = self.settings.noise.velocity / size;
+            Some((course, deviation * deviation))
+        } else {
+            None
+        }
+    }
+
+    /// Angle by which the antenna's course leads the rear axle's in a turn.
+    fn antenna_lead(&self, steering_angle: T) -> T {
+        let geometry = &self.settings.geometry;
+        (geometry.l1 * steering_angle.tangent()).angle_of(geometry.wheelbase())
+    }
+
+    /// The pose at the time of the GPS data, as seen from the present state.
+    fn delayed(&self, seen: &Observation<T>) -> Delayed<T> {
+        let half = T::lit(0.5);
+        let delay = self.settings.gps_delay;
+        let way = self.speed * delay;
+        let length = self.settings.geometry.wheelbase();
+        let turned = seen.steering_rate * self.effectiveness * delay;
+        let tangent = (self.state[STEERING] - turned * half).tangent();
+        let gain = way * (T::one() + tangent * tangent) / length;
+        let turn = way * tangent / length;
+        let heading = self.state[HEADING] - turn;
+        Delayed {
+            way,
+            gain,
+            heading,
+            middle: heading + turn * half,
+            steering_angle: self.state[STEERING] - turned,
+        }
+    }
+
+    fn start(&mut self, position: Position, course: T, variance: T, seen: &Observation<T>) {
+        let then = self.delayed(seen);
+        let turn = self.state[HEADING] - then.heading;
+        let lead = self.antenna_lead(then.steering_angle);
+        let heading = course - lead - self.state[HEADING_BIAS];
+        let (sine, cosine) = heading.sine_cosine();
+        let (sine_way, cosine_way) = (heading + turn * T::lit(0.5)).sine_cosine();
+        let (north, east) = position.metres_from::<T>(self.origin);
+        let l1 = self.settings.geometry.l1;
+        self.state[NORTH] = north - l1 * cosine + then.way * cosine_way;
+        self.state[EAST] = east - l1 * sine + then.way * sine_way;
+        self.state[HEADING] = wrap_angle(heading + turn);
+
+        let noise = self.settings.noise;
+        let p = &mut self.covariance;
+        for k in 0..STATES {
+            for axis in [NORTH, EAST, HEADING] {
+                p[(axis, k)] = T::zero();
+                p[(k, axis)] = T::zero();
+            }
+        }
+        let bias = p[(HEADING_BIAS, HEADING_BIAS)];
+        let heading_variance = variance + bias;
+        let lever = l1 + then.way.abs();
+        let position_variance = noise.position * noise.position + lever * lever * heading_variance;
+        p[(NORTH, NORTH)] = position_variance;
+        p[(EAST, EAST)] = position_variance;
+        p[(HEADING, HEADING)] = heading_variance;
+        p[(HEADING, HEADING_BIAS)] = -bias;
+        p[(HEADING_BIAS, HEADING)] = -bias;
+        self.heading_known = true;
+        self.outliers = 0;
+    }
+
+    /// Corrects by an antenna position; false when it is an outlier.
+    fn see_position(&mut self, position: Position, seen: &Observation<T>) -> bool {
+        let (north, east) = position.metres_from::<T>(self.origin);
+        let noise = self.settings.noise.position;
+        let variance = noise * noise;
+        let l1 = self.settings.geometry.l1;
+        let gate = T::lit(GATE);
+
+        let (rows, innovations) = {
+            let then = self.delayed(seen);
+            let (sine, cosine) = then.heading.sine_cosine();
+            let (sine_way, cosine_way) = then.middle.sine_cosine();
+            let half = T::lit(0.5);
+            let mut rows = [SVector::<T, STATES>::zeros(), SVector::zeros()];
+            let [row_north, row_east] = &mut rows;
+            row_north[NORTH] = T::one();
+            row_north[HEADING] = then.way * sine_way - l1 * sine;
+            row_north[STEERING] = (l1 * sine - then.way * sine_way * half) * then.gain;
+            row_east[EAST] = T::one();
+            row_east[HEADING] = l1 * cosine - then.way * cosine_way;
+            row_east[STEERING] = (then.way * cosine_way * half - l1 * cosine) * then.gain;
+            let innovations = [
+                north - (self.state[NORTH] - then.way * cosine_way + l1 * cosine),
+                east - (self.state[EAST] - then.way * sine_way + l1 * sine),
+            ];
+            (rows, innovations)
+        };
+        // Both axes are judged before either is used.
+        for (row, &innovation) in rows.iter().zip(&innovations) {
+            let spread = row.dot(&(self.covariance * row)) + variance;
+            if !(innovation * innovation <= gate * spread) {
+                return false;
+            }
+        }
+        let [row_north, row_east] = rows;
+        let [innovation_north, innovation_east] = innovations;
+        let before = self.state;
+        self.correct(&row_north, innovation_north, variance);
+        let moved = row_east.dot(&(self.state - before));
+        self.correct(&row_east, innovation_east - moved, variance);
+        true
+    }
+
+    fn see_course(&mut self, course: T, variance: T, seen: &Observation<T>) {
+        let then = self.delayed(seen);
+        let lead = self.antenna_lead(then.steering_angle);
+        let expected = then.heading + lead + self.state[HEADING_BIAS];
+        let geometry = &self.settings.geometry;
+        let mut row = SVector::<T, STATES>::zeros();
+        row[HEADING] = T::one();
+        row[HEADING_BIAS] = T::one();
+        row[STEERING] = geometry.l1 / geometry.wheelbase() - then.gain;
+        let innovation = wrap_angle(course - expected);
+        let spread = row.dot(&(self.covariance * row)) + variance;
+        if innovation * innovation <= T::lit(GATE) * spread {
+            self.correct(&row, innovation, variance);
+        }
+    }
+
+    /// The update for one scalar measurement, with the biases frozen while
+    /// the vehicle stands (a Schmidt-Kalman update: their gain is zero, their
+    /// uncertainty is still counted).
+    fn correct(&mut self, row: &SVector<T, STATES>, innovation: T, variance: T) {
+        let spread_by_row = self.covariance * row;
+        let spread = row.dot(&spread_by_row) + variance;
+        if !(spread > T::zero()) {
+            return;
+        }
+        let inverse = T::one() / spread;
+        let mut gain = spread_by_row * inverse;
+        if self.is_moving() {
+            self.state += gain * innovation;
+            for i in 0..STATES {
+                for j in 0..STATES {
+                    self.covariance[(i, j)] -= spread_by_row[i] * spread_by_row[j] * inverse;
+                }
+            }
+        } else {
+            gain[HEADING_BIAS] = T::zero();
+            gain[STEERING_BIAS] = T::zero();
+            self.state += gain * innovation;
+            for i in 0..STATES {
+                for j in 0..STATES {
+                    self.covariance[(i, j)] += gain[i] * gain[j] * spread
+                        - (gain[i] * spread_by_row[j] + spread_by_row[i] * gain[j]);
+                }
+            }
+        }
+        self.state[HEADING] = wrap_angle(self.state[HEADING]);
+        self.state[HEADING_BIAS] = clamp_symmetric(self.state[HEADING_BIAS], T::lit(0.35));
+        self.state[STEERING_BIAS] = clamp_symmetric(self.state[STEERING_BIAS], T::lit(0.35));
+    }
+}
+
+/// The pose at the time of the GPS data.
+struct Delayed<T> {
+    /// Way since then, m.
+    way: T,
+    /// Growth of the turn since then with the steering angle.
+    gain: T,
+    /// Heading then, rad.
+    heading: T,
+    /// Heading halfway since then, rad.
+    middle: T,
+    /// Steering angle then, rad.
+    steering_angle: T,
+}

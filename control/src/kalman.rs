@@ -1,0 +1,177 @@
+//! Kalman filters for linear models: with a steady gain, computed ahead, and
+//! with a gain of their own in every step (thesis 7.2.5, Figure 7.10).
+
+use crate::linear::{is_finite, is_positive, is_symmetric, solve, symmetric_part};
+use crate::lqr::{RegulatorError, dlqr};
+use crate::model::{Continuous, Discrete};
+use crate::scalar::Scalar;
+use nalgebra::{SMatrix, SVector};
+
+/// Why there is no filter, or a step of it failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KalmanError {
+    /// An entry of F or H is NaN or infinite.
+    ModelNotFinite,
+    /// The process noise is not finite, symmetric and positive semidefinite.
+    ProcessNoise,
+    /// The measurement noise is not finite, symmetric and positive definite.
+    MeasurementNoise,
+    /// A mode that does not decay is not seen by the measurements.
+    NotDetectable,
+    /// The data are too badly conditioned for a reliable gain.
+    IllConditioned,
+    /// A measurement is NaN or infinite; the filter was left as it was.
+    MeasurementNotFinite,
+}
+
+impl core::fmt::Display for KalmanError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::ModelNotFinite => "an entry of F or H is not a finite number",
+            Self::ProcessNoise => "the process noise is not symmetric and positive semidefinite",
+            Self::MeasurementNoise => {
+                "the measurement noise is not symmetric and positive definite"
+            }
+            Self::NotDetectable => "a mode that does not decay is not seen by the measurements",
+            Self::IllConditioned => "the data are too badly conditioned for a reliable gain",
+            Self::MeasurementNotFinite => "a measurement is not a finite number",
+        })
+    }
+}
+
+impl core::error::Error for KalmanError {}
+
+/// A filter gain that no longer changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SteadyState<T, const N: usize, const P: usize> {
+    /// Gain on the innovation, N x P, for x <- x + K (z - H x).
+    pub gain: SMatrix<T, N, P>,
+    /// Covariance before the measurement, N x N.
+    pub predicted: SMatrix<T, N, N>,
+    /// Covariance after the measurement, N x N.
+    pub corrected: SMatrix<T, N, N>,
+}
+
+/// The steady Kalman filter for x' = F x + w, z = H x + v with covariances
+/// `q` (N x N) of w and `r` (P x P) of v, by the regulator's dual.
+///
+/// # Errors
+/// [`KalmanError`] names the matrix or the condition at fault.
+pub fn steady_state<T: Scalar, const N: usize, const P: usize>(
+    f: &SMatrix<T, N, N>,
+    h: &SMatrix<T, P, N>,
+    q: &SMatrix<T, N, N>,
+    r: &SMatrix<T, P, P>,
+) -> Result<SteadyState<T, N, P>, KalmanError> {
+    let dual = Discrete {
+        f: f.transpose(),
+        g: h.transpose(),
+    };
+    let regulator = dlqr(&dual, q, r).map_err(|error| match error {
+        RegulatorError::ModelNotFinite => KalmanError::ModelNotFinite,
+        RegulatorError::StateWeight => KalmanError::ProcessNoise,
+        RegulatorError::InputWeight => KalmanError::MeasurementNoise,
+        RegulatorError::NotStabilisable => KalmanError::NotDetectable,
+        RegulatorError::IllConditioned => KalmanError::IllConditioned,
+    })?;
+    let predicted = regulator.cost;
+    let gain = gain_of(&predicted, h, r).ok_or(KalmanError::IllConditioned)?;
+    Ok(SteadyState {
+        gain,
+        predicted,
+        corrected: joseph(&predicted, &gain, h, r),
+    })
+}
+
+/// A time-varying filter: an estimate of N states and its covariance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kalman<T, const N: usize> {
+    /// The estimate.
+    pub state: SVector<T, N>,
+    /// Its covariance.
+    pub covariance: SMatrix<T, N, N>,
+}
+
+impl<T: Scalar, const N: usize> Kalman<T, N> {
+    /// Moves the estimate on by one period of `model` with input `u`; `q`
+    /// (N x N) is the process noise of that period.
+    pub fn predict<const M: usize>(
+        &mut self,
+        model: &Discrete<T, N, M>,
+        u: &SVector<T, M>,
+        q: &SMatrix<T, N, N>,
+    ) {
+        self.state = model.f * self.state + model.g * u;
+        self.covariance = symmetric_part(&(model.f * self.covariance * model.f.transpose() + q));
+    }
+
+    /// Corrects the estimate by a measurement `z` = `h` x + v, where v has
+    /// covariance `r` (P x P). The covariance is updated in Joseph's form,
+    /// which keeps it positive.
+    ///
+    /// # Errors
+    /// [`KalmanError`]; the filter is then unchanged.
+    pub fn correct<const P: usize>(
+        &mut self,
+        z: &SVector<T, P>,
+        h: &SMatrix<T, P, N>,
+        r: &SMatrix<T, P, P>,
+    ) -> Result<(), KalmanError> {
+        if !is_finite(z) {
+            return Err(KalmanError::MeasurementNotFinite);
+        }
+        if !(is_finite(r) && is_symmetric(r) && is_positive(r, true)) {
+            return Err(KalmanError::MeasurementNoise);
+        }
+        let gain = gain_of(&self.covariance, h, r).ok_or(KalmanError::IllConditioned)?;
+        self.state += gain * (z - h * self.state);
+        self.covariance = joseph(&self.covariance, &gain, h, r);
+        Ok(())
+    }
+}
+
+/// P H' (H P H' + R)^-1, solved from the transposed equation.
+fn gain_of<T: Scalar, const N: usize, const P: usize>(
+    covariance: &SMatrix<T, N, N>,
+    h: &SMatrix<T, P, N>,
+    r: &SMatrix<T, P, P>,
+) -> Option<SMatrix<T, N, P>> {
+    let cross = h * covariance;
+    let spread = symmetric_part(&(cross * h.transpose() + r));
+    solve(spread, cross).map(|gain| gain.transpose())
+}
+
+/// (I - K H) P (I - K H)' + K R K'.
+fn joseph<T: Scalar, const N: usize, const P: usize>(
+    covariance: &SMatrix<T, N, N>,
+    gain: &SMatrix<T, N, P>,
+    h: &SMatrix<T, P, N>,
+    r: &SMatrix<T, P, P>,
+) -> SMatrix<T, N, N> {
+    let rest = SMatrix::<T, N, N>::identity() - gain * h;
+    symmetric_part(&(rest * covariance * rest.transpose() + gain * r * gain.transpose()))
+}
+
+/// The steering model with constant biases of the heading and the steering
+/// angle measurement (thesis Figure 7.11): five states cross-track error (m),
+/// heading error, steering angle, heading bias, steering bias (rad), and the
+/// matrix (3 x 5) of the three measurements.
+///
+/// Observable while the vehicle moves; at standstill only the sums that the
+/// sensors show are.
+#[must_use]
+pub fn with_biases<T: Scalar>(
+    model: &Continuous<T, 3, 1>,
+) -> (Continuous<T, 5, 1>, SMatrix<T, 3, 5>) {
+    let mut a = SMatrix::<T, 5, 5>::zeros();
+    a.fixed_view_mut::<3, 3>(0, 0).copy_from(&model.a);
+    let mut b = SMatrix::<T, 5, 1>::zeros();
+    b.fixed_view_mut::<3, 1>(0, 0).copy_from(&model.b);
+    let mut c = SMatrix::<T, 3, 5>::zeros();
+    c[(0, 0)] = T::one();
+    c[(1, 1)] = T::one();
+    c[(1, 3)] = T::one();
+    c[(2, 2)] = T::one();
+    c[(2, 4)] = T::one();
+    (Continuous { a, b }, c)
+}

@@ -1,0 +1,302 @@
+//! Paths of several segments: passes over the field and the headland turns
+//! between them, in the frame of the estimator.
+
+use crate::dubins::{DubinsError, Pose, advance, shortest};
+use crate::line::{Line, LineError};
+use crate::position::Position;
+use crate::scalar::{Scalar, wrap_angle};
+
+/// Most segments of a path: four passes with three headland turns between
+/// them need thirteen.
+pub const CAPACITY: usize = 16;
+
+/// A straight piece or an arc.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Segment<T> {
+    /// Where it begins, m from the path's origin.
+    pub start: Pose<T>,
+    /// Curvature, 1/m, positive to the right; zero for a straight piece.
+    pub curvature: T,
+    /// Length, m.
+    pub length: T,
+}
+
+/// Where a point stands relative to a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place<T> {
+    /// Distance along the segment, m; negative before its beginning.
+    pub along: T,
+    /// Distance to the right of the path, m.
+    pub cross_track: T,
+    /// Direction of the path beside the point, rad clockwise from north.
+    pub bearing: T,
+}
+
+/// Why a path could not be built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PathError {
+    /// There is no pass at all.
+    Empty,
+    /// More segments than [`CAPACITY`].
+    Full,
+    /// The two ends of this pass (counted from zero) coincide.
+    Pass {
+        /// Which pass.
+        number: usize,
+        /// What is wrong with it.
+        error: LineError,
+    },
+    /// The turns between passes.
+    Turn(DubinsError),
+}
+
+impl core::fmt::Display for PathError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Empty => f.write_str("a path needs at least one pass"),
+            Self::Full => write!(f, "a path has at most {CAPACITY} segments"),
+            Self::Pass { number, error } => write!(f, "pass {number}: {error}"),
+            Self::Turn(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for PathError {}
+
+impl<T: Scalar> Segment<T> {
+    /// Where the point `north`, `east` (m) stands relative to this segment;
+    /// `near` is the distance along it where the point was last, which tells
+    /// the turns of an arc apart.
+    #[must_use]
+    pub fn locate(&self, north: T, east: T, near: T) -> Place<T> {
+        let (sine, cosine) = self.start.heading.sine_cosine();
+        let (dn, de) = (north - self.start.north, east - self.start.east);
+        let along = cosine * dn + sine * de;
+        let right = cosine * de - sine * dn;
+        if self.curvature == T::zero() {
+            return Place {
+                along,
+                cross_track: right,
+                bearing: self.start.heading,
+            };
+        }
+        // From the centre, in the frame of the segment's beginning.
+        let radius = T::one() / self.curvature;
+        let sign = if radius > T::zero() {
+            T::one()
+        } else {
+            -T::one()
+        };
+        let inward = right - radius;
+        let distance = (along * along + inward * inward).root();
+        let turned = sign * along.angle_of(-sign * inward);
+        let before = self.curvature * near;
+        let turned = before + wrap_angle(turned - before);
+        Place {
+            along: turned * radius,
+            cross_track: radius - sign * distance,
+            bearing: wrap_angle(self.start.heading + turned),
+        }
+    }
+
+    /// The pose at the segment's end.
+    #[must_use]
+    pub fn end(&self) -> Pose<T> {
+        advance(self.start, self.curvature, self.length)
+    }
+}
+
+/// Segments in driving order. The first continues straight before its
+/// beginning, the last beyond its end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Path<T> {
+    origin: Position,
+    segments: [Segment<T>; CAPACITY],
+    count: usize,
+}
+
+impl<T: Scalar> Path<T> {
+    /// The path along one line.
+    #[must_use]
+    pub fn line(line: &Line<T>) -> Self {
+        let mut path = Self::empty(line.origin());
+        // A new path has room for one segment.
+        let _ = path.push(line.bearing(), T::zero(), line.length());
+        path
+    }
+
+    /// Passes in driving order, each from its first to its second waypoint,
+    /// joined by the shortest headland turns of `radius` metres. Choose the
+    /// radius some tenths wider than the tightest turn: the rest corrects.
+    ///
+    /// # Errors
+    /// [`PathError`] names the pass at fault.
+    pub fn passes(passes: &[(Position, Position)], radius: T) -> Result<Self, PathError> {
+        let Some(&(origin, _)) = passes.first() else {
+            return Err(PathError::Empty);
+        };
+        let mut path = Self::empty(origin);
+        for (number, &(from, to)) in passes.iter().enumerate() {
+            let line =
+                Line::<T>::new(from, to).map_err(|error| PathError::Pass { number, error })?;
+            let (north, east) = from.metres_from::<T>(origin);
+            let start = Pose {
+                north,
+                east,
+                heading: line.bearing(),
+            };
+            if number > 0 {
+                let turn = shortest(path.end(), start, radius).map_err(PathError::Turn)?;
+                for (way, length) in turn.pieces {
+                    if length > T::lit(1e-4) {
+                        let curvature = T::lit(f64::from(way.sign())) / radius;
+                        let heading = path.end().heading;
+                        path.push(heading, curvature, length)?;
+                    }
+                }
+            }
+            path.push(line.bearing(), T::zero(), line.length())?;
+            // Roundings of the turns do not add up.
+            if let Some(last) = path.segments.get_mut(path.count.saturating_sub(1)) {
+                last.start = start;
+            }
+        }
+        Ok(path)
+    }
+
+    fn empty(origin: Position) -> Self {
+        Self {
+            origin,
+            segments: [Segment {
+                start: Pose {
+                    north: T::zero(),
+                    east: T::zero(),
+                    heading: T::zero(),
+                },
+                curvature: T::zero(),
+                length: T::zero(),
+            }; CAPACITY],
+            count: 0,
+        }
+    }
+
+    fn push(&mut self, heading: T, curvature: T, length: T) -> Result<(), PathError> {
+        let end = self.end();
+        let slot = self.segments.get_mut(self.count).ok_or(PathError::Full)?;
+        *slot = Segment {
+            start: Pose { heading, ..end },
+            curvature,
+            length,
+        };
+        self.count += 1;
+        Ok(())
+    }
+
+    /// The pose at the end of the path; the origin for an empty one.
+    #[must_use]
+    pub fn end(&self) -> Pose<T> {
+        match self.segments().last() {
+            Some(last) => last.end(),
+            None => Pose {
+                north: T::zero(),
+                east: T::zero(),
+                heading: T::zero(),
+            },
+        }
+    }
+
+    /// The origin of the path's frame: its first waypoint.
+    #[must_use]
+    pub fn origin(&self) -> Position {
+        self.origin
+    }
+
+    /// The segments in driving order.
+    #[must_use]
+    pub fn segments(&self) -> &[Segment<T>] {
+        self.segments.get(..self.count).unwrap_or(&self.segments)
+    }
+
+    /// Mean curvature of the path between `from` and `to` metres along the
+    /// segment `number` (and those before and after it), 1/m.
+    #[must_use]
+    pub fn mean_curvature(&self, number: usize, from: T, to: T) -> T {
+        let width = to - from;
+        if !(width > T::zero()) {
+            return self
+                .segments()
+                .get(number)
+                .map_or(T::zero(), |segment| segment.curvature);
+        }
+        let mut sum = T::zero();
+        let mut add = |begin: T, segment: &Segment<T>| {
+            let low = if from > begin { from } else { begin };
+            let end = begin + segment.length;
+            let high = if to < end { to } else { end };
+            if high > low {
+                sum += segment.curvature * (high - low);
+            }
+        };
+        let mut begin = T::zero();
+        for segment in self.segments().iter().skip(number) {
+            add(begin, segment);
+            begin += segment.length;
+        }
+        let mut begin = T::zero();
+        for segment in self.segments().iter().take(number).rev() {
+            begin -= segment.length;
+            add(begin, segment);
+        }
+        sum / width
+    }
+}
+
+/// Progress along a path.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Progress<T> {
+    /// The segment being followed, counted from zero.
+    pub segment: usize,
+    /// Distance along it, m.
+    pub along: T,
+    /// The path's end lies behind.
+    pub finished: bool,
+}
+
+impl<T: Scalar> Progress<T> {
+    /// At the beginning of a path.
+    #[must_use]
+    pub fn start() -> Self {
+        Self {
+            segment: 0,
+            along: T::zero(),
+            finished: false,
+        }
+    }
+
+    /// Moves on to where the point `north`, `east` (m) is and says where that
+    /// is.
+    pub fn advance(&mut self, path: &Path<T>, north: T, east: T) -> Place<T> {
+        let nowhere = Place {
+            along: T::zero(),
+            cross_track: T::zero(),
+            bearing: T::zero(),
+        };
+        let segments = path.segments();
+        let Some(segment) = segments.get(self.segment) else {
+            return nowhere;
+        };
+        let mut place = segment.locate(north, east, self.along);
+        let mut length = segment.length;
+        for next in segments.iter().skip(self.segment.saturating_add(1)) {
+            if !(place.along > length) {
+                break;
+            }
+            self.segment += 1;
+            place = next.locate(north, east, T::zero());
+            length = next.length;
+        }
+        self.finished = place.along > length;
+        self.along = place.along;
+        place
+    }
+}

@@ -1,0 +1,102 @@
+//! Paths: passes, headland turns, progress along them.
+
+use control::dubins::{Pose, advance};
+use control::line::{Line, LineError};
+use control::path::{Path, PathError, Progress, Segment};
+use control::position::Position;
+use proptest::prelude::*;
+use std::f64::consts::PI;
+
+fn two_passes(apart: i32) -> Path<f64> {
+    let out = (Position::new(0, 0), Position::new(30_000, 0));
+    let back = (Position::new(30_000, apart), Position::new(0, apart));
+    Path::passes(&[out, back], 3.0).unwrap()
+}
+
+proptest! {
+    /// A point set beside a segment is found there.
+    #[test]
+    fn points_beside_a_segment_are_found(
+        north in -5.0_f64..5.0, east in -5.0_f64..5.0, heading in -PI..PI,
+        curvature in prop_oneof![Just(0.0_f64), 0.1_f64..0.5, -0.5_f64..-0.1],
+        along in 0.0_f64..9.0, cross in -1.5_f64..1.5, nudge in -1.0_f64..1.0,
+    ) {
+        let start = Pose { north, east, heading };
+        let segment = Segment { start, curvature, length: 10.0 };
+        let on = advance(start, curvature, along);
+        let place = segment.locate(
+            on.north - cross * on.heading.sin(),
+            on.east + cross * on.heading.cos(),
+            along + nudge,
+        );
+        prop_assert!((place.along - along).abs() < 1e-9);
+        prop_assert!((place.cross_track - cross).abs() < 1e-9);
+        prop_assert!((place.bearing - on.heading).sin().abs() < 1e-9);
+    }
+
+    /// Driving exactly along a path, its whole length passes without error,
+    /// for narrow and wide headlands.
+    #[test]
+    fn the_path_itself_has_no_error(apart in -15_000_i32..15_000) {
+        prop_assume!(apart.abs() > 200);
+        let path = two_passes(apart);
+        let mut progress = Progress::start();
+        for (number, segment) in path.segments().iter().enumerate() {
+            let steps = (segment.length / 0.05).ceil();
+            for step in 1..(steps as usize) {
+                let at = advance(
+                    segment.start,
+                    segment.curvature,
+                    segment.length * step as f64 / steps,
+                );
+                let place = progress.advance(&path, at.north, at.east);
+                prop_assert!(place.cross_track.abs() < 2e-3, "{place:?} in {number}");
+                prop_assert!((place.bearing - at.heading).sin().abs() < 1e-3);
+                prop_assert_eq!(progress.segment, number);
+            }
+        }
+    }
+}
+
+#[test]
+fn segments_join() {
+    for apart in [-9000, 700, 2000, 8000] {
+        let path = two_passes(apart);
+        for pair in path.segments().windows(2) {
+            let (end, start) = (pair[0].end(), pair[1].start);
+            assert!((end.north - start.north).hypot(end.east - start.east) < 1e-3);
+            assert!((end.heading - start.heading).sin().abs() < 1e-3);
+        }
+    }
+}
+
+#[test]
+fn curvature_is_averaged_over_joints() {
+    let path = two_passes(6000);
+    // A half circle of radius 3 to the right between the passes.
+    let inside = path.mean_curvature(1, 2.0, 4.0);
+    assert!((inside - 1.0 / 3.0).abs() < 1e-9);
+    let joint = path.mean_curvature(0, 29.0, 31.0);
+    assert!((joint - 1.0 / 6.0).abs() < 1e-9);
+    let back = path.mean_curvature(1, -1.0, 1.0);
+    assert!((back - 1.0 / 6.0).abs() < 1e-9);
+}
+
+#[test]
+fn bad_paths_are_named() {
+    let at = Position::new(5, 5);
+    assert_eq!(Path::<f64>::passes(&[], 3.0), Err(PathError::Empty));
+    assert_eq!(
+        Path::<f64>::passes(&[(at, at)], 3.0),
+        Err(PathError::Pass {
+            number: 0,
+            error: LineError::CoincidentWaypoints(at)
+        })
+    );
+    let long: Vec<_> = (0..9)
+        .map(|k| (Position::new(0, k * 9000), Position::new(50_000, k * 9000)))
+        .collect();
+    assert_eq!(Path::<f64>::passes(&long, 3.0), Err(PathError::Full));
+    let line = Line::<f64>::new(Position::new(0, 0), Position::new(9, 0)).unwrap();
+    assert_eq!(Path::line(&line).segments().len(), 1);
+}
