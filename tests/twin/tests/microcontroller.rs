@@ -1,0 +1,489 @@
+//! Small programs, written down instruction by instruction, on whole microcontrollers.
+
+use can_bus::{SimDuration, SimTime};
+use std::sync::{Arc, Mutex};
+use twin::ResetCause;
+use twin::image::Image;
+use twin::mcu::{Board, Mcu};
+use twin::part::{Part, Pin};
+
+const MS: u64 = 1_000_000_000;
+const US: u64 = 1_000_000;
+
+/// Writes Thumb instructions behind a vector table (ARMv7-M architecture manual A7.7).
+struct Program {
+    code: Vec<u8>,
+}
+
+const VECTORS: usize = 112;
+
+impl Program {
+    /// All vectors lead to an endless loop; the program begins behind it.
+    fn new() -> Self {
+        let mut program = Self {
+            code: vec![0; VECTORS * 4],
+        };
+        program.half(0xE7FE);
+        for vector in 2..VECTORS {
+            program.vector(vector, VECTORS * 4);
+        }
+        let stack = 0x2000_2000_u32;
+        program.code[..4].copy_from_slice(&stack.to_le_bytes());
+        let start = program.here();
+        program.vector(1, start);
+        program
+    }
+
+    fn here(&self) -> usize {
+        self.code.len()
+    }
+
+    fn vector(&mut self, number: usize, offset: usize) {
+        let address = 0x0800_0001 + offset as u32;
+        self.code[4 * number..4 * number + 4].copy_from_slice(&address.to_le_bytes());
+    }
+
+    /// The handler of an exception begins here.
+    fn handler(&mut self, number: usize) {
+        let here = self.here();
+        self.vector(number, here);
+    }
+
+    fn half(&mut self, instruction: u16) -> &mut Self {
+        self.code.extend(instruction.to_le_bytes());
+        self
+    }
+
+    /// MOVW and MOVT.
+    fn constant(&mut self, register: u16, value: u32) -> &mut Self {
+        for (opcode, half) in [(0xF240, value & 0xFFFF), (0xF2C0, value >> 16)] {
+            let half = half as u16;
+            self.half(opcode | (half >> 11 & 1) << 10 | half >> 12);
+            self.half((half >> 8 & 7) << 12 | register << 8 | half & 0xFF);
+        }
+        self
+    }
+
+    /// Stores a constant; uses r0 and r1.
+    fn poke(&mut self, address: u32, value: u32) -> &mut Self {
+        // STR r1, [r0]
+        self.constant(0, address).constant(1, value).half(0x6001)
+    }
+
+    /// Loads a word into r2; uses r0.
+    fn peek(&mut self, address: u32) -> &mut Self {
+        // LDR r2, [r0]
+        self.constant(0, address).half(0x6802)
+    }
+
+    /// Loads until the word under the mask is the mask; uses r0 to r3.
+    fn wait(&mut self, address: u32, mask: u32) -> &mut Self {
+        self.constant(0, address).constant(3, mask);
+        // loop: LDR r2, [r0]; ANDS r2, r3; CMP r2, r3; BNE loop
+        self.half(0x6802).half(0x401A).half(0x429A).half(0xD1FB)
+    }
+
+    /// Lets an interrupt through the NVIC.
+    fn enable(&mut self, irq: u32) -> &mut Self {
+        self.poke(0xE000_E100 + 4 * (irq / 32), 1 << (irq % 32))
+    }
+
+    fn sleep_for_ever(&mut self) -> &mut Self {
+        // loop: WFI; B loop
+        self.half(0xBF30).half(0xE7FD)
+    }
+
+    fn return_from_handler(&mut self) -> &mut Self {
+        // BX LR
+        self.half(0x4770)
+    }
+
+    fn start(&self, part: Part, board: &Board) -> Mcu {
+        let image = Image::from_code(part, &self.code).expect("the program fits");
+        Mcu::new(Arc::new(image), board, None)
+    }
+}
+
+fn at(ps: u64) -> SimTime {
+    SimTime::from_ticks(ps)
+}
+
+fn run(mcu: &mut Mcu, until: u64) {
+    while mcu.now() < at(until) {
+        mcu.run_until(at(until));
+    }
+}
+
+fn to_180_mhz(program: &mut Program) {
+    program
+        .poke(0x4002_3840, 1 << 28)
+        .poke(0x4002_3800, 0x0005_0083)
+        .wait(0x4002_3800, 1 << 17)
+        .poke(0x4002_3804, 4 | 180 << 6 | 1 << 22)
+        .poke(0x4002_3800, 0x0105_0083)
+        .poke(0x4000_7000, 0xC000 | 1 << 16)
+        .wait(0x4000_7004, 1 << 16)
+        .poke(0x4000_7000, 0xC000 | 3 << 16)
+        .wait(0x4000_7004, 1 << 17)
+        .poke(0x4002_3C00, 0x705)
+        .wait(0x4002_3800, 1 << 25)
+        .poke(0x4002_3808, 0b101 << 10 | 0b100 << 13 | 2)
+        .wait(0x4002_3808, 0b1000);
+}
+
+fn to_72_mhz(program: &mut Program) {
+    program
+        .poke(0x4002_1000, 0x0005_0083)
+        .wait(0x4002_1000, 1 << 17)
+        .poke(0x4002_2000, 0x12)
+        .poke(0x4002_1004, 7 << 18 | 1 << 16 | 0b100 << 8)
+        .poke(0x4002_1000, 0x0105_0083)
+        .wait(0x4002_1000, 1 << 25)
+        .poke(0x4002_1004, 7 << 18 | 1 << 16 | 0b100 << 8 | 2)
+        .wait(0x4002_1004, 0b1000);
+}
+
+#[test]
+fn both_parts_reach_their_clock_and_sleep() {
+    let mut program = Program::new();
+    to_180_mhz(&mut program);
+    program.sleep_for_ever();
+    let mut mcu = program.start(Part::F446, &Board::default());
+    run(&mut mcu, 10 * MS);
+    assert_eq!((mcu.core_hz(), mcu.is_asleep()), (180_000_000, true));
+    assert!(mcu.unmodelled().is_empty());
+
+    let mut program = Program::new();
+    to_72_mhz(&mut program);
+    program.sleep_for_ever();
+    let mut mcu = program.start(Part::F303, &Board::default());
+    run(&mut mcu, 10 * MS);
+    assert_eq!((mcu.core_hz(), mcu.is_asleep()), (72_000_000, true));
+    // Nobody feeds OSC_IN: it waits for ever on the internal oscillator.
+    let board = Board {
+        external_clock: None,
+        ..Board::default()
+    };
+    let mut mcu = program.start(Part::F303, &board);
+    run(&mut mcu, 10 * MS);
+    assert_eq!((mcu.core_hz(), mcu.is_asleep()), (8_000_000, false));
+}
+
+const GPIOA: u32 = 0x4002_0000;
+const LED: Pin = Pin::new('A', 5);
+
+/// TIM2 counts 18 MHz and interrupts at 18000 and 36000; the handler toggles the LED and
+/// moves the compare value on.
+fn blinker() -> Program {
+    let mut program = Program::new();
+    to_180_mhz(&mut program);
+    program
+        .poke(0x4002_3830, 1)
+        .poke(GPIOA, 0xA800_0000 | 1 << 10)
+        .poke(0x4002_3840, 1 << 28 | 1)
+        .poke(0x4000_0028, 4)
+        .poke(0x4000_0014, 1)
+        .poke(0x4000_0010, 0)
+        .poke(0x4000_0034, 18_000)
+        .poke(0x4000_000C, 1 << 1)
+        .enable(28)
+        .poke(GPIOA + 0x18, 1 << 5)
+        .poke(0x4000_0000, 1)
+        .sleep_for_ever();
+    program.handler(16 + 28);
+    program
+        .poke(0x4000_0010, 0)
+        .peek(GPIOA + 0x14)
+        // MOVS r3, #32; EORS r2, r3; STR r2, [r0]
+        .half(0x2320)
+        .half(0x405A)
+        .half(0x6002)
+        .peek(0x4000_0034)
+        // ADD r2, r2, r3 with r3 = 18000; STR r2, [r0]
+        .constant(3, 18_000)
+        .half(0x441A)
+        .half(0x6002)
+        .return_from_handler();
+    program
+}
+
+#[test]
+fn a_sleeping_core_wakes_in_the_cycle_of_the_compare_match() {
+    let mut mcu = blinker().start(Part::F446, &Board::default());
+    run(&mut mcu, 50 * MS);
+    let edges = mcu.drain_pins();
+    assert!(edges.len() > 40);
+    assert!(edges.iter().all(|edge| edge.pin == LED));
+    // 18000 ticks of 18 MHz are a millisecond, to the picosecond: the same instructions
+    // stand between the match and the pin each time.
+    for pair in edges.windows(2).skip(1) {
+        assert_eq!(pair[1].at.as_ticks() - pair[0].at.as_ticks(), MS);
+        assert_ne!(pair[0].high, pair[1].high);
+    }
+    let load = mcu.load();
+    let [task] = &load.tasks[..] else {
+        panic!("one task: {load:?}");
+    };
+    assert_eq!(task.exception, 44);
+    assert_eq!(task.activations as usize, edges.len() - 1);
+    // Two loads and three stores of two cycles, fourteen other instructions of one.
+    assert_eq!(task.longest, 5 * 2 + 14);
+    assert_eq!(task.longest_response, 12 + task.longest + 10);
+}
+
+#[test]
+fn a_fast_crystal_makes_everything_early() {
+    let board = Board {
+        crystal_ppb: 50_000,
+        ..Board::default()
+    };
+    let mut mcu = blinker().start(Part::F446, &board);
+    run(&mut mcu, 50 * MS);
+    let edges = mcu.drain_pins();
+    let [.., a, b] = &edges[..] else {
+        panic!("edges");
+    };
+    let period = b.at.as_ticks() - a.at.as_ticks();
+    assert!(period.abs_diff(MS - 50_000) < 100, "{period}");
+}
+
+#[test]
+fn the_same_program_does_the_same_in_slices_of_any_length() {
+    let mut whole = blinker().start(Part::F446, &Board::default());
+    run(&mut whole, 30 * MS);
+    let mut sliced = blinker().start(Part::F446, &Board::default());
+    let mut t = 0;
+    for k in 0.. {
+        t += 1 + k * 7_919 % (90 * US);
+        run(&mut sliced, t.min(30 * MS));
+        if t >= 30 * MS {
+            break;
+        }
+    }
+    assert_eq!(whole.drain_pins(), sliced.drain_pins());
+    assert_eq!(whole.load().tasks, sliced.load().tasks);
+}
+
+#[test]
+fn the_watchdog_resets_and_ram_survives() {
+    let mut program = Program::new();
+    program
+        .poke(0x4000_3000, 0xCCCC)
+        .poke(0x4000_3000, 0x5555)
+        .poke(0x4000_3004, 1)
+        .poke(0x4000_3008, 99)
+        // Counts its starts at 0x2000_1000; the shorter time holds from the update on.
+        .peek(0x2000_1000)
+        .half(0x3201)
+        .half(0x6002)
+        .wait(0x4000_300C, 0)
+        .peek(0x4000_300C)
+        .half(0x2A00)
+        .half(0xD1FA)
+        .poke(0x4000_3000, 0xAAAA)
+        .sleep_for_ever();
+    let mut mcu = program.start(Part::F446, &Board::default());
+    // 100 counts of 8 / 32 kHz, 25 ms, and a bit for the start.
+    run(&mut mcu, 110 * MS);
+    let causes: Vec<_> = mcu.resets().iter().map(|(_, cause)| *cause).collect();
+    assert_eq!(causes[0], ResetCause::PowerOn);
+    assert_eq!(causes[1..], [ResetCause::Watchdog; 4]);
+    let period = mcu.resets()[3].0.as_ticks() - mcu.resets()[2].0.as_ticks();
+    assert!((25 * MS..26 * MS).contains(&period), "{period}");
+    assert_eq!(mcu.memory(0x2000_1000, 4), Some(vec![5, 0, 0, 0]));
+}
+
+#[test]
+fn the_program_can_reset_itself_and_reads_why() {
+    let mut program = Program::new();
+    program
+        .peek(0x4002_3874)
+        .constant(0, 0x2000_1000)
+        // LDR r3, [r0]: the first start leaves its flags and resets, the second sleeps.
+        .half(0x6803)
+        .half(0x6002)
+        // CMP r3, #0; BNE over the reset
+        .half(0x2B00)
+        .half(0xD109)
+        .poke(0xE000_ED0C, 0x05FA_0004)
+        .half(0xE7FE)
+        .sleep_for_ever();
+    let mut mcu = program.start(Part::F446, &Board::default());
+    run(&mut mcu, MS);
+    run(&mut mcu, 2 * MS);
+    let causes: Vec<_> = mcu.resets().iter().map(|(_, cause)| *cause).collect();
+    assert_eq!(causes, [ResetCause::PowerOn, ResetCause::Software]);
+    assert!(mcu.is_asleep());
+    let flags = mcu.memory(0x2000_1000, 4).expect("RAM");
+    assert_eq!(flags[3] & 0x1C, 0x1C, "pin, power and software");
+}
+
+#[test]
+fn a_part_held_in_reset_stands_still_and_starts_anew() {
+    let mut mcu = blinker().start(Part::F446, &Board::default());
+    run(&mut mcu, 10 * MS);
+    mcu.hold_reset();
+    mcu.drain_pins();
+    run(&mut mcu, 30 * MS);
+    assert_eq!(mcu.drain_pins(), []);
+    assert_eq!(mcu.core_hz(), 16_000_000);
+    mcu.release_reset();
+    run(&mut mcu, 40 * MS);
+    assert!(mcu.drain_pins().len() > 5);
+    assert_eq!(mcu.resets().last(), Some(&(at(30 * MS), ResetCause::Pin)));
+}
+
+#[test]
+fn a_scan_of_two_channels_arrives_in_memory_by_dma() {
+    let mut program = Program::new();
+    program
+        .poke(0x4002_3830, 1 << 22)
+        .poke(0x4002_3840, 1 << 1)
+        .poke(0x4002_3844, 1 << 8)
+        // DMA2 stream 0: half-words, circular, memory increment.
+        .poke(0x4002_6414, 4)
+        .poke(0x4002_6418, 0x4001_204C)
+        .poke(0x4002_641C, 0x2000_1000)
+        .poke(0x4002_6410, 1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1)
+        // ADC1: scan of channels 0 and 1 on TIM3's TRGO.
+        .poke(0x4001_2004, 1 << 8)
+        .poke(0x4001_202C, 1 << 20)
+        .poke(0x4001_2034, 1 << 5)
+        .poke(0x4001_2008, 1 | 1 << 8 | 1 << 9 | 8 << 24 | 1 << 28)
+        // TIM3: 16 MHz / 16 / 5000, update as TRGO.
+        .poke(0x4000_0428, 15)
+        .poke(0x4000_042C, 4999)
+        .poke(0x4000_0414, 1)
+        .poke(0x4000_0404, 2 << 4)
+        .poke(0x4000_0400, 1)
+        .sleep_for_ever();
+    let mut mcu = program.start(Part::F446, &Board::default());
+    mcu.set_analog(0, 0x123);
+    mcu.set_analog(1, 0x456);
+    // Until MMS is set, TRGO is the bit UG itself: a first scan runs at once, the next
+    // 5 ms later.
+    run(&mut mcu, 6 * MS);
+    mcu.set_analog(0, 0x789);
+    run(&mut mcu, 11 * MS);
+    let memory = mcu.memory(0x2000_1000, 8).expect("RAM");
+    let counts: Vec<_> = memory
+        .chunks(2)
+        .map(|pair| u16::from_le_bytes([pair[0], pair[1]]))
+        .collect();
+    assert_eq!(counts, [0x789, 0x456, 0x123, 0x456]);
+}
+
+#[test]
+fn bytes_leave_by_dma_only_on_the_pin_that_is_theirs() {
+    let program = |function: u32| {
+        let mut program = Program::new();
+        program
+            .poke(0x4002_1014, 1 | 1 << 17)
+            .poke(0x4002_101C, 1 << 17)
+            .poke(0x4800_0020, function << 8)
+            .poke(0x4800_0000, 0xA800_0000 | 2 << 4)
+            .poke(0x2000_1000, u32::from_le_bytes(*b"plow"))
+            // DMA1 channel 7: 8 bits, memory to peripheral.
+            .poke(0x4002_0084, 4)
+            .poke(0x4002_0088, 0x4000_4428)
+            .poke(0x4002_008C, 0x2000_1000)
+            // USART2 at 115200 from 8 MHz.
+            .poke(0x4000_440C, 69)
+            .poke(0x4000_4408, 1 << 7)
+            .poke(0x4000_4400, 1 | 1 << 3)
+            .poke(0x4002_0080, 1 << 7 | 1 << 4 | 1)
+            .sleep_for_ever();
+        program
+    };
+    let mut mcu = program(7).start(Part::F303, &Board::default());
+    run(&mut mcu, 2 * MS);
+    let sent = mcu.drain_uart();
+    let bytes: Vec<_> = sent.iter().map(|sent| sent.byte).collect();
+    assert_eq!(bytes, b"plow");
+    assert!(
+        sent.iter()
+            .all(|sent| sent.usart == 2 && sent.baud == 115_942)
+    );
+    for pair in sent.windows(2) {
+        assert_eq!(pair[1].start, pair[0].end);
+        let length = pair[1].end.as_ticks() - pair[1].start.as_ticks();
+        assert_eq!(length, 690 * 125_000);
+    }
+    let mut mcu = program(4).start(Part::F303, &Board::default());
+    run(&mut mcu, 2 * MS);
+    assert_eq!(mcu.drain_uart(), []);
+}
+
+#[test]
+fn a_block_without_its_clock_reads_zero_and_takes_nothing() {
+    let mut program = Program::new();
+    program
+        .poke(0x4000_0028, 7)
+        .poke(0x4002_3840, 1)
+        .peek(0x4000_0028)
+        .constant(0, 0x2000_1000)
+        .half(0x6002)
+        .sleep_for_ever();
+    let mut mcu = program.start(Part::F446, &Board::default());
+    mcu.set_memory(0x2000_1000, &[0xFF; 4]);
+    run(&mut mcu, MS);
+    assert_eq!(mcu.memory(0x2000_1000, 4), Some(vec![0; 4]));
+}
+
+#[test]
+fn an_access_to_nothing_is_a_fault_that_shows() {
+    let mut program = Program::new();
+    program.peek(0x4000_2800).sleep_for_ever();
+    let mut mcu = program.start(Part::F303, &Board::default());
+    run(&mut mcu, MS);
+    assert_eq!(mcu.exception(), 3);
+    assert_eq!(mcu.bus_faults(), (1, 0x4000_2800));
+}
+
+#[test]
+fn systick_wakes_a_sleeping_core_at_its_rate() {
+    let mut program = Program::new();
+    program
+        .poke(0x4002_1014, 0x14 | 1 << 18)
+        .poke(0x4800_0400, 0x280 & !(3 << 6) | 1 << 6)
+        .poke(0xE000_E014, 7_999)
+        .poke(0xE000_E018, 0)
+        .poke(0xE000_E010, 7)
+        .sleep_for_ever();
+    program.handler(15);
+    program
+        .peek(0x4800_0414)
+        .half(0x2308)
+        .half(0x405A)
+        .half(0x6002)
+        .return_from_handler();
+    let mut mcu = program.start(Part::F303, &Board::default());
+    run(&mut mcu, 100 * MS);
+    let edges = mcu.drain_pins();
+    assert_eq!(edges.len(), 99);
+    let first = edges[0].at.as_ticks();
+    let last = edges[98].at.as_ticks();
+    // 8000 cycles of 8 MHz; a pin may move by the cycle in which the core looks.
+    assert!(
+        (last - first).abs_diff(98 * MS) <= 98 * 125_000,
+        "{}",
+        last - first
+    );
+}
+
+#[test]
+fn every_executed_instruction_can_be_observed() {
+    let mut program = Program::new();
+    program.sleep_for_ever();
+    let start = 0x0800_0000 + (VECTORS as u32) * 4 + 2;
+    let mut mcu = program.start(Part::F446, &Board::default());
+    let seen = Arc::new(Mutex::new(Vec::new()));
+    let sink = Arc::clone(&seen);
+    mcu.set_trace(Some(Box::new(move |pc| {
+        sink.lock().expect("one thread").push(pc);
+    })));
+    mcu.run_for(SimDuration::from_ticks(MS));
+    let seen = seen.lock().expect("one thread");
+    assert!(seen.contains(&start));
+    assert!(seen.len() < 10, "asleep, nothing is executed: {seen:x?}");
+}
