@@ -2,3 +2,4 @@
 
 pub mod can;
 pub mod response;
+pub mod wcet;

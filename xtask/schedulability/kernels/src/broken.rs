@@ -1,0 +1,46 @@
+//! Programs whose time has no bound.
+
+use crate::Input;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+static FLAG: AtomicU32 = AtomicU32::new(0);
+
+/// Waits for something that only an interrupt changes.
+#[inline(never)]
+pub fn endless_wait(input: &mut Input) -> u32 {
+    while FLAG.load(Ordering::Relaxed) != input[0] {}
+    1
+}
+
+/// The Ackermann function, which no compiler turns into a loop.
+#[inline(never)]
+pub fn recursion(input: &mut Input) -> u32 {
+    #[inline(never)]
+    fn ackermann(m: u32, n: u32) -> u32 {
+        match (m, n) {
+            (0, n) => n.wrapping_add(1),
+            (m, 0) => ackermann(m - 1, 1),
+            (m, n) => ackermann(m - 1, ackermann(m, n - 1)),
+        }
+    }
+    ackermann(input[0] & 3, input[1] & 7)
+}
+
+/// Calls wherever a word in memory points to.
+#[inline(never)]
+pub fn pointer_from_memory(hook: &mut fn(u32) -> u32) -> u32 {
+    hook(1).wrapping_add(1)
+}
+
+/// An annotation that is not true: the emulator must find it out.
+#[inline(never)]
+pub fn annotated_too_low(input: &mut Input) -> u32 {
+    let mut word = input[0];
+    let mut count = 0;
+    // loop-bound: 3 it takes up to 32
+    while word != 0 {
+        word &= word - 1;
+        count += 1;
+    }
+    count
+}

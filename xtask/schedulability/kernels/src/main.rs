@@ -1,0 +1,79 @@
+//! Kernels for the execution-time analysis.
+//!
+//! Each is a function of one block of input words, which it may overwrite.
+//! They are not called here: the analysis and the emulator enter them one by
+//! one through [`KERNELS`].
+
+#![no_std]
+#![no_main]
+
+mod arithmetic;
+mod arrays;
+mod broken;
+mod control;
+mod text;
+
+use core::panic::PanicInfo;
+
+/// Words of input that every kernel gets.
+pub const WORDS: usize = 64;
+/// The input of a kernel.
+pub type Input = [u32; WORDS];
+/// A kernel.
+pub type Kernel = fn(&mut Input) -> u32;
+
+/// Every kernel, so that the linker keeps it.
+#[used]
+pub static KERNELS: [Kernel; 34] = [
+    arithmetic::divide_u64,
+    arithmetic::divide_i64,
+    arithmetic::remainder_u64,
+    arithmetic::polynomial_f32,
+    arithmetic::polynomial_f64,
+    arithmetic::divide_f64,
+    arithmetic::root_f32,
+    arithmetic::product_u64,
+    arithmetic::greatest_divisor,
+    arithmetic::bits_set,
+    arithmetic::fixed_point_filter,
+    arrays::nested,
+    arrays::triangular,
+    arrays::matrix_f32,
+    arrays::matrix_i32,
+    arrays::insertion_sort,
+    arrays::bubble_sort,
+    arrays::heap_sort,
+    arrays::binary_search,
+    arrays::copy_some,
+    arrays::copy_all,
+    arrays::fill_some,
+    arrays::sieve,
+    arrays::median,
+    control::early_exit,
+    control::table_jump,
+    control::pointer_table,
+    control::state_machine,
+    control::choices,
+    text::crc8_bits,
+    text::crc32_table,
+    text::decimal,
+    text::parse_number,
+    text::hexadecimal,
+];
+
+/// Functions that no bound can be given for.
+#[used]
+pub static BROKEN: [Kernel; 3] = [
+    broken::endless_wait,
+    broken::recursion,
+    broken::annotated_too_low,
+];
+
+/// A function that calls through what it is given.
+#[used]
+pub static POINTER: fn(&mut fn(u32) -> u32) -> u32 = broken::pointer_from_memory;
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    loop {}
+}

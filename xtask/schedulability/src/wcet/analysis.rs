@@ -1,0 +1,975 @@
+//! Runs all paths of a task at once on the abstract machine.
+//!
+//! Calls are followed in place, so every call is analysed with the arguments
+//! it has. Within one turn of a loop (and outside loops) paths that meet are
+//! joined; turns are not, so a counter keeps its exact value and an inner
+//! loop that runs to an outer counter is charged what each turn really costs.
+//! The clock of a joined path is the longer of the two, which makes the clock
+//! at the return a bound of the execution time.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::rc::Rc;
+
+use rsemu::cpu::arm::v7m::isa::{Cond, Insn};
+
+use super::annotation::Annotations;
+use super::execute::Executor;
+use super::graph::{Block, Graph, Targets, conditional, leaves};
+use super::image::Image;
+use super::instruction::{Flow, Instruction};
+use super::range::Range;
+use super::runtime;
+use super::state::{Cycles, Masked, STACK_TOP, State, Symbols, longer};
+use super::timing::Timing;
+use super::value::Value;
+
+/// Turns of one loop without an annotation before the analysis gives up.
+const MAX_TURNS: u64 = 20_000;
+/// Instructions that one analysis may run on the abstract machine.
+const MAX_STEPS: u64 = 40_000_000;
+/// Targets of one indirect jump before it counts as unresolved.
+const MAX_TARGETS: u64 = 1024;
+/// Return address of a task: no code is there.
+const RETURN: u32 = 0xffff_fff9;
+
+/// How the analysed code is entered and left.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Entry {
+    /// As an exception handler: entry and return are charged.
+    Handler,
+    /// As a function: only its instructions are charged.
+    Function,
+    /// The program's start: loops are not required to end, and stretches with
+    /// interrupts masked count from the first time they are enabled.
+    Program,
+}
+
+/// What keeps a bound from being given.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
+pub enum Problem {
+    /// No bound was found for a loop.
+    #[error(
+        "the loop at {0} has no bound: write `// loop-bound: N` on the line above it, N the most turns it takes"
+    )]
+    LoopWithoutBound(String),
+    /// A function calls itself, directly or not.
+    #[error("recursion: {0}; its depth, and so its time and stack, has no bound")]
+    Recursion(String),
+    /// A call or jump whose target is not known.
+    #[error(
+        "the call through a pointer at {0} may go anywhere: call the function by name, or choose it from a constant table"
+    )]
+    UnboundedPointer(String),
+    /// A jump into a loop other than through its first block.
+    #[error("the loop at {0} is entered in its middle (irreducible control flow)")]
+    Irreducible(String),
+    /// Control reaches something that is no instruction.
+    #[error("control reaches {0}, which is no instruction of this core")]
+    NotCode(String),
+    /// The interrupt mask was set to something unknown.
+    #[error("the interrupt mask is set to an unknown level at {0}")]
+    UnknownMask(String),
+    /// The stack pointer was set to something unknown.
+    #[error("the stack pointer is unknown after {0}")]
+    UnknownStack(String),
+    /// The analysis ran out of its budget.
+    #[error("{0} takes too many steps to analyse: bound its loops by annotations")]
+    TooLong(String),
+    /// No such function.
+    #[error("the image has no function {0}")]
+    Missing(String),
+}
+
+/// A place from which control goes to the panic handler and never returns.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct PanicSite {
+    /// Address of the call.
+    pub at: u32,
+    /// What it calls.
+    pub callee: String,
+}
+
+/// Where an edge of the control flow leads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum To {
+    /// A block of the same function.
+    Block(usize),
+    /// Back to the caller.
+    Return,
+    /// Nowhere: the path ends.
+    End,
+}
+
+/// A block of a function.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Node {
+    /// The function's address.
+    pub function: u32,
+    /// The block's number in its graph.
+    pub block: usize,
+}
+
+/// What the paths have in common, for the integer program and for checks.
+#[derive(Debug, Default, Clone)]
+pub struct Facts {
+    /// Most executions of each block that was reached.
+    pub visits: BTreeMap<Node, u64>,
+    /// Most cycles of one execution of a block, its callees excluded.
+    pub costs: BTreeMap<Node, Cycles>,
+    /// Most traversals of each edge.
+    pub edges: BTreeMap<(Node, To), u64>,
+    /// Cycles of an edge beyond its block.
+    pub edge_costs: BTreeMap<(Node, To), Cycles>,
+    /// Most calls of each callee from each block.
+    pub calls: BTreeMap<(Node, u32), u64>,
+    /// Most turns of a loop for one entry, by its header.
+    pub turns: BTreeMap<Node, u64>,
+}
+
+/// The longest stretch with interrupts masked from one place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Section {
+    /// `BASEPRI` while it lasts, zero for `PRIMASK`.
+    pub level: u8,
+    /// Longest time.
+    pub cycles: Cycles,
+    /// Address of the instruction that masks.
+    pub at: u32,
+}
+
+/// The result for one task.
+#[derive(Debug, Clone)]
+pub struct Bound {
+    /// Longest time of one execution.
+    pub cycles: Cycles,
+    /// Deepest stack below its value on entry, in bytes; exception frames
+    /// and panic paths not included.
+    pub stack: u32,
+    /// Whether a floating-point instruction may be executed.
+    pub uses_fpu: bool,
+    /// Stretches with interrupts masked.
+    pub sections: Vec<Section>,
+    /// Panics that the image does not prove impossible.
+    pub panics: BTreeSet<PanicSite>,
+    /// Flow facts.
+    pub facts: Facts,
+    /// Bounds taken from annotations, by the loop's first line.
+    pub annotated: BTreeMap<String, u64>,
+    /// Why the figures above are no bound; empty when they are.
+    pub problems: BTreeSet<Problem>,
+}
+
+/// Analyses tasks of one image.
+#[derive(Debug)]
+pub struct Analysis<'a> {
+    image: &'a Image,
+    annotations: &'a Annotations,
+    timings: [Timing; 2],
+    targets: Targets,
+    graphs: HashMap<u32, Rc<Graph>>,
+}
+
+impl<'a> Analysis<'a> {
+    /// Prepares the analysis of `image` with the flash of `part`.
+    #[must_use]
+    pub fn new(image: &'a Image, annotations: &'a Annotations, part: Timing) -> Self {
+        Self {
+            image,
+            annotations,
+            timings: [Timing::zero_wait(), part],
+            targets: Targets::new(),
+            graphs: HashMap::new(),
+        }
+    }
+
+    /// Bounds the code at `entry`.
+    pub fn run(&mut self, entry: u32, kind: Entry) -> Bound {
+        self.run_with(entry, kind, &[])
+    }
+
+    /// Bounds the code at `entry` when it is entered with these words in core
+    /// registers (0..=12).
+    pub fn run_with(&mut self, entry: u32, kind: Entry, registers: &[(u8, u32)]) -> Bound {
+        // Jump tables are found on the way; the flow is rebuilt with their
+        // targets until there are no new ones.
+        loop {
+            let mut run = Run {
+                analysis: self,
+                executor: None,
+                kind,
+                frames: Vec::new(),
+                steps: 0,
+                found: Targets::new(),
+                endless: BTreeSet::new(),
+                lowest: STACK_TOP,
+                uses_fpu: false,
+                sections: BTreeMap::new(),
+                panics: BTreeSet::new(),
+                ended: [0; 2],
+                facts: Facts::default(),
+                annotated: BTreeMap::new(),
+                problems: BTreeSet::new(),
+            };
+            let result = run.whole(entry, registers);
+            let found = std::mem::take(&mut run.found);
+            let ended = run.ended;
+            let bound = Bound {
+                cycles: longer(result.unwrap_or([0; 2]), ended),
+                stack: STACK_TOP - run.lowest,
+                uses_fpu: run.uses_fpu,
+                sections: run
+                    .sections
+                    .iter()
+                    .map(|(&(level, at), &cycles)| Section { level, cycles, at })
+                    .collect(),
+                panics: std::mem::take(&mut run.panics),
+                facts: std::mem::take(&mut run.facts),
+                annotated: std::mem::take(&mut run.annotated),
+                problems: std::mem::take(&mut run.problems),
+            };
+            if found.is_empty() {
+                return bound;
+            }
+            for (jump, targets) in found {
+                self.targets.entry(jump).or_default().extend(targets);
+            }
+            self.graphs.clear();
+        }
+    }
+
+    /// The control flow of the function at `entry`, as far as it is known.
+    pub fn graph(&mut self, entry: u32) -> Option<Rc<Graph>> {
+        if let Some(graph) = self.graphs.get(&entry) {
+            return Some(graph.clone());
+        }
+        let graph = Rc::new(Graph::build(self.image, entry, &self.targets).ok()?);
+        self.graphs.insert(entry, graph.clone());
+        Some(graph)
+    }
+
+    /// The image under analysis.
+    #[must_use]
+    pub fn image(&self) -> &'a Image {
+        self.image
+    }
+
+    /// Exception costs under each timing model.
+    #[must_use]
+    pub fn timings(&self) -> &[Timing; 2] {
+        &self.timings
+    }
+}
+
+struct Run<'r, 'a> {
+    analysis: &'r mut Analysis<'a>,
+    executor: Option<Executor<'a>>,
+    kind: Entry,
+    /// Functions being executed and the address each returns to.
+    frames: Vec<(u32, u32)>,
+    steps: u64,
+    found: Targets,
+    endless: BTreeSet<u32>,
+    lowest: u32,
+    uses_fpu: bool,
+    sections: BTreeMap<(u8, u32), Cycles>,
+    panics: BTreeSet<PanicSite>,
+    ended: Cycles,
+    facts: Facts,
+    annotated: BTreeMap<String, u64>,
+    problems: BTreeSet<Problem>,
+}
+
+/// Ways out of a region: states by where they go.
+type Exits = Vec<(To, State)>;
+
+impl<'a> Run<'_, 'a> {
+    fn whole(&mut self, entry: u32, registers: &[(u8, u32)]) -> Option<Cycles> {
+        let mut symbols = Symbols::default();
+        let mut state = State::entry(&mut symbols);
+        state.registers[14] = Value::constant(RETURN);
+        for &(register, word) in registers {
+            state.registers[usize::from(register)] = Value::constant(word);
+        }
+        if self.kind == Entry::Program {
+            state.started = false;
+        }
+        if self.kind == Entry::Handler {
+            let costs = self
+                .analysis
+                .timings
+                .map(|timing| timing.exceptions().entry);
+            state.spend(costs);
+        }
+        self.executor = Some(Executor {
+            image: self.analysis.image,
+            symbols,
+        });
+        let mut last = self.function(entry, RETURN & !1, state)?;
+        if self.kind == Entry::Handler {
+            let costs = self.analysis.timings.map(|timing| timing.exceptions().exit);
+            last.spend(costs);
+        }
+        Some(last.cycles)
+    }
+
+    fn executor(&mut self) -> &mut Executor<'a> {
+        // Set before anything is executed.
+        self.executor.as_mut().expect("an executor is in place")
+    }
+
+    fn describe(&self, address: u32) -> String {
+        self.analysis.image.describe(address)
+    }
+
+    fn join(&mut self, into: &mut Option<State>, state: State) {
+        *into = Some(match into.take() {
+            None => state,
+            Some(before) => before.join(&state, &mut self.executor().symbols),
+        });
+    }
+
+    /// Runs the function at `entry` to its return.
+    fn function(&mut self, entry: u32, back: u32, state: State) -> Option<State> {
+        if self.frames.iter().any(|(function, _)| *function == entry) {
+            let from = self
+                .frames
+                .iter()
+                .position(|(f, _)| *f == entry)
+                .unwrap_or(0);
+            let names: Vec<String> = self.frames[from..]
+                .iter()
+                .map(|(f, _)| self.analysis.image.name(*f))
+                .chain([self.analysis.image.name(entry)])
+                .collect();
+            self.problems
+                .insert(Problem::Recursion(names.join(" calls ")));
+            return None;
+        }
+        let Some(graph) = self.analysis.graph(entry) else {
+            self.problems.insert(Problem::NotCode(self.describe(entry)));
+            return None;
+        };
+        for &(_, target) in &graph.irreducible {
+            let at = graph.blocks[target].start();
+            self.problems
+                .insert(Problem::Irreducible(self.describe(at)));
+        }
+        if !graph.irreducible.is_empty() {
+            return None;
+        }
+        self.frames.push((entry, back));
+        let (exits, _) = self.region(&graph, None, state);
+        self.frames.pop();
+        let mut returned = None;
+        for (to, state) in exits {
+            if to == To::Return {
+                self.join(&mut returned, state);
+            }
+        }
+        returned
+    }
+
+    /// Runs one turn of a loop, or the whole function, from its first block.
+    /// Returns the ways out and the state that comes back to the first block.
+    fn region(
+        &mut self,
+        graph: &Rc<Graph>,
+        region: Option<usize>,
+        state: State,
+    ) -> (Exits, Option<State>) {
+        let header = region.map_or(0, |number| graph.loops[number].header);
+        let inside =
+            |block: usize| region.is_none_or(|number| graph.loops[number].blocks.contains(&block));
+        let mut waiting: BTreeMap<usize, State> = BTreeMap::from([(header, state)]);
+        let mut exits = Exits::new();
+        let mut back = None;
+        while let Some((block, state)) = waiting.pop_first() {
+            let leaving = match graph.child_loop(region, block) {
+                Some(child) if Some(child) != region => self.turns(graph, child, state),
+                _ => self.block(graph, block, state),
+            };
+            for (to, state) in leaving {
+                match to {
+                    To::Block(next) if next == header && region.is_some() => {
+                        self.join(&mut back, state);
+                    }
+                    To::Block(next) if inside(next) => {
+                        let mut slot = waiting.remove(&next);
+                        self.join(&mut slot, state);
+                        waiting.extend(slot.map(|state| (next, state)));
+                    }
+                    _ => match exits.iter().position(|(other, _)| *other == to) {
+                        Some(position) => {
+                            let mut slot = Some(exits.swap_remove(position).1);
+                            self.join(&mut slot, state);
+                            exits.extend(slot.map(|state| (to, state)));
+                        }
+                        None => exits.push((to, state)),
+                    },
+                }
+            }
+        }
+        (exits, back)
+    }
+
+    /// Runs a loop turn by turn until nothing stays inside.
+    fn turns(&mut self, graph: &Rc<Graph>, number: usize, state: State) -> Exits {
+        let header = graph.loops[number].header;
+        let node = Node {
+            function: graph.entry,
+            block: header,
+        };
+        let at = graph.blocks[header].start();
+        let image = self.analysis.image;
+        let annotated = self
+            .analysis
+            .annotations
+            .bound(image, graph, number)
+            .map(|(place, bound)| (place.to_string(), bound))
+            .or_else(|| {
+                runtime::bound(image, graph, number).map(|(what, bound)| (what.to_owned(), bound))
+            });
+        if let Some((place, bound)) = &annotated {
+            self.annotated.insert(place.clone(), *bound);
+        }
+        let mut all = Exits::new();
+        let mut first = state;
+        let mut turns = 0;
+        loop {
+            let (exits, back) = self.region(graph, Some(number), first.clone());
+            for (to, state) in exits {
+                match all.iter().position(|(other, _)| *other == to) {
+                    Some(position) => {
+                        let mut slot = Some(all.swap_remove(position).1);
+                        self.join(&mut slot, state);
+                        all.extend(slot.map(|state| (to, state)));
+                    }
+                    None => all.push((to, state)),
+                }
+            }
+            let Some(next) = back else { break };
+            turns += 1;
+            if let Some((_, bound)) = annotated {
+                if turns > bound {
+                    break;
+                }
+                first = next;
+                continue;
+            }
+            let stuck = first.same_machine(&next);
+            if self.kind == Entry::Program {
+                if stuck {
+                    break;
+                }
+                first = if turns < 4 {
+                    next
+                } else {
+                    first.widen(&next, &mut self.executor().symbols)
+                };
+                if turns > 40 {
+                    break;
+                }
+                continue;
+            }
+            if stuck || turns > MAX_TURNS || self.endless.contains(&at) || self.steps > MAX_STEPS {
+                self.endless.insert(at);
+                let problem = if self.steps > MAX_STEPS {
+                    Problem::TooLong(self.describe(at))
+                } else {
+                    Problem::LoopWithoutBound(self.describe(at))
+                };
+                self.problems.insert(problem);
+                break;
+            }
+            first = next;
+        }
+        let most = self.facts.turns.entry(node).or_default();
+        *most = turns.max(*most);
+        all
+    }
+
+    /// Runs one block and what it calls.
+    fn block(&mut self, graph: &Rc<Graph>, number: usize, state: State) -> Exits {
+        let block = &graph.blocks[number];
+        let node = Node {
+            function: graph.entry,
+            block: number,
+        };
+        *self.facts.visits.entry(node).or_default() += 1;
+        if self.steps > MAX_STEPS && self.kind != Entry::Program {
+            self.problems
+                .insert(Problem::TooLong(self.describe(block.start())));
+            return Exits::new();
+        }
+        let before = state.cycles;
+        let mut skipping: Option<State> = None;
+        let mut states = vec![state];
+        let (body, last) = block.instructions.split_at(block.instructions.len() - 1);
+        let last = &last[0];
+        for instruction in body {
+            states = self.step(states, instruction);
+        }
+        let flow = last.flow();
+        let plain = flow == Flow::Next;
+        if plain {
+            states = self.step(states, last);
+        } else if conditional(last) {
+            let mut taken = Vec::new();
+            for state in states {
+                let (yes, no) = split(&state, last.condition);
+                taken.extend(yes);
+                if let Some(mut no) = no {
+                    self.fetch(&mut no, last, true);
+                    self.join(&mut skipping, no);
+                }
+            }
+            states = taken;
+        }
+        let mut joined = None;
+        for state in states {
+            self.join(&mut joined, state);
+        }
+        let mut exits = Exits::new();
+        let mut cost = [0; 2];
+        if let Some(state) = &skipping {
+            cost = longer(cost, difference(state.cycles, before));
+        }
+        let straight = graph.block_at(last.next());
+        if let Some(state) = skipping
+            && let Some(next) = straight
+        {
+            exits.push((To::Block(next), state));
+        }
+        if let Some(mut state) = joined {
+            if !plain {
+                let target = self.charge(&mut state, last);
+                cost = longer(cost, difference(state.cycles, before));
+                self.leave(graph, node, block, state, target, &mut exits);
+            } else {
+                cost = longer(cost, difference(state.cycles, before));
+                if let Some(next) = straight {
+                    exits.push((To::Block(next), state));
+                }
+            }
+        }
+        let most = self.facts.costs.entry(node).or_default();
+        *most = longer(*most, cost);
+        for (to, _) in &exits {
+            *self.facts.edges.entry((node, *to)).or_default() += 1;
+            self.facts.edge_costs.entry((node, *to)).or_default();
+        }
+        exits
+    }
+
+    /// Executes an instruction that control leaves straight.
+    fn step(&mut self, mut states: Vec<State>, instruction: &Instruction) -> Vec<State> {
+        if instruction.condition.is_none() && states.len() > 1 {
+            let mut joined = None;
+            for state in states {
+                self.join(&mut joined, state);
+            }
+            states = joined.into_iter().collect();
+        }
+        let mut after = Vec::with_capacity(states.len());
+        for state in states {
+            if conditional(instruction) {
+                let (yes, no) = split(&state, instruction.condition);
+                if let Some(mut yes) = yes {
+                    self.charge(&mut yes, instruction);
+                    after.push(yes);
+                }
+                if let Some(mut no) = no {
+                    self.fetch(&mut no, instruction, true);
+                    after.push(no);
+                }
+            } else {
+                let mut state = state;
+                self.charge(&mut state, instruction);
+                after.push(state);
+            }
+        }
+        after
+    }
+
+    /// Charges the fetch of an instruction, and its one cycle if skipped.
+    fn fetch(&mut self, state: &mut State, instruction: &Instruction, skipped: bool) {
+        let mut cycles = [0; 2];
+        for (timing, cycles) in self.analysis.timings.iter().zip(&mut cycles) {
+            let (fetch, line) = timing.fetch(instruction.address, instruction.size, state.line);
+            *cycles = fetch + if skipped { timing.skipped() } else { 0 };
+            if !timing.is_zero_wait() {
+                state.line = line;
+            }
+        }
+        if skipped {
+            state.written = 0;
+        }
+        state.spend(cycles);
+    }
+
+    /// Executes and charges one instruction; the words it may write to the
+    /// program counter are returned.
+    fn charge(&mut self, state: &mut State, instruction: &Instruction) -> Option<Value> {
+        self.steps += 1;
+        self.fetch(state, instruction, false);
+        let effects = self.executor().execute(state, instruction);
+        let mut cycles = [0; 2];
+        for (timing, cycles) in self.analysis.timings.iter().zip(&mut cycles) {
+            *cycles = timing.instruction(instruction, effects.access.as_ref(), state.written);
+            if effects
+                .access
+                .as_ref()
+                .is_some_and(|access| timing.reads_flash(access))
+            {
+                state.line = None;
+            }
+        }
+        state.spend(cycles);
+        state.written = instruction.written();
+        for mask in effects.unmasked {
+            let ended = Masked {
+                cycles: [mask.cycles[0] + cycles[0], mask.cycles[1] + cycles[1]],
+                ..mask
+            };
+            if state.started {
+                let most = self.sections.entry((ended.level, ended.at)).or_default();
+                *most = longer(*most, ended.cycles);
+            }
+        }
+        if effects.unknown_mask {
+            self.problems
+                .insert(Problem::UnknownMask(self.describe(instruction.address)));
+        }
+        self.uses_fpu |= instruction.uses_fpu();
+        match state.stack_pointer() {
+            Some(pointer) => self.lowest = self.lowest.min(pointer),
+            None => {
+                let range = state.registers[13].range;
+                if range.span() < 0x1_0000 {
+                    // Aligned down by an unknown amount: the lowest counts.
+                    self.lowest = self.lowest.min(range.start());
+                } else {
+                    self.problems
+                        .insert(Problem::UnknownStack(self.describe(instruction.address)));
+                }
+            }
+        }
+        effects.target
+    }
+
+    fn refill(&mut self, state: &mut State, target: Option<u32>) {
+        let cycles = self.analysis.timings.map(|timing| timing.taken());
+        state.spend(cycles);
+        state.written = u16::MAX;
+        state.line = target.and_then(|target| self.analysis.timings[1].line_at(target));
+    }
+
+    /// Follows the last instruction of a block to wherever it may lead.
+    fn leave(
+        &mut self,
+        graph: &Rc<Graph>,
+        node: Node,
+        block: &Block,
+        state: State,
+        written: Option<Value>,
+        exits: &mut Exits,
+    ) {
+        let last = block.last();
+        let straight = graph.block_at(last.next());
+        match last.flow() {
+            Flow::Next => {}
+            Flow::Branch { condition, target } => {
+                let (yes, no) = match (condition, last.insn) {
+                    (Some(_), _) => split(&state, condition),
+                    (None, Insn::Cbz { nonzero, rn, .. }) => {
+                        let (zero, other) = compare_zero(&state, rn);
+                        if nonzero {
+                            (other, zero)
+                        } else {
+                            (zero, other)
+                        }
+                    }
+                    _ => (Some(state.clone()), Some(state)),
+                };
+                if let (Some(no), Some(next)) = (no, straight) {
+                    exits.push((To::Block(next), no));
+                }
+                if let Some(yes) = yes {
+                    self.jump(graph, node, yes, target, last.address, exits);
+                }
+            }
+            Flow::Jump { target } => self.jump(graph, node, state, target, last.address, exits),
+            Flow::Call { target } => {
+                self.call(graph, node, state, &[target], last, straight, exits);
+            }
+            Flow::CallRegister { .. } => {
+                let targets = written.and_then(|value| enumerate(&value));
+                match targets {
+                    Some(targets) if targets.iter().all(|t| self.analysis.image.is_code(*t)) => {
+                        self.call(graph, node, state, &targets, last, straight, exits);
+                    }
+                    _ => {
+                        self.problems
+                            .insert(Problem::UnboundedPointer(self.describe(last.address)));
+                        // Go on as if it had returned, to find what else is
+                        // wrong.
+                        if let Some(next) = straight {
+                            let mut state = state;
+                            self.forget_scratch(&mut state);
+                            exits.push((To::Block(next), state));
+                        }
+                    }
+                }
+            }
+            Flow::Indirect => self.indirect(graph, node, state, written, last, exits),
+            Flow::Stop => {
+                self.panics.insert(PanicSite {
+                    at: last.address,
+                    callee: "an undefined instruction".to_owned(),
+                });
+                self.ended = longer(self.ended, state.cycles);
+            }
+        }
+    }
+
+    fn forget_scratch(&mut self, state: &mut State) {
+        for register in [0, 1, 2, 3, 12, 14] {
+            state.registers[register] = Value {
+                base: Some((self.executor().symbols.fresh(), Range::constant(0))),
+                ..Value::ANY
+            };
+        }
+    }
+
+    /// A direct jump, within the function or to another one.
+    fn jump(
+        &mut self,
+        graph: &Rc<Graph>,
+        node: Node,
+        mut state: State,
+        target: u32,
+        from: u32,
+        exits: &mut Exits,
+    ) {
+        let before = state.cycles;
+        self.refill(&mut state, Some(target));
+        let refill = difference(state.cycles, before);
+        if leaves(self.analysis.image, graph.entry, target) {
+            let back = self.frames.last().map_or(RETURN & !1, |(_, back)| *back);
+            if let Some(state) = self.enter(node, from, target, back, state) {
+                self.note(node, To::Return, refill);
+                exits.push((To::Return, state));
+            } else {
+                self.note(node, To::End, refill);
+            }
+            return;
+        }
+        match graph.block_at(target) {
+            Some(next) => {
+                self.note(node, To::Block(next), refill);
+                exits.push((To::Block(next), state));
+            }
+            None => {
+                self.problems
+                    .insert(Problem::NotCode(self.describe(target)));
+            }
+        }
+    }
+
+    fn note(&mut self, node: Node, to: To, cycles: Cycles) {
+        let cost = self.facts.edge_costs.entry((node, to)).or_default();
+        *cost = longer(*cost, cycles);
+        if to == To::End {
+            *self.facts.edges.entry((node, to)).or_default() += 1;
+        }
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn call(
+        &mut self,
+        _graph: &Rc<Graph>,
+        node: Node,
+        state: State,
+        targets: &[u32],
+        last: &Instruction,
+        straight: Option<usize>,
+        exits: &mut Exits,
+    ) {
+        let mut returned = None;
+        for &target in targets {
+            let mut state = state.clone();
+            let before = state.cycles;
+            self.refill(&mut state, Some(target));
+            let refill = difference(state.cycles, before);
+            match straight {
+                Some(next) => self.note(node, To::Block(next), refill),
+                None => self.note(node, To::End, refill),
+            }
+            if let Some(state) = self.enter(node, last.address, target, last.next(), state) {
+                self.join(&mut returned, state);
+            }
+        }
+        match (returned, straight) {
+            (Some(state), Some(next)) => exits.push((To::Block(next), state)),
+            (Some(_), None) => {
+                self.problems
+                    .insert(Problem::NotCode(self.describe(last.next())));
+            }
+            (None, _) => {
+                let cost = straight.map_or([0; 2], |next| {
+                    self.facts
+                        .edge_costs
+                        .get(&(node, To::Block(next)))
+                        .copied()
+                        .unwrap_or_default()
+                });
+                self.note(node, To::End, cost);
+            }
+        }
+    }
+
+    /// Enters a function from `from`; `None` if it never returns.
+    fn enter(
+        &mut self,
+        node: Node,
+        from: u32,
+        target: u32,
+        back: u32,
+        state: State,
+    ) -> Option<State> {
+        let name = self.analysis.image.name(target);
+        if is_panic(&name) {
+            self.panics.insert(PanicSite {
+                at: from,
+                callee: name,
+            });
+            self.ended = longer(self.ended, state.cycles);
+            return None;
+        }
+        *self.facts.calls.entry((node, target)).or_default() += 1;
+        self.function(target, back, state)
+    }
+
+    /// A return, a jump table or a tail call through a register.
+    fn indirect(
+        &mut self,
+        graph: &Rc<Graph>,
+        node: Node,
+        mut state: State,
+        written: Option<Value>,
+        last: &Instruction,
+        exits: &mut Exits,
+    ) {
+        let back = self.frames.last().map_or(RETURN & !1, |(_, back)| *back);
+        let target = written.unwrap_or(Value::ANY);
+        let before = state.cycles;
+        let by_convention = match last.insn {
+            Insn::Bx { rm } => rm == 14,
+            Insn::LoadStoreMultiple { rn, .. } | Insn::LoadStore { rn, .. } => rn == 13,
+            _ => false,
+        };
+        let returns = match target.as_constant() {
+            Some(address) => address & !1 == back,
+            None => by_convention,
+        };
+        if returns {
+            // The return of a handler is an exception return: it is charged
+            // as such, not as a branch.
+            if !(self.frames.len() == 1 && self.kind == Entry::Handler) {
+                self.refill(&mut state, Some(back));
+            }
+            self.note(node, To::Return, difference(state.cycles, before));
+            exits.push((To::Return, state));
+            return;
+        }
+        let Some(targets) = enumerate(&target) else {
+            self.problems
+                .insert(Problem::UnboundedPointer(self.describe(last.address)));
+            return;
+        };
+        for target in targets {
+            if !self.analysis.image.is_code(target) {
+                self.problems
+                    .insert(Problem::UnboundedPointer(self.describe(last.address)));
+                continue;
+            }
+            let known = leaves(self.analysis.image, graph.entry, target)
+                || graph
+                    .block_at(target)
+                    .is_some_and(|block| graph.blocks[node.block].successors.contains(&block));
+            if known {
+                self.jump(graph, node, state.clone(), target, last.address, exits);
+            } else {
+                self.found.entry(last.address).or_default().insert(target);
+            }
+        }
+    }
+}
+
+fn difference(after: Cycles, before: Cycles) -> Cycles {
+    [after[0] - before[0], after[1] - before[1]]
+}
+
+/// The executions on which the condition holds, and the others.
+fn split(state: &State, condition: Option<Cond>) -> (Option<State>, Option<State>) {
+    match condition {
+        Some(condition) if condition.0 < 14 => {
+            (state.given(condition), state.given(Cond(condition.0 ^ 1)))
+        }
+        _ => (Some(state.clone()), None),
+    }
+}
+
+fn compare_zero(state: &State, register: u8) -> (Option<State>, Option<State>) {
+    let value = state.registers[usize::from(register)];
+    let zero = {
+        let mut state = state.clone();
+        state.assume(&value, Range::constant(0)).then_some(state)
+    };
+    let other = if value.as_constant() == Some(0) {
+        None
+    } else {
+        let mut state = state.clone();
+        let rest = Range::between(1, u32::MAX);
+        state.assume(&value, rest).then_some(state)
+    };
+    (zero, other)
+}
+
+/// Every address a word may name, the Thumb bit cleared.
+fn enumerate(value: &Value) -> Option<Vec<u32>> {
+    (value.range.len() <= MAX_TARGETS).then(|| {
+        let mut targets: Vec<u32> = value.range.iter().map(|word| word & !1).collect();
+        targets.sort_unstable();
+        targets.dedup();
+        targets
+    })
+}
+
+/// Whether a function only reports that the program cannot go on.
+#[must_use]
+pub fn is_panic(name: &str) -> bool {
+    const NEVER_RETURN: [&str; 14] = [
+        "core::panicking::",
+        "core::option::unwrap_failed",
+        "core::option::expect_failed",
+        "core::result::unwrap_failed",
+        "core::slice::index::slice_",
+        "core::str::slice_error_fail",
+        "core::slice::copy_from_slice_impl::len_mismatch_fail",
+        "core::slice::<impl [T]>::copy_from_slice::len_mismatch_fail",
+        "core::cell::panic_already",
+        "core::num::int_log10::panic_",
+        "core::char::",
+        "rust_begin_unwind",
+        "rust_panic",
+        "defmt::export::panic",
+    ];
+    NEVER_RETURN.iter().any(|start| {
+        if *start == "core::char::" {
+            name.contains("core::char::") && name.contains("panic")
+        } else {
+            name.contains(start)
+        }
+    })
+}

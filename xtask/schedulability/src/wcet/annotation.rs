@@ -1,0 +1,247 @@
+//! Loop bounds written at the loop.
+//!
+//! A comment `// loop-bound: N` on a line of its own, directly above a `for`,
+//! `while` or `loop`, says that one entry into the loop takes at most N turns.
+//! The analysis finds the loop again through the image's line tables: it is
+//! the outermost machine loop whose repeating branch belongs, in the function
+//! that was written there or inlined from there, to that source loop and to
+//! none inside it.
+//!
+//! A comment costs nothing and is possible in crates that forbid unsafe code,
+//! which a marker in assembly would not be; that it is right is checked when
+//! the code runs, by counting.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use syn::spanned::Spanned;
+use syn::visit::Visit;
+
+use super::graph::Graph;
+use super::image::{Image, Place};
+
+/// The mark that begins an annotation.
+const MARK: &str = "// loop-bound:";
+
+/// A loop of a source file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct SourceLoop {
+    first: u32,
+    last: u32,
+    bound: Option<u64>,
+}
+
+/// A mark that no loop follows or that has no number.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{place}: `// loop-bound:` must be followed by a whole number and stand directly above a loop"
+)]
+pub struct Misplaced {
+    /// Where it stands.
+    pub place: Place,
+}
+
+/// Loop bounds of all source files, read when they are first asked for.
+#[derive(Debug, Default)]
+pub struct Annotations {
+    root: PathBuf,
+    files: RefCell<HashMap<String, Vec<SourceLoop>>>,
+    misplaced: RefCell<Vec<Misplaced>>,
+}
+
+impl Annotations {
+    /// Annotations of sources whose relative paths start from `root`.
+    #[must_use]
+    pub fn new(root: &Path) -> Self {
+        Self {
+            root: root.to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// Marks that say nothing, among the files read so far.
+    #[must_use]
+    pub fn misplaced(&self) -> Vec<Misplaced> {
+        self.misplaced.borrow().clone()
+    }
+
+    /// The annotated bound of loop `number` of `graph`, with the place of the
+    /// source loop.
+    #[must_use]
+    pub fn bound(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+        let (place, bound) = self.annotated(image, graph, number)?;
+        // An inner machine loop inlined into the same source loop (a copy, an
+        // iterator's search) is another loop.
+        let mut outer = graph.loops[number].parent;
+        while let Some(parent) = outer {
+            if self
+                .annotated(image, graph, parent)
+                .is_some_and(|(other, _)| other == place)
+            {
+                return None;
+            }
+            outer = graph.loops[parent].parent;
+        }
+        Some((place, bound))
+    }
+
+    fn annotated(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+        let l = &graph.loops[number];
+        let header = graph.blocks[l.header].start();
+        let repeating = l
+            .blocks
+            .iter()
+            .filter(|block| graph.blocks[**block].successors.contains(&l.header))
+            .map(|block| graph.blocks[*block].last().address);
+        for address in repeating.chain([header]) {
+            for place in image.places(address) {
+                let found = self.with_file(&place.file, |loops| {
+                    loops
+                        .iter()
+                        .filter(|s| (s.first..=s.last).contains(&place.line))
+                        .min_by_key(|s| s.last - s.first)
+                        .and_then(|s| Some((s.first, s.bound?)))
+                });
+                if let Some((line, bound)) = found {
+                    let place = Place {
+                        file: place.file,
+                        line,
+                    };
+                    return Some((place, bound));
+                }
+            }
+        }
+        None
+    }
+
+    fn with_file<T>(&self, file: &str, ask: impl FnOnce(&[SourceLoop]) -> T) -> T {
+        let mut files = self.files.borrow_mut();
+        let loops = files.entry(file.to_owned()).or_insert_with(|| {
+            let source = std::fs::read_to_string(self.root.join(file)).unwrap_or_default();
+            let (loops, misplaced) = parse(file, &source);
+            self.misplaced.borrow_mut().extend(misplaced);
+            loops
+        });
+        ask(loops)
+    }
+}
+
+fn parse(file: &str, source: &str) -> (Vec<SourceLoop>, Vec<Misplaced>) {
+    if !source.contains(MARK) {
+        return (Vec::new(), Vec::new());
+    }
+    let mut marks: HashMap<u32, Option<u64>> = source
+        .lines()
+        .enumerate()
+        .filter_map(|(index, line)| {
+            let rest = line.trim().strip_prefix(MARK)?;
+            let number = rest
+                .split_whitespace()
+                .next()
+                .and_then(|word| word.trim_end_matches([',', ';', ':', '.']).parse().ok());
+            Some((index as u32 + 1, number))
+        })
+        .collect();
+    let mut finder = Finder { loops: Vec::new() };
+    if let Ok(parsed) = syn::parse_file(source) {
+        finder.visit_file(&parsed);
+    }
+    // Other comments may stand between the mark and its loop.
+    let lines: Vec<&str> = source.lines().collect();
+    for found in &mut finder.loops {
+        let mut above = found.first - 1;
+        while above > 0 {
+            if let Some(bound) = marks.get(&above).copied().flatten() {
+                found.bound = Some(bound);
+                marks.remove(&above);
+                break;
+            }
+            if !lines[above as usize - 1].trim().starts_with("//") {
+                break;
+            }
+            above -= 1;
+        }
+    }
+    let misplaced = marks
+        .keys()
+        .map(|&line| Misplaced {
+            place: Place {
+                file: file.to_owned(),
+                line,
+            },
+        })
+        .collect();
+    (finder.loops, misplaced)
+}
+
+struct Finder {
+    loops: Vec<SourceLoop>,
+}
+
+impl Finder {
+    fn add(&mut self, span: proc_macro2::Span) {
+        self.loops.push(SourceLoop {
+            first: span.start().line as u32,
+            last: span.end().line as u32,
+            bound: None,
+        });
+    }
+}
+
+impl<'ast> Visit<'ast> for Finder {
+    fn visit_expr_for_loop(&mut self, node: &'ast syn::ExprForLoop) {
+        self.add(node.span());
+        syn::visit::visit_expr_for_loop(self, node);
+    }
+
+    fn visit_expr_while(&mut self, node: &'ast syn::ExprWhile) {
+        self.add(node.span());
+        syn::visit::visit_expr_while(self, node);
+    }
+
+    fn visit_expr_loop(&mut self, node: &'ast syn::ExprLoop) {
+        self.add(node.span());
+        syn::visit::visit_expr_loop(self, node);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{SourceLoop, parse};
+
+    #[test]
+    fn a_mark_belongs_to_the_loop_below() {
+        let source = "fn f() {\n    // loop-bound: 12 one turn for each window\n    // and nothing else\n    while x() {\n        for i in y {}\n    }\n}\n";
+        let (loops, misplaced) = parse("f.rs", source);
+        assert_eq!(
+            loops,
+            [
+                SourceLoop {
+                    first: 4,
+                    last: 6,
+                    bound: Some(12)
+                },
+                SourceLoop {
+                    first: 5,
+                    last: 5,
+                    bound: None
+                }
+            ]
+        );
+        assert!(misplaced.is_empty());
+    }
+
+    #[test]
+    fn a_mark_without_loop_or_number_is_reported() {
+        let source = "fn f() {\n    // loop-bound: 3\n    let x = 1;\n    // loop-bound: many\n    loop {}\n}\n";
+        let (_, mut misplaced) = parse("f.rs", source);
+        misplaced.sort_by_key(|m| m.place.line);
+        let lines: Vec<u32> = misplaced.iter().map(|m| m.place.line).collect();
+        assert_eq!(lines, [2, 4]);
+        assert_eq!(
+            misplaced[0].to_string(),
+            "f.rs:2: `// loop-bound:` must be followed by a whole number and stand directly above a loop"
+        );
+    }
+}

@@ -1,0 +1,378 @@
+//! Control flow of one function, rebuilt from its instructions.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use super::image::Image;
+use super::instruction::{Flow, Instruction, NotCode, advance_it, decode};
+use rsemu::cpu::arm::v7m::isa::Insn;
+
+/// Targets of indirect jumps found so far, by the jump's address.
+pub type Targets = HashMap<u32, BTreeSet<u32>>;
+
+/// A straight run of instructions.
+#[derive(Debug, Clone)]
+pub struct Block {
+    /// Its instructions; never empty.
+    pub instructions: Vec<Instruction>,
+    /// Blocks of the same function that may follow.
+    pub successors: Vec<usize>,
+}
+
+impl Block {
+    /// Address of the first instruction.
+    #[must_use]
+    pub fn start(&self) -> u32 {
+        self.instructions[0].address
+    }
+
+    /// The last instruction.
+    #[must_use]
+    pub fn last(&self) -> &Instruction {
+        &self.instructions[self.instructions.len() - 1]
+    }
+}
+
+/// A natural loop.
+#[derive(Debug, Clone)]
+pub struct Loop {
+    /// The block through which it is entered.
+    pub header: usize,
+    /// Its blocks, inner loops included.
+    pub blocks: BTreeSet<usize>,
+    /// The loop around it.
+    pub parent: Option<usize>,
+}
+
+/// Control flow of one function.
+#[derive(Debug, Clone)]
+pub struct Graph {
+    /// Address of the function.
+    pub entry: u32,
+    /// Blocks in reverse postorder; the first is the entry.
+    pub blocks: Vec<Block>,
+    /// Loops, outer ones before inner ones.
+    pub loops: Vec<Loop>,
+    /// Innermost loop of each block.
+    pub innermost: Vec<Option<usize>>,
+    /// Source and target of each edge that makes the flow irreducible.
+    pub irreducible: Vec<(usize, usize)>,
+    /// Places where decoding failed, reported only if they are reached.
+    pub holes: Vec<u32>,
+    index: HashMap<u32, usize>,
+}
+
+impl Graph {
+    /// Rebuilds the function at `entry`.
+    ///
+    /// # Errors
+    /// When there is no code at `entry`.
+    pub fn build(image: &Image, entry: u32, targets: &Targets) -> Result<Self, NotCode> {
+        let mut instructions: BTreeMap<u32, Instruction> = BTreeMap::new();
+        let mut leaders = BTreeSet::from([entry]);
+        let mut holes = Vec::new();
+        let mut work = vec![entry];
+        while let Some(start) = work.pop() {
+            let mut address = start;
+            let mut it = 0;
+            loop {
+                if instructions.contains_key(&address) && address != start {
+                    break;
+                }
+                if address == start && instructions.contains_key(&address) {
+                    break;
+                }
+                let instruction = match decode(image, address, it) {
+                    Ok(instruction) if image.is_code(address) => instruction,
+                    _ if address == entry => return Err(NotCode(entry)),
+                    _ => {
+                        holes.push(address);
+                        break;
+                    }
+                };
+                instructions.insert(address, instruction);
+                it = match instruction.insn {
+                    Insn::It { cond, mask } => (cond.0 << 4) | mask,
+                    _ => advance_it(it),
+                };
+                let ends = ends_block(&instruction);
+                for target in local_targets(image, entry, &instruction, targets) {
+                    if leaders.insert(target) || !instructions.contains_key(&target) {
+                        work.push(target);
+                    }
+                }
+                address = instruction.next();
+                if ends {
+                    if falls_through(&instruction) && continues(image, entry, address) {
+                        leaders.insert(address);
+                        work.push(address);
+                    }
+                    break;
+                }
+            }
+        }
+        Ok(Self::assemble(
+            image,
+            entry,
+            &instructions,
+            &leaders,
+            targets,
+            holes,
+        ))
+    }
+
+    fn assemble(
+        image: &Image,
+        entry: u32,
+        instructions: &BTreeMap<u32, Instruction>,
+        leaders: &BTreeSet<u32>,
+        targets: &Targets,
+        holes: Vec<u32>,
+    ) -> Self {
+        let mut raw: BTreeMap<u32, (Vec<Instruction>, Vec<u32>)> = BTreeMap::new();
+        for &leader in leaders {
+            let mut run = Vec::new();
+            let mut address = leader;
+            let mut successors = Vec::new();
+            while let Some(instruction) = instructions.get(&address) {
+                run.push(*instruction);
+                address = instruction.next();
+                if ends_block(instruction) {
+                    successors.extend(local_targets(image, entry, instruction, targets));
+                    if falls_through(instruction)
+                        && continues(image, entry, address)
+                        && instructions.contains_key(&address)
+                    {
+                        successors.push(address);
+                    }
+                    break;
+                }
+                if leaders.contains(&address) {
+                    successors.push(address);
+                    break;
+                }
+            }
+            if !run.is_empty() {
+                successors.sort_unstable();
+                successors.dedup();
+                raw.insert(leader, (run, successors));
+            }
+        }
+        let order = reverse_postorder(entry, &raw);
+        let index: HashMap<u32, usize> = order
+            .iter()
+            .enumerate()
+            .map(|(position, address)| (*address, position))
+            .collect();
+        let blocks = order
+            .iter()
+            .map(|address| {
+                let (run, successors) = &raw[address];
+                Block {
+                    instructions: run.clone(),
+                    successors: successors
+                        .iter()
+                        .filter_map(|target| index.get(target).copied())
+                        .collect(),
+                }
+            })
+            .collect();
+        let mut graph = Self {
+            entry,
+            blocks,
+            loops: Vec::new(),
+            innermost: Vec::new(),
+            irreducible: Vec::new(),
+            holes,
+            index,
+        };
+        graph.find_loops();
+        graph
+    }
+
+    /// The block that begins at `address`.
+    #[must_use]
+    pub fn block_at(&self, address: u32) -> Option<usize> {
+        self.index.get(&address).copied()
+    }
+
+    fn find_loops(&mut self) {
+        let count = self.blocks.len();
+        let mut predecessors = vec![Vec::new(); count];
+        for (from, block) in self.blocks.iter().enumerate() {
+            for &to in &block.successors {
+                predecessors[to].push(from);
+            }
+        }
+        // Cooper, Harvey, Kennedy: immediate dominators over the postorder.
+        let mut dominator: Vec<Option<usize>> = vec![None; count];
+        dominator[0] = Some(0);
+        let mut changed = true;
+        while changed {
+            changed = false;
+            for block in 1..count {
+                let mut new = None;
+                for &before in predecessors[block]
+                    .iter()
+                    .filter(|b| dominator[**b].is_some())
+                {
+                    new = Some(match new {
+                        None => before,
+                        Some(other) => intersect(&dominator, before, other),
+                    });
+                }
+                if dominator[block] != new {
+                    dominator[block] = new;
+                    changed = true;
+                }
+            }
+        }
+        let dominates = |above: usize, mut below: usize| {
+            while below > above {
+                match dominator[below] {
+                    Some(next) => below = next,
+                    None => return false,
+                }
+            }
+            below == above
+        };
+        let mut bodies: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+        for (from, block) in self.blocks.iter().enumerate() {
+            for &to in &block.successors {
+                if to > from {
+                    continue;
+                }
+                if !dominates(to, from) {
+                    self.irreducible.push((from, to));
+                    continue;
+                }
+                let body = bodies.entry(to).or_insert_with(|| BTreeSet::from([to]));
+                let mut work = vec![from];
+                while let Some(block) = work.pop() {
+                    if body.insert(block) {
+                        work.extend(&predecessors[block]);
+                    }
+                }
+            }
+        }
+        let mut loops: Vec<Loop> = bodies
+            .into_iter()
+            .map(|(header, blocks)| Loop {
+                header,
+                blocks,
+                parent: None,
+            })
+            .collect();
+        loops.sort_by_key(|l| (std::cmp::Reverse(l.blocks.len()), l.header));
+        for inner in 0..loops.len() {
+            loops[inner].parent = (0..inner)
+                .rev()
+                .find(|&outer| loops[outer].blocks.contains(&loops[inner].header));
+        }
+        self.innermost = vec![None; count];
+        for (number, l) in loops.iter().enumerate() {
+            for &block in &l.blocks {
+                self.innermost[block] = Some(number);
+            }
+        }
+        self.loops = loops;
+    }
+
+    /// The loop directly inside `region` that holds `block`, if any.
+    #[must_use]
+    pub fn child_loop(&self, region: Option<usize>, block: usize) -> Option<usize> {
+        let mut current = self.innermost[block];
+        let mut child = None;
+        while current != region {
+            child = current;
+            current = self.loops[current?].parent;
+        }
+        child
+    }
+}
+
+fn intersect(dominator: &[Option<usize>], a: usize, b: usize) -> usize {
+    let (mut a, mut b) = (a, b);
+    while a != b {
+        while a > b {
+            a = dominator[a].unwrap_or(0);
+        }
+        while b > a {
+            b = dominator[b].unwrap_or(0);
+        }
+    }
+    a
+}
+
+fn reverse_postorder(entry: u32, raw: &BTreeMap<u32, (Vec<Instruction>, Vec<u32>)>) -> Vec<u32> {
+    let mut order = Vec::new();
+    let mut seen = BTreeSet::from([entry]);
+    let mut stack = vec![(entry, 0)];
+    while let Some((address, next)) = stack.pop() {
+        let successors = raw.get(&address).map_or(&[][..], |(_, s)| &s[..]);
+        match successors.get(next) {
+            Some(&target) => {
+                stack.push((address, next + 1));
+                if raw.contains_key(&target) && seen.insert(target) {
+                    stack.push((target, 0));
+                }
+            }
+            None => order.push(address),
+        }
+    }
+    order.reverse();
+    order
+}
+
+/// Whether control may leave the straight line at this instruction.
+fn ends_block(instruction: &Instruction) -> bool {
+    instruction.flow() != Flow::Next
+}
+
+fn falls_through(instruction: &Instruction) -> bool {
+    match instruction.flow() {
+        Flow::Next | Flow::Branch { .. } | Flow::Call { .. } | Flow::CallRegister { .. } => true,
+        Flow::Jump { .. } | Flow::Indirect | Flow::Stop => conditional(instruction),
+    }
+}
+
+/// Whether the instruction may be skipped by its `IT` block.
+#[must_use]
+pub fn conditional(instruction: &Instruction) -> bool {
+    instruction
+        .condition
+        .is_some_and(|condition| condition.0 < 14)
+}
+
+/// Whether the straight line may go on at `address`: not into the next
+/// function or its data, as it would after a call that never returns.
+fn continues(image: &Image, entry: u32, address: u32) -> bool {
+    image.is_code(address) && (address == entry || image.function(address).is_none())
+}
+
+/// Where a branch leads when it leaves the function for another one.
+#[must_use]
+pub fn leaves(image: &Image, entry: u32, target: u32) -> bool {
+    target != entry && image.function(target).is_some()
+}
+
+fn local_targets(
+    image: &Image,
+    entry: u32,
+    instruction: &Instruction,
+    targets: &Targets,
+) -> Vec<u32> {
+    let local = |target: &u32| !leaves(image, entry, *target) && image.is_code(*target);
+    match instruction.flow() {
+        Flow::Branch { target, .. } | Flow::Jump { target } => {
+            Some(target).filter(local).into_iter().collect()
+        }
+        Flow::Indirect => targets
+            .get(&instruction.address)
+            .into_iter()
+            .flatten()
+            .copied()
+            .filter(local)
+            .collect(),
+        _ => Vec::new(),
+    }
+}

@@ -1,0 +1,303 @@
+//! A linked image: code, constants, symbols and line tables.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
+
+/// Why a file is no image of this target.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageError {
+    /// The file cannot be read.
+    #[error("cannot read {path}: {reason}")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// What the system or the parser said.
+        reason: String,
+    },
+    /// Not a little-endian 32-bit Arm ELF file.
+    #[error("{path} is not an Arm ELF image (build it for thumbv7em-none-eabihf)")]
+    NotArm {
+        /// The file.
+        path: String,
+    },
+}
+
+/// A function by its linker symbol.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Function {
+    /// Readable name, without the hash.
+    pub name: String,
+    /// Linker name.
+    pub symbol: String,
+    /// Bytes, zero when the symbol does not say.
+    pub size: u32,
+}
+
+/// A source line.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Place {
+    /// File as the compiler recorded it.
+    pub file: String,
+    /// Line, from one; zero when unknown.
+    pub line: u32,
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}:{}", short(&self.file), self.line)
+    }
+}
+
+/// The end of a path: what stands after the last `registry` index folder, the
+/// toolchain's library folder or the workspace's root, so that reports do not
+/// depend on where they were made.
+fn short(file: &str) -> &str {
+    for mark in ["/library/", "/registry/src/"] {
+        if let Some(at) = file.find(mark) {
+            let rest = &file[at + mark.len()..];
+            return match mark {
+                "/registry/src/" => rest.split_once('/').map_or(rest, |(_, tail)| tail),
+                _ => rest,
+            };
+        }
+    }
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/");
+    let workspace = root.trim_end_matches("xtask/schedulability/");
+    file.strip_prefix(workspace).unwrap_or(file)
+}
+
+/// A linked image.
+pub struct Image {
+    constants: Vec<(u32, Vec<u8>)>,
+    code: Vec<(u32, u32)>,
+    data_in_code: Vec<(u32, u32)>,
+    functions: BTreeMap<u32, Function>,
+    symbols: BTreeMap<String, u32>,
+    lines: Option<addr2line::Loader>,
+    load: Vec<(u32, Vec<u8>)>,
+}
+
+impl std::fmt::Debug for Image {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Image")
+            .field("functions", &self.functions.len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Image {
+    /// Reads the ELF file at `path`.
+    ///
+    /// # Errors
+    /// When it cannot be read or is for another machine.
+    pub fn read(path: &Path) -> Result<Self, ImageError> {
+        let unreadable = |reason: String| ImageError::Unreadable {
+            path: path.display().to_string(),
+            reason,
+        };
+        let bytes = std::fs::read(path).map_err(|error| unreadable(error.to_string()))?;
+        let file = object::File::parse(&*bytes).map_err(|error| unreadable(error.to_string()))?;
+        if file.architecture() != object::Architecture::Arm || !file.is_little_endian() {
+            return Err(ImageError::NotArm {
+                path: path.display().to_string(),
+            });
+        }
+        let mut image = Self {
+            constants: Vec::new(),
+            code: Vec::new(),
+            data_in_code: Vec::new(),
+            functions: BTreeMap::new(),
+            symbols: BTreeMap::new(),
+            lines: addr2line::Loader::new(path).ok(),
+            load: Vec::new(),
+        };
+        for section in file.sections() {
+            let SectionFlags::Elf { sh_flags, .. } = section.flags() else {
+                continue;
+            };
+            let allocated = sh_flags.contains(object::elf::SHF_ALLOC);
+            let writable = sh_flags.contains(object::elf::SHF_WRITE);
+            let executable = sh_flags.contains(object::elf::SHF_EXECINSTR);
+            let Ok(data) = section.data() else { continue };
+            if !allocated || data.is_empty() {
+                continue;
+            }
+            let address = section.address() as u32;
+            image.load.push((address, data.to_vec()));
+            if !writable {
+                image.constants.push((address, data.to_vec()));
+            }
+            if executable {
+                image.code.push((address, address + data.len() as u32));
+            }
+        }
+        image.read_symbols(&file);
+        Ok(image)
+    }
+
+    fn read_symbols(&mut self, file: &object::File<'_>) {
+        let mut marks: BTreeMap<u32, bool> = BTreeMap::new();
+        for symbol in file.symbols() {
+            let Ok(name) = symbol.name() else { continue };
+            let address = symbol.address() as u32;
+            match name.split('.').next() {
+                Some("$t") => {
+                    marks.insert(address, false);
+                    continue;
+                }
+                Some("$d") => {
+                    marks.entry(address).or_insert(true);
+                    continue;
+                }
+                _ => {}
+            }
+            if symbol.is_definition() || symbol.address() != 0 {
+                self.symbols.insert(name.to_owned(), address & !1);
+            }
+            if symbol.kind() == SymbolKind::Text && self.is_code(address & !1) {
+                let function = Function {
+                    name: readable(name),
+                    symbol: name.to_owned(),
+                    size: symbol.size() as u32,
+                };
+                // Of several names for one address the global one reads best.
+                let entry = self.functions.entry(address & !1);
+                if symbol.is_global() {
+                    entry.insert_entry(function);
+                } else {
+                    entry.or_insert(function);
+                }
+            }
+        }
+        for &(start, end) in &self.code {
+            let mut data_from = None;
+            for (&address, &is_data) in marks.range(start..end) {
+                match (is_data, data_from) {
+                    (true, None) => data_from = Some(address),
+                    (false, Some(from)) => {
+                        self.data_in_code.push((from, address));
+                        data_from = None;
+                    }
+                    _ => {}
+                }
+            }
+            if let Some(from) = data_from {
+                self.data_in_code.push((from, end));
+            }
+        }
+    }
+
+    /// Whether an instruction may stand at `address`.
+    #[must_use]
+    pub fn is_code(&self, address: u32) -> bool {
+        self.code
+            .iter()
+            .any(|&(start, end)| (start..end).contains(&address))
+            && !self
+                .data_in_code
+                .iter()
+                .any(|&(start, end)| (start..end).contains(&address))
+    }
+
+    /// The word, halfword or byte (`size` 4, 2, 1) at `address`, if it is a
+    /// constant of the image.
+    #[must_use]
+    pub fn constant(&self, address: u32, size: u32) -> Option<u32> {
+        let (start, data) = self.constants.iter().find(|(start, data)| {
+            address >= *start
+                && u64::from(address) + u64::from(size) <= u64::from(*start) + data.len() as u64
+        })?;
+        let at = (address - start) as usize;
+        let mut word = [0; 4];
+        word[..size as usize].copy_from_slice(&data[at..at + size as usize]);
+        Some(u32::from_le_bytes(word))
+    }
+
+    /// The halfword of code at `address`.
+    #[must_use]
+    pub fn halfword(&self, address: u32) -> Option<u16> {
+        self.constant(address, 2).map(|half| half as u16)
+    }
+
+    /// The function that begins at `address`.
+    #[must_use]
+    pub fn function(&self, address: u32) -> Option<&Function> {
+        self.functions.get(&address)
+    }
+
+    /// The function that holds `address` and where it begins.
+    #[must_use]
+    pub fn enclosing(&self, address: u32) -> Option<(u32, &Function)> {
+        let (start, function) = self.functions.range(..=address).next_back()?;
+        (function.size == 0 || address < start + function.size).then_some((*start, function))
+    }
+
+    /// Every function by its address.
+    pub fn functions(&self) -> impl Iterator<Item = (u32, &Function)> {
+        self.functions.iter().map(|(address, f)| (*address, f))
+    }
+
+    /// Address of a linker symbol, the Thumb bit cleared.
+    #[must_use]
+    pub fn symbol(&self, name: &str) -> Option<u32> {
+        self.symbols.get(name).copied()
+    }
+
+    /// Name of the function at or around `address`.
+    #[must_use]
+    pub fn name(&self, address: u32) -> String {
+        self.enclosing(address)
+            .map_or_else(|| format!("{address:#010x}"), |(_, f)| f.name.clone())
+    }
+
+    /// Source lines of `address`: the innermost inlined function first.
+    #[must_use]
+    pub fn places(&self, address: u32) -> Vec<Place> {
+        let mut places = Vec::new();
+        let Some(lines) = &self.lines else {
+            return places;
+        };
+        let Ok(mut frames) = lines.find_frames(u64::from(address)) else {
+            return places;
+        };
+        while let Ok(Some(frame)) = frames.next() {
+            if let Some(location) = frame.location
+                && let Some(file) = location.file
+            {
+                places.push(Place {
+                    file: file.to_owned(),
+                    line: location.line.unwrap_or(0),
+                });
+            }
+        }
+        places
+    }
+
+    /// What to show of `address`: the innermost line of this workspace if
+    /// there is one, else the innermost line, else the function.
+    #[must_use]
+    pub fn describe(&self, address: u32) -> String {
+        let places = self.places(address);
+        let own = places
+            .iter()
+            .find(|place| !place.file.contains("/rustc/") && !place.file.contains("/registry/"))
+            .or(places.first());
+        match own {
+            Some(place) => format!("{place} ({})", self.name(address)),
+            None => format!("{} at {address:#010x}", self.name(address)),
+        }
+    }
+
+    /// Bytes to place in memory before running the image, section by section.
+    pub fn contents(&self) -> impl Iterator<Item = (u32, &[u8])> {
+        self.load
+            .iter()
+            .map(|(address, data)| (*address, &data[..]))
+    }
+}
+
+fn readable(symbol: &str) -> String {
+    format!("{:#}", rustc_demangle::demangle(symbol))
+}

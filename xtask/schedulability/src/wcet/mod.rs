@@ -1,0 +1,20 @@
+//! Worst-case execution times from the image.
+//!
+//! The analysis runs every path of a task at once on an abstract machine
+//! ([`analysis`]): registers and stack words hold sets of values, branches
+//! that no element can take are not followed, and loops are run turn by turn
+//! until no element stays inside. What that teaches (which edges are possible
+//! and how often) bounds an integer linear program.
+
+pub mod analysis;
+pub mod annotation;
+pub mod execute;
+pub mod flags;
+pub mod graph;
+pub mod image;
+pub mod instruction;
+pub mod range;
+pub mod runtime;
+pub mod state;
+pub mod timing;
+pub mod value;

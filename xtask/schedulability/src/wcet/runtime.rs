@@ -1,0 +1,57 @@
+//! Loops of the compiler's run-time library that end for a reason the
+//! abstract machine cannot see, with that reason.
+
+use rsemu::cpu::arm::v7m::isa::{DpOp, Insn, Operand, ShiftType};
+
+use super::graph::Graph;
+use super::image::Image;
+
+/// Functions whose loops take at most so many turns in the source.
+const KNOWN: [(&str, u64, &str); 1] = [(
+    // `delegate.rs` of compiler-builtins: the divisor is aligned to the
+    // dividend by a shift below 32 and moves back one place each turn; with
+    // the shift undone the remainder is smaller than the divisor.
+    "compiler_builtins::int::specialized_div_rem::u64_div_rem",
+    32,
+    "64-bit division, one turn for each place",
+)];
+
+/// The bound of loop `number` of `graph` if the function is known, with what
+/// it is.
+#[must_use]
+pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static str, u64)> {
+    let name = image.name(graph.entry);
+    let (_, turns, what) = KNOWN.iter().find(|(known, ..)| name == *known)?;
+    Some((what, turns.div_ceil(unrolled(graph, number))))
+}
+
+/// How many turns of the source one turn of the machine code makes: by how
+/// many places it moves the registers that the loop changes in no other way.
+fn unrolled(graph: &Graph, number: usize) -> u64 {
+    let instructions = graph.loops[number]
+        .blocks
+        .iter()
+        .flat_map(|block| &graph.blocks[*block].instructions);
+    let mut places = [0u64; 15];
+    let mut otherwise = 0u16;
+    for instruction in instructions {
+        match instruction.insn {
+            Insn::DataProc {
+                op: DpOp::Mov,
+                rd,
+                operand: Operand::Reg { rm, shift },
+                ..
+            } if rd == rm && rd < 13 && shift.ty == ShiftType::Lsr => {
+                places[usize::from(rd)] += u64::from(shift.amount);
+            }
+            _ => otherwise |= instruction.written(),
+        }
+    }
+    places
+        .into_iter()
+        .enumerate()
+        .filter(|(register, places)| *places > 0 && otherwise & (1 << register) == 0)
+        .map(|(_, places)| places)
+        .min()
+        .unwrap_or(1)
+}

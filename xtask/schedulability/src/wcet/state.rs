@@ -1,0 +1,477 @@
+//! The abstract machine: registers, flags and the stack of one task.
+
+use std::collections::HashMap;
+use std::rc::Rc;
+
+use rsemu::cpu::arm::v7m::isa::Cond;
+
+use super::flags::{self, Flags, Source};
+use super::range::Range;
+use super::value::{Symbol, Value};
+
+/// Where the analysis pretends the stack to be: an address that no part of
+/// the targets maps, so that stack and static data are never confused. Only
+/// the low three bits are meaningful (the stack is 8-byte aligned on entry).
+pub const STACK_TOP: u32 = 0xa010_0000;
+/// Lowest address taken for the stack.
+pub const STACK_LIMIT: u32 = 0xa000_0000;
+/// Everything taken for the stack, the caller's frames above included.
+pub const STACK: Range = Range::arc(STACK_LIMIT, 0x0020_0000, 1);
+
+/// Core cycles under each timing model: as the emulator charges them, and as
+/// the part runs from its flash.
+pub type Cycles = [u64; 2];
+
+/// The longer of two times under each model.
+#[must_use]
+pub fn longer(a: Cycles, b: Cycles) -> Cycles {
+    [a[0].max(b[0]), a[1].max(b[1])]
+}
+
+/// Source of fresh symbols.
+#[derive(Debug, Default)]
+pub struct Symbols(u32);
+
+impl Symbols {
+    /// A symbol that was never used before.
+    pub fn fresh(&mut self) -> Symbol {
+        self.0 += 1;
+        Symbol(self.0)
+    }
+}
+
+/// A stretch of the path with interrupts masked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Masked {
+    /// Value of `BASEPRI`, zero for `PRIMASK`: everything at or below it waits.
+    pub level: u8,
+    /// Longest time since it was raised.
+    pub cycles: Cycles,
+    /// Address of the instruction that raised it.
+    pub at: u32,
+}
+
+/// One entry of the abstract stack: address, bytes, value.
+pub type Slot = (u32, u32, Value);
+
+/// What holds at one point of a path, for every execution that gets there.
+#[derive(Debug, Clone)]
+pub struct State {
+    /// `r0`-`r12`, the stack pointer and the link register.
+    pub registers: [Value; 15],
+    /// The single-precision registers, as words.
+    pub floats: Rc<[Value; 32]>,
+    /// Known words of the stack, by address.
+    pub stack: Rc<Vec<Slot>>,
+    /// Condition flags.
+    pub flags: Flags,
+    /// `BASEPRI`.
+    pub basepri: Value,
+    /// `PRIMASK`, if known.
+    pub primask: Option<bool>,
+    /// Whether an address on the stack was stored where it is not tracked.
+    pub escaped: bool,
+    /// Longest time since the task began.
+    pub cycles: Cycles,
+    /// The flash line fetched last, under each timing model that has lines.
+    pub line: Option<u32>,
+    /// Registers that the instruction before may have written.
+    pub written: u16,
+    /// Masks in force.
+    pub masked: Vec<Masked>,
+    /// Whether interrupts have been enabled since reset (start-up code).
+    pub started: bool,
+}
+
+impl State {
+    /// At the entry of a function called with nothing known.
+    #[must_use]
+    pub fn entry(symbols: &mut Symbols) -> Self {
+        let unknown = |symbols: &mut Symbols| Value {
+            base: Some((symbols.fresh(), Range::constant(0))),
+            ..Value::ANY
+        };
+        let mut registers = [Value::ANY; 15];
+        for register in &mut registers {
+            *register = unknown(symbols);
+        }
+        registers[13] = Value {
+            range: Range::constant(STACK_TOP),
+            base: None,
+            stack: true,
+        };
+        Self {
+            registers,
+            floats: Rc::new([Value::ANY; 32]),
+            stack: Rc::new(Vec::new()),
+            flags: Flags::ANY,
+            basepri: unknown(symbols),
+            primask: Some(false),
+            escaped: false,
+            cycles: [0; 2],
+            line: None,
+            written: u16::MAX,
+            masked: Vec::new(),
+            started: true,
+        }
+    }
+
+    /// The stack pointer, if it is known.
+    #[must_use]
+    pub fn stack_pointer(&self) -> Option<u32> {
+        self.registers[13].as_constant()
+    }
+
+    /// Adds `cycles` to every clock of this path.
+    pub fn spend(&mut self, cycles: Cycles) {
+        let clocks = self.masked.iter_mut().map(|mask| &mut mask.cycles);
+        for clock in clocks.chain([&mut self.cycles]) {
+            clock[0] += cycles[0];
+            clock[1] += cycles[1];
+        }
+    }
+
+    /// Reads `size` bytes of the stack at a known address.
+    #[must_use]
+    pub fn load_stack(&self, address: u32, size: u32) -> Option<Value> {
+        let index = self
+            .stack
+            .partition_point(|&(at, bytes, _)| at + bytes <= address);
+        let &(at, bytes, value) = self.stack.get(index)?;
+        if at == address && bytes == size {
+            return Some(value);
+        }
+        if at <= address && address + size <= at + bytes {
+            let word = value.as_constant()? >> (8 * (address - at));
+            return Some(Value::constant(if size == 4 {
+                word
+            } else {
+                word & ((1 << (8 * size)) - 1)
+            }));
+        }
+        // A word put together from known parts.
+        let mut word = 0;
+        let mut covered = 0;
+        for &(at, bytes, value) in self.stack[index..].iter() {
+            if at != address + covered || covered + bytes > size {
+                return None;
+            }
+            word |= value.as_constant()? << (8 * covered);
+            covered += bytes;
+            if covered == size {
+                return Some(Value::constant(word));
+            }
+        }
+        None
+    }
+
+    /// Forgets what the stack holds within `size` bytes from every address
+    /// of `addresses`.
+    pub fn forget_stack(&mut self, addresses: Range, size: u32) {
+        let first = addresses.start();
+        let reach = u64::from(addresses.span()) + u64::from(size);
+        let touched = |at: u32, bytes: u32| {
+            u64::from(at.wrapping_sub(first)) < reach || first.wrapping_sub(at) < bytes
+        };
+        if self.stack.iter().any(|&(at, bytes, _)| touched(at, bytes)) {
+            Rc::make_mut(&mut self.stack).retain(|&(at, bytes, _)| !touched(at, bytes));
+        }
+    }
+
+    /// Writes `size` bytes of the stack at a known address.
+    pub fn store_stack(&mut self, address: u32, size: u32, value: Value) {
+        // A constant that covers more than this write keeps its other bytes.
+        let index = self
+            .stack
+            .partition_point(|&(at, bytes, _)| at + bytes <= address);
+        if let Some(&(at, bytes, old)) = self.stack.get(index)
+            && (at, bytes) != (address, size)
+            && at <= address
+            && address + size <= at + bytes
+            && let (Some(old), Some(new)) = (old.as_constant(), value.as_constant())
+        {
+            let shift = 8 * (address - at);
+            let mask = (((1u64 << (8 * size)) - 1) << shift) as u32;
+            let word = (old & !mask) | ((new << shift) & mask);
+            Rc::make_mut(&mut self.stack)[index].2 = Value::constant(word);
+            return;
+        }
+        self.forget_stack(Range::constant(address), size);
+        let stack = Rc::make_mut(&mut self.stack);
+        let index = stack.partition_point(|&(at, _, _)| at < address);
+        stack.insert(index, (address, size, value));
+    }
+
+    /// Forgets everything below the stack pointer.
+    pub fn drop_below(&mut self, pointer: u32) {
+        if self.stack.first().is_some_and(|&(at, _, _)| at < pointer) {
+            Rc::make_mut(&mut self.stack).retain(|&(at, _, _)| at >= pointer);
+        }
+    }
+
+    /// Restricts the path to executions on which `value` lies in `range`.
+    /// False when there are none.
+    #[must_use]
+    pub fn assume(&mut self, value: &Value, range: Range) -> bool {
+        let Some(kept) = value.range.meet(range) else {
+            return false;
+        };
+        if kept == value.range {
+            return true;
+        }
+        let Some((symbol, offset)) = value.base else {
+            return true;
+        };
+        let refine = |other: &Value| -> Option<Value> {
+            match other.base {
+                Some((s, other_offset)) if s == symbol => {
+                    let moved = kept.add(other_offset.subtract(offset));
+                    let range = other.range.meet(moved)?;
+                    Some(Value { range, ..*other })
+                }
+                _ => Some(*other),
+            }
+        };
+        for register in &mut self.registers {
+            match refine(register) {
+                Some(refined) => *register = refined,
+                None => return false,
+            }
+        }
+        let related = |value: &Value| matches!(value.base, Some((s, _)) if s == symbol);
+        if self.stack.iter().any(|(_, _, value)| related(value)) {
+            for (_, _, value) in Rc::make_mut(&mut self.stack) {
+                match refine(value) {
+                    Some(refined) => *value = refined,
+                    None => return false,
+                }
+            }
+        }
+        if let Some(source) = &mut self.flags.source {
+            let refined = match source {
+                Source::Difference(a, b) => refine(a)
+                    .zip(refine(b))
+                    .map(|(a, b)| Source::Difference(a, b)),
+                Source::Result(value) => refine(value).map(Source::Result),
+            };
+            match refined {
+                Some(refined) => *source = refined,
+                None => return false,
+            }
+        }
+        true
+    }
+
+    /// The executions of this path on which `condition` holds, if any.
+    #[must_use]
+    pub fn given(&self, condition: Cond) -> Option<Self> {
+        let possible = self.flags.possible & flags::passing(condition);
+        if possible == 0 {
+            return None;
+        }
+        let mut state = self.clone();
+        state.flags.possible = possible;
+        if possible != self.flags.possible
+            && let Some(source) = self.flags.source
+        {
+            for (value, range) in flags::consequences(&source, condition) {
+                if !state.assume(&value, range) {
+                    return None;
+                }
+            }
+        }
+        Some(state)
+    }
+
+    /// What holds on either path; clocks keep the longer time.
+    #[must_use]
+    pub fn join(&self, other: &Self, symbols: &mut Symbols) -> Self {
+        let mut merge = Merge {
+            symbols,
+            pairs: HashMap::new(),
+        };
+        let mut registers = self.registers;
+        for (register, theirs) in registers.iter_mut().zip(&other.registers) {
+            *register = merge.value(register, theirs);
+        }
+        let floats = if Rc::ptr_eq(&self.floats, &other.floats) {
+            self.floats.clone()
+        } else {
+            let mut floats = *self.floats;
+            for (float, theirs) in floats.iter_mut().zip(other.floats.iter()) {
+                *float = merge.value(float, theirs);
+            }
+            Rc::new(floats)
+        };
+        let stack = if Rc::ptr_eq(&self.stack, &other.stack) {
+            self.stack.clone()
+        } else {
+            Rc::new(merge.stack(&self.stack, &other.stack))
+        };
+        let source = match (self.flags.source, other.flags.source) {
+            (Some(Source::Difference(a, b)), Some(Source::Difference(c, d))) => {
+                Some(Source::Difference(merge.value(&a, &c), merge.value(&b, &d)))
+            }
+            (Some(Source::Result(a)), Some(Source::Result(b))) => {
+                Some(Source::Result(merge.value(&a, &b)))
+            }
+            _ => None,
+        };
+        let basepri = merge.value(&self.basepri, &other.basepri);
+        let mut masked = self.masked.clone();
+        for theirs in &other.masked {
+            match masked.iter_mut().find(|ours| ours.level == theirs.level) {
+                Some(ours) => {
+                    if ours.cycles[1] < theirs.cycles[1] {
+                        ours.at = theirs.at;
+                    }
+                    ours.cycles = longer(ours.cycles, theirs.cycles);
+                }
+                None => masked.push(*theirs),
+            }
+        }
+        Self {
+            registers,
+            floats,
+            stack,
+            flags: Flags {
+                possible: self.flags.possible | other.flags.possible,
+                source,
+            },
+            basepri,
+            primask: if self.primask == other.primask {
+                self.primask
+            } else {
+                None
+            },
+            escaped: self.escaped || other.escaped,
+            cycles: longer(self.cycles, other.cycles),
+            line: self.line.filter(|_| self.line == other.line),
+            written: self.written | other.written,
+            masked,
+            started: self.started || other.started,
+        }
+    }
+
+    /// Whether the machine of `other` is the same but for the names of
+    /// symbols: then running on from either gives the same.
+    #[must_use]
+    pub fn same_machine(&self, other: &Self) -> bool {
+        if self.flags.possible != other.flags.possible
+            || self.primask != other.primask
+            || self.escaped != other.escaped
+            || self.stack.len() != other.stack.len()
+        {
+            return false;
+        }
+        let mut names = HashMap::new();
+        let mut same = |a: &Value, b: &Value| {
+            if a.range != b.range || a.stack != b.stack {
+                return false;
+            }
+            match (a.base, b.base) {
+                (None, None) => true,
+                (Some((s, a_offset)), Some((t, b_offset))) => {
+                    let shift = a_offset.start().wrapping_sub(b_offset.start());
+                    a_offset.span() == b_offset.span()
+                        && *names.entry(s).or_insert((t, shift)) == (t, shift)
+                        && (s != t || shift == 0)
+                }
+                _ => a.range.as_constant().is_some(),
+            }
+        };
+        self.registers
+            .iter()
+            .zip(&other.registers)
+            .all(|(a, b)| same(a, b))
+            && self
+                .stack
+                .iter()
+                .zip(other.stack.iter())
+                .all(|(a, b)| (a.0, a.1) == (b.0, b.1) && same(&a.2, &b.2))
+            && same(&self.basepri, &other.basepri)
+    }
+
+    /// A state that holds this one and `next`, reached in few steps: what
+    /// differs becomes unknown.
+    #[must_use]
+    pub fn widen(&self, next: &Self, symbols: &mut Symbols) -> Self {
+        let mut wide = self.join(next, symbols);
+        let unknown = |symbols: &mut Symbols, stack: bool| Value {
+            base: Some((symbols.fresh(), Range::constant(0))),
+            stack,
+            ..Value::ANY
+        };
+        for (index, register) in wide.registers.iter_mut().enumerate() {
+            if register.range != self.registers[index].range {
+                *register = unknown(symbols, register.stack);
+            }
+        }
+        let old = self.stack.clone();
+        Rc::make_mut(&mut wide.stack).retain(|slot| {
+            old.iter().any(|before| {
+                (before.0, before.1) == (slot.0, slot.1) && before.2.range == slot.2.range
+            })
+        });
+        wide.floats = Rc::new([Value::ANY; 32]);
+        wide.flags = Flags::ANY;
+        wide
+    }
+}
+
+/// Joins the values of two paths and keeps the relations that hold on both.
+struct Merge<'a> {
+    symbols: &'a mut Symbols,
+    /// Symbol pair and distance between the offsets, to the common symbol and
+    /// the offset on the first path where it stands for zero.
+    pairs: HashMap<(Option<Symbol>, Option<Symbol>, u32), (Symbol, u32)>,
+}
+
+impl Merge<'_> {
+    fn value(&mut self, a: &Value, b: &Value) -> Value {
+        if a == b {
+            return *a;
+        }
+        let range = a.range.join(b.range);
+        let stack = a.stack || b.stack;
+        if let (Some((s, x)), Some((t, y))) = (a.base, b.base)
+            && s == t
+        {
+            let base = Some((s, x.join(y))).filter(|(_, offset)| !offset.is_all());
+            return Value { range, base, stack };
+        }
+        let anchored = |value: &Value| match value.base {
+            Some((symbol, offset)) => offset.as_constant().map(|offset| (Some(symbol), offset)),
+            None => value.as_constant().map(|constant| (None, constant)),
+        };
+        let base = match (anchored(a), anchored(b)) {
+            (Some((s, x)), Some((t, y))) => {
+                let key = (s, t, x.wrapping_sub(y));
+                let symbols = &mut *self.symbols;
+                let (symbol, origin) = *self
+                    .pairs
+                    .entry(key)
+                    .or_insert_with(|| (symbols.fresh(), x));
+                Some((symbol, Range::constant(x.wrapping_sub(origin))))
+            }
+            _ => Some((self.symbols.fresh(), Range::constant(0))),
+        };
+        Value { range, base, stack }
+    }
+
+    fn stack(&mut self, a: &[Slot], b: &[Slot]) -> Vec<Slot> {
+        let mut joined = Vec::with_capacity(a.len().min(b.len()));
+        let mut others = b.iter().peekable();
+        for slot in a {
+            while others.peek().is_some_and(|other| other.0 < slot.0) {
+                others.next();
+            }
+            if let Some(other) = others.peek()
+                && (other.0, other.1) == (slot.0, slot.1)
+            {
+                joined.push((slot.0, slot.1, self.value(&slot.2, &other.2)));
+            }
+        }
+        joined
+    }
+}

@@ -1,0 +1,288 @@
+//! What instructions cost, in core cycles.
+//!
+//! Two models. [`Timing::zero_wait`] charges what the emulator charges, so a
+//! bound can be held against an observation cycle by cycle. [`Timing::flash`]
+//! charges the worst case of the Cortex-M4 manual (Arm 100166, "Instruction
+//! set summary"), with the flash of the part at its clock and no benefit of
+//! any cache or prefetch.
+
+use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn, UnaryOp};
+use rsemu::cpu::arm::v7m::isa::{BarrierOp, Insn};
+
+use super::execute::Access;
+use super::instruction::Instruction;
+use super::range::Range;
+use super::state::STACK;
+
+/// Wait states of one kind of memory, in core cycles beyond the first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Waits {
+    /// Code and constants: one flash line.
+    pub flash: u64,
+    /// RAM, with a DMA transfer in the way.
+    pub ram: u64,
+    /// A peripheral on the slower bus, with the bridge's synchronisation.
+    pub slow_peripheral: u64,
+    /// A peripheral on the faster bus or on AHB.
+    pub fast_peripheral: u64,
+}
+
+/// Timing of a core with its memories.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Timing {
+    /// `None`: as the emulator charges.
+    waits: Option<Waits>,
+    /// Bytes fetched from flash at once.
+    line: u32,
+}
+
+/// What the core's exceptions cost, in cycles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Exceptions {
+    /// From the request to the handler's first instruction.
+    pub entry: u64,
+    /// From the handler's last instruction to the interrupted one.
+    pub exit: u64,
+    /// From one handler to the next without unstacking.
+    pub tail_chain: u64,
+    /// Added to the first floating-point instruction of a handler that
+    /// interrupted floating-point code (lazy stacking of 17 words).
+    pub lazy_stacking: u64,
+    /// Added when an interrupted instruction is started anew (a divide).
+    pub restart: u64,
+}
+
+impl Timing {
+    /// The emulator's own charges: no wait states, divides at their fastest.
+    #[must_use]
+    pub const fn zero_wait() -> Self {
+        Self {
+            waits: None,
+            line: 4,
+        }
+    }
+
+    /// STM32F446 at 180 MHz: 5 wait states, 128-bit lines (RM0390, 3.4.1),
+    /// APB1 at a quarter and APB2 at half the core clock. A bridge access
+    /// takes at most three periods of its bus (two of the transfer, one of
+    /// synchronisation).
+    #[must_use]
+    pub const fn f446() -> Self {
+        Self {
+            waits: Some(Waits {
+                flash: 5,
+                ram: 1,
+                slow_peripheral: 12,
+                fast_peripheral: 6,
+            }),
+            line: 16,
+        }
+    }
+
+    /// STM32F303x8 at 72 MHz: 2 wait states, 64-bit fetches (RM0316, 4.2.2),
+    /// APB1 at half, APB2 at the full core clock.
+    #[must_use]
+    pub const fn f303() -> Self {
+        Self {
+            waits: Some(Waits {
+                flash: 2,
+                ram: 1,
+                slow_peripheral: 6,
+                fast_peripheral: 3,
+            }),
+            line: 8,
+        }
+    }
+
+    /// Whether this is the emulator's model.
+    #[must_use]
+    pub const fn is_zero_wait(&self) -> bool {
+        self.waits.is_none()
+    }
+
+    /// Exception costs under this model. Vector fetch, first code line and
+    /// the eight stacked words pay the wait states of their memories.
+    #[must_use]
+    pub fn exceptions(&self) -> Exceptions {
+        match self.waits {
+            None => Exceptions {
+                entry: 12,
+                exit: 10,
+                tail_chain: 6,
+                lazy_stacking: 17,
+                restart: 0,
+            },
+            Some(waits) => Exceptions {
+                // Stacking runs beside the vector fetch; adding them is safe.
+                entry: 12 + 8 * waits.ram + 2 * waits.flash,
+                exit: 10 + 8 * waits.ram + waits.flash,
+                tail_chain: 6 + 2 * waits.flash,
+                lazy_stacking: 17 + 17 * waits.ram,
+                restart: 12,
+            },
+        }
+    }
+
+    /// Cycles of one executed instruction, without the fetch of its line and
+    /// without the refill of a taken branch. `previous` are the registers
+    /// written just before it (all, when that is not known).
+    #[must_use]
+    pub fn instruction(
+        &self,
+        instruction: &Instruction,
+        access: Option<&Access>,
+        previous: u16,
+    ) -> u64 {
+        let transfers = access.map_or(0, |access| u64::from(access.count));
+        match self.waits {
+            None => {
+                let extra = match instruction.insn {
+                    Insn::Div { .. } => 2,
+                    Insn::MulLong { .. } | Insn::HalfMul { .. } | Insn::DualMul { .. } => 1,
+                    Insn::Fp(insn) => match insn {
+                        FpInsn::Data { op, .. } => multiply_accumulate(op, 2, 13),
+                        FpInsn::Unary {
+                            op: UnaryOp::Sqrt, ..
+                        } => 13,
+                        FpInsn::MovCore2 { .. } => 1,
+                        _ => 0,
+                    },
+                    _ => 0,
+                };
+                // A bit-band store is a read and a write.
+                let alias = access.is_some_and(|access| !access.load && bit_band(access.address));
+                1 + transfers + extra + u64::from(alias)
+            }
+            Some(waits) => {
+                let base = match instruction.insn {
+                    Insn::Div { .. } => 12,
+                    Insn::Mrs { .. } | Insn::Msr { .. } | Insn::Cps { .. } => 2,
+                    Insn::Barrier { op, .. } => match op {
+                        // Empties the write buffer: one store to the slowest.
+                        BarrierOp::Dsb | BarrierOp::Dmb => 3 + waits.slow_peripheral,
+                        BarrierOp::Isb => 4 + 2 * waits.flash,
+                    },
+                    Insn::LoadStoreExclusive { .. } => 2,
+                    Insn::TableBranch { .. } => 3,
+                    Insn::MulLong { .. } | Insn::HalfMul { .. } | Insn::DualMul { .. } => 1,
+                    Insn::Fp(insn) => match insn {
+                        FpInsn::Data { op, .. } => 2 + multiply_accumulate(op, 2, 13),
+                        FpInsn::Unary {
+                            op: UnaryOp::Sqrt, ..
+                        } => 15,
+                        FpInsn::Mem { .. } | FpInsn::Multi { .. } => 1,
+                        FpInsn::MovCore2 { .. } => 3,
+                        _ => 2,
+                    },
+                    _ => 1,
+                };
+                let stall = u64::from(instruction.address_registers() & previous != 0);
+                let memory = access.map_or(0, |access| {
+                    let unaligned = if aligned(access) {
+                        0
+                    } else {
+                        u64::from(access.size / 2)
+                    };
+                    (u64::from(access.count) + unaligned) * (1 + self.wait(waits, access))
+                });
+                base + stall + memory
+            }
+        }
+    }
+
+    fn wait(&self, waits: Waits, access: &Access) -> u64 {
+        let (low, high) = access.address.unsigned();
+        let within = |first: u32, last: u32| low >= first && high <= last;
+        if access.address.meet(STACK) == Some(access.address)
+            || within(0x2000_0000, 0x3fff_ffff)
+            || within(0x1000_0000, 0x1fff_ffff)
+            || within(0xe000_0000, 0xffff_ffff)
+        {
+            waits.ram
+        } else if within(0x0000_0000, 0x0fff_ffff) {
+            waits.flash
+        } else if within(0x4001_0000, 0x5fff_ffff) {
+            waits.fast_peripheral
+        } else {
+            waits.slow_peripheral.max(waits.flash)
+        }
+    }
+
+    /// Whether the access may disturb the flash line being executed from.
+    #[must_use]
+    pub fn reads_flash(&self, access: &Access) -> bool {
+        let (low, high) = access.address.unsigned();
+        self.waits.is_some()
+            && (low < 0x1000_0000 || high < low)
+            && access.address.meet(STACK) != Some(access.address)
+    }
+
+    /// Cycles of an instruction whose `IT` condition does not hold.
+    #[must_use]
+    pub const fn skipped(&self) -> u64 {
+        1
+    }
+
+    /// Cycles of any write to the program counter, beyond the instruction:
+    /// the refill, the fetch under way that cannot be called back, and the
+    /// line at the target.
+    #[must_use]
+    pub const fn taken(&self) -> u64 {
+        match self.waits {
+            None => 2,
+            Some(waits) => 3 + 2 * waits.flash,
+        }
+    }
+
+    /// Cycles to fetch the lines of an instruction at `address` when `held`
+    /// is the line fetched last; returns the line held afterwards.
+    #[must_use]
+    pub fn fetch(&self, address: u32, size: u32, held: Option<u32>) -> (u64, Option<u32>) {
+        let Some(waits) = self.waits else {
+            return (0, None);
+        };
+        if !(0x0000_0000..0x1000_0000).contains(&address) {
+            return (0, None);
+        }
+        let first = address / self.line;
+        let last = (address + size - 1) / self.line;
+        let lines = u64::from(held != Some(first)) + u64::from(last != first);
+        (lines * waits.flash, Some(last))
+    }
+
+    /// The line held after a taken branch to `address` was paid for.
+    #[must_use]
+    pub fn line_at(&self, address: u32) -> Option<u32> {
+        self.waits.map(|_| address / self.line)
+    }
+}
+
+fn multiply_accumulate(op: DataOp, accumulate: u64, divide: u64) -> u64 {
+    match op {
+        DataOp::Div => divide,
+        DataOp::Mla
+        | DataOp::Mls
+        | DataOp::Nmla
+        | DataOp::Nmls
+        | DataOp::Fma
+        | DataOp::Fms
+        | DataOp::Fnma
+        | DataOp::Fnms => accumulate,
+        _ => 0,
+    }
+}
+
+fn aligned(access: &Access) -> bool {
+    access.size == 1
+        || access
+            .address
+            .and(Range::constant(access.size - 1))
+            .as_constant()
+            == Some(0)
+        || access.count > 1
+}
+
+fn bit_band(address: Range) -> bool {
+    let (low, high) = address.unsigned();
+    (low >= 0x2200_0000 && high < 0x2400_0000) || (low >= 0x4200_0000 && high < 0x4400_0000)
+}

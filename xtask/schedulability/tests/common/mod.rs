@@ -1,0 +1,118 @@
+//! The kernels, built for the target, and an emulated core to run them on.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::{Arc, OnceLock};
+
+use rsemu::core::space::{AddressSpace, RamStore, Region};
+use rsemu::cpu::arm::v7m::{ArmV7m, Config};
+use schedulability::wcet::image::Image;
+
+/// Where the kernels' input is.
+pub const INPUT: u32 = 0x2000_8000;
+const STACK: u32 = 0x2000_8000;
+const FLASH: u32 = 0x0800_0000;
+const RAM: u32 = 0x2000_0000;
+/// Where kernels return to: nothing is there.
+const BACK: u32 = 0x0803_fff0;
+
+/// Builds the kernels once for all tests of a program.
+pub fn image_path() -> &'static Path {
+    static PATH: OnceLock<PathBuf> = OnceLock::new();
+    PATH.get_or_init(|| {
+        let package = Path::new(env!("CARGO_MANIFEST_DIR")).join("kernels");
+        let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("kernels");
+        let status = Command::new(env!("CARGO"))
+            .current_dir(&package)
+            .args([
+                "build",
+                "--quiet",
+                "--release",
+                "--target",
+                "thumbv7em-none-eabihf",
+            ])
+            .env("CARGO_TARGET_DIR", &target)
+            .env_remove("RUSTFLAGS")
+            .env_remove("CARGO_ENCODED_RUSTFLAGS")
+            .status()
+            .expect("cargo runs");
+        assert!(status.success(), "the kernels do not build");
+        target.join("thumbv7em-none-eabihf/release/kernels")
+    })
+}
+
+/// Address of the kernel with this name.
+pub fn kernel(image: &Image, name: &str) -> u32 {
+    let full = format!("kernels::{name}");
+    image
+        .functions()
+        .find(|(_, function)| function.name == full)
+        .unwrap_or_else(|| panic!("no kernel {name}"))
+        .0
+}
+
+/// A core with the kernels in its flash.
+pub struct Emulator {
+    core: ArmV7m,
+    ram: Arc<RamStore>,
+    clean: Vec<u8>,
+}
+
+impl Emulator {
+    /// A core that is out of reset, with its floating-point unit on.
+    pub fn new(image: &Image) -> Self {
+        let flash = Arc::new(RamStore::new(256 * 1024));
+        let ram = Arc::new(RamStore::new(64 * 1024));
+        for (address, bytes) in image.contents() {
+            if address >= RAM {
+                ram.write_at(u64::from(address - RAM), bytes).unwrap();
+            } else {
+                flash.write_at(u64::from(address - FLASH), bytes).unwrap();
+            }
+        }
+        let space = AddressSpace::new("memory", 32);
+        space
+            .topology()
+            .map(Region::ram("flash", flash), u64::from(FLASH))
+            .unwrap();
+        space
+            .topology()
+            .map(Region::ram("ram", Arc::clone(&ram)), u64::from(RAM))
+            .unwrap();
+        let core = ArmV7m::new(Config::CORTEX_M4F.with_reset_vtor(FLASH));
+        core.attach_space(Arc::new(space));
+        core.step();
+        core.with_sys(|system| system.cpacr = 0x00f0_0000);
+        let mut clean = vec![0; 64 * 1024];
+        ram.read_at(0, &mut clean).unwrap();
+        Self { core, ram, clean }
+    }
+
+    /// Calls the function at `entry` with the address of `input` and returns
+    /// the cycles it took; `see` gets the address of every instruction.
+    pub fn call(&self, entry: u32, input: &[u32; 64], mut see: impl FnMut(u32)) -> u64 {
+        self.ram.write_at(0, &self.clean).unwrap();
+        let bytes: Vec<u8> = input.iter().flat_map(|word| word.to_le_bytes()).collect();
+        self.ram.write_at(u64::from(INPUT - RAM), &bytes).unwrap();
+        self.core.set_reg(0, INPUT);
+        self.core.set_reg(13, STACK);
+        self.core.set_reg(14, BACK | 1);
+        // Thumb state, which the reset took from a vector that is not there.
+        self.core.set_xpsr(1 << 24);
+        self.core.set_pc(entry);
+        let mut cycles = 0;
+        loop {
+            let pc = self.core.pc();
+            if pc == BACK {
+                return cycles;
+            }
+            see(pc);
+            cycles += self.core.step();
+            assert!(
+                !self.core.is_locked_up(),
+                "the core locked up after {pc:#x}"
+            );
+            assert!(cycles < 10_000_000, "no return from {entry:#x}");
+        }
+    }
+}

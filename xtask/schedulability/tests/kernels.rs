@@ -1,0 +1,166 @@
+//! Bounds of the kernels against what an emulated core takes.
+
+mod common;
+
+use std::collections::HashMap;
+
+use common::{Emulator, INPUT, image_path, kernel};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use schedulability::wcet::analysis::{Analysis, Bound, Entry};
+use schedulability::wcet::annotation::Annotations;
+use schedulability::wcet::image::Image;
+use schedulability::wcet::timing::Timing;
+
+/// Runs of each kernel: the full check takes ten thousand.
+fn runs() -> u64 {
+    std::env::var("KERNEL_RUNS")
+        .ok()
+        .and_then(|runs| runs.parse().ok())
+        .unwrap_or(60)
+}
+
+const KERNELS: [&str; 34] = [
+    "arithmetic::divide_u64",
+    "arithmetic::divide_i64",
+    "arithmetic::remainder_u64",
+    "arithmetic::polynomial_f32",
+    "arithmetic::polynomial_f64",
+    "arithmetic::divide_f64",
+    "arithmetic::root_f32",
+    "arithmetic::product_u64",
+    "arithmetic::greatest_divisor",
+    "arithmetic::bits_set",
+    "arithmetic::fixed_point_filter",
+    "arrays::nested",
+    "arrays::triangular",
+    "arrays::matrix_f32",
+    "arrays::matrix_i32",
+    "arrays::insertion_sort",
+    "arrays::bubble_sort",
+    "arrays::heap_sort",
+    "arrays::binary_search",
+    "arrays::copy_some",
+    "arrays::copy_all",
+    "arrays::fill_some",
+    "arrays::sieve",
+    "arrays::median",
+    "control::early_exit",
+    "control::table_jump",
+    "control::pointer_table",
+    "control::state_machine",
+    "control::choices",
+    "text::crc8_bits",
+    "text::crc32_table",
+    "text::decimal",
+    "text::parse_number",
+    "text::hexadecimal",
+];
+
+/// Inputs of different character, because uniform words are seldom the worst.
+fn input(random: &mut ChaCha8Rng, run: u64) -> [u32; 64] {
+    let mut words = [0; 64];
+    let level = random.next_u32();
+    for (index, word) in words.iter_mut().enumerate() {
+        let value = random.next_u32();
+        *word = match run % 9 {
+            0 => value,
+            1 => value >> (level % 32),
+            2 => u32::MAX - index as u32,
+            3 => index as u32 * 3 + (level & 0xff),
+            4 => level,
+            5 => value | 0x7f80_0000,
+            6 => value & 0x3f80_00ff,
+            7 => value >> (value % 32),
+            _ => u32::MAX << (value % 32),
+        };
+    }
+    match run % 11 {
+        // The two numbers that take Euclid longest.
+        3 => (words[0], words[1]) = (1_836_311_903, 2_971_215_073),
+        4 => words[0] = 100,
+        5 => words[0] = 63,
+        6 => words[63] = 0,
+        _ => {}
+    }
+    words
+}
+
+fn analyse(analysis: &mut Analysis<'_>, name: &str) -> Bound {
+    let entry = kernel(analysis.image(), name);
+    analysis.run_with(entry, Entry::Function, &[(0, INPUT)])
+}
+
+/// The path taken must lie in the graph, and no block may run more often than
+/// the analysis found possible.
+fn check_path(
+    analysis: &mut Analysis<'_>,
+    bound: &Bound,
+    executed: &HashMap<u32, u64>,
+    name: &str,
+) {
+    let mut allowed: HashMap<u32, u64> = HashMap::new();
+    for (node, visits) in &bound.facts.visits {
+        let graph = analysis.graph(node.function).unwrap();
+        for instruction in &graph.blocks[node.block].instructions {
+            *allowed.entry(instruction.address).or_default() += visits;
+        }
+    }
+    for (address, count) in executed {
+        let most = allowed.get(address).copied().unwrap_or(0);
+        assert!(
+            *count <= most,
+            "{name}: {} runs {count} times, {most} allowed",
+            analysis.image().describe(*address)
+        );
+    }
+}
+
+#[test]
+fn bounds_hold_on_the_emulator() {
+    let image = Image::read(image_path()).unwrap();
+    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let emulator = Emulator::new(&image);
+    let mut ratios = Vec::new();
+    println!(
+        "{:32} {:>8} {:>8} {:>6} {:>8}",
+        "kernel", "seen", "bound", "ratio", "flash"
+    );
+    for name in KERNELS {
+        let bound = analyse(&mut analysis, name);
+        assert!(bound.problems.is_empty(), "{name}: {:?}", bound.problems);
+        let entry = kernel(&image, name);
+        let mut random = ChaCha8Rng::seed_from_u64(11);
+        let mut longest = 0;
+        for run in 0..runs() {
+            let words = input(&mut random, run);
+            // The path itself is checked on the first runs only.
+            let mut executed: HashMap<u32, u64> = HashMap::new();
+            let watch = run < 60;
+            let cycles = emulator.call(entry, &words, |pc| {
+                if watch {
+                    *executed.entry(pc).or_default() += 1;
+                }
+            });
+            check_path(&mut analysis, &bound, &executed, name);
+            longest = longest.max(cycles);
+        }
+        let ratio = bound.cycles[0] as f64 / longest as f64;
+        println!(
+            "{name:32} {longest:8} {:8} {ratio:6.3} {:8}",
+            bound.cycles[0], bound.cycles[1]
+        );
+        assert!(
+            longest <= bound.cycles[0],
+            "{name}: {longest} cycles seen, bound {}",
+            bound.cycles[0]
+        );
+        assert!(bound.cycles[1] >= bound.cycles[0], "{name}");
+        ratios.push(ratio);
+    }
+    ratios.sort_by(f64::total_cmp);
+    let median = ratios[ratios.len() / 2];
+    println!("median of bound over longest seen: {median:.3}");
+    assert!(median <= 1.25, "{median}");
+}
