@@ -583,7 +583,12 @@ impl Bus {
                 if sender.replace(index).is_some() {
                     return None;
                 }
-            } else if node.mac.is_in_frame() {
+            } else if let Some(position) = node.mac.position() {
+                // Whoever has counted other bits has seen another start of frame.
+                let ahead = position + u16::from(node.sample_at.is_some());
+                if ahead != state.position + 1 {
+                    return None;
+                }
                 acknowledged |= node.mac.acknowledges();
             } else if !node.mac.can_wait() || (node.mac.is_idle() && state.position > 0) {
                 return None;

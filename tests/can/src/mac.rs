@@ -205,6 +205,14 @@ impl Mac {
         }
     }
 
+    /// Bits of the frame in progress that the node has sampled.
+    pub(crate) fn position(&self) -> Option<u16> {
+        match &self.phase {
+            Phase::InFrame(progress) => Some(progress.position),
+            _ => None,
+        }
+    }
+
     /// Whether the node is receiving a frame.
     pub(crate) fn is_receiving(&self) -> bool {
         matches!(&self.phase, Phase::InFrame(progress) if progress.sending.is_none())

@@ -698,6 +698,23 @@ fn wide_beats_narrow_and_a_list_beats_a_mask() {
 }
 
 #[test]
+fn among_equals_the_lower_filter_number_wins() {
+    let found = filtered(
+        |bus, node| {
+            // Two wide masks that accept everything.
+            bus.write(node, FS1R, 0b110, at_us(0));
+            bus.write(node, FA1R, 0b110, at_us(0));
+        },
+        &[frame(0x123, &[])],
+    );
+    assert_eq!(
+        found,
+        [Some((0, 2))],
+        "behind the two narrow ones of bank 0"
+    );
+}
+
+#[test]
 fn filter_registers_are_protected() {
     let mut bus = Bus::new();
     let node = bus.add_bxcan(Part::F303, f303());

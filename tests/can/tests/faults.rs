@@ -375,6 +375,124 @@ fn a_stuck_bus_makes_receivers_passive_and_drives_senders_off() {
 }
 
 #[test]
+fn dominant_bits_behind_a_flag_count_by_eights() {
+    let mut bus = Bus::new();
+    let node = normal_node(&mut bus, 0);
+    let from = bus.now();
+    bus.disturb(Disturbance::Stuck {
+        level: Level::Dominant,
+        from,
+        until: from + bits(100),
+    });
+    // Bits 0 to 5 break the stuffing rule, 6 to 11 are the flag. Bit 12 is dominant behind a
+    // flag of its own; bit 19 is the 14th dominant one since the flag began, then each eighth.
+    for (passed, count) in [
+        (5, 0),
+        (6, 1),
+        (12, 1),
+        (13, 9),
+        (19, 9),
+        (20, 17),
+        (27, 17),
+        (28, 25),
+    ] {
+        bus.advance_to(from + bits(passed));
+        assert_eq!(rec(&bus, node), count, "after {passed} bits");
+    }
+}
+
+/// A lonely sender, the bit of its missing acknowledge, and a foreign node for raw bits.
+fn lonely() -> (Bus, NodeId, u64, NodeId) {
+    let mut bus = Bus::new();
+    let rogue = bus.add_tester(Tester::listener());
+    let node = normal_node(&mut bus, 0);
+    let slot = WireFrame::encode(&frame(0x123, &[])).acknowledge_slot() as u64;
+    (bus, node, slot, rogue)
+}
+
+#[test]
+fn a_dominant_bit_in_the_error_delimiter_is_an_error_but_for_its_last() {
+    for (bit_of_delimiter, errors_counted) in [(2, 2), (7, 2), (8, 1)] {
+        let (mut bus, node, slot, rogue) = lonely();
+        let now = bus.now();
+        request(&mut bus, node, 0, &frame(0x123, &[]), now);
+        bus.advance_to(now + bits(2));
+        let start = bus.drain_records()[0].at;
+        let at = start + bits(slot + 6 + bit_of_delimiter);
+        bus.play_raw(rogue, at, vec![Level::Dominant]);
+        bus.advance_to(at + bits(4));
+        assert_eq!(
+            tec(&bus, node),
+            8 * errors_counted,
+            "bit {bit_of_delimiter}"
+        );
+        // In either case a flag follows: of an error or of an overload.
+        assert_eq!(
+            bus.read(node, MSR) >> 10 & 1,
+            0,
+            "bit {bit_of_delimiter}: dominant was sampled"
+        );
+    }
+}
+
+#[test]
+fn a_dominant_bit_in_intermission_is_answered_with_an_overload_frame() {
+    let (mut bus, node, _, rogue) = lonely();
+    let other = normal_node(&mut bus, 0);
+    let sent = frame(0x123, &[]);
+    let length = WireFrame::encode(&sent).bits() as u64;
+    let now = bus.now();
+    request(&mut bus, node, 0, &sent, now);
+    request(&mut bus, node, 1, &sent, now);
+    bus.advance_to(now + bits(2));
+    let start = bus.drain_records()[0].at;
+    bus.play_raw(rogue, start + bits(length), vec![Level::Dominant]);
+    bus.advance_to(now + bits(200));
+    let starts: Vec<u64> = bus
+        .drain_records()
+        .iter()
+        .filter(|record| matches!(record.kind, RecordKind::FrameStart { .. }))
+        .map(|record| (record.at.as_ticks() - start.as_ticks()) / BIT)
+        .collect();
+    // One bit of intermission, flag, delimiter, intermission.
+    assert_eq!(starts, [length + 1 + 6 + 8 + 3]);
+    assert_eq!(bus.read(other, RF0R), 2);
+    assert_eq!((bus.read(node, ESR), bus.read(other, ESR)), (0, 0));
+}
+
+#[test]
+fn a_passive_lonely_sender_counts_if_others_answer_with_flags() {
+    let (mut bus, node, slot, rogue) = lonely();
+    let now = bus.now();
+    request(&mut bus, node, 0, &frame(0x123, &[]), now);
+    bus.advance_to(now + bits(20_000));
+    assert_eq!(tec(&bus, node), 128);
+    bus.drain_records();
+    // The next start, then a dominant bit in its passive flag.
+    let start = loop {
+        bus.advance_to(bus.now() + bits(1));
+        let starts = |record: &&Record| matches!(record.kind, RecordKind::FrameStart { .. });
+        if let Some(record) = bus.drain_records().iter().find(starts) {
+            break record.at;
+        }
+    };
+    bus.play_raw(rogue, start + bits(slot + 4), vec![Level::Dominant]);
+    bus.advance_to(start + bits(slot + 20));
+    assert_eq!(tec(&bus, node), 136);
+}
+
+#[test]
+fn a_stuff_bit_overwritten_in_arbitration_costs_its_sender_nothing() {
+    // Start of frame and four zeros, then a recessive stuff bit of index 5.
+    let scene = disturbed(&frame(0x000, &[]), |_, _| flip(0, 5, SeenBy::All));
+    let found = errors(&scene.records);
+    assert!(found.contains(&(scene.sender, ErrorKind::Stuff, 5)));
+    assert!(found.contains(&(scene.receiver, ErrorKind::Stuff, 5)));
+    assert_eq!(tec(&scene.bus, scene.sender), 0);
+    assert_eq!(scene.bus.read(scene.receiver, RF0R), 1, "sent again");
+}
+
+#[test]
 fn an_open_bus_lets_nobody_through() {
     let mut bus = Bus::new();
     let node = normal_node(&mut bus, NART);
