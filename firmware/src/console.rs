@@ -25,7 +25,8 @@ pub struct BusView {
     pub missed_references: u32,
     /// Messages that did not come.
     pub missed_messages: u32,
-    /// Own windows missed: skipped, suppressed, not begun in time, lost or destroyed.
+    /// Own windows missed: asked for too late, suppressed by the error level, destroyed. An
+    /// event that lost arbitration and the reference of a backup master are no misses.
     pub missed_windows: u32,
     /// Frames that were foreign or out of place.
     pub misplaced: u32,
@@ -46,9 +47,7 @@ impl BusView {
             missed_windows: counters
                 .skipped
                 .wrapping_add(counters.suppressed)
-                .wrapping_add(counters.arbitration_lost)
-                .wrapping_add(counters.transmit_errors)
-                .wrapping_add(counters.aborted),
+                .wrapping_add(counters.transmit_errors),
             misplaced: counters.misplaced.wrapping_add(counters.foreign),
             errors: link.error_state(),
             link: link.counters(),

@@ -100,6 +100,15 @@ pub const RECEIVER_TIMEOUT: Micros = Micros::millis(250);
 /// without it: five of its periods.
 pub const RECEIVER_PATIENCE: MillisDurationU32 = MillisDurationU32::millis(500);
 
+/// How long before the reference the receiver's burst ends when the gps node begins the
+/// schedule, less the 1 ms that the stack waits anyway: room for the burst's jitter and for
+/// some minutes of drift between the receiver's clock and the node's crystal.
+pub const BURST_LEAD: Micros = Micros::millis(5);
+
+/// How long the backup master waits for a sign of the gps node, which waits for its
+/// receiver, before it begins the schedule itself.
+pub const MASTER_PATIENCE: MillisDurationU32 = MillisDurationU32::millis(1000);
+
 /// Speed below which the velocity vector says nothing about the heading, mm/s: ten times the
 /// receiver's noise of 20 mm/s.
 pub const HEADING_SPEED: u32 = 200;

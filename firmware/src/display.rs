@@ -241,6 +241,7 @@ mod tests {
             north: 12_345,
             east: -678,
             tracking: Tracking {
+                segment: 0,
                 along: 12.0,
                 cross_track: -0.027,
                 heading: -0.1,
@@ -291,7 +292,7 @@ mod tests {
                 to: Position::new(i32::MIN, i32::MAX),
                 north, east, time,
                 tracking: Tracking {
-                    along: 0.0, cross_track: x, heading, heading_error: error, steering_angle: steering, speed,
+                    segment: 0, along: 0.0, cross_track: x, heading, heading_error: error, steering_angle: steering, speed,
                 },
                 ..view()
             };

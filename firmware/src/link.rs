@@ -163,7 +163,7 @@ pub struct Link<P, T> {
 }
 
 impl<P: Port, T: WindowTimer> Link<P, T> {
-    /// A link that listens only when [`Link::start`] is called.
+    /// A link that is silent until [`Link::start`], or until it hears the first frame.
     ///
     /// # Errors
     /// The stack refuses the configuration.
@@ -208,6 +208,10 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     /// Receive interrupt. `stamp` is the time base as the task read it first of all.
     pub fn on_receive(&mut self, stamp: u32) -> News {
         let mut news = News::default();
+        if !self.started {
+            // Others keep a schedule: there is nothing to wait for.
+            self.start();
+        }
         if self.port.take_overrun() {
             self.counters.overruns = self.counters.overruns.wrapping_add(1);
         }

@@ -1,10 +1,13 @@
 //! The link on the boards' own port and timer.
 
 use crate::board;
+use crate::console::BusView;
 use crate::design;
 use crate::link::{Link, Stack, WindowTimer};
 use board::clock::{Clocks, Oscillator};
-use ttcan::{ConfigError, Micros, NodeConfig, NodeId, StampLatency};
+use ttcan::{
+    ConfigError, ErrorLevel, MasterState, Micros, NodeConfig, NodeId, StampLatency, SyncState,
+};
 
 /// The time base and its compare channels, as the link uses them.
 pub struct Timer {
@@ -96,4 +99,44 @@ pub fn link(
         ..NodeConfig::new(node, clocks.ticks_per_us)
     };
     Link::new(place, config, can, Timer { clock, alarms })
+}
+
+/// Tells a listening probe what changed on the bus. For the lowest priority only; with no
+/// probe, or a slow one, the message is dropped and nobody waits.
+#[derive(Default)]
+pub struct Log {
+    last: Option<(SyncState, MasterState, u8, u16)>,
+}
+
+impl Log {
+    /// A log that has told nothing.
+    pub const fn new() -> Self {
+        Self { last: None }
+    }
+
+    /// Tells the state of the bus when it is another than the last one told.
+    pub fn bus(&mut self, view: &BusView) {
+        let level = match view.status.error_level {
+            ErrorLevel::None => 0,
+            ErrorLevel::Warning => 1,
+            ErrorLevel::Error => 2,
+            ErrorLevel::Severe(_) => 3,
+        };
+        let now = (
+            view.status.sync,
+            view.status.master,
+            level,
+            view.link.bus_off,
+        );
+        if self.last != Some(now) {
+            self.last = Some(now);
+            defmt::info!(
+                "sync {=u8} master {=u8} level S{=u8} bus-off {=u16}",
+                view.status.sync as u8,
+                view.status.master as u8,
+                level,
+                view.link.bus_off
+            );
+        }
+    }
 }

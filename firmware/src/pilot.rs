@@ -24,6 +24,17 @@ const PERIOD: f32 = network::matrix::BASIC_CYCLE.ticks() as f32 * 1e-6;
 /// Steps that the potentiometer may be missing while actuators move.
 const POT_PATIENCE: u8 = 3;
 
+/// What the logs say before the first step.
+const AT_REST: Tracking<f32> = Tracking {
+    segment: 0,
+    along: 0.0,
+    cross_track: 0.0,
+    heading: 0.0,
+    heading_error: 0.0,
+    steering_angle: 0.0,
+    speed: 0.0,
+};
+
 /// The waypoints or the vehicle's settings make no controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DesignError {
@@ -140,7 +151,7 @@ impl Pilot {
             controller,
             sender: e2e::Sender::default(),
             applied: safety::Command::still(),
-            tracking: Tracking::default(),
+            tracking: AT_REST,
             position: Position {
                 north: Millimetres(0),
                 east: Millimetres(0),

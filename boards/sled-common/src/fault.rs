@@ -98,6 +98,48 @@ mod record {
 #[cfg(target_os = "none")]
 pub use record::{reset, take};
 
+/// Defines what happens on a hard fault and on an interrupt that no task is bound to: the
+/// board's actuator is stopped by `$stop`, the fault is recorded, the part is reset.
+///
+/// The hard fault begins with an empty stack, because an overflow of the stack is one of its
+/// causes.
+#[macro_export]
+macro_rules! fault_handlers {
+    ($stop:path) => {
+        #[cfg(target_os = "none")]
+        mod fault_handlers {
+            use $crate::fault::{Fault, reset};
+
+            // SAFETY: the name is the one that cortex-m-rt's vector table asks for. The
+            // function touches no stack before it has set the stack pointer anew, and never
+            // returns to what it discards.
+            #[unsafe(naked)]
+            #[unsafe(export_name = "HardFault")]
+            extern "C" fn hard_fault() -> ! {
+                core::arch::naked_asm!(
+                    "movw r0, #:lower16:_stack_start",
+                    "movt r0, #:upper16:_stack_start",
+                    "msr msp, r0",
+                    "b {stop}",
+                    stop = sym stop_hard,
+                )
+            }
+
+            extern "C" fn stop_hard() -> ! {
+                $stop();
+                reset(Fault::Hard)
+            }
+
+            // SAFETY: the name is the one that cortex-m-rt's vector table asks for.
+            #[unsafe(export_name = "DefaultHandler")]
+            extern "C" fn unhandled() -> ! {
+                $stop();
+                reset(Fault::Unhandled)
+            }
+        }
+    };
+}
+
 #[cfg(test)]
 mod tests {
     use super::Fault;

@@ -150,3 +150,5 @@ impl Rest {
         )
     }
 }
+
+sled_common::fault_handlers!(crate::stop_actuator);

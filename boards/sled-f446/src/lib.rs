@@ -186,3 +186,5 @@ impl Rest {
 /// Brings the actuator that this sled drives to a stop, without any state: none is
 /// connected to it.
 pub fn stop_actuator() {}
+
+sled_common::fault_handlers!(crate::stop_actuator);

@@ -42,7 +42,7 @@ mod app {
     use firmware::display::{self, Plain, Supervision};
     use firmware::housekeeping::Housekeeping;
     use firmware::link::Stack;
-    use firmware::node::{self, BoardLink};
+    use firmware::node::{self, BoardLink, Log};
     use firmware::pilot::{self, Pilot};
     use firmware::text::Text;
     use firmware::{design, fault};
@@ -97,8 +97,12 @@ mod app {
         let (Some(operator), Ok(pilot)) = (sled.rest.operator(), Pilot::new()) else {
             fault::stop(Fault::Start)
         };
+        defmt::info!(
+            "controller: core {=u32} Hz, reset cause {=u8}",
+            clocks.core,
+            sled.reset_cause.code()
+        );
         Mono::start(cx.core.SYST, clocks.core);
-        link.start();
         link.release_in(BASIC_CYCLE);
         let _ = (housekeeping::spawn(), console::spawn());
         (
@@ -128,7 +132,6 @@ mod app {
 
     #[idle]
     fn idle(_: idle::Context) -> ! {
-        defmt::info!("controller");
         loop {
             rtic::export::wfi();
         }
@@ -265,9 +268,13 @@ mod app {
     #[task(priority = 2, shared = [link, pilot], local = [led, watchdog, keeping])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut due = Mono::now();
+        let begin = due + design::MASTER_PATIENCE.convert();
         loop {
             let bus = cx.shared.link.lock(|link| {
                 link.keep_present();
+                if !link.is_started() && due >= begin {
+                    link.start();
+                }
                 BusView::of(link)
             });
             let steps = cx.shared.pilot.lock(|pilot| pilot.steps());
@@ -292,8 +299,10 @@ mod app {
     #[task(priority = 1, shared = [link, pilot, supervision, console])]
     async fn console(mut cx: console::Context) {
         let mut due = Mono::now();
+        let mut log = Log::new();
         loop {
             let bus = cx.shared.link.lock(|link| BusView::of(link));
+            log.bus(&bus);
             let present = cx
                 .shared
                 .supervision

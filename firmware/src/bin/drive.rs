@@ -30,7 +30,7 @@ mod app {
     use firmware::console::{self as lines, ActuatorView, BusView, Line};
     use firmware::housekeeping::Housekeeping;
     use firmware::link::Stack;
-    use firmware::node::{self, BoardLink};
+    use firmware::node::{self, BoardLink, Log};
     use firmware::{design, fault};
     use network::Message as _;
     use network::matrix::{DRIVE, window};
@@ -70,6 +70,11 @@ mod app {
         ) else {
             fault::stop(Fault::Start)
         };
+        defmt::info!(
+            "drive: core {=u32} Hz, reset cause {=u8}",
+            clocks.core,
+            sled.reset_cause.code()
+        );
         Mono::start(cx.core.SYST, clocks.core);
         link.start();
         let _ = (housekeeping::spawn(), console::spawn());
@@ -91,7 +96,6 @@ mod app {
 
     #[idle]
     fn idle(_: idle::Context) -> ! {
-        defmt::info!("drive");
         loop {
             rtic::export::wfi();
         }
@@ -188,8 +192,10 @@ mod app {
     #[task(priority = 1, shared = [link, driving, output, console])]
     async fn console(mut cx: console::Context) {
         let mut due = Mono::now();
+        let mut log = Log::new();
         loop {
             let bus = cx.shared.link.lock(|link| BusView::of(link));
+            log.bus(&bus);
             let byte = cx.shared.output.lock(|output| output.last());
             let view = cx.shared.driving.lock(|driving| ActuatorView {
                 command: driving.supervised.command().map(|command| command.speed.0),

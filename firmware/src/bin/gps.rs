@@ -5,7 +5,7 @@
 //! | `can_rx` | receive FIFO 0 | 6 | stamps, feeds the protocol stack |
 //! | `can_tx` | mailbox empty | 6 | stamps, reports the outcome |
 //! | `can_error` | status change | 6 | bus-off |
-//! | `window_timer` | TIM2 | 6 | sends the reference, loads the mailbox |
+//! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 begins the schedule |
 //! | `ring` | DMA2 stream 2 | 4 | parses the receiver's bytes, half a ring at a time |
 //! | `line_idle` | USART1 | 4 | parses the rest of a burst |
 //! | `console_dma` | DMA1 stream 6 | 3 | next console line |
@@ -31,7 +31,7 @@ mod app {
     use firmware::housekeeping::Housekeeping;
     use firmware::link::Stack;
     use firmware::navigation::Station;
-    use firmware::node::{self, BoardLink};
+    use firmware::node::{self, BoardLink, Log};
     use firmware::{design, fault};
     use network::Message as _;
     use network::matrix::GPS;
@@ -75,6 +75,11 @@ mod app {
         let Some(receiver) = sled.rest.receiver() else {
             fault::stop(Fault::Start)
         };
+        defmt::info!(
+            "gps: core {=u32} Hz, reset cause {=u8}",
+            clocks.core,
+            sled.reset_cause.code()
+        );
         Mono::start(cx.core.SYST, clocks.core);
         let _ = (housekeeping::spawn(), console::spawn());
         (
@@ -95,7 +100,6 @@ mod app {
 
     #[idle]
     fn idle(_: idle::Context) -> ! {
-        defmt::info!("gps");
         loop {
             rtic::export::wfi();
         }
@@ -123,6 +127,9 @@ mod app {
         cx.shared.link.lock(|link| {
             if link.timer_mut().take_window() {
                 link.service();
+            }
+            if link.timer_mut().take_release() && !link.is_started() {
+                link.start();
             }
         });
     }
@@ -157,7 +164,7 @@ mod app {
                 {
                     let time = GlobalTime::from_micros(u64::from(tow) * 1000);
                     let _ = link.node_mut().set_global_time(Stamp(now), time);
-                    link.start();
+                    link.release_in(design::BURST_LEAD);
                 }
             });
         });
@@ -217,8 +224,10 @@ mod app {
     #[task(priority = 1, shared = [link, station, console])]
     async fn console(mut cx: console::Context) {
         let mut due = Mono::now();
+        let mut log = Log::new();
         loop {
             let bus = cx.shared.link.lock(|link| BusView::of(link));
+            log.bus(&bus);
             let (navigation, counters) = cx
                 .shared
                 .station

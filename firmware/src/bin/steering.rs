@@ -34,7 +34,7 @@ mod app {
     use firmware::housekeeping::Housekeeping;
     use firmware::link::Stack;
     use firmware::navigation::padded;
-    use firmware::node::{self, BoardLink};
+    use firmware::node::{self, BoardLink, Log};
     use firmware::{design, fault};
     use network::Message as _;
     use network::matrix::{STEERING, window};
@@ -78,6 +78,11 @@ mod app {
         let Some(pot) = sled.rest.pot() else {
             fault::stop(Fault::Start)
         };
+        defmt::info!(
+            "steering: core {=u32} Hz, reset cause {=u8}",
+            clocks.core,
+            sled.reset_cause.code()
+        );
         Mono::start(cx.core.SYST, clocks.core);
         link.start();
         let _ = (housekeeping::spawn(), console::spawn());
@@ -100,7 +105,6 @@ mod app {
 
     #[idle]
     fn idle(_: idle::Context) -> ! {
-        defmt::info!("steering");
         loop {
             rtic::export::wfi();
         }
@@ -215,8 +219,10 @@ mod app {
     #[task(priority = 1, shared = [link, steering, output, console])]
     async fn console(mut cx: console::Context) {
         let mut due = Mono::now();
+        let mut log = Log::new();
         loop {
             let bus = cx.shared.link.lock(|link| BusView::of(link));
+            log.bus(&bus);
             let byte = cx.shared.output.lock(|output| output.last());
             let view = cx.shared.steering.lock(|steering| ActuatorView {
                 command: steering
