@@ -30,6 +30,8 @@ mod schedule;
 #[cfg(feature = "std")]
 pub mod simulation;
 mod supervision;
+#[cfg(feature = "std")]
+pub mod synthesis;
 mod time;
 
 pub use bit_timing::{BitTiming, NoBitTiming};

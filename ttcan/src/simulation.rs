@@ -451,8 +451,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         };
         self.idle_at = SimTime::from_ticks(end.ticks() + u64::from(INTERFRAME_BITS) * self.bit);
         self.push(self.idle_at, Event::Start);
-        for &(index, other) in contenders.iter().filter(|(_, f)| f.id() == frame.id()) {
-            let _ = other;
+        for &(index, _) in contenders.iter().filter(|(_, f)| f.id() == frame.id()) {
             let report = if fate == Fate::Destroyed {
                 Report::Error
             } else {

@@ -387,3 +387,5 @@ pub(crate) const fn bits_to_micros(bits: u32, bit_rate: u32) -> u32 {
 }
 
 pub(crate) use validate::REFERENCE_OFFSET_LIMIT;
+#[cfg(feature = "std")]
+pub(crate) use validate::needed_micros;

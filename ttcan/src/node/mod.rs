@@ -96,6 +96,13 @@ pub struct Node<'s, const W: usize, const P: usize, const Q: usize> {
     missed_references: u8,
     /// A reference lost arbitration, and what won has not been seen.
     reference_lost: bool,
+    /// When the reference was first asked for, if the bus may have been taken
+    /// then.
+    asked: Option<Stamp>,
+    /// Messages of others contradicted the basic cycle that this node began
+    /// while the bus was taken; and for how many basic cycles.
+    doubtful: bool,
+    doubts: u8,
     /// Repeated references so far when one was last missing while the own one
     /// waited for its report.
     repeats_at_miss: Option<u32>,
@@ -192,6 +199,9 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
             initial_watch: false,
             missed_references: 0,
             reference_lost: false,
+            asked: None,
+            doubtful: false,
+            doubts: 0,
             repeats_at_miss: None,
             cursor: 0,
             cursor_end: 0,
@@ -245,6 +255,9 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         self.initial_watch = false;
         self.missed_references = 0;
         self.reference_lost = false;
+        self.asked = None;
+        self.doubtful = false;
+        self.doubts = 0;
         self.repeats_at_miss = None;
         self.inside = false;
         self.last = None;

@@ -38,6 +38,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if let Pending::Reference { asked, .. } = &mut node.pending {
             *asked = moved(*asked);
         }
+        node.asked = node.asked.map(moved);
         node.queue.shift(now);
         if node.clock.at(now).is_some() {
             node.clock.restart(now, GlobalTime::default());

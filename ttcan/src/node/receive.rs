@@ -191,6 +191,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         self.initial_watch = false;
         self.missed_references = 0;
         self.reference_lost = false;
+        self.asked = None;
+        self.doubtful = false;
         self.repeats_at_miss = None;
         if cycle == 0 {
             self.begin_matrix();
@@ -255,31 +257,18 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
     fn take_message(&mut self, frame: &Frame, end: Stamp) -> Reception {
         if self.sync != SyncState::InSchedule {
+            if self.marked && self.master == MasterState::Current {
+                self.doubtful |= !self.fits(frame, end);
+            }
             return Reception::Fault(Fault::NotInSchedule);
         }
         if self.is_overdue(end) {
             // The frame may well be in place in a cycle that this node missed.
             return Reception::Fault(Fault::NotInSchedule);
         }
-        // The latest instant at which the frame can have begun. Up to 24 stuff
-        // bits may have made it earlier; to know them costs more than this
-        // check can gain.
-        let start = Stamp(
-            end.0
-                .wrapping_sub(self.bits(length::shortest_bits(frame.id(), frame.len()))),
-        );
-        self.catch_up(start);
-        if self.inside
-            && let Some(entry) = self.entry().copied()
-        {
-            let earliest = self.instant(
-                entry
-                    .start
-                    .saturating_sub(self.schedule.network.uncertainty),
-            );
-            if start.reached(earliest) {
-                return self.take_in_entry(frame, &entry);
-            }
+        let (start, entry) = self.locate(frame, end);
+        if let Some(entry) = entry {
+            return self.take_in_entry(frame, &entry);
         }
         if let Some(last) = self.last
             && last.id == frame.id()
@@ -290,6 +279,29 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             return self.take_from_last(frame, last);
         }
         self.astray(frame)
+    }
+
+    /// The latest instant at which a frame can have begun, and the entry of the
+    /// schedule that it then lies in. Up to 24 stuff bits may have made it
+    /// earlier; to know them costs more than they tell.
+    fn locate(&mut self, frame: &Frame, end: Stamp) -> (Stamp, Option<Entry>) {
+        let shortest = self.bits(length::shortest_bits(frame.id(), frame.len()));
+        let start = Stamp(end.0.wrapping_sub(shortest));
+        self.catch_up(start);
+        let entry = self.entry().filter(|_| self.inside).copied();
+        let uncertainty = self.schedule.network.uncertainty;
+        let entry = entry
+            .filter(|entry| start.reached(self.instant(entry.start.saturating_sub(uncertainty))));
+        (start, entry)
+    }
+
+    /// Whether a frame is where the basic cycle of this master has it.
+    fn fits(&mut self, frame: &Frame, end: Stamp) -> bool {
+        let (_, entry) = self.locate(frame, end);
+        entry.is_some_and(|entry| match entry.role {
+            Role::Exclusive { id, .. } => id == frame.id(),
+            Role::Arbitrating => true,
+        })
     }
 
     /// Whether the next reference should have come before `end`, at which a

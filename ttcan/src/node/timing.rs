@@ -240,7 +240,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             cycle: fields.cycle,
             next_is_gap: fields.next_is_gap,
             discontinuity: fields.discontinuity,
-            asked: now,
+            asked: self.asked.unwrap_or(now),
         };
         Action::TransmitReference(frame)
     }

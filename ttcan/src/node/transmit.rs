@@ -1,7 +1,7 @@
 //! Own transmissions and their ends.
 
 use super::{Node, Pending, SyncState, TransmitOutcome};
-use crate::{ClockState, Stamp};
+use crate::{ClockState, Stamp, length};
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// The transmission that the node asked for last has ended; `stamp` was
@@ -38,11 +38,21 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                     }
                     self.lead(start, asked, cycle, next_is_gap);
                 }
-                TransmitOutcome::ArbitrationLost => self.reference_lost = true,
+                TransmitOutcome::ArbitrationLost => {
+                    self.reference_lost = true;
+                    self.asked = Some(asked);
+                }
                 TransmitOutcome::Error | TransmitOutcome::Aborted | TransmitOutcome::Empty => {
                     self.counters.repeated_references =
                         self.counters.repeated_references.wrapping_add(1);
                     self.reference_due = Some(stamp);
+                    // An error this early destroyed a frame that began on time:
+                    // no other reference was on the bus.
+                    let id = self.schedule.network.reference;
+                    let shortest = self.bits(length::shortest_bits(id, 1));
+                    let on_time = outcome == TransmitOutcome::Error
+                        && stamp.ticks_since(asked) < shortest.cast_signed();
+                    self.asked = if on_time { None } else { Some(asked) };
                 }
             },
             Pending::Window {
@@ -90,7 +100,14 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// The own reference was sent, with its start of frame at `start` after it
     /// was asked for at `asked`.
     fn lead(&mut self, start: Stamp, asked: Stamp, cycle: u8, next_is_gap: bool) {
-        let consecutive = self.is_consecutive(start, cycle);
+        // Others disagree on where the basic cycle is; believe them for a while.
+        self.doubts = if self.doubtful {
+            self.doubts.saturating_add(1)
+        } else {
+            0
+        };
+        let disputed = (1..=self.config.watch).contains(&self.doubts);
+        let consecutive = self.is_consecutive(start, cycle) && !disputed;
         if matches!(self.clock.state(), ClockState::Unset) {
             self.clock.set(start, Default::default());
         } else {
