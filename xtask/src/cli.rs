@@ -1,12 +1,14 @@
 //! The words of the command line.
 
-use std::ffi::OsString;
+use std::{ffi::OsString, path::PathBuf};
 
 use clap::{Args, CommandFactory, Parser, Subcommand, error::ErrorKind};
 
+use world::{SimDuration, time::from_seconds};
+
 use crate::{Failure, Node};
 
-/// Builds, flashes and tests the nodes of the vehicle.
+/// Builds, flashes, simulates and tests the nodes of the vehicle.
 #[derive(Debug, Parser)]
 #[command(
     name = "cargo xtask",
@@ -16,6 +18,7 @@ use crate::{Failure, Node};
     disable_help_subcommand = true,
     after_help = "Examples:\n  \
         cargo xtask build             all images, with their sizes\n  \
+        cargo xtask sim               drive the virtual vehicle down the line\n  \
         cargo xtask flash gps         the gps image onto the board that is connected\n  \
         cargo xtask test              everything that CI checks\n  \
         cargo xtask build --help      options and examples of one command"
@@ -32,6 +35,8 @@ pub enum Command {
     Build(Build),
     /// Write a node's release image to a board with probe-rs.
     Flash(Flash),
+    /// Let the release images drive the virtual vehicle and report.
+    Sim(Sim),
     /// Check everything: format, lints, tests, images, documentation.
     Test(Test),
 }
@@ -64,6 +69,46 @@ pub struct Flash {
     /// Print the commands instead of running them
     #[arg(long)]
     pub dry_run: bool,
+}
+
+/// Options of `sim`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask sim                                straight-line, figures on the terminal\n  \
+    cargo xtask sim gps-lost --seed 7 --out run    and bus.log, states.csv, summary.json, track.svg\n  \
+    cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
+    cargo xtask sim --list                         the scenarios that come along")]
+pub struct Sim {
+    /// Name of a scenario, or the path of a TOML file
+    #[arg(default_value = "straight-line")]
+    pub scenario: String,
+    /// Simulated time in seconds [default: the scenario's]
+    #[arg(long, value_name = "N", value_parser = seconds)]
+    pub seconds: Option<SimDuration>,
+    /// Seed of everything that is left to chance: noise, clock errors
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Folder for bus.log, states.csv, summary.json and track.svg [default: no files]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Name the scenarios instead of running one
+    #[arg(long)]
+    pub list: bool,
+}
+
+/// The longest simulated time: a day.
+const LONGEST: f64 = 86_400.0;
+
+fn seconds(text: &str) -> Result<SimDuration, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 && seconds <= LONGEST => Ok(from_seconds(seconds)),
+        _ => Err(format!(
+            "a number of seconds above 0 and up to {LONGEST} is accepted"
+        )),
+    }
 }
 
 /// Options of `test`.
@@ -161,6 +206,9 @@ mod tests {
             "xtask flash",
             "xtask paint",
             "xtask build --colour",
+            "xtask sim --seconds -1",
+            "xtask sim --seconds soon",
+            "xtask sim --seed 1.5",
             "xtask",
         ] {
             let text = refused(line);

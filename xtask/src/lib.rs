@@ -8,6 +8,7 @@
 pub mod build;
 pub mod cli;
 pub mod flash;
+pub mod sim;
 pub mod size;
 pub mod target;
 pub mod test;
@@ -46,6 +47,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
     match command {
         cli::Command::Build(options) => build::run(&workspace, &options),
         cli::Command::Flash(options) => flash::run(&workspace, &options),
+        cli::Command::Sim(options) => sim::run(&workspace, &options),
         cli::Command::Test(options) => test::run(&workspace, &options),
     }
 }

@@ -1,0 +1,171 @@
+//! The windows, taken from the network file.
+
+use std::fs;
+
+use network_model::{Condition, Message, Network, SendType};
+use world::{
+    SimDuration,
+    report::{Due, FrameRecord, ModeChange, Window, WindowKind},
+};
+
+use crate::{Failure, Workspace};
+
+/// The network file, from the root of the workspace.
+const FILE: &str = "firmware/network/uagv.dbc";
+
+/// The system matrix as the report wants it.
+pub struct Matrix {
+    network: Network,
+    /// One entry for each message.
+    pub windows: Vec<Window>,
+}
+
+impl Matrix {
+    /// Reads the network file of the workspace.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be read, or something in it is wrong.
+    pub fn read(workspace: &Workspace) -> Result<Self, Failure> {
+        let wrong = |what: String| Failure::Usage(format!("{FILE}: {what}"));
+        let text = fs::read_to_string(workspace.root().join(FILE))
+            .map_err(|error| wrong(format!("cannot be read: {error}")))?;
+        let network =
+            Network::parse(&text).map_err(|error| wrong(error.to_string().replace('\n', "; ")))?;
+        Ok(Self::new(network))
+    }
+
+    fn new(network: Network) -> Self {
+        let windows = network.messages.iter().map(window).collect();
+        Self { network, windows }
+    }
+
+    /// Length of the basic cycle.
+    pub fn basic_cycle(&self) -> SimDuration {
+        micros(self.network.basic_cycle_us)
+    }
+
+    /// Length of a bit.
+    pub fn bit_time(&self) -> SimDuration {
+        SimDuration::from_ticks(1_000_000_000_000 / u64::from(self.network.bit_rate))
+    }
+
+    /// The changes of the vehicle's mode, read from the mode that every command carries.
+    pub fn modes(&self, frames: &[FrameRecord]) -> Vec<ModeChange> {
+        let mut modes: Vec<ModeChange> = Vec::new();
+        for frame in frames.iter().filter(|frame| frame.complete) {
+            let Some(mode) = self.mode(frame) else {
+                continue;
+            };
+            if modes.last().is_none_or(|last| last.mode != mode) {
+                modes.push(ModeChange {
+                    at: frame.end,
+                    autonomous: mode == "AutonomousRun",
+                    mode,
+                });
+            }
+        }
+        modes
+    }
+
+    /// The mode that a frame carries, if it is a command.
+    fn mode(&self, frame: &FrameRecord) -> Option<String> {
+        let message = self.network.message(frame.id)?;
+        if message.name != "Command" || frame.dlc != message.length {
+            return None;
+        }
+        let signal = message
+            .signals
+            .iter()
+            .find(|signal| signal.name == "Mode")?;
+        let raw = signal.extract(&frame.data);
+        let tables = self.network.value_tables.iter();
+        let table = tables
+            .into_iter()
+            .find(|table| Some(&table.name) == signal.values.as_ref())?;
+        let value = table
+            .values
+            .iter()
+            .find(|value| i128::from(value.raw) == raw);
+        Some(value.map_or_else(|| format!("mode {raw}"), |value| value.name.clone()))
+    }
+}
+
+fn window(message: &Message) -> Window {
+    Window {
+        id: message.id,
+        message: message.name.clone(),
+        sender: message.sender.clone(),
+        start: micros(message.window.start_us),
+        length: micros(message.window.length_us),
+        kind: match message.window.kind {
+            network_model::WindowKind::Reference => WindowKind::Reference,
+            network_model::WindowKind::Exclusive => WindowKind::Exclusive,
+            network_model::WindowKind::Arbitrating => WindowKind::Arbitrating,
+        },
+        due: match (message.send_type, message.condition) {
+            (SendType::Event { .. }, _) => Due::Sometimes,
+            (SendType::Cyclic { .. }, Condition::Always) => Due::Always,
+            (SendType::Cyclic { .. }, Condition::WhileFixed) => Due::WhileFixed,
+        },
+    }
+}
+
+fn micros(us: u32) -> SimDuration {
+    SimDuration::from_ticks(u64::from(us) * 1_000_000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use world::SimTime;
+
+    fn matrix() -> Matrix {
+        Matrix::read(&Workspace::find().unwrap()).unwrap()
+    }
+
+    #[test]
+    fn the_windows_are_those_of_the_network_file() {
+        let matrix = matrix();
+        let window = |id| matrix.windows.iter().find(|w| w.id == id).unwrap();
+        assert_eq!(window(100).kind, WindowKind::Reference);
+        assert_eq!(window(300).start, micros(7000));
+        assert_eq!(window(300).due, Due::Always);
+        assert_eq!(window(200).due, Due::WhileFixed);
+        assert_eq!(window(501).due, Due::Sometimes);
+        assert_eq!(matrix.bit_time(), SimDuration::from_ticks(4_000_000));
+        assert_eq!(matrix.basic_cycle(), micros(100_000));
+    }
+
+    #[test]
+    fn modes_are_read_from_the_commands() {
+        let command = |at: u64, mode: u8, complete: bool| FrameRecord {
+            id: 300,
+            dlc: 8,
+            data: [0, 0, 0, 0, mode, 0, 0, 0],
+            start: SimTime::from_ticks(at),
+            end: SimTime::from_ticks(at + 1),
+            complete,
+        };
+        let frames = [
+            command(10, 0, true),
+            command(20, 0, true),
+            command(30, 3, false),
+            command(40, 3, true),
+            command(50, 9, true),
+        ];
+        let modes = matrix().modes(&frames);
+        let seen: Vec<_> = modes
+            .iter()
+            .map(|m| (m.at.as_ticks(), m.mode.as_str(), m.autonomous))
+            .collect();
+        assert_eq!(
+            seen,
+            [
+                (11, "Idle", false),
+                (41, "AutonomousRun", true),
+                (51, "mode 9", false)
+            ]
+        );
+    }
+}

@@ -1,0 +1,259 @@
+//! `sim`: the release images drive the virtual vehicle, and what comes of it.
+
+mod bus;
+mod matrix;
+
+use std::{
+    fs,
+    io::{IsTerminal, Write},
+    time::{Duration, Instant},
+};
+
+use twin::{Images, Options, Outcome, Progress};
+use world::{
+    Scenario, SimDuration,
+    report::{self, ModeChange, OutputFolder, Run, Summary, TaskTime},
+    time,
+};
+
+use crate::{Failure, Node, Workspace, build, cli::Sim};
+use bus::Log;
+use matrix::Matrix;
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// The scenario or the output folder is wrong ([`Failure::Usage`]), or an image
+/// does not build or run.
+pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
+    if options.list {
+        print!("{}", list());
+        return Ok(());
+    }
+    // What is wrong with the words is said before the time for a build is spent.
+    let usage = |error: String| Failure::Usage(error);
+    let scenario = Scenario::find(&options.scenario).map_err(|error| usage(error.to_string()))?;
+    let folder = match &options.out {
+        Some(path) => Some(OutputFolder::create(path).map_err(|error| usage(error.to_string()))?),
+        None => None,
+    };
+
+    let finished = simulate(workspace, &scenario, options.seed, options.seconds)?;
+    finished.warn();
+    let run = finished.run();
+    let summary = Summary::of(&run);
+    if let Some(mut folder) = folder {
+        let path = folder
+            .write("bus.log", finished.log.candump().as_bytes())
+            .and_then(|()| report::write(&run, &summary, &mut folder))
+            .and_then(|()| folder.finish())
+            .map_err(|error| usage(error.to_string()))?;
+        eprintln!(
+            "Wrote bus.log, states.csv, summary.json and track.svg to {}.",
+            path.display()
+        );
+    }
+    if options.json {
+        println!("{}", summary.json().trim_end());
+    } else {
+        print!("{}", report::terminal(&summary, Some(finished.wall)));
+    }
+    match finished.locked_up().as_slice() {
+        [] => Ok(()),
+        nodes => Err(Failure::Failed(format!(
+            "the program of {} ended in a fault",
+            nodes.join(", ")
+        ))),
+    }
+}
+
+/// The scenarios that come with the program, one a line.
+fn list() -> String {
+    let builtins = Scenario::builtins();
+    let width = builtins.iter().map(|b| b.name.len()).max().unwrap_or(0);
+    builtins
+        .iter()
+        .map(|builtin| format!("{:<width$}  {}\n", builtin.name, builtin.summary))
+        .collect()
+}
+
+/// A finished simulation with all that a report needs.
+pub(crate) struct Finished<'s> {
+    scenario: &'s Scenario,
+    seed: u64,
+    matrix: Matrix,
+    outcome: Outcome,
+    log: Log,
+    modes: Vec<ModeChange>,
+    tasks: Vec<TaskTime>,
+    /// How long the simulation took.
+    wall: Duration,
+}
+
+/// Builds the images and runs a scenario.
+///
+/// # Errors
+///
+/// An image does not build or is no program for its node.
+pub(crate) fn simulate<'s>(
+    workspace: &Workspace,
+    scenario: &'s Scenario,
+    seed: u64,
+    length: Option<SimDuration>,
+) -> Result<Finished<'s>, Failure> {
+    let matrix = Matrix::read(workspace)?;
+    let images = images(workspace)?;
+    let options = Options {
+        seed,
+        duration: length,
+        ..Options::default()
+    };
+    let start = Instant::now();
+    let mut display = Display::new(start);
+    let outcome = twin::run(scenario, &images, &options, |progress| {
+        display.show(progress)
+    });
+    display.end();
+    let outcome = outcome.map_err(|error| Failure::Failed(error.to_string()))?;
+    let wall = start.elapsed();
+
+    let log = Log::new(&outcome.records, matrix.bit_time());
+    let modes = matrix.modes(&log.frames);
+    let tasks = tasks(&outcome);
+    Ok(Finished {
+        scenario,
+        seed,
+        matrix,
+        outcome,
+        log,
+        modes,
+        tasks,
+        wall,
+    })
+}
+
+impl Finished<'_> {
+    /// The recordings as the report wants them.
+    pub(crate) fn run(&self) -> Run<'_> {
+        Run {
+            scenario: self.scenario,
+            seed: self.seed,
+            duration: SimDuration::from_ticks(self.outcome.duration.as_ticks()),
+            states: self.outcome.world.states(),
+            efforts: self.outcome.world.efforts(),
+            frames: &self.log.frames,
+            windows: &self.matrix.windows,
+            basic_cycle: self.matrix.basic_cycle(),
+            bit_time: self.matrix.bit_time(),
+            modes: &self.modes,
+            tasks: &self.tasks,
+        }
+    }
+
+    /// The nodes whose core stopped in a fault that it could not handle.
+    pub(crate) fn locked_up(&self) -> Vec<&'static str> {
+        let nodes = self.outcome.nodes.iter();
+        nodes
+            .filter(|node| node.locked_up)
+            .map(|node| node.node.name())
+            .collect()
+    }
+
+    /// Says what the simulation could not do as the hardware does.
+    fn warn(&self) {
+        for node in &self.outcome.nodes {
+            if !node.unmodelled.is_empty() {
+                let registers: Vec<String> = node
+                    .unmodelled
+                    .iter()
+                    .map(|address| format!("{address:#010x}"))
+                    .collect();
+                eprintln!(
+                    "warning: {} used registers that are not modelled: {}",
+                    node.node.name(),
+                    registers.join(", ")
+                );
+            }
+        }
+    }
+}
+
+fn images(workspace: &Workspace) -> Result<Images, Failure> {
+    let mut files = Vec::new();
+    for image in build::images(workspace, &Node::ALL)? {
+        let bytes = fs::read(&image.path).map_err(|error| {
+            Failure::Failed(format!("{} cannot be read: {error}", image.path.display()))
+        })?;
+        files.push((image.node, bytes));
+    }
+    let mut take = |node: Node| -> Vec<u8> {
+        let position = files.iter().position(|(of, _)| *of == node);
+        position.map_or_else(Vec::new, |position| files.swap_remove(position).1)
+    };
+    Ok(Images {
+        gps: take(Node::Gps),
+        controller: take(Node::Controller),
+        steering: take(Node::Steering),
+        drive: take(Node::Drive),
+    })
+}
+
+fn tasks(outcome: &Outcome) -> Vec<TaskTime> {
+    let mut tasks = Vec::new();
+    for node in &outcome.nodes {
+        for task in &node.load.tasks {
+            tasks.push(TaskTime {
+                node: node.node,
+                task: task.name.clone(),
+                runs: task.activations,
+                longest_cycles: task.longest,
+                core_hz: node.core_hz,
+            });
+        }
+    }
+    tasks
+}
+
+/// Progress on the terminal: one line that is written over, or, into a file, a
+/// line now and then.
+struct Display {
+    start: Instant,
+    last: Option<Instant>,
+    terminal: bool,
+}
+
+impl Display {
+    fn new(start: Instant) -> Self {
+        Self {
+            start,
+            last: None,
+            terminal: std::io::stderr().is_terminal(),
+        }
+    }
+
+    fn show(&mut self, progress: Progress) {
+        let pause = Duration::from_millis(if self.terminal { 200 } else { 5000 });
+        let now = Instant::now();
+        if self.last.is_some_and(|last| now - last < pause) {
+            return;
+        }
+        self.last = Some(now);
+        let (done, all) = (time::seconds(progress.now), time::seconds(progress.end));
+        let pace = done / (now - self.start).as_secs_f64().max(1e-9);
+        let line = format!("{done:5.0} of {all:.0} s simulated, {pace:.2} seconds per second");
+        let mut stderr = std::io::stderr();
+        // Progress that cannot be shown is no reason to stop.
+        let _ = if self.terminal {
+            write!(stderr, "\r{line}\x1b[K").and_then(|()| stderr.flush())
+        } else {
+            writeln!(stderr, "{line}")
+        };
+    }
+
+    fn end(&mut self) {
+        if self.terminal && self.last.is_some() {
+            eprint!("\r\x1b[K");
+        }
+    }
+}
