@@ -155,7 +155,7 @@ pub struct Sample<T> {
 }
 
 /// Where the vehicle stands relative to its path.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tracking<T> {
     /// The segment of the path being followed, counted from zero.
     pub segment: usize,
