@@ -85,7 +85,7 @@ impl ErrorCounters {
     }
 
     /// Takes 1 from the receive error count, or brings it back to 120 from above 128 (rule h
-    /// leaves a value of 119 to 127 open; this is bxCAN's, RM0390 section 30.9.2).
+    /// leaves a value of 119 to 127 open; this is bxCAN's, RM0390, CAN_ESR).
     pub(crate) fn received(&mut self) {
         self.receive = if self.receive > 128 {
             120

@@ -1,4 +1,4 @@
-//! Register-level tests of the bxCAN model, a test for each behaviour of RM0390 section 30.
+//! Register-level tests of the bxCAN model, a test for each behaviour that RM0390 describes.
 
 mod common;
 

@@ -1,4 +1,4 @@
-//! Receive FIFOs (RM0390 section 30.7.3).
+//! Receive FIFOs (RM0390, bxCAN, "Reception handling").
 
 use super::registers::rfr;
 

@@ -1,4 +1,4 @@
-//! Acceptance filter banks (RM0390 section 30.7.4).
+//! Acceptance filter banks (RM0390, bxCAN, "Identifier filtering").
 
 use super::registers as reg;
 

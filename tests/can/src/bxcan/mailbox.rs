@@ -1,4 +1,4 @@
-//! Transmit mailboxes (RM0390 section 30.7.1).
+//! Transmit mailboxes (RM0390, bxCAN, "Transmission handling").
 
 use embedded_can::{ExtendedId, Id, StandardId};
 

@@ -1,5 +1,5 @@
-//! The register-level model of ST's bxCAN, from RM0390 section 30 (STM32F446, two controllers
-//! with shared filters) and RM0316 section 31 (STM32F303, one controller).
+//! The register-level model of ST's bxCAN, from its chapters in RM0390 (STM32F446, two controllers
+//! with shared filters) and RM0316 (STM32F303, one controller).
 //!
 //! The controller keeps registers, mailboxes and FIFOs; the bus feeds it with what its medium
 //! access control saw. What the manuals leave open is decided here as follows:
@@ -404,7 +404,7 @@ impl BxCan {
 
     // Registers.
 
-    /// Levels of the interrupt lines (RM0390 figure 388, "Event flags and interrupt generation").
+    /// Levels of the interrupt lines (RM0390, bxCAN, "bxCAN interrupts").
     pub(crate) fn irq(&self) -> IrqLines {
         let enabled = |bit: u32| self.ier & bit != 0;
         let fifo = |fifo: &Fifo, pending: u32, full: u32, overrun: u32| {

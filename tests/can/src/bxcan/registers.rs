@@ -1,4 +1,4 @@
-//! Offsets, bits and reset values of bxCAN's registers (RM0390 section 30.9, RM0316 section 31.9).
+//! Offsets, bits and reset values of bxCAN's registers (RM0390 and RM0316, "CAN registers").
 
 /// Master control.
 pub(crate) const MCR: u32 = 0x000;

@@ -1,0 +1,305 @@
+//! The bus: nodes, the level they make together, and the time at which each reads it.
+
+mod bits;
+mod horizon;
+mod node;
+mod schedule;
+mod segment;
+
+use std::collections::VecDeque;
+
+use crate::Frame;
+use crate::bxcan::{BxCan, FilterBanks, IrqLines, LineStatus, WireStatus};
+use crate::confinement::{ErrorCounters, ErrorState};
+use crate::disturbance::{Active, Disturbance};
+use crate::mac::{Event, Mac};
+use crate::record::Record;
+use crate::tester::{Retry, Tester};
+use crate::time::{BitTime, ClockRate, Ps, SimTime, instant};
+use crate::wire::Level;
+use node::{Action, Device, Node};
+use segment::Segment;
+
+/// A node on a [`Bus`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct NodeId(usize);
+
+impl NodeId {
+    /// The number of the node: 0 for the first one added to its bus.
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self.0
+    }
+}
+
+/// A part with bxCAN.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// STM32F303: one controller, 14 filter banks.
+    F303,
+    /// STM32F446: CAN1 of a pair, 28 filter banks divided by CAN2SB.
+    F446,
+}
+
+/// Bit time of a bus on which no node has a clock.
+const DEFAULT_BIT: Ps = 4_000_000;
+
+/// A CAN bus with its nodes.
+#[derive(Clone, Debug, Default)]
+pub struct Bus {
+    now: Ps,
+    nodes: Vec<Node>,
+    filters: Vec<FilterBanks>,
+    /// The bus first, then one for each node.
+    segments: Vec<Segment>,
+    disturbances: Vec<Active>,
+    frames_started: u64,
+    records: Vec<Record>,
+    events: Vec<Event>,
+}
+
+impl Bus {
+    /// A bus without nodes, at time zero.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            segments: vec![Segment::new()],
+            ..Self::default()
+        }
+    }
+
+    // Building.
+
+    fn add(&mut self, device: Device, clock: ClockRate, time: BitTime) -> NodeId {
+        self.nodes.push(Node {
+            device,
+            mac: Mac::new(),
+            clock,
+            time,
+            connected: true,
+            segment: 0,
+            actions: VecDeque::new(),
+            anchor: self.now,
+            waited: 0,
+            lag: 0,
+            sample_at: None,
+            out_of_step: false,
+            flipped: false,
+            last_level: Level::Recessive,
+            reported: ErrorState::Active,
+        });
+        self.segments.push(Segment::new());
+        NodeId(self.nodes.len() - 1)
+    }
+
+    fn add_controller(&mut self, second: bool, filters: usize, clock: ClockRate) -> NodeId {
+        let can = Box::new(BxCan::new(second));
+        let time = BitTime::new(clock, can.segments());
+        self.add(Device::Controller { can, filters }, clock, time)
+    }
+
+    /// Adds the only controller of an F303 or CAN1 of an F446, in reset state; `clock` is its
+    /// APB1 clock.
+    pub fn add_bxcan(&mut self, part: Part, clock: ClockRate) -> NodeId {
+        self.filters.push(FilterBanks::new(part == Part::F446));
+        self.add_controller(false, self.filters.len() - 1, clock)
+    }
+
+    /// Adds CAN1 and CAN2 of an F446, which share the filter banks, in reset state.
+    pub fn add_bxcan_pair(&mut self, clock: ClockRate) -> (NodeId, NodeId) {
+        let first = self.add_bxcan(Part::F446, clock);
+        let second = self.add_controller(true, self.filters.len() - 1, clock);
+        (first, second)
+    }
+
+    /// Adds a foreign node. It joins the bus at once and takes part after eleven recessive bits.
+    pub fn add_tester(&mut self, tester: Tester) -> NodeId {
+        let clock = tester.clock;
+        let time = BitTime::new(clock, tester.segments);
+        let silent = tester.silent;
+        let id = self.add(Device::Tester(Box::new(tester)), clock, time);
+        let mac = &mut self.nodes[id.0].mac;
+        mac.silent = silent;
+        mac.automatic_recovery = true;
+        mac.attach();
+        id
+    }
+
+    // Controllers.
+
+    /// Reads a register of a controller, `offset` bytes from its base address, as its own writes
+    /// so far and everything on the bus up to [`Self::now`] have left it. Zero for testers and
+    /// for what is not a register.
+    #[must_use]
+    pub fn read(&self, node: NodeId, offset: u32) -> u32 {
+        let node = &self.nodes[node.0];
+        let Device::Controller { can, filters } = &node.device else {
+            return 0;
+        };
+        let level = self.segments[node.segment]
+            .bit
+            .map_or(Level::Recessive, |bit| bit.level);
+        let line = LineStatus {
+            transmitting: node.mac.sending().is_some(),
+            receiving: node.mac.is_receiving(),
+            last_sample: node.last_level.is_recessive(),
+            level: level.is_recessive(),
+        };
+        can.read(offset, line, &self.filters[*filters])
+    }
+
+    /// Writes a register of a controller at instant `at`, which may lie ahead of
+    /// [`Self::now`]; an earlier one counts as now. Writes of one node must come in order of
+    /// time. Nothing happens for testers.
+    ///
+    /// Mailboxes, FIFOs and flags change in the registers at once. A change of mode shows after
+    /// [`Self::advance_to`] has passed `at`, except between sleep and initialisation. An abort
+    /// shows at once if the frame cannot have started before `at`, as far as the bus knows the
+    /// other nodes' requests.
+    pub fn write(&mut self, node: NodeId, offset: u32, value: u32, at: SimTime) {
+        let at = at.as_ticks().max(self.now);
+        let index = node.0;
+        let wire = WireStatus {
+            sending: self.nodes[index].mac.sending().map(|(slot, ..)| slot),
+            may_have_started: self.may_have_started(index, at),
+        };
+        let Device::Controller { can, filters } = &mut self.nodes[index].device else {
+            return;
+        };
+        let effects = can.write(offset, value, at, wire, &mut self.filters[*filters]);
+        if effects.reset {
+            self.act(index, at, Action::Reset);
+        }
+        if effects.mode {
+            self.act(index, at, Action::Mode);
+        }
+        for slot in (0..8).filter(|slot| effects.aborts >> slot & 1 == 1) {
+            self.act(index, at, Action::Abort(slot));
+        }
+    }
+
+    /// Levels of a controller's interrupt lines; all low for testers.
+    #[must_use]
+    pub fn irq(&self, node: NodeId) -> IrqLines {
+        match &self.nodes[node.0].device {
+            Device::Controller { can, .. } => can.irq(),
+            Device::Tester(_) => IrqLines::default(),
+        }
+    }
+
+    /// Resets a controller as a system reset does: registers and filters at once, off the bus
+    /// from `at` on.
+    pub fn reset(&mut self, node: NodeId, at: SimTime) {
+        let at = at.as_ticks().max(self.now);
+        if let Device::Controller { can, filters } = &mut self.nodes[node.0].device {
+            can.reset();
+            let banks = &mut self.filters[*filters];
+            *banks = banks.after_reset();
+            self.act(node.0, at, Action::Reset);
+        }
+    }
+
+    /// Gives a node's controller another clock from `at` on.
+    pub fn set_clock(&mut self, node: NodeId, clock: ClockRate, at: SimTime) {
+        let at = at.as_ticks().max(self.now);
+        self.act(node.0, at, Action::Clock(clock));
+    }
+
+    /// Cuts a node off the bus at `at`, or joins it again. A node that is cut off hears itself.
+    pub fn set_connected(&mut self, node: NodeId, connected: bool, at: SimTime) {
+        let at = at.as_ticks().max(self.now);
+        self.act(node.0, at, Action::Connect(connected));
+    }
+
+    /// The error counters of a node.
+    #[must_use]
+    pub fn error_counters(&self, node: NodeId) -> ErrorCounters {
+        self.nodes[node.0].mac.counters()
+    }
+
+    // Testers.
+
+    /// A foreign node; `None` for controllers.
+    #[must_use]
+    pub fn tester(&self, node: NodeId) -> Option<&Tester> {
+        match &self.nodes[node.0].device {
+            Device::Tester(tester) => Some(tester),
+            Device::Controller { .. } => None,
+        }
+    }
+
+    fn with_tester(&mut self, node: NodeId, action: impl FnOnce(&mut Tester, Ps)) {
+        let now = self.now;
+        if let Device::Tester(tester) = &mut self.nodes[node.0].device {
+            action(tester, now);
+        }
+    }
+
+    /// Has a tester send a frame at the first chance from `at` on. Frames of one tester go out
+    /// in the order of their instants. Nothing happens for controllers and listeners.
+    pub fn send_at(&mut self, node: NodeId, at: SimTime, frame: Frame, retry: Retry) {
+        self.with_tester(node, |tester, now| {
+            tester.schedule(at.as_ticks().max(now), frame, retry);
+        });
+    }
+
+    /// Has a tester send a frame again and again without a pause, as a babbling idiot does.
+    pub fn babble(&mut self, node: NodeId, frame: Frame, from: SimTime, until: SimTime) {
+        self.with_tester(node, |tester, _| {
+            tester.babble(from.as_ticks(), until.as_ticks(), frame);
+        });
+    }
+
+    /// Has a tester drive bits from `at` on (from the next boundary if the bus is not at rest)
+    /// without regard to what is on the bus.
+    pub fn play_raw(&mut self, node: NodeId, at: SimTime, levels: Vec<Level>) {
+        if levels.is_empty() {
+            return;
+        }
+        self.with_tester(node, |tester, now| {
+            tester.play(at.as_ticks().max(now), levels);
+        });
+    }
+
+    /// Adds a disturbance.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.disturbances.push(Active::new(disturbance));
+    }
+
+    // Time.
+
+    /// How far the bus has been processed.
+    #[must_use]
+    pub fn now(&self) -> SimTime {
+        instant(self.now)
+    }
+
+    /// Processes everything up to and including `t`.
+    pub fn advance_to(&mut self, t: SimTime) {
+        let t = t.as_ticks();
+        while let Some((at, step)) = self.next_step().filter(|(at, _)| *at <= t) {
+            self.now = at.max(self.now);
+            self.perform(step);
+        }
+        self.now = self.now.max(t);
+    }
+
+    /// Takes the records since the last call, in order of time.
+    pub fn drain_records(&mut self) -> Vec<Record> {
+        std::mem::take(&mut self.records)
+    }
+
+    fn testers(&self) -> impl Iterator<Item = &Tester> {
+        self.nodes.iter().filter_map(|node| match &node.device {
+            Device::Tester(tester) => Some(&**tester),
+            Device::Controller { .. } => None,
+        })
+    }
+
+    fn members(&self, segment: usize) -> impl Iterator<Item = (usize, &Node)> {
+        self.nodes
+            .iter()
+            .enumerate()
+            .filter(move |(_, node)| node.segment == segment)
+    }
+}
