@@ -47,6 +47,8 @@ pub use node::{
     QueueError, Reception, StampLatency, Status, SyncState, TransmitOutcome,
 };
 pub use reference::ReferenceFormat;
+#[cfg(feature = "std")]
+pub use schedule::HeapSchedule;
 pub use schedule::{Schedule, ScheduleView, WrongSize};
 pub use supervision::{ErrorLevel, Health, Severe, WindowStatus};
 pub use time::{GlobalTime, Micros, Stamp};

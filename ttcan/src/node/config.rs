@@ -92,7 +92,7 @@ impl NodeConfig {
 /// A node cannot be made of this schedule and configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ConfigError {
-    /// The node's sizes in its type are not those of the schedule.
+    /// The node's sizes in its type are less than those of the schedule.
     Size,
     /// `ticks_per_us` is not within 1 to 1000.
     Ticks,
@@ -110,7 +110,7 @@ pub enum ConfigError {
 impl core::fmt::Display for ConfigError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            Self::Size => "the sizes of the node are not those of its schedule",
+            Self::Size => "the node has no room for all windows or nodes of its schedule",
             Self::Ticks => "the counter must run at 1 to 1000 ticks per microsecond",
             Self::TooLong => "the watch, gap or watchdog time is too long for the counter",
             Self::Latency => "a latency or lead is longer than a basic cycle",

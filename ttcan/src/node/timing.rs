@@ -15,42 +15,41 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// up window by window; otherwise the cost is constant.
     #[must_use]
     pub fn poll(&mut self, now: Stamp) -> Option<Action> {
-        if self.silence_due {
-            self.silence_due = false;
-            return Some(Action::Silence);
-        }
-        if self.abort_due {
-            self.abort_due = false;
-            return Some(Action::Abort);
-        }
-        if self.sync == SyncState::Off {
-            return None;
-        }
-        if due(self.watchdog_due, now) {
-            self.stop(Severe::ApplicationWatchdog);
-            self.silence_due = false;
-            return Some(Action::Silence);
-        }
-        if due(self.withdraw_due, now) {
-            self.withdraw_due = None;
-            return Some(Action::Abort);
-        }
-        while due(self.entry_due, now) {
-            if let Some(action) = self.step(now) {
-                return Some(action);
-            }
-        }
-        if due(self.reference_due, now) && self.pending == Pending::None {
-            return Some(self.transmit_reference(now));
-        }
-        if due(self.missed_due, now) {
-            self.miss_reference(now);
+        loop {
             if self.silence_due {
                 self.silence_due = false;
                 return Some(Action::Silence);
             }
+            if self.abort_due {
+                self.abort_due = false;
+                return Some(Action::Abort);
+            }
+            if self.sync == SyncState::Off {
+                return None;
+            }
+            if due(self.watchdog_due, now) {
+                self.stop(Severe::ApplicationWatchdog);
+                continue;
+            }
+            if due(self.withdraw_due, now) {
+                self.withdraw_due = None;
+                return Some(Action::Abort);
+            }
+            if due(self.entry_due, now) {
+                if let Some(action) = self.step(now) {
+                    return Some(action);
+                }
+                continue;
+            }
+            if due(self.reference_due, now) && self.pending == Pending::None {
+                return Some(self.transmit_reference(now));
+            }
+            if due(self.missed_due, now) {
+                self.miss_reference(now);
+                continue;
+            }
+            return self.transmit_event(now);
         }
-        self.transmit_event(now)
     }
 
     /// When [`Node::poll`] has something to do at the latest, if nothing

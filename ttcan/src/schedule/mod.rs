@@ -4,7 +4,14 @@
 //! steps to the next entry; the first entry of a cycle comes from a table by
 //! the cycle count. Neither step depends on how many windows there are.
 
-use crate::{Id, NodeId, ReferenceFormat, SystemMatrix, WindowKind, matrix};
+mod compile;
+#[cfg(feature = "std")]
+mod heap;
+
+#[cfg(feature = "std")]
+pub use heap::HeapSchedule;
+
+use crate::{Id, NodeId, ReferenceFormat, SystemMatrix, matrix};
 
 /// One window in one distinct basic cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,6 +61,12 @@ pub(crate) struct Network {
     pub uncertainty: u32,
     /// Longest reference message with its interframe space.
     pub reference_length: u32,
+    pub window_count: usize,
+    /// Number of exclusive windows.
+    pub exclusive_count: u16,
+    /// First entry of each distinct cycle, and one past the last cycle's last.
+    pub first: [u16; 65],
+    pub distinct_mask: u8,
 }
 
 /// The compiled schedule of a matrix, common to all its nodes: `N` entries, `I`
@@ -62,15 +75,10 @@ pub(crate) struct Network {
 pub struct Schedule<const N: usize, const I: usize, const P: usize> {
     network: Network,
     entries: [Entry; N],
-    /// First entry of each distinct cycle, and one past the last cycle's last.
-    first: [u16; 65],
-    distinct_mask: u8,
     /// Sorted by identifier.
     known: [Known; I],
     /// Exclusive windows of each node in the whole matrix.
     windows_of: [u16; P],
-    window_count: usize,
-    exclusive_count: u16,
 }
 
 /// A compiled schedule without its sizes in the type, as a node holds it.
@@ -78,12 +86,8 @@ pub struct Schedule<const N: usize, const I: usize, const P: usize> {
 pub struct ScheduleView<'s> {
     pub(crate) network: &'s Network,
     entries: &'s [Entry],
-    first: &'s [u16; 65],
-    distinct_mask: u8,
     known: &'s [Known],
     windows_of: &'s [u16],
-    window_count: usize,
-    exclusive_count: u16,
 }
 
 /// The sizes given for a schedule are not those of its matrix.
@@ -98,13 +102,6 @@ impl core::fmt::Display for WrongSize {
 
 impl core::error::Error for WrongSize {}
 
-const NO_ENTRY: Entry = Entry {
-    start: 0,
-    end: 0,
-    window: 0,
-    role: Role::Arbitrating,
-};
-
 impl<const N: usize, const I: usize, const P: usize> Schedule<N, I, P> {
     /// Compiles `matrix`. `N`, `I` and `P` must be its
     /// [`entry_count`](SystemMatrix::entry_count),
@@ -118,157 +115,20 @@ impl<const N: usize, const I: usize, const P: usize> Schedule<N, I, P> {
         {
             return Err(WrongSize);
         }
-        let config = matrix.config();
-        let mut masters = [None; 8];
-        let mut rank = 0;
-        while rank < config.masters.len() && rank < 8 {
-            masters[rank] = Some(config.masters[rank]);
-            rank += 1;
-        }
         let mut schedule = Self {
-            network: Network {
-                bit_rate: config.bit_rate,
-                basic_cycle: config.basic_cycle.ticks(),
-                cycles: config.cycles,
-                reference: config.reference,
-                reference_format: config.reference_format,
-                masters,
-                transmit_enable: matrix.bits_to_micros(config.transmit_enable_bits as u32),
-                uncertainty: config.sync_uncertainty.ticks(),
-                reference_length: matrix.reference_micros(),
-            },
-            entries: [NO_ENTRY; N],
-            first: [0; 65],
-            distinct_mask: matrix.distinct_cycles() - 1,
-            known: [Known {
-                id: config.reference,
-                sender: NodeId(0),
-                len: 0,
-                is_event: false,
-                retry_late: false,
-                window: 0,
-            }; I],
+            network: compile::network(matrix),
+            entries: [compile::NO_ENTRY; N],
+            known: [compile::NO_MESSAGE; I],
             windows_of: [0; P],
-            window_count: config.windows.len(),
-            exclusive_count: 0,
         };
-        schedule.fill_entries(matrix);
-        schedule.fill_known(matrix);
+        compile::entries(matrix, &mut schedule.network, &mut schedule.entries);
+        compile::known(
+            matrix,
+            &mut schedule.network,
+            &mut schedule.known,
+            &mut schedule.windows_of,
+        );
         Ok(schedule)
-    }
-
-    const fn fill_entries(&mut self, matrix: &SystemMatrix) {
-        let config = matrix.config();
-        let distinct = matrix.distinct_cycles();
-        let mut next = 0;
-        let mut cycle = 0;
-        while cycle < distinct {
-            self.first[cycle as usize] = next as u16;
-            let mut merging = false;
-            let mut at = 0;
-            while at < config.windows.len() {
-                let window = &config.windows[at];
-                if window.is_in(cycle) {
-                    let role = match window.kind {
-                        WindowKind::Exclusive {
-                            id,
-                            len,
-                            sender,
-                            retry_late,
-                        } => Some(Role::Exclusive {
-                            id,
-                            len,
-                            sender,
-                            retry_late,
-                        }),
-                        WindowKind::Arbitrating { merged_with_next } => {
-                            let continued = merging;
-                            merging = merged_with_next;
-                            if continued {
-                                self.entries[next - 1].end = window.end();
-                                None
-                            } else {
-                                Some(Role::Arbitrating)
-                            }
-                        }
-                        WindowKind::Free => None,
-                    };
-                    if let Some(role) = role {
-                        self.entries[next] = Entry {
-                            start: window.start.ticks(),
-                            end: window.end(),
-                            window: at as u16,
-                            role,
-                        };
-                        next += 1;
-                    }
-                }
-                at += 1;
-            }
-            cycle += 1;
-        }
-        self.first[distinct as usize] = next as u16;
-    }
-
-    const fn fill_known(&mut self, matrix: &SystemMatrix) {
-        let config = matrix.config();
-        let mut count = 0;
-        let mut at = 0;
-        while at < config.windows.len() {
-            let window = &config.windows[at];
-            if let WindowKind::Exclusive {
-                id,
-                len,
-                sender,
-                retry_late,
-            } = window.kind
-            {
-                let times = (config.cycles / window.repeat) as u16;
-                let total = &mut self.windows_of[sender.0 as usize];
-                *total = total.saturating_add(times);
-                self.insert(
-                    count,
-                    Known {
-                        id,
-                        sender,
-                        len,
-                        is_event: false,
-                        retry_late,
-                        window: at as u16,
-                    },
-                );
-                count += 1;
-            }
-            at += 1;
-        }
-        self.exclusive_count = count as u16;
-        at = 0;
-        while at < config.events.len() {
-            let event = &config.events[at];
-            self.insert(
-                count,
-                Known {
-                    id: event.id,
-                    sender: event.sender,
-                    len: event.len,
-                    is_event: true,
-                    retry_late: false,
-                    window: 0,
-                },
-            );
-            count += 1;
-            at += 1;
-        }
-    }
-
-    /// Inserts into the `count` sorted identifiers.
-    const fn insert(&mut self, count: usize, known: Known) {
-        let mut at = count;
-        while at > 0 && self.known[at - 1].id.priority() > known.id.priority() {
-            self.known[at] = self.known[at - 1];
-            at -= 1;
-        }
-        self.known[at] = known;
     }
 
     /// [`Schedule::new`] for constants.
@@ -287,12 +147,8 @@ impl<const N: usize, const I: usize, const P: usize> Schedule<N, I, P> {
         ScheduleView {
             network: &self.network,
             entries: &self.entries,
-            first: &self.first,
-            distinct_mask: self.distinct_mask,
             known: &self.known,
             windows_of: &self.windows_of,
-            window_count: self.window_count,
-            exclusive_count: self.exclusive_count,
         }
     }
 }
@@ -318,8 +174,8 @@ impl<'s> ScheduleView<'s> {
 
     /// First entry of basic cycle `cycle` and one past its last.
     pub(crate) fn entries_of(&self, cycle: u8) -> (u16, u16) {
-        let distinct = usize::from(cycle & self.distinct_mask & 63);
-        match self.first.get(distinct..) {
+        let distinct = usize::from(cycle & self.network.distinct_mask & 63);
+        match self.network.first.get(distinct..) {
             Some([first, end, ..]) => (*first, *end),
             _ => (0, 0),
         }
@@ -345,7 +201,7 @@ impl<'s> ScheduleView<'s> {
 
     /// Number of windows of the matrix.
     pub fn window_count(&self) -> usize {
-        self.window_count
+        self.network.window_count
     }
 
     /// Number of nodes that are masters or senders.
@@ -355,7 +211,7 @@ impl<'s> ScheduleView<'s> {
 
     /// Number of exclusive windows.
     pub(crate) fn exclusive_count(&self) -> u16 {
-        self.exclusive_count
+        self.network.exclusive_count
     }
 
     pub(crate) fn rank_of(&self, node: NodeId) -> Option<u8> {

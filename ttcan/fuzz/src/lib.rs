@@ -1,0 +1,293 @@
+//! What the fuzz targets do with bytes. The same functions run from the crate's
+//! tests over random bytes, so that they hold on every toolchain.
+
+use ttcan::{
+    Action, ErrorLevel, Event, Frame, GlobalTime, Id, MatrixConfig, Micros, Node, NodeConfig,
+    NodeId, Reception, ReferenceFormat, Stamp, StampLatency, SyncState, SystemMatrix,
+    TransmitOutcome, Window, frame_bits, shortest_bits, worst_case_bits,
+};
+
+const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
+    bit_rate: 500_000,
+    basic_cycle: Micros::millis(8),
+    cycles: 4,
+    reference: Id::constant::<8>(),
+    reference_format: ReferenceFormat::new(1, Some(1), 5, Some(6)),
+    masters: &[NodeId(0), NodeId(1), NodeId(2)],
+    transmit_enable_bits: 16,
+    sync_uncertainty: Micros::micros(20),
+    windows: &[
+        Window::exclusive(
+            "a",
+            Micros::micros(500),
+            Micros::micros(400),
+            ID_A,
+            8,
+            NodeId(0),
+        ),
+        Window::exclusive(
+            "b",
+            Micros::micros(900),
+            Micros::micros(400),
+            ID_B,
+            4,
+            NodeId(1),
+        )
+        .retry_late(),
+        Window::exclusive(
+            "b'",
+            Micros::micros(1300),
+            Micros::micros(400),
+            ID_C,
+            0,
+            NodeId(1),
+        )
+        .every(2, 1),
+        Window::exclusive(
+            "c",
+            Micros::micros(1300),
+            Micros::micros(400),
+            ID_D,
+            2,
+            NodeId(2),
+        )
+        .every(4, 2),
+        Window::arbitrating("d", Micros::micros(2000), Micros::micros(600)).merged(),
+        Window::arbitrating("e", Micros::micros(2600), Micros::micros(600)),
+    ],
+    events: &[
+        Event::new("f", EVENT, 8, NodeId(1)),
+        Event::new("g", ID_E, 8, NodeId(0)),
+    ],
+});
+
+const ID_A: Id = Id::constant::<16>();
+const ID_B: Id = Id::constant::<17>();
+const ID_C: Id = Id::constant::<18>();
+const ID_D: Id = Id::constant::<19>();
+const ID_E: Id = Id::constant::<20>();
+const EVENT: Id = Id::constant::<7>();
+
+ttcan::schedule!(static SCHEDULE = MATRIX);
+
+type Stack = Node<'static, { MATRIX.window_count() }, { MATRIX.node_count() }, 3>;
+
+/// Bytes, and zeros when they are used up.
+struct Bytes<'a>(&'a [u8]);
+
+impl Bytes<'_> {
+    fn next(&mut self) -> u8 {
+        match self.0.split_first() {
+            Some((first, rest)) => {
+                self.0 = rest;
+                *first
+            }
+            None => 0,
+        }
+    }
+
+    fn word(&mut self) -> u32 {
+        u32::from_le_bytes([self.next(), self.next(), self.next(), self.next()])
+    }
+
+    fn data(&mut self) -> [u8; 8] {
+        let mut data = [0; 8];
+        data.fill_with(|| self.next());
+        data
+    }
+}
+
+/// Lengths of arbitrary frames are within their bounds.
+pub fn frames(bytes: &[u8]) {
+    let mut bytes = Bytes(bytes);
+    let id = if bytes.next() & 1 == 0 {
+        Id::standard((bytes.word() & 0x7FF) as u16)
+    } else {
+        Id::extended(bytes.word() & 0x1FFF_FFFF)
+    };
+    let id = id.expect("masked to the range");
+    let frame = Frame::from_parts(id, bytes.next() % 16, bytes.data());
+    let bits = frame_bits(&frame);
+    assert!(bits >= shortest_bits(id, frame.len()));
+    assert!(bits <= worst_case_bits(id, frame.len()));
+    assert_eq!(
+        Frame::new(id, frame.data())
+            .expect("at most 8 bytes")
+            .data(),
+        frame.data()
+    );
+}
+
+/// What a node said.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Said {
+    /// An action to carry out.
+    Action(Action),
+    /// What became of a frame.
+    Reception(Reception),
+    /// Ticks until the next deadline.
+    Deadline(Option<i32>),
+}
+
+/// Drives a node with arbitrary operations at arbitrary times, its counter
+/// starting at `origin`, and checks what must hold whatever happens.
+pub fn operations(bytes: &[u8], origin: u32) -> Vec<Said> {
+    let mut bytes = Bytes(bytes);
+    let config = NodeConfig {
+        latency: StampLatency::bxcan(36, 10),
+        transmit_lead: 20,
+        application_watchdog: (bytes.next() & 1 == 1).then_some(Micros::millis(50)),
+        longest_gap: Micros::millis(30),
+        ..NodeConfig::new(NodeId(u16::from(bytes.next() % 4)), 18)
+    };
+    let mut driver = Driver {
+        node: Stack::new(SCHEDULE.view(), config).expect("the configuration is sound"),
+        now: Stamp(origin),
+        open: false,
+        silent: true,
+        said: Vec::new(),
+    };
+    driver.start();
+    // Long inputs repeat themselves.
+    for _ in 0..512 {
+        if bytes.0.is_empty() {
+            break;
+        }
+        driver.operate(&mut bytes);
+        driver.serve();
+    }
+    driver.said
+}
+
+struct Driver {
+    node: Stack,
+    now: Stamp,
+    /// A transmission was asked for, and neither reported nor withdrawn.
+    open: bool,
+    silent: bool,
+    said: Vec<Said>,
+}
+
+impl Driver {
+    fn start(&mut self) {
+        self.node.start(self.now);
+        self.silent = false;
+    }
+
+    fn receive(&mut self, frame: Frame, stamp: Stamp) {
+        let reception = self.node.handle_receive(&frame, stamp);
+        self.said.push(Said::Reception(reception));
+    }
+
+    fn operate(&mut self, bytes: &mut Bytes) {
+        match bytes.next() % 13 {
+            0 => self.now = self.now.after(u32::from(bytes.next()) * 64),
+            1..=3 => {
+                if let Some(deadline) = self.node.next_deadline()
+                    && deadline.reached(self.now)
+                {
+                    let late = u32::from(bytes.next() % 4) * 300;
+                    self.now = deadline.after(late);
+                }
+            }
+            4 => {
+                let id = Id::standard(u16::from(bytes.next() % 32)).expect("small");
+                let frame = Frame::from_parts(id, bytes.next() % 9, bytes.data());
+                self.receive(frame, self.now);
+            }
+            5 | 6 => {
+                let rank = bytes.next() % 4;
+                let mut data = bytes.data();
+                data[5] &= 0x83;
+                let id = Id::standard(8 + u16::from(rank)).expect("small");
+                let len = if bytes.next() % 8 == 0 { 5 } else { 8 };
+                self.receive(Frame::from_parts(id, len, data), self.now);
+            }
+            7 | 8 => {
+                let outcome = match bytes.next() % 8 {
+                    0 => TransmitOutcome::Error,
+                    1 => TransmitOutcome::ArbitrationLost,
+                    2 => TransmitOutcome::Aborted,
+                    3 => TransmitOutcome::Empty,
+                    _ => TransmitOutcome::Sent,
+                };
+                self.open = false;
+                self.node.handle_transmit(outcome, self.now);
+            }
+            9 => {
+                let frame = Frame::from_parts(EVENT, bytes.next() % 9, bytes.data());
+                let lifetime = Micros::micros(bytes.word() % 100_000);
+                let _ = self.node.queue_event(frame, self.now, lifetime);
+            }
+            10 => match bytes.next() % 6 {
+                0 => _ = self.node.request_gap(),
+                1 => _ = self.node.end_gap(self.now),
+                2 => {
+                    let time = GlobalTime::from_raw(u64::from(bytes.word()) << 20);
+                    _ = self.node.set_global_time(self.now, time);
+                }
+                3 => self.node.clear_errors(),
+                4 => self.node.set_reference_payload(&bytes.data()),
+                _ => self.node.feed_watchdog(self.now),
+            },
+            11 => match bytes.next() % 4 {
+                0 => self.node.handle_bus_off(),
+                1 => self.start(),
+                2 => {
+                    let frame = Frame::from_parts(ID_A, 8, bytes.data());
+                    self.receive(frame, self.now.offset(-(i32::from(bytes.next()) << 8)));
+                }
+                _ => self.now = self.now.after(bytes.word() >> 2),
+            },
+            _ => self.node.feed_watchdog(self.now),
+        }
+    }
+
+    fn serve(&mut self) {
+        let mut rounds = 0;
+        while let Some(action) = self.node.poll(self.now) {
+            rounds += 1;
+            assert!(rounds < 64, "the node does not come to rest");
+            assert!(!self.silent, "{action:?} after silence");
+            match action {
+                Action::TransmitReference(_) => self.ask(),
+                Action::Transmit(_) | Action::TransmitEvent(_) => {
+                    let status = self.node.status();
+                    assert!(matches!(
+                        status.sync,
+                        SyncState::InSchedule | SyncState::InGap
+                    ));
+                    assert!(status.error_level < ErrorLevel::Error);
+                    self.ask();
+                }
+                Action::Abort => self.open = false,
+                Action::Silence => {
+                    self.open = false;
+                    self.silent = true;
+                }
+            }
+            self.said.push(Said::Action(action));
+        }
+        let deadline = self.node.next_deadline();
+        assert_eq!(
+            deadline.is_none(),
+            self.node.status().sync == SyncState::Off
+        );
+        assert_eq!(self.silent, deadline.is_none());
+        let ahead = deadline.map(|deadline| deadline.ticks_since(self.now));
+        assert!(
+            ahead.is_none_or(|ahead| ahead > 0),
+            "nothing is due that poll left"
+        );
+        self.said.push(Said::Deadline(ahead));
+        let _ = self.node.peer(NodeId(1));
+        let _ = self.node.window(2);
+        let _ = self.node.cycle_time(self.now);
+        let _ = self.node.global_time(self.now);
+    }
+
+    fn ask(&mut self) {
+        assert!(!self.open, "two transmissions are open");
+        self.open = true;
+    }
+}

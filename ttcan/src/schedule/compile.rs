@@ -1,0 +1,165 @@
+//! From a checked matrix to the tables of a schedule.
+
+use super::{Entry, Known, Network, Role};
+use crate::{Id, NodeId, SystemMatrix, WindowKind};
+
+pub(super) const NO_ENTRY: Entry = Entry {
+    start: 0,
+    end: 0,
+    window: 0,
+    role: Role::Arbitrating,
+};
+
+pub(super) const NO_MESSAGE: Known = Known {
+    id: Id::constant::<0>(),
+    sender: NodeId(0),
+    len: 0,
+    is_event: false,
+    retry_late: false,
+    window: 0,
+};
+
+/// Everything but the tables.
+pub(super) const fn network(matrix: &SystemMatrix) -> Network {
+    let config = matrix.config();
+    let mut masters = [None; 8];
+    let mut rank = 0;
+    while rank < config.masters.len() && rank < 8 {
+        masters[rank] = Some(config.masters[rank]);
+        rank += 1;
+    }
+    Network {
+        bit_rate: config.bit_rate,
+        basic_cycle: config.basic_cycle.ticks(),
+        cycles: config.cycles,
+        reference: config.reference,
+        reference_format: config.reference_format,
+        masters,
+        transmit_enable: matrix.bits_to_micros(config.transmit_enable_bits as u32),
+        uncertainty: config.sync_uncertainty.ticks(),
+        reference_length: matrix.reference_micros(),
+        window_count: config.windows.len(),
+        exclusive_count: 0,
+        first: [0; 65],
+        distinct_mask: matrix.distinct_cycles() - 1,
+    }
+}
+
+/// Fills `entries`, which has the matrix's
+/// [`entry_count`](SystemMatrix::entry_count), and the first entry of each
+/// cycle.
+pub(super) const fn entries(matrix: &SystemMatrix, network: &mut Network, entries: &mut [Entry]) {
+    let windows = matrix.config().windows;
+    let distinct = matrix.distinct_cycles();
+    let mut next = 0;
+    let mut cycle = 0;
+    while cycle < distinct {
+        network.first[cycle as usize] = next as u16;
+        let mut merging = false;
+        let mut at = 0;
+        while at < windows.len() {
+            let window = &windows[at];
+            if window.is_in(cycle) {
+                let role = match window.kind {
+                    WindowKind::Exclusive {
+                        id,
+                        len,
+                        sender,
+                        retry_late,
+                    } => Some(Role::Exclusive {
+                        id,
+                        len,
+                        sender,
+                        retry_late,
+                    }),
+                    WindowKind::Arbitrating { merged_with_next } => {
+                        let continued = merging;
+                        merging = merged_with_next;
+                        if continued {
+                            entries[next - 1].end = window.end();
+                            None
+                        } else {
+                            Some(Role::Arbitrating)
+                        }
+                    }
+                    WindowKind::Free => None,
+                };
+                if let Some(role) = role {
+                    entries[next] = Entry {
+                        start: window.start.ticks(),
+                        end: window.end(),
+                        window: at as u16,
+                        role,
+                    };
+                    next += 1;
+                }
+            }
+            at += 1;
+        }
+        cycle += 1;
+    }
+    network.first[distinct as usize] = next as u16;
+}
+
+/// Fills `known`, which has the matrix's [`id_count`](SystemMatrix::id_count),
+/// sorted by identifier, and `windows_of`, which has one place for each node.
+pub(super) const fn known(
+    matrix: &SystemMatrix,
+    network: &mut Network,
+    known: &mut [Known],
+    windows_of: &mut [u16],
+) {
+    let config = matrix.config();
+    let mut count = 0;
+    let mut at = 0;
+    while at < config.windows.len() {
+        let window = &config.windows[at];
+        if let WindowKind::Exclusive {
+            id,
+            len,
+            sender,
+            retry_late,
+        } = window.kind
+        {
+            let times = (config.cycles / window.repeat) as u16;
+            let total = &mut windows_of[sender.0 as usize];
+            *total = total.saturating_add(times);
+            let message = Known {
+                id,
+                sender,
+                len,
+                is_event: false,
+                retry_late,
+                window: at as u16,
+            };
+            insert(known, count, message);
+            count += 1;
+        }
+        at += 1;
+    }
+    network.exclusive_count = count as u16;
+    at = 0;
+    while at < config.events.len() {
+        let event = &config.events[at];
+        let message = Known {
+            id: event.id,
+            sender: event.sender,
+            len: event.len,
+            is_event: true,
+            ..NO_MESSAGE
+        };
+        insert(known, count, message);
+        count += 1;
+        at += 1;
+    }
+}
+
+/// Inserts into the `count` sorted identifiers.
+const fn insert(known: &mut [Known], count: usize, message: Known) {
+    let mut at = count;
+    while at > 0 && known[at - 1].id.priority() > message.id.priority() {
+        known[at] = known[at - 1];
+        at -= 1;
+    }
+    known[at] = message;
+}

@@ -1,0 +1,58 @@
+//! The fuzz targets' functions over random bytes, and what more they show.
+
+#[path = "../fuzz/src/lib.rs"]
+mod fuzz;
+
+use fuzz::Said;
+use proptest::prelude::*;
+use ttcan::{Action, Reception};
+
+/// Random operations reach every kind of action, and messages in their windows.
+#[test]
+fn operations_reach_the_schedule() {
+    let mut random = 1u32;
+    let mut bytes = || {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (random >> 24) as u8
+    };
+    let mut kinds = [false; 6];
+    for _ in 0..3000 {
+        let input: Vec<u8> = (0..1500).map(|_| bytes()).collect();
+        for said in fuzz::operations(&input, 0) {
+            let kind = match said {
+                Said::Action(Action::TransmitReference(_)) => 0,
+                Said::Action(Action::Transmit(_)) => 1,
+                Said::Action(Action::TransmitEvent(_)) => 2,
+                Said::Action(Action::Abort) => 3,
+                Said::Action(Action::Silence) => 4,
+                Said::Reception(Reception::Scheduled { .. }) => 5,
+                _ => continue,
+            };
+            kinds[kind] = true;
+        }
+    }
+    assert_eq!(kinds, [true; 6]);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn frames(bytes in prop::collection::vec(any::<u8>(), 0..16)) {
+        fuzz::frames(&bytes);
+    }
+
+    #[test]
+    fn operations(bytes in prop::collection::vec(any::<u8>(), 0..1500)) {
+        fuzz::operations(&bytes, 0);
+    }
+
+    /// The counter may stand anywhere, and wrap at any moment.
+    #[test]
+    fn a_node_does_not_see_its_counter_wrap(
+        bytes in prop::collection::vec(any::<u8>(), 0..1500),
+        origin: u32,
+    ) {
+        prop_assert_eq!(fuzz::operations(&bytes, 0), fuzz::operations(&bytes, origin));
+    }
+}
