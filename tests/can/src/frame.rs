@@ -123,3 +123,29 @@ impl embedded_can::Frame for Frame {
         Frame::data(self)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_a_frame_is_refused() {
+        assert_eq!(Frame::standard(0x800, &[]), None);
+        assert_eq!(Frame::extended(0x2000_0000, &[]), None);
+        assert_eq!(Frame::standard(0, &[0; 9]), None);
+        assert_eq!(Frame::new_remote(StandardId::ZERO, 16), None);
+        let id = Id::Standard(StandardId::ZERO);
+        assert_eq!(Frame::from_parts(id, false, 1, &[0; 2]), None);
+        assert_eq!(Frame::from_parts(id, true, 1, &[0]), None);
+    }
+
+    #[test]
+    fn codes_above_eight_stand_for_eight_bytes() {
+        let id = Id::Standard(StandardId::ZERO);
+        let frame = Frame::from_parts(id, false, 15, &[1]);
+        assert_eq!(
+            frame.map(|frame| (frame.dlc(), frame.data().to_vec())),
+            Some((15, vec![1, 0, 0, 0, 0, 0, 0, 0]))
+        );
+    }
+}

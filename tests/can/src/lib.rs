@@ -20,6 +20,31 @@
 //! Register writes carry time stamps and may lie ahead of the bus; see [`Bus::horizon_of`] for
 //! how far a node may run ahead without missing anything.
 
+//! # Example
+//! A foreign node sends a frame; a controller in its reset state is set up through its registers
+//! and has it in FIFO 0 afterwards.
+//! ```
+//! use can_bus::{Bus, ClockRate, Frame, Part, Retry, SimTime, Tester};
+//!
+//! let us = |us: u64| SimTime::from_ticks(us * 1_000_000);
+//! let mut bus = Bus::new();
+//! let node = bus.add_bxcan(Part::F446, ClockRate::new(45_000_000));
+//! let tester = bus.add_tester(Tester::new());
+//! for (register, value) in [
+//!     (0x000, 1),                           // MCR: enter initialisation
+//!     (0x01C, 3 << 20 | 9 << 16 | 11),      // BTR: 250 kbit/s
+//!     (0x20C, 1), (0x21C, 1), (0x200, 0x1C00), // one filter that takes everything
+//!     (0x000, 0),                           // MCR: leave it
+//! ] {
+//!     bus.write(node, register, value, us(0));
+//! }
+//! let frame = Frame::standard(0x064, &[0, 0, 0x4A, 0xBB, 0x82]).unwrap();
+//! bus.send_at(tester, us(100), frame, Retry::UntilSent);
+//! bus.advance_to(us(600));
+//! assert_eq!(bus.read(node, 0x00C), 1);               // RF0R: one message
+//! assert_eq!(bus.read(node, 0x1B0) >> 21, 0x064);     // RI0R: its identifier
+//! ```
+
 #![forbid(unsafe_code)]
 
 mod bus;

@@ -5,6 +5,7 @@ mod common;
 use can_bus::wire::WireFrame;
 use can_bus::{Bus, Frame, Part, RecordKind, Retry, Tester};
 use common::*;
+use proptest::prelude::*;
 
 const RQCP0: u32 = 1;
 const TXOK0: u32 = 1 << 1;
@@ -945,4 +946,60 @@ fn the_status_register_shows_who_sends() {
     assert_eq!(bus.read(receiver, MSR) >> 8, 0b0010, "RXM");
     bus.advance_to(now + bits(100));
     assert_eq!(bus.read(sender, MSR) >> 8, 0b1100);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Whatever a program writes, the model goes on and its status stays consistent.
+    #[test]
+    fn no_sequence_of_writes_upsets_the_model(
+        writes in prop::collection::vec(
+            (
+                0..2_usize,
+                prop_oneof![
+                    // The control registers, MCR above all, then mailboxes, filters, anything.
+                    3 => Just(MCR),
+                    3 => (0..8_u32).prop_map(|word| 4 * word),
+                    3 => (0..12_u32).prop_map(|word| TI0R + 4 * word),
+                    1 => (0..80_u32).prop_map(|word| FMR + 4 * word),
+                    1 => 0..0x400_u32,
+                ],
+                prop_oneof![any::<u32>(), 0..256_u32, (0..32_u32).prop_map(|bit| 1 << bit)],
+                0..400_u64,
+            ),
+            1..120,
+        ),
+    ) {
+        let mut bus = Bus::new();
+        let tester = bus.add_tester(Tester::new());
+        let nodes = [normal_node(&mut bus, 0), normal_node(&mut bus, NART)];
+        for (serial, (node, offset, value, us)) in writes.into_iter().enumerate() {
+            let at = bus.now() + can_bus::SimDuration::from_ticks(us * 1_000_000);
+            // Sometimes the bus follows the write, sometimes it comes ahead of it.
+            if serial % 2 == 0 {
+                bus.advance_to(at);
+            }
+            bus.write(nodes[node], offset, value, at);
+            bus.send_at(tester, at, frame(serial as u16, &[]), Retry::Once);
+            bus.advance_to(at);
+            for node in nodes {
+                let msr = bus.read(node, MSR);
+                prop_assert_ne!(msr & 3, 3, "asleep and in initialisation");
+                let tsr = bus.read(node, TSR);
+                for mailbox in 0..3 {
+                    let empty = tsr >> (26 + mailbox) & 1 == 1;
+                    let requested = bus.read(node, TI0R + 0x10 * mailbox) & 1 == 1;
+                    prop_assert_eq!(empty, !requested, "TME and TXRQ of {}", mailbox);
+                    let aborting = tsr >> (8 * mailbox + 7) & 1 == 1;
+                    prop_assert!(!(empty && aborting));
+                }
+                let esr = bus.read(node, ESR);
+                let state = bus.error_counters(node).state();
+                prop_assert_eq!(esr & 4 != 0, state == can_bus::ErrorState::BusOff);
+                prop_assert!(bus.horizon_of(node) >= bus.now());
+            }
+            prop_assert!(bus.next_event().is_none_or(|next| next >= bus.now()));
+        }
+    }
 }

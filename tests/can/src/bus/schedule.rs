@@ -1,8 +1,8 @@
 //! What happens next on the bus, and what is asked of nodes from outside.
 
+use super::Bus;
 use super::node::{Action, Device};
 use super::segment::Segment;
-use super::Bus;
 use crate::confinement::ErrorState;
 use crate::tester::Tester;
 use crate::time::{BitTime, Ps};
