@@ -142,6 +142,7 @@ pub fn joystick(count: u16) -> f32 {
 mod tests {
     extern crate std;
     use super::*;
+    use core::f32::consts::PI;
     use network::Message;
     use network::messages::{Latitude, Longitude};
     use proptest::prelude::*;
@@ -224,7 +225,7 @@ mod tests {
         }
 
         #[test]
-        fn headings_stay_within_their_signal(heading in -3.1416f32..3.1416) {
+        fn headings_stay_within_their_signal(heading in -PI..=PI) {
             let DegreesQ8(raw) = heading_q8(heading);
             prop_assert!((0..360 * 256).contains(&raw));
         }

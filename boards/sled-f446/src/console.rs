@@ -31,7 +31,7 @@ pub(crate) fn start(usart: pac::USART2, rcc: &pac::RCC) -> Option<Console> {
     // SAFETY: divider of RM0390 25.4.4 for oversampling by 16, rounded to the nearest.
     usart
         .brr()
-        .write(|w| unsafe { w.bits((((APB1_HZ + BAUD / 2) / BAUD) as u16).into()) });
+        .write(|w| unsafe { w.bits(((APB1_HZ + BAUD / 2) / BAUD) as u16) });
     usart.cr3().write(|w| w.dmat().set_bit());
     usart
         .cr1()

@@ -40,7 +40,7 @@ pub(crate) fn start(usart: pac::USART3, timer: pac::TIM4) -> Option<(Lcd, Tick)>
     // SAFETY: divider of RM0390 25.4.4 for oversampling by 16, rounded to the nearest.
     usart
         .brr()
-        .write(|w| unsafe { w.bits((((APB1_HZ + BAUD / 2) / BAUD) as u16).into()) });
+        .write(|w| unsafe { w.bits(((APB1_HZ + BAUD / 2) / BAUD) as u16) });
     usart.cr3().write(|w| w.dmat().set_bit());
     usart.cr1().write(|w| {
         w.ue().set_bit();

@@ -50,7 +50,7 @@ pub(crate) fn start(usart: pac::USART1) -> Option<Receiver> {
     // SAFETY: divider of RM0390 25.4.4 for oversampling by 16.
     usart
         .brr()
-        .write(|w| unsafe { w.bits(((APB2_HZ / BAUD) as u16).into()) });
+        .write(|w| unsafe { w.bits((APB2_HZ / BAUD) as u16) });
     usart.cr3().write(|w| w.dmar().set_bit().eie().set_bit());
     usart.cr1().write(|w| {
         w.ue().set_bit();
