@@ -52,7 +52,7 @@ fn main() {
         let node = Node::<1000, 1000, 1>::new(schedule.view(), config).expect("it is sound");
         let crystal = Crystal {
             ticks_per_us: 18,
-            ppb: i32::from(number % 101 - 50) * 1000,
+            ppb: (i32::from(number % 101) - 50) * 1000,
             phase: u32::from(number) * 4_000_000,
             interrupt: (100, 500),
         };

@@ -200,7 +200,7 @@ impl Driver {
                 let mut data = bytes.data();
                 data[5] &= 0x83;
                 let id = Id::standard(8 + u16::from(rank)).expect("small");
-                let len = if bytes.next() % 8 == 0 { 5 } else { 8 };
+                let len = if bytes.next().is_multiple_of(8) { 5 } else { 8 };
                 self.receive(Frame::from_parts(id, len, data), self.now);
             }
             7 | 8 => {
