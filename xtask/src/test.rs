@@ -5,10 +5,16 @@ use std::{
     time::{Duration, Instant},
 };
 
+use world::{
+    Scenario,
+    report::{self, Summary},
+    time::from_seconds,
+};
+
 use crate::{
     Board, Failure, Node, Workspace, build,
     cli::Test,
-    size,
+    sim, size,
     target::{self, Target},
     workspace::{succeed, typed},
 };
@@ -35,6 +41,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                     }
                 }
                 Work::Images => println!("    cargo xtask build"),
+                Work::Drive => println!("    cargo xtask sim {DRIVE} --seconds {DRIVE_SECONDS}"),
                 Work::Impossible(why) => println!("    left out: {why}"),
             }
         }
@@ -70,6 +77,8 @@ enum Work {
     Commands(Vec<Command>),
     /// The images: that they build and are within their budgets.
     Images,
+    /// A short run of the images on the twin.
+    Drive,
     /// Nothing, for this reason.
     Impossible(&'static str),
 }
@@ -96,6 +105,7 @@ impl Step {
                 Ok(()) => Vec::new(),
                 Err(failure) => vec![failure.to_string()],
             },
+            Work::Drive => drive(workspace).unwrap_or_else(|failure| vec![failure.to_string()]),
             Work::Commands(commands) => {
                 let run = |mut command: Command| {
                     let what = format!("`{}`", typed(&command));
@@ -161,6 +171,10 @@ fn steps(workspace: &Workspace, target: &Target) -> Vec<Step> {
             name: "images",
             work: Work::Images,
         },
+        Step {
+            name: "twin",
+            work: Work::Drive,
+        },
         Step::commands("documentation, host", vec![documentation]),
         with_tools("documentation, images", "doc", &["--no-deps"]),
     ]
@@ -173,6 +187,67 @@ fn images(workspace: &Workspace) -> Result<(), Failure> {
         [] => Ok(()),
         excess => Err(Failure::Failed(excess.join("; "))),
     }
+}
+
+/// The scenario of the twin's step, and how much of it: start-up, both presses
+/// of the operator's button and some metres down the line.
+const DRIVE: &str = "straight-line";
+const DRIVE_SECONDS: f64 = 6.0;
+
+/// Latest start of frame after its window's beginning that is accepted; the
+/// thesis's bus shows 378 us (Figure 6.33).
+const LATEST_START_US: f64 = 40.0;
+
+/// Drives and says what was wrong with it.
+fn drive(workspace: &Workspace) -> Result<Vec<String>, Failure> {
+    let scenario = Scenario::find(DRIVE).map_err(|error| Failure::Failed(error.to_string()))?;
+    let length = from_seconds(DRIVE_SECONDS);
+    let finished = sim::simulate(workspace, &scenario, 1, Some(length))?;
+    let summary = Summary::of(&finished.run());
+    eprint!("{}", report::terminal(&summary, Some(finished.wall())));
+    let mut wrong = judge(&summary);
+    for node in finished.locked_up() {
+        wrong.push(format!("the program of {node} ended in a fault"));
+    }
+    Ok(wrong)
+}
+
+/// What is wrong with the figures of an undisturbed run.
+fn judge(summary: &Summary) -> Vec<String> {
+    let bus = &summary.bus;
+    let mut wrong = Vec::new();
+    for window in &bus.windows {
+        if window.frames == 0 {
+            wrong.push(format!(
+                "message {} never was in its window",
+                window.message
+            ));
+        }
+    }
+    match bus.latest_start_us {
+        Some(us) if us <= LATEST_START_US => {}
+        Some(us) => wrong.push(format!(
+            "a frame started {us} us after its window's beginning, {LATEST_START_US} us are accepted"
+        )),
+        None => wrong.push("no frame was on the bus".into()),
+    }
+    for (count, what) in [
+        (bus.missed_windows, "missed windows"),
+        (
+            bus.frames_outside_their_window,
+            "frames outside their window",
+        ),
+        (bus.error_frames, "error frames"),
+        (bus.foreign_frames, "foreign frames"),
+    ] {
+        if count > 0 {
+            wrong.push(format!("{count} {what}"));
+        }
+    }
+    if summary.autonomous_runs.is_empty() {
+        wrong.push("the vehicle never drove by itself".into());
+    }
+    wrong
 }
 
 /// A finished step.
@@ -253,6 +328,77 @@ mod tests {
         assert_eq!(failure, Err(Failure::Failed("1 of 2 steps failed".into())));
         let left_out = finished(Outcome::LeftOut("no tool")).line();
         assert!(left_out.contains("1.5 s  left out: no tool"), "{left_out}");
+    }
+
+    #[test]
+    fn a_silent_bus_is_no_drive() {
+        let scenario = Scenario::find(DRIVE).unwrap();
+        let silent = report::Run {
+            scenario: &scenario,
+            seed: 1,
+            duration: from_seconds(1.0),
+            states: &[],
+            efforts: &[],
+            frames: &[],
+            windows: &[],
+            basic_cycle: from_seconds(0.1),
+            bit_time: from_seconds(4e-6),
+            modes: &[],
+            tasks: &[],
+        };
+        let wrong = judge(&Summary::of(&silent)).join("; ");
+        assert!(wrong.contains("no frame was on the bus"), "{wrong}");
+        assert!(wrong.contains("never drove"), "{wrong}");
+    }
+
+    #[test]
+    fn late_frames_and_missed_windows_are_wrong() {
+        let scenario = Scenario::find(DRIVE).unwrap();
+        let us = |us: u64| world::SimDuration::from_ticks(us * 1_000_000);
+        let window = |id, kind, start| report::Window {
+            id,
+            message: format!("message{id}"),
+            sender: "gps".into(),
+            start: us(start),
+            length: us(1000),
+            kind,
+            due: report::Due::Always,
+        };
+        let frame = |id, start| report::FrameRecord {
+            id,
+            dlc: 0,
+            data: [0; 8],
+            start: world::time::at(us(start)),
+            end: world::time::at(us(start + 200)),
+            complete: true,
+        };
+        let windows = [
+            window(100, report::WindowKind::Reference, 0),
+            window(200, report::WindowKind::Exclusive, 1000),
+        ];
+        let frames = [
+            frame(100, 0),
+            frame(200, 1041),
+            frame(100, 100_000),
+            frame(100, 200_000),
+        ];
+        let run = report::Run {
+            scenario: &scenario,
+            seed: 1,
+            duration: us(250_000),
+            states: &[],
+            efforts: &[],
+            frames: &frames,
+            windows: &windows,
+            basic_cycle: us(100_000),
+            bit_time: us(4),
+            modes: &[],
+            tasks: &[],
+        };
+        let wrong = judge(&Summary::of(&run)).join("; ");
+        assert!(wrong.contains("started 41 us after"), "{wrong}");
+        assert!(wrong.contains("2 missed windows"), "{wrong}");
+        assert!(!wrong.contains("never was in its window"), "{wrong}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 mod bus;
 mod matrix;
+mod tasks;
 
 use std::{
     fs,
@@ -87,7 +88,6 @@ pub(crate) struct Finished<'s> {
     log: Log,
     modes: Vec<ModeChange>,
     tasks: Vec<TaskTime>,
-    /// How long the simulation took.
     wall: Duration,
 }
 
@@ -120,7 +120,7 @@ pub(crate) fn simulate<'s>(
 
     let log = Log::new(&outcome.records, matrix.bit_time());
     let modes = matrix.modes(&log.frames);
-    let tasks = tasks(&outcome);
+    let tasks = tasks(workspace, &outcome)?;
     Ok(Finished {
         scenario,
         seed,
@@ -149,6 +149,11 @@ impl Finished<'_> {
             modes: &self.modes,
             tasks: &self.tasks,
         }
+    }
+
+    /// How long the simulation took.
+    pub(crate) fn wall(&self) -> Duration {
+        self.wall
     }
 
     /// The nodes whose core stopped in a fault that it could not handle.
@@ -199,20 +204,27 @@ fn images(workspace: &Workspace) -> Result<Images, Failure> {
     })
 }
 
-fn tasks(outcome: &Outcome) -> Vec<TaskTime> {
-    let mut tasks = Vec::new();
+/// The tasks by the names that the nodes' sources give them; an exception that
+/// is no task keeps its own.
+fn tasks(workspace: &Workspace, outcome: &Outcome) -> Result<Vec<TaskTime>, Failure> {
+    let mut times = Vec::new();
     for node in &outcome.nodes {
+        let file = format!("firmware/src/bin/{}.rs", node.node.name());
+        let unreadable = |error: String| Failure::Failed(format!("{file}: {error}"));
+        let source = fs::read_to_string(workspace.root().join(&file))
+            .map_err(|error| unreadable(error.to_string()))?;
+        let names = tasks::names(&source).map_err(|error| unreadable(error.to_string()))?;
         for task in &node.load.tasks {
-            tasks.push(TaskTime {
+            times.push(TaskTime {
                 node: node.node,
-                task: task.name.clone(),
+                task: names.get(&task.name).unwrap_or(&task.name).clone(),
                 runs: task.activations,
                 longest_cycles: task.longest,
                 core_hz: node.core_hz,
             });
         }
     }
-    tasks
+    Ok(times)
 }
 
 /// Progress on the terminal: one line that is written over, or, into a file, a
