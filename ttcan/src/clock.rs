@@ -37,11 +37,11 @@ pub(crate) enum Correction {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Clock {
     ticks_per_us: u32,
-    /// 2^-16 us in a tick, as a number of `shift` fractional bits; nominal and
-    /// corrected by the rate.
+    /// 2^-16 us in a tick, as a number of 15 fractional bits (7e-9 of
+    /// resolution at 16 ticks in a microsecond); nominal and corrected by the
+    /// rate.
     nominal: u32,
     gain: u32,
-    shift: u8,
     /// Global time gains this much on the counter, in 2^-32.
     rate: i32,
     limit: i32,
@@ -52,6 +52,8 @@ pub(crate) struct Clock {
     refused: u8,
 }
 
+/// Fractional bits of the gain: products with 32 bits of ticks fit in 64.
+const GAIN_BITS: u32 = 15;
 /// An error of more than this in one cycle is no noise of an interrupt: it is
 /// corrected by no more at once (2 us in 2^-16 us).
 const LARGEST_STEP: i64 = 2 << GlobalTime::FRACTION_BITS;
@@ -67,16 +69,11 @@ impl Clock {
     /// `ticks_per_us` from 1 to 1000; `limit_ppm` up to 10 000.
     pub fn new(ticks_per_us: u32, limit_ppm: u16) -> Self {
         let ticks_per_us = ticks_per_us.max(1);
-        // The gain gets 30 significant bits: 1e-9 of resolution, and products
-        // with 32 bits of ticks that fit in 64.
-        let shift = 13 + ticks_per_us.ilog2();
-        let nominal =
-            ((1u64 << (GlobalTime::FRACTION_BITS + shift)) / u64::from(ticks_per_us)) as u32;
+        let nominal = (1 << (GlobalTime::FRACTION_BITS + GAIN_BITS)) / ticks_per_us;
         Self {
             ticks_per_us,
             nominal,
             gain: nominal,
-            shift: shift as u8,
             rate: 0,
             // 2^32 / 10^6, rounded.
             limit: i32::from(limit_ppm.min(10_000) as i16) * 4295,
@@ -110,7 +107,7 @@ impl Clock {
 
     /// Ticks in 2^-16 us of global time.
     pub fn duration(&self, ticks: i32) -> i64 {
-        (i64::from(ticks) * i64::from(self.gain)) >> self.shift
+        (i64::from(ticks) * i64::from(self.gain)) >> GAIN_BITS
     }
 
     /// Ticks that a time of the schedule takes on this node's counter.
@@ -179,14 +176,13 @@ impl Clock {
             self.carry(stamp);
             return Correction::Suspended;
         }
-        let rate_of = |error: i64| ((error << 24) / (span >> 8).max(1)) as i32;
         if self.state == ClockState::Offset {
-            self.set_rate(self.rate.saturating_add(rate_of(error)));
+            self.set_rate(self.rate.saturating_add(rate_of(error, span)));
             self.global = global;
         } else {
             let error = error.clamp(-LARGEST_STEP, LARGEST_STEP);
             self.global = self.extrapolate(stamp).offset(error >> OFFSET_SHIFT);
-            self.set_rate(self.rate.saturating_add(rate_of(error) >> RATE_SHIFT));
+            self.set_rate(self.rate.saturating_add(rate_of(error, span) >> RATE_SHIFT));
         }
         self.anchor = stamp;
         self.state = ClockState::Locked;
@@ -208,5 +204,41 @@ impl Clock {
         self.rate = rate.min(self.limit).max(self.limit.wrapping_neg());
         let correction = (i64::from(self.nominal) * i64::from(self.rate)) >> 32;
         self.gain = self.nominal.wrapping_add_signed(correction as i32);
+    }
+}
+
+/// `error` over `span` in 2^-32, both in 2^-16 us; long division in steps that
+/// 32-bit hardware does. Errors count up to 32 ms.
+fn rate_of(error: i64, span: i64) -> i32 {
+    let span = (span >> GlobalTime::FRACTION_BITS).clamp(1, 1 << 27) as u32;
+    let mut rest = error.unsigned_abs().min(i32::MAX as u64) as u32;
+    let mut rate = rest / span;
+    rest %= span;
+    for _ in 0..4 {
+        rest <<= 4;
+        rate = (rate << 4).wrapping_add(rest / span);
+        rest %= span;
+    }
+    let rate = rate.min(i32::MAX as u32).cast_signed();
+    if error < 0 { -rate } else { rate }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rate_of;
+
+    #[test]
+    fn rates_are_quotients() {
+        for (error, span) in [
+            (0, 1 << 33),
+            (655, 100_000 << 16),
+            (-655_360, 100_000 << 16),
+            (1_310_720, 100_000 << 16),
+            (131_072, 500 << 16),
+            (6_553_600, 10_000_000 << 16),
+        ] {
+            let exact = (i128::from(error) << 32) / i128::from(span);
+            assert_eq!(i128::from(rate_of(error, span)), exact, "{error} / {span}");
+        }
     }
 }

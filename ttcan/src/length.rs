@@ -127,7 +127,7 @@ impl Line {
     }
 
     /// The `count` low bits of `bits`, a multiple of four.
-    const fn bits(&mut self, bits: u64, count: u32) {
+    const fn bits(&mut self, bits: u32, count: u32) {
         let mut left = count;
         while left >= 4 {
             left -= 4;
@@ -147,32 +147,35 @@ pub const fn frame_bits(frame: &Frame) -> u32 {
         stuffed: 0,
     };
     let id = frame.id();
-    let raw = id.raw() as u64;
+    let raw = id.raw();
     let len = frame.len();
-    // The header without its three leading bits is a whole number of nibbles.
-    // Those three cannot complete a run of five, and the start of frame is 0.
-    let (header, count) = if id.is_extended() {
-        // Base identifier, SRR and IDE recessive, identifier extension, RTR,
-        // two reserved bits, data length code.
-        let header = (raw >> 18) << 27 | 0b11 << 25 | (raw & 0x3_FFFF) << 7 | len as u64;
-        (header, EXTENDED_HEADER_BITS)
+    // The first 19 bits: start of frame, 11 identifier bits, then in base
+    // format RTR, IDE, a reserved bit and the data length code, in extended
+    // format SRR and IDE, both recessive, and the next 5 identifier bits.
+    let head = if id.is_extended() {
+        (raw >> 18) << 7 | 0b11 << 5 | (raw >> 13 & 0x1F)
     } else {
-        (raw << 7 | len as u64, STANDARD_HEADER_BITS)
+        raw << 7 | len as u32
     };
-    // Four leading zeros change nothing in the CRC; the start of frame and two
-    // identifier bits go through the stuffing rule one at a time.
-    let mut bit = count;
-    while bit > count - 3 {
+    // All but the three leading bits is a whole number of nibbles. Those three
+    // cannot complete a run of five, and the start of frame is 0.
+    let mut bit = STANDARD_HEADER_BITS;
+    while bit > STANDARD_HEADER_BITS - 3 {
         bit -= 1;
-        let value = (header >> bit) as u8 & 1;
-        line.run = stuff_bit(line.run, value) & 7;
+        line.run = stuff_bit(line.run, (head >> bit) as u8 & 1) & 7;
     }
-    line.crc = CRC[(header >> (count - 3)) as usize & 7];
-    line.bits(header, count - 3);
+    line.crc = CRC[(head >> bit) as usize & 7];
+    line.bits(head, STANDARD_HEADER_BITS - 3);
+    if id.is_extended() {
+        // The last 13 identifier bits, RTR, two reserved bits, the data length
+        // code.
+        let rest = (raw & 0x1FFF) << 7 | len as u32;
+        line.bits(rest, EXTENDED_HEADER_BITS - STANDARD_HEADER_BITS);
+    }
     let data = frame.buffer();
     let mut at = 0;
     while at < len as usize && at < 8 {
-        line.bits(data[at] as u64, 8);
+        line.bits(data[at] as u32, 8);
         at += 1;
     }
     // The CRC sequence is stuffed too, and is 15 bits long.

@@ -68,7 +68,12 @@ impl GlobalTime {
     /// Whole milliseconds since the epoch, as the reference message carries
     /// them (wraps after 49 days).
     pub const fn as_millis(self) -> u32 {
-        (self.as_micros() / 1000) as u32
+        // Long division by hand: a 64-bit one is a library call on the targets.
+        let micros = self.as_micros();
+        let (high, low) = ((micros >> 32) as u32, micros as u32);
+        let upper = (high % 1000) << 16 | low >> 16;
+        let lower = (upper % 1000) << 16 | low & 0xFFFF;
+        (upper / 1000) << 16 | lower / 1000
     }
 
     /// This time plus `raw` 2^-16 us.
@@ -80,5 +85,25 @@ impl GlobalTime {
     /// earlier.
     pub const fn since(self, earlier: Self) -> i64 {
         self.0.wrapping_sub(earlier.0).cast_signed()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::GlobalTime;
+
+    #[test]
+    fn milliseconds_are_a_thousandth_of_microseconds() {
+        for micros in [
+            0,
+            999,
+            1000,
+            4_294_967_295,
+            4_294_967_296,
+            281_474_976_710_655,
+        ] {
+            let time = GlobalTime::from_micros(micros);
+            assert_eq!(time.as_millis(), (micros / 1000) as u32);
+        }
     }
 }

@@ -97,7 +97,7 @@ pub enum ConfigError {
     /// `ticks_per_us` is not within 1 to 1000.
     Ticks,
     /// The counter would wrap within the watch, gap or watchdog time: that time
-    /// in ticks must stay below 2^30.
+    /// in ticks must not exceed 2^30.
     TooLong,
     /// The latencies or the lead are longer than a basic cycle.
     Latency,

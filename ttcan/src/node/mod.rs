@@ -138,7 +138,7 @@ pub struct Node<'s, const W: usize, const P: usize, const Q: usize> {
 }
 
 /// A time span that a deadline may lie ahead, in ticks.
-const LONGEST: u64 = 1 << 30;
+const LONGEST: u32 = 1 << 30;
 
 impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     /// A node that does nothing until [`Node::start`].
@@ -153,21 +153,23 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         if config.ticks_per_us == 0 || config.ticks_per_us > 1000 {
             return Err(ConfigError::Ticks);
         }
-        let ticks = |micros: u32| u64::from(micros) * u64::from(config.ticks_per_us);
+        let ticks = |micros: u32| micros.saturating_mul(config.ticks_per_us);
         let cycle = ticks(network.basic_cycle);
         let watchdog = config.application_watchdog.map_or(0, |time| time.ticks());
-        if cycle * (u64::from(config.watch) + 2) > LONGEST
-            || ticks(config.longest_gap.ticks()) > LONGEST
-            || ticks(watchdog) > LONGEST
-        {
+        let watch = cycle.saturating_mul(u32::from(config.watch) + 2);
+        let longest = watch
+            .max(ticks(config.longest_gap.ticks()))
+            .max(ticks(watchdog));
+        if longest > LONGEST {
             return Err(ConfigError::TooLong);
         }
         let latency = config.latency;
         let longest = latency
             .receive
             .unsigned_abs()
-            .max(latency.transmit.unsigned_abs());
-        if u64::from(longest.max(config.transmit_lead)) > cycle / 2 {
+            .max(latency.transmit.unsigned_abs())
+            .max(config.transmit_lead);
+        if longest > cycle / 2 {
             return Err(ConfigError::Latency);
         }
         if config.reference_offset.is_some_and(|offset| offset > 127) {
@@ -176,7 +178,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         if config.watch == 0 {
             return Err(ConfigError::Watch);
         }
-        let bit = ticks(256 * 1_000_000) / u64::from(network.bit_rate.max(1));
+        let bit = (u64::from(network.bit) * u64::from(config.ticks_per_us)) >> 8;
         Ok(Self {
             schedule,
             rank: schedule.rank_of(config.node),
@@ -387,14 +389,11 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         if !ours {
             return Err(QueueError::NotAnEvent);
         }
-        let ticks = u64::from(lifetime.ticks()) * u64::from(self.config.ticks_per_us);
-        if ticks >= LONGEST {
+        let ticks = lifetime.ticks().saturating_mul(self.config.ticks_per_us);
+        if ticks > LONGEST {
             return Err(QueueError::Lifetime);
         }
-        if self
-            .queue
-            .insert(Item::Event(frame), now.after(ticks as u32))
-        {
+        if self.queue.insert(Item::Event(frame), now.after(ticks)) {
             Ok(())
         } else {
             self.counters.events_refused = self.counters.events_refused.wrapping_add(1);

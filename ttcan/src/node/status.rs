@@ -154,7 +154,7 @@ pub enum QueueError {
     Full,
     /// This node sends no event message of this identifier and length.
     NotAnEvent,
-    /// The lifetime is too long for the counter: it must stay below 2^30 ticks.
+    /// The lifetime is too long for the counter: it must not exceed 2^30 ticks.
     Lifetime,
 }
 

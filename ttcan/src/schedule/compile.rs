@@ -29,7 +29,7 @@ pub(super) const fn network(matrix: &SystemMatrix) -> Network {
         rank += 1;
     }
     Network {
-        bit_rate: config.bit_rate,
+        bit: bit_length(config.bit_rate),
         basic_cycle: config.basic_cycle.ticks(),
         cycles: config.cycles,
         reference: config.reference,
@@ -42,6 +42,18 @@ pub(super) const fn network(matrix: &SystemMatrix) -> Network {
         exclusive_count: 0,
         first: [0; 65],
         distinct_mask: matrix.distinct_cycles() - 1,
+    }
+}
+
+/// Length of a bit in 2^-16 us; a checked bit rate is not 0.
+const fn bit_length(bit_rate: u32) -> u32 {
+    let micros = 1_000_000u64 << 16;
+    let rate = if bit_rate == 0 { 1 } else { bit_rate as u64 };
+    let length = (micros + rate / 2) / rate;
+    if length > u32::MAX as u64 {
+        u32::MAX
+    } else {
+        length as u32
     }
 }
 

@@ -51,7 +51,8 @@ pub(crate) struct Known {
 /// What a schedule holds besides its tables. Times in microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Network {
-    pub bit_rate: u32,
+    /// Length of a bit in 2^-16 us, rounded.
+    pub bit: u32,
     pub basic_cycle: u32,
     pub cycles: u8,
     pub reference: Id,
