@@ -41,13 +41,14 @@ impl CommandHold {
         }
     }
 
-    /// Judges a frame from the command's window. The accepted command is in force until the
-    /// next one or until [`CommandHold::expire`].
+    /// Judges a frame from the command's window of the basic cycle that began at system time
+    /// `time`. The accepted command is in force until the next one or until
+    /// [`CommandHold::expire`].
     ///
     /// # Errors
     /// [`Refusal`] says why the frame changes nothing.
-    pub fn receive(&mut self, data: &[u8]) -> Result<Command, Refusal> {
-        let judged = self.judge(data);
+    pub fn receive(&mut self, data: &[u8], time: u32) -> Result<Command, Refusal> {
+        let judged = self.judge(data, time);
         match judged {
             Ok(command) => self.command = Some(command),
             Err(_) => self.refused = self.refused.wrapping_add(1),
@@ -55,10 +56,10 @@ impl CommandHold {
         judged
     }
 
-    fn judge(&mut self, data: &[u8]) -> Result<Command, Refusal> {
+    fn judge(&mut self, data: &[u8], time: u32) -> Result<Command, Refusal> {
         let bytes: &[u8; 8] = data.try_into().map_err(|_| Refusal::Malformed)?;
         self.protection
-            .judge(Command::ID, bytes)
+            .judge(Command::ID, time, bytes)
             .map_err(Refusal::Protection)?;
         let command = Command::decode(data).map_err(|_| Refusal::Malformed)?;
         let rate = convert::steering_rate_of(command.steering_rate);
@@ -193,12 +194,13 @@ impl Supervised {
         }
     }
 
-    /// Judges a frame from the command's window that arrived before `now`.
+    /// Judges a frame from the command's window that arrived before `now`, in the basic cycle
+    /// that began at system time `time` (ms).
     ///
     /// # Errors
     /// See [`CommandHold::receive`].
-    pub fn receive(&mut self, data: &[u8], now: u32) -> Result<Command, Refusal> {
-        let judged = self.hold.receive(data);
+    pub fn receive(&mut self, data: &[u8], time: u32, now: u32) -> Result<Command, Refusal> {
+        let judged = self.hold.receive(data, time);
         if judged.is_ok() {
             self.accepted_at = now;
         }
@@ -343,7 +345,7 @@ mod tests {
 
     fn sealed(sender: &mut e2e::Sender, command: &Command) -> [u8; 8] {
         let mut data = command.encode();
-        sender.seal(Command::ID, &mut data);
+        sender.seal(Command::ID, 7, &mut data);
         data
     }
 
@@ -353,19 +355,19 @@ mod tests {
         let mut hold = CommandHold::new();
         assert!(hold.command().is_none());
         assert!(
-            hold.receive(&sealed(&mut sender, &command(100, 50)))
+            hold.receive(&sealed(&mut sender, &command(100, 50)), 7)
                 .is_err()
         );
         assert!(hold.command().is_none());
         assert!(
-            hold.receive(&sealed(&mut sender, &command(100, 50)))
+            hold.receive(&sealed(&mut sender, &command(100, 50)), 7)
                 .is_ok()
         );
         assert_eq!(hold.command().unwrap().speed, CentimetresPerSecond(50));
         hold.expire();
         assert!(hold.command().is_none());
         assert_eq!(
-            hold.receive(&sealed(&mut sender, &command(100, 50))),
+            hold.receive(&sealed(&mut sender, &command(100, 50)), 7),
             Err(Refusal::Protection(e2e::Refusal::First))
         );
     }
@@ -374,9 +376,9 @@ mod tests {
     fn impossible_commands_are_refused() {
         let mut sender = e2e::Sender::default();
         let mut hold = CommandHold::new();
-        let _ = hold.receive(&sealed(&mut sender, &command(0, 0)));
+        let _ = hold.receive(&sealed(&mut sender, &command(0, 0)), 7);
         let mut refuse =
-            |command: &Command| hold.receive(&sealed(&mut sender, command)).unwrap_err();
+            |command: &Command| hold.receive(&sealed(&mut sender, command), 7).unwrap_err();
         assert_eq!(refuse(&command(2501, 0)), Refusal::Limits);
         assert_eq!(refuse(&command(0, -201)), Refusal::Limits);
         let idle = Command {
@@ -389,7 +391,7 @@ mod tests {
             ..command(0, 0)
         };
         assert_eq!(refuse(&stopped), Refusal::Mode);
-        assert_eq!(hold.receive(&[0; 7]), Err(Refusal::Malformed));
+        assert_eq!(hold.receive(&[0; 7], 7), Err(Refusal::Malformed));
         assert!(hold.command().is_none());
     }
 
@@ -403,9 +405,9 @@ mod tests {
             let mut hold = CommandHold::new();
             for mut frame in frames {
                 if seal {
-                    sender.seal(Command::ID, &mut frame);
+                    sender.seal(Command::ID, 7, &mut frame);
                 }
-                let _ = hold.receive(&frame);
+                let _ = hold.receive(&frame, 7);
                 if let Some(command) = hold.command() {
                     prop_assert!(command.steering_rate.0.abs() <= 2500);
                     prop_assert!(command.speed.0.abs() <= 200);

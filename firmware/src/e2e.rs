@@ -1,14 +1,17 @@
 //! End-to-end protection of the actuator commands.
 //!
-//! Message 300 carries a sequence counter (D6) and a check value (D7) over its identifier
-//! and D0..D6, after the pattern of the AUTOSAR E2E profiles (AUTOSAR_PRS_E2EProtocol,
-//! profile 2: CRC-8 with polynomial 0x2F, sequence counter, data identity in the CRC). The
-//! differences: the counter has eight bits instead of four, and the CAN identifier stands
-//! for the list of data identities, so that the thesis's frame keeps its eight bytes.
+//! Message 300 carries a sequence counter (D6) and a check value (D7) over its identifier,
+//! the system time of the basic cycle and D0..D6, after the pattern of the AUTOSAR E2E
+//! profiles (AUTOSAR_PRS_E2EProtocol, profile 2: CRC-8 with polynomial 0x2F, sequence
+//! counter, data identity in the CRC). The differences: the counter has eight bits instead
+//! of four; the CAN identifier stands for the list of data identities; and the system time,
+//! which every node has from the reference of the same cycle, goes into the check value
+//! without being sent, so that the thesis's frame keeps its eight bytes.
 //!
 //! A receiver acts on a frame only when the check value fits and the counter went on by one
-//! or two: a frame that was altered, that belongs to another identifier, that is repeated,
-//! replayed or out of order moves nothing. After a start or a longer gap the counter has no
+//! or two: a frame that was altered, that belongs to another identifier or another basic
+//! cycle, that is repeated or out of order moves nothing. A whole recorded sequence, played
+//! back at another time, fits with neither. After a start or a longer gap the counter has no
 //! past; then a frame counts only when it continues the one just before it.
 
 /// Offset of the counter in the data.
@@ -47,9 +50,11 @@ fn update(crc: u8, byte: u8) -> u8 {
     crc << 4 ^ TABLE[usize::from(crc >> 4) & 0xF]
 }
 
-/// The check value of a frame: over the identifier, low byte first, and D0..D6.
-pub fn check_value(id: u16, data: &[u8; 8]) -> u8 {
+/// The check value of a frame: over the identifier and the system time of its basic cycle
+/// (ms, as the reference carries it), low bytes first, and D0..D6.
+pub fn check_value(id: u16, time: u32, data: &[u8; 8]) -> u8 {
     let crc = id.to_le_bytes().into_iter().fold(0xFF, update);
+    let crc = time.to_le_bytes().into_iter().fold(crc, update);
     let [covered @ .., _] = data;
     covered.iter().fold(crc, |crc, &byte| update(crc, byte)) ^ 0xFF
 }
@@ -61,10 +66,11 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// Numbers the data of one frame and writes its check value. The counter wraps.
-    pub fn seal(&mut self, id: u16, data: &mut [u8; 8]) {
+    /// Numbers the data of one frame and writes its check value, for the basic cycle that
+    /// began at system time `time`. The counter wraps.
+    pub fn seal(&mut self, id: u16, time: u32, data: &mut [u8; 8]) {
         data[COUNTER] = self.counter;
-        data[CHECK] = check_value(id, data);
+        data[CHECK] = check_value(id, time, data);
         self.counter = self.counter.wrapping_add(1);
     }
 }
@@ -72,7 +78,8 @@ impl Sender {
 /// Why a frame is not acted on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// The check value does not fit: altered, or sealed for another identifier.
+    /// The check value does not fit: altered, or sealed for another identifier or another
+    /// basic cycle.
     Altered,
     /// The counter did not go on: repeated or stuck.
     Repeated,
@@ -94,14 +101,14 @@ impl Receiver {
         Self { last: None }
     }
 
-    /// Judges a frame.
+    /// Judges a frame that arrived in the basic cycle that began at system time `time`.
     ///
     /// # Errors
     /// [`Refusal`] says why the frame moves nothing. A frame whose check value fits becomes
     /// the one that the next must continue, except when it repeats the last: a replay does
     /// not take the place of the true sequence for longer than until the next true frame.
-    pub fn judge(&mut self, id: u16, data: &[u8; 8]) -> Result<(), Refusal> {
-        if check_value(id, data) != data[CHECK] {
+    pub fn judge(&mut self, id: u16, time: u32, data: &[u8; 8]) -> Result<(), Refusal> {
+        if check_value(id, time, data) != data[CHECK] {
             return Err(Refusal::Altered);
         }
         let counter = data[COUNTER];
@@ -143,12 +150,17 @@ mod tests {
         assert_eq!(crc(&[0xFF, 0xFF, 0xFF, 0xFF]), 0x6C);
     }
 
+    /// System time of the basic cycle in which the frame of this number is sent.
+    fn time(index: usize) -> u32 {
+        123_456_789 + 100 * index as u32
+    }
+
     fn sequence(count: usize) -> Vec<[u8; 8]> {
         let mut sender = Sender::default();
         (0..count)
-            .map(|_| {
+            .map(|index| {
                 let mut data = [0x64, 0, 0x10, 0, 3, 3, 0, 0];
-                sender.seal(300, &mut data);
+                sender.seal(300, time(index), &mut data);
                 data
             })
             .collect()
@@ -160,9 +172,12 @@ mod tests {
     fn an_unbroken_sequence_passes_after_its_first_frame() {
         let frames = sequence(600);
         let mut receiver = Receiver::default();
-        assert_eq!(receiver.judge(300, &frames[0]), Err(Refusal::First));
-        for frame in &frames[1..] {
-            assert_eq!(receiver.judge(300, frame), Ok(()));
+        assert_eq!(
+            receiver.judge(300, time(0), &frames[0]),
+            Err(Refusal::First)
+        );
+        for (index, frame) in frames.iter().enumerate().skip(1) {
+            assert_eq!(receiver.judge(300, time(index), frame), Ok(()));
         }
     }
 
@@ -170,10 +185,13 @@ mod tests {
     fn one_lost_frame_is_bridged_and_two_are_not() {
         let frames = sequence(8);
         let mut receiver = Receiver::default();
-        let _ = receiver.judge(300, &frames[0]);
-        assert_eq!(receiver.judge(300, &frames[2]), Ok(()));
-        assert_eq!(receiver.judge(300, &frames[5]), Err(Refusal::OutOfSequence));
-        assert_eq!(receiver.judge(300, &frames[6]), Ok(()));
+        let _ = receiver.judge(300, time(0), &frames[0]);
+        assert_eq!(receiver.judge(300, time(2), &frames[2]), Ok(()));
+        assert_eq!(
+            receiver.judge(300, time(5), &frames[5]),
+            Err(Refusal::OutOfSequence)
+        );
+        assert_eq!(receiver.judge(300, time(6), &frames[6]), Ok(()));
     }
 
     proptest! {
@@ -182,35 +200,58 @@ mod tests {
         fn flipped_bits_are_seen(data: [u8; 7], one in 0usize..64, two in 0usize..64, three in 0usize..64) {
             let [a, b, c, d, e, f, g] = data;
             let mut frame = [a, b, c, d, e, f, g, 0];
-            frame[7] = check_value(300, &frame);
+            frame[7] = check_value(300, 5, &frame);
             let sealed = frame;
             for bit in [one, two, three] {
                 frame[bit / 8] ^= 1 << (bit % 8);
             }
             if frame != sealed {
-                prop_assert_ne!(check_value(300, &frame), frame[7]);
+                prop_assert_ne!(check_value(300, 5, &frame), frame[7]);
             }
         }
 
-        /// A frame sealed for any other identifier is refused.
+        /// A frame sealed for any other identifier of the network is refused, whatever it
+        /// carries. (Of all 2048 identifiers one in 256 has the same check value.)
         #[test]
-        fn a_foreign_identifier_is_seen(other in 0u16..0x800) {
-            prop_assume!(other != 300);
-            let mut data = [1, 2, 3, 4, 5, 6, 0, 0];
-            Sender::default().seal(other, &mut data);
-            prop_assert_ne!(check_value(300, &data), data[7]);
+        fn a_foreign_identifier_is_seen(mut data: [u8; 8], time: u32) {
+            for other in [100, 101, 200, 201, 202, 206, 401, 402, 450, 451, 452, 453, 501, 502, 511, 512, 513, 514] {
+                Sender::default().seal(other, time, &mut data);
+                prop_assert_ne!(check_value(300, time, &data), data[7]);
+            }
         }
 
-        /// Replaying any earlier frame of a run never passes unless it is the next in line.
+        /// Replaying any earlier frame of a run never passes, even in its own basic cycle.
         #[test]
         fn replays_are_refused(length in 4usize..250, which: prop::sample::Index) {
             let frames = sequence(length);
             let mut receiver = Receiver::default();
-            for frame in &frames {
-                let _ = receiver.judge(300, frame);
+            for (index, frame) in frames.iter().enumerate() {
+                let _ = receiver.judge(300, time(index), frame);
             }
             let replayed = which.index(length);
-            prop_assert!(receiver.judge(300, &frames[replayed]).is_err());
+            prop_assert!(receiver.judge(300, time(replayed), &frames[replayed]).is_err());
         }
+
+        /// A frame sealed for one basic cycle does not fit another within 255 ms before or
+        /// after it: the CRC sees every change within eight bits in a row.
+        #[test]
+        fn a_neighbouring_cycle_is_seen(data: [u8; 8], start: u32, apart in 1u32..256) {
+            let other = start ^ apart;
+            prop_assert_ne!(check_value(300, start, &data), check_value(300, other, &data));
+        }
+    }
+
+    /// A recorded run, played back later, gets one frame in 256 past the check value and
+    /// none past the counter.
+    #[test]
+    fn a_recorded_sequence_does_not_pass_later() {
+        let frames = sequence(5000);
+        let mut receiver = Receiver::default();
+        let passed = frames
+            .iter()
+            .enumerate()
+            .filter(|(index, frame)| receiver.judge(300, time(index + 70_001), frame).is_ok())
+            .count();
+        assert_eq!(passed, 0);
     }
 }

@@ -7,7 +7,7 @@
 use network::matrix::{MATRIX, SCHEDULE, window};
 use sled_common::can::{ErrorState, Occupied, Outcome, Received};
 use ttcan::{
-    Action, ConfigError, Frame, Id, Micros, NodeConfig, QueueError, Reception, Stamp,
+    Action, ConfigError, ErrorLevel, Frame, Id, Micros, NodeConfig, QueueError, Reception, Stamp,
     TransmitOutcome,
 };
 
@@ -157,6 +157,9 @@ pub struct Link<P, T> {
     presence: Presence,
     started: bool,
     reference_byte: u8,
+    cycle_time: u32,
+    offered_time: u32,
+    troubled_since: Option<u32>,
     pause: u32,
     ticks_per_us: u32,
     counters: Counters,
@@ -188,6 +191,9 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
             presence: Presence::On,
             started: false,
             reference_byte: 0,
+            cycle_time: 0,
+            offered_time: 0,
+            troubled_since: None,
             counters: Counters::default(),
         })
     }
@@ -223,7 +229,9 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
             match self.node.handle_receive(&frame, Stamp(stamp)) {
                 Reception::Reference { .. } => {
                     news.reference = true;
-                    self.reference_byte = frame.data().first().copied().unwrap_or(0);
+                    let [byte, ..] = frame.buffer();
+                    self.reference_byte = byte;
+                    self.cycle_time = time_of(&frame);
                 }
                 Reception::Scheduled { window } | Reception::Late { window } => {
                     if let Some(slot) = self.inbox.get_mut(usize::from(window)) {
@@ -262,6 +270,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         let begun = self.node.reference_mark() != cycle;
         if begun {
             self.reference_byte = 0;
+            self.cycle_time = self.offered_time;
         }
         begun
     }
@@ -286,9 +295,11 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
                 break;
             };
             match action {
-                Action::TransmitReference(frame) | Action::TransmitEvent(frame) => {
+                Action::TransmitReference(frame) => {
+                    self.offered_time = time_of(&frame);
                     self.request(&frame);
                 }
+                Action::TransmitEvent(frame) => self.request(&frame),
                 Action::Transmit(grant) => {
                     let data = self
                         .outbox
@@ -323,12 +334,14 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         }
     }
 
-    /// Brings the node back after bus-off and after S3, by the software sequence that bxCAN
+    /// Brings the node back after bus-off and after S3, and forgives S2 after a pause.
+    ///
+    /// Bus-off and S3 are left by the software sequence that bxCAN
     /// wants with automatic bus-off management off: initialisation, back to normal, 128 times
     /// eleven recessive bits. To be called every few milliseconds.
     pub fn keep_present(&mut self) {
         match self.presence {
-            Presence::On => {}
+            Presence::On => self.forgive(),
             Presence::Off { since, pause } => {
                 if self.timer.now().wrapping_sub(since) >= pause && self.port.join_bus() {
                     self.presence = Presence::Joining;
@@ -344,10 +357,37 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         }
     }
 
+    /// S2 stops all transmissions but the reference until the application clears it. What
+    /// caused it may be over: after a pause the node tries again.
+    fn forgive(&mut self) {
+        if self.node.status().error_level != ErrorLevel::Error {
+            self.troubled_since = None;
+            return;
+        }
+        let now = self.timer.now();
+        let since = *self.troubled_since.get_or_insert(now);
+        if now.wrapping_sub(since) >= self.pause {
+            self.troubled_since = None;
+            self.node.clear_errors();
+        }
+    }
+
+    /// Whether the node's own messages go out: it keeps the schedule, and its error level
+    /// does not silence it.
+    pub fn is_heard(&self) -> bool {
+        let level = self.node.status().error_level;
+        self.node.is_alive() && matches!(level, ErrorLevel::None | ErrorLevel::Warning)
+    }
+
     /// The application's byte of the last reference that another node sent; 0 when this node
     /// is the time master itself.
     pub const fn reference_byte(&self) -> u8 {
         self.reference_byte
+    }
+
+    /// System time at which the basic cycle under way began, ms, as its reference says.
+    pub const fn cycle_began(&self) -> u32 {
+        self.cycle_time
     }
 
     /// Hands out what arrived in a window, once.
@@ -463,4 +503,10 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     fn now(&self) -> Stamp {
         Stamp(self.timer.now())
     }
+}
+
+/// System time in a reference message: D1..D4, most significant byte first.
+const fn time_of(reference: &Frame) -> u32 {
+    let [_, a, b, c, d, ..] = reference.buffer();
+    u32::from_be_bytes([a, b, c, d])
 }

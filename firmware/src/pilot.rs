@@ -55,8 +55,10 @@ pub struct Inputs {
     pub pot: Option<u16>,
     /// Fix flag of the last reference.
     pub fixed: bool,
-    /// Whether the node keeps the schedule.
+    /// Whether the node keeps the schedule and is not silenced by its errors.
     pub in_schedule: bool,
+    /// System time at which the basic cycle began, ms.
+    pub cycle_began: u32,
     /// Latest samples of the joystick, x and y.
     pub joystick: (u16, u16),
 }
@@ -76,7 +78,8 @@ impl Inputs {
             velocity: message(link, window::VELOCITY),
             pot: message(link, window::STEERING_POT).map(|SteeringPot { count }| count.0),
             fixed: link.reference_byte() & 1 != 0,
-            in_schedule: link.node().is_alive(),
+            in_schedule: link.is_heard(),
+            cycle_began: link.cycle_began(),
             joystick: (design::JOYSTICK_CENTRE, design::JOYSTICK_CENTRE),
         }
     }
@@ -219,7 +222,7 @@ impl Pilot {
             Source::Joystick => joystick_command(inputs.joystick),
             Source::Still => safety::Command::still(),
         };
-        (self.frames(mode), change)
+        (self.frames(mode, inputs.cycle_began), change)
     }
 
     fn change_mode(&mut self, inputs: &Inputs, buttons: &Buttons) -> Option<Change> {
@@ -250,7 +253,7 @@ impl Pilot {
         })
     }
 
-    fn frames(&mut self, mode: Mode) -> Frames {
+    fn frames(&mut self, mode: Mode, cycle_began: u32) -> Frames {
         let tracking = &self.tracking;
         let moving = mode.source() != Source::Still;
         let steering_rate = convert::steering_rate(self.applied.steering_rate);
@@ -266,7 +269,7 @@ impl Pilot {
             check: 0,
         }
         .encode();
-        self.sender.seal(Command::ID, &mut command);
+        self.sender.seal(Command::ID, cycle_began, &mut command);
         Frames {
             command,
             position: LogPosition {
@@ -377,6 +380,7 @@ mod tests {
             pot: Some(2048),
             fixed,
             in_schedule: true,
+            cycle_began: 7,
             joystick: (2048, 4095),
         }
     }
@@ -457,7 +461,7 @@ mod tests {
         let mut pilot = Pilot::new().unwrap();
         let mut hold = CommandHold::new();
         let (frames, _) = pilot.step(&inputs(true), &Buttons::default());
-        let _ = hold.receive(&frames.command);
+        let _ = hold.receive(&frames.command, 7);
         for (index, button) in [
             Button::B,
             Button::A,
@@ -475,7 +479,7 @@ mod tests {
                 press(&mut pilot, button);
             }
             let (frames, _) = pilot.step(&inputs(index % 7 != 0), &Buttons::default());
-            assert!(hold.receive(&frames.command).is_ok());
+            assert!(hold.receive(&frames.command, 7).is_ok());
         }
     }
 }

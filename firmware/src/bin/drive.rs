@@ -140,10 +140,13 @@ mod app {
     fn actuate(cx: actuate::Context) {
         let now = cx.shared.clock.now();
         let mut link = cx.shared.link;
-        let (frame, alive) = link.lock(|link| (link.take(window::COMMAND), link.commands_arrive()));
+        let (frame, time, alive) = link.lock(|link| {
+            let frame = link.take(window::COMMAND);
+            (frame, link.cycle_began(), link.commands_arrive())
+        });
         let accepted = (cx.shared.driving, cx.shared.output).lock(|driving, output| {
-            let accepted =
-                frame.is_some_and(|frame| driving.supervised.receive(frame.data(), now).is_ok());
+            let accepted = frame
+                .is_some_and(|frame| driving.supervised.receive(frame.data(), time, now).is_ok());
             driving.supervised.supervise(alive, now);
             output.repeat(driving.byte(now));
             accepted
