@@ -1,0 +1,172 @@
+//! From the receiver's line to the bus: libsbp's packets go into the emulated USART of the
+//! real gps image and come out in its windows as the `sbp` crate decodes them.
+
+use can_bus::{Frame, Record, RecordKind, SimDuration, Tester};
+use embedded_can::Id;
+use furrow_tests::images;
+use network::Message;
+use network::messages::{Latitude, Longitude, Position, Velocity};
+use sbp::Sbp;
+use serde::Deserialize;
+use std::sync::Arc;
+use twin::image::Image;
+use twin::mcu::Board;
+use twin::network::Network;
+use twin::part::Part;
+
+const MS: u64 = 1_000_000_000;
+
+#[derive(Deserialize)]
+struct Packet {
+    hex: String,
+}
+
+fn packets() -> Vec<Vec<u8>> {
+    let text = include_str!("../../firmware/tests/data/sbp_packets.json");
+    let packets: Vec<Packet> = serde_json::from_str(text).expect("the data file parses");
+    let byte = |pair: &str| u8::from_str_radix(pair, 16).expect("hexadecimal digits");
+    packets
+        .iter()
+        .map(|packet| {
+            (0..packet.hex.len())
+                .step_by(2)
+                .map(|at| byte(&packet.hex[at..at + 2]))
+                .collect()
+        })
+        .collect()
+}
+
+/// The gps node, and a tester that acknowledges its frames.
+struct Bench {
+    network: Network,
+    records: Vec<Record>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let image = Image::from_elf(Part::F446, &images().gps).expect("a program for the F446");
+        let mut network = Network::new();
+        network.add(Arc::new(image), &Board::default());
+        network.bus().add_tester(Tester::new());
+        let mut bench = Self {
+            network,
+            records: Vec::new(),
+        };
+        bench.run(1000);
+        bench
+    }
+
+    fn run(&mut self, milliseconds: u64) {
+        let end = self.network.now() + SimDuration::from_ticks(milliseconds * MS);
+        self.network.run_until(end);
+        let records = self.network.bus().drain_records();
+        self.records.extend(records);
+    }
+
+    /// Puts a packet on the receiver's line and lets two basic cycles go by.
+    fn feed(&mut self, packet: &[u8]) {
+        self.records.clear();
+        let start = self.network.now() + SimDuration::from_ticks(MS);
+        self.network
+            .node_mut(0)
+            .feed_uart(1, packet, start, 1_000_000);
+        self.run(250);
+    }
+
+    /// The last frame of a message since the last packet.
+    fn last<M: Message>(&self) -> Option<Frame> {
+        self.records
+            .iter()
+            .rev()
+            .find_map(|record| match record.kind {
+                RecordKind::FrameEnd { frame, .. } if is(frame.id(), M::ID) => Some(frame),
+                _ => None,
+            })
+    }
+}
+
+fn is(id: Id, number: u16) -> bool {
+    matches!(id, Id::Standard(id) if id.as_raw() == number)
+}
+
+fn decode<M: Message>(frame: Option<Frame>) -> Option<M> {
+    frame.map(|frame| M::decode(frame.data()).expect("the node's own frame decodes"))
+}
+
+#[test]
+fn packets_come_out_on_the_bus_as_the_sbp_crate_decodes_them() {
+    let mut bench = Bench::new();
+    let (mut velocities, mut positions, mut angles) = (0, 0, 0);
+    for packet in packets() {
+        let message = sbp::iter_messages(&packet[..])
+            .next()
+            .expect("one message")
+            .expect("that decodes");
+        bench.feed(&packet);
+        let velocity = |bench: &Bench, north: i32, east: i32| {
+            let seen: Velocity = decode(bench.last::<Velocity>()).expect("a frame 201");
+            assert_eq!((seen.north.0, seen.east.0), (north, east));
+        };
+        let position = |bench: &Bench, fixed: bool, north: i32, east: i32| {
+            let seen: Option<Position> = decode(bench.last::<Position>());
+            assert_eq!(
+                seen.map(|seen| (seen.north.0, seen.east.0)),
+                fixed.then_some((north, east))
+            );
+        };
+        let geodetic = |bench: &Bench, lat: f64, lon: f64| {
+            let degrees = |angle: i64| angle as f64 * 1e-10;
+            let seen: Latitude = decode(bench.last::<Latitude>()).expect("a frame 401");
+            assert!((degrees(seen.angle()) - lat).abs() < 1e-10);
+            let seen: Longitude = decode(bench.last::<Longitude>()).expect("a frame 402");
+            assert!((degrees(seen.angle()) - lon).abs() < 1e-10);
+        };
+        match message {
+            Sbp::MsgVelNed(m) if m.flags & 7 != 0 => {
+                velocity(&bench, m.n, m.e);
+                velocities += 1;
+            }
+            Sbp::MsgVelNedDepA(m) => {
+                velocity(&bench, m.n, m.e);
+                velocities += 1;
+            }
+            Sbp::MsgBaselineNed(m) => {
+                position(&bench, m.flags & 7 == 4, m.n, m.e);
+                positions += 1;
+            }
+            Sbp::MsgBaselineNedDepA(m) => {
+                position(&bench, m.flags & 7 == 1, m.n, m.e);
+                positions += 1;
+            }
+            Sbp::MsgPosLlh(m) if m.flags & 7 != 0 => {
+                geodetic(&bench, m.lat, m.lon);
+                angles += 1;
+            }
+            Sbp::MsgPosLlhDepA(m) => {
+                geodetic(&bench, m.lat, m.lon);
+                angles += 1;
+            }
+            _ => {}
+        }
+    }
+    // The five velocities of type 0x020E are marked invalid and stay off the bus.
+    assert_eq!((velocities, positions, angles), (11, 16, 16));
+    assert_eq!(bench.network.node(0).resets().len(), 1);
+}
+
+#[test]
+fn a_damaged_packet_changes_nothing_and_the_next_one_counts() {
+    let mut bench = Bench::new();
+    let packet = packets()
+        .into_iter()
+        .find(|packet| packet[1..3] == [0x05, 0x02])
+        .expect("a velocity");
+    let mut damaged = packet.clone();
+    damaged[10] ^= 0x40;
+    bench.feed(&damaged);
+    assert_eq!(bench.last::<Velocity>(), None);
+    bench.feed(&packet[..packet.len() - 3]);
+    assert_eq!(bench.last::<Velocity>(), None);
+    bench.feed(&packet);
+    assert!(bench.last::<Velocity>().is_some());
+}
