@@ -1,12 +1,11 @@
-//! Two nodes on an in-memory bus: one keeps the time, the other sends its speed
-//! every 10 ms.
-
+//! Two nodes on an in-memory bus: a time master, and one that sends its speed.
 use ttcan::simulation::{Bus, Crystal, Quiet};
 use ttcan::{Id, MatrixConfig, Micros, Node, NodeConfig, NodeId, ReferenceFormat};
 use ttcan::{SystemMatrix, Window};
 
 const MASTER: NodeId = NodeId(0);
 const MOTOR: NodeId = NodeId(1);
+const MS: Micros = Micros::millis(1);
 const SPEED: Id = Id::constant::<0x200>();
 
 const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
@@ -18,35 +17,23 @@ const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
     masters: &[MASTER],
     transmit_enable_bits: 16,
     sync_uncertainty: Micros::micros(20),
-    windows: &[Window::exclusive(
-        "speed",
-        Micros::millis(1),
-        Micros::millis(1),
-        SPEED,
-        2,
-        MOTOR,
-    )],
+    windows: &[Window::exclusive("speed", MS, MS, SPEED, 2, MOTOR)],
     events: &[],
 });
-
 ttcan::schedule!(static SCHEDULE = MATRIX);
 type Stack = Node<'static, { MATRIX.window_count() }, { MATRIX.node_count() }, 4>;
 
 fn main() -> Result<(), ttcan::ConfigError> {
     let mut bus = Bus::new(250_000, Quiet, 1);
-    for (index, id) in [MASTER, MOTOR].into_iter().enumerate() {
+    for id in [MASTER, MOTOR] {
         let node = Stack::new(SCHEDULE.view(), NodeConfig::new(id, 18))?;
-        bus.add(node, Crystal::perfect(18));
+        let index = bus.add(node, Crystal::perfect(18));
         bus.start(index);
     }
     bus.run_millis(100);
     for sent in &bus.traffic {
-        println!(
-            "{:8} us  {}#{:02X?}",
-            sent.start.ticks() / 1000,
-            sent.frame.id(),
-            sent.frame.data()
-        );
+        let (id, data) = (sent.frame.id(), sent.frame.data());
+        println!("{:8} us  {id}#{data:02X?}", sent.start.ticks() / 1000);
     }
     Ok(())
 }

@@ -10,6 +10,13 @@
 //! * [`Schedule`]: the matrix compiled to a table, by [`schedule!`].
 //! * [`Node`]: one node that keeps the schedule.
 //! * [`frame_bits`], [`worst_case_bits`], [`BitTiming`]: the bus underneath.
+//!
+//! With the feature `std`, for hosts only: `simulation`, an in-memory bus, and
+//! `synthesis`, from messages to a matrix.
+//!
+//! ```
+#![doc = include_str!("../examples/two_nodes.rs")]
+//! ```
 
 #![no_std]
 #![forbid(unsafe_code)]

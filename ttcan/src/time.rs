@@ -71,9 +71,9 @@ impl GlobalTime {
         // Long division by hand: a 64-bit one is a library call on the targets.
         let micros = self.as_micros();
         let (high, low) = ((micros >> 32) as u32, micros as u32);
-        let upper = (high % 1000) << 16 | low >> 16;
-        let lower = (upper % 1000) << 16 | low & 0xFFFF;
-        (upper / 1000) << 16 | lower / 1000
+        let upper = ((high % 1000) << 16) | (low >> 16);
+        let lower = ((upper % 1000) << 16) | (low & 0xFFFF);
+        ((upper / 1000) << 16) | (lower / 1000)
     }
 
     /// This time plus `raw` 2^-16 us.

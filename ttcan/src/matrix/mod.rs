@@ -250,11 +250,45 @@ impl<'a> SystemMatrix<'a> {
         }
     }
 
-    /// [`SystemMatrix::new`] for constants.
+    /// [`SystemMatrix::new`] for constants: a matrix that is refused fails the
+    /// build.
+    ///
+    /// ```compile_fail,E0080
+    /// # use ttcan::{Id, MatrixConfig, Micros, NodeId, ReferenceFormat, SystemMatrix, Window};
+    /// const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
+    /// #   bit_rate: 250_000,
+    /// #   basic_cycle: Micros::millis(100),
+    /// #   cycles: 1,
+    /// #   reference: Id::constant::<100>(),
+    /// #   reference_format: ReferenceFormat::LEVEL_1,
+    /// #   masters: &[NodeId(0)],
+    /// #   transmit_enable_bits: 16,
+    /// #   sync_uncertainty: Micros::micros(20),
+    ///     // 8 bytes take up to 540 us; with all margins it takes 624 us.
+    ///     windows: &[Window::exclusive(
+    ///         "speed",
+    ///         Micros::micros(1000),
+    ///         Micros::micros(600),
+    ///         Id::constant::<200>(),
+    ///         8,
+    ///         NodeId(1),
+    ///     )],
+    ///     // ..
+    /// #   events: &[],
+    /// });
+    /// # println!("{}", MATRIX.node_count());
+    /// ```
+    ///
+    /// The compiler then says
+    ///
+    /// ```text
+    /// window `speed`: is 600 us long, but its longest frame with the transmit
+    /// enable window and the synchronisation uncertainty needs 624 us
+    /// ```
     ///
     /// # Panics
-    /// With the message of the [`MatrixError`] if there is one: in a `const`
-    /// this fails the build. Use [`SystemMatrix::new`] at run time.
+    /// With the message of the [`MatrixError`] if there is one. Use
+    /// [`SystemMatrix::new`] at run time.
     pub const fn constant(config: MatrixConfig<'a>) -> Self {
         match Self::new(config) {
             Ok(matrix) => matrix,

@@ -301,6 +301,12 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         }
     }
 
+    /// The controller reports that it lost a frame because its receive buffer
+    /// was full. What was lost shows as a missed message; this counts why.
+    pub fn handle_overrun(&mut self) {
+        self.counters.overruns = self.counters.overruns.wrapping_add(1);
+    }
+
     /// Makes the next reference announce a gap: when its basic cycle is over,
     /// the schedule rests until [`Node::end_gap`].
     ///

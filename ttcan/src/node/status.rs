@@ -218,6 +218,8 @@ pub struct Counters {
     pub not_in_schedule: u32,
     /// Stamps that preceded the one before.
     pub stamps_backwards: u32,
+    /// Frames that the controller lost because its receive buffer was full.
+    pub overruns: u32,
     /// Scheduled messages sent.
     pub sent: u32,
     /// Own windows that the application left empty.

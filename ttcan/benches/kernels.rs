@@ -1,0 +1,219 @@
+//! What a node does for one frame, as calls that a benchmark on the target can
+//! time: the same network with 8 and with 512 windows, whose costs must not
+//! differ. No standard library, no harness: include this file as a module.
+//!
+//! A kernel is set up right before the event that is timed; the event is one
+//! call of [`Kernel::run`].
+
+use ttcan::{
+    Action, Frame, Id, MatrixConfig, Micros, Node, NodeConfig, NodeId, ReferenceFormat, Schedule,
+    ScheduleView, Stamp, SystemMatrix, TransmitOutcome, Window, frame_bits,
+};
+
+const MASTER: NodeId = NodeId(0);
+const OTHER: NodeId = NodeId(1);
+const TICKS_PER_US: u32 = 18;
+const BIT: u32 = 4 * TICKS_PER_US;
+const CYCLE: u32 = 10_000;
+const CYCLES: u8 = 64;
+const IN_CYCLE: usize = 8;
+
+/// The `index`-th of eight windows in a cycle, alternating between the nodes.
+const fn window(index: usize, cycle: u8, repeat: u8) -> Window<'static> {
+    let id = match Id::standard(16 + index as u16 + cycle as u16 * 8) {
+        Some(id) => id,
+        None => panic!("there are less than 600"),
+    };
+    let start = Micros::micros(1000 + 1000 * index as u32);
+    let sender = if index.is_multiple_of(2) {
+        OTHER
+    } else {
+        MASTER
+    };
+    Window::exclusive("window", start, Micros::micros(1000), id, 8, sender).every(repeat, cycle)
+}
+
+static FEW: [Window<'static>; IN_CYCLE] = {
+    let mut windows = [window(0, 0, 1); IN_CYCLE];
+    let mut index = 0;
+    while index < IN_CYCLE {
+        windows[index] = window(index, 0, 1);
+        index += 1;
+    }
+    windows
+};
+
+static MANY: [Window<'static>; IN_CYCLE * CYCLES as usize] = {
+    let mut windows = [window(0, 0, 1); IN_CYCLE * CYCLES as usize];
+    let mut at = 0;
+    while at < windows.len() {
+        // Sorted by start.
+        let (index, cycle) = (at / CYCLES as usize, at % CYCLES as usize);
+        windows[at] = window(index, cycle as u8, CYCLES);
+        at += 1;
+    }
+    windows
+};
+
+const fn matrix(windows: &'static [Window<'static>]) -> SystemMatrix<'static> {
+    SystemMatrix::constant(MatrixConfig {
+        bit_rate: 250_000,
+        basic_cycle: Micros::micros(CYCLE),
+        cycles: CYCLES,
+        reference: Id::constant::<0>(),
+        reference_format: ReferenceFormat::LEVEL_2,
+        masters: &[MASTER],
+        transmit_enable_bits: 16,
+        sync_uncertainty: Micros::micros(20),
+        windows,
+        events: &[],
+    })
+}
+
+const FEW_MATRIX: SystemMatrix = matrix(&FEW);
+const MANY_MATRIX: SystemMatrix = matrix(&MANY);
+
+static FEW_SCHEDULE: Schedule<
+    { FEW_MATRIX.entry_count() },
+    { FEW_MATRIX.id_count() },
+    { FEW_MATRIX.node_count() },
+> = Schedule::constant(&FEW_MATRIX);
+
+static MANY_SCHEDULE: Schedule<
+    { MANY_MATRIX.entry_count() },
+    { MANY_MATRIX.id_count() },
+    { MANY_MATRIX.node_count() },
+> = Schedule::constant(&MANY_MATRIX);
+
+/// A listening node of the network of 8 windows.
+pub type Few = Node<'static, 8, 2, 4>;
+/// A listening node of the network of 512 windows.
+pub type Many = Node<'static, 512, 2, 4>;
+
+/// The event that is timed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A message of another node, received in its window.
+    ReceiveMessage,
+    /// The reference message received, with the correction of global time.
+    ReceiveReference,
+    /// The timer at the beginning of an own window.
+    TransmitWindow,
+}
+
+/// A node on the brink of an event.
+pub struct Kernel<N> {
+    node: N,
+    event: Event,
+    frame: Frame,
+    stamp: Stamp,
+}
+
+/// With 8 windows.
+pub fn few(event: Event) -> Option<Kernel<Few>> {
+    prepare(FEW_SCHEDULE.view(), event)
+}
+
+/// With 512 windows.
+pub fn many(event: Event) -> Option<Kernel<Many>> {
+    prepare(MANY_SCHEDULE.view(), event)
+}
+
+fn reference(cycle: u8, previous: u32) -> Frame {
+    let coarse = u32::from(cycle) * (CYCLE / 1000);
+    let [a, b, c, d] = coarse.to_be_bytes();
+    let [high, low] = ((previous * 32) as u16).to_be_bytes();
+    Frame::from_parts(Id::constant::<0>(), 7, [a, b, c, d, cycle, high, low, 0])
+}
+
+/// `None` when the node would not have it: the benchmark is wrong then.
+fn prepare<const W: usize>(
+    schedule: ScheduleView<'static>,
+    event: Event,
+) -> Option<Kernel<Node<'static, W, 2, 4>>> {
+    let mut node: Node<'static, W, 2, 4> =
+        Node::new(schedule, NodeConfig::new(OTHER, TICKS_PER_US)).ok()?;
+    node.start(Stamp(0));
+    let mut mark = Stamp(0);
+    let mut frame = reference(0, 0);
+    for cycle in 0..6 {
+        mark = Stamp((u32::from(cycle) + 1) * CYCLE * TICKS_PER_US);
+        frame = reference(cycle, u32::from(cycle) * CYCLE);
+        let end = mark.after(frame_bits(&frame) * BIT);
+        if cycle == 5 && event == Event::ReceiveReference {
+            return Some(Kernel {
+                node,
+                event,
+                frame,
+                stamp: end,
+            });
+        }
+        let _ = node.handle_receive(&frame, end);
+        if cycle < 5 {
+            drain(&mut node, mark.after((CYCLE - 100) * TICKS_PER_US));
+        }
+    }
+    let at = |micros: u32| mark.after(micros * TICKS_PER_US);
+    match event {
+        Event::TransmitWindow => {
+            drain(&mut node, at(900));
+            Some(Kernel {
+                node,
+                event,
+                frame,
+                stamp: at(1000),
+            })
+        }
+        _ => {
+            // The second window is the master's.
+            drain(&mut node, at(2010));
+            let in_cycle_5 = if W == 8 { 0 } else { 5 * 8 };
+            let id = Id::standard(17 + in_cycle_5)?;
+            frame = Frame::from_parts(id, 8, [0x55; 8]);
+            let stamp = at(2005).after(frame_bits(&frame) * BIT);
+            Some(Kernel {
+                node,
+                event,
+                frame,
+                stamp,
+            })
+        }
+    }
+}
+
+/// Lets the node do all that is due, as if each transmission succeeded.
+fn drain<const W: usize>(node: &mut Node<'static, W, 2, 4>, until: Stamp) {
+    while let Some(deadline) = node.next_deadline() {
+        if !until.reached(deadline) {
+            break;
+        }
+        while let Some(action) = node.poll(deadline) {
+            if matches!(action, Action::Transmit(_)) {
+                node.handle_transmit(TransmitOutcome::Sent, deadline.after(100 * BIT));
+            }
+        }
+    }
+}
+
+impl<const W: usize> Kernel<Node<'static, W, 2, 4>> {
+    /// The event, up to the point where the owner can sleep again; whether it
+    /// went as it should.
+    #[inline(never)]
+    pub fn run(&mut self) -> bool {
+        let good = match self.event {
+            Event::ReceiveMessage => matches!(
+                self.node.handle_receive(&self.frame, self.stamp),
+                ttcan::Reception::Scheduled { .. }
+            ),
+            Event::ReceiveReference => matches!(
+                self.node.handle_receive(&self.frame, self.stamp),
+                ttcan::Reception::Reference { .. }
+            ),
+            Event::TransmitWindow => {
+                return matches!(self.node.poll(self.stamp), Some(Action::Transmit(_)))
+                    && self.node.next_deadline().is_some();
+            }
+        };
+        good && self.node.poll(self.stamp).is_none() && self.node.next_deadline().is_some()
+    }
+}

@@ -1,0 +1,18 @@
+//! The benchmark's kernels do what they say.
+
+#[path = "../benches/kernels.rs"]
+mod kernels;
+
+use kernels::{Event, few, many};
+
+#[test]
+fn every_event_comes_about() {
+    for event in [
+        Event::ReceiveMessage,
+        Event::ReceiveReference,
+        Event::TransmitWindow,
+    ] {
+        assert!(few(event).unwrap().run(), "8 windows, {event:?}");
+        assert!(many(event).unwrap().run(), "512 windows, {event:?}");
+    }
+}
