@@ -137,12 +137,15 @@ pub const STAMP_TICKS_F446: u32 = 4;
 /// The same at 72 MHz (F303): some 45 cycles or 0.6 us.
 pub const STAMP_TICKS_F303: u32 = 11;
 
-/// Ticks from the window timer's compare to the transmit request: half of what the window
-/// task needs, so that the start of frame, which waits for the next bit, is never early by
-/// more than it is late.
-pub const TRANSMIT_LEAD_F446: u32 = 18;
-/// The same for the F303.
-pub const TRANSMIT_LEAD_F303: u32 = 54;
+/// How long before its time mark a transmission is begun, ticks: what the window task needs
+/// from the compare to the transmit request, some 3 us on the F446, and 2 us, half a bit.
+///
+/// All bits on the bus follow the edges of the reference, and a window's mark is a whole
+/// number of bits behind its start of frame. A request within the last bit before the mark
+/// starts the frame on the mark; one just after it a whole bit late.
+pub const TRANSMIT_LEAD_F446: u32 = 90;
+/// The same for the F303, which needs some 10 us.
+pub const TRANSMIT_LEAD_F303: u32 = 216;
 
 /// Rate error between two crystals that the schedule follows, ppm: two of 50 ppm, doubled.
 pub const DRIFT_LIMIT_PPM: u16 = 200;
