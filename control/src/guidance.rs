@@ -201,6 +201,17 @@ pub struct Guidance<T> {
     saturated: bool,
 }
 
+/// `value` brought into [0, 1].
+fn clamp_share<T: Scalar>(value: T) -> T {
+    if value < T::zero() {
+        T::zero()
+    } else if value < T::one() {
+        value
+    } else {
+        T::one()
+    }
+}
+
 /// Heading deviation beyond which the direction of turn, once chosen, is kept,
 /// rad (150 degrees): with the vehicle facing away both ways round are equally
 /// long, and noise must not choose anew in every step.
@@ -254,7 +265,12 @@ impl<T: Scalar> Guidance<T> {
         dt: T,
     ) -> Wish<T> {
         let settings = self.settings;
-        let [k_integral, k_cross, k_heading, k_steering] = self.blend(at, firm, gentle);
+        let share = self.firm_share(at);
+        let mut gains = *gentle;
+        for (gain, &firm) in gains.iter_mut().zip(firm) {
+            *gain += (firm - *gain) * share;
+        }
+        let [k_integral, k_cross, k_heading, k_steering] = gains;
         self.integrate(at.cross_track, k_integral, k_cross, dt);
         let cross = at.cross_track + k_integral * self.integral / k_cross;
         let feed = self.angle_for(at.curvature_ahead);
@@ -288,7 +304,10 @@ impl<T: Scalar> Guidance<T> {
                 settings.brake.approaching,
             )
         } else {
-            (feed, at.heading + slope * cross, settings.brake.regulating)
+            let early = self.anticipation(at) * share;
+            let heading = at.heading + turn * early;
+            let cross = cross + (cross_soon - cross) * early;
+            (feed, heading + slope * cross, settings.brake.regulating)
         };
         let error = self.turn_towards(error);
         let wanted = error * k_heading / k_steering;
@@ -307,24 +326,28 @@ impl<T: Scalar> Guidance<T> {
         }
     }
 
-    /// The gentle gains near the path, the firm ones away from it, a mixture
-    /// between.
-    fn blend(&self, at: &Deviation<T>, firm: &Gains<T>, gentle: &Gains<T>) -> Gains<T> {
+    /// How much of the firm regulator is at work: none near the path, all away
+    /// from it, a share between.
+    fn firm_share(&self, at: &Deviation<T>) -> T {
         let off = at.cross_track.abs() / self.settings.near;
         let askew = at.heading.abs() / self.settings.aligned;
-        let far = if off > askew { off } else { askew } - T::one();
-        let share = if far < T::zero() {
-            T::zero()
-        } else if far < T::one() {
-            far
-        } else {
-            T::one()
-        };
-        let mut gains = *gentle;
-        for (gain, &firm) in gains.iter_mut().zip(firm) {
-            *gain += (firm - *gain) * share;
-        }
-        gains
+        clamp_share(if off > askew { off } else { askew } - T::one())
+    }
+
+    /// Share of the lead by which the regulator looks ahead. A steering that
+    /// is quick for the speed needs none; one that needs a good part of the
+    /// turning radius to reach its angle would follow too late and swing the
+    /// vehicle from side to side at full lock.
+    fn anticipation(&self, at: &Deviation<T>) -> T {
+        let way = self.steering_way(at.speed, at.effectiveness);
+        let slowness = way * self.swing_curvature();
+        T::lit(0.7) * clamp_share((slowness - T::lit(0.33)) / T::lit(0.2))
+    }
+
+    /// Curvature of a swing's arc, 1/m.
+    fn swing_curvature(&self) -> T {
+        let settings = &self.settings;
+        (settings.swing * settings.limits.steering_angle).tangent() / settings.wheelbase
     }
 
     /// Adds to the integral while the vehicle is near the path and nothing
@@ -380,13 +403,11 @@ impl<T: Scalar> Guidance<T> {
     /// The heading towards the path from which an arc still ends on it, at
     /// `distance` (m) from it.
     fn swing(&self, distance: T, at: &Deviation<T>) -> Swing<T> {
-        let settings = &self.settings;
         let square = Swing {
             heading: T::frac_pi_2(),
             bend: T::zero(),
         };
-        let angle = settings.swing * settings.limits.steering_angle;
-        let curvature = angle.tangent() / settings.wheelbase;
+        let curvature = self.swing_curvature();
         // Straightening out takes a way, over which the arc becomes a spiral
         // that lands beside the arc's own end by this much (the shift of a
         // clothoid, way^2 / (24 R)).
