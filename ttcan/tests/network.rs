@@ -626,3 +626,37 @@ fn bus_off_silences_until_the_application_starts_again() {
     bus.run_until(at(2000));
     assert!(bus.node(3).is_alive());
 }
+
+#[test]
+fn a_master_trims_its_cycle_and_the_others_follow() {
+    let mut bus = vehicle(Quiet, 7);
+    power_on(&mut bus);
+    bus.run_until(at(2000));
+    let begun = bus.traffic.len();
+    for cycle in 1..=50 {
+        bus.with(0, |node, _| node.trim_cycle(100))
+            .expect("node 0 is the master");
+        bus.run_until(at(2000 + 100 * cycle));
+    }
+    assert!(bus.with(1, |node, _| node.trim_cycle(1)).is_err());
+    assert_in_place(&bus.traffic);
+    let starts: Vec<u64> = bus
+        .traffic
+        .iter()
+        .skip(begun)
+        .filter(|sent| is_reference(sent))
+        .map(|sent| sent.start.ticks())
+        .collect();
+    // From the second on every cycle is 8 us longer than 100 ms, give or take a
+    // bit and the crystals.
+    for pair in starts.windows(2).skip(2) {
+        let micros = (pair[1] - pair[0]) as f64 / 1000.0;
+        assert!((100_003.0..=100_018.0).contains(&micros), "{micros}");
+    }
+    for node in ALL {
+        let status = bus.node(node).status();
+        assert_eq!(status.sync, SyncState::InSchedule);
+        assert_eq!(status.master_rank, Some(0));
+        assert_eq!(bus.node(node).counters().missed_references, 0);
+    }
+}

@@ -72,6 +72,7 @@ pub struct Node<'s, const W: usize, const P: usize, const Q: usize> {
     /// Length of a bit in 1/256 tick.
     bit: u32,
     reference_offset: i8,
+    trim: i8,
     application: [u8; 8],
 
     sync: SyncState,
@@ -184,6 +185,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
             rank: schedule.rank_of(config.node),
             bit: bit as u32,
             reference_offset: 0,
+            trim: 0,
             application: [0; 8],
             sync: SyncState::Off,
             master: MasterState::Off,
@@ -337,6 +339,28 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         }
         Ok(())
     }
+
+    /// Makes one basic cycle longer, or shorter, by `micros`: the one after that
+    /// under way. So the current time master follows an event that recurs at
+    /// the rate of its basic cycles, such as the measurements of a receiver;
+    /// global time runs on as before.
+    ///
+    /// At most [`Node::LARGEST_TRIM`] either way, more is cut: backups must not
+    /// take over, and no node's windows may overlap.
+    ///
+    /// # Errors
+    /// Another node is the time master.
+    pub fn trim_cycle(&mut self, micros: i8) -> Result<(), NotInCharge> {
+        if self.master != MasterState::Current {
+            return Err(NotInCharge);
+        }
+        self.trim = micros.clamp(-Self::LARGEST_TRIM, Self::LARGEST_TRIM);
+        Ok(())
+    }
+
+    /// Largest change of a basic cycle by [`Node::trim_cycle`], in microseconds:
+    /// half of the default reference trigger offset between two ranks.
+    pub const LARGEST_TRIM: i8 = 8;
 
     /// Sets the global time of the instant `stamp`. The next reference tells
     /// all nodes that it leapt.

@@ -231,8 +231,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         };
         if rank == leader {
             self.master = MasterState::Current;
-            self.reference_offset = 0;
+            self.reference_offset = core::mem::take(&mut self.trim);
         } else {
+            self.trim = 0;
             self.master = MasterState::Backup;
             self.reference_offset = if leader < rank {
                 self.initial_offset()
