@@ -123,6 +123,8 @@ pub struct Node<'s, const W: usize, const P: usize, const Q: usize> {
 
     pending: Pending,
     queue: Queue<Q>,
+    /// An event message was withdrawn: none is sent before the next entry.
+    events_held: bool,
     clock: Clock,
     leap: bool,
     last_receive: Stamp,
@@ -219,6 +221,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
             watchdog_due: None,
             pending: Pending::None,
             queue: Queue::new(),
+            events_held: false,
             clock: Clock::new(config.ticks_per_us, config.drift_limit_ppm),
             leap: false,
             last_receive: Stamp(0),

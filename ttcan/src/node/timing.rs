@@ -106,6 +106,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
         self.inside = true;
         self.seen = false;
+        self.events_held = false;
         let start = self.entry_due.replace(self.instant(entry.end));
         match entry.role {
             Role::Exclusive {
@@ -304,6 +305,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let expired = self.queue.expire(now);
         self.counters.events_expired = self.counters.events_expired.wrapping_add(expired);
         if !self.inside
+            || self.events_held
             || self.pending != Pending::None
             || self.sync != SyncState::InSchedule
             || self.error_level >= ErrorLevel::Error

@@ -45,7 +45,11 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 TransmitOutcome::Error | TransmitOutcome::Aborted | TransmitOutcome::Empty => {
                     self.counters.repeated_references =
                         self.counters.repeated_references.wrapping_add(1);
-                    self.reference_due = Some(stamp);
+                    // At once, unless the controller did not even take it.
+                    self.reference_due = Some(match outcome {
+                        TransmitOutcome::Error => stamp,
+                        _ => stamp.after(self.clock.ticks(self.schedule.network.transmit_enable)),
+                    });
                     // An error this early destroyed a frame that began on time:
                     // no other reference was on the bus.
                     let id = self.schedule.network.reference;
@@ -80,9 +84,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 }
                 // A late message that its owner does not want to send any more.
                 TransmitOutcome::Empty => self.queue.remove(id),
-                TransmitOutcome::ArbitrationLost
-                | TransmitOutcome::Error
-                | TransmitOutcome::Aborted => {}
+                TransmitOutcome::ArbitrationLost | TransmitOutcome::Error => {}
+                TransmitOutcome::Aborted => self.events_held = true,
             },
         }
     }
