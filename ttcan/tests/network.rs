@@ -709,3 +709,24 @@ fn a_mailbox_that_is_taken_does_not_keep_the_node_busy() {
     });
     assert_eq!(tries, 1);
 }
+
+#[test]
+fn global_time_outlives_the_wrap_of_its_coarse_part() {
+    let mut bus = vehicle(Quiet, 24);
+    power_on(&mut bus);
+    bus.run_until(at(1000));
+    // The coarse time wraps 2^32 ms after the epoch.
+    let wrap = GlobalTime::from_micros((1 << 32) * 1000);
+    bus.with(0, |node, now| {
+        node.set_global_time(now, wrap.offset(-(1_500_000 << 16)))
+    })
+    .unwrap();
+    bus.run_until(at(4000));
+    for node in ALL {
+        let time = bus.node(node).global_time(bus.stamp(node)).unwrap();
+        assert!(time > wrap);
+        assert!(bus.node(node).counters().time_steps <= 2);
+        assert_eq!(bus.node(node).counters().drift_refused, 0);
+    }
+    assert!(disagreement(&bus) < 2.0);
+}

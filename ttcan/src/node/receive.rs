@@ -2,9 +2,9 @@
 
 use super::{Fault, MasterState, Node, Pending, Reception, SyncState};
 use crate::clock::Correction;
-use crate::reference::{Fields, nearest};
+use crate::reference::{Fields, from_coarse, nearest};
 use crate::schedule::{Entry, Role};
-use crate::{Frame, GlobalTime, Stamp, length};
+use crate::{ClockState, Frame, GlobalTime, Stamp, length};
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// A data frame of another node was received; `stamp` was taken at its end.
@@ -148,8 +148,12 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let between = self.clock.duration(start.ticks_since(previous));
         // The coarse time is rounded down and the reference may have waited for
         // the bus: between them the start lies up to 1 ms and a frame later.
-        let planned = (u64::from(coarse) * 1000 + 250) << GlobalTime::FRACTION_BITS;
-        let time = nearest(GlobalTime::from_raw(planned).offset(-between), mark);
+        let known = match self.clock.state() {
+            ClockState::Own => None,
+            _ => self.clock.at(start),
+        };
+        let planned = from_coarse(coarse, known).offset(250 << GlobalTime::FRACTION_BITS);
+        let time = nearest(planned.offset(-between), mark);
         let step = self.clock.correct(previous, time, fields.discontinuity);
         match step {
             Correction::Applied => {}
