@@ -1,15 +1,16 @@
-//! Runs one image alone and tells what it did:
-//! `cargo run --profile host -p twin --example one_node -- f446 path/to/gps 2`
+//! Runs one image alone and tells what it did; with `internal` nothing feeds its OSC_IN,
+//! with `wait` its flash takes its time:
+//! `cargo run --profile host -p twin --example one_node -- f446 path/to/gps 2 [internal] [wait]`
 
-use can_bus::{SimDuration, SimTime};
+use can_bus::SimTime;
 use std::sync::Arc;
 use twin::image::Image;
-use twin::mcu::{Board, Mcu};
+use twin::mcu::{Board, FlashTiming, Mcu};
 use twin::part::Part;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [part, path, seconds] = &arguments[..] else {
+    let [part, path, seconds, others @ ..] = &arguments[..] else {
         eprintln!("wanted: f446|f303, the ELF file, seconds to run");
         std::process::exit(2);
     };
@@ -21,7 +22,17 @@ fn main() {
     let elf = std::fs::read(path).expect("the ELF file is readable");
     let image = Arc::new(Image::from_elf(part, &elf).expect("a program for this part"));
     let bus = Arc::new(std::sync::Mutex::new(can_bus::Bus::new()));
-    let mut mcu = Mcu::new(image, &Board::default(), Some(&bus));
+    let wanted = |word: &str| others.iter().any(|other| other == word);
+    let board = Board {
+        external_clock: (!wanted("internal")).then_some(8_000_000),
+        flash: if wanted("wait") {
+            FlashTiming::WaitStates
+        } else {
+            FlashTiming::Immediate
+        },
+        ..Board::default()
+    };
+    let mut mcu = Mcu::new(image, &board, Some(&bus));
     let begin = std::time::Instant::now();
     let milliseconds = (seconds.parse::<f64>().expect("a number") * 1000.0) as u64;
     for ms in 0..milliseconds {
@@ -33,7 +44,6 @@ fn main() {
         mcu.bus_moved();
     }
     let wall = begin.elapsed();
-    let _ = SimDuration::from_ticks(0);
     println!(
         "{} s in {:.3} s wall; core at {} Hz, pc {:#x} in {:?}, exception {}, asleep {}, locked up {}",
         milliseconds as f64 / 1000.0,

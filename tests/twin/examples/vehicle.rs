@@ -1,8 +1,9 @@
 //! Runs a scenario with the images of a folder and prints what happened, frame by frame
 //! if wanted: `cargo run --profile host -p twin --example vehicle -- FOLDER SCENARIO
-//! SECONDS [frames]`
+//! SECONDS [frames] [wait]`; with `wait` the flash takes its time
 
 use can_bus::{RecordKind, SimDuration};
+use twin::mcu::FlashTiming;
 use twin::{Images, Options};
 use world::{Node, Scenario};
 
@@ -35,6 +36,11 @@ fn main() {
     let seconds: f64 = seconds.parse().unwrap_or(1.0);
     let options = Options {
         duration: Some(SimDuration::from_ticks((seconds * 1e12) as u64)),
+        flash: if arguments.iter().any(|word| word == "wait") {
+            FlashTiming::WaitStates
+        } else {
+            FlashTiming::Immediate
+        },
         ..Options::default()
     };
     let begin = std::time::Instant::now();
@@ -50,12 +56,16 @@ fn main() {
         let ms = record.at.as_ticks() as f64 / 1e9;
         let node = outcome.node_at(record.node).map_or("foreign", Node::name);
         match &record.kind {
-            RecordKind::FrameEnd { frame, start, .. } if arguments.len() > 3 => println!(
-                "{ms:12.4} ms {node:10} {:?} {:02x?} started {:.4}",
-                frame.id(),
-                frame.data(),
-                start.as_ticks() as f64 / 1e9
-            ),
+            RecordKind::FrameEnd { frame, start, .. }
+                if arguments.iter().any(|word| word == "frames") =>
+            {
+                println!(
+                    "{ms:12.4} ms {node:10} {:?} {:02x?} started {:.4}",
+                    frame.id(),
+                    frame.data(),
+                    start.as_ticks() as f64 / 1e9
+                )
+            }
             RecordKind::FrameEnd { .. } | RecordKind::FrameStart { .. } => {}
             other => println!("{ms:12.4} ms {node:10} {other:?}"),
         }

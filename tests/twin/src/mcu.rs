@@ -1,6 +1,7 @@
 //! One microcontroller: core, memories and peripherals in step.
 
 use crate::clock::{Cycles, NEVER, Ps};
+use crate::flash::TimedFlash;
 use crate::image::Image;
 use crate::part::{Part, Pin};
 use crate::peripheral::{
@@ -36,6 +37,19 @@ pub struct Board {
     pub rc_ppb: i32,
     /// When its power comes up.
     pub power_on: SimTime,
+    /// What reading the flash costs.
+    pub flash: FlashTiming,
+}
+
+/// What reading the flash costs the core.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FlashTiming {
+    /// Nothing: the cycles of the processor manual, zero wait states.
+    #[default]
+    Immediate,
+    /// The wait states that the program set, softened by prefetch and caches as it
+    /// enabled them.
+    WaitStates,
 }
 
 impl Default for Board {
@@ -46,6 +60,7 @@ impl Default for Board {
             crystal_ppb: 0,
             rc_ppb: 0,
             power_on: SimTime::from_ticks(0),
+            flash: FlashTiming::default(),
         }
     }
 }
@@ -58,6 +73,8 @@ pub struct Mcu {
     image: Arc<Image>,
     core: ArmV7m,
     shared: Arc<Shared>,
+    /// Only with [`FlashTiming::WaitStates`].
+    flash: Option<Arc<TimedFlash>>,
     memories: Vec<(u32, Arc<RamStore>, bool)>,
     node: Option<NodeId>,
     now: Cycles,
@@ -122,16 +139,21 @@ impl Mcu {
             crystal_ppb: i64::from(board.crystal_ppb),
             rc_ppb: i64::from(board.rc_ppb),
         };
+        let contents: Arc<[u8]> = Arc::from(image.flash());
+        let flash = match board.flash {
+            FlashTiming::Immediate => None,
+            FlashTiming::WaitStates => Some(Arc::new(TimedFlash::new(part, contents.clone()))),
+        };
         let peripherals = Peripherals::new(
             part,
             oscillators,
             board.power_on.as_ticks(),
             link,
-            Arc::from(image.flash()),
+            contents,
             memories.clone(),
         )?;
         let shared = Arc::new(Shared::new(peripherals));
-        let space = address_space(&image, &memories, &shared)?;
+        let space = address_space(&image, flash.as_ref(), &memories, &shared)?;
         // Four bits of priority on both parts.
         let config = Config::CORTEX_M4F
             .with_priority_bits(4)
@@ -142,6 +164,7 @@ impl Mcu {
             image,
             core,
             shared,
+            flash,
             memories,
             node,
             now: 0,
@@ -278,6 +301,9 @@ impl Mcu {
         self.generation = peripherals.generation;
         let lines = peripherals.lines;
         self.apply(lines);
+        if let Some(flash) = &self.flash {
+            flash.set_control(peripherals.flash_control());
+        }
         let written = std::mem::take(&mut peripherals.can_written);
         peripherals.attended();
         shared.set_attention(peripherals.next_event());
@@ -360,13 +386,20 @@ impl Mcu {
         }
         self.poke = false;
         self.shared.set_now(self.now);
+        if let Some(flash) = &self.flash {
+            flash.set_now(self.now);
+        }
         let used = self.core.step();
+        let stall = self.flash.as_ref().map_or(0, |flash| flash.take_stall());
+        if stall > 0 {
+            self.wait(stall);
+        }
         if used > CHAIN {
-            self.long_step(used);
+            self.long_step(used, stall);
             return;
         }
         self.now += used;
-        self.observer.step(self.now, used, 0, Switch::None);
+        self.observer.step(self.now, used + stall, 0, Switch::None);
         if used == 1 && self.observer.current() == 0 {
             let asleep = self.core.is_asleep();
             // Having fallen asleep, it looks once whether something is pending already.
@@ -375,8 +408,19 @@ impl Mcu {
         }
     }
 
+    /// The core waited for the flash, and its counters went on.
+    fn wait(&mut self, stall: Cycles) {
+        self.now += stall;
+        self.core.with_sys(|sys| {
+            sys.tick_cyccnt(stall);
+            if sys.tick_systick(stall) && sys.syst_csr & 2 != 0 {
+                sys.set_pending(Exception::SYSTICK, true);
+            }
+        });
+    }
+
     /// A step long enough to have changed the exception in hand.
-    fn long_step(&mut self, used: Cycles) {
+    fn long_step(&mut self, used: Cycles, stall: Cycles) {
         let registers = self.core.regs();
         let exception = registers.exception().0;
         let current = self.observer.current();
@@ -419,6 +463,11 @@ impl Mcu {
         if excess > 0 {
             self.core.with_sys(|sys| give_back(sys, excess as u32));
         }
+        // What an entry waits for is its vector; else it is the instruction.
+        let (own, overhead) = match switch {
+            Switch::Enter(_) | Switch::Chain(_) => (own, overhead + stall),
+            Switch::None | Switch::Return => (own + stall, overhead),
+        };
         self.observer.step(self.now, own, overhead, switch);
         if switch != Switch::None {
             self.asleep = self.core.is_asleep();
@@ -624,6 +673,7 @@ fn give_back(sys: &mut rsemu::cpu::arm::v7m::sys::Sys, excess: u32) {
 
 fn address_space(
     image: &Image,
+    timed: Option<&Arc<TimedFlash>>,
     memories: &[(u32, Arc<RamStore>, bool)],
     shared: &Arc<Shared>,
 ) -> Result<AddressSpace, rsemu::Error> {
@@ -631,8 +681,13 @@ fn address_space(
     let space = AddressSpace::new("node", 32);
     {
         let mut map = space.topology();
-        let flash = Arc::new(RomStore::from_slice(image.flash()));
-        let region = Arc::new(Region::rom("flash", flash, RomWrite::Fault));
+        let region = Arc::new(match timed {
+            Some(timed) => Region::io("flash", u64::from(part.flash().size), timed.clone()),
+            None => {
+                let flash = Arc::new(RomStore::from_slice(image.flash()));
+                Region::rom("flash", flash, RomWrite::Fault)
+            }
+        });
         map.map(Arc::clone(&region), u64::from(part.flash().base))?;
         // The boot pins alias the flash at zero.
         map.map(region, 0)?;

@@ -1,7 +1,7 @@
 //! The whole vehicle: four images, the bus between them, and the world around them.
 
 use crate::image::{Image, ImageError};
-use crate::mcu::{Board, Mcu};
+use crate::mcu::{Board, FlashTiming, Mcu};
 use crate::network::Network;
 use crate::part::{Part, Pin};
 use crate::peripheral::{ResetCause, UartByte};
@@ -148,6 +148,19 @@ impl Vehicle {
     /// # Errors
     /// When an image is no program for its node's microcontroller.
     pub fn new(scenario: &Scenario, seed: u64, images: &Images) -> Result<Self, VehicleError> {
+        Self::with_flash(scenario, seed, images, FlashTiming::default())
+    }
+
+    /// The same with a choice of what reading the flash costs.
+    ///
+    /// # Errors
+    /// As [`Vehicle::new`].
+    pub fn with_flash(
+        scenario: &Scenario,
+        seed: u64,
+        images: &Images,
+        flash: FlashTiming,
+    ) -> Result<Self, VehicleError> {
         let world = World::new(scenario, seed);
         let mut network = Network::new();
         for node in Node::ALL {
@@ -157,6 +170,7 @@ impl Vehicle {
                 external_clock: world.external_clock(node).then_some(8_000_000),
                 crystal_ppb: ppb(world.crystal_ppm(node)),
                 rc_ppb: ppb(world.internal_ppm(node)),
+                flash,
                 ..Board::default()
             };
             network.add(Arc::new(image), &board);
@@ -448,15 +462,19 @@ pub struct Options {
     pub duration: Option<SimDuration>,
     /// Simulated time between two calls of the progress function.
     pub progress_every: SimDuration,
+    /// What reading the flash costs.
+    pub flash: FlashTiming,
 }
 
 impl Default for Options {
-    /// Seed 1, the scenario's duration, progress every simulated second.
+    /// Seed 1, the scenario's duration, progress every simulated second, flash without wait
+    /// states.
     fn default() -> Self {
         Self {
             seed: 1,
             duration: None,
             progress_every: SimDuration::from_ticks(1_000_000_000_000),
+            flash: FlashTiming::default(),
         }
     }
 }
@@ -471,7 +489,7 @@ pub fn run(
     options: &Options,
     mut progress: impl FnMut(Progress),
 ) -> Result<Outcome, VehicleError> {
-    let mut vehicle = Vehicle::new(scenario, options.seed, images)?;
+    let mut vehicle = Vehicle::with_flash(scenario, options.seed, images, options.flash)?;
     let duration = options.duration.unwrap_or_else(|| scenario.duration.span());
     let end = SimTime::from_ticks(0) + duration;
     while vehicle.now() < end {

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 use twin::image::Image;
-use twin::mcu::{Board, Mcu};
+use twin::mcu::{Board, FlashTiming, Mcu};
 use twin::part::Part;
 
 const IMAGE: &str = include_str!("../kernels/image.hex");
@@ -46,12 +46,25 @@ fn by_kernel(words: &[u32]) -> Vec<(u32, &[u32])> {
 
 #[test]
 fn the_kernels_compute_what_they_compute_on_qemu() {
+    compare(FlashTiming::Immediate);
+}
+
+#[test]
+fn waiting_for_the_flash_changes_no_result() {
+    compare(FlashTiming::WaitStates);
+}
+
+fn compare(flash: FlashTiming) {
     let code: Vec<u8> = words(IMAGE)
         .into_iter()
         .flat_map(u32::to_le_bytes)
         .collect();
     let image = Image::from_code(Part::F446, &code).expect("the kernels fit");
-    let mut mcu = Mcu::new(Arc::new(image), &Board::default(), None);
+    let board = Board {
+        flash,
+        ..Board::default()
+    };
+    let mut mcu = Mcu::new(Arc::new(image), &board, None);
     let expected = words(RESULTS);
     let (&count, expected) = expected.split_first().expect("results");
     assert_eq!(expected.len(), count as usize);

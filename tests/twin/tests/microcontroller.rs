@@ -4,7 +4,7 @@ use can_bus::{SimDuration, SimTime};
 use std::sync::{Arc, Mutex};
 use twin::ResetCause;
 use twin::image::Image;
-use twin::mcu::{Board, Mcu};
+use twin::mcu::{Board, FlashTiming, Mcu};
 use twin::part::{Part, Pin};
 
 const MS: u64 = 1_000_000_000;
@@ -229,6 +229,49 @@ fn a_sleeping_core_wakes_in_the_cycle_of_the_compare_match() {
     // Two loads and three stores of two cycles, fourteen other instructions of one.
     assert_eq!(task.longest, 5 * 2 + 14);
     assert_eq!(task.longest_response, 12 + task.longest + 10);
+}
+
+#[test]
+fn wait_states_cost_the_cycles_that_prefetch_and_caches_leave() {
+    let blinking = |acr: u32| {
+        // SysTick every 1000 cycles; its handler is 40 instructions of one cycle in five
+        // lines.
+        let mut program = Program::new();
+        program
+            .poke(0x4002_3C00, acr)
+            .poke(0xE000_E014, 999)
+            .poke(0xE000_E018, 0)
+            .poke(0xE000_E010, 7)
+            .sleep_for_ever();
+        // Not in the line behind the sleeping program's, which has been read ahead.
+        let end = program.here();
+        while program.here() < end + 16 || program.here() % 16 != 0 {
+            program.half(0xBF00);
+        }
+        program.handler(15);
+        for _ in 0..39 {
+            program.half(0xBF00);
+        }
+        program.return_from_handler();
+        let board = Board {
+            flash: FlashTiming::WaitStates,
+            ..Board::default()
+        };
+        let mut mcu = program.start(Part::F446, &board);
+        run(&mut mcu, 10 * MS);
+        mcu.load().tasks[0].clone()
+    };
+    let lines = 5;
+    // Nothing on: each line waits in full, the first one again in each activation.
+    let plain = blinking(5);
+    assert_eq!(plain.longest, 40 + 5 * lines);
+    assert_eq!(plain.total, plain.activations * (40 + 5 * lines));
+    // Read ahead: a line lasts eight cycles and the next takes six.
+    let ahead = blinking(5 | 1 << 8);
+    assert_eq!(ahead.longest, 40 + 5);
+    // Cached: only the first activation waits.
+    let cached = blinking(5 | 1 << 9);
+    assert_eq!(cached.total, cached.activations * 40 + 5 * lines);
 }
 
 #[test]

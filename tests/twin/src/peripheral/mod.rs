@@ -108,7 +108,7 @@ pub(crate) struct Peripherals {
     /// The program wrote to the CAN controller.
     pub(crate) can_written: bool,
     seen_generation: u32,
-    /// Counts changes of the core's rate.
+    /// Counts changes of the core's rate and of its flash.
     pub(crate) generation: u32,
     levels: [u32; 8],
     pub(crate) sent: Vec<UartByte>,
@@ -179,6 +179,11 @@ impl Peripherals {
 
     pub(crate) fn next_event(&self) -> Cycles {
         self.next
+    }
+
+    /// FLASH_ACR.
+    pub(crate) fn flash_control(&self) -> u32 {
+        self.flash.read(0).unwrap_or(0)
     }
 
     /// Whether the run loop has to look, lines aside.
@@ -559,7 +564,10 @@ impl Peripherals {
         let now = self.now;
         match slot.block {
             Block::Rcc => self.write_rcc(offset, value),
-            Block::Flash => self.flash.write(offset, value),
+            Block::Flash => {
+                self.flash.write(offset, value);
+                self.generation += 1;
+            }
             Block::Pwr => self.pwr.write(offset, value, now, &self.clock),
             Block::Iwdg => {
                 let time = self.clock.time(now);
