@@ -114,6 +114,8 @@ struct Line {
 }
 
 impl Line {
+    // Inlined into each loop, unrolled, it would be most of a small image.
+    #[inline(never)]
     const fn nibble(&mut self, nibble: u8) {
         let nibble = nibble & 15;
         self.crc = (self.crc << 4 ^ CRC[((self.crc >> 11) as u8 ^ nibble) as usize & 15]) & 0x7FFF;

@@ -108,6 +108,19 @@ pub(crate) const fn nearest(estimate: GlobalTime, mark: u16) -> GlobalTime {
     estimate.offset(((ahead as i64) << MARK_SHIFT) - below as i64)
 }
 
+/// The time of a coarse time: the one nearest to `known`, if that is given, of
+/// all those that are whole multiples of 2^32 ms apart (for 4 years).
+pub(crate) fn from_coarse(coarse: u32, known: Option<GlobalTime>) -> GlobalTime {
+    let time = GlobalTime::from_micros(u64::from(coarse) * 1000);
+    let Some(known) = known else {
+        return time;
+    };
+    // 2^32 ms are 1000 times 2^48 of the time's units; 500 of them are half.
+    let ahead = (known.since(time) >> 48) as i32;
+    let wraps = (ahead + 500).div_euclid(1000);
+    time.offset(i64::from(wraps) * (1000 << 48))
+}
+
 impl Fields {
     /// The frame of `id`, with the application's bytes from `application`.
     pub fn encode(&self, format: &ReferenceFormat, id: Id, application: &[u8; 8]) -> Frame {
@@ -165,4 +178,35 @@ fn put(data: &mut [u8; 8], at: u8, bytes: &[u8]) {
 
 fn get<const N: usize>(data: &[u8], at: u8) -> Option<[u8; N]> {
     data.get(usize::from(at)..)?.first_chunk().copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{from_coarse, mark_of, nearest};
+    use crate::GlobalTime;
+
+    const DAY: u64 = 86_400_000_000;
+
+    #[test]
+    fn the_coarse_time_wraps_every_49_days() {
+        for days in [0, 1, 24, 25, 49, 50, 75, 100, 1000, 1600] {
+            let time = GlobalTime::from_micros(days * DAY);
+            let known = time.offset(-(1 << 40));
+            assert_eq!(from_coarse(time.as_millis(), Some(known)), time, "{days}");
+            let known = time.offset(1 << 40);
+            assert_eq!(from_coarse(time.as_millis(), Some(known)), time, "{days}");
+        }
+        let week = GlobalTime::from_micros(7 * DAY);
+        assert_eq!(from_coarse(week.as_millis(), None), week);
+    }
+
+    #[test]
+    fn a_mark_is_found_from_an_estimate_a_millisecond_off() {
+        for micros in [0u64, 1, 1023, 1024, 2047, 2048, 123_456_789] {
+            let time = GlobalTime::from_micros(micros + 10_000);
+            for off in [-1023i64, -500, -1, 0, 1, 500, 1023] {
+                assert_eq!(nearest(time.offset(off << 16), mark_of(time)), time);
+            }
+        }
+    }
 }
