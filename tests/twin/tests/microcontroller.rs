@@ -245,7 +245,7 @@ fn wait_states_cost_the_cycles_that_prefetch_and_caches_leave() {
             .sleep_for_ever();
         // Not in the line behind the sleeping program's, which has been read ahead.
         let end = program.here();
-        while program.here() < end + 16 || program.here() % 16 != 0 {
+        while program.here() < end + 16 || !program.here().is_multiple_of(16) {
             program.half(0xBF00);
         }
         program.handler(15);
