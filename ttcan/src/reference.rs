@@ -109,7 +109,8 @@ pub(crate) const fn nearest(estimate: GlobalTime, mark: u16) -> GlobalTime {
 }
 
 /// The time of a coarse time: the one nearest to `known`, if that is given, of
-/// all those that are whole multiples of 2^32 ms apart (for 4 years).
+/// all those since the epoch that are whole multiples of 2^32 ms apart (for 4
+/// years).
 pub(crate) fn from_coarse(coarse: u32, known: Option<GlobalTime>) -> GlobalTime {
     let time = GlobalTime::from_micros(u64::from(coarse) * 1000);
     let Some(known) = known else {
@@ -117,7 +118,7 @@ pub(crate) fn from_coarse(coarse: u32, known: Option<GlobalTime>) -> GlobalTime 
     };
     // 2^32 ms are 1000 times 2^48 of the time's units; 500 of them are half.
     let ahead = (known.since(time) >> 48) as i32;
-    let wraps = (ahead + 500).div_euclid(1000);
+    let wraps = (ahead + 500).div_euclid(1000).max(0);
     time.offset(i64::from(wraps) * (1000 << 48))
 }
 
