@@ -100,9 +100,8 @@ pub const RECEIVER_TIMEOUT: Micros = Micros::millis(250);
 /// without it: five of its periods.
 pub const RECEIVER_PATIENCE: MillisDurationU32 = MillisDurationU32::millis(500);
 
-/// How long before the reference the receiver's burst ends when the gps node begins the
-/// schedule, less the 1 ms that the stack waits anyway: room for the burst's jitter and for
-/// some minutes of drift between the receiver's clock and the node's crystal.
+/// How long before a reference the receiver's burst shall end: room for the jitter of the
+/// burst's beginning and length, which the windows of the same cycle must not overtake.
 pub const BURST_LEAD: Micros = Micros::millis(5);
 
 /// How long the backup master waits for a sign of the gps node, which waits for its

@@ -7,7 +7,9 @@ use network::messages::{
     Velocity,
 };
 
-use crate::convert;
+use crate::{convert, design};
+use ttcan::Micros;
+
 use crate::sbp::{self, Fix, Message, Parser};
 
 /// Data for a window of the node; `None` takes back what was in line.
@@ -216,6 +218,25 @@ impl Station {
     }
 }
 
+/// By how many microseconds the basic cycle after this one should be longer so that the
+/// receiver's bursts come to end [`design::BURST_LEAD`] before the references. `age` is the
+/// age of the cycle under way at the end of a burst.
+///
+/// Proportional to the error with a time constant of 3.2 s, the nearer way round the cycle.
+/// The stack cuts it at what the other nodes bear.
+pub fn trim(age: Micros) -> i8 {
+    const CYCLE: i32 = network::matrix::BASIC_CYCLE.ticks().cast_signed();
+    const WANTED: i32 = CYCLE - design::BURST_LEAD.ticks().cast_signed();
+    let early = WANTED - age.ticks().min(CYCLE.cast_unsigned()).cast_signed();
+    let nearer = if early > CYCLE / 2 {
+        early - CYCLE
+    } else {
+        early
+    };
+    // A burst that ends too early in its cycle: the references are late, shorten.
+    (-nearer / 32).clamp(-100, 100) as i8
+}
+
 /// Data of a shorter message in the buffer of a window.
 pub fn padded<const N: usize>(data: [u8; N]) -> [u8; 8] {
     let mut bytes = [0; 8];
@@ -297,5 +318,32 @@ mod tests {
         assert!(navigation.lapse(1501, 500));
         assert_eq!(navigation.fix(), Fix::None);
         assert!(!navigation.lapse(5000, 500));
+    }
+
+    #[test]
+    fn the_cycle_is_pulled_towards_the_bursts() {
+        let lead = design::BURST_LEAD.ticks();
+        assert_eq!(trim(Micros::micros(100_000 - lead)), 0);
+        // The burst ends too early: the references come too late after it.
+        assert_eq!(trim(Micros::micros(100_000 - lead - 320)), -10);
+        assert_eq!(trim(Micros::micros(100_000 - lead + 320)), 10);
+        // Just after a reference: the cycle has to grow until the burst is in front of it.
+        assert_eq!(trim(Micros::micros(100)), 100);
+        assert_eq!(trim(Micros::micros(60_000)), -100);
+        assert_eq!(trim(Micros::micros(u32::MAX)), 100);
+    }
+
+    /// From any phase the bursts settle in place, with a receiver 50 ppm off.
+    #[test]
+    fn any_phase_settles() {
+        for start in (0..100_000).step_by(997) {
+            let mut age = f64::from(start);
+            for _ in 0..20_000 {
+                let trim = trim(Micros::micros(age as u32)).clamp(-8, 8);
+                age = (age - f64::from(trim) + 5.0).rem_euclid(100_000.0);
+            }
+            let lead = 100_000.0 - age;
+            assert!((lead - 5_000.0).abs() < 200.0, "{start}: {lead}");
+        }
     }
 }

@@ -30,7 +30,7 @@ mod app {
     use firmware::console::{self as lines, BusView, Line};
     use firmware::housekeeping::Housekeeping;
     use firmware::link::Stack;
-    use firmware::navigation::Station;
+    use firmware::navigation::{Station, trim};
     use firmware::node::{self, BoardLink, Log};
     use firmware::{design, fault};
     use network::Message as _;
@@ -145,7 +145,7 @@ mod app {
         });
     }
 
-    #[task(binds = USART1, priority = 4, shared = [&clock, link, receiver, station])]
+    #[task(binds = USART1, priority = 4, shared = [&clock, link, receiver, station], local = [epochs: u32 = 0])]
     fn line_idle(cx: line_idle::Context) {
         let now = cx.shared.clock.now();
         let mut link = cx.shared.link;
@@ -155,10 +155,16 @@ mod app {
             station.feed(|| receiver.next_byte(), now, put);
             let fixed = station.navigation().fix().is_fixed();
             let tow = station.navigation().tow();
+            let epochs = station.navigation().epochs();
+            let new = core::mem::replace(cx.local.epochs, epochs) != epochs;
             link.lock(|link| {
                 link.node_mut().set_reference_payload(&[u8::from(fixed)]);
-                // The schedule begins at the end of the first burst, so that the windows
-                // follow the receiver's data as closely as they can.
+                // The schedule begins so that the windows follow the receiver's bursts
+                // closely, and is kept there against the drift between the two clocks.
+                if new && let Some(age) = link.node().cycle_time(Stamp(now)) {
+                    // Refused while another node is the master.
+                    let _ = link.node_mut().trim_cycle(trim(age));
+                }
                 if let Some(tow) = tow
                     && !link.is_started()
                 {
