@@ -209,6 +209,7 @@ impl Clock {
 
 /// `error` over `span` in 2^-32, both in 2^-16 us; long division in steps that
 /// 32-bit hardware does. Errors count up to 32 ms.
+#[inline(never)]
 fn rate_of(error: i64, span: i64) -> i32 {
     let span = (span >> GlobalTime::FRACTION_BITS).clamp(1, 1 << 27) as u32;
     let mut rest = error.unsigned_abs().min(i32::MAX as u64) as u32;

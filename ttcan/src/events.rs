@@ -82,23 +82,35 @@ impl<const Q: usize> Queue<Q> {
 
     /// Removes the oldest message of `id`.
     pub fn remove(&mut self, id: Id) {
-        let mut found = false;
-        self.retain(|waiting| {
-            let hit = !found && waiting.item.id() == id;
-            found |= hit;
-            !hit
-        });
+        let place = self.find(|waiting| waiting.item.id() == id);
+        if let Some(place) = place {
+            self.remove_at(place);
+        }
     }
 
     /// Drops what has expired by `now` and returns how many that were.
     pub fn expire(&mut self, now: Stamp) -> u32 {
         let mut expired = 0;
-        self.retain(|waiting| {
-            let keep = !now.reached(waiting.expires);
-            expired += u32::from(!keep);
-            keep
-        });
+        while let Some(place) = self.find(|waiting| now.reached(waiting.expires)) {
+            self.remove_at(place);
+            expired += 1;
+        }
         expired
+    }
+
+    fn find(&self, wanted: impl Fn(&Waiting) -> bool) -> Option<usize> {
+        self.waiting
+            .iter()
+            .position(|waiting| waiting.as_ref().is_some_and(&wanted))
+    }
+
+    #[inline(never)]
+    fn remove_at(&mut self, place: usize) {
+        // From the end, each takes the place of the one before it.
+        let mut carried = None;
+        for place in self.waiting.iter_mut().skip(place).rev() {
+            core::mem::swap(place, &mut carried);
+        }
     }
 
     pub fn clear(&mut self) {
@@ -110,14 +122,6 @@ impl<const Q: usize> Queue<Q> {
     pub fn shift(&mut self, now: Stamp) {
         for waiting in self.waiting.iter_mut().flatten() {
             waiting.expires = Stamp(waiting.expires.0.wrapping_sub(now.0));
-        }
-    }
-
-    fn retain(&mut self, mut keep: impl FnMut(&Waiting) -> bool) {
-        let old = core::mem::replace(&mut self.waiting, [None; Q]);
-        let kept = old.into_iter().flatten().filter(|waiting| keep(waiting));
-        for (place, waiting) in self.waiting.iter_mut().zip(kept) {
-            *place = Some(waiting);
         }
     }
 }

@@ -171,6 +171,7 @@ impl Fields {
     }
 }
 
+#[inline(never)]
 fn put(data: &mut [u8; 8], at: u8, bytes: &[u8]) {
     for (to, from) in data.iter_mut().skip(usize::from(at)).zip(bytes) {
         *to = *from;

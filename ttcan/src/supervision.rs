@@ -62,8 +62,9 @@ const FULL: u8 = 7;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Counts<const W: usize> {
     windows: [WindowStatus; W],
-    /// Exclusive windows at each count.
+    /// Exclusive windows at each count, and a bit for each count that has any.
     at: [u16; FULL as usize + 1],
+    present: u8,
     own_full: u16,
     others_full: u16,
 }
@@ -76,6 +77,7 @@ impl<const W: usize> Counts<W> {
                 missed: 0,
             }; W],
             at: [exclusive, 0, 0, 0, 0, 0, 0, 0],
+            present: 1,
             own_full: 0,
             others_full: 0,
         }
@@ -120,9 +122,13 @@ impl<const W: usize> Counts<W> {
     fn moved(&mut self, before: u8, after: u8, own: bool) {
         if let Some(count) = self.at.get_mut(usize::from(before)) {
             *count = count.saturating_sub(1);
+            if *count == 0 {
+                self.present &= !(1 << before);
+            }
         }
         if let Some(count) = self.at.get_mut(usize::from(after)) {
             *count = count.saturating_add(1);
+            self.present |= 1 << after;
         }
         let full = if own {
             &mut self.own_full
@@ -138,13 +144,9 @@ impl<const W: usize> Counts<W> {
 
     /// Whether counts are more than 2 apart or a receive count is full.
     pub fn warns(&self) -> bool {
-        let lowest = self.at.iter().position(|count| *count > 0);
-        let highest = self.at.iter().rposition(|count| *count > 0);
-        let apart = match (lowest, highest) {
-            (Some(lowest), Some(highest)) => highest - lowest > 2,
-            _ => false,
-        };
-        apart || self.others_full > 0
+        // From the lowest to the highest count that a window has.
+        let span = self.present >> (self.present.trailing_zeros() & 7);
+        span > 0b111 || self.others_full > 0
     }
 
     /// Whether a transmit count is full.

@@ -60,16 +60,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
         // A reference that waits for a mailbox is asked for when that is free.
         let reference = self.reference_due.filter(|_| self.pending == Pending::None);
-        [
-            self.entry_due,
-            reference,
-            self.missed_due,
-            self.withdraw_due,
-            self.watchdog_due,
-        ]
-        .into_iter()
-        .flatten()
-        .reduce(|first, other| if first.reached(other) { other } else { first })
+        let first = earlier(self.entry_due, reference);
+        let first = earlier(first, self.missed_due);
+        let first = earlier(first, self.withdraw_due);
+        earlier(first, self.watchdog_due)
     }
 
     /// Begins the first entry of a basic cycle.
@@ -362,4 +356,12 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
 fn due(deadline: Option<Stamp>, now: Stamp) -> bool {
     deadline.is_some_and(|deadline| now.reached(deadline))
+}
+
+fn earlier(one: Option<Stamp>, other: Option<Stamp>) -> Option<Stamp> {
+    match (one, other) {
+        (Some(one), Some(other)) if one.reached(other) => Some(other),
+        (None, other) => other,
+        (one, _) => one,
+    }
 }

@@ -184,6 +184,7 @@ impl<'s> ScheduleView<'s> {
 
     /// Looks up an identifier that did not stand where it should; takes as many
     /// steps as the logarithm of the number of identifiers.
+    #[inline(never)]
     pub(crate) fn known(&self, id: Id) -> Option<&Known> {
         let at = self
             .known
