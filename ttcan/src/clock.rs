@@ -50,6 +50,8 @@ pub(crate) struct Clock {
     state: ClockState,
     /// Corrections that were refused in a row.
     refused: u8,
+    /// Corrections by which the gains are chosen.
+    settled: u8,
 }
 
 /// Fractional bits of the gain: products with 32 bits of ticks fit in 64.
@@ -57,10 +59,13 @@ const GAIN_BITS: u32 = 15;
 /// An error of more than this in one cycle is no noise of an interrupt: it is
 /// corrected by no more at once (2 us in 2^-16 us).
 const LARGEST_STEP: i64 = 2 << GlobalTime::FRACTION_BITS;
-/// Filter gains as shifts: half of the error goes to the offset, an eighth to
-/// the rate. Damped, and settled within eight cycles.
-const OFFSET_SHIFT: u32 = 1;
-const RATE_SHIFT: u32 = 3;
+/// Filter gains as shifts, for the offset and the rate, and the number of good
+/// corrections from which on they hold: fast at first, then averaging over more
+/// and more stamps.
+const GAINS: [(u8, u32, u32); 4] = [(0, 1, 3), (6, 2, 5), (16, 3, 7), (40, 4, 9)];
+/// Good corrections that count at most, and how many of them a bad one undoes.
+const SETTLED: u8 = 48;
+const UNSETTLED: u8 = 4;
 /// Corrections refused in a row after which the master is believed: it was
 /// changed for one whose time is another.
 const REFUSALS: u8 = 3;
@@ -81,6 +86,7 @@ impl Clock {
             global: GlobalTime::default(),
             state: ClockState::Unset,
             refused: 0,
+            settled: 0,
         }
     }
 
@@ -180,9 +186,21 @@ impl Clock {
             self.set_rate(self.rate.saturating_add(rate_of(error, span)));
             self.global = global;
         } else {
+            // Large errors mean that the crystals, or the master, changed.
+            self.settled = if error.abs() < LARGEST_STEP {
+                (self.settled + 1).min(SETTLED)
+            } else {
+                self.settled.saturating_sub(UNSETTLED)
+            };
             let error = error.clamp(-LARGEST_STEP, LARGEST_STEP);
-            self.global = self.extrapolate(stamp).offset(error >> OFFSET_SHIFT);
-            self.set_rate(self.rate.saturating_add(rate_of(error, span) >> RATE_SHIFT));
+            let (mut offset, mut rate) = (0, 0);
+            for (from, offset_shift, rate_shift) in GAINS {
+                if self.settled >= from {
+                    (offset, rate) = (offset_shift, rate_shift);
+                }
+            }
+            self.global = self.extrapolate(stamp).offset(error >> offset);
+            self.set_rate(self.rate.saturating_add(rate_of(error, span) >> rate));
         }
         self.anchor = stamp;
         self.state = ClockState::Locked;
@@ -195,6 +213,7 @@ impl Clock {
         self.global = global;
         self.refused = 0;
         if forget_rate {
+            self.settled = 0;
             self.state = ClockState::Offset;
         }
     }
