@@ -11,16 +11,17 @@ use twin::part::Part;
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [part, path, seconds, others @ ..] = &arguments[..] else {
-        eprintln!("wanted: f446|f303, the ELF file, seconds to run");
-        std::process::exit(2);
+        refuse("wanted: f446|f303, the ELF file, seconds to run");
     };
-    let part = if part == "f446" {
-        Part::F446
-    } else {
-        Part::F303
+    let part = match part.as_str() {
+        "f446" => Part::F446,
+        "f303" => Part::F303,
+        other => refuse(&format!("{other} is neither f446 nor f303")),
     };
-    let elf = std::fs::read(path).expect("the ELF file is readable");
-    let image = Arc::new(Image::from_elf(part, &elf).expect("a program for this part"));
+    let elf = std::fs::read(path).unwrap_or_else(|error| refuse(&format!("{path}: {error}")));
+    let image =
+        Image::from_elf(part, &elf).unwrap_or_else(|error| refuse(&format!("{path}: {error}")));
+    let image = Arc::new(image);
     let bus = Arc::new(std::sync::Mutex::new(can_bus::Bus::new()));
     let wanted = |word: &str| others.iter().any(|other| other == word);
     let board = Board {
@@ -34,7 +35,10 @@ fn main() {
     };
     let mut mcu = Mcu::new(image, &board, Some(&bus));
     let begin = std::time::Instant::now();
-    let milliseconds = (seconds.parse::<f64>().expect("a number") * 1000.0) as u64;
+    let milliseconds = match seconds.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 => (seconds * 1000.0) as u64,
+        _ => refuse(&format!("{seconds} is no number of seconds")),
+    };
     for ms in 0..milliseconds {
         let until = SimTime::from_ticks((ms + 1) * 1_000_000_000);
         while mcu.now() < until {
@@ -96,4 +100,9 @@ fn main() {
         load.switching,
         100.0 * load.utilisation()
     );
+}
+
+fn refuse(why: &str) -> ! {
+    eprintln!("error: {why}");
+    std::process::exit(2)
 }

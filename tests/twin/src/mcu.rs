@@ -5,7 +5,7 @@ use crate::flash::TimedFlash;
 use crate::image::Image;
 use crate::part::{Part, Pin};
 use crate::peripheral::{
-    CanLink, Oscillators, Peripherals, PinChange, ResetCause, SharedBus, UartByte, lock,
+    CanLink, Oscillators, Peripherals, PinChange, Ram, ResetCause, SharedBus, UartByte, lock,
 };
 use crate::statistics::{Load, Observer, Switch};
 use crate::window::{Shared, Window};
@@ -75,7 +75,7 @@ pub struct Mcu {
     shared: Arc<Shared>,
     /// Only with [`FlashTiming::WaitStates`].
     flash: Option<Arc<TimedFlash>>,
-    memories: Vec<(u32, Arc<RamStore>, bool)>,
+    memories: Vec<Ram>,
     node: Option<NodeId>,
     now: Cycles,
     lines: [u32; 4],
@@ -129,9 +129,10 @@ impl Mcu {
         let memories: Vec<_> = part
             .memories()
             .iter()
-            .map(|memory| {
-                let store = Arc::new(RamStore::new(u64::from(memory.size)));
-                (memory.base, store, memory.dma)
+            .map(|memory| Ram {
+                base: memory.base,
+                store: Arc::new(RamStore::new(u64::from(memory.size))),
+                dma: memory.dma,
             })
             .collect();
         let oscillators = Oscillators {
@@ -217,7 +218,6 @@ impl Mcu {
     /// Runs up to `until`, past it by at most an instruction. Returns earlier when the
     /// program wrote to the CAN controller and its own horizon there has come nearer.
     pub fn run_until(&mut self, until: SimTime) {
-        let bus = self.shared.clone();
         let mut limit = self.limit(until);
         loop {
             if self.now >= self.shared.attention() {
@@ -227,14 +227,14 @@ impl Mcu {
                     limit = self.limit(until);
                 }
                 if written {
-                    let horizon = lock(&bus.peripherals).can_horizon();
+                    let horizon = lock(&self.shared.peripherals).can_horizon();
                     limit = limit.min(self.limit(horizon.min(until)).max(self.now));
                 }
             }
             if self.now >= limit {
                 break;
             }
-            if self.held || self.locked || (self.asleep && !self.poke) {
+            if self.stands_still() {
                 self.skip(limit);
             } else {
                 self.step();
@@ -259,7 +259,7 @@ impl Mcu {
             if self.now >= self.shared.attention() {
                 self.synchronise();
             }
-            if self.held || self.locked || (self.asleep && !self.poke) {
+            if self.stands_still() {
                 self.skip(end);
             } else {
                 if self.core.pc() == address && !self.core.reset_pending() {
@@ -277,11 +277,16 @@ impl Mcu {
             .cycle_from(until.as_ticks())
     }
 
+    /// Whether only an event makes it go on.
+    fn stands_still(&self) -> bool {
+        self.held || self.locked || (self.asleep && !self.poke)
+    }
+
     /// When it next does anything by itself: now while awake, at its next event while it
     /// sleeps, `None` when nothing is due.
     #[must_use]
     pub fn next_wake(&self) -> Option<SimTime> {
-        if !(self.held || self.locked || self.asleep) || self.poke || self.shared.attention() == 0 {
+        if !self.stands_still() || self.shared.attention() == 0 {
             return Some(self.now());
         }
         let at = self.shared.attention().min(self.systick_wrap());
@@ -346,7 +351,7 @@ impl Mcu {
     /// Lets a core that does nothing stand still until something is due.
     fn skip(&mut self, limit: Cycles) {
         let idle = self.held || self.locked;
-        let wrap = if idle { NEVER } else { self.systick_wrap() };
+        let wrap = self.systick_wrap();
         let to = limit.min(self.shared.attention()).min(wrap).max(self.now);
         let cycles = to - self.now;
         if !idle {
@@ -364,8 +369,11 @@ impl Mcu {
         self.now = to;
     }
 
-    /// Cycle at which SysTick interrupts.
+    /// Cycle at which SysTick interrupts a core that sleeps.
     fn systick_wrap(&self) -> Cycles {
+        if self.held || self.locked {
+            return NEVER;
+        }
         self.core.with_sys(|sys| {
             if sys.syst_csr & 3 != 3 || sys.syst_rvr == 0 {
                 return NEVER;
@@ -638,19 +646,19 @@ impl Mcu {
             return Some(self.image.flash().get(start..start + size)?.to_vec());
         }
         let mut bytes = vec![0; size];
-        self.memories.iter().find_map(|(base, store, _)| {
-            let offset = u64::from(address.checked_sub(*base)?);
-            store.read_at(offset, &mut bytes).ok()
+        self.memories.iter().find_map(|ram| {
+            let offset = u64::from(address.checked_sub(ram.base)?);
+            ram.store.read_at(offset, &mut bytes).ok()
         })?;
         Some(bytes)
     }
 
     /// Writes RAM. False outside.
     pub fn set_memory(&mut self, address: u32, bytes: &[u8]) -> bool {
-        self.memories.iter().any(|(base, store, _)| {
+        self.memories.iter().any(|ram| {
             address
-                .checked_sub(*base)
-                .is_some_and(|offset| store.write_at(u64::from(offset), bytes).is_ok())
+                .checked_sub(ram.base)
+                .is_some_and(|offset| ram.store.write_at(u64::from(offset), bytes).is_ok())
         })
     }
 
@@ -674,7 +682,7 @@ fn give_back(sys: &mut rsemu::cpu::arm::v7m::sys::Sys, excess: u32) {
 fn address_space(
     image: &Image,
     timed: Option<&Arc<TimedFlash>>,
-    memories: &[(u32, Arc<RamStore>, bool)],
+    memories: &[Ram],
     shared: &Arc<Shared>,
 ) -> Result<AddressSpace, rsemu::Error> {
     let part = image.part();
@@ -691,8 +699,11 @@ fn address_space(
         map.map(Arc::clone(&region), u64::from(part.flash().base))?;
         // The boot pins alias the flash at zero.
         map.map(region, 0)?;
-        for (base, store, _) in memories {
-            map.map(Region::ram("ram", Arc::clone(store)), u64::from(*base))?;
+        for ram in memories {
+            map.map(
+                Region::ram("ram", Arc::clone(&ram.store)),
+                u64::from(ram.base),
+            )?;
         }
         let (page, identifier, size) = part.system_page();
         let mut system = vec![0xFF; 0xC00];

@@ -58,6 +58,15 @@ pub struct PinChange {
     pub high: bool,
 }
 
+/// A memory that can be written.
+#[derive(Debug, Clone)]
+pub(crate) struct Ram {
+    pub base: u32,
+    pub store: Arc<RamStore>,
+    /// Whether the DMA controllers reach it.
+    pub dma: bool,
+}
+
 /// The node's place on the bus.
 #[derive(Debug, Clone)]
 pub(crate) struct CanLink {
@@ -101,7 +110,7 @@ pub(crate) struct Peripherals {
     can: Option<CanLink>,
     can_lines: u32,
     flash_image: Arc<[u8]>,
-    memories: Vec<(u32, Arc<RamStore>, bool)>,
+    memories: Vec<Ram>,
     /// Levels of the interrupt lines, one bit each.
     pub(crate) lines: [u32; 4],
     pub(crate) reset_request: Option<ResetCause>,
@@ -128,7 +137,7 @@ impl Peripherals {
         origin: Ps,
         can: Option<CanLink>,
         flash_image: Arc<[u8]>,
-        memories: Vec<(u32, Arc<RamStore>, bool)>,
+        memories: Vec<Ram>,
     ) -> Result<Self, rsemu::Error> {
         let mut peripherals = Self {
             part,
@@ -709,10 +718,10 @@ impl Peripherals {
     }
 
     fn memory(&self, address: u32, size: u32) -> Option<(&RamStore, u64)> {
-        self.memories.iter().find_map(|(base, store, dma)| {
-            let offset = u64::from(address.checked_sub(*base)?);
-            let inside = offset + u64::from(size) <= store.len();
-            (*dma && inside).then_some((&**store, offset))
+        self.memories.iter().find_map(|ram| {
+            let offset = u64::from(address.checked_sub(ram.base)?);
+            let inside = offset + u64::from(size) <= ram.store.len();
+            (ram.dma && inside).then_some((&*ram.store, offset))
         })
     }
 

@@ -4,8 +4,8 @@
 //! Transmission takes the frame's own number of bit times per byte, with the data
 //! register ahead of the shift register. Reception samples the far end's waveform in the
 //! middle of each of its own bits, so that a wrong baud rate shows as wrong bytes and
-//! framing errors. Parity is generated but not checked; LIN, smartcard, IrDA, mute mode
-//! and hardware flow control are not modelled.
+//! framing errors. Parity, the ninth bit, LIN, smartcard, IrDA, mute mode and hardware flow
+//! control are not modelled.
 
 use crate::clock::{Cycles, NEVER};
 use crate::part::Part;
