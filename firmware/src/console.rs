@@ -116,8 +116,13 @@ pub fn actuator(line: &mut Line, label: &str, view: &ActuatorView) {
     line.str("\r\n");
 }
 
-/// The line about the satellite receiver.
-pub fn receiver(line: &mut Line, navigation: &Navigation, counters: sbp::Counters) {
+/// The line about the satellite receiver; `age_ms` is the age of its last message.
+pub fn receiver(
+    line: &mut Line,
+    navigation: &Navigation,
+    age_ms: Option<u32>,
+    counters: sbp::Counters,
+) {
     line.str("gps ");
     line.str(match navigation.fix() {
         sbp::Fix::None => "none",
@@ -130,6 +135,10 @@ pub fn receiver(line: &mut Line, navigation: &Navigation, counters: sbp::Counter
     });
     line.str(" sats ")
         .unsigned(u32::from(navigation.satellites()));
+    match age_ms {
+        Some(age) => line.str(" age ").unsigned(age),
+        None => line.str(" silent"),
+    };
     line.str(" epochs ").unsigned(navigation.epochs());
     line.str(" frames ").unsigned(counters.frames);
     line.str(" crc ").unsigned(counters.checksum_errors);
@@ -195,7 +204,7 @@ mod tests {
             checksum_errors: u32::MAX,
             skipped: u32::MAX,
         };
-        receiver(&mut line, &Navigation::new(), most);
+        receiver(&mut line, &Navigation::new(), Some(u32::MAX), most);
         assert!(!line.is_cut());
         line.clear();
         let worst = PilotView {

@@ -510,3 +510,204 @@ const fn time_of(reference: &Frame) -> u32 {
     let [_, a, b, c, d, ..] = reference.buffer();
     u32::from_be_bytes([a, b, c, d])
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use network::matrix::STEERING;
+    use std::boxed::Box;
+    use std::collections::VecDeque;
+    use std::vec::Vec;
+
+    /// A controller's cell that records what it is asked for.
+    #[derive(Default)]
+    struct Cell {
+        fifo: VecDeque<Received>,
+        loaded: Vec<Frame>,
+        pending: bool,
+        outcome: Option<Outcome>,
+        errors: ErrorState,
+        away: bool,
+    }
+
+    impl Port for Cell {
+        fn receive(&mut self) -> Option<Received> {
+            self.fifo.pop_front()
+        }
+        fn take_overrun(&mut self) -> bool {
+            false
+        }
+        fn load(&mut self, frame: &Frame) -> Result<(), Occupied> {
+            if self.pending {
+                return Err(Occupied);
+            }
+            self.pending = true;
+            self.loaded.push(*frame);
+            Ok(())
+        }
+        fn abort(&mut self) {
+            self.outcome = Some(Outcome::Aborted);
+        }
+        fn outcome(&mut self) -> Option<Outcome> {
+            self.pending = false;
+            self.outcome.take()
+        }
+        fn acknowledge_error(&mut self) {}
+        fn error_state(&self) -> ErrorState {
+            self.errors
+        }
+        fn leave_bus(&mut self) {
+            self.away = true;
+            self.pending = false;
+        }
+        fn join_bus(&mut self) -> bool {
+            self.away = false;
+            true
+        }
+    }
+
+    #[derive(Default)]
+    struct Timer {
+        now: u32,
+        window: Option<u32>,
+    }
+
+    impl WindowTimer for Timer {
+        fn now(&self) -> u32 {
+            self.now
+        }
+        fn set_window(&mut self, instant: u32) {
+            self.window = Some(instant);
+        }
+        fn clear_window(&mut self) {
+            self.window = None;
+        }
+    }
+
+    const PER_US: u32 = 18;
+    /// The counter wraps within the tests.
+    const BEGIN: u32 = u32::MAX - 5_000_000;
+
+    fn steering() -> Link<Cell, Timer> {
+        let place = Box::leak(Box::new(None));
+        let timer = Timer {
+            now: BEGIN,
+            window: None,
+        };
+        Link::new(
+            place,
+            NodeConfig::new(STEERING, PER_US),
+            Cell::default(),
+            timer,
+        )
+        .expect("a configuration that fits")
+    }
+
+    /// Lets `micros` pass; the window timer's interrupt and the transmit interrupt come when
+    /// they are due.
+    fn pass(link: &mut Link<Cell, Timer>, micros: u32) {
+        let end = link.timer.now.wrapping_add(micros * PER_US);
+        loop {
+            if link.port.pending || link.port.outcome.is_some() {
+                // 300 us later the frame is out.
+                link.timer.now = link.timer.now.wrapping_add(300 * PER_US);
+                link.port.outcome.get_or_insert(Outcome::Complete);
+                link.on_transmit(link.timer.now);
+                continue;
+            }
+            let left = end.wrapping_sub(link.timer.now);
+            match link.timer.window {
+                Some(at) if at.wrapping_sub(link.timer.now) < left => {
+                    link.timer.now = at;
+                    link.timer.window = None;
+                    link.service();
+                }
+                _ => break,
+            }
+        }
+        link.timer.now = end;
+    }
+
+    /// The reference of system time `time` (ms) arrives now.
+    fn reference(link: &mut Link<Cell, Timer>, fix: u8, time: u32) -> News {
+        let [a, b, c, d] = time.to_be_bytes();
+        let frame = Frame::new(Id::constant::<100>(), &[fix, a, b, c, d, 0]).expect("six bytes");
+        link.port.fifo.push_back(Received::Data(frame));
+        link.on_receive(link.timer.now)
+    }
+
+    fn synchronised() -> Link<Cell, Timer> {
+        let mut link = steering();
+        for cycle in 0..2 {
+            assert!(reference(&mut link, 1, 1000 + 100 * cycle).reference);
+            pass(&mut link, 100_000);
+        }
+        link
+    }
+
+    #[test]
+    fn what_is_put_in_line_is_sent_once_and_an_empty_line_leaves_the_window_empty() {
+        let mut link = synchronised();
+        link.put(window::STEERING_POT, [0x3C, 3, 9, 9, 9, 9, 9, 9]);
+        reference(&mut link, 0, 1200);
+        pass(&mut link, 100_000);
+        let sent: Vec<_> = link
+            .port
+            .loaded
+            .iter()
+            .map(|f| (f.id().raw(), f.data().to_vec()))
+            .collect();
+        assert_eq!(sent, [(206, std::vec![0x3C, 3])]);
+        assert_eq!(link.cycle_began(), 1200);
+        assert_eq!(link.reference_byte(), 0);
+        reference(&mut link, 1, 1300);
+        pass(&mut link, 100_000);
+        assert_eq!(link.port.loaded.len(), 1);
+        assert!(link.node().counters().left_empty > 0);
+        assert_eq!(link.node().counters().skipped, 0);
+    }
+
+    #[test]
+    fn a_link_that_waits_begins_with_the_first_frame() {
+        let mut link = steering();
+        assert!(!link.is_started());
+        reference(&mut link, 1, 5);
+        assert!(link.is_started());
+    }
+
+    #[test]
+    fn when_references_cease_the_node_leaves_the_bus_and_comes_back() {
+        let mut link = synchronised();
+        reference(&mut link, 1, 1200);
+        assert!(link.is_heard());
+        pass(&mut link, 1_000_000);
+        assert!(!link.is_heard() && link.port.away);
+        // The software sequence: only after the pause, and not before bus-off has passed.
+        link.keep_present();
+        pass(&mut link, 300_000);
+        link.port.errors.bus_off = true;
+        link.keep_present();
+        assert!(!link.port.away);
+        link.keep_present();
+        assert_eq!(link.counters().rejoins, 0);
+        link.port.errors.bus_off = false;
+        link.keep_present();
+        assert_eq!(link.counters().rejoins, 1);
+        for cycle in 0..3 {
+            reference(&mut link, 1, 2000 + 100 * cycle);
+            pass(&mut link, 100_000);
+        }
+        assert!(link.is_heard());
+    }
+
+    #[test]
+    fn bus_off_is_told_to_the_stack_once() {
+        let mut link = synchronised();
+        link.port.errors.bus_off = true;
+        link.on_error();
+        link.on_error();
+        assert_eq!(link.counters().bus_off, 1);
+        assert!(link.port.away && !link.is_heard());
+    }
+}

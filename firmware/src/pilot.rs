@@ -1,6 +1,6 @@
 //! The controller's step: mode, states, control law, and the messages that come of them.
 
-use control::controller::{Controller, Sample, Settings, SettingsError, Tracking};
+use control::controller::{Sample, Settings, SettingsError, Tracking};
 use control::line::{Line, LineError};
 use control::mode::{Conditions, Mode, ModeMachine, Request, Source};
 use control::position;
@@ -17,6 +17,13 @@ use crate::console::PilotView;
 use crate::display::View;
 use crate::link::{Link, Port, WindowTimer};
 use crate::{convert, design, e2e};
+
+/// What turns samples into commands.
+#[cfg(not(feature = "thesis-law"))]
+type Law = control::controller::Controller<f32>;
+/// The thesis's law in its place.
+#[cfg(feature = "thesis-law")]
+type Law = control::plain::PlainController<f32>;
 
 /// Time between two steps, s: the basic cycle.
 const PERIOD: f32 = network::matrix::BASIC_CYCLE.ticks() as f32 * 1e-6;
@@ -128,7 +135,7 @@ pub struct Frames {
 #[derive(Clone, Debug)]
 pub struct Pilot {
     modes: ModeMachine,
-    controller: Controller<f32>,
+    controller: Law,
     sender: e2e::Sender,
     applied: safety::Command<f32>,
     tracking: Tracking<f32>,
@@ -148,7 +155,7 @@ impl Pilot {
     /// Which of the design's constants is unusable.
     pub fn new() -> Result<Self, DesignError> {
         let line = Line::new(design::WAYPOINT_A, design::WAYPOINT_B).map_err(DesignError::Line)?;
-        let controller = Controller::new(Settings::uagv(), line).map_err(DesignError::Settings)?;
+        let controller = Law::new(Settings::uagv(), line).map_err(DesignError::Settings)?;
         Ok(Self {
             modes: ModeMachine::new(),
             controller,

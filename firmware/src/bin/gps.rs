@@ -37,7 +37,7 @@ mod app {
     use network::matrix::GPS;
     use network::messages::GpsStatus;
     use rtic_monotonics::systick::prelude::*;
-    use ttcan::{GlobalTime, Stamp};
+    use ttcan::{GlobalTime, Micros, Stamp};
 
     #[shared]
     struct Shared {
@@ -227,13 +227,16 @@ mod app {
         }
     }
 
-    #[task(priority = 1, shared = [link, station, console])]
+    #[task(priority = 1, shared = [&clock, link, station, console])]
     async fn console(mut cx: console::Context) {
         let mut due = Mono::now();
         let mut log = Log::new();
+        let millisecond = Micros::millis(1);
+        let ticks_per_ms = cx.shared.link.lock(|link| link.ticks(millisecond)).max(1);
         loop {
             let bus = cx.shared.link.lock(|link| BusView::of(link));
             log.bus(&bus);
+            let now = cx.shared.clock.now();
             let (navigation, counters) = cx
                 .shared
                 .station
@@ -244,7 +247,8 @@ mod app {
                 .console
                 .lock(|console| console.push(line.as_bytes()));
             line.clear();
-            lines::receiver(&mut line, &navigation, counters);
+            let age = navigation.age(now).map(|ticks| ticks / ticks_per_ms);
+            lines::receiver(&mut line, &navigation, age, counters);
             cx.shared
                 .console
                 .lock(|console| console.push(line.as_bytes()));
