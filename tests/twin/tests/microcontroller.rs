@@ -1,108 +1,16 @@
 //! Small programs, written down instruction by instruction, on whole microcontrollers.
 
+mod program;
+
 use can_bus::{SimDuration, SimTime};
+use program::{Program, VECTORS};
 use std::sync::{Arc, Mutex};
 use twin::ResetCause;
-use twin::image::Image;
 use twin::mcu::{Board, FlashTiming, Mcu};
 use twin::part::{Part, Pin};
 
 const MS: u64 = 1_000_000_000;
 const US: u64 = 1_000_000;
-
-/// Writes Thumb instructions behind a vector table (ARMv7-M architecture manual A7.7).
-struct Program {
-    code: Vec<u8>,
-}
-
-const VECTORS: usize = 112;
-
-impl Program {
-    /// All vectors lead to an endless loop; the program begins behind it.
-    fn new() -> Self {
-        let mut program = Self {
-            code: vec![0; VECTORS * 4],
-        };
-        program.half(0xE7FE);
-        for vector in 2..VECTORS {
-            program.vector(vector, VECTORS * 4);
-        }
-        let stack = 0x2000_2000_u32;
-        program.code[..4].copy_from_slice(&stack.to_le_bytes());
-        let start = program.here();
-        program.vector(1, start);
-        program
-    }
-
-    fn here(&self) -> usize {
-        self.code.len()
-    }
-
-    fn vector(&mut self, number: usize, offset: usize) {
-        let address = 0x0800_0001 + offset as u32;
-        self.code[4 * number..4 * number + 4].copy_from_slice(&address.to_le_bytes());
-    }
-
-    /// The handler of an exception begins here.
-    fn handler(&mut self, number: usize) {
-        let here = self.here();
-        self.vector(number, here);
-    }
-
-    fn half(&mut self, instruction: u16) -> &mut Self {
-        self.code.extend(instruction.to_le_bytes());
-        self
-    }
-
-    /// MOVW and MOVT.
-    fn constant(&mut self, register: u16, value: u32) -> &mut Self {
-        for (opcode, half) in [(0xF240, value & 0xFFFF), (0xF2C0, value >> 16)] {
-            let half = half as u16;
-            self.half(opcode | (half >> 11 & 1) << 10 | half >> 12);
-            self.half((half >> 8 & 7) << 12 | register << 8 | half & 0xFF);
-        }
-        self
-    }
-
-    /// Stores a constant; uses r0 and r1.
-    fn poke(&mut self, address: u32, value: u32) -> &mut Self {
-        // STR r1, [r0]
-        self.constant(0, address).constant(1, value).half(0x6001)
-    }
-
-    /// Loads a word into r2; uses r0.
-    fn peek(&mut self, address: u32) -> &mut Self {
-        // LDR r2, [r0]
-        self.constant(0, address).half(0x6802)
-    }
-
-    /// Loads until the word under the mask is the mask; uses r0 to r3.
-    fn wait(&mut self, address: u32, mask: u32) -> &mut Self {
-        self.constant(0, address).constant(3, mask);
-        // loop: LDR r2, [r0]; ANDS r2, r3; CMP r2, r3; BNE loop
-        self.half(0x6802).half(0x401A).half(0x429A).half(0xD1FB)
-    }
-
-    /// Lets an interrupt through the NVIC.
-    fn enable(&mut self, irq: u32) -> &mut Self {
-        self.poke(0xE000_E100 + 4 * (irq / 32), 1 << (irq % 32))
-    }
-
-    fn sleep_for_ever(&mut self) -> &mut Self {
-        // loop: WFI; B loop
-        self.half(0xBF30).half(0xE7FD)
-    }
-
-    fn return_from_handler(&mut self) -> &mut Self {
-        // BX LR
-        self.half(0x4770)
-    }
-
-    fn start(&self, part: Part, board: &Board) -> Mcu {
-        let image = Image::from_code(part, &self.code).expect("the program fits");
-        Mcu::new(Arc::new(image), board, None)
-    }
-}
 
 fn at(ps: u64) -> SimTime {
     SimTime::from_ticks(ps)

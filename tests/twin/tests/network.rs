@@ -1,0 +1,146 @@
+//! Two microcontrollers exchange a frame.
+
+mod program;
+
+use can_bus::{Frame, RecordKind, SimTime};
+use program::Program;
+use twin::mcu::Board;
+use twin::network::Network;
+use twin::part::{Part, Pin};
+
+const MS: u64 = 1_000_000_000;
+const US: u64 = 1_000_000;
+const CAN: u32 = 0x4000_6400;
+
+/// Brings the CAN controller onto the bus at 250 kbit/s: 16 quanta of 4 MHz, sampled after
+/// the twelfth; every frame into FIFO 0, single shot.
+fn join(program: &mut Program, prescaler: u32) {
+    program
+        .poke(CAN, 1)
+        .wait(CAN + 0x04, 1)
+        .poke(CAN + 0x1C, 3 << 20 | 10 << 16 | (prescaler - 1))
+        .poke(CAN + 0x200, 0x2A1C_0E01)
+        .poke(CAN + 0x20C, 1)
+        .poke(CAN + 0x240, 0)
+        .poke(CAN + 0x244, 0)
+        .poke(CAN + 0x21C, 1)
+        .poke(CAN + 0x200, 0x2A1C_0E00)
+        .poke(CAN, 1 << 4 | 1 << 2)
+        .wait_clear(CAN + 0x04, 1);
+}
+
+/// Sends identifier 0x123 with four bytes when TIM2 has counted 2 ms of 16 MHz.
+fn sender(pins: bool) -> Program {
+    let mut program = Program::new();
+    program
+        .poke(0x4002_3830, 1 << 1)
+        .poke(0x4002_3840, 1 << 25 | 1)
+        .poke(0x4002_0424, 9 << 4 | 9);
+    if pins {
+        program.poke(0x4002_0400, 0x280 | 2 << 18 | 2 << 16);
+    }
+    join(&mut program, 4);
+    program
+        .poke(CAN + 0x14, 1)
+        .enable(19)
+        .poke(0x4000_0000, 1)
+        .poke(0x4000_0034, 32_000)
+        .poke(0x4000_0010, 0)
+        .wait(0x4000_0010, 1 << 1)
+        .poke(CAN + 0x184, 4)
+        .poke(CAN + 0x188, u32::from_le_bytes(*b"seed"))
+        .poke(CAN + 0x180, 0x123 << 21 | 1)
+        .sleep_for_ever();
+    // Transmit interrupt: keeps TSR and acknowledges.
+    program.handler(16 + 19);
+    program
+        .peek(CAN + 0x08)
+        .constant(0, 0x2000_1000)
+        .half(0x6002)
+        .poke(CAN + 0x08, 1)
+        .return_from_handler();
+    program
+}
+
+/// Keeps the data of what it receives and raises PB3.
+fn receiver() -> Program {
+    let mut program = Program::new();
+    program
+        .poke(0x4002_1014, 0x14 | 1 << 17 | 1 << 18)
+        .poke(0x4002_101C, 1 << 25)
+        .poke(0x4800_0024, 9 << 16 | 9 << 12)
+        .poke(0x4800_0000, 0xA800_0000 & !(0xF << 22) | 2 << 24 | 2 << 22)
+        .poke(0x4800_0400, 1 << 6);
+    join(&mut program, 2);
+    program.poke(CAN + 0x14, 1 << 1).enable(20).sleep_for_ever();
+    program.handler(16 + 20);
+    program
+        .poke(0x4800_0418, 1 << 3)
+        .peek(CAN + 0x1B8)
+        .constant(0, 0x2000_1000)
+        .half(0x6002)
+        .poke(CAN + 0x0C, 1 << 5)
+        .return_from_handler();
+    program
+}
+
+fn exchange(pins: bool, crystal_ppb: i32) -> Network {
+    let mut network = Network::new();
+    let board = Board {
+        rc_ppb: crystal_ppb,
+        ..Board::default()
+    };
+    network.add(sender(pins).image(Part::F446), &board);
+    network.add(receiver().image(Part::F303), &Board::default());
+    network.run_until(SimTime::from_ticks(5 * MS));
+    network
+}
+
+#[test]
+fn a_frame_goes_from_one_program_to_the_other() {
+    let mut network = exchange(true, 300_000);
+    let data = network.node(1).memory(0x2000_1000, 4);
+    assert_eq!(data.as_deref(), Some(&b"seed"[..]));
+    let records = network.bus().drain_records();
+    let [start, end] = &records[..] else {
+        panic!("one frame: {records:?}");
+    };
+    let expected = Frame::standard(0x123, b"seed").expect("a frame");
+    assert_eq!(start.kind, RecordKind::FrameStart { frame: expected });
+    let RecordKind::FrameEnd { frame, .. } = end.kind else {
+        panic!("{end:?}");
+    };
+    assert_eq!(frame, expected);
+    // The receiver knows at the last but one bit of the end of frame, 4 us earlier; the
+    // entry of 12 cycles and the first poke take less than 4 us of 8 MHz more.
+    let pins = network.node_mut(1).drain_pins();
+    let [raised] = &pins[..] else {
+        panic!("{pins:?}");
+    };
+    assert_eq!(raised.pin, Pin::new('B', 3));
+    let late = raised.at.as_ticks() as i64 - end.at.as_ticks() as i64;
+    assert!((-4 * US as i64..0).contains(&late), "{late} ps");
+    // The sender: request complete, transmission ok, and the mailbox empty.
+    let status = network.node(0).memory(0x2000_1000, 4).expect("RAM");
+    assert_eq!(status[0] & 0b1111, 0b0011);
+}
+
+#[test]
+fn without_its_pins_a_controller_reaches_nobody() {
+    let mut network = exchange(false, 0);
+    assert_eq!(network.node(1).memory(0x2000_1000, 4), Some(vec![0; 4]));
+    assert!(network.node_mut(1).drain_pins().is_empty());
+}
+
+#[test]
+fn a_clock_that_is_two_percent_off_does_not_get_through() {
+    let network = exchange(true, 20_000_000);
+    assert_eq!(network.node(1).memory(0x2000_1000, 4), Some(vec![0; 4]));
+    let errors = network
+        .bus()
+        .drain_records()
+        .iter()
+        .filter(|record| matches!(record.kind, RecordKind::Error { .. }))
+        .count();
+    assert!(errors > 0);
+}
