@@ -62,9 +62,9 @@ const LARGEST_STEP: i64 = 2 << GlobalTime::FRACTION_BITS;
 /// Filter gains as shifts, for the offset and the rate, and the number of good
 /// corrections from which on they hold: fast at first, then averaging over more
 /// and more stamps.
-const GAINS: [(u8, u32, u32); 4] = [(0, 1, 3), (6, 2, 5), (16, 3, 7), (40, 4, 9)];
+const GAINS: [(u8, u32, u32); 3] = [(0, 1, 3), (6, 2, 5), (16, 3, 7)];
 /// Good corrections that count at most, and how many of them a bad one undoes.
-const SETTLED: u8 = 48;
+const SETTLED: u8 = 24;
 const UNSETTLED: u8 = 4;
 /// Corrections refused in a row after which the master is believed: it was
 /// changed for one whose time is another.
