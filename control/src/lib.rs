@@ -33,6 +33,7 @@ pub mod lqr;
 pub mod mode;
 pub mod model;
 pub mod path;
+pub mod plain;
 pub mod position;
 pub mod row;
 pub mod safety;
