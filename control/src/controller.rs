@@ -154,8 +154,9 @@ pub struct Sample<T> {
     pub dt: T,
 }
 
-/// Where the vehicle stands relative to its path.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Where the vehicle stands relative to its path; by default at its beginning,
+/// at rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tracking<T> {
     /// The segment of the path being followed, counted from zero.
     pub segment: usize,
@@ -172,6 +173,20 @@ pub struct Tracking<T> {
     pub steering_angle: T,
     /// Speed of the rear axle, m/s.
     pub speed: T,
+}
+
+impl<T: Scalar> Default for Tracking<T> {
+    fn default() -> Self {
+        Self {
+            segment: 0,
+            along: T::zero(),
+            cross_track: T::zero(),
+            heading: T::zero(),
+            heading_error: T::zero(),
+            steering_angle: T::zero(),
+            speed: T::zero(),
+        }
+    }
 }
 
 /// The outcome of a control step.
@@ -241,6 +256,12 @@ impl<T: Scalar> Controller<T> {
         if crab.is_finite() {
             self.crab = crab;
         }
+    }
+
+    /// Tells how old GPS data are when they arrive, s, when something measures
+    /// it; a negative or not finite value changes nothing.
+    pub fn set_gps_delay(&mut self, delay: T) {
+        self.estimator.set_gps_delay(delay);
     }
 
     /// The path being followed.
@@ -362,19 +383,22 @@ impl<T: Scalar> Controller<T> {
         } else {
             T::zero()
         };
-        let half = self.guidance.steering_way(forward, effectiveness) * T::lit(0.5);
+        let way = self.guidance.steering_way(forward, effectiveness) + T::lit(0.01);
         // The angle follows the wish a little late.
         let ahead = along + forward * T::lit(0.2);
+        // From one lock to the other takes twice the way; either with reserve.
+        let curvature = |at: T| self.path.curvature(segment, at);
+        let reverses = curvature(ahead - way) * curvature(ahead + way) < T::zero();
+        let half = way * T::lit(if reverses { 1.25 } else { 0.625 });
+        let here = self.path.smoothed(segment, along, half);
         let (sine, _) = tracking.heading_error.sine_cosine();
         Deviation {
             cross_track: tracking.cross_track - self.settings.controlled_point * sine,
-            heading: tracking.heading_error,
+            heading: wrap_angle(tracking.heading_error - here.turn),
             steering_angle: tracking.steering_angle,
             speed: forward,
-            curvature: self.path.mean_curvature(segment, along, along),
-            curvature_ahead: self
-                .path
-                .mean_curvature(segment, ahead - half, ahead + half),
+            curvature: here.curvature,
+            curvature_ahead: self.path.smoothed(segment, ahead, half).curvature,
             effectiveness,
         }
     }

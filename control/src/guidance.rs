@@ -239,7 +239,7 @@ impl<T: Scalar> Guidance<T> {
         self.saturated = false;
     }
 
-    /// The integral of the cross-track error, m s.
+    /// What the integral adds to the cross-track error, m.
     #[must_use]
     pub fn integral(&self) -> T {
         self.integral
@@ -272,7 +272,7 @@ impl<T: Scalar> Guidance<T> {
         }
         let [k_integral, k_cross, k_heading, k_steering] = gains;
         self.integrate(at.cross_track, k_integral, k_cross, dt);
-        let cross = at.cross_track + k_integral * self.integral / k_cross;
+        let cross = at.cross_track + self.integral;
         let feed = self.angle_for(at.curvature_ahead);
 
         // Where the vehicle will be when the steering has had its time.
@@ -351,17 +351,15 @@ impl<T: Scalar> Guidance<T> {
     }
 
     /// Adds to the integral while the vehicle is near the path and nothing
-    /// saturates (anti-windup by conditional integration).
+    /// saturates (anti-windup by conditional integration). It is kept as the
+    /// cross-track error that it stands for, so that a change of gains does
+    /// not move the steering.
     fn integrate(&mut self, cross: T, k_integral: T, k_cross: T, dt: T) {
-        if !(k_integral > T::zero()) {
-            self.integral = T::zero();
-            return;
-        }
         if self.saturated || !(cross.abs() < self.settings.integral_zone) {
             return;
         }
-        let largest = self.settings.integral_limit * k_cross / k_integral;
-        self.integral = clamp_symmetric(self.integral + cross * dt, largest);
+        let sum = self.integral + cross * dt * k_integral / k_cross;
+        self.integral = clamp_symmetric(sum, self.settings.integral_limit);
     }
 
     /// Steering angle that holds a curvature (1/m), rad.

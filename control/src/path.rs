@@ -217,24 +217,39 @@ impl<T: Scalar> Path<T> {
         self.segments.get(..self.count).unwrap_or(&self.segments)
     }
 
-    /// Mean curvature of the path between `from` and `to` metres along the
-    /// segment `number` (and those before and after it), 1/m.
+    /// Curvature of the path at `along` metres along the segment `number` (or
+    /// beyond its ends), 1/m.
     #[must_use]
-    pub fn mean_curvature(&self, number: usize, from: T, to: T) -> T {
-        let width = to - from;
-        if !(width > T::zero()) {
-            return self
-                .segments()
-                .get(number)
-                .map_or(T::zero(), |segment| segment.curvature);
-        }
-        let mut sum = T::zero();
+    pub fn curvature(&self, number: usize, along: T) -> T {
+        let touch = T::lit(0.01);
+        self.smoothed(number, along, touch).curvature
+    }
+
+    /// The path at `along` metres along the segment `number`, smoothed by a
+    /// mean over `half` metres (positive) to either side: what a steering that
+    /// takes its time can follow.
+    #[must_use]
+    pub fn smoothed(&self, number: usize, along: T, half: T) -> Smoothed<T> {
+        let mut curvature = T::zero();
+        let mut turn = T::zero();
+        // Weight of the curvature at a distance in the mean heading, less the
+        // heading here, as its integral.
+        let weight = |at: T| half * at.abs() - at * at * T::lit(0.5);
         let mut add = |begin: T, segment: &Segment<T>| {
-            let low = if from > begin { from } else { begin };
+            let from = if begin - along > -half {
+                begin - along
+            } else {
+                -half
+            };
             let end = begin + segment.length;
-            let high = if to < end { to } else { end };
-            if high > low {
-                sum += segment.curvature * (high - low);
+            let to = if end - along < half {
+                end - along
+            } else {
+                half
+            };
+            if to > from {
+                curvature += segment.curvature * (to - from);
+                turn += segment.curvature * (weight(to) - weight(from));
             }
         };
         let mut begin = T::zero();
@@ -247,8 +262,28 @@ impl<T: Scalar> Path<T> {
             begin -= segment.length;
             add(begin, segment);
         }
-        sum / width
+        let width = half + half;
+        if width > T::zero() {
+            Smoothed {
+                curvature: curvature / width,
+                turn: turn / width,
+            }
+        } else {
+            Smoothed {
+                curvature: T::zero(),
+                turn: T::zero(),
+            }
+        }
     }
+}
+
+/// A smoothed path at one place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Smoothed<T> {
+    /// Mean curvature, 1/m.
+    pub curvature: T,
+    /// Mean heading less the path's own, rad.
+    pub turn: T,
 }
 
 /// Progress along a path.

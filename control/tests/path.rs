@@ -74,12 +74,16 @@ fn segments_join() {
 fn curvature_is_averaged_over_joints() {
     let path = two_passes(6000);
     // A half circle of radius 3 to the right between the passes.
-    let inside = path.mean_curvature(1, 2.0, 4.0);
-    assert!((inside - 1.0 / 3.0).abs() < 1e-9);
-    let joint = path.mean_curvature(0, 29.0, 31.0);
-    assert!((joint - 1.0 / 6.0).abs() < 1e-9);
-    let back = path.mean_curvature(1, -1.0, 1.0);
-    assert!((back - 1.0 / 6.0).abs() < 1e-9);
+    let inside = path.smoothed(1, 3.0, 1.0);
+    assert!((inside.curvature - 1.0 / 3.0).abs() < 1e-9 && inside.turn.abs() < 1e-9);
+    let joint = path.smoothed(0, 30.0, 1.0);
+    assert!((joint.curvature - 1.0 / 6.0).abs() < 1e-9);
+    let back = path.smoothed(1, 0.0, 1.0);
+    assert!((back.curvature - 1.0 / 6.0).abs() < 1e-9);
+    // Half way through a ramp of two metres the heading leads by k w / 8.
+    assert!((back.turn - 2.0 / 3.0 / 8.0).abs() < 1e-9);
+    assert!((path.curvature(0, 29.0)).abs() < 1e-9);
+    assert!((path.curvature(0, 31.0) - 1.0 / 3.0).abs() < 1e-9);
 }
 
 #[test]

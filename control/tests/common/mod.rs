@@ -48,9 +48,8 @@ pub struct Conditions {
     pub heading: f64,
     /// Speed at the start, m/s.
     pub speed: f64,
-    /// Sideways drift from the slope as a share of the way (tangent of the
-    /// crab angle).
-    pub crab: f64,
+    /// Slope of the ground, falling to the right of the line, rad.
+    pub slope: f64,
     /// Potentiometer reads this much too far right, rad.
     pub steering_bias: f64,
     /// Velocity vector reads this much too far clockwise, rad.
@@ -71,24 +70,23 @@ impl Default for Conditions {
             offset: 1.0,
             heading: 0.0,
             speed: 0.0,
-            crab: 0.0,
+            slope: 0.0,
             steering_bias: 0.0,
             heading_bias: 0.0,
             actuator: 1.0,
             position_noise: 0.01,
-            velocity_noise: 0.03,
-            delay: 0.075,
+            velocity_noise: 0.02,
+            delay: 0.1,
         }
     }
 }
 
 impl Conditions {
     /// Filled sprayer on a slope of 3 degrees, sensors misaligned: slower
-    /// actuator, 1 degree of crab, 2 degrees of steering bias, 1 degree of
-    /// heading bias.
+    /// actuator, 2 degrees of steering bias, 1 degree of heading bias.
     pub fn loaded() -> Self {
         Self {
-            crab: 1.0_f64.to_radians(),
+            slope: 3.0_f64.to_radians(),
             steering_bias: 2.0_f64.to_radians(),
             heading_bias: 1.0_f64.to_radians(),
             actuator: 0.7,
@@ -129,6 +127,8 @@ pub struct Plant {
     pub heading: f64,
     pub steering: f64,
     pub speed: f64,
+    /// Course less heading, rad.
+    pub crab: f64,
     noise: Noise,
     history: VecDeque<(f64, [f64; 4])>,
 }
@@ -141,6 +141,10 @@ pub struct Heard {
 }
 
 const STEP: f64 = 0.001;
+const GRAVITY: f64 = 9.81;
+/// Slip angle of a tyre for a lateral force of the weight it carries, rad: a
+/// cornering coefficient of 4 (Wong, Theory of Ground Vehicles).
+const SLIP: f64 = 0.25;
 
 impl Plant {
     pub fn new(conditions: Conditions, seed: u64) -> Self {
@@ -152,6 +156,7 @@ impl Plant {
             heading: conditions.heading,
             steering: 0.0,
             speed: conditions.speed,
+            crab: 0.0,
             noise: Noise::new(seed),
             history: VecDeque::new(),
         }
@@ -178,8 +183,12 @@ impl Plant {
         for _ in 0..(seconds / STEP).round() as usize {
             self.steering = (self.steering + rate * STEP).clamp(-LIMIT, LIMIT);
             self.speed += (command.speed - self.speed) * STEP / 0.3;
-            let course = self.heading + self.conditions.crab;
+            // Both axles slip alike: by the force they carry, which turns the
+            // course but, in the first order, not the vehicle.
             let turn = self.speed * self.steering.tan() / WHEELBASE;
+            let downhill = GRAVITY * self.conditions.slope.sin() * self.heading.cos();
+            self.crab = SLIP * (downhill - self.speed * turn) / GRAVITY;
+            let course = self.heading + self.crab;
             let (north, east) = (self.speed * course.cos(), self.speed * course.sin());
             let velocity = (
                 north - L1 * turn * self.heading.sin(),
