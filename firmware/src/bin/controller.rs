@@ -181,7 +181,7 @@ mod app {
     #[task(binds = EXTI1, priority = 5, shared = [link, pilot, buttons, axes], local = [mode_events])]
     fn control(cx: control::Context) {
         let mut link = cx.shared.link;
-        let mut inputs = link.lock(|link| pilot::Inputs::take(link));
+        let mut inputs = link.lock(pilot::Inputs::take);
         (cx.shared.pilot, cx.shared.buttons, cx.shared.axes).lock(|pilot, buttons, axes| {
             inputs.joystick = *axes;
             let (frames, change) = pilot.step(&inputs, buttons);
