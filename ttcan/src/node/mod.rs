@@ -63,7 +63,7 @@ struct Last {
 
 /// A node: room for `W` windows of the matrix, `P` nodes of the network and `Q`
 /// event messages. It takes some 400 bytes, and 2 for each window, 12 for each
-/// node, 24 for each event message.
+/// node, 28 for each event message.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Node<'s, const W: usize, const P: usize, const Q: usize> {
     schedule: ScheduleView<'s>,
