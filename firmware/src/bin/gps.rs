@@ -232,7 +232,7 @@ mod app {
         let mut due = Mono::now();
         let mut log = Log::new();
         let millisecond = Micros::millis(1);
-        let ticks_per_ms = cx.shared.link.lock(|link| link.ticks(millisecond)).max(1);
+        let ticks_per_ms = cx.shared.link.lock(|link| link.ticks(millisecond));
         loop {
             let bus = cx.shared.link.lock(|link| BusView::of(link));
             log.bus(&bus);
@@ -247,7 +247,9 @@ mod app {
                 .console
                 .lock(|console| console.push(line.as_bytes()));
             line.clear();
-            let age = navigation.age(now).map(|ticks| ticks / ticks_per_ms);
+            let age = navigation
+                .age(now)
+                .and_then(|ticks| ticks.checked_div(ticks_per_ms));
             lines::receiver(&mut line, &navigation, age, counters);
             cx.shared
                 .console
