@@ -32,6 +32,7 @@ pub mod linear;
 pub mod lqr;
 pub mod mode;
 pub mod model;
+pub mod mpc;
 pub mod path;
 pub mod plain;
 pub mod position;
