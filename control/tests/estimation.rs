@@ -1,0 +1,260 @@
+//! Kalman filters, the bias-augmented model, and the estimator's corners.
+
+use control::analysis::{controllability_rank, observability_rank, poles, simulate, step_response};
+use control::design::with_integral;
+use control::discretise::zero_order_hold;
+use control::estimator::{Estimator, EstimatorError, EstimatorSettings, Observation, Update};
+use control::kalman::{Kalman, KalmanError, steady_state, with_biases};
+use control::model::Geometry;
+use control::position::{Position, Velocity};
+use nalgebra::{Matrix1, SMatrix, SVector};
+
+/// Thesis 7.2.4 and Figure 7.11: controllable; the biases are observable only
+/// while the vehicle moves.
+#[test]
+fn ranks_of_the_steering_models() {
+    for speed in [0.25, 1.0, 2.0] {
+        let model = Geometry::<f64>::uagv().steering_model(speed);
+        assert_eq!(controllability_rank(&model.a, &model.b), 3);
+        let (augmented, shows) = with_biases(&model);
+        assert_eq!(observability_rank(&augmented.a, &shows), 5);
+        assert_eq!(controllability_rank(&augmented.a, &augmented.b), 3);
+        // Figure 7.12's integral is not seen by measurements of the rest.
+        let integral = with_integral(&model);
+        assert_eq!(controllability_rank(&integral.a, &integral.b), 4);
+        let mut rest = SMatrix::<f64, 3, 4>::zeros();
+        rest.fixed_view_mut::<3, 3>(0, 1).fill_with_identity();
+        assert_eq!(observability_rank(&integral.a, &rest), 3);
+    }
+    let standing = Geometry::<f64>::uagv().steering_model(0.0);
+    assert_eq!(controllability_rank(&standing.a, &standing.b), 1);
+    let (augmented, shows) = with_biases(&standing);
+    assert_eq!(observability_rank(&augmented.a, &shows), 3);
+}
+
+/// A random walk seen with noise has a textbook gain: with q = r the golden
+/// ratio's inverse.
+#[test]
+fn steady_gain_of_a_random_walk() {
+    let one = Matrix1::new(1.0_f64);
+    let filter = steady_state(&one, &one, &one, &one).unwrap();
+    let golden = (5.0_f64.sqrt() - 1.0) / 2.0;
+    assert!((filter.gain[0] - golden).abs() < 1e-12);
+    assert!((filter.corrected[0] - golden).abs() < 1e-12);
+}
+
+/// The time-varying filter of the five-state model ends at the steady one, and
+/// its estimate at the biases.
+#[test]
+fn time_varying_filter_converges_to_the_steady_one() {
+    let (model, h) = with_biases(&Geometry::<f64>::uagv().steering_model(1.0));
+    let sampled = zero_order_hold(&model, 0.1).unwrap();
+    let q =
+        SMatrix::<f64, 5, 5>::from_diagonal(&SVector::<f64, 5>::new(1e-6, 1e-6, 1e-5, 1e-8, 1e-8));
+    let r = SMatrix::<f64, 3, 3>::from_diagonal(&SVector::<f64, 3>::new(1e-4, 1e-3, 1e-5));
+    let steady = steady_state(&sampled.f, &h, &q, &r).unwrap();
+
+    let mut truth = SVector::<f64, 5>::new(0.5, 0.0, 0.0, 0.02, 0.035);
+    let mut filter = Kalman {
+        state: SVector::zeros(),
+        covariance: SMatrix::identity(),
+    };
+    for step in 0..3000 {
+        let u = SVector::<f64, 1>::new(0.2 * (f64::from(step) * 0.05).sin());
+        truth = sampled.f * truth + sampled.g * u;
+        filter.predict(&sampled, &u, &q);
+        filter.correct(&(h * truth), &h, &r).unwrap();
+    }
+    let difference = (filter.covariance - steady.corrected).amax() / steady.corrected.amax();
+    assert!(difference < 1e-6, "{difference}");
+    assert!((filter.state - truth).amax() < 1e-3);
+    assert_eq!(
+        filter.correct(&SVector::<f64, 3>::repeat(f64::NAN), &h, &r),
+        Err(KalmanError::MeasurementNotFinite)
+    );
+}
+
+#[test]
+fn filters_that_cannot_be_are_named() {
+    let one = Matrix1::new(1.0_f64);
+    let zero = Matrix1::new(0.0_f64);
+    assert_eq!(
+        steady_state(&one, &zero, &one, &one),
+        Err(KalmanError::NotDetectable)
+    );
+    assert_eq!(
+        steady_state(&one, &one, &-one, &one),
+        Err(KalmanError::ProcessNoise)
+    );
+    assert_eq!(
+        steady_state(&one, &one, &one, &zero),
+        Err(KalmanError::MeasurementNoise)
+    );
+}
+
+/// The thesis's Figure 7.9 loop: Euler at V = 2 with K = [5, 4, 3] diverges.
+#[test]
+fn the_printed_gain_diverges_at_two_metres_a_second() {
+    let model = Geometry::<f64>::uagv().steering_model(2.0);
+    let f = SMatrix::<f64, 3, 3>::identity() + model.a * 0.1;
+    let closed = f - model.b * 0.1 * SMatrix::<f64, 1, 3>::new(5.0, 4.0, 3.0);
+    let largest = poles(&closed)
+        .unwrap()
+        .iter()
+        .map(|p| p.magnitude())
+        .fold(0.0, f64::max);
+    assert!((largest - 1.004).abs() < 5e-4, "{largest}");
+}
+
+#[test]
+fn simulations_follow_the_model() {
+    let model = Geometry::<f64>::uagv().steering_model_sampled(1.0, 0.1);
+    let steps: Vec<_> = step_response(&model, 0).take(11).collect();
+    // A steering rate of one for a second.
+    assert!((steps[10][2] - 1.0).abs() < 1e-12);
+    let start = SVector::<f64, 3>::new(1.0, 0.0, 0.0);
+    let gain = SMatrix::<f64, 1, 3>::new(0.889, 2.041, 2.199);
+    let last = simulate(&model, start, |_, x| -gain * x).nth(200).unwrap();
+    assert!(last.amax() < 1e-3);
+}
+
+fn standing() -> Observation<f32> {
+    Observation {
+        position: Some(Position::new(1000, 2000)),
+        velocity: Some(Velocity::new(5, -8)),
+        steering_angle: Some(0.1),
+        steering_rate: 0.0,
+        speed: 0.0,
+        dt: 0.1,
+    }
+}
+
+/// At standstill no bias moves, however long it stands, and their variance
+/// neither grows nor shrinks.
+#[test]
+fn biases_are_frozen_at_standstill() {
+    let mut estimator =
+        Estimator::<f32>::new(EstimatorSettings::uagv(), Position::new(0, 0)).unwrap();
+    // Learn something first.
+    for step in 0..200 {
+        estimator.step(&Observation {
+            position: Some(Position::new(step * 100, 0)),
+            velocity: Some(Velocity::new(1000, 30)),
+            steering_angle: Some(0.03),
+            steering_rate: 0.0,
+            speed: 1.0,
+            dt: 0.1,
+        });
+    }
+    assert!(estimator.is_ready());
+    let stop = |estimator: &mut Estimator<f32>| {
+        estimator.step(&Observation {
+            position: Some(Position::new(20_000, 0)),
+            ..standing()
+        })
+    };
+    for _ in 0..30 {
+        stop(&mut estimator);
+    }
+    let before = (estimator.estimate(), estimator.deviations());
+    for _ in 0..3000 {
+        stop(&mut estimator);
+    }
+    let after = (estimator.estimate(), estimator.deviations());
+    assert!(before.0.steering_bias.abs() > 0.005, "it had learnt a bias");
+    assert_eq!(before.0.heading_bias, after.0.heading_bias);
+    assert_eq!(before.0.steering_bias, after.0.steering_bias);
+    assert!((before.1[4] - after.1[4]).abs() < 1e-4 && (before.1[5] - after.1[5]).abs() < 1e-4);
+}
+
+#[test]
+fn no_heading_without_motion_and_none_from_bad_input() {
+    let mut estimator =
+        Estimator::<f32>::new(EstimatorSettings::uagv(), Position::new(0, 0)).unwrap();
+    for _ in 0..50 {
+        assert_eq!(estimator.step(&standing()), Update::NoHeading);
+    }
+    let before = estimator.estimate();
+    for bad in [
+        Observation {
+            dt: 0.0,
+            ..standing()
+        },
+        Observation {
+            dt: f32::NAN,
+            ..standing()
+        },
+        Observation {
+            steering_rate: f32::INFINITY,
+            ..standing()
+        },
+        Observation {
+            speed: f32::NAN,
+            ..standing()
+        },
+        Observation {
+            steering_angle: Some(f32::NAN),
+            ..standing()
+        },
+    ] {
+        assert_eq!(estimator.step(&bad), Update::BadInput);
+        assert_eq!(estimator.estimate(), before);
+    }
+}
+
+/// A single wild position is passed over; a lasting jump is believed.
+#[test]
+fn outliers_and_jumps() {
+    let mut estimator =
+        Estimator::<f32>::new(EstimatorSettings::uagv(), Position::new(0, 0)).unwrap();
+    let mut drive = |step: i32, east: i32| {
+        let update = estimator.step(&Observation {
+            position: Some(Position::new(step * 100, east)),
+            velocity: Some(Velocity::new(1000, 0)),
+            steering_angle: Some(0.0),
+            steering_rate: 0.0,
+            speed: 1.0,
+            dt: 0.1,
+        });
+        (update, estimator.estimate().east)
+    };
+    for step in 0..100 {
+        drive(step, 0);
+    }
+    let (_, east) = drive(100, 3000);
+    assert!(east.abs() < 0.02, "one outlier moved it to {east}");
+    let mut restarted = false;
+    for step in 101..120 {
+        restarted |= drive(step, 3000).0 == Update::Restarted;
+    }
+    let (_, east) = drive(120, 3000);
+    assert!(restarted && (east - 3.0).abs() < 0.05, "{east}");
+}
+
+#[test]
+fn unusable_settings_are_named() {
+    let good = EstimatorSettings::<f64>::uagv();
+    let origin = Position::new(0, 0);
+    let mut bad = good;
+    bad.noise.position = 0.0;
+    assert_eq!(
+        Estimator::new(bad, origin).err(),
+        Some(EstimatorError::Noise)
+    );
+    let bad = EstimatorSettings {
+        gps_delay: -0.1,
+        ..good
+    };
+    assert_eq!(
+        Estimator::new(bad, origin).err(),
+        Some(EstimatorError::Delay)
+    );
+    let bad = EstimatorSettings {
+        drive_lag: f64::NAN,
+        ..good
+    };
+    assert_eq!(
+        Estimator::new(bad, origin).err(),
+        Some(EstimatorError::Drive)
+    );
+}

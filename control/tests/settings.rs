@@ -1,0 +1,66 @@
+//! Settings that no vehicle has are refused by name.
+
+use control::controller::{Controller, Settings, SettingsError};
+use control::design::{DesignError, SteeringWeights, steering_gains};
+use control::estimator::EstimatorError;
+use control::feedback::LimitError;
+use control::guidance::GuidanceError;
+use control::line::Line;
+use control::lqr::RegulatorError;
+use control::model::{Geometry, GeometryError};
+use control::position::Position;
+
+fn refusal(change: impl FnOnce(&mut Settings<f64>)) -> Option<SettingsError> {
+    let line = Line::new(Position::new(0, 0), Position::new(1000, 0)).unwrap();
+    let mut settings = Settings::uagv();
+    change(&mut settings);
+    Controller::new(settings, line).err()
+}
+
+#[test]
+fn each_group_is_named() {
+    use SettingsError::{Estimator, Gains, Guidance, Hold, Limit, Number};
+    assert_eq!(refusal(|_| ()), None);
+    assert_eq!(
+        refusal(|s| s.estimator.geometry.l2 = f64::NAN),
+        Some(Estimator(EstimatorError::Geometry(
+            GeometryError::NotFinite
+        )))
+    );
+    assert_eq!(
+        refusal(|s| s.limits.steering_rate = 0.0),
+        Some(Limit(LimitError::SteeringRate))
+    );
+    assert_eq!(
+        refusal(|s| s.guidance.swing = 1.5),
+        Some(Guidance(GuidanceError::Share))
+    );
+    assert_eq!(refusal(|s| s.firm.gains[3][1] = f64::INFINITY), Some(Gains));
+    assert_eq!(refusal(|s| s.gentle.gains[0][3] = 0.0), Some(Gains));
+    assert_eq!(refusal(|s| s.hold.begin = s.hold.end), Some(Hold));
+    assert_eq!(refusal(|s| s.cruise = -1.0), Some(Number));
+    assert_eq!(refusal(|s| s.lost = f64::NAN), Some(Number));
+}
+
+#[test]
+fn designs_say_at_which_speed_they_fail() {
+    let vehicle = Geometry::<f64>::uagv();
+    let weights = SteeringWeights {
+        integral: 1.0,
+        cross_track: 1.0,
+        heading: 1.0,
+        steering_angle: 1.0,
+        steering_rate: 0.0,
+    };
+    assert_eq!(
+        steering_gains::<f64, 3>(&vehicle, &weights, 0.1, 0.5, 0.25),
+        Err(DesignError::Regulator {
+            speed: 0.25,
+            error: RegulatorError::InputWeight
+        })
+    );
+    assert_eq!(
+        steering_gains::<f64, 3>(&vehicle, &weights, 0.1, 0.5, 0.0),
+        Err(DesignError::Speed)
+    );
+}
