@@ -13,6 +13,7 @@ pub mod size;
 pub mod target;
 pub mod test;
 
+mod debian;
 mod failure;
 mod node;
 mod workspace;
@@ -25,6 +26,10 @@ use std::{ffi::OsString, process::ExitCode};
 
 /// Runs the command that the arguments (the program's name first) ask for.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    if let Some(code) = debian::wrap(&arguments) {
+        return code;
+    }
     match cli::parse(arguments).and_then(execute) {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Shown) => ExitCode::FAILURE,

@@ -3,18 +3,9 @@
 //! In this order: it is there; rustup installs it; Debian's packages hold the
 //! core library's source for Debian's compiler, which builds it with the image.
 
-use std::{
-    env,
-    ffi::OsString,
-    fs,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{env, ffi::OsString, fs, path::Path, process::Command};
 
-use crate::{
-    Failure, Workspace,
-    workspace::{output, succeed},
-};
+use crate::{Failure, Workspace, debian, workspace::output};
 
 /// The target of both boards: Cortex-M4 with its floating point unit.
 pub const TRIPLE: &str = "thumbv7em-none-eabihf";
@@ -43,29 +34,7 @@ impl Target {
     pub fn has_tools(&self) -> bool {
         self.arguments.is_empty()
     }
-
-    /// Debian's compiler, which builds the core library from Debian's source, and
-    /// rustup's linker. The compiler is older than the workspace asks for; that
-    /// the images build with it nevertheless is what `--ignore-rust-version` says.
-    fn debian(linker: &Path) -> Self {
-        let set = |name: &str, value: &str| (OsString::from(name), OsString::from(value));
-        Self {
-            environment: vec![
-                set("RUSTC", DEBIAN_COMPILER),
-                set("RUSTC_BOOTSTRAP", "1"),
-                (
-                    "CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER".into(),
-                    linker.into(),
-                ),
-            ],
-            arguments: vec!["-Zbuild-std=core".into(), "--ignore-rust-version".into()],
-        }
-    }
 }
-
-const DEBIAN_COMPILER: &str = "/usr/bin/rustc";
-const DEBIAN_SOURCE: &str = "/usr/lib/rustlib/src/rust/library/core/Cargo.toml";
-const DEBIAN_PACKAGES: [&str; 2] = ["rustc-web", "rust-web-src"];
 
 /// Finds the target, installing it if need be.
 ///
@@ -87,10 +56,18 @@ pub fn ensure(workspace: &Workspace) -> Result<Target, Failure> {
             return Ok(Target::default());
         }
     }
-    if Path::new("/etc/debian_version").exists() {
-        return debian(workspace);
+    if !debian::is_here() {
+        return Err(missing("rustup cannot fetch it"));
     }
-    Err(missing("rustup cannot be run or cannot fetch it"))
+    let environment = debian::environment(workspace).map_err(|why| {
+        missing(&format!(
+            "rustup cannot fetch it, nor can Debian's compiler: {why}"
+        ))
+    })?;
+    Ok(Target {
+        environment,
+        arguments: debian::arguments(),
+    })
 }
 
 fn missing(why: &str) -> Failure {
@@ -122,55 +99,6 @@ fn holds_core(folder: &Path) -> bool {
     })
 }
 
-fn debian(workspace: &Workspace) -> Result<Target, Failure> {
-    let there = || Path::new(DEBIAN_COMPILER).exists() && Path::new(DEBIAN_SOURCE).exists();
-    if !there() {
-        let mut install = installer(workspace);
-        install.args(["install", "--yes", "--no-install-recommends"]);
-        install.args(DEBIAN_PACKAGES);
-        eprintln!(
-            "Installing Debian's packages {}.",
-            DEBIAN_PACKAGES.join(" and ")
-        );
-        let installed = succeed(&mut install, "installing them");
-        if installed.is_err() || !there() {
-            return Err(missing(&format!(
-                "neither rustup nor `apt-get install {}` could provide it",
-                DEBIAN_PACKAGES.join(" ")
-            )));
-        }
-    }
-    let linker =
-        linker(workspace).ok_or_else(|| missing("the toolchain has no rust-lld to link with"))?;
-    Ok(Target::debian(&linker))
-}
-
-/// apt-get, by sudo unless we are root; sudo must not ask for a password.
-fn installer(workspace: &Workspace) -> Command {
-    let root = output(Command::new("id").arg("-u")).is_some_and(|id| id.trim() == "0");
-    if root {
-        workspace.program("apt-get")
-    } else {
-        let mut sudo = workspace.program("sudo");
-        sudo.args(["--non-interactive", "apt-get"]);
-        sudo
-    }
-}
-
-/// The linker in the toolchain's own folder.
-fn linker(workspace: &Workspace) -> Option<PathBuf> {
-    let root = output(workspace.program("rustc").args(["--print", "sysroot"]))?;
-    let version = output(workspace.program("rustc").arg("-vV"))?;
-    let host = version
-        .lines()
-        .find_map(|line| line.strip_prefix("host: "))?;
-    let linker = Path::new(root.trim())
-        .join("lib/rustlib")
-        .join(host)
-        .join("bin/rust-lld");
-    linker.is_file().then_some(linker)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -189,21 +117,16 @@ mod tests {
     #[test]
     fn the_recipe_of_debian_builds_the_core_library() {
         let workspace = Workspace::find().unwrap();
-        let cargo = Target::debian(Path::new("/lld")).cargo(&workspace, "build");
+        let target = Target {
+            environment: vec![("RUSTC".into(), "/usr/bin/rustc".into())],
+            arguments: debian::arguments(),
+        };
+        let cargo = target.cargo(&workspace, "build");
         let arguments: Vec<_> = cargo.get_args().collect();
-        assert_eq!(
-            arguments,
-            [
-                "build",
-                "--target",
-                TRIPLE,
-                "-Zbuild-std=core",
-                "--ignore-rust-version"
-            ]
-        );
-        let linker = OsString::from("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER");
-        let value = cargo.get_envs().find(|(name, _)| *name == linker);
-        assert_eq!(value.and_then(|(_, value)| value), Some("/lld".as_ref()));
+        assert_eq!(arguments[..3], ["build", "--target", TRIPLE]);
+        assert!(arguments.contains(&"-Zbuild-std=core".as_ref()));
+        assert_eq!(cargo.get_envs().count(), 1);
+        assert!(!target.has_tools());
     }
 
     #[test]
