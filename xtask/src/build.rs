@@ -71,7 +71,8 @@ pub fn images(workspace: &Workspace, nodes: &[Node]) -> Result<Vec<Image>, Failu
             .filter(|node| node.board() == board && nodes.contains(node))
             .collect();
         if !nodes.is_empty() {
-            images.extend(build(workspace, &target, board, &nodes)?);
+            let cargo = command(workspace, &target, board, &nodes);
+            images.extend(finish(cargo, board, &nodes)?);
         }
     }
     Ok(images)
@@ -88,15 +89,18 @@ pub fn command(workspace: &Workspace, target: &Target, board: Board, nodes: &[No
     cargo
 }
 
-fn build(
-    workspace: &Workspace,
-    target: &Target,
+/// Runs a [`command`] that builds images of one board.
+///
+/// # Errors
+///
+/// It does not succeed.
+pub(crate) fn finish(
+    mut cargo: Command,
     board: Board,
     nodes: &[Node],
 ) -> Result<Vec<Image>, Failure> {
     let names: Vec<&str> = nodes.iter().map(|node| node.name()).collect();
     let names = names.join(", ");
-    let mut cargo = command(workspace, target, board, nodes);
     cargo.arg("--message-format=json-render-diagnostics");
     let output = cargo
         .stderr(Stdio::inherit())

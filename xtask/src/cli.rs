@@ -77,7 +77,11 @@ pub struct Flash {
     cargo xtask sim                                straight-line, figures on the terminal\n  \
     cargo xtask sim gps-lost --seed 7 --out run    and bus.log, states.csv, summary.json, track.svg\n  \
     cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
-    cargo xtask sim --list                         the scenarios that come along")]
+    cargo xtask sim --list                         the scenarios that come along\n  \
+    cargo xtask sim --experiment thesis-7          many runs against aims; --seeds 2 for a quick look\n\n\
+    Experiments:\n  \
+    thesis-7   the track tests of the thesis, chapter 7, against its own law; exit code 1\n             \
+    and their names when aims are missed")]
 pub struct Sim {
     /// Name of a scenario, or the path of a TOML file
     #[arg(default_value = "straight-line")]
@@ -88,7 +92,15 @@ pub struct Sim {
     /// Seed of everything that is left to chance: noise, clock errors
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// Folder for bus.log, states.csv, summary.json and track.svg [default: no files]
+    /// Run an experiment instead: scenarios over many seeds, judged by aims
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["scenario", "seconds", "list"])]
+    pub experiment: Option<String>,
+    /// Number of seeds of an experiment, from --seed upwards
+    #[arg(long, value_name = "N", default_value_t = 20, requires = "experiment",
+        value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: u64,
+    /// Folder for bus.log, states.csv, summary.json and track.svg, or an experiment's
+    /// experiment.json and runs.csv [default: no files]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print the figures as JSON
@@ -209,6 +221,9 @@ mod tests {
             "xtask sim --seconds -1",
             "xtask sim --seconds soon",
             "xtask sim --seed 1.5",
+            "xtask sim --seeds 3",
+            "xtask sim --experiment thesis-7 --seeds 0",
+            "xtask sim --experiment thesis-7 gps-lost",
             "xtask",
         ] {
             let text = refused(line);

@@ -7,6 +7,7 @@
 
 pub mod build;
 pub mod cli;
+pub mod experiment;
 pub mod flash;
 pub mod sim;
 pub mod size;

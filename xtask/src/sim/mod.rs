@@ -1,7 +1,7 @@
 //! `sim`: the release images drive the virtual vehicle, and what comes of it.
 
-mod bus;
-mod matrix;
+pub(crate) mod bus;
+pub(crate) mod matrix;
 mod tasks;
 
 use std::{
@@ -17,7 +17,7 @@ use world::{
     time,
 };
 
-use crate::{Failure, Node, Workspace, build, cli::Sim};
+use crate::{Failure, Node, Workspace, build, cli::Sim, experiment};
 use bus::Log;
 use matrix::Matrix;
 
@@ -28,6 +28,9 @@ use matrix::Matrix;
 /// The scenario or the output folder is wrong ([`Failure::Usage`]), or an image
 /// does not build or run.
 pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
+    if let Some(name) = &options.experiment {
+        return experiment::run(workspace, name, options);
+    }
     if options.list {
         print!("{}", list());
         return Ok(());
@@ -184,7 +187,12 @@ impl Finished<'_> {
     }
 }
 
-fn images(workspace: &Workspace) -> Result<Images, Failure> {
+/// Builds the four images and reads them.
+///
+/// # Errors
+///
+/// One of them does not build.
+pub(crate) fn images(workspace: &Workspace) -> Result<Images, Failure> {
     let mut files = Vec::new();
     for image in build::images(workspace, &Node::ALL)? {
         let bytes = fs::read(&image.path).map_err(|error| {

@@ -1,0 +1,191 @@
+//! The experiments, their cases and what is asked of them.
+
+use control::dubins::{DubinsError, Pose, shortest_to_line};
+use world::Scenario;
+
+use crate::Failure;
+
+/// Several scenarios, each run over many seeds and judged by aims.
+pub struct Experiment {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// Its cases.
+    pub cases: &'static [Case],
+}
+
+/// A scenario of an experiment.
+pub struct Case {
+    /// Its name: the scenario file's stem.
+    pub name: &'static str,
+    /// The scenario file.
+    text: &'static str,
+    /// Mean cross-track error in steady state that the thesis reports, cm.
+    pub thesis_mean_cm: Option<f64>,
+    /// Time until steady state that the thesis reports, s.
+    pub thesis_settling_seconds: Option<f64>,
+    /// How soon the vehicle shall be on the line.
+    pub settling: Settling,
+}
+
+/// How soon the vehicle shall be on the line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Settling {
+    /// Within so many seconds.
+    Within(f64),
+    /// Within so many times the time that the shortest path takes.
+    Shortest(f64),
+}
+
+/// Largest mean of the cross-track error, either side, cm.
+pub const LARGEST_MEAN_CM: f64 = 0.5;
+/// Largest standard deviation of the cross-track error, cm.
+pub const LARGEST_DEVIATION_CM: f64 = 1.8;
+/// Most passages from beyond the settling band on one side to beyond it on the
+/// other: one overshoot may be, a swing back is an oscillation.
+pub const MOST_SWINGS: usize = 1;
+/// The plain law changes the sign of its command at least so many times as often.
+pub const FEWER_SIGN_CHANGES: f64 = 10.0;
+
+/// Speed of an autonomous run, m/s (thesis 7.3).
+const SPEED: f64 = 1.0;
+
+macro_rules! case {
+    ($name:literal, $mean:expr, $settling:expr, $aim:expr) => {
+        Case {
+            name: $name,
+            text: include_str!(concat!("thesis-7/", $name, ".toml")),
+            thesis_mean_cm: $mean,
+            thesis_settling_seconds: $settling,
+            settling: $aim,
+        }
+    };
+}
+
+/// All experiments.
+pub const ALL: &[Experiment] = &[Experiment {
+    name: "thesis-7",
+    cases: &[
+        case!(
+            "one-metre-off",
+            Some(-2.7),
+            Some(15.0),
+            Settling::Within(6.0)
+        ),
+        case!("five-metres-off-45", None, None, Settling::Shortest(1.15)),
+        case!("five-metres-off-90", None, None, Settling::Shortest(1.15)),
+        case!(
+            "five-metres-off-135",
+            Some(-4.4),
+            Some(15.0),
+            Settling::Shortest(1.15)
+        ),
+        case!("loaded", Some(1.0), None, Settling::Within(6.0)),
+    ],
+}];
+
+impl Experiment {
+    /// The experiment of that name.
+    ///
+    /// # Errors
+    ///
+    /// There is none; the sentence names those that there are.
+    pub fn find(name: &str) -> Result<&'static Self, Failure> {
+        ALL.iter()
+            .find(|experiment| experiment.name == name)
+            .ok_or_else(|| {
+                let names: Vec<&str> = ALL.iter().map(|experiment| experiment.name).collect();
+                Failure::Usage(format!(
+                    "there is no experiment {name:?}: {} is accepted",
+                    names.join(", ")
+                ))
+            })
+    }
+}
+
+impl Case {
+    /// The scenario.
+    ///
+    /// # Errors
+    ///
+    /// The file does not describe one.
+    pub fn scenario(&self) -> Result<Scenario, Failure> {
+        Scenario::parse(self.name, self.name, self.text)
+            .map_err(|error| Failure::Failed(error.to_string()))
+    }
+}
+
+/// Time that the shortest path under the steering limit takes from the start of a
+/// scenario onto its line, s: for the rear axle, which is the point that turns no
+/// tighter than the steering limit has it.
+///
+/// # Errors
+///
+/// The scenario's vehicle cannot turn.
+pub fn shortest_seconds(scenario: &Scenario) -> Result<f64, DubinsError> {
+    let vehicle = &scenario.vehicle;
+    let heading = scenario.start.heading.get() - scenario.line.direction();
+    let (along, cross_track) = scenario
+        .line
+        .locate(scenario.start.north.get(), scenario.start.east.get());
+    let ahead = vehicle.rear_to_antenna.get();
+    let start = Pose {
+        north: along - ahead * heading.cos(),
+        east: cross_track - ahead * heading.sin(),
+        heading,
+    };
+    let radius = vehicle.wheelbase() / vehicle.steering_limit.get().tan();
+    Ok(shortest_to_line(start, radius)?.length() / SPEED)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    use super::*;
+
+    #[test]
+    fn every_case_is_a_scenario() {
+        for case in ALL.iter().flat_map(|experiment| experiment.cases) {
+            let scenario = case.scenario().unwrap();
+            assert_eq!(scenario.name, case.name);
+            assert!(!scenario.summary.is_empty());
+        }
+    }
+
+    #[test]
+    fn the_help_names_every_experiment() {
+        let line = ["xtask", "sim", "--help"].map(std::ffi::OsString::from);
+        let Ok(crate::cli::Request::Show(help)) = crate::cli::parse(line) else {
+            panic!("no help");
+        };
+        for experiment in ALL {
+            assert!(help.contains(experiment.name), "{}", experiment.name);
+        }
+    }
+
+    #[test]
+    fn an_unknown_experiment_is_refused_in_one_sentence() {
+        let failure = Experiment::find("thesis-8").err().unwrap();
+        assert_eq!(failure.exit_code(), 2);
+        let text = failure.to_string();
+        assert!(
+            text.contains("thesis-8") && text.contains("thesis-7"),
+            "{text}"
+        );
+    }
+
+    /// The rear axle is 5 m - 0.255 m to the right and faces away from the line: half a
+    /// circle to the left takes it 2 R nearer, then straight, then a quarter to the right
+    /// from R before the line.
+    #[test]
+    fn the_shortest_path_from_facing_away_is_two_arcs_and_a_straight() {
+        let text = "[start]\neast = \"5 m\"\nheading = \"90 deg\"\n";
+        let scenario = Scenario::parse("t", "t", text).unwrap();
+        let radius = 1.1 / 25_f64.to_radians().tan();
+        // Facing east the arc to the left ends facing west, as far east as it began.
+        let straight = 5.0 - 0.255 - radius;
+        let length = PI * radius + straight + FRAC_PI_2 * radius;
+        let seconds = shortest_seconds(&scenario).unwrap();
+        assert!((seconds - length).abs() < 1e-3, "{seconds} {length}");
+    }
+}

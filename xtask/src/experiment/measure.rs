@@ -1,0 +1,210 @@
+//! What one run amounts to.
+
+use world::{
+    report::{Run, Summary},
+    time::seconds,
+};
+
+/// Identifier of the command (`firmware/network/uagv.dbc`); its first two bytes are the
+/// steering rate, little-endian.
+const COMMAND: u16 = 300;
+
+/// Cross-track error that counts as on the line, m: the settling band of the report.
+const BAND: f64 = 0.05;
+
+/// What stands for the steady state of a run that never settles: its last seconds.
+const TAIL: f64 = 10.0;
+
+/// Figures of one run from the moment when the vehicle drives by itself.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figures {
+    /// Seed of the run.
+    pub seed: u64,
+    /// Time until the cross-track error stays within the band, s.
+    pub settling: Option<f64>,
+    /// Cross-track errors in steady state, evenly spaced, cm.
+    pub steady: Vec<f64>,
+    /// Length of the steady state, s.
+    pub steady_seconds: f64,
+    /// Changes of sign between steering commands that differ from zero, in steady state.
+    pub sign_changes: usize,
+    /// Largest cross-track error on the far side of the line, cm.
+    pub overshoot: f64,
+    /// Passages from beyond the band on one side to beyond it on the other.
+    pub swings: usize,
+    /// Whether the vehicle drove by itself up to the end.
+    pub complete: bool,
+}
+
+impl Figures {
+    /// The figures of `run`, `None` when the vehicle never drove by itself.
+    pub fn of(run: &Run) -> Option<Self> {
+        let summary = Summary::of(run);
+        let drive = summary.autonomous_runs.first()?;
+        let (from, until) = (drive.from_seconds, drive.until_seconds);
+        let errors: Vec<(f64, f64)> = run
+            .states
+            .iter()
+            .map(|state| {
+                let (_, error) = run.scenario.line.locate(state.north, state.east);
+                (seconds(state.at), error)
+            })
+            .filter(|(time, _)| (from..=until).contains(time))
+            .collect();
+        let steady_from = match drive.settling_seconds {
+            // The settling time is rounded to milliseconds, samples are 10 ms apart.
+            Some(settling) => from + settling - 1e-3,
+            None => (until - TAIL).max(from),
+        };
+        let commands = run
+            .frames
+            .iter()
+            .filter(|frame| frame.id == COMMAND && frame.complete)
+            .filter(|frame| (steady_from..=until).contains(&seconds(frame.end)))
+            .map(|frame| i16::from_le_bytes([frame.data[0], frame.data[1]]));
+        Some(Self {
+            seed: run.seed,
+            settling: drive.settling_seconds,
+            steady: errors
+                .iter()
+                .filter(|(time, _)| *time >= steady_from)
+                .map(|(_, error)| error * 100.0)
+                .collect(),
+            steady_seconds: until - steady_from,
+            sign_changes: sign_changes(commands),
+            overshoot: drive.overshoot_cm,
+            swings: swings(errors.iter().map(|(_, error)| *error)),
+            complete: summary.autonomous_runs.len() == 1 && until >= summary.simulated_seconds,
+        })
+    }
+}
+
+/// Changes of sign; zeros between are passed over.
+fn sign_changes(values: impl Iterator<Item = i16>) -> usize {
+    let mut last = 0;
+    let mut changes = 0;
+    for sign in values.map(i16::signum).filter(|sign| *sign != 0) {
+        changes += usize::from(sign == -last);
+        last = sign;
+    }
+    changes
+}
+
+/// Passages from beyond the band on one side to beyond it on the other.
+fn swings(errors: impl Iterator<Item = f64>) -> usize {
+    let beyond = errors.filter(|error| error.abs() > BAND);
+    sign_changes(beyond.map(|error| if error > 0.0 { 1 } else { -1 }))
+}
+
+#[cfg(test)]
+mod tests {
+    use world::{
+        Scenario, SimDuration, SimTime, StateSample,
+        receiver::Fix,
+        report::{FrameRecord, ModeChange},
+        time::from_seconds,
+    };
+
+    use super::*;
+
+    fn at(milliseconds: u64) -> SimTime {
+        SimTime::from_ticks(milliseconds * 1_000_000_000)
+    }
+
+    /// From 1 s on the vehicle comes in from 1 m to the right at 0.5 m/s, is on the line at
+    /// 3 s, shoots 20 cm over, is back at 4 s and then keeps 2 cm right and 1 cm left by
+    /// turns for 6 s. Commands alternate each 100 ms between +, 0, -, 0.
+    fn figures(last_mode: Option<u64>) -> Figures {
+        let error = |ms: u64| match ms {
+            0..=3_000 => 1.0 - 0.5 * (ms.max(1_000) - 1_000) as f64 / 1e3,
+            3_001..=3_500 => -0.2 * (ms - 3_000) as f64 / 500.0,
+            3_501..=4_000 => -0.2 * (4_000 - ms) as f64 / 500.0,
+            _ if ms / 10 % 2 == 0 => 0.02,
+            _ => -0.01,
+        };
+        let states: Vec<StateSample> = (0..=1_000)
+            .map(|k| StateSample {
+                at: at(k * 10),
+                north: k as f64 * 0.01,
+                east: error(k * 10),
+                heading: 0.0,
+                steering: 0.0,
+                speed: 1.0,
+                steering_effort: 0.0,
+                drive_effort: 0.5,
+                fix: Fix::Fixed,
+            })
+            .collect();
+        let frames: Vec<FrameRecord> = (0..100_u64)
+            .map(|k| {
+                let rate = [100_i16, 0, -100, 0][k as usize % 4].to_le_bytes();
+                FrameRecord {
+                    id: COMMAND,
+                    dlc: 8,
+                    data: [rate[0], rate[1], 0, 0, 3, 0, 0, 0],
+                    start: at(k * 100 + 7),
+                    end: at(k * 100 + 8),
+                    complete: true,
+                }
+            })
+            .collect();
+        let mode = |ms, autonomous| ModeChange {
+            at: at(ms),
+            mode: if autonomous { "AutonomousRun" } else { "Idle" }.into(),
+            autonomous,
+        };
+        let mut modes = vec![mode(1_000, true)];
+        modes.extend(last_mode.map(|ms| mode(ms, false)));
+        let scenario = Scenario::parse("t", "t", "").unwrap();
+        let run = Run {
+            scenario: &scenario,
+            seed: 9,
+            duration: from_seconds(10.0),
+            states: &states,
+            efforts: &[],
+            frames: &frames,
+            windows: &[],
+            basic_cycle: SimDuration::from_ticks(100_000_000_000),
+            bit_time: SimDuration::from_ticks(4_000_000),
+            modes: &modes,
+            tasks: &[],
+        };
+        Figures::of(&run).unwrap()
+    }
+
+    #[test]
+    fn figures_of_a_run_are_what_was_put_in() {
+        let figures = figures(None);
+        assert_eq!(figures.seed, 9);
+        // 5 cm to the left is passed for the last time at 4 s - 125 ms; the first sample
+        // within is at 3.88 s.
+        assert_eq!(figures.settling, Some(2.88));
+        assert!((figures.steady_seconds - 6.12).abs() < 0.01);
+        assert_eq!(figures.overshoot, 20.0);
+        assert_eq!(figures.swings, 1);
+        assert!(figures.complete);
+        // Samples from 3.88 s to 10 s, both included.
+        assert_eq!(figures.steady.len(), 613);
+        assert!((figures.steady[612] - 2.0).abs() < 1e-9);
+        // Frames 39..=99: k = 40 is positive, 42 negative, .., 98 negative: 30 of them.
+        assert_eq!(figures.sign_changes, 29);
+    }
+
+    #[test]
+    fn a_run_that_ends_early_is_not_complete_and_its_tail_counts() {
+        let figures = figures(Some(3_200));
+        assert_eq!(figures.settling, None);
+        assert!(!figures.complete);
+        // Less than the tail's length: all from 1 s to 3.2 s.
+        assert!((figures.steady_seconds - 2.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn signs_are_counted_over_zeros() {
+        assert_eq!(sign_changes([0, 3, 0, 2, -1, 0, -5, 4].into_iter()), 2);
+        assert_eq!(sign_changes([0, 0].into_iter()), 0);
+        // There and back beyond the band twice; what stays within it does not count.
+        let errors = [1.0, 0.04, -0.06, -0.04, 0.04, 0.06, 0.02, -0.02, 0.01];
+        assert_eq!(swings(errors.into_iter()), 2);
+    }
+}

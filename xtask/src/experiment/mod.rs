@@ -1,0 +1,275 @@
+//! `sim --experiment`: scenarios over many seeds, under Furrow's law and under
+//! the thesis's, judged by aims.
+
+mod aggregate;
+mod case;
+mod measure;
+mod report;
+
+use std::{
+    fmt::Write as _,
+    fs,
+    io::{IsTerminal, Write as _},
+    num::NonZero,
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+    },
+    thread,
+    time::Instant,
+};
+
+use twin::{Images, Options};
+use world::{
+    Scenario, SimDuration,
+    report::{OutputFolder, Run},
+};
+
+use crate::{
+    Board, Failure, Node, Workspace, build,
+    cli::Sim,
+    sim::{self, bus::Log, matrix::Matrix},
+    target,
+};
+use case::{Case, Experiment};
+use measure::Figures;
+use report::{CaseReport, Report};
+
+/// Runs the experiment of that name.
+///
+/// # Errors
+///
+/// There is no such experiment or the output folder is wrong
+/// ([`Failure::Usage`]); an image does not build or run, or an aim is missed.
+pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
+    let usage = |error: String| Failure::Usage(error);
+    let experiment = Experiment::find(name)?;
+    let folder = match &options.out {
+        Some(path) => Some(OutputFolder::create(path).map_err(|error| usage(error.to_string()))?),
+        None => None,
+    };
+    let scenarios = experiment
+        .cases
+        .iter()
+        .map(Case::scenario)
+        .collect::<Result<Vec<_>, _>>()?;
+    let matrix = Matrix::read(workspace)?;
+    // The plain image first, so that the one left behind is the one to flash.
+    let plain = plain_controller(workspace)?;
+    let furrow = sim::images(workspace)?;
+    let plain = Images {
+        controller: plain,
+        ..furrow.clone()
+    };
+
+    let images = [&furrow, &plain];
+    let jobs: Vec<Job> = (0..options.seeds)
+        .flat_map(|k| {
+            let seed = options.seed.wrapping_add(k);
+            let scenarios = scenarios.iter().enumerate();
+            scenarios.flat_map(move |(case, scenario)| {
+                [0, 1].map(|law| Job {
+                    case,
+                    scenario,
+                    law,
+                    seed,
+                    images: images[law],
+                })
+            })
+        })
+        .collect();
+    let figures = run_all(&jobs, &matrix)?;
+
+    let of = |case: usize, law: usize| -> Vec<Figures> {
+        let both = jobs.iter().zip(&figures);
+        both.filter(|(job, _)| job.case == case && job.law == law)
+            .map(|(_, figures)| figures.clone())
+            .collect()
+    };
+    let cases = experiment.cases.iter().enumerate().zip(&scenarios);
+    let cases = cases
+        .map(|((number, case), scenario)| {
+            let shortest = case::shortest_seconds(scenario)
+                .map_err(|error| Failure::Failed(format!("{}: {error}", case.name)))?;
+            let (furrow, plain) = (of(number, 0), of(number, 1));
+            Ok(CaseReport::new(
+                case,
+                &scenario.summary,
+                shortest,
+                &furrow,
+                &plain,
+            ))
+        })
+        .collect::<Result<Vec<_>, Failure>>()?;
+    let report = Report {
+        experiment: experiment.name,
+        first_seed: options.seed,
+        seeds: options.seeds,
+        cases,
+    };
+
+    if let Some(mut folder) = folder {
+        let path = folder
+            .write("experiment.json", report.json().as_bytes())
+            .and_then(|()| folder.write("runs.csv", runs_csv(&jobs, &figures).as_bytes()))
+            .and_then(|()| folder.finish())
+            .map_err(|error| usage(error.to_string()))?;
+        eprintln!("Wrote experiment.json and runs.csv to {}.", path.display());
+    }
+    if options.json {
+        print!("{}", report.json());
+    } else {
+        print!("{}", report.text());
+    }
+    match report.missed().as_slice() {
+        [] => Ok(()),
+        missed => Err(Failure::Failed(format!(
+            "aims missed: {}",
+            missed.join(", ")
+        ))),
+    }
+}
+
+/// The controller's image with the thesis's law.
+fn plain_controller(workspace: &Workspace) -> Result<Vec<u8>, Failure> {
+    let target = target::ensure(workspace)?;
+    let nodes = [Node::Controller];
+    let mut cargo = build::command(workspace, &target, Board::F446, &nodes);
+    cargo.args(["--features", "thesis-law"]);
+    let images = build::finish(cargo, Board::F446, &nodes)?;
+    let path = images
+        .into_iter()
+        .map(|image| image.path)
+        .next()
+        .unwrap_or_default();
+    fs::read(&path)
+        .map_err(|error| Failure::Failed(format!("{} cannot be read: {error}", path.display())))
+}
+
+/// Names of the laws in files.
+const LAWS: [&str; 2] = ["furrow", "plain"];
+
+/// One run to be made.
+struct Job<'a> {
+    case: usize,
+    scenario: &'a Scenario,
+    /// Index into [`LAWS`].
+    law: usize,
+    seed: u64,
+    images: &'a Images,
+}
+
+impl Job<'_> {
+    fn run(&self, matrix: &Matrix) -> Result<Figures, Failure> {
+        let options = Options {
+            seed: self.seed,
+            ..Options::default()
+        };
+        let failed = |what: String| {
+            Failure::Failed(format!(
+                "{}, seed {}, {}: {what}",
+                self.scenario.name, self.seed, LAWS[self.law]
+            ))
+        };
+        let outcome = twin::run(self.scenario, self.images, &options, |_| {})
+            .map_err(|error| failed(error.to_string()))?;
+        if let Some(node) = outcome.nodes.iter().find(|node| node.locked_up) {
+            let name = node.node.name();
+            return Err(failed(format!("the program of {name} ended in a fault")));
+        }
+        let log = Log::new(&outcome.records, matrix.bit_time());
+        let modes = matrix.modes(&log.frames);
+        Figures::of(&Run {
+            scenario: self.scenario,
+            seed: self.seed,
+            duration: SimDuration::from_ticks(outcome.duration.as_ticks()),
+            states: outcome.world.states(),
+            efforts: outcome.world.efforts(),
+            frames: &log.frames,
+            windows: &matrix.windows,
+            basic_cycle: matrix.basic_cycle(),
+            bit_time: matrix.bit_time(),
+            modes: &modes,
+            tasks: &[],
+        })
+        .ok_or_else(|| failed("the vehicle never drove by itself".into()))
+    }
+}
+
+/// Makes all runs, as many at a time as there are processors. Which of them makes which
+/// run changes nothing: a run depends on its job alone.
+fn run_all(jobs: &[Job], matrix: &Matrix) -> Result<Vec<Figures>, Failure> {
+    let next = AtomicUsize::new(0);
+    let done = Mutex::new(Vec::new());
+    let start = Instant::now();
+    let work = || {
+        while let Some((number, job)) = {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            jobs.get(number).map(|job| (number, job))
+        } {
+            let figures = job.run(matrix);
+            let failed = figures.is_err();
+            let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+            done.push((number, figures));
+            show(job, done.len(), jobs.len(), start);
+            if failed {
+                // Nobody needs the others.
+                next.store(jobs.len(), Ordering::Relaxed);
+            }
+        }
+    };
+    let workers = thread::available_parallelism().map_or(1, NonZero::get);
+    thread::scope(|scope| {
+        for _ in 0..workers.min(jobs.len()) {
+            scope.spawn(work);
+        }
+    });
+    if std::io::stderr().is_terminal() {
+        eprint!("\r\x1b[K");
+    }
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(number, _)| *number);
+    done.into_iter().map(|(_, figures)| figures).collect()
+}
+
+/// Progress: one line that is written over, or, into a file, a line for each run.
+fn show(job: &Job, done: usize, all: usize, start: Instant) {
+    let left = start.elapsed().as_secs_f64() / done as f64 * (all - done) as f64 / 60.0;
+    let line = format!(
+        "{done} of {all} runs, {} with seed {} last, {left:.0} min left",
+        job.scenario.name, job.seed
+    );
+    let mut stderr = std::io::stderr();
+    // Progress that cannot be shown is no reason to stop.
+    let _ = if stderr.is_terminal() {
+        write!(stderr, "\r{line}\x1b[K").and_then(|()| stderr.flush())
+    } else {
+        writeln!(stderr, "{line}")
+    };
+}
+
+/// One line for each run.
+fn runs_csv(jobs: &[Job], figures: &[Figures]) -> String {
+    let mut text = String::from(
+        "case,law,seed,settling_s,mean_cm,deviation_cm,overshoot_cm,swings,sign_changes_per_s,complete\n",
+    );
+    for (job, figures) in jobs.iter().zip(figures) {
+        let one = aggregate::Aggregate::of(std::slice::from_ref(figures));
+        let settling = figures.settling.map(|time| format!("{time:.2}"));
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{:.3},{:.3},{:.3},{},{:.3},{}",
+            job.scenario.name,
+            LAWS[job.law],
+            job.seed,
+            settling.unwrap_or_default(),
+            one.mean_cm,
+            one.deviation_cm,
+            figures.overshoot,
+            figures.swings,
+            one.sign_changes_per_second,
+            figures.complete
+        );
+    }
+    text
+}
