@@ -110,20 +110,23 @@ macro_rules! fault_handlers {
         mod fault_handlers {
             use $crate::fault::{Fault, reset};
 
-            // SAFETY: the name is the one that cortex-m-rt's vector table asks for. The
-            // function touches no stack before it has set the stack pointer anew, and never
-            // returns to what it discards.
-            #[unsafe(naked)]
-            #[unsafe(export_name = "HardFault")]
-            extern "C" fn hard_fault() -> ! {
-                core::arch::naked_asm!(
-                    "movw r0, #:lower16:_stack_start",
-                    "movt r0, #:upper16:_stack_start",
-                    "msr msp, r0",
-                    "b {stop}",
-                    stop = sym stop_hard,
-                )
-            }
+            // The name is the one that cortex-m-rt's vector table asks for. No stack is
+            // touched before the stack pointer is set anew, and nothing returns to what
+            // that discards. Debian's compiler knows no naked functions.
+            core::arch::global_asm!(
+                ".section .text.HardFault, \"ax\", %progbits",
+                ".global HardFault",
+                ".type HardFault, %function",
+                ".thumb_func",
+                "HardFault:",
+                "movw r0, #:lower16:_stack_start",
+                "movt r0, #:upper16:_stack_start",
+                "msr msp, r0",
+                "b {stop}",
+                ".size HardFault, . - HardFault",
+                ".text",
+                stop = sym stop_hard,
+            );
 
             extern "C" fn stop_hard() -> ! {
                 $stop();
