@@ -1,5 +1,10 @@
 //! Tests across the crates: what the release images do on emulated microcontrollers.
 
+mod journey;
+pub mod time;
+
+pub use journey::{Journey, scenario};
+
 use std::sync::OnceLock;
 use twin::Images;
 use world::Node;

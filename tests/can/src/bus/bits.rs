@@ -336,7 +336,7 @@ impl Bus {
             return;
         };
         state.previous = bit.level;
-        let bits = state.position + 1;
+        let bits = state.position.saturating_add(1);
         let start = instant(state.frame_start);
         for (index, frame) in state.finished.drain(..) {
             self.records.push(Record {

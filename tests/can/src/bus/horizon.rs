@@ -138,8 +138,8 @@ impl Bus {
                 }
             } else if let Some(position) = node.mac.position() {
                 // Whoever has counted other bits has seen another start of frame.
-                let ahead = position + u16::from(node.sample_at.is_some());
-                if ahead != state.position + 1 {
+                let ahead = position.saturating_add(u16::from(node.sample_at.is_some()));
+                if ahead != state.position.saturating_add(1) {
                     return None;
                 }
                 acknowledged |= node.mac.acknowledges();

@@ -1,0 +1,234 @@
+//! Many sequences on all cores.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::str::FromStr;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc;
+
+use twin::part::Part;
+use twin::{Images, Vehicle, VehicleError};
+use world::{Node, SimDuration, SimTime};
+
+use crate::report::Report;
+use crate::rules::{Violation, judge};
+use crate::sequence::{END, Sequence};
+
+/// Which part of the sequences is run here: every `of`-th, from the `index`-th on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    index: u64,
+    of: u64,
+}
+
+impl Default for Shard {
+    /// All of them.
+    fn default() -> Self {
+        Self { index: 1, of: 1 }
+    }
+}
+
+/// A text that names no shard.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ShardError(String);
+
+impl std::fmt::Display for ShardError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{:?} is no shard: write its number and how many there are, such as \"2/8\"",
+            self.0
+        )
+    }
+}
+
+impl std::error::Error for ShardError {}
+
+impl FromStr for Shard {
+    type Err = ShardError;
+
+    /// Reads `i/n` with 1 <= i <= n.
+    ///
+    /// # Errors
+    /// When it is anything else.
+    fn from_str(text: &str) -> Result<Self, ShardError> {
+        let parsed = text
+            .split_once('/')
+            .and_then(|(index, of)| Some((index.parse().ok()?, of.parse().ok()?)))
+            .filter(|&(index, of): &(u64, u64)| 1 <= index && index <= of);
+        let (index, of) = parsed.ok_or_else(|| ShardError(text.to_owned()))?;
+        Ok(Self { index, of })
+    }
+}
+
+impl std::fmt::Display for Shard {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}/{}", self.index, self.of)
+    }
+}
+
+/// What is run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Number of sequences in all shards together.
+    pub sequences: u64,
+    /// Seed of the first one; the next ones have the seeds after it, so that one sequence with
+    /// the seed of a failure repeats it.
+    pub seed: u64,
+    /// The part of them that is run here.
+    pub shard: Shard,
+    /// Threads; as many as there are cores when `None`.
+    pub threads: Option<usize>,
+}
+
+/// How far it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// Sequences done.
+    pub done: u64,
+    /// Sequences to be done here.
+    pub all: u64,
+    /// Sequences that broke a rule so far.
+    pub failed: u64,
+}
+
+/// What became of one sequence.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Verdict {
+    /// Its seed, which replays it.
+    pub seed: u64,
+    /// What happened, one sentence each.
+    pub story: Vec<String>,
+    /// The rules that were broken; empty when all is well.
+    pub violations: Vec<Violation>,
+}
+
+/// Runs the sequence of one seed.
+///
+/// # Errors
+/// When an image is no program for its node's microcontroller.
+pub fn replay(seed: u64, images: &Images) -> Result<Verdict, VehicleError> {
+    let sequence = Sequence::draw(seed);
+    // Judges the images only: a fault of the simulation is a failure with a seed too.
+    let judged = catch_unwind(AssertUnwindSafe(|| drive(&sequence, images)));
+    let violations = match judged {
+        Ok(Ok(violations)) => violations,
+        Ok(Err(error)) => return Err(error),
+        Err(panic) => {
+            let text = panic.downcast_ref::<String>().map(String::as_str);
+            let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
+            vec![Violation {
+                rule: "simulation",
+                at: 0.0,
+                what: text.unwrap_or("the simulation ended").to_owned(),
+            }]
+        }
+    };
+    Ok(Verdict {
+        seed,
+        story: sequence.story,
+        violations,
+    })
+}
+
+fn drive(sequence: &Sequence, images: &Images) -> Result<Vec<Violation>, VehicleError> {
+    let mut vehicle = Vehicle::new(&sequence.scenario, sequence.seed, images)?;
+    let mut upsets = sequence.upsets.clone();
+    upsets.sort_by(|one, other| one.at.total_cmp(&other.at));
+    for upset in upsets {
+        vehicle.run_until(instant(upset.at).max(vehicle.now()));
+        stall(&mut vehicle, upset.node);
+    }
+    vehicle.run_until(instant(END));
+    Ok(judge(sequence, &vehicle.finish()))
+}
+
+/// Stalls a core in its next interrupt. A node without one in 30 ms stands still already.
+///
+/// # Panics
+/// Never: both parts have RAM at the lower end of their call stacks.
+pub fn stall(vehicle: &mut Vehicle, node: Node) {
+    // A branch to itself where the call stack would end: no program comes that far.
+    let trap = match vehicle.node(node).part() {
+        Part::F446 => 0x2000_0000,
+        Part::F303 => 0x1000_0000,
+    };
+    let written = vehicle.node_mut(node).set_memory(trap, &[0xFE, 0xE7]);
+    assert!(written, "{trap:#x} is RAM");
+    let end = vehicle.now() + SimDuration::from_ticks(30_000_000_000);
+    while vehicle.now() < end {
+        let next = vehicle.now() + SimDuration::from_ticks(3_000_000);
+        vehicle.run_until(next);
+        // Exceptions from 16 on are interrupts of the device (ARMv7-M).
+        if vehicle.node(node).exception() >= 16 {
+            vehicle.node_mut(node).set_register(15, trap);
+            return;
+        }
+    }
+}
+
+fn instant(seconds: f64) -> SimTime {
+    SimTime::from_ticks((seconds * 1e12).round() as u64)
+}
+
+/// Runs the sequences of a shard; `progress` is called after each of them.
+///
+/// # Errors
+/// When an image is no program for its node's microcontroller.
+pub fn run(
+    images: &Images,
+    options: &Options,
+    mut progress: impl FnMut(Progress),
+) -> Result<Report, VehicleError> {
+    let Shard { index, of } = options.shard;
+    let all = (options.sequences + of - index) / of;
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = options.threads.unwrap_or(cores).max(1);
+    let next = AtomicU64::new(0);
+    let (sender, verdicts) = mpsc::channel();
+    let mut report = Report::new(options);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            let (sender, next) = (sender.clone(), &next);
+            scope.spawn(move || {
+                loop {
+                    let turn = next.fetch_add(1, Ordering::Relaxed);
+                    if turn >= all {
+                        return;
+                    }
+                    let number = turn * of + index - 1;
+                    let verdict = replay(options.seed.wrapping_add(number), images);
+                    let broken = verdict.is_err();
+                    if sender.send(verdict).is_err() || broken {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        for verdict in verdicts {
+            report.take(verdict?);
+            progress(Progress {
+                done: report.sequences,
+                all,
+                failed: report.failures.len() as u64,
+            });
+        }
+        Ok(())
+    })?;
+    report.finish();
+    Ok(report)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_are_read_and_others_refused() {
+        assert_eq!("2/8".parse(), Ok(Shard { index: 2, of: 8 }));
+        for text in ["0/8", "9/8", "2", "a/b", "1/0", "-1/2", "1/2/3"] {
+            let error = text.parse::<Shard>().unwrap_err();
+            assert!(error.to_string().contains(text), "{error}");
+        }
+    }
+}

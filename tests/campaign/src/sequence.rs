@@ -1,0 +1,410 @@
+//! What goes wrong in a run, drawn from a seed.
+
+use world::random::{Purpose, Stream};
+use world::receiver::{Fix, FixChange, StreamFault, StreamFaultKind};
+use world::scenario::{BusEvent, Button, ButtonPress, JoystickMove, ResetEvent, StopLoopChange};
+use world::units::{Ppm, Ratio, Time};
+use world::{Node, Scenario};
+
+/// The vehicle that every sequence begins with. Its wheels could turn further than they may, so
+/// that the limit which holds is the steering node's.
+const VEHICLE: &str = r#"
+    duration = "6.5 s"
+    start = { east = "0.5 m" }
+    vehicle = { steering_limit = "32 deg" }
+"#;
+
+/// Faults begin from here on, s: the vehicle is under way.
+const FIRST: f64 = 1.9;
+/// No fault begins later, s.
+const LAST: f64 = 3.2;
+/// What is to end has ended by then, s. A node that its watchdog had to reset is back by then.
+pub(crate) const OVER: f64 = 4.2;
+/// From here on everybody keeps the schedule again, s.
+pub(crate) const SETTLED: f64 = 5.7;
+/// End of the run, s.
+pub(crate) const END: f64 = 6.5;
+
+/// A node's core stops in the middle of an interrupt of its own, as a latched-up program would:
+/// nothing of the same or a lower priority runs again until the watchdog bites.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Upset {
+    /// Whose core.
+    pub node: Node,
+    /// From when on its next interrupt is its last, s.
+    pub at: f64,
+}
+
+/// A sequence of faults.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sequence {
+    /// The seed that it was drawn from, also of everything else that is left to chance.
+    pub seed: u64,
+    /// Everything around the nodes.
+    pub scenario: Scenario,
+    /// Cores that stall.
+    pub upsets: Vec<Upset>,
+    /// What happens, one sentence each.
+    pub story: Vec<String>,
+}
+
+/// Identifiers of foreign frames stay clear of the reference messages of the eight possible
+/// masters: who sends those is a time master, and the protocol has no means to tell.
+const REFERENCES: std::ops::RangeInclusive<u16> = 96..=103;
+
+impl Sequence {
+    /// Draws the sequence of a seed.
+    ///
+    /// # Panics
+    /// Never: the vehicle that it begins with is a valid scenario.
+    #[must_use]
+    pub fn draw(seed: u64) -> Self {
+        let name = format!("faults-{seed}");
+        let scenario = Scenario::parse(&name, &name, VEHICLE).expect("a valid scenario");
+        let mut drawing = Drawing {
+            stream: Stream::new(seed, Purpose::Faults),
+            sequence: Self {
+                seed,
+                scenario,
+                upsets: Vec::new(),
+                story: Vec::new(),
+            },
+        };
+        drawing.operator();
+        for _ in 0..1 + drawing.stream.below(4) {
+            drawing.fault();
+        }
+        drawing.sequence
+    }
+
+    /// Spans in which a node did not run its program as written: from the beginning of the
+    /// fault to the end of a start that may have followed, s. What it told its motor driver
+    /// last stands meanwhile; the driver on the vehicle behaves so too.
+    #[must_use]
+    pub fn absent(&self, node: Node, restarts: &[f64]) -> Vec<(f64, f64)> {
+        /// From the release of the reset to the first byte for the motor driver.
+        const START: f64 = 0.05;
+        let held = self
+            .scenario
+            .reset
+            .iter()
+            .filter(|reset| reset.node == node);
+        let mut spans: Vec<(f64, f64)> = held
+            .map(|reset| {
+                let until = reset
+                    .until
+                    .map_or(f64::INFINITY, |until| until.get() + START);
+                (reset.at.get(), until)
+            })
+            .collect();
+        for upset in self.upsets.iter().filter(|upset| upset.node == node) {
+            let restart = restarts.iter().find(|&&restart| restart > upset.at);
+            spans.push((upset.at, restart.map_or(f64::INFINITY, |at| at + START)));
+        }
+        spans
+    }
+
+    /// Whether a node is held in reset to the end.
+    #[must_use]
+    pub fn is_lost(&self, node: Node) -> bool {
+        let mut resets = self.scenario.reset.iter();
+        resets.any(|reset| reset.node == node && reset.until.is_none())
+    }
+}
+
+struct Drawing {
+    stream: Stream,
+    sequence: Sequence,
+}
+
+impl Drawing {
+    fn within(&mut self, from: f64, to: f64) -> f64 {
+        // Whole microseconds, so that the story tells all of it.
+        ((from + (to - from) * self.stream.uniform()) * 1e6).round() * 1e-6
+    }
+
+    fn one<T: Copy>(&mut self, of: &[T]) -> T {
+        of[self.stream.below(of.len())]
+    }
+
+    fn tell(&mut self, sentence: String) {
+        self.sequence.story.push(sentence);
+    }
+
+    fn press(&mut self, at: f64, button: Button) {
+        self.sequence.scenario.press.push(ButtonPress {
+            at: Time::new(at),
+            button,
+            hold: Time::new(0.12),
+            bounce: Time::new(0.003),
+        });
+    }
+
+    /// What the vehicle does when the first fault meets it.
+    fn operator(&mut self) {
+        match self.stream.below(8) {
+            0 => self.tell("it stands still".into()),
+            1 | 2 => {
+                self.press(1.0, Button::B);
+                let forward = self.stream.symmetric(1.0);
+                let right = self.stream.symmetric(1.0);
+                self.sequence.scenario.joystick.push(JoystickMove {
+                    at: Time::new(1.2),
+                    right: Ratio::new(right),
+                    forward: Ratio::new(forward),
+                });
+                self.tell(format!(
+                    "the joystick drives it, {:.0} % forward and {:.0} % to the right",
+                    forward * 100.0,
+                    right * 100.0
+                ));
+            }
+            _ => {
+                self.press(1.0, Button::C);
+                self.press(1.4, Button::C);
+                self.tell("it runs along its line".into());
+            }
+        }
+    }
+
+    fn fault(&mut self) {
+        let at = self.within(FIRST, LAST);
+        match self.stream.below(14) {
+            0..=2 => self.hold(at),
+            3 => self.foreign(at),
+            4 => self.babble(at),
+            5 | 6 => self.corrupt(at),
+            7 => self.dominant(at),
+            8 => self.stream(at),
+            9 => self.fix(at),
+            10 => self.button(at),
+            11 => self.stop_loop(at),
+            12 => self.board(),
+            _ => self.upset(at),
+        }
+    }
+
+    fn hold(&mut self, at: f64) {
+        let node = self.one(&Node::ALL);
+        let for_ever = self.stream.below(5) == 0;
+        let until = (!for_ever).then(|| self.within(at + 0.001, OVER - 0.1));
+        self.sequence.scenario.reset.push(ResetEvent {
+            node,
+            at: Time::new(at),
+            until: until.map(Time::new),
+        });
+        self.tell(match until {
+            Some(until) => format!("{node} is held in reset from {at:.6} s to {until:.6} s"),
+            None => format!("{node} is held in reset from {at:.6} s on"),
+        });
+    }
+
+    fn identifier(&mut self) -> u16 {
+        loop {
+            let id = match self.stream.below(2) {
+                0 => self.one(&[200, 201, 202, 206, 300, 401, 402, 450, 453, 501, 511, 514]),
+                _ => self.stream.below(0x800) as u16,
+            };
+            if !REFERENCES.contains(&id) {
+                return id;
+            }
+        }
+    }
+
+    fn foreign(&mut self, at: f64) {
+        let id = self.identifier();
+        let data: Vec<u8> = (0..self.stream.below(9))
+            .map(|_| self.stream.byte())
+            .collect();
+        let every = self.within(0.001, 0.12);
+        let until = self.within(at, OVER);
+        self.tell(format!(
+            "a foreign node sends {id} with {data:02X?} every {every:.6} s from {at:.6} s to {until:.6} s"
+        ));
+        self.sequence.scenario.bus.push(BusEvent::Frame {
+            at: Time::new(at),
+            id,
+            data,
+            every: Some(Time::new(every)),
+            until: Some(Time::new(until)),
+        });
+    }
+
+    fn babble(&mut self, at: f64) {
+        let id = self.one(&[0, 1, 300, 1023, 2047]);
+        let until = self.within(at, at + 0.5);
+        self.tell(format!(
+            "a foreign node fills the bus with {id} from {at:.6} s to {until:.6} s"
+        ));
+        // The longest frame takes 540 us.
+        self.sequence.scenario.bus.push(BusEvent::Frame {
+            at: Time::new(at),
+            id,
+            data: vec![0x55; 8],
+            every: Some(Time::new(550e-6)),
+            until: Some(Time::new(until)),
+        });
+    }
+
+    fn corrupt(&mut self, at: f64) {
+        let ids = [100, 100, 200, 201, 206, 300, 300, 401, 450];
+        let id = match self.stream.below(3) {
+            0 => None,
+            _ => Some(self.one(&ids)),
+        };
+        let count = 1 + self.stream.below(8) as u32;
+        let which = id.map_or("any".to_owned(), |id| format!("identifier {id}"));
+        self.tell(format!(
+            "from {at:.6} s on the next {count} frames of {which} are destroyed"
+        ));
+        self.sequence.scenario.bus.push(BusEvent::Corrupt {
+            at: Time::new(at),
+            id,
+            count,
+        });
+    }
+
+    fn dominant(&mut self, at: f64) {
+        // From a glitch to half a second, each size as often as any other.
+        let exponent = self.within(-5.0, -0.4);
+        let hold = 10_f64.powf(exponent);
+        self.tell(format!(
+            "the bus is held dominant for {hold:.6} s from {at:.6} s on"
+        ));
+        self.sequence.scenario.bus.push(BusEvent::Dominant {
+            at: Time::new(at),
+            hold: Time::new(hold),
+        });
+    }
+
+    fn stream(&mut self, at: f64) {
+        let fault = self.one(&[
+            StreamFaultKind::Flip,
+            StreamFaultKind::Truncate,
+            StreamFaultKind::Length,
+            StreamFaultKind::Flood,
+            StreamFaultKind::Silence,
+        ]);
+        let rate = self.within(0.0, 0.3);
+        let until = self.within(at, OVER);
+        self.tell(format!(
+            "the receiver's bytes suffer {fault:?} at {:.1} % from {at:.6} s to {until:.6} s",
+            rate * 100.0
+        ));
+        self.sequence.scenario.stream.push(StreamFault {
+            from: Time::new(at),
+            until: Some(Time::new(until)),
+            fault,
+            rate: Ratio::new(rate),
+        });
+    }
+
+    fn fix(&mut self, at: f64) {
+        let state = self.one(&[Fix::None, Fix::Single, Fix::Float]);
+        let until = self.within(at, OVER);
+        self.tell(format!(
+            "the fix is {state:?} from {at:.6} s to {until:.6} s"
+        ));
+        for (at, state) in [(at, state), (until, Fix::Fixed)] {
+            self.sequence.scenario.fix.push(FixChange {
+                at: Time::new(at),
+                state,
+            });
+        }
+    }
+
+    fn button(&mut self, at: f64) {
+        let button = self.one(&[Button::A, Button::B, Button::C, Button::D, Button::J]);
+        self.tell(format!("button {button:?} is pressed at {at:.6} s"));
+        self.press(at, button);
+    }
+
+    fn stop_loop(&mut self, at: f64) {
+        let until = self.within(at, OVER);
+        self.tell(format!(
+            "the stop loop is open from {at:.6} s to {until:.6} s"
+        ));
+        for (at, open) in [(at, true), (until, false)] {
+            self.sequence.scenario.stop_loop.push(StopLoopChange {
+                at: Time::new(at),
+                open,
+            });
+        }
+    }
+
+    /// What is wrong from the beginning.
+    fn board(&mut self) {
+        let internal = (self.stream.symmetric(1500.0)).round();
+        let nodes = &mut self.sequence.scenario.nodes;
+        let (clock, node) = match self.stream.below(3) {
+            0 => (&mut nodes.steering, Node::Steering),
+            1 => (&mut nodes.drive, Node::Drive),
+            _ => {
+                self.sequence.scenario.lcd.acknowledges = false;
+                self.tell("the display never answers".into());
+                return;
+            }
+        };
+        clock.external = false;
+        clock.internal = Some(Ppm::new(internal));
+        self.tell(format!(
+            "{node} has no external clock, its own is off by {internal:.0} ppm"
+        ));
+    }
+
+    fn upset(&mut self, at: f64) {
+        let node = self.one(&Node::ALL);
+        self.tell(format!("the core of {node} stalls at {at:.6} s"));
+        self.sequence.upsets.push(Upset { node, at });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_seed_tells_one_story_and_all_stories_end_in_time() {
+        assert_eq!(Sequence::draw(5), Sequence::draw(5));
+        let mut stories = std::collections::BTreeSet::new();
+        for seed in 0..500 {
+            let sequence = Sequence::draw(seed);
+            stories.insert(sequence.story.join("; "));
+            for reset in &sequence.scenario.reset {
+                assert!(reset.until.is_none_or(|until| until.get() > reset.at.get()));
+                assert!(reset.until.is_none_or(|until| until.get() < OVER));
+            }
+            for upset in &sequence.upsets {
+                assert!(upset.at <= LAST);
+            }
+        }
+        assert!(stories.len() > 490);
+    }
+
+    #[test]
+    fn every_kind_of_fault_is_drawn() {
+        let stories: Vec<String> = (0..300)
+            .flat_map(|seed| Sequence::draw(seed).story)
+            .collect();
+        for word in [
+            "held in reset",
+            "on",
+            "foreign node sends",
+            "fills the bus",
+            "destroyed",
+            "dominant",
+            "suffer",
+            "the fix is",
+            "button",
+            "stop loop",
+            "never answers",
+            "external clock",
+            "stalls",
+            "joystick",
+            "stands still",
+            "along its line",
+        ] {
+            assert!(stories.iter().any(|story| story.contains(word)), "{word}");
+        }
+    }
+}

@@ -1,0 +1,300 @@
+//! What the nodes sent, and whether it stood in its place.
+
+use can_bus::{NodeId, Record, RecordKind, SimDuration, SimTime};
+use embedded_can::Id;
+use network_model::{Message, Network, WindowKind};
+use twin::{Outcome, Vehicle};
+use world::Node;
+
+/// The network file that the images are built with.
+const FILE: &str = include_str!("../../../firmware/network/uagv.dbc");
+
+/// A frame on the bus, from its start to its end or to the error that ended it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sent {
+    /// The node of the vehicle that sent it; `None` for foreign nodes.
+    pub node: Option<Node>,
+    /// Identifier, 11 bits.
+    pub id: u16,
+    /// Data bytes.
+    pub data: Vec<u8>,
+    /// Start of frame.
+    pub start: SimTime,
+    /// End of the last bit of end of frame; the instant of the error of a frame that was
+    /// destroyed.
+    pub end: SimTime,
+    /// Whether it was sent to its end.
+    pub complete: bool,
+}
+
+impl Sent {
+    /// Its data as those of an 8-byte message, missing bytes zero.
+    #[must_use]
+    pub fn bytes(&self) -> [u8; 8] {
+        let mut bytes = [0; 8];
+        for (to, from) in bytes.iter_mut().zip(&self.data) {
+            *to = *from;
+        }
+        bytes
+    }
+}
+
+/// The frames of a run in order of their starts. Frames that lost arbitration are left out.
+#[derive(Clone, Debug, Default)]
+pub struct Traffic {
+    /// The frames.
+    pub frames: Vec<Sent>,
+}
+
+impl Traffic {
+    /// The frames of a finished run.
+    #[must_use]
+    pub fn of(outcome: &Outcome) -> Self {
+        Self::new(&outcome.records, |id| outcome.node_at(id))
+    }
+
+    /// The frames of a running vehicle so far.
+    #[must_use]
+    pub fn so_far(vehicle: &Vehicle) -> Self {
+        Self::new(vehicle.records(), |id| vehicle.node_at(id))
+    }
+
+    /// The frames in `records`; `node_at` names the nodes of the vehicle. Frames with extended
+    /// identifiers are left out: the network has none.
+    #[must_use]
+    pub fn new(records: &[Record], node_at: impl Fn(NodeId) -> Option<Node>) -> Self {
+        let mut frames: Vec<Sent> = Vec::new();
+        let mut begun: Vec<(NodeId, usize)> = Vec::new();
+        for record in records {
+            let open = begun.iter().position(|(node, _)| *node == record.node);
+            match record.kind {
+                RecordKind::FrameStart { frame } => {
+                    let Id::Standard(id) = frame.id() else {
+                        continue;
+                    };
+                    if let Some(open) = open {
+                        begun.swap_remove(open);
+                    }
+                    begun.push((record.node, frames.len()));
+                    frames.push(Sent {
+                        node: node_at(record.node),
+                        id: id.as_raw(),
+                        data: frame.data().to_vec(),
+                        start: record.at,
+                        end: record.at,
+                        complete: false,
+                    });
+                }
+                RecordKind::FrameEnd { .. } => {
+                    if let Some(open) = open {
+                        let (_, index) = begun.swap_remove(open);
+                        frames[index].end = record.at;
+                        frames[index].complete = true;
+                    }
+                }
+                RecordKind::ArbitrationLost { .. } => {
+                    if let Some(open) = open {
+                        let (_, index) = begun.swap_remove(open);
+                        // No length: marked for removal, so that the indices stay.
+                        frames[index].data.clear();
+                        frames[index].id = u16::MAX;
+                    }
+                }
+                RecordKind::Error {
+                    transmitter: true, ..
+                } => {
+                    if let Some(open) = open {
+                        let (_, index) = begun.swap_remove(open);
+                        frames[index].end = record.at;
+                    }
+                }
+                RecordKind::Error { .. } | RecordKind::StateChange { .. } => {}
+            }
+        }
+        frames.retain(|frame| frame.id != u16::MAX);
+        Self { frames }
+    }
+
+    /// Complete frames of this identifier that nodes of the vehicle sent.
+    pub fn genuine(&self, id: u16) -> impl Iterator<Item = &Sent> {
+        self.frames
+            .iter()
+            .filter(move |frame| frame.complete && frame.id == id && frame.node.is_some())
+    }
+
+    /// [`Traffic::genuine`] with starts from `from` (included) to `until`.
+    pub fn between(&self, id: u16, from: SimTime, until: SimTime) -> impl Iterator<Item = &Sent> {
+        self.genuine(id)
+            .filter(move |frame| (from..until).contains(&frame.start))
+    }
+}
+
+/// The system matrix as the network file has it.
+#[derive(Clone, Debug)]
+pub struct Matrix {
+    network: Network,
+}
+
+/// A frame out of its place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Misplaced {
+    /// The frame.
+    pub frame: Sent,
+    /// Its start after the start of the reference message before it, microseconds; `None`
+    /// when there was no reference before it.
+    pub offset_us: Option<i64>,
+}
+
+impl std::fmt::Display for Misplaced {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let node = self.frame.node.map_or("a foreign node", Node::name);
+        let at = self.frame.start.as_ticks() as f64 / 1e9;
+        write!(f, "{node} began frame {} at {at:.3} ms, ", self.frame.id)?;
+        match self.offset_us {
+            Some(offset) => write!(f, "{offset} us after the reference"),
+            None => f.write_str("before any reference"),
+        }
+    }
+}
+
+impl Default for Matrix {
+    fn default() -> Self {
+        Self::uagv()
+    }
+}
+
+impl Matrix {
+    /// The vehicle's matrix.
+    ///
+    /// # Panics
+    /// Never: the images' own build script refuses a network file that does not parse.
+    #[must_use]
+    pub fn uagv() -> Self {
+        let network = Network::parse(FILE).expect("the images are built from this file");
+        Self { network }
+    }
+
+    /// Length of the basic cycle.
+    #[must_use]
+    pub fn basic_cycle(&self) -> SimDuration {
+        micros(self.network.basic_cycle_us)
+    }
+
+    /// All messages, in the order of their windows.
+    #[must_use]
+    pub fn messages(&self) -> &[Message] {
+        &self.network.messages
+    }
+
+    /// Whether frames with this identifier are reference messages.
+    #[must_use]
+    pub fn is_reference(&self, id: u16) -> bool {
+        self.kind(id) == Some(WindowKind::Reference)
+    }
+
+    fn kind(&self, id: u16) -> Option<WindowKind> {
+        self.network.message(id).map(|message| message.window.kind)
+    }
+
+    /// Starts of the complete reference messages that the vehicle's masters sent.
+    #[must_use]
+    pub fn references(&self, traffic: &Traffic) -> Vec<SimTime> {
+        let ours = traffic.frames.iter().filter(|frame| frame.node.is_some());
+        ours.filter(|frame| frame.complete && self.is_reference(frame.id))
+            .map(|frame| frame.start)
+            .collect()
+    }
+
+    /// How long after the beginning of its window a frame started, in picoseconds, negative
+    /// when early; by the last of `references` before it. `None` before the first reference.
+    #[must_use]
+    pub fn lateness(&self, frame: &Sent, references: &[SimTime]) -> Option<i64> {
+        let offset = offset(frame.start, references)?;
+        let message = self.network.message(frame.id)?;
+        Some(offset - micros(message.window.start_us).as_ticks() as i64)
+    }
+
+    /// Frames of the vehicle's own nodes that began outside of their window, ended behind it,
+    /// or that the matrix does not know. References have no window but make them.
+    #[must_use]
+    pub fn misplaced(&self, traffic: &Traffic) -> Vec<Misplaced> {
+        let references = self.references(traffic);
+        let ours = traffic.frames.iter().filter(|frame| frame.node.is_some());
+        ours.filter(|frame| !self.in_place(frame, &references))
+            .map(|frame| Misplaced {
+                frame: frame.clone(),
+                offset_us: offset(frame.start, &references).map(|ps| ps / 1_000_000),
+            })
+            .collect()
+    }
+
+    fn in_place(&self, frame: &Sent, references: &[SimTime]) -> bool {
+        let Some(message) = self.network.message(frame.id) else {
+            return false;
+        };
+        if frame.node.map(Node::name) != Some(message.sender.as_str()) {
+            return false;
+        }
+        if message.window.kind == WindowKind::Reference {
+            return true;
+        }
+        let Some(start) = offset(frame.start, references) else {
+            return false;
+        };
+        let length = frame.end.as_ticks() - frame.start.as_ticks();
+        let tick = |us: u32| i64::from(us) * 1_000_000;
+        let window = message.window;
+        // The matrix grants each node the clock error that it was laid out for.
+        start >= tick(window.start_us) - tick(self.network.sync_uncertainty_us)
+            && start + length as i64 <= tick(window.end_us())
+    }
+}
+
+/// From the last reference before `start`, in picoseconds.
+fn offset(start: SimTime, references: &[SimTime]) -> Option<i64> {
+    let before = references.partition_point(|reference| *reference <= start);
+    let last = references.get(before.checked_sub(1)?)?;
+    Some(start.as_ticks() as i64 - last.as_ticks() as i64)
+}
+
+fn micros(us: u32) -> SimDuration {
+    SimDuration::from_ticks(u64::from(us) * 1_000_000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(node: Node, id: u16, us: u64) -> Sent {
+        Sent {
+            node: Some(node),
+            id,
+            data: vec![0; 8],
+            start: SimTime::from_ticks(us * 1_000_000),
+            end: SimTime::from_ticks((us + 500) * 1_000_000),
+            complete: true,
+        }
+    }
+
+    #[test]
+    fn a_frame_is_judged_by_the_reference_before_it() {
+        let place = |frame| {
+            let frames = vec![self::frame(Node::Gps, 100, 50_000), frame];
+            Matrix::uagv().misplaced(&Traffic { frames })
+        };
+        assert_eq!(place(frame(Node::Controller, 300, 57_004)), []);
+        assert_eq!(place(frame(Node::Controller, 300, 56_990)), []);
+        for wrong in [
+            frame(Node::Controller, 300, 56_970),
+            frame(Node::Controller, 300, 57_501),
+            frame(Node::Controller, 300, 157_000),
+            frame(Node::Drive, 300, 57_004),
+            frame(Node::Controller, 299, 57_004),
+            frame(Node::Controller, 300, 40_000),
+        ] {
+            let found = place(wrong.clone());
+            assert_eq!(found.len(), 1, "{wrong:?}");
+            assert_eq!(found[0].frame, wrong);
+        }
+    }
+}

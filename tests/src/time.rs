@@ -1,0 +1,21 @@
+//! Simulated time in the units that tests think in.
+
+use world::{SimDuration, SimTime};
+
+/// A span of so many seconds.
+#[must_use]
+pub fn span(seconds: f64) -> SimDuration {
+    SimDuration::from_ticks((seconds * 1e12).round() as u64)
+}
+
+/// The instant so many seconds after power-on.
+#[must_use]
+pub fn at(seconds: f64) -> SimTime {
+    SimTime::from_ticks(0) + span(seconds)
+}
+
+/// Seconds since power-on.
+#[must_use]
+pub fn seconds(time: SimTime) -> f64 {
+    time.as_ticks() as f64 * 1e-12
+}

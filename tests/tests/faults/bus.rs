@@ -1,0 +1,189 @@
+//! A disturbed bus: foreign nodes, destroyed frames, a cable held dominant.
+
+use can_bus::{Disturbance, ErrorState, Frame, Level, RecordKind, Tester};
+use furrow_tests::Journey;
+use furrow_tests::time::{at, seconds, span};
+use world::{Node, SimTime};
+
+use crate::{assert_never_reset, assert_steady, last_before, mode, next_cycle, running};
+
+/// The reference comes as soon as the bus is free, then the nodes need two of them.
+const REJOIN: f64 = 0.3;
+
+/// The instants at which a node entered an error state.
+fn entered(journey: &Journey, node: Node, state: ErrorState) -> Vec<SimTime> {
+    let id = journey.vehicle.node(node).node();
+    let records = journey.vehicle.records().iter();
+    records
+        .filter(|record| Some(record.node) == id)
+        .filter(|record| matches!(record.kind, RecordKind::StateChange { state: s } if s == state))
+        .map(|record| record.at)
+        .collect()
+}
+
+/// A foreign node sends frames with this identifier without a pause for 0.7 s.
+fn babble(id: u16) {
+    let mut journey = running("");
+    let tester = journey.vehicle.network().bus().add_tester(Tester::new());
+    let frame = Frame::standard(id, &[0x55; 8]).expect("a frame");
+    journey
+        .vehicle
+        .network()
+        .bus()
+        .babble(tester, frame, at(3.05), at(3.75));
+    journey.to(3.75);
+    let last = last_before(&journey, 300, at(3.75));
+    let stopped = journey.stopped(at(3.05)).expect("the motors stop");
+    assert!(
+        stopped <= (last.start + span(0.201)).max(at(3.05)),
+        "{} s",
+        seconds(stopped)
+    );
+    journey.to(5.2);
+    assert!(journey.last_moved(Node::Drive) < Some(stopped.max(at(3.05))));
+    assert_steady(
+        &journey,
+        &[100, 206, 300, 450, 453],
+        3.75 + 2.0 * REJOIN,
+        5.2,
+    );
+    assert_ne!(journey.mode(), Some(mode::RUN));
+    assert_never_reset(&journey);
+    journey.assert_in_place();
+}
+
+#[test]
+fn a_babbling_node_of_the_highest_priority_stops_the_vehicle_and_no_more() {
+    babble(0);
+}
+
+#[test]
+fn a_babbling_node_of_the_lowest_priority_pushes_no_frame_out_of_its_window() {
+    let mut journey = running("");
+    let tester = journey.vehicle.network().bus().add_tester(Tester::new());
+    let frame = Frame::standard(0x7FF, &[0x55; 8]).expect("a frame");
+    journey
+        .vehicle
+        .network()
+        .bus()
+        .babble(tester, frame, at(3.05), at(3.75));
+    journey.to(5.0);
+    journey.assert_in_place();
+    assert_never_reset(&journey);
+    assert_steady(
+        &journey,
+        &[100, 206, 300, 450, 453],
+        3.75 + 2.0 * REJOIN,
+        5.0,
+    );
+}
+
+#[test]
+fn foreign_frames_in_exclusive_windows_are_counted_and_survived() {
+    let mut journey = running(
+        r#"
+        [[bus]]
+        what = "frame"
+        at = "3.1 s"
+        id = 206
+        data = [0, 8]
+        every = "1.7 ms"
+        until = "3.6 s"
+        [[bus]]
+        what = "frame"
+        at = "3.1 s"
+        id = 2
+        every = "3.1 ms"
+        until = "3.6 s"
+        "#,
+    );
+    journey.to(4.8);
+    assert_never_reset(&journey);
+    assert_steady(
+        &journey,
+        &[100, 206, 300, 450, 453],
+        3.6 + 2.0 * REJOIN,
+        4.8,
+    );
+    journey.assert_in_place();
+}
+
+#[test]
+fn a_node_driven_into_bus_off_comes_back_by_itself() {
+    let mut journey = running("");
+    let begin = next_cycle(&mut journey);
+    // Held dominant in the middle of the steering node's frame: its error flag is answered
+    // by dominant bits only, and every eight of them count eight (ISO 11898-1).
+    let from = begin + span(0.006_1);
+    let until = from + span(0.003);
+    journey.vehicle.network().bus().disturb(Disturbance::Stuck {
+        level: Level::Dominant,
+        from,
+        until,
+    });
+    let start = seconds(begin);
+    journey.to(start + 1.5);
+    let off = entered(&journey, Node::Steering, ErrorState::BusOff);
+    assert_eq!(off.len(), 1, "{off:?}");
+    assert!(off[0] < until);
+    // The others go on; the drive stops because the potentiometer is missing.
+    assert_steady(&journey, &[100, 300], 1.0, start);
+    assert_steady(&journey, &[100, 300], start + 0.1, start + 1.5);
+    let back = crate::first_after(&journey, 206, off[0]);
+    // It stays away for two basic cycles, waits 128 times eleven recessive bits (5.6 ms) and
+    // needs two references.
+    assert!(
+        back.start < off[0] + span(0.2 + 0.3),
+        "{} s",
+        seconds(back.start) - seconds(off[0])
+    );
+    assert_steady(&journey, &[206], seconds(back.start), start + 1.5);
+    let active = entered(&journey, Node::Steering, ErrorState::Active);
+    assert!(active.iter().any(|&when| when > off[0]));
+    assert_never_reset(&journey);
+    journey.assert_in_place();
+}
+
+#[test]
+fn a_bus_held_dominant_stops_the_vehicle_and_is_left_behind() {
+    let mut journey = running("bus = [{ what = \"dominant\", at = \"3.2 s\", hold = \"300 ms\" }]");
+    journey.to(5.5);
+    let last = last_before(&journey, 300, at(3.2));
+    let stopped = journey.stopped(at(3.2)).expect("the motors stop");
+    assert!(
+        stopped <= last.start + span(0.201),
+        "{} s",
+        seconds(stopped)
+    );
+    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert_steady(&journey, &[206, 300, 450, 453], 4.5, 5.5);
+    assert_never_reset(&journey);
+    journey.assert_in_place();
+}
+
+#[test]
+fn destroyed_references_and_commands_stop_the_vehicle_only_when_two_in_a_row_are_missing() {
+    let one = running("bus = [{ what = \"corrupt\", at = \"3.01 s\", id = 300 }]");
+    let mut journey = one;
+    journey.to(4.0);
+    assert_eq!(journey.mode(), Some(mode::RUN));
+    let drive = |journey: &Journey, from, until| {
+        let changes = journey.vehicle.world().efforts().iter();
+        changes
+            .filter(|change| change.node == Node::Drive && change.effort == 0.0)
+            .any(|change| (at(from)..at(until)).contains(&change.at))
+    };
+    assert!(!drive(&journey, 3.0, 4.0), "one lost command stops nothing");
+
+    let mut journey =
+        running("bus = [{ what = \"corrupt\", at = \"3.01 s\", id = 300, count = 2 }]");
+    journey.to(4.0);
+    let last = last_before(&journey, 300, at(3.1));
+    let stopped = journey.stopped(at(3.1)).expect("the motors stop");
+    assert!(
+        stopped <= last.start + span(0.201),
+        "{} s",
+        seconds(stopped)
+    );
+    journey.assert_in_place();
+}

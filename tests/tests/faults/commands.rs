@@ -1,0 +1,151 @@
+//! Somebody else sends commands: the motors never move on them.
+
+use can_bus::{Frame, NodeId, Retry, Tester};
+use furrow_tests::Journey;
+use furrow_tests::time::{at, span};
+use world::{Node, SimTime};
+
+use crate::{assert_never_reset, mode, next_cycle, running};
+
+/// The command's window, after the start of the reference.
+const WINDOW: f64 = 0.007;
+/// Behind the genuine frame in the same window: it takes at most 540 us.
+const BEHIND: f64 = WINDOW + 0.000_56;
+/// In a free window.
+const ELSEWHERE: f64 = 0.030;
+
+/// A foreign node on the vehicle's bus.
+struct Attacker {
+    tester: NodeId,
+}
+
+impl Attacker {
+    fn on(journey: &mut Journey) -> Self {
+        let tester = journey.vehicle.network().bus().add_tester(Tester::new());
+        Self { tester }
+    }
+
+    fn send(&self, journey: &mut Journey, when: SimTime, data: [u8; 8]) {
+        let frame = Frame::standard(300, &data).expect("a frame");
+        let mut bus = journey.vehicle.network().bus();
+        bus.send_at(self.tester, when, frame, Retry::Once);
+    }
+}
+
+/// The commands of a run, as somebody listened to them.
+fn recorded(journey: &Journey) -> Vec<[u8; 8]> {
+    let traffic = journey.traffic();
+    let frames = traffic
+        .genuine(300)
+        .filter(|frame| frame.data[4] == mode::RUN);
+    frames.map(|frame| frame.bytes()).collect()
+}
+
+/// The vehicle stands still in idle, after a run from which the commands were recorded.
+fn standing() -> (Journey, Vec<[u8; 8]>) {
+    let mut journey = running("[[press]]\nat = \"3.05 s\"\nbutton = \"A\"");
+    let commands = recorded(&journey);
+    assert!(commands.len() >= 10);
+    journey.to(3.5);
+    assert_eq!(journey.mode(), Some(mode::IDLE));
+    assert!(
+        journey
+            .stopped(at(3.4))
+            .is_some_and(|stopped| stopped <= at(3.4))
+    );
+    (journey, commands)
+}
+
+/// Asserts that no motor was moved since an instant.
+fn assert_still(journey: &Journey, since: SimTime) {
+    for node in [Node::Steering, Node::Drive] {
+        let moved = journey.last_moved(node);
+        assert!(moved < Some(since), "{node} moved at {moved:?}");
+    }
+}
+
+/// Foreign frames that came through on the bus.
+fn foreign(journey: &Journey) -> usize {
+    let traffic = journey.traffic();
+    let frames = traffic.frames.iter();
+    frames
+        .filter(|frame| frame.node.is_none() && frame.complete && frame.id == 300)
+        .count()
+}
+
+#[test]
+fn replayed_flipped_and_spoofed_commands_move_nothing() {
+    let (mut journey, commands) = standing();
+    let attacker = Attacker::on(&mut journey);
+    let since = journey.vehicle.now();
+    let mut sent = 0;
+    for cycle in 0..24_usize {
+        let begin = next_cycle(&mut journey);
+        let old = commands[cycle % commands.len()];
+        let data = match cycle / 8 {
+            // The recorded sequence, in its own order.
+            0 => old,
+            // The controller's present command with bits inverted: those that enable, and others.
+            1 => {
+                let mut data = journey.command(begin).expect("a command");
+                data[5] ^= 0b11;
+                data[2] ^= 1 << (cycle % 8);
+                data
+            }
+            // A sequence of its own: full speed, with the counter that is due.
+            _ => {
+                let counter = journey.command(begin).expect("a command")[6].wrapping_add(2);
+                [0, 0, 200, 0, mode::MANUAL, 3, counter, cycle as u8]
+            }
+        };
+        attacker.send(&mut journey, begin + span(BEHIND), data);
+        attacker.send(&mut journey, begin + span(ELSEWHERE), data);
+        sent += 2;
+    }
+    let end = journey.vehicle.now() + span(0.3);
+    journey.vehicle.run_until(end);
+    assert!(foreign(&journey) >= sent - 2, "{}", foreign(&journey));
+    assert_still(&journey, since);
+    assert_never_reset(&journey);
+    journey.assert_in_place();
+}
+
+#[test]
+fn a_recorded_run_moves_nothing_when_the_controller_is_gone() {
+    let (mut journey, commands) = standing();
+    let attacker = Attacker::on(&mut journey);
+    journey.vehicle.node_mut(Node::Controller).hold_reset();
+    let since = journey.vehicle.now();
+    for data in commands.iter().take(12) {
+        let begin = next_cycle(&mut journey);
+        attacker.send(&mut journey, begin + span(WINDOW + 0.000_01), *data);
+    }
+    let end = journey.vehicle.now() + span(0.2);
+    journey.vehicle.run_until(end);
+    assert!(foreign(&journey) >= 10, "{}", foreign(&journey));
+    assert_still(&journey, since);
+}
+
+#[test]
+fn foreign_commands_during_a_run_change_no_motor_beyond_it() {
+    let mut journey = running("");
+    let attacker = Attacker::on(&mut journey);
+    for cycle in 0..10_u8 {
+        let begin = next_cycle(&mut journey);
+        let genuine = journey.command(begin).expect("a command");
+        let mut data = genuine;
+        data[..4].copy_from_slice(&[0xC4, 0x09, 200, 0]);
+        data[6] = data[6].wrapping_add(1 + cycle % 3);
+        // Before the genuine frame, which it delays, or behind it.
+        let place = if cycle < 5 { BEHIND } else { WINDOW - 0.000_6 };
+        attacker.send(&mut journey, begin + span(place), data);
+    }
+    assert!(foreign(&journey) >= 9);
+    // 1 m/s is commanded, 2 m/s would be full effort.
+    let efforts = journey.vehicle.world().efforts().iter();
+    let most = efforts
+        .filter(|change| change.node == Node::Drive && change.at > at(3.0))
+        .map(|change| change.effort)
+        .fold(0.0, f64::max);
+    assert!(most < 0.7, "{most}");
+}

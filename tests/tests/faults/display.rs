@@ -1,0 +1,26 @@
+//! A display that never answers.
+
+use world::Node;
+
+use crate::{assert_never_reset, assert_steady, running};
+
+#[test]
+fn a_display_that_never_acknowledges_hinders_nothing() {
+    let mut journey = running("lcd.acknowledges = false");
+    journey.to(6.0);
+    assert_eq!(journey.mode(), Some(crate::mode::RUN));
+    assert_steady(&journey, &[100, 200, 206, 300, 450, 453], 1.0, 6.0);
+    assert_never_reset(&journey);
+    journey.assert_in_place();
+    // The console says so, and the display is offered its rows all the same.
+    let console = journey.console(Node::Controller);
+    assert!(
+        console
+            .lines()
+            .rev()
+            .take(3)
+            .any(|line| line.contains("lcd?")),
+        "{console}"
+    );
+    assert!(journey.vehicle.world().counters().lcd_commands > 20);
+}

@@ -1,0 +1,104 @@
+//! The release images when something goes wrong, and when the operator wants something else:
+//! real programs on emulated microcontrollers, one bus, and the vehicle around them.
+
+mod bus;
+mod clocks;
+mod commands;
+mod display;
+mod modes;
+mod receiver;
+mod resets;
+mod stack;
+mod track;
+
+use campaign::traffic::Sent;
+use furrow_tests::Journey;
+use furrow_tests::time::{at, seconds, span};
+use world::{Node, SimTime};
+
+/// The mode's codes in message 300, as the network file names them.
+mod mode {
+    pub const IDLE: u8 = 0;
+    pub const MANUAL: u8 = 1;
+    pub const READY: u8 = 2;
+    pub const RUN: u8 = 3;
+    pub const STOP: u8 = 4;
+    pub const FAULT: u8 = 5;
+}
+
+/// Start of a scenario that drives along the line from two seconds after power-on.
+const RUNNING: &str = r#"
+    [[press]]
+    at = "1 s"
+    button = "C"
+
+    [[press]]
+    at = "1.5 s"
+    button = "C"
+"#;
+
+/// The vehicle of [`RUNNING`] and of more text, at 3 seconds, driving.
+fn running(more: &str) -> Journey {
+    let mut journey = Journey::of(&format!("start.east = \"0.3 m\"\n{more}\n{RUNNING}"));
+    journey.to(3.0);
+    assert_eq!(journey.mode(), Some(mode::RUN));
+    assert!(journey.effort(Node::Drive, at(3.0)) > 0.2);
+    journey
+}
+
+/// Asserts that frames with these identifiers came in every basic cycle from `from` to
+/// `until`, seconds.
+fn assert_steady(journey: &Journey, ids: &[u16], from: f64, until: f64) {
+    let traffic = journey.traffic();
+    for &id in ids {
+        let count = traffic.between(id, at(from), at(until)).count() as f64;
+        let cycles = (until - from) * 10.0;
+        assert!(
+            (count - cycles).abs() <= 1.0,
+            "{id} came {count} times in {cycles} cycles from {from} s on"
+        );
+    }
+}
+
+/// Asserts that no node was reset but at power-on.
+fn assert_never_reset(journey: &Journey) {
+    for node in Node::ALL {
+        let resets = journey.vehicle.node(node).resets();
+        assert_eq!(resets.len(), 1, "{node}: {resets:?}");
+        assert!(!journey.vehicle.node(node).is_locked_up(), "{node}");
+    }
+}
+
+/// The first complete frame with this identifier that starts after `from`.
+fn first_after(journey: &Journey, id: u16, from: SimTime) -> Sent {
+    let traffic = journey.traffic();
+    let found = traffic.genuine(id).find(|frame| frame.start > from);
+    found
+        .unwrap_or_else(|| panic!("{id} never came after {} s", seconds(from)))
+        .clone()
+}
+
+/// The last complete frame with this identifier that starts before `until`.
+fn last_before(journey: &Journey, id: u16, until: SimTime) -> Sent {
+    let traffic = journey.traffic();
+    let found = traffic
+        .genuine(id)
+        .filter(|frame| frame.start < until)
+        .last();
+    found
+        .unwrap_or_else(|| panic!("{id} never came before {} s", seconds(until)))
+        .clone()
+}
+
+/// Start of the next basic cycle after the present instant: the vehicle is run to just behind
+/// its reference message.
+fn next_cycle(journey: &mut Journey) -> SimTime {
+    let now = journey.vehicle.now();
+    let last = last_before(journey, 100, now).start;
+    let mut next = last;
+    while next <= now {
+        next += span(0.1);
+    }
+    journey.vehicle.run_until(next + span(0.000_9));
+    last_before(journey, 100, journey.vehicle.now()).start
+}

@@ -1,0 +1,165 @@
+//! The operator's buttons (thesis 5.2.5).
+
+use std::fmt::Write;
+
+use furrow_tests::Journey;
+use furrow_tests::time::{at, seconds};
+use network::Message as _;
+use network::messages::ModeChange;
+use world::Node;
+
+use crate::mode::{IDLE, MANUAL, READY, RUN, STOP};
+use crate::{assert_never_reset, assert_steady};
+
+/// Each press and the mode after it: every transition that a button causes, and those that a
+/// button must not cause.
+const PRESSES: [(char, u8); 41] = [
+    ('A', IDLE),
+    ('C', READY),
+    ('A', IDLE),
+    ('B', MANUAL),
+    ('B', MANUAL),
+    ('C', READY),
+    ('B', MANUAL),
+    ('A', IDLE),
+    ('C', READY),
+    ('C', RUN),
+    ('C', READY),
+    ('C', RUN),
+    ('B', MANUAL),
+    ('D', STOP),
+    ('B', STOP),
+    ('C', STOP),
+    ('D', STOP),
+    ('A', IDLE),
+    ('D', STOP),
+    ('A', IDLE),
+    ('C', READY),
+    ('D', STOP),
+    ('A', IDLE),
+    ('C', READY),
+    ('C', RUN),
+    ('A', IDLE),
+    ('C', READY),
+    ('C', RUN),
+    ('D', STOP),
+    ('A', IDLE),
+    ('J', STOP),
+    ('A', IDLE),
+    ('B', MANUAL),
+    ('J', STOP),
+    ('A', IDLE),
+    ('C', READY),
+    ('J', STOP),
+    ('A', IDLE),
+    ('C', READY),
+    ('C', RUN),
+    ('J', STOP),
+];
+
+const FIRST: f64 = 1.0;
+const PAUSE: f64 = 0.3;
+
+#[test]
+fn every_transition_by_the_buttons() {
+    let mut text = String::from("[[joystick]]\nat = \"0 s\"\nforward = \"50 %\"\n");
+    for (index, (button, _)) in PRESSES.iter().enumerate() {
+        let at = FIRST + PAUSE * index as f64;
+        writeln!(
+            text,
+            "[[press]]\nat = \"{at} s\"\nbutton = \"{button}\"\nhold = \"120 ms\"\nbounce = \"8 ms\""
+        )
+        .expect("a string takes everything");
+    }
+    let mut journey = Journey::of(&text);
+    let end = FIRST + PAUSE * PRESSES.len() as f64;
+    journey.to(end);
+    let (mut before, mut changes) = (IDLE, Vec::new());
+    for (index, (button, mode)) in PRESSES.into_iter().enumerate() {
+        // Debouncing takes 20 ms after the last bounce, the next control step at most 100 ms.
+        let then = at(FIRST + PAUSE * (index + 1) as f64 - 0.01);
+        let command = journey.command(then).expect("commands are sent");
+        assert_eq!(command[4], mode, "press {index}, {button} in mode {before}");
+        let moving = matches!(mode, MANUAL | RUN);
+        assert_eq!(
+            journey.effort(Node::Drive, then) != 0.0,
+            moving,
+            "press {index}, {button}"
+        );
+        if !moving {
+            assert_eq!(journey.effort(Node::Steering, then), 0.0, "press {index}");
+        }
+        if mode != before {
+            changes.push((before, mode));
+        }
+        before = mode;
+    }
+    let traffic = journey.traffic();
+    let reported: Vec<(u8, u8)> = traffic
+        .genuine(ModeChange::ID)
+        .map(|frame| (frame.data[0], frame.data[1]))
+        .collect();
+    assert_eq!(reported, changes, "the event messages tell another story");
+    journey.assert_in_place();
+    assert_never_reset(&journey);
+}
+
+#[test]
+fn an_open_stop_loop_stops_and_holds() {
+    let mut journey = crate::running(
+        r#"
+        stop_loop = [{ at = "3.05 s", open = true }, { at = "4 s", open = false }]
+        [[press]]
+        at = "3.5 s"
+        button = "A"
+        [[press]]
+        at = "4.4 s"
+        button = "A"
+        "#,
+    );
+    journey.to(4.3);
+    let stopped = journey.stopped(at(3.05)).expect("the motors stop");
+    // Debouncing, the next control step, its frame.
+    assert!(stopped < at(3.20), "{} s", seconds(stopped));
+    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert_eq!(journey.mode(), Some(STOP));
+    assert_eq!(journey.command(at(3.9)).map(|data| data[4]), Some(STOP));
+    journey.to(4.8);
+    assert_eq!(journey.mode(), Some(IDLE));
+}
+
+#[test]
+fn the_joystick_drives_without_any_fix_and_a_run_is_locked_out() {
+    let mut journey = Journey::of(
+        r#"
+        receiver.fix = "none"
+        [[press]]
+        at = "1 s"
+        button = "B"
+        [[joystick]]
+        at = "1.5 s"
+        right = "40 %"
+        forward = "60 %"
+        [[press]]
+        at = "4 s"
+        button = "C"
+        [[press]]
+        at = "4.4 s"
+        button = "C"
+        "#,
+    );
+    journey.to(3.9);
+    assert_eq!(journey.mode(), Some(MANUAL));
+    let state = *journey.vehicle.world().states().last().expect("a state");
+    assert!((1.0..1.4).contains(&state.speed), "{} m/s", state.speed);
+    assert!(state.steering.to_degrees() > 15.0);
+    journey.to(5.0);
+    assert_eq!(journey.mode(), Some(READY));
+    assert_eq!(journey.effort(Node::Drive, at(5.0)), 0.0);
+    assert_eq!(journey.effort(Node::Steering, at(5.0)), 0.0);
+    let traffic = journey.traffic();
+    assert_eq!(traffic.genuine(200).count(), 0);
+    // The gps node is the time master all the same.
+    assert_steady(&journey, &[100, 206, 300], 1.0, 5.0);
+    journey.assert_in_place();
+}

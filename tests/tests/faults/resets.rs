@@ -1,0 +1,182 @@
+//! Nodes that stand still, and that come back.
+
+use furrow_tests::Journey;
+use furrow_tests::time::{at, seconds, span};
+use twin::ResetCause;
+use world::Node;
+
+use crate::{assert_steady, first_after, last_before, mode, next_cycle, running};
+
+const BASIC_PERIOD: f64 = 0.1;
+
+/// A vehicle under way whose `node` is held in reset from 3.23 s to 4.03 s.
+fn without(node: Node) -> Journey {
+    let mut journey = running(&format!(
+        "reset = [{{ node = \"{node}\", at = \"3.23 s\", until = \"4.03 s\" }}]"
+    ));
+    journey.to(4.0);
+    journey
+}
+
+#[test]
+fn the_gps_node_in_reset_hands_the_schedule_over_and_takes_it_back() {
+    let mut journey = without(Node::Gps);
+    let stopped = journey.stopped(at(3.23)).expect("the motors stop");
+    assert!(stopped <= at(3.43), "{} s", seconds(stopped));
+    let last = last_before(&journey, 100, at(3.3));
+    let next = first_after(&journey, 101, at(3.23));
+    // One basic cycle, the backup's offset, and a start of frame.
+    assert!(next.start - last.start < span(BASIC_PERIOD + 0.002));
+    assert_steady(
+        &journey,
+        &[101, 206, 300, 450, 453],
+        seconds(next.start),
+        4.0,
+    );
+    journey.to(6.0);
+    // It comes back as the better-ranked master, without a gap.
+    let back = first_after(&journey, 100, at(4.03));
+    let before = last_before(&journey, 101, back.start);
+    assert!(back.start - before.start < span(1.02 * BASIC_PERIOD));
+    assert_eq!(journey.traffic().between(101, back.end, at(6.0)).count(), 0);
+    assert_steady(
+        &journey,
+        &[100, 200, 206, 300],
+        seconds(back.start) + 0.3,
+        6.0,
+    );
+    // Nobody drives off by himself.
+    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert!(matches!(journey.mode(), Some(mode::READY | mode::FAULT)));
+    journey.assert_in_place();
+}
+
+#[test]
+fn without_the_controller_both_motors_stop() {
+    let mut journey = without(Node::Controller);
+    let last = last_before(&journey, 300, at(3.3));
+    let stopped = journey.stopped(at(3.23)).expect("the motors stop");
+    // Two commands are missing when the window of the second is over.
+    assert!(stopped < last.start + span(2.0 * BASIC_PERIOD + 0.001));
+    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert_steady(&journey, &[100, 201, 206], 3.0, 4.0);
+    journey.to(5.0);
+    let back = first_after(&journey, 300, at(4.03));
+    assert!(
+        back.start < at(4.03 + 3.0 * BASIC_PERIOD),
+        "{} s",
+        seconds(back.start)
+    );
+    assert_eq!(back.data[4], mode::IDLE);
+    assert_steady(&journey, &[300, 450, 453], seconds(back.start), 5.0);
+    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    journey.assert_in_place();
+}
+
+#[test]
+fn without_the_steering_node_the_vehicle_does_not_drive() {
+    let mut journey = without(Node::Steering);
+    // The steering motor driver keeps its last byte when nobody talks to it; the drive must
+    // not go on without steering.
+    let last = last_before(&journey, 206, at(3.3));
+    let moved = journey.last_moved(Node::Drive).expect("it drove");
+    assert!(
+        moved < last.start + span(4.5 * BASIC_PERIOD),
+        "{} s",
+        seconds(moved)
+    );
+    assert_eq!(journey.effort(Node::Drive, at(4.0)), 0.0);
+    assert_eq!(journey.mode(), Some(mode::FAULT));
+    journey.to(5.0);
+    let back = first_after(&journey, 206, at(4.03));
+    assert!(
+        back.start < at(4.03 + 3.0 * BASIC_PERIOD),
+        "{} s",
+        seconds(back.start)
+    );
+    assert_eq!(journey.effort(Node::Steering, at(4.1)), 0.0);
+    assert_steady(&journey, &[206], seconds(back.start), 5.0);
+    assert_steady(&journey, &[100, 300], 1.0, 5.0);
+    journey.assert_in_place();
+}
+
+#[test]
+fn the_drive_node_starts_with_a_stop_and_follows_again() {
+    let mut journey = without(Node::Drive);
+    assert_steady(&journey, &[100, 206, 300], 1.0, 4.0);
+    journey.to(5.0);
+    // The first byte after the start is a stop. Then it needs the schedule and two commands.
+    let stop = journey.stopped(at(4.03));
+    assert!(stop.is_none_or(|stop| stop >= at(4.03)));
+    let drive = |from: f64, until: f64| {
+        let changes = journey.vehicle.world().efforts().iter();
+        changes
+            .filter(|change| change.node == Node::Drive)
+            .find(|change| (at(from)..at(until)).contains(&change.at))
+            .copied()
+    };
+    assert_eq!(drive(3.24, 4.03), None, "a node in reset says nothing");
+    let first = drive(4.03, 4.2).expect("a stop after the start");
+    assert_eq!(first.effort, 0.0);
+    let again = drive(seconds(first.at) + 0.001, 5.0).expect("it follows again");
+    assert!(again.effort > 0.0);
+    assert!(
+        again.at < at(4.03 + 5.0 * BASIC_PERIOD),
+        "{} s",
+        seconds(again.at)
+    );
+    assert_eq!(journey.mode(), Some(mode::RUN));
+    journey.assert_in_place();
+}
+
+fn stalled(node: Node) -> (Journey, f64) {
+    let mut journey = running("");
+    next_cycle(&mut journey);
+    campaign::stall(&mut journey.vehicle, node);
+    let stalled = seconds(journey.vehicle.now());
+    // Nominally 500 ms; the oscillator of the watchdog may be off by a factor of two.
+    journey.to(stalled + 1.2);
+    let resets = journey.vehicle.node(node).resets();
+    assert_eq!(resets.len(), 2, "{node}: {resets:?}");
+    let (reset, cause) = resets[1];
+    assert_eq!(cause, ResetCause::Watchdog);
+    let reset = seconds(reset);
+    assert!(reset > stalled + 0.2);
+    journey.to(reset + 1.0);
+    assert_eq!(journey.vehicle.node(node).resets().len(), 2);
+    journey.assert_in_place();
+    (journey, reset)
+}
+
+#[test]
+fn a_stalled_steering_node_is_reset_by_its_watchdog_and_rejoins_in_three_periods() {
+    let (journey, reset) = stalled(Node::Steering);
+    let back = first_after(&journey, 206, at(reset));
+    assert!(
+        back.start < at(reset + 3.0 * BASIC_PERIOD),
+        "{} s",
+        seconds(back.start) - reset
+    );
+    assert_steady(&journey, &[206], seconds(back.start), reset + 1.0);
+    // The drive stopped meanwhile.
+    assert_eq!(journey.effort(Node::Drive, at(reset)), 0.0);
+    // The node tells why it started: cause 4 is the independent watchdog.
+    let report = first_after(&journey, 513, at(reset));
+    assert_eq!(report.data[0] & 0xF, 4);
+}
+
+#[test]
+fn a_stalled_controller_is_reset_by_its_watchdog_and_rejoins_in_three_periods() {
+    let (journey, reset) = stalled(Node::Controller);
+    let back = first_after(&journey, 300, at(reset));
+    assert!(
+        back.start < at(reset + 3.0 * BASIC_PERIOD),
+        "{} s",
+        seconds(back.start) - reset
+    );
+    assert_steady(&journey, &[300, 450], seconds(back.start), reset + 1.0);
+    assert_eq!(back.data[4], mode::IDLE);
+    let stopped = journey.stopped(at(reset - 0.2)).expect("the motors stop");
+    assert!(stopped < at(reset));
+    assert_eq!(first_after(&journey, 512, at(reset)).data[0] & 0xF, 4);
+}

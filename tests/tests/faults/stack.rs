@@ -1,0 +1,51 @@
+//! How deep the call stacks of the small parts become.
+
+use world::Node;
+
+use crate::{RUNNING, assert_never_reset, mode};
+use furrow_tests::Journey;
+
+/// The F303's call stack: its core-coupled memory, filled from the top down.
+const STACK: u32 = 0x1000_0000;
+const SIZE: usize = 0x1000;
+
+/// A word that no program writes by chance throughout a page.
+const PAINT: [u8; 4] = [0xA5, 0x5A, 0xC3, 0x3C];
+
+#[test]
+fn the_call_stacks_keep_a_quarter_of_their_memory_free() {
+    // Everything that happens on these nodes: start, run, stop, events, an error frame, a
+    // lost schedule and a rejoin.
+    let text = format!(
+        r#"
+        [[press]]
+        at = "3 s"
+        button = "D"
+        [[bus]]
+        what = "corrupt"
+        at = "2.5 s"
+        count = 2
+        [[bus]]
+        what = "dominant"
+        at = "3.506 s"
+        hold = "20 ms"
+        {RUNNING}
+        "#
+    );
+    let mut journey = Journey::of(&text);
+    for node in [Node::Steering, Node::Drive] {
+        let paint = PAINT.repeat(SIZE / 4);
+        assert!(journey.vehicle.node_mut(node).set_memory(STACK, &paint));
+    }
+    journey.to(2.4);
+    assert_eq!(journey.mode(), Some(mode::RUN));
+    journey.to(5.0);
+    assert_never_reset(&journey);
+    for node in [Node::Steering, Node::Drive] {
+        let memory = journey.vehicle.node(node).memory(STACK, SIZE);
+        let memory = memory.expect("the part has this memory");
+        let free = memory.chunks(4).take_while(|word| *word == PAINT).count() * 4;
+        assert!(free < SIZE, "{node} never used its stack");
+        assert!(free >= SIZE / 4, "{node} has {free} of {SIZE} bytes left");
+    }
+}
