@@ -78,7 +78,8 @@ pub struct Flash {
     cargo xtask sim gps-lost --seed 7 --out run    and bus.log, states.csv, summary.json, track.svg\n  \
     cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
     cargo xtask sim --list                         the scenarios that come along\n  \
-    cargo xtask sim --experiment thesis-7          many runs against aims; --seeds 2 for a quick look\n\n\
+    cargo xtask sim --experiment thesis-7          many runs against aims; --seeds 2 for a quick look\n  \
+    cargo xtask sim --faults 200                   random faults; --shard 1/8 for an eighth of them\n\n\
     Experiments:\n  \
     thesis-7   the track tests of the thesis, chapter 7, against its own law; exit code 1\n             \
     and their names when aims are missed")]
@@ -87,10 +88,15 @@ pub struct Sim {
     #[arg(default_value = "straight-line")]
     pub scenario: String,
     /// Simulated time in seconds [default: the scenario's]
-    #[arg(long, value_name = "N", value_parser = seconds)]
+    #[arg(long, value_name = "N", value_parser = seconds, allow_hyphen_values = true)]
     pub seconds: Option<SimDuration>,
     /// Seed of everything that is left to chance: noise, clock errors
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 1,
+        allow_hyphen_values = true
+    )]
     pub seed: u64,
     /// Run an experiment instead: scenarios over many seeds, judged by aims
     #[arg(long, value_name = "NAME", conflicts_with_all = ["scenario", "seconds", "list"])]
@@ -99,8 +105,16 @@ pub struct Sim {
     #[arg(long, value_name = "N", default_value_t = 20, requires = "experiment",
         value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
-    /// Folder for bus.log, states.csv, summary.json and track.svg, or an experiment's
-    /// experiment.json and runs.csv [default: no files]
+    /// Run so many random fault sequences instead, with seeds from --seed upwards, and say
+    /// which of them broke a rule
+    #[arg(long, value_name = "N", conflicts_with_all = ["scenario", "seconds", "list", "experiment"],
+        value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    pub faults: Option<u64>,
+    /// Run only the I-th of N parts of the fault sequences
+    #[arg(long, value_name = "I/N", requires = "faults")]
+    pub shard: Option<campaign::Shard>,
+    /// Folder for bus.log, states.csv, summary.json and track.svg, an experiment's
+    /// experiment.json and runs.csv, or the fault sequences' faults.json [default: no files]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print the figures as JSON
@@ -155,10 +169,12 @@ pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, F
             ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
                 Ok(Request::Show(error.render().to_string()))
             }
-            ErrorKind::MissingSubcommand => Err(Failure::Usage(format!(
-                "no command is given: {} are accepted; see `cargo xtask --help`",
-                commands().join(", ")
-            ))),
+            ErrorKind::MissingSubcommand | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+                Err(Failure::Usage(format!(
+                    "no command is given: {} are accepted; see `cargo xtask --help`",
+                    commands().join(", ")
+                )))
+            }
             _ => Err(Failure::Usage(sentence(&error))),
         },
     }
@@ -224,12 +240,31 @@ mod tests {
             "xtask sim --seeds 3",
             "xtask sim --experiment thesis-7 --seeds 0",
             "xtask sim --experiment thesis-7 gps-lost",
+            "xtask sim --faults 0",
+            "xtask sim --faults many",
+            "xtask sim --faults 8 gps-lost",
+            "xtask sim --faults 8 --shard 9/8",
+            "xtask sim --shard 1/8",
             "xtask",
         ] {
             let text = refused(line);
             assert!(!text.contains('\n'), "{text}");
             assert!(text.len() > 30, "{text}");
         }
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_told_what_is_accepted() {
+        let seconds = refused("xtask sim --seconds -1");
+        assert!(seconds.contains("a number of seconds above 0"), "{seconds}");
+        let seed = refused("xtask sim --seed -1");
+        assert!(seed.contains("'-1' for '--seed <N>'"), "{seed}");
+    }
+
+    #[test]
+    fn without_a_command_they_are_named() {
+        let text = refused("xtask");
+        assert!(text.contains("build, flash, sim"), "{text}");
     }
 
     #[test]

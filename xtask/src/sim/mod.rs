@@ -1,6 +1,7 @@
 //! `sim`: the release images drive the virtual vehicle, and what comes of it.
 
 pub(crate) mod bus;
+mod faults;
 pub(crate) mod matrix;
 mod tasks;
 
@@ -30,6 +31,9 @@ use matrix::Matrix;
 pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     if let Some(name) = &options.experiment {
         return experiment::run(workspace, name, options);
+    }
+    if let Some(sequences) = options.faults {
+        return faults::run(workspace, options, sequences);
     }
     if options.list {
         print!("{}", list());
