@@ -23,6 +23,8 @@ const STACKING: Cycles = 8;
 const ENTRY: Cycles = 12;
 const RETURN: Cycles = 10;
 const CHAIN: Cycles = 6;
+/// IT[7:2] and IT[1:0] in xPSR.
+const IT_STATE: u32 = 0x3F << 10 | 3 << 25;
 /// Words of floating-point state that a return restores, one cycle each.
 const FP_WORDS: Cycles = 17;
 
@@ -397,12 +399,16 @@ impl Mcu {
         if let Some(flash) = &self.flash {
             flash.set_now(self.now);
         }
+        let before = self.core.xpsr();
         let used = self.core.step();
         let stall = self.flash.as_ref().map_or(0, |flash| flash.take_stall());
         if stall > 0 {
             self.wait(stall);
         }
         if used > CHAIN {
+            if before & IT_STATE != 0 {
+                self.stack_it_state(before);
+            }
             self.long_step(used, stall);
             return;
         }
@@ -413,6 +419,27 @@ impl Mcu {
             // Having fallen asleep, it looks once whether something is pending already.
             self.poke = asleep && !self.asleep;
             self.asleep = asleep;
+        }
+    }
+
+    /// After an exception was taken in an IT block: adds what the block has still to decide
+    /// to the stacked xPSR. The emulated core leaves it out, and the rest of the block would
+    /// run unconditionally after the handler (ARMv7-M manual B1.5.6, PushStack).
+    fn stack_it_state(&mut self, before: u32) {
+        let registers = self.core.regs();
+        let handler = self.image.handler(registers.exception().0);
+        if handler.is_none_or(|(address, _)| address != registers.r[15]) {
+            return;
+        }
+        // EXC_RETURN bit 2 says which stack has the frame; its eighth word is xPSR.
+        let frame = match registers.r[14] & 4 {
+            0 => registers.msp,
+            _ => registers.psp,
+        };
+        let at = frame.wrapping_add(28);
+        let stacked = self.memory(at, 4).and_then(|bytes| bytes.try_into().ok());
+        if let Some(stacked) = stacked.map(u32::from_le_bytes) {
+            self.set_memory(at, &(stacked | before & IT_STATE).to_le_bytes());
         }
     }
 
@@ -573,6 +600,12 @@ impl Mcu {
     }
 
     // -- observation ------------------------------------------------------------------
+
+    /// Reads a peripheral's register as the program would at [`Mcu::now`], with the effects that
+    /// reading has; `None` where nothing is mapped. For looking at counters.
+    pub fn read_register(&mut self, address: u32) -> Option<u32> {
+        self.surroundings(|p| p.read(address).ok())
+    }
 
     /// Whether it sleeps in WFI.
     #[must_use]

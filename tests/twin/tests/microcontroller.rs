@@ -438,3 +438,31 @@ fn every_executed_instruction_can_be_observed() {
     assert!(seen.contains(&start));
     assert!(seen.len() < 10, "asleep, nothing is executed: {seen:x?}");
 }
+
+#[test]
+fn an_interrupt_in_an_it_block_leaves_its_conditions_standing() {
+    let mut program = Program::new();
+    // SysTick every 97 cycles, against a loop of 8: it meets each instruction in turn.
+    program
+        .poke(0xE000_E014, 96)
+        .poke(0xE000_E018, 0)
+        .constant(4, 0)
+        .constant(5, 0)
+        .constant(6, 0)
+        .constant(7, 0)
+        .poke(0xE000_E010, 7)
+        // loop: CMP r5, #1; ITTTT EQ; ADDEQ r4, #1, four times; ADDS r6, #1; B loop
+        .half(0x2D01)
+        .half(0xBF01);
+    for _ in 0..4 {
+        program.half(0x3401);
+    }
+    program.half(0x3601).half(0xE7F7);
+    program.handler(15);
+    // ADDS r7, #1
+    program.half(0x3701).return_from_handler();
+    let mut mcu = program.start(Part::F303, &Board::default());
+    run(&mut mcu, 10 * MS);
+    assert!(mcu.register(6) > 1000 && mcu.register(7) > 500);
+    assert_eq!(mcu.register(4), 0, "instructions whose condition fails ran");
+}
