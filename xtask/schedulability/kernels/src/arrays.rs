@@ -152,7 +152,7 @@ pub fn copy_some(input: &mut Input) -> u32 {
     for (byte, word) in source.iter_mut().zip(input.iter()) {
         *byte = *word as u8;
     }
-    let length = (input[0] % 101) as usize;
+    let length = input[0].min(100) as usize;
     bytes[..length].copy_from_slice(&source[..length]);
     bytes.iter().map(|byte| u32::from(*byte)).sum()
 }
@@ -165,14 +165,6 @@ pub fn copy_all(input: &mut Input) -> u32 {
         *word ^= other;
     }
     input[3]
-}
-
-/// Fills a part of the block whose length is data.
-#[inline(never)]
-pub fn fill_some(input: &mut Input) -> u32 {
-    let length = (input[0] & 63) as usize;
-    input[..length].fill(7);
-    input[length]
 }
 
 /// Primes below 128.

@@ -14,7 +14,7 @@ use rsemu::cpu::arm::v7m::isa::{Cond, Insn};
 
 use super::annotation::Annotations;
 use super::execute::Executor;
-use super::graph::{Block, Graph, Targets, conditional, leaves};
+use super::graph::{Block, Graph, Returning, Targets, conditional, is_panic, leaves};
 use super::image::Image;
 use super::instruction::{Flow, Instruction};
 use super::range::Range;
@@ -24,11 +24,15 @@ use super::timing::Timing;
 use super::value::Value;
 
 /// Turns of one loop without an annotation before the analysis gives up.
-const MAX_TURNS: u64 = 20_000;
+const MAX_TURNS: u64 = 2_048;
 /// Instructions that one analysis may run on the abstract machine.
-const MAX_STEPS: u64 = 40_000_000;
+const MAX_STEPS: u64 = 3_000_000;
+/// The same once something else keeps a bound from being given.
+const MAX_STEPS_IN_VAIN: u64 = 150_000;
 /// Targets of one indirect jump before it counts as unresolved.
 const MAX_TARGETS: u64 = 1024;
+/// Bytes of one copy that count as a bound of its loops.
+const MAX_COPY: u64 = 4096;
 /// Return address of a task: no code is there.
 const RETURN: u32 = 0xffff_fff9;
 
@@ -166,6 +170,7 @@ pub struct Analysis<'a> {
     annotations: &'a Annotations,
     timings: [Timing; 2],
     targets: Targets,
+    returning: Returning,
     graphs: HashMap<u32, Rc<Graph>>,
 }
 
@@ -178,6 +183,7 @@ impl<'a> Analysis<'a> {
             annotations,
             timings: [Timing::zero_wait(), part],
             targets: Targets::new(),
+            returning: Returning::default(),
             graphs: HashMap::new(),
         }
     }
@@ -242,7 +248,8 @@ impl<'a> Analysis<'a> {
         if let Some(graph) = self.graphs.get(&entry) {
             return Some(graph.clone());
         }
-        let graph = Rc::new(Graph::build(self.image, entry, &self.targets).ok()?);
+        let graph =
+            Rc::new(Graph::build(self.image, entry, &self.targets, &mut self.returning).ok()?);
         self.graphs.insert(entry, graph.clone());
         Some(graph)
     }
@@ -264,8 +271,9 @@ struct Run<'r, 'a> {
     analysis: &'r mut Analysis<'a>,
     executor: Option<Executor<'a>>,
     kind: Entry,
-    /// Functions being executed and the address each returns to.
-    frames: Vec<(u32, u32)>,
+    /// Functions being executed, the address each returns to, and how many
+    /// bytes it writes if it copies or fills memory.
+    frames: Vec<(u32, u32, Option<u64>)>,
     steps: u64,
     found: Targets,
     endless: BTreeSet<u32>,
@@ -317,6 +325,14 @@ impl<'a> Run<'_, 'a> {
         self.executor.as_mut().expect("an executor is in place")
     }
 
+    fn exhausted(&self) -> bool {
+        let limit = match self.kind {
+            Entry::Program => MAX_STEPS_IN_VAIN,
+            Entry::Handler | Entry::Function => MAX_STEPS,
+        };
+        self.steps > limit || self.steps > MAX_STEPS_IN_VAIN && !self.problems.is_empty()
+    }
+
     fn describe(&self, address: u32) -> String {
         self.analysis.image.describe(address)
     }
@@ -330,15 +346,15 @@ impl<'a> Run<'_, 'a> {
 
     /// Runs the function at `entry` to its return.
     fn function(&mut self, entry: u32, back: u32, state: State) -> Option<State> {
-        if self.frames.iter().any(|(function, _)| *function == entry) {
+        if self.frames.iter().any(|(function, ..)| *function == entry) {
             let from = self
                 .frames
                 .iter()
-                .position(|(f, _)| *f == entry)
+                .position(|(f, ..)| *f == entry)
                 .unwrap_or(0);
             let names: Vec<String> = self.frames[from..]
                 .iter()
-                .map(|(f, _)| self.analysis.image.name(*f))
+                .map(|(f, ..)| self.analysis.image.name(*f))
                 .chain([self.analysis.image.name(entry)])
                 .collect();
             self.problems
@@ -357,7 +373,15 @@ impl<'a> Run<'_, 'a> {
         if !graph.irreducible.is_empty() {
             return None;
         }
-        self.frames.push((entry, back));
+        let bytes = runtime::length_register(&self.analysis.image.name(entry))
+            .map(|register| u64::from(state.registers[register].range.unsigned().1))
+            .map(|bytes| match self.frames.last() {
+                // One that hands over to another leaves it no more.
+                Some((.., Some(outer))) => bytes.min(*outer),
+                _ => bytes,
+            })
+            .filter(|bytes| *bytes <= MAX_COPY);
+        self.frames.push((entry, back, bytes));
         let (exits, _) = self.region(&graph, None, state);
         self.frames.pop();
         let mut returned = None;
@@ -428,9 +452,15 @@ impl<'a> Run<'_, 'a> {
             .map(|(place, bound)| (place.to_string(), bound))
             .or_else(|| {
                 runtime::bound(image, graph, number).map(|(what, bound)| (what.to_owned(), bound))
+            })
+            .or_else(|| {
+                let bytes = self.frames.last().and_then(|(.., bytes)| *bytes)?;
+                let what = format!("{}, by its length", image.name(graph.entry));
+                Some((what, runtime::copying(graph, number, bytes)))
             });
         if let Some((place, bound)) = &annotated {
-            self.annotated.insert(place.clone(), *bound);
+            let most = self.annotated.entry(place.clone()).or_default();
+            *most = (*most).max(*bound);
         }
         let mut all = Exits::new();
         let mut first = state;
@@ -471,12 +501,17 @@ impl<'a> Run<'_, 'a> {
                 }
                 continue;
             }
-            if stuck || turns > MAX_TURNS || self.endless.contains(&at) || self.steps > MAX_STEPS {
+            let exhausted = self.exhausted();
+            if stuck || turns > MAX_TURNS || self.endless.contains(&at) || exhausted {
                 self.endless.insert(at);
-                let problem = if self.steps > MAX_STEPS {
+                let problem = if exhausted {
                     Problem::TooLong(self.describe(at))
                 } else {
-                    Problem::LoopWithoutBound(self.describe(at))
+                    let source = self.analysis.annotations.source_loop(image, graph, number);
+                    Problem::LoopWithoutBound(match source {
+                        Some(place) => format!("{place} ({})", image.name(at)),
+                        None => self.describe(at),
+                    })
                 };
                 self.problems.insert(problem);
                 break;
@@ -496,7 +531,7 @@ impl<'a> Run<'_, 'a> {
             block: number,
         };
         *self.facts.visits.entry(node).or_default() += 1;
-        if self.steps > MAX_STEPS && self.kind != Entry::Program {
+        if self.exhausted() {
             self.problems
                 .insert(Problem::TooLong(self.describe(block.start())));
             return Exits::new();
@@ -703,7 +738,7 @@ impl<'a> Run<'_, 'a> {
                 self.call(graph, node, state, &[target], last, straight, exits);
             }
             Flow::CallRegister { .. } => {
-                let targets = written.and_then(|value| enumerate(&value));
+                let targets = written.and_then(|value| enumerate(&self.executor().symbols, &value));
                 match targets {
                     Some(targets) if targets.iter().all(|t| self.analysis.image.is_code(*t)) => {
                         self.call(graph, node, state, &targets, last, straight, exits);
@@ -755,7 +790,7 @@ impl<'a> Run<'_, 'a> {
         self.refill(&mut state, Some(target));
         let refill = difference(state.cycles, before);
         if leaves(self.analysis.image, graph.entry, target) {
-            let back = self.frames.last().map_or(RETURN & !1, |(_, back)| *back);
+            let back = self.frames.last().map_or(RETURN & !1, |(_, back, _)| *back);
             if let Some(state) = self.enter(node, from, target, back, state) {
                 self.note(node, To::Return, refill);
                 exits.push((To::Return, state));
@@ -860,7 +895,7 @@ impl<'a> Run<'_, 'a> {
         last: &Instruction,
         exits: &mut Exits,
     ) {
-        let back = self.frames.last().map_or(RETURN & !1, |(_, back)| *back);
+        let back = self.frames.last().map_or(RETURN & !1, |(_, back, _)| *back);
         let target = written.unwrap_or(Value::ANY);
         let before = state.cycles;
         let by_convention = match last.insn {
@@ -882,7 +917,7 @@ impl<'a> Run<'_, 'a> {
             exits.push((To::Return, state));
             return;
         }
-        let Some(targets) = enumerate(&target) else {
+        let Some(targets) = enumerate(&self.executor().symbols, &target) else {
             self.problems
                 .insert(Problem::UnboundedPointer(self.describe(last.address)));
             return;
@@ -937,39 +972,14 @@ fn compare_zero(state: &State, register: u8) -> (Option<State>, Option<State>) {
 }
 
 /// Every address a word may name, the Thumb bit cleared.
-fn enumerate(value: &Value) -> Option<Vec<u32>> {
-    (value.range.len() <= MAX_TARGETS).then(|| {
-        let mut targets: Vec<u32> = value.range.iter().map(|word| word & !1).collect();
-        targets.sort_unstable();
-        targets.dedup();
-        targets
-    })
-}
-
-/// Whether a function only reports that the program cannot go on.
-#[must_use]
-pub fn is_panic(name: &str) -> bool {
-    const NEVER_RETURN: [&str; 14] = [
-        "core::panicking::",
-        "core::option::unwrap_failed",
-        "core::option::expect_failed",
-        "core::result::unwrap_failed",
-        "core::slice::index::slice_",
-        "core::str::slice_error_fail",
-        "core::slice::copy_from_slice_impl::len_mismatch_fail",
-        "core::slice::<impl [T]>::copy_from_slice::len_mismatch_fail",
-        "core::cell::panic_already",
-        "core::num::int_log10::panic_",
-        "core::char::",
-        "rust_begin_unwind",
-        "rust_panic",
-        "defmt::export::panic",
-    ];
-    NEVER_RETURN.iter().any(|start| {
-        if *start == "core::char::" {
-            name.contains("core::char::") && name.contains("panic")
-        } else {
-            name.contains(start)
-        }
-    })
+fn enumerate(symbols: &Symbols, value: &Value) -> Option<Vec<u32>> {
+    let words = match symbols.elements(value) {
+        Some(words) => words,
+        None if value.range.len() <= MAX_TARGETS => value.range.iter().collect(),
+        None => return None,
+    };
+    let mut targets: Vec<u32> = words.into_iter().map(|word| word & !1).collect();
+    targets.sort_unstable();
+    targets.dedup();
+    Some(targets)
 }

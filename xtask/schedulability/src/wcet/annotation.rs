@@ -2,10 +2,11 @@
 //!
 //! A comment `// loop-bound: N` on a line of its own, directly above a `for`,
 //! `while` or `loop`, says that one entry into the loop takes at most N turns.
-//! The analysis finds the loop again through the image's line tables: it is
-//! the outermost machine loop whose repeating branch belongs, in the function
-//! that was written there or inlined from there, to that source loop and to
-//! none inside it.
+//! The analysis finds the loop again through the image's line tables: a machine
+//! loop is that source loop when every one of its instructions was written
+//! there or inlined from there, no inner source loop holds all of them, and
+//! the branch that repeats or leaves it is the loop's own. A machine loop that
+//! fits no source loop so closely has no bound, which is reported.
 //!
 //! A comment costs nothing and is possible in crates that forbid unsafe code,
 //! which a marker in assembly would not be; that it is right is checked when
@@ -24,12 +25,21 @@ use super::image::{Image, Place};
 /// The mark that begins an annotation.
 const MARK: &str = "// loop-bound:";
 
+/// The answer for one machine loop.
+type Found = Option<(Place, u64)>;
+
 /// A loop of a source file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct SourceLoop {
     first: u32,
     last: u32,
     bound: Option<u64>,
+}
+
+impl SourceLoop {
+    fn holds(&self, line: u32) -> bool {
+        (self.first..=self.last).contains(&line)
+    }
 }
 
 /// A mark that no loop follows or that has no number.
@@ -48,6 +58,7 @@ pub struct Annotations {
     root: PathBuf,
     files: RefCell<HashMap<String, Vec<SourceLoop>>>,
     misplaced: RefCell<Vec<Misplaced>>,
+    known: RefCell<HashMap<(u32, u32), Found>>,
 }
 
 impl Annotations {
@@ -70,49 +81,96 @@ impl Annotations {
     /// source loop.
     #[must_use]
     pub fn bound(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
-        let (place, bound) = self.annotated(image, graph, number)?;
+        let at = graph.blocks[graph.loops[number].header].start();
+        let key = (graph.entry, at);
+        if let Some(known) = self.known.borrow().get(&key) {
+            return known.clone();
+        }
+        let found = self.find(image, graph, number);
+        self.known.borrow_mut().insert(key, found.clone());
+        found
+    }
+
+    fn find(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+        let (place, bound) = self.innermost(image, graph, number)?;
         // An inner machine loop inlined into the same source loop (a copy, an
         // iterator's search) is another loop.
         let mut outer = graph.loops[number].parent;
         while let Some(parent) = outer {
             if self
-                .annotated(image, graph, parent)
+                .innermost(image, graph, parent)
                 .is_some_and(|(other, _)| other == place)
             {
                 return None;
             }
             outer = graph.loops[parent].parent;
         }
-        Some((place, bound))
+        Some((place, bound?))
     }
 
-    fn annotated(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+    /// The source loop that a machine loop is, where one is found.
+    #[must_use]
+    pub fn source_loop(&self, image: &Image, graph: &Graph, number: usize) -> Option<Place> {
+        let (place, _) = self.innermost(image, graph, number)?;
+        Some(place)
+    }
+
+    /// The innermost source loop that every located instruction of a machine
+    /// loop belongs to, and its bound. Code of another place would mean that
+    /// the machine loop is an outer one.
+    fn innermost(
+        &self,
+        image: &Image,
+        graph: &Graph,
+        number: usize,
+    ) -> Option<(Place, Option<u64>)> {
         let l = &graph.loops[number];
-        let header = graph.blocks[l.header].start();
-        let repeating = l
+        let located: Vec<Vec<Place>> = l
             .blocks
             .iter()
-            .filter(|block| graph.blocks[**block].successors.contains(&l.header))
-            .map(|block| graph.blocks[*block].last().address);
-        for address in repeating.chain([header]) {
-            for place in image.places(address) {
-                let found = self.with_file(&place.file, |loops| {
-                    loops
-                        .iter()
-                        .filter(|s| (s.first..=s.last).contains(&place.line))
-                        .min_by_key(|s| s.last - s.first)
-                        .and_then(|s| Some((s.first, s.bound?)))
-                });
-                if let Some((line, bound)) = found {
-                    let place = Place {
-                        file: place.file,
-                        line,
+            .flat_map(|block| &graph.blocks[*block].instructions)
+            .map(|instruction| image.places(instruction.address))
+            .map(|places| places.into_iter().filter(|p| p.line != 0).collect())
+            .filter(|places: &Vec<Place>| !places.is_empty())
+            .collect();
+        let mut candidates: Vec<(Place, SourceLoop)> = Vec::new();
+        for place in located.first()? {
+            self.with_file(&place.file, |loops| {
+                for s in loops.iter().filter(|s| s.holds(place.line)) {
+                    let first = Place {
+                        file: place.file.clone(),
+                        line: s.first,
                     };
-                    return Some((place, bound));
+                    candidates.push((first, s.clone()));
                 }
-            }
+            });
         }
-        None
+        candidates.sort_by_key(|(_, s)| s.last - s.first);
+        let (place, s) = candidates.into_iter().find(|(place, s)| {
+            located.iter().all(|places| {
+                places
+                    .iter()
+                    .any(|p| p.file == place.file && s.holds(p.line))
+            })
+        })?;
+        // What repeats or leaves the loop must be written at the loop itself,
+        // not in something called from its body: else it is a loop of that.
+        let own = l.blocks.iter().any(|block| {
+            let block = &graph.blocks[*block];
+            let decides = block
+                .successors
+                .iter()
+                .any(|next| *next == l.header || !l.blocks.contains(next));
+            decides
+                && image
+                    .places(block.last().address)
+                    .iter()
+                    .enumerate()
+                    .any(|(depth, p)| {
+                        p.file == place.file && s.holds(p.line) && (depth == 0 || p.line == s.first)
+                    })
+        });
+        own.then_some((place, s.bound))
     }
 
     fn with_file<T>(&self, file: &str, ask: impl FnOnce(&[SourceLoop]) -> T) -> T {
@@ -128,9 +186,6 @@ impl Annotations {
 }
 
 fn parse(file: &str, source: &str) -> (Vec<SourceLoop>, Vec<Misplaced>) {
-    if !source.contains(MARK) {
-        return (Vec::new(), Vec::new());
-    }
     let mut marks: HashMap<u32, Option<u64>> = source
         .lines()
         .enumerate()

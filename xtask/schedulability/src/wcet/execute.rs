@@ -11,7 +11,7 @@ use super::flags::Flags;
 use super::image::Image;
 use super::instruction::Instruction;
 use super::range::Range;
-use super::state::{Masked, STACK, State, Symbols};
+use super::state::{Definition, Masked, STACK, State, Symbols};
 use super::value::Value;
 
 /// A memory access of an instruction, for its timing.
@@ -72,11 +72,20 @@ impl Executor<'_> {
                 let (second, carry_lost) = match operand {
                     Operand::Imm { value, carry } => (Value::constant(value), carry.is_some()),
                     Operand::Reg { rm, shift } => {
-                        (shifted(&read(state, rm), shift), !shift.is_none())
+                        let value = read(state, rm);
+                        let mut result = shifted(&value, shift);
+                        self.scale(&value, shift, &mut result);
+                        (result, !shift.is_none())
                     }
                 };
                 let first = read(state, rn);
-                let result = data_processing(op, &first, &second, state.flags.carry());
+                let result = match (op, self.symbols.definition(&second)) {
+                    (DpOp::Sub, Some(Definition::Product(a, b))) => {
+                        remainder(&self.symbols, &first, a, b)
+                    }
+                    _ => None,
+                }
+                .unwrap_or_else(|| data_processing(op, &first, &second, state.flags.carry()));
                 if s {
                     state.flags = match op {
                         DpOp::Cmp | DpOp::Sub => Flags::difference(first, second),
@@ -164,6 +173,20 @@ impl Executor<'_> {
                 let base = read(state, rn);
                 let index = read(state, rm);
                 let size = if half { 2 } else { 1 };
+                // The table ends where the linker's map of the code says so;
+                // that no index lies beyond is the compiler's own promise (it
+                // knows the variants of an enumeration).
+                let index = match base.as_constant().and_then(|at| self.image.table_end(at)) {
+                    Some((start, end)) => {
+                        let last = (end - start) / size - 1;
+                        let range = index.range.meet(Range::between(0, last));
+                        Value {
+                            range: range.unwrap_or(Range::between(0, last)),
+                            ..index
+                        }
+                    }
+                    None => index,
+                };
                 let at = base.add(&shifted(
                     &index,
                     Shift {
@@ -387,8 +410,19 @@ impl Executor<'_> {
                 let (a, b) = (read(state, rn), read(state, rm));
                 let product = Value::with_range(a.range.multiply(b.range), &[&a, &b]);
                 let result = match ra {
+                    None if product.as_constant().is_none() => Value {
+                        base: Some((
+                            self.symbols.define(Definition::Product(a, b)),
+                            Range::constant(0),
+                        )),
+                        ..product
+                    },
                     None => product,
-                    Some(ra) if sub => read(state, ra).subtract(&product),
+                    Some(ra) if sub => {
+                        let dividend = read(state, ra);
+                        let remainder = remainder(&self.symbols, &dividend, &a, &b);
+                        remainder.unwrap_or_else(|| dividend.subtract(&product))
+                    }
                     Some(ra) => read(state, ra).add(&product),
                 };
                 if s {
@@ -423,6 +457,19 @@ impl Executor<'_> {
                         if let Ok(top) = u32::try_from(top) {
                             low = Value::within(Range::between(0, top));
                         }
+                        let scaled = match (a.as_constant(), b.as_constant()) {
+                            (None, Some(factor)) => Some((self.named(a), factor)),
+                            (Some(factor), None) => Some((self.named(b), factor)),
+                            _ => None,
+                        };
+                        if let Some((of, factor)) = scaled {
+                            let symbol = self.symbols.define(Definition::Scaled {
+                                of,
+                                factor,
+                                shift: 32,
+                            });
+                            high.base = Some((symbol, Range::constant(0)));
+                        }
                     }
                 }
                 self.set(state, rdlo, low);
@@ -439,7 +486,12 @@ impl Executor<'_> {
                     _ if signed && (a.range.signed().0 < 0 || b.range.signed().0 < 0) => Range::ALL,
                     _ => a.range.divide(b.range),
                 };
-                self.set(state, rd, Value::within(range));
+                let mut value = Value::within(range);
+                if !signed && range.as_constant().is_none() {
+                    let symbol = self.symbols.define(Definition::Quotient { of: a, by: b });
+                    value.base = Some((symbol, Range::constant(0)));
+                }
+                self.set(state, rd, value);
             }
             Insn::HalfMul { rd, ra, op, .. } => {
                 self.set(state, rd, Value::ANY);
@@ -724,6 +776,21 @@ impl Executor<'_> {
         }
     }
 
+    /// Keeps track of a division by a constant: product, then shift.
+    fn scale(&mut self, value: &Value, by: Shift, result: &mut Value) {
+        if by.ty != ShiftType::Lsr || result.as_constant().is_some() {
+            return;
+        }
+        if let Some(Definition::Scaled { of, factor, shift }) = self.symbols.definition(value) {
+            let definition = Definition::Scaled {
+                of: *of,
+                factor: *factor,
+                shift: shift + u32::from(by.amount),
+            };
+            result.base = Some((self.symbols.define(definition), Range::constant(0)));
+        }
+    }
+
     fn named(&mut self, mut value: Value) -> Value {
         if value.base.is_none() && value.as_constant().is_none() {
             value.base = Some((self.symbols.fresh(), Range::constant(0)));
@@ -759,29 +826,23 @@ impl Executor<'_> {
                     _ if signed => extend(ExtendOp::Sxth, &value),
                     _ => extend(ExtendOp::Uxth, &value),
                 },
-                // What was forgotten may have been an address.
-                None => Value {
-                    stack: size == 4,
-                    ..unknown(size, signed)
-                },
+                // Never written on this path: whatever is made of it, it is
+                // no address that the program may use.
+                None => unknown(size, signed),
             };
         }
-        if address.range.len() <= MAX_LOADS {
-            let constants = address
-                .range
-                .iter()
-                .map(|at| {
-                    self.image
-                        .constant(at, size)
-                        .map(|word| adjust(word, size, signed))
-                })
-                .try_fold(None, |joined: Option<Range>, word| {
-                    let word = Range::constant(word?);
-                    Some(Some(joined.map_or(word, |range| range.join(word))))
-                });
-            if let Some(Some(range)) = constants {
-                return Value::within(range);
-            }
+        let constants = |addresses: &mut dyn Iterator<Item = u32>| -> Option<Vec<u32>> {
+            addresses
+                .map(|at| Some(adjust(self.image.constant(at, size)?, size, signed)))
+                .collect()
+        };
+        let words = match self.symbols.elements(address) {
+            Some(addresses) => constants(&mut addresses.into_iter()),
+            None if address.range.len() <= MAX_LOADS => constants(&mut address.range.iter()),
+            None => None,
+        };
+        if let Some(value) = words.and_then(|words| self.symbols.one_of(words)) {
+            return value;
         }
         let on_stack = address.range.meet(STACK).is_some() && (address.stack || state.escaped);
         Value {
@@ -803,18 +864,59 @@ impl Executor<'_> {
             state.store_stack(at, size, kept);
             return;
         }
+        let pointer = value.stack && value.range.meet(STACK).is_some() && size == 4;
         if address.range.meet(STACK).is_some() && (address.stack || state.escaped) {
-            if address.range.span() > STACK.span() {
-                state.forget_stack(STACK, size);
+            let within = if address.range.span() > STACK.span() {
+                STACK
             } else {
-                state.forget_stack(address.range, size);
-            }
-        }
-        // An address on the stack now lies where loads are not tracked.
-        if value.stack && value.range.meet(STACK).is_some() && size == 4 {
+                address.range
+            };
+            state.weaken_stack(within, size, pointer);
+        } else if pointer {
+            // An address on the stack now lies where loads are not tracked.
             state.escaped = true;
         }
     }
+}
+
+/// `dividend - a * b` when one factor is the dividend's quotient by the other.
+fn remainder(symbols: &Symbols, dividend: &Value, a: &Value, b: &Value) -> Option<Value> {
+    let same = |of: &Value| of.base.is_some() && of.base == dividend.base;
+    let below = |divisor: u32| {
+        let (_, high) = dividend.range.unsigned();
+        Value::within(Range::between(0, high.min(divisor.max(1) - 1)))
+    };
+    for (quotient, divisor) in [(a, b), (b, a)] {
+        match symbols.definition(quotient) {
+            Some(Definition::Quotient { of, by }) if same(of) => {
+                let equal = by.base.is_some() && by.base == divisor.base
+                    || by.as_constant().is_some() && by.as_constant() == divisor.as_constant();
+                // Divided by zero the core gives zero: the dividend remains.
+                if equal && !by.range.contains(0) {
+                    return Some(below(by.range.unsigned().1));
+                }
+            }
+            Some(Definition::Scaled { of, factor, shift }) if same(of) => {
+                let divisor = divisor.as_constant()?;
+                if divides(divisor, *factor, *shift) {
+                    return Some(below(divisor));
+                }
+            }
+            _ => {}
+        }
+    }
+    None
+}
+
+/// Whether `(n * factor) >> shift` is `n / divisor` for every 32-bit `n`
+/// (Granlund and Montgomery 1994, theorem 4.2).
+fn divides(divisor: u32, factor: u32, shift: u32) -> bool {
+    if divisor == 0 || !(32..64).contains(&shift) {
+        return false;
+    }
+    let power = 1u128 << shift;
+    let product = u128::from(divisor) * u128::from(factor);
+    product >= power && product - power <= 1 << (shift - 32)
 }
 
 /// A loaded word of which nothing is known but its size.

@@ -150,10 +150,10 @@ fn exact(result: u32, carry: bool, overflow: bool) -> u32 {
     negative | zero | if carry { C } else { 0 } | u32::from(overflow)
 }
 
-/// Whether the range has negative and whether it has other elements.
+/// Whether the range has negative and whether it has positive elements.
 fn signs(range: Range) -> (bool, bool) {
     let (low, high) = range.signed();
-    (low < 0, high >= 0)
+    (low < 0, high > 0)
 }
 
 fn sign_fits(flags: u32, negative: bool, positive: bool, zero: bool) -> bool {

@@ -9,6 +9,94 @@ use rsemu::cpu::arm::v7m::isa::Insn;
 /// Targets of indirect jumps found so far, by the jump's address.
 pub type Targets = HashMap<u32, BTreeSet<u32>>;
 
+/// Which functions return, as far as it was asked. Code after a call that
+/// never returns belongs to another path; following it would invent loops.
+#[derive(Debug, Default)]
+pub struct Returning(HashMap<u32, bool>);
+
+impl Returning {
+    /// Whether the function at `entry` may return. Whatever cannot be told is
+    /// taken to return.
+    pub fn ask(&mut self, image: &Image, entry: u32) -> bool {
+        if let Some(&known) = self.0.get(&entry) {
+            return known;
+        }
+        if is_panic(&image.name(entry)) {
+            self.0.insert(entry, false);
+            return false;
+        }
+        // A function that calls itself returns if some other path does.
+        self.0.insert(entry, false);
+        let returns = self.search(image, entry);
+        self.0.insert(entry, returns);
+        returns
+    }
+
+    fn search(&mut self, image: &Image, entry: u32) -> bool {
+        let mut seen = BTreeSet::new();
+        let mut work = vec![(entry, 0)];
+        while let Some((mut address, mut it)) = work.pop() {
+            while seen.insert(address) {
+                let Ok(instruction) = decode(image, address, it) else {
+                    break;
+                };
+                it = next_it(&instruction, it);
+                let mut straight = true;
+                match instruction.flow() {
+                    Flow::Next | Flow::CallRegister { .. } => {}
+                    Flow::Branch { target, .. } => work.push((target, 0)),
+                    Flow::Jump { target } => {
+                        if leaves(image, entry, target) {
+                            if self.ask(image, target) {
+                                return true;
+                            }
+                        } else {
+                            work.push((target, 0));
+                        }
+                        straight = conditional(&instruction);
+                    }
+                    Flow::Call { target } => {
+                        straight = conditional(&instruction) || self.ask(image, target);
+                    }
+                    Flow::Indirect => return true,
+                    Flow::Stop => straight = conditional(&instruction),
+                }
+                address = instruction.next();
+                if !straight || !image.is_code(address) {
+                    break;
+                }
+            }
+        }
+        false
+    }
+}
+
+fn next_it(instruction: &Instruction, it: u8) -> u8 {
+    match instruction.insn {
+        Insn::It { cond, mask } => (cond.0 << 4) | mask,
+        _ => advance_it(it),
+    }
+}
+
+/// Whether a function only reports that the program cannot go on.
+#[must_use]
+pub fn is_panic(name: &str) -> bool {
+    const NEVER_RETURN: [&str; 11] = [
+        "core::panicking::",
+        "core::option::unwrap_failed",
+        "core::option::expect_failed",
+        "core::result::unwrap_failed",
+        "core::slice::index::slice_",
+        "core::str::slice_error_fail",
+        "len_mismatch_fail",
+        "core::cell::panic_already",
+        "rust_begin_unwind",
+        "rust_panic",
+        "defmt::export::panic",
+    ];
+    NEVER_RETURN.iter().any(|part| name.contains(part))
+}
+
 /// A straight run of instructions.
 #[derive(Debug, Clone)]
 pub struct Block {
@@ -66,7 +154,12 @@ impl Graph {
     ///
     /// # Errors
     /// When there is no code at `entry`.
-    pub fn build(image: &Image, entry: u32, targets: &Targets) -> Result<Self, NotCode> {
+    pub fn build(
+        image: &Image,
+        entry: u32,
+        targets: &Targets,
+        returning: &mut Returning,
+    ) -> Result<Self, NotCode> {
         let mut instructions: BTreeMap<u32, Instruction> = BTreeMap::new();
         let mut leaders = BTreeSet::from([entry]);
         let mut holes = Vec::new();
@@ -90,10 +183,7 @@ impl Graph {
                     }
                 };
                 instructions.insert(address, instruction);
-                it = match instruction.insn {
-                    Insn::It { cond, mask } => (cond.0 << 4) | mask,
-                    _ => advance_it(it),
-                };
+                it = next_it(&instruction, it);
                 let ends = ends_block(&instruction);
                 for target in local_targets(image, entry, &instruction, targets) {
                     if leaders.insert(target) || !instructions.contains_key(&target) {
@@ -102,7 +192,9 @@ impl Graph {
                 }
                 address = instruction.next();
                 if ends {
-                    if falls_through(&instruction) && continues(image, entry, address) {
+                    if falls_through(image, &instruction, returning)
+                        && continues(image, entry, address)
+                    {
                         leaders.insert(address);
                         work.push(address);
                     }
@@ -116,6 +208,7 @@ impl Graph {
             &instructions,
             &leaders,
             targets,
+            returning,
             holes,
         ))
     }
@@ -126,6 +219,7 @@ impl Graph {
         instructions: &BTreeMap<u32, Instruction>,
         leaders: &BTreeSet<u32>,
         targets: &Targets,
+        returning: &mut Returning,
         holes: Vec<u32>,
     ) -> Self {
         let mut raw: BTreeMap<u32, (Vec<Instruction>, Vec<u32>)> = BTreeMap::new();
@@ -138,7 +232,7 @@ impl Graph {
                 address = instruction.next();
                 if ends_block(instruction) {
                     successors.extend(local_targets(image, entry, instruction, targets));
-                    if falls_through(instruction)
+                    if falls_through(image, instruction, returning)
                         && continues(image, entry, address)
                         && instructions.contains_key(&address)
                     {
@@ -328,9 +422,10 @@ fn ends_block(instruction: &Instruction) -> bool {
     instruction.flow() != Flow::Next
 }
 
-fn falls_through(instruction: &Instruction) -> bool {
+fn falls_through(image: &Image, instruction: &Instruction, returning: &mut Returning) -> bool {
     match instruction.flow() {
-        Flow::Next | Flow::Branch { .. } | Flow::Call { .. } | Flow::CallRegister { .. } => true,
+        Flow::Next | Flow::Branch { .. } | Flow::CallRegister { .. } => true,
+        Flow::Call { target } => conditional(instruction) || returning.ask(image, target),
         Flow::Jump { .. } | Flow::Indirect | Flow::Stop => conditional(instruction),
     }
 }

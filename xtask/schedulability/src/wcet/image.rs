@@ -1,6 +1,7 @@
 //! A linked image: code, constants, symbols and line tables.
 
-use std::collections::BTreeMap;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
@@ -77,6 +78,7 @@ pub struct Image {
     symbols: BTreeMap<String, u32>,
     lines: Option<addr2line::Loader>,
     load: Vec<(u32, Vec<u8>)>,
+    known_places: RefCell<HashMap<u32, Vec<Place>>>,
 }
 
 impl std::fmt::Debug for Image {
@@ -112,6 +114,7 @@ impl Image {
             symbols: BTreeMap::new(),
             lines: addr2line::Loader::new(path).ok(),
             load: Vec::new(),
+            known_places: RefCell::new(HashMap::new()),
         };
         for section in file.sections() {
             let SectionFlags::Elf { sh_flags, .. } = section.flags() else {
@@ -201,6 +204,15 @@ impl Image {
                 .any(|&(start, end)| (start..end).contains(&address))
     }
 
+    /// `address` and the end of the data it is in, if it is data among code.
+    #[must_use]
+    pub fn table_end(&self, address: u32) -> Option<(u32, u32)> {
+        self.data_in_code
+            .iter()
+            .find(|(start, end)| (*start..*end).contains(&address))
+            .map(|&(_, end)| (address, end))
+    }
+
     /// The word, halfword or byte (`size` 4, 2, 1) at `address`, if it is a
     /// constant of the image.
     #[must_use]
@@ -255,6 +267,14 @@ impl Image {
     /// Source lines of `address`: the innermost inlined function first.
     #[must_use]
     pub fn places(&self, address: u32) -> Vec<Place> {
+        let mut known = self.known_places.borrow_mut();
+        known
+            .entry(address)
+            .or_insert_with(|| self.find_places(address))
+            .clone()
+    }
+
+    fn find_places(&self, address: u32) -> Vec<Place> {
         let mut places = Vec::new();
         let Some(lines) = &self.lines else {
             return places;
@@ -282,7 +302,11 @@ impl Image {
         let places = self.places(address);
         let own = places
             .iter()
-            .find(|place| !place.file.contains("/rustc/") && !place.file.contains("/registry/"))
+            .find(|place| {
+                !["/rustc/", "/registry/", "/library/"]
+                    .iter()
+                    .any(|folder| place.file.contains(folder))
+            })
             .or(places.first());
         match own {
             Some(place) => format!("{place} ({})", self.name(address)),

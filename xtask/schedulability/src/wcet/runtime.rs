@@ -25,6 +25,42 @@ pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static st
     Some((what, turns.div_ceil(unrolled(graph, number))))
 }
 
+/// The register that holds the number of bytes on entry of a function that
+/// copies or fills memory (run-time ABI for the Arm architecture, 4.3.4).
+#[must_use]
+pub fn length_register(name: &str) -> Option<usize> {
+    let name = name.rsplit("::").next().unwrap_or(name);
+    let plain = name.trim_end_matches(['4', '8']);
+    match plain {
+        "memcpy" | "memmove" | "memset" | "__aeabi_memcpy" | "__aeabi_memmove" => Some(2),
+        "__aeabi_memset" | "__aeabi_memclr" => Some(1),
+        _ => None,
+    }
+}
+
+/// Most turns of loop `number` in a function that writes `bytes` bytes, each
+/// of them once: what its first block stores in one turn divides them.
+#[must_use]
+pub fn copying(graph: &Graph, number: usize, bytes: u64) -> u64 {
+    let header = &graph.blocks[graph.loops[number].header];
+    let stored: u64 = header
+        .instructions
+        .iter()
+        .filter(|instruction| instruction.condition.is_none())
+        .map(|instruction| match instruction.insn {
+            Insn::LoadStore {
+                load: false, size, ..
+            } => u64::from(size.bytes()),
+            Insn::LoadStoreDual { load: false, .. } => 8,
+            Insn::LoadStoreMultiple {
+                load: false, list, ..
+            } => 4 * u64::from(list.count_ones()),
+            _ => 0,
+        })
+        .sum();
+    bytes.div_ceil(stored.max(1))
+}
+
 /// How many turns of the source one turn of the machine code makes: by how
 /// many places it moves the registers that the loop changes in no other way.
 fn unrolled(graph: &Graph, number: usize) -> u64 {

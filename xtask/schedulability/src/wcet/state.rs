@@ -28,15 +28,106 @@ pub fn longer(a: Cycles, b: Cycles) -> Cycles {
     [a[0].max(b[0]), a[1].max(b[1])]
 }
 
-/// Source of fresh symbols.
+/// What a symbol is known to stand for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Definition {
+    /// One of these words, in order.
+    OneOf(Vec<u32>),
+    /// `(of * factor) >> shift`, computed without loss, of a dividend below
+    /// 2^32: the way compilers divide by a constant.
+    Scaled {
+        /// The dividend.
+        of: Value,
+        /// The factor.
+        factor: u32,
+        /// The shift, 32 or more.
+        shift: u32,
+    },
+    /// The quotient of a division.
+    Quotient {
+        /// The dividend.
+        of: Value,
+        /// The divisor.
+        by: Value,
+    },
+    /// A product of two words.
+    Product(Value, Value),
+}
+
+/// Words that a set may hold before it becomes a mere range.
+const MAX_ELEMENTS: usize = 64;
+
+/// Source of fresh symbols, and what is known of them.
 #[derive(Debug, Default)]
-pub struct Symbols(u32);
+pub struct Symbols {
+    last: u32,
+    definitions: HashMap<Symbol, Definition>,
+}
 
 impl Symbols {
     /// A symbol that was never used before.
     pub fn fresh(&mut self) -> Symbol {
-        self.0 += 1;
-        Symbol(self.0)
+        self.last += 1;
+        Symbol(self.last)
+    }
+
+    /// A fresh symbol that stands for this.
+    pub fn define(&mut self, definition: Definition) -> Symbol {
+        let symbol = self.fresh();
+        self.definitions.insert(symbol, definition);
+        symbol
+    }
+
+    /// What `value` is by definition, if its symbol has one and the value is
+    /// the symbol itself.
+    #[must_use]
+    pub fn definition(&self, value: &Value) -> Option<&Definition> {
+        match value.base {
+            Some((symbol, offset)) if offset.as_constant() == Some(0) => {
+                self.definitions.get(&symbol)
+            }
+            _ => None,
+        }
+    }
+
+    /// Every word that `value` may be, if they are known one by one.
+    #[must_use]
+    pub fn elements(&self, value: &Value) -> Option<Vec<u32>> {
+        if let Some(word) = value.as_constant() {
+            return Some(vec![word]);
+        }
+        let (symbol, offset) = value.base?;
+        let offset = offset.as_constant()?;
+        match self.definitions.get(&symbol)? {
+            Definition::OneOf(words) => Some(
+                words
+                    .iter()
+                    .map(|word| word.wrapping_add(offset))
+                    .filter(|word| value.range.contains(*word))
+                    .collect(),
+            ),
+            _ => None,
+        }
+    }
+
+    /// A value that is one of `words`.
+    pub fn one_of(&mut self, mut words: Vec<u32>) -> Option<Value> {
+        words.sort_unstable();
+        words.dedup();
+        let range = words
+            .iter()
+            .map(|word| Range::constant(*word))
+            .reduce(Range::join)?;
+        let base = if words.len() > 1 && words.len() <= MAX_ELEMENTS {
+            Some((self.define(Definition::OneOf(words)), Range::constant(0)))
+        } else {
+            None
+        };
+        Some(Value {
+            range,
+            base,
+            stack: false,
+        })
     }
 }
 
@@ -175,6 +266,47 @@ impl State {
         };
         if self.stack.iter().any(|&(at, bytes, _)| touched(at, bytes)) {
             Rc::make_mut(&mut self.stack).retain(|&(at, bytes, _)| !touched(at, bytes));
+        }
+    }
+
+    /// Takes account of a write of `size` bytes to an unknown one of
+    /// `addresses`: what may have been overwritten becomes unknown. `pointer`
+    /// says whether an address on the stack was written.
+    pub fn weaken_stack(&mut self, addresses: Range, size: u32, pointer: bool) {
+        let first = addresses.start();
+        let reach = u64::from(addresses.span()) + u64::from(size);
+        let touched = |at: u32, bytes: u32| {
+            u64::from(at.wrapping_sub(first)) < reach || first.wrapping_sub(at) < bytes
+        };
+        if self.stack.iter().any(|&(at, bytes, _)| touched(at, bytes)) {
+            for (at, bytes, value) in Rc::make_mut(&mut self.stack) {
+                if touched(*at, *bytes) {
+                    *value = Value {
+                        stack: value.stack || pointer,
+                        ..Value::ANY
+                    };
+                }
+            }
+        }
+        if !pointer {
+            return;
+        }
+        // Words that were not tracked may hold the pointer now.
+        if reach > 0x400 {
+            self.escaped = true;
+            return;
+        }
+        for at in (0..reach as u32).step_by(4) {
+            let at = (first & !3).wrapping_add(at);
+            let index = self.stack.partition_point(|&(a, b, _)| a + b <= at);
+            let free = self.stack.get(index).is_none_or(|slot| slot.0 >= at + 4);
+            if free {
+                let value = Value {
+                    stack: true,
+                    ..Value::ANY
+                };
+                Rc::make_mut(&mut self.stack).insert(index, (at, 4, value));
+            }
         }
     }
 
@@ -448,10 +580,18 @@ impl Merge<'_> {
             (Some((s, x)), Some((t, y))) => {
                 let key = (s, t, x.wrapping_sub(y));
                 let symbols = &mut *self.symbols;
-                let (symbol, origin) = *self
-                    .pairs
-                    .entry(key)
-                    .or_insert_with(|| (symbols.fresh(), x));
+                let (symbol, origin) = *self.pairs.entry(key).or_insert_with(|| {
+                    let words = symbols.elements(a).zip(symbols.elements(b));
+                    match words {
+                        Some((mut ours, theirs)) if ours.len() + theirs.len() <= MAX_ELEMENTS => {
+                            ours.extend(theirs);
+                            ours.sort_unstable();
+                            ours.dedup();
+                            (symbols.define(Definition::OneOf(ours)), x)
+                        }
+                        _ => (symbols.fresh(), x),
+                    }
+                });
                 Some((symbol, Range::constant(x.wrapping_sub(origin))))
             }
             _ => Some((self.symbols.fresh(), Range::constant(0))),
@@ -459,17 +599,40 @@ impl Merge<'_> {
         Value { range, base, stack }
     }
 
+    /// Slots of one path only are dropped, except that an address on the
+    /// stack leaves behind that there may be one.
     fn stack(&mut self, a: &[Slot], b: &[Slot]) -> Vec<Slot> {
-        let mut joined = Vec::with_capacity(a.len().min(b.len()));
-        let mut others = b.iter().peekable();
-        for slot in a {
-            while others.peek().is_some_and(|other| other.0 < slot.0) {
-                others.next();
+        let mut joined: Vec<Slot> = Vec::with_capacity(a.len().max(b.len()));
+        let alone = |joined: &mut Vec<Slot>, slot: &Slot| {
+            if slot.2.stack && joined.last().is_none_or(|last| last.0 + last.1 <= slot.0) {
+                let value = Value {
+                    stack: true,
+                    ..Value::ANY
+                };
+                joined.push((slot.0, slot.1, value));
             }
-            if let Some(other) = others.peek()
-                && (other.0, other.1) == (slot.0, slot.1)
-            {
-                joined.push((slot.0, slot.1, self.value(&slot.2, &other.2)));
+        };
+        let (mut i, mut j) = (0, 0);
+        while i < a.len() || j < b.len() {
+            match (a.get(i), b.get(j)) {
+                (Some(x), Some(y)) if (x.0, x.1) == (y.0, y.1) => {
+                    joined.push((x.0, x.1, self.value(&x.2, &y.2)));
+                    i += 1;
+                    j += 1;
+                }
+                (Some(x), Some(y)) if x.0 <= y.0 => {
+                    alone(&mut joined, x);
+                    i += 1;
+                }
+                (Some(x), None) => {
+                    alone(&mut joined, x);
+                    i += 1;
+                }
+                (_, Some(y)) => {
+                    alone(&mut joined, y);
+                    j += 1;
+                }
+                (None, None) => break,
             }
         }
         joined
