@@ -1,5 +1,6 @@
 //! Tests across the crates: what the release images do on emulated microcontrollers.
 
+pub mod clock;
 mod journey;
 pub mod time;
 

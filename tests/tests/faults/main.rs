@@ -9,6 +9,7 @@ mod modes;
 mod receiver;
 mod resets;
 mod stack;
+mod synchronisation;
 mod track;
 
 use campaign::traffic::Sent;
