@@ -20,7 +20,7 @@ fn runs() -> u64 {
         .unwrap_or(60)
 }
 
-const KERNELS: [&str; 24] = [
+const KERNELS: [&str; 30] = [
     "arithmetic::divide_u64",
     "arithmetic::divide_i64",
     "arithmetic::remainder_u64",
@@ -45,6 +45,12 @@ const KERNELS: [&str; 24] = [
     "arrays::sieve",
     "arrays::median",
     "control::early_exit",
+    "control::choices",
+    "text::crc8_bits",
+    "text::crc32_table",
+    "text::decimal",
+    "text::parse_number",
+    "text::hexadecimal",
 ];
 
 /// Inputs of different character, because uniform words are seldom the worst.
@@ -158,4 +164,28 @@ fn bounds_hold_on_the_emulator() {
     let median = ratios[ratios.len() / 2];
     println!("median of bound over longest seen: {median:.3}");
     assert!(median <= 1.25, "{median}");
+}
+
+/// What has no bound is refused, in a sentence that says where and why.
+#[test]
+fn programs_without_bound_are_refused() {
+    let image = Image::read(image_path()).unwrap();
+    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    for (name, sentence) in [
+        (
+            "broken::endless_wait",
+            "has no bound: write `// loop-bound: N`",
+        ),
+        (
+            "broken::recursion",
+            "recursion: kernels::broken::recursion::ackermann calls",
+        ),
+        ("broken::pointer_from_memory", "may go anywhere"),
+    ] {
+        let bound = analyse(&mut analysis, name);
+        assert_eq!(bound.problems.len(), 1, "{name}: {:?}", bound.problems);
+        let problem = bound.problems.first().unwrap().to_string();
+        assert!(problem.contains(sentence), "{name}: {problem}");
+    }
 }

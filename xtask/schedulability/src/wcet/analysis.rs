@@ -975,7 +975,7 @@ fn compare_zero(state: &State, register: u8) -> (Option<State>, Option<State>) {
 fn enumerate(symbols: &Symbols, value: &Value) -> Option<Vec<u32>> {
     let words = match symbols.elements(value) {
         Some(words) => words,
-        None if value.range.len() <= MAX_TARGETS => value.range.iter().collect(),
+        None if value.range.count() <= MAX_TARGETS => value.range.iter().collect(),
         None => return None,
     };
     let mut targets: Vec<u32> = words.into_iter().map(|word| word & !1).collect();

@@ -630,11 +630,9 @@ impl Executor<'_> {
                     _ => {}
                 }
             }
-            Insn::Cps { enable, i, .. } => {
-                if i {
-                    set_primask(state, Some(!enable), instruction.address, &mut effects);
-                }
-            }
+            Insn::Cps {
+                enable, i: true, ..
+            } => set_primask(state, Some(!enable), instruction.address, &mut effects),
             Insn::Fp(insn) => self.floating_point(state, insn, pc, &mut effects),
             // Everything that neither moves data nor control, and what the
             // targets do not have: registers stay, or the path ends.
@@ -838,7 +836,7 @@ impl Executor<'_> {
         };
         let words = match self.symbols.elements(address) {
             Some(addresses) => constants(&mut addresses.into_iter()),
-            None if address.range.len() <= MAX_LOADS => constants(&mut address.range.iter()),
+            None if address.range.count() <= MAX_LOADS => constants(&mut address.range.iter()),
             None => None,
         };
         if let Some(value) = words.and_then(|words| self.symbols.one_of(words)) {

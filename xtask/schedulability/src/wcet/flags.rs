@@ -241,8 +241,8 @@ fn without(a: Value, b: Value) -> Vec<(Value, Range)> {
         return Vec::new();
     };
     let range = a.range;
-    let step = if range.len() > 1 {
-        range.span() / (range.len() - 1) as u32
+    let step = if range.count() > 1 {
+        range.span() / (range.count() - 1) as u32
     } else {
         return Vec::new();
     };

@@ -89,17 +89,15 @@ impl Range {
 
     /// Number of elements.
     #[must_use]
-    pub fn len(self) -> u64 {
-        if self.stride == 0 {
-            1
-        } else {
-            u64::from(self.span / self.stride) + 1
-        }
+    pub fn count(self) -> u64 {
+        self.span
+            .checked_div(self.stride)
+            .map_or(1, |steps| u64::from(steps) + 1)
     }
 
     /// The elements in order along the arc.
     pub fn iter(self) -> impl Iterator<Item = u32> {
-        let count = self.len();
+        let count = self.count();
         (0..count).map(move |n| {
             self.start
                 .wrapping_add((n as u32).wrapping_mul(self.stride))
@@ -203,6 +201,10 @@ impl Range {
 
     /// All sums of an element of each.
     #[must_use]
+    #[expect(
+        clippy::should_implement_trait,
+        reason = "named as its neighbours, which no operator stands for"
+    )]
     pub fn add(self, other: Self) -> Self {
         match self.span.checked_add(other.span) {
             Some(span) => Self::arc(
@@ -462,7 +464,7 @@ mod tests {
                 assert!(a.unsigned().0 <= x && x <= a.unsigned().1);
                 assert!(a.signed().0 <= x as i32 && x as i32 <= a.signed().1);
             }
-            assert_eq!(a.iter().count() as u64, a.len());
+            assert_eq!(a.iter().count() as u64, a.count());
         }
     }
 

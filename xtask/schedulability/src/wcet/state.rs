@@ -551,12 +551,15 @@ impl State {
     }
 }
 
+/// The symbols of a value on two paths, and how far its offsets lie apart.
+type Pair = (Option<Symbol>, Option<Symbol>, u32);
+
 /// Joins the values of two paths and keeps the relations that hold on both.
 struct Merge<'a> {
     symbols: &'a mut Symbols,
     /// Symbol pair and distance between the offsets, to the common symbol and
     /// the offset on the first path where it stands for zero.
-    pairs: HashMap<(Option<Symbol>, Option<Symbol>, u32), (Symbol, u32)>,
+    pairs: HashMap<Pair, (Symbol, u32)>,
 }
 
 impl Merge<'_> {
