@@ -78,10 +78,9 @@ impl Journey {
     /// Effort of a node's motor driver at an instant, -1 to 1.
     #[must_use]
     pub fn effort(&self, node: Node, when: SimTime) -> f64 {
-        let changes = self.vehicle.world().efforts().iter();
+        let mut changes = self.vehicle.world().efforts().iter();
         changes
-            .filter(|change| change.node == node && change.at <= when)
-            .next_back()
+            .rfind(|change| change.node == node && change.at <= when)
             .map_or(0.0, |change| change.effort)
     }
 
@@ -89,10 +88,9 @@ impl Journey {
     /// to another than none, `None` when it never did.
     #[must_use]
     pub fn last_moved(&self, node: Node) -> Option<SimTime> {
-        let changes = self.vehicle.world().efforts().iter();
+        let mut changes = self.vehicle.world().efforts().iter();
         changes
-            .filter(|change| change.node == node && change.effort != 0.0)
-            .next_back()
+            .rfind(|change| change.node == node && change.effort != 0.0)
             .map(|change| change.at)
     }
 
