@@ -71,6 +71,7 @@ impl<'a> Stacks<'a> {
         path.push(entry);
         // The deepest stack pointer on entry of each block.
         let mut at: BTreeMap<usize, u32> = BTreeMap::from([(0, 0)]);
+        let mut deepened: BTreeMap<usize, u32> = BTreeMap::new();
         let mut work = vec![0];
         while let Some(block) = work.pop() {
             let mut below = at[&block];
@@ -111,9 +112,11 @@ impl<'a> Stacks<'a> {
             for &next in &graph.blocks[block].successors {
                 let known = at.get(&next).copied();
                 // Loops do not deepen the stack in compiled code; one that
-                // does would run into this limit and be seen as unknown.
+                // seems to is listed instead of followed.
                 if known.is_none_or(|known| known < below) {
-                    if below > 0x1_0000 {
+                    let times = deepened.entry(next).or_default();
+                    *times += 1;
+                    if *times > MAX_DEEPENED {
                         depth.unknown.insert(format!(
                             "a loop in {} that deepens the stack",
                             self.image.name(entry)
@@ -130,6 +133,9 @@ impl<'a> Stacks<'a> {
         depth
     }
 }
+
+/// How often a block's depth may grow before it counts as unknown.
+const MAX_DEEPENED: u32 = 8;
 
 enum Change {
     By(i32),

@@ -205,6 +205,12 @@ impl Report {
                     ));
                 }
             }
+            if let Some(problem) = node.idle_problems.first() {
+                return Some(format!(
+                    "the start-up and idle code of {} is not followed to its end, so its critical sections are not all known: {problem}",
+                    node.name
+                ));
+            }
             if node.stack > node.stack_size {
                 return Some(format!(
                     "the stack of {} may take {} bytes of {}",
@@ -416,7 +422,9 @@ fn analyse_node(
         idle_problems = bound
             .problems
             .into_iter()
-            .filter(|problem| matches!(problem, Problem::UnknownMask(_)))
+            // Start-up waits for hardware; only what hides a critical
+            // section of idle matters here.
+            .filter(|problem| !matches!(problem, Problem::LoopWithoutBound(_)))
             .collect();
     }
     // Every priority may preempt every lower one once. A frame holds the
