@@ -1,7 +1,7 @@
 //! What instructions cost, in core cycles.
 //!
 //! Two models. [`Timing::zero_wait`] charges what the emulator charges, so a
-//! bound can be held against an observation cycle by cycle. [`Timing::flash`]
+//! bound can be held against an observation cycle by cycle. The other
 //! charges the worst case of the Cortex-M4 manual (Arm 100166, "Instruction
 //! set summary"), with the flash of the part at its clock and no benefit of
 //! any cache or prefetch.
