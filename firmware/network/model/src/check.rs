@@ -4,27 +4,38 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     frame::worst_case_bits,
-    network::{Message, Network, SendType, WindowKind},
+    network::{Message, Network, SendType, Window, WindowKind},
     problem::Problem,
     reference::Reference,
     signal::Signal,
 };
 
-/// Everything that is wrong with a network, in the order of its messages.
-pub fn check(network: &Network) -> Vec<Problem> {
+/// Everything that is wrong with a network, in the order of its messages; of
+/// windows nothing when they are still to be found.
+pub fn check(network: &Network, unscheduled: bool) -> Vec<Problem> {
     let mut problems = Vec::new();
-    time_frame(network, &mut problems);
+    bus(network, &mut problems);
+    if !unscheduled {
+        time_frame(network, &mut problems);
+    }
     names(network, &mut problems);
     masters(network, &mut problems);
     for message in &network.messages {
         data(network, message, &mut problems);
-        window(network, message, &mut problems);
+        if !unscheduled {
+            for at in message.windows() {
+                window(network, message, at, &mut problems);
+            }
+            rate(network, message, &mut problems);
+        }
     }
-    overlaps(network, &mut problems);
+    if !unscheduled {
+        overlaps(network, &mut problems);
+    }
     problems
 }
 
-fn time_frame(network: &Network, problems: &mut Vec<Problem>) {
+fn bus(network: &Network, problems: &mut Vec<Problem>) {
     let mut refuse = |what: String| problems.push(Problem { line: None, what });
     if !(10_000..=1_000_000).contains(&network.bit_rate) {
         refuse(format!(
@@ -32,6 +43,16 @@ fn time_frame(network: &Network, problems: &mut Vec<Problem>) {
             network.bit_rate
         ));
     }
+    if !(1..=16).contains(&network.transmit_enable_bits) {
+        refuse(format!(
+            "TransmitEnable is {}: 1 to 16 bit times are accepted",
+            network.transmit_enable_bits
+        ));
+    }
+}
+
+fn time_frame(network: &Network, problems: &mut Vec<Problem>) {
+    let mut refuse = |what: String| problems.push(Problem { line: None, what });
     if network.basic_cycle_us == 0 {
         refuse("BasicCycle is 0 us: a basic cycle has a length".into());
     }
@@ -39,12 +60,6 @@ fn time_frame(network: &Network, problems: &mut Vec<Problem>) {
         refuse(format!(
             "BasicCycles is {}: a system matrix has 1, 2, 4, 8, 16, 32 or 64",
             network.basic_cycles
-        ));
-    }
-    if !(1..=16).contains(&network.transmit_enable_bits) {
-        refuse(format!(
-            "TransmitEnable is {}: 1 to 16 bit times are accepted",
-            network.transmit_enable_bits
         ));
     }
 }
@@ -268,12 +283,15 @@ fn data(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
     }
 }
 
-fn window(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
-    let window = message.window;
-    let of = format!(
+fn describe(message: &Message, window: Window) -> String {
+    format!(
         "message {} ({}) in the window at {} us",
         message.name, message.id, window.start_us
-    );
+    )
+}
+
+fn window(network: &Network, message: &Message, window: Window, problems: &mut Vec<Problem>) {
+    let of = describe(message, window);
     let mut refuse = |what: String| {
         problems.push(Problem {
             line: message.line,
@@ -299,18 +317,18 @@ fn window(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
         ));
     }
     let bits = worst_case_bits(message.length);
-    let enable = u32::from(network.transmit_enable_bits);
-    let on_bus = u64::from(bits + enable) * u64::from(network.bit_time_ns());
-    let need = on_bus.div_ceil(1000) + u64::from(network.sync_uncertainty_us);
-    if need > u64::from(window.length_us) {
+    // A reference may begin at any time; the others wait for it.
+    let enable = match window.kind {
+        WindowKind::Reference => 0,
+        WindowKind::Exclusive | WindowKind::Arbitrating => u32::from(network.transmit_enable_bits),
+    };
+    let need = network.bits_to_us(bits + enable) + network.sync_uncertainty_us;
+    if need > window.length_us {
         refuse(format!(
             "{of}: {} us are too short, the longest frame ({bits} bit times), the transmit enable window ({enable}) and {} us of clock error need {need} us",
             window.length_us, network.sync_uncertainty_us
         ));
     }
-    let period_us = network
-        .basic_cycle_us
-        .saturating_mul(u32::from(window.repeat));
     match (window.kind, message.send_type) {
         (WindowKind::Reference, _) if window.start_us != 0 || window.repeat != 1 => refuse(
             format!("{of}: a reference message starts every basic cycle, at 0 us"),
@@ -321,37 +339,80 @@ fn window(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
         (WindowKind::Exclusive, SendType::Event { .. }) => refuse(format!(
             "{of}: an event message needs an arbitrating window"
         )),
-        (_, SendType::Event { interval_ms: 0 }) => refuse(format!(
-            "{of}: an event message needs a least interval in GenMsgDelayTime"
-        )),
-        (_, SendType::Cyclic { period_ms }) if period_ms.saturating_mul(1000) != period_us => {
-            refuse(format!(
-                "{of}: GenMsgCycleTime is {period_ms} ms, but its window comes every {} ms",
-                f64::from(period_us) / 1000.0
-            ));
-        }
         _ => {}
     }
 }
 
+/// Whether a message's windows come as often as its period says.
+fn rate(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
+    let of = describe(message, message.window);
+    let mut refuse = |what: String| {
+        problems.push(Problem {
+            line: message.line,
+            what,
+        });
+    };
+    let kind = message.window.kind;
+    if kind != WindowKind::Exclusive && !message.further.is_empty() {
+        refuse(format!(
+            "{of}: only an exclusive window may have FurtherWindows"
+        ));
+        return;
+    }
+    let period_ms = match message.send_type {
+        SendType::Cyclic { period_ms } => period_ms,
+        SendType::Event { interval_ms } => {
+            if interval_ms == 0 {
+                refuse(format!(
+                    "{of}: an event message needs a least interval in GenMsgDelayTime"
+                ));
+            }
+            return;
+        }
+    };
+    let cycles = u64::from(network.basic_cycles);
+    let matrix_us = u64::from(network.basic_cycle_us) * cycles;
+    let times: u64 = message
+        .windows()
+        .map(|window| cycles / u64::from(window.repeat.max(1)))
+        .sum();
+    let right = match kind {
+        // In whole milliseconds, which a basic cycle need not be.
+        WindowKind::Reference => u64::from(period_ms) == matrix_us.div_ceil(cycles.max(1) * 1000),
+        WindowKind::Exclusive | WindowKind::Arbitrating => {
+            u64::from(period_ms) * 1000 * times == matrix_us
+        }
+    };
+    if !right {
+        refuse(format!(
+            "{of}: GenMsgCycleTime is {period_ms} ms, but its window comes every {} ms",
+            matrix_us as f64 / 1000.0 / times.max(1) as f64
+        ));
+    }
+}
+
 fn overlaps(network: &Network, problems: &mut Vec<Problem>) {
-    for (index, message) in network.messages.iter().enumerate() {
-        for other in network.messages.iter().take(index) {
-            let shared =
-                message.window == other.window && message.window.kind != WindowKind::Exclusive;
-            if !shared && message.window.overlaps(&other.window) {
+    let windows: Vec<(&Message, Window)> = network
+        .messages
+        .iter()
+        .flat_map(|message| message.windows().map(move |window| (message, window)))
+        .collect();
+    for (index, (message, window)) in windows.iter().enumerate() {
+        for (other, of_other) in windows.iter().take(index) {
+            let shared = window == of_other && window.kind != WindowKind::Exclusive;
+            if !shared && window.overlaps(of_other) {
                 problems.push(Problem {
                     line: message.line,
                     what: format!(
                         "the window of message {} ({}), {} to {} us, overlaps that of {} ({}), {} to {} us",
                         message.name,
                         message.id,
-                        message.window.start_us,
-                        message.window.end_us(),
+                        window.start_us,
+                        window.end_us(),
                         other.name,
                         other.id,
-                        other.window.start_us,
-                        other.window.end_us()
+                        of_other.start_us,
+                        of_other.end_us()
                     ),
                 });
             }

@@ -4,7 +4,8 @@
 //! window of the system matrix in which each is sent. One file then serves the
 //! firmware, the analyses on the host, and every outside tool that reads DBC.
 //!
-//! [`Network::parse`] reads a file and checks it; [`generate::messages`] and
+//! [`Network::parse`] reads a file and checks it; [`Assignment::write`] puts other
+//! windows into it; [`generate::messages`] and
 //! [`generate::matrix`] write the Rust of a network crate from its build script.
 //!
 //! # Attributes
@@ -22,15 +23,18 @@
 //! | `GenMsgDelayTime` | message | least time between two event messages | ms |
 //! | `ShortestLength` | message | fewest data bytes that still decode; -1: all of them | bytes |
 //! | `SendCondition` | message | `Always`, or `WhileFixed`: its window stays empty while the reference message says that no fix is there | |
+//! | `Deadline` | message | longest time from when a cyclic message is due until its window is over, for finding windows; none or 0: its period | us |
 //! | `WindowKind` | message | `Reference`, `Exclusive` or `Arbitrating` | |
 //! | `WindowStart`, `WindowLength` | message | the window in the basic cycle | us |
 //! | `WindowRepeat`, `WindowOffset` | message | in which basic cycles: repeat factor and first cycle | 1..64, 0..63 |
+//! | `FurtherWindows` | message | more windows of an exclusive message: `start repeat offset` of each, commas between them | us, 1..64, 0..63 |
 //!
 //! Messages that share an arbitrating window state the same window. The
 //! reference message of a master of rank r has the identifier of rank 0 plus r;
 //! which of its bytes the protocol writes, [`Reference`] tells.
 
 mod check;
+mod edit;
 mod frame;
 pub mod generate;
 mod network;
@@ -39,6 +43,7 @@ mod problem;
 mod reference;
 mod signal;
 
+pub use edit::{Assigned, Assignment};
 pub use frame::worst_case_bits;
 pub use network::{
     Condition, Message, Network, Node, SendType, Value, ValueTable, Window, WindowKind,

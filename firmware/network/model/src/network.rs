@@ -55,8 +55,14 @@ pub struct Message {
     pub send_type: SendType,
     /// In which basic cycles a cyclic message is sent.
     pub condition: Condition,
+    /// Longest time from when it is due until its window is over, in
+    /// microseconds; `None` when its period will do.
+    pub deadline_us: Option<u32>,
     /// Where in the system matrix it is sent.
     pub window: Window,
+    /// Further windows of an exclusive message, of the same length, when one
+    /// repeat factor does not describe them all.
+    pub further: Vec<Window>,
     /// Signals in file order.
     pub signals: Vec<Signal>,
     /// Line of the file on which it begins, from 1.
@@ -103,6 +109,17 @@ pub struct Window {
 }
 
 impl Window {
+    /// A window of no length at the beginning of every basic cycle.
+    pub(crate) fn of_kind(kind: WindowKind) -> Self {
+        Self {
+            start_us: 0,
+            length_us: 0,
+            repeat: 1,
+            offset: 0,
+            kind,
+        }
+    }
+
     /// End in the basic cycle, in microseconds: the first instant after it.
     pub fn end_us(&self) -> u32 {
         self.start_us.saturating_add(self.length_us)
@@ -151,6 +168,13 @@ pub struct Value {
     pub name: String,
 }
 
+impl Message {
+    /// All its windows, the first one first.
+    pub fn windows(&self) -> impl Iterator<Item = Window> {
+        std::iter::once(self.window).chain(self.further.iter().copied())
+    }
+}
+
 impl Network {
     /// The message with this identifier.
     pub fn message(&self, id: u16) -> Option<&Message> {
@@ -162,9 +186,15 @@ impl Network {
         1_000_000_000_u32.div_ceil(self.bit_rate.max(1))
     }
 
+    /// Bit times in microseconds, rounded up.
+    pub fn bits_to_us(&self, bits: u32) -> u32 {
+        let us = (u64::from(bits) * 1_000_000).div_ceil(u64::from(self.bit_rate.max(1)));
+        us as u32
+    }
+
     /// The windows of the matrix in order of their start, each once.
     pub fn windows(&self) -> Vec<Window> {
-        let mut windows: Vec<Window> = self.messages.iter().map(|m| m.window).collect();
+        let mut windows: Vec<Window> = self.messages.iter().flat_map(Message::windows).collect();
         windows.sort();
         windows.dedup();
         windows

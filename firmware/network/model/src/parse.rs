@@ -18,6 +18,21 @@ impl Network {
     /// outside its message, each window that does not fit, and so on, by name
     /// and line.
     pub fn parse(text: &str) -> Result<Network, Problems> {
+        Self::read(text, false)
+    }
+
+    /// Reads a network file whose windows are still to be found: messages need
+    /// none, and whatever they say of theirs is not checked. Messages without a
+    /// kind of window get the kind that suits them.
+    ///
+    /// # Errors
+    ///
+    /// Everything else that is wrong with the file, as [`Network::parse`] says it.
+    pub fn parse_unscheduled(text: &str) -> Result<Network, Problems> {
+        Self::read(text, true)
+    }
+
+    fn read(text: &str, unscheduled: bool) -> Result<Network, Problems> {
         let dbc = Dbc::try_from(text).map_err(|error| {
             Problems(vec![Problem {
                 line: None,
@@ -27,12 +42,13 @@ impl Network {
         let mut reader = Reader {
             dbc: &dbc,
             text,
+            unscheduled,
             problems: Vec::new(),
         };
         let network = reader.network();
         let mut problems = reader.problems;
         if problems.is_empty() {
-            problems = check(&network);
+            problems = check(&network, unscheduled);
         }
         if problems.is_empty() {
             Ok(network)
@@ -45,6 +61,8 @@ impl Network {
 struct Reader<'a> {
     dbc: &'a Dbc,
     text: &'a str,
+    /// Windows are still to be found.
+    unscheduled: bool,
     problems: Vec<Problem>,
 }
 
@@ -87,13 +105,22 @@ impl Reader<'_> {
         Network {
             comment: comment.unwrap_or_default(),
             bit_rate: self.network_number("Baudrate"),
-            basic_cycle_us: self.network_number("BasicCycle"),
-            basic_cycles: self.network_number("BasicCycles"),
+            basic_cycle_us: self.planned_number("BasicCycle"),
+            basic_cycles: self.planned_number("BasicCycles"),
             sync_uncertainty_us: self.network_number("SyncUncertainty"),
             transmit_enable_bits: self.network_number("TransmitEnable"),
             nodes,
             messages,
             value_tables,
+        }
+    }
+
+    /// A number that a schedule brings along.
+    fn planned_number<T: TryFrom<i64> + Default>(&mut self, name: &str) -> T {
+        if self.unscheduled {
+            T::default()
+        } else {
+            self.network_number(name)
         }
     }
 
@@ -223,11 +250,20 @@ impl Reader<'_> {
             Some("WhileFixed") => Condition::WhileFixed,
             _ => Condition::Always,
         };
+        let deadline_us = match self.dbc.resolved_message_attribute(message.id, "Deadline") {
+            Some(_) => Some(self.message_number(message.id, name, "Deadline")).filter(|us| *us > 0),
+            None => None,
+        };
         const KINDS: [&str; 4] = ["None", "Reference", "Exclusive", "Arbitrating"];
         let kind = match self.word(message.id, "WindowKind", &KINDS) {
             Some("Reference") => WindowKind::Reference,
             Some("Exclusive") => WindowKind::Exclusive,
             Some("Arbitrating") => WindowKind::Arbitrating,
+            _ if self.unscheduled && self.begins_cycles(message) => WindowKind::Reference,
+            _ if self.unscheduled => match send_type {
+                SendType::Cyclic { .. } => WindowKind::Exclusive,
+                SendType::Event { .. } => WindowKind::Arbitrating,
+            },
             _ => {
                 let what = format!(
                     "{of} has no window: set WindowKind to Reference, Exclusive or Arbitrating"
@@ -236,12 +272,17 @@ impl Reader<'_> {
                 return None;
             }
         };
-        let window = Window {
-            start_us: self.message_number(message.id, name, "WindowStart"),
-            length_us: self.message_number(message.id, name, "WindowLength"),
-            repeat: self.message_number(message.id, name, "WindowRepeat"),
-            offset: self.message_number(message.id, name, "WindowOffset"),
-            kind,
+        let (window, further) = if self.unscheduled {
+            (Window::of_kind(kind), Vec::new())
+        } else {
+            let window = Window {
+                start_us: self.message_number(message.id, name, "WindowStart"),
+                length_us: self.message_number(message.id, name, "WindowLength"),
+                repeat: self.message_number(message.id, name, "WindowRepeat"),
+                offset: self.message_number(message.id, name, "WindowOffset"),
+                kind,
+            };
+            (window, self.further(message, window))
         };
         let mut signals = Vec::new();
         for signal in &message.signals {
@@ -260,9 +301,52 @@ impl Reader<'_> {
             sender,
             send_type,
             condition,
+            deadline_us,
             window,
+            further,
             signals,
             line,
+        })
+    }
+
+    /// Whether it has the signals that a master's reference message needs.
+    fn begins_cycles(&self, message: &can_dbc::Message) -> bool {
+        let master = message.transmitter.as_ref().is_some_and(|sender| {
+            let values = &self.dbc.attribute_values_node;
+            values.iter().any(|attribute| {
+                attribute.name == "MasterRank"
+                    && attribute.node_name == *sender
+                    && integer(&attribute.value).is_some_and(|rank| rank >= 0)
+            })
+        });
+        let has = |name: &str| message.signals.iter().any(|signal| signal.name == name);
+        master && has("CycleCount") && has("Discontinuity") && has("NextIsGap")
+    }
+
+    /// The windows that `FurtherWindows` adds to the first one.
+    fn further(&mut self, message: &can_dbc::Message, first: Window) -> Vec<Window> {
+        const NAME: &str = "FurtherWindows";
+        let Some(value) = self.dbc.resolved_message_attribute(message.id, NAME) else {
+            return Vec::new();
+        };
+        let text = match value {
+            AttributeValue::String(text) => text.clone(),
+            other => text_of(other),
+        };
+        let windows: Option<Vec<Window>> = text
+            .split(',')
+            .filter(|item| !item.trim().is_empty())
+            .map(|item| further_window(item, first))
+            .collect();
+        windows.unwrap_or_else(|| {
+            let raw = message.id.raw().to_string();
+            let line = self.line(&["BA_", "\"FurtherWindows\"", "BO_", &raw]);
+            let what = format!(
+                "{NAME} of message {} ({raw}) is \"{text}\": \"start repeat offset\" is accepted, several with commas between them",
+                message.name
+            );
+            self.problem(line, what);
+            Vec::new()
         })
     }
 
@@ -365,6 +449,18 @@ impl Reader<'_> {
             line,
         })
     }
+}
+
+/// A further window from its start, repeat factor and offset.
+fn further_window(text: &str, first: Window) -> Option<Window> {
+    let mut words = text.split_whitespace();
+    let window = Window {
+        start_us: words.next()?.parse().ok()?,
+        repeat: words.next()?.parse().ok()?,
+        offset: words.next()?.parse().ok()?,
+        ..first
+    };
+    words.next().is_none().then_some(window)
 }
 
 fn values(descriptions: &[can_dbc::ValDescription]) -> Vec<Value> {

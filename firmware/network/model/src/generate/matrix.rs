@@ -74,8 +74,16 @@ fn named(network: &Network) -> Vec<Named<'_>> {
         let message = network
             .messages
             .iter()
-            .find(|message| message.window == window && name.is_none());
-        let name = name.or_else(|| message.map(|message| snake(&message.name)));
+            .find(|message| name.is_none() && message.windows().any(|its| its == window));
+        let name = name.or_else(|| {
+            let message = message?;
+            let base = snake(&message.name);
+            let number = message.windows().position(|its| its == window)? + 1;
+            Some(match number {
+                1 => base,
+                _ => format!("{base}_{number}"),
+            })
+        });
         named.push(Named {
             name: name.unwrap_or_default(),
             window,
