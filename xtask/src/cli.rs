@@ -141,11 +141,16 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask test           all steps; exit code 1 if any of them fails\n  \
+    cargo xtask test --random  the property tests try other inputs than last time\n  \
     cargo xtask test --list    name the steps and their commands")]
 pub struct Test {
     /// Name the steps instead of running them
     #[arg(long)]
     pub list: bool,
+    /// Give the property tests inputs that nobody has tried; without it they try the same
+    /// ones every time
+    #[arg(long)]
+    pub random: bool,
 }
 
 /// What the command line asks for.

@@ -30,7 +30,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
     } else {
         target::ensure(workspace)?
     };
-    let steps = steps(workspace, &target);
+    let steps = steps(workspace, &target, options.random);
     if options.list {
         for step in &steps {
             println!("{}", step.name);
@@ -127,7 +127,11 @@ impl Step {
 /// Crates that exist for a microcontroller only: the host leaves them out.
 const BOARDS: [&str; 2] = ["sled-f446", "sled-f303"];
 
-fn steps(workspace: &Workspace, target: &Target) -> Vec<Step> {
+/// Where the property tests begin unless they are told to try something new: a change is
+/// judged by the same inputs as the one before it.
+const PROPERTY_SEED: (&str, &str) = ("PROPTEST_RNG_SEED", "2017");
+
+fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
     let host = |command: &str, rest: &[&str]| {
         let mut cargo = workspace.cargo();
         cargo.args([command, "--workspace"]);
@@ -135,6 +139,10 @@ fn steps(workspace: &Workspace, target: &Target) -> Vec<Step> {
         cargo.args(rest);
         cargo
     };
+    let mut tests = host("test", &["--no-fail-fast"]);
+    if !random {
+        tests.env(PROPERTY_SEED.0, PROPERTY_SEED.1);
+    }
     let mut format = workspace.cargo();
     format.args(["fmt", "--all", "--check"]);
     let strict = ["--", "--deny", "warnings"];
@@ -166,7 +174,7 @@ fn steps(workspace: &Workspace, target: &Target) -> Vec<Step> {
         Step::commands("format", vec![format]),
         Step::commands("lints, host", vec![lints]),
         with_tools("lints, images", "clippy", &strict),
-        Step::commands("tests, host", vec![host("test", &[])]),
+        Step::commands("tests, host", vec![tests]),
         Step {
             name: "images",
             work: Work::Images,
