@@ -37,6 +37,8 @@ pub enum Command {
     Flash(Flash),
     /// Let the release images drive the virtual vehicle and report.
     Sim(Sim),
+    /// Show the system matrix of a network file, or find another one.
+    Schedule(Schedule),
     /// Check everything: format, lints, tests, images, documentation.
     Test(Test),
 }
@@ -135,6 +137,57 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
             "a number of seconds above 0 and up to {LONGEST} is accepted"
         )),
     }
+}
+
+/// Options of `schedule`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask schedule firmware/network/uagv.dbc          the matrix that the file has, checked\n  \
+    cargo xtask schedule my.dbc --method least-jitter       another one, on the terminal\n  \
+    cargo xtask schedule my.dbc --method power-of-two --write\n\n\
+    Methods:\n  \
+    power-of-two   every period becomes the shortest one times a power of two; no jitter\n             \
+    (thesis, 4.3.6.3)\n  \
+    least-jitter   periods stay; as little jitter as a search finds\n\n\
+    Without a method the file's windows stay as they are, and --write changes nothing.")]
+pub struct Schedule {
+    /// Network file (DBC)
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Find windows for all messages from their lengths, periods and deadlines
+    #[arg(long, value_enum)]
+    pub method: Option<Method>,
+    /// Write the windows into the file
+    #[arg(long)]
+    pub write: bool,
+    /// Print the matrix as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Thousandths of all time for arbitrating windows [default: those of the file, or one window]
+    #[arg(long, value_name = "N", requires = "method",
+        value_parser = clap::value_parser!(u16).range(0..=1000))]
+    pub arbitrating: Option<u16>,
+    /// Thousandths of all time that must stay free
+    #[arg(long, value_name = "N", requires = "method", default_value_t = 0,
+        value_parser = clap::value_parser!(u16).range(0..=1000))]
+    pub free: u16,
+    /// Starts and lengths of windows are multiples of so many microseconds
+    #[arg(long, value_name = "US", requires = "method", default_value_t = 1,
+        value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub grain: u32,
+    /// Longest basic cycle to consider, in milliseconds [default: the reference's period in the file]
+    #[arg(long, value_name = "MS", requires = "method",
+        value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub longest_cycle: Option<u32>,
+}
+
+/// How `schedule` finds windows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Method {
+    /// Periods become powers of two.
+    PowerOfTwo,
+    /// Periods stay.
+    LeastJitter,
 }
 
 /// Options of `test`.

@@ -9,6 +9,7 @@ pub mod build;
 pub mod cli;
 pub mod experiment;
 pub mod flash;
+pub mod schedule;
 pub mod sim;
 pub mod size;
 pub mod target;
@@ -53,6 +54,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
     match command {
         cli::Command::Build(options) => build::run(&workspace, &options),
         cli::Command::Flash(options) => flash::run(&workspace, &options),
+        cli::Command::Schedule(options) => schedule::run(&options),
         cli::Command::Sim(options) => sim::run(&workspace, &options),
         cli::Command::Test(options) => test::run(&workspace, &options),
     }

@@ -1,0 +1,110 @@
+//! The network file, read whole and replaced whole.
+
+use std::{
+    fs,
+    io::{self, Write},
+    path::Path,
+    process,
+};
+
+use crate::Failure;
+
+pub fn read(path: &Path) -> Result<String, Failure> {
+    let failed = |what: String| Failure::Usage(format!("{} {what}", path.display()));
+    let bytes = fs::read(path).map_err(|error| failed(format!("cannot be read: {error}")))?;
+    String::from_utf8(bytes)
+        .map_err(|_| failed("is not UTF-8 text, as a network file must be".into()))
+}
+
+/// Replaces a file by a rename, so that it is never there half.
+pub fn replace(path: &Path, text: &str) -> Result<(), Failure> {
+    try_replace(path, text)
+        .map_err(|error| Failure::Usage(format!("{} cannot be written: {error}", path.display())))
+}
+
+fn try_replace(path: &Path, text: &str) -> io::Result<()> {
+    // The file itself, not a link to it.
+    let path = fs::canonicalize(path)?;
+    let permissions = fs::metadata(&path)?.permissions();
+    if permissions.readonly() {
+        return Err(io::Error::new(
+            io::ErrorKind::PermissionDenied,
+            "it is read-only",
+        ));
+    }
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let temporary = path.with_file_name(format!(".{name}.{}", process::id()));
+    let written = (|| {
+        let mut file = fs::OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .open(&temporary)?;
+        file.write_all(text.as_bytes())?;
+        file.set_permissions(permissions)?;
+        file.sync_all()?;
+        fs::rename(&temporary, &path)
+    })();
+    if written.is_err() {
+        // Whatever there is of it is of no use.
+        let _ = fs::remove_file(&temporary);
+    }
+    written
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_replaced_whole_and_nothing_is_left_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.dbc");
+        fs::write(&path, "before").unwrap();
+        replace(&path, "after").unwrap();
+        assert_eq!(read(&path).unwrap(), "after");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_cannot_be_read_or_written_is_said_with_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("absent.dbc");
+        for failure in [read(&path).unwrap_err(), replace(&path, "").unwrap_err()] {
+            assert_eq!(failure.exit_code(), 2);
+            assert!(failure.to_string().contains("absent.dbc"), "{failure}");
+        }
+        let latin = folder.path().join("latin.dbc");
+        fs::write(&latin, [b'"', 0xB0, b'"']).unwrap();
+        assert!(read(&latin).unwrap_err().to_string().contains("UTF-8"));
+    }
+
+    #[test]
+    fn a_read_only_file_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.dbc");
+        fs::write(&path, "before").unwrap();
+        let mut permissions = fs::metadata(&path).unwrap().permissions();
+        permissions.set_readonly(true);
+        fs::set_permissions(&path, permissions).unwrap();
+        assert!(
+            replace(&path, "after")
+                .unwrap_err()
+                .to_string()
+                .contains("read-only")
+        );
+        assert_eq!(read(&path).unwrap(), "before");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, link) = (folder.path().join("a.dbc"), folder.path().join("b.dbc"));
+        fs::write(&path, "before").unwrap();
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        replace(&link, "after").unwrap();
+        assert_eq!(read(&path).unwrap(), "after");
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+    }
+}

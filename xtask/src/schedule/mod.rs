@@ -1,0 +1,113 @@
+//! `schedule`: the system matrix of a network file, shown, checked, or found anew
+//! and written back.
+
+mod file;
+mod plan;
+mod table;
+
+use std::path::Path;
+
+use network_model::{Assignment, Network};
+
+use crate::{Failure, cli::Schedule};
+
+/// A schedule on its way to the screen and the file.
+struct Scheduled {
+    network: Network,
+    /// The file's text with this schedule.
+    text: String,
+    /// What a plan changes besides windows; nothing for the file's own schedule.
+    notes: Vec<plan::Note>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// [`Failure::Usage`]: the file cannot be read or written, something in it is
+/// wrong, or its messages have no schedule.
+pub fn run(options: &Schedule) -> Result<(), Failure> {
+    let path = options.file.as_path();
+    let text = file::read(path)?;
+    let scheduled = schedule(&text, options).map_err(|what| wrong(path, &what))?;
+    if options.json {
+        println!("{}", table::json(&scheduled.network, &scheduled.notes));
+    } else {
+        print!("{}", table::text(&scheduled.network, &scheduled.notes));
+    }
+    if !options.write {
+        return Ok(());
+    }
+    if scheduled.text == text {
+        eprintln!("{} has this schedule; it was not written.", path.display());
+    } else {
+        file::replace(path, &scheduled.text)?;
+        eprintln!("The schedule was written to {}.", path.display());
+    }
+    Ok(())
+}
+
+fn wrong(path: &Path, what: &str) -> Failure {
+    Failure::Usage(format!("{}: {}", path.display(), what.replace('\n', "; ")))
+}
+
+/// The schedule that the options ask for, and the text that holds it.
+fn schedule(text: &str, options: &Schedule) -> Result<Scheduled, String> {
+    let scheduled = match options.method {
+        None => Scheduled {
+            network: own(text)?,
+            text: text.to_owned(),
+            notes: Vec::new(),
+        },
+        Some(method) => {
+            let network = Network::parse_unscheduled(text).map_err(|error| error.to_string())?;
+            let share = Network::parse(text).map_or(0, |network| plan::arbitrating_share(&network));
+            let planned = plan::find(&network, method, options, share)?;
+            let text = planned.assignment.write(text);
+            let network = reread(&text, &planned.assignment)?;
+            Scheduled {
+                network,
+                text,
+                notes: planned.notes,
+            }
+        }
+    };
+    // The crate that the images are built with has the last word.
+    plan::check(&scheduled.network)?;
+    Ok(scheduled)
+}
+
+/// The network with the schedule that the file has.
+fn own(text: &str) -> Result<Network, String> {
+    Network::parse(text).map_err(|problems| {
+        let unscheduled = Network::parse_unscheduled(text).is_ok();
+        let hint = if unscheduled {
+            "; --method power-of-two or --method least-jitter finds other windows"
+        } else {
+            ""
+        };
+        format!("{problems}{hint}")
+    })
+}
+
+/// Reads a text that is about to be written: it must hold what was planned.
+fn reread(text: &str, planned: &Assignment) -> Result<Network, String> {
+    let network = Network::parse(text)
+        .map_err(|problems| format!("the schedule cannot be written: {problems}"))?;
+    let sorted = |assignment: &Assignment| {
+        let mut assignment = assignment.clone();
+        assignment.messages.sort_by_key(|message| message.id);
+        for message in &mut assignment.messages {
+            message.windows.sort();
+        }
+        assignment
+    };
+    if sorted(&Assignment::of(&network)) == sorted(planned) {
+        Ok(network)
+    } else {
+        Err("the schedule cannot be written: the file would not read back as planned".into())
+    }
+}
+
+#[cfg(test)]
+mod tests;
