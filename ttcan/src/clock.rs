@@ -8,6 +8,7 @@
 //! stamps taken in an interrupt carry its latency as noise. Between references,
 //! and when they cease, time runs on at the last rate (holdover).
 
+use crate::parts::GLOBAL_TIME;
 use crate::{GlobalTime, Stamp};
 
 /// How far a node's global time can be relied on.
@@ -101,6 +102,7 @@ impl Clock {
 
     pub fn at(&self, stamp: Stamp) -> Option<GlobalTime> {
         match self.state {
+            _ if !GLOBAL_TIME => None,
             ClockState::Unset => None,
             _ => Some(self.extrapolate(stamp)),
         }
@@ -113,12 +115,16 @@ impl Clock {
 
     /// Ticks in 2^-16 us of global time.
     pub fn duration(&self, ticks: i32) -> i64 {
-        (i64::from(ticks) * i64::from(self.gain)) >> GAIN_BITS
+        let gain = if GLOBAL_TIME { self.gain } else { self.nominal };
+        (i64::from(ticks) * i64::from(gain)) >> GAIN_BITS
     }
 
     /// Ticks that a time of the schedule takes on this node's counter.
     pub fn ticks(&self, micros: u32) -> u32 {
         let nominal = micros.wrapping_mul(self.ticks_per_us);
+        if !GLOBAL_TIME {
+            return nominal;
+        }
         let correction = (i64::from(nominal) * i64::from(self.rate)) >> 32;
         nominal.wrapping_sub(correction as u32)
     }
@@ -131,6 +137,9 @@ impl Clock {
     /// Moves the anchor to `stamp` without changing the time, so that the
     /// counter cannot wrap round it.
     pub fn carry(&mut self, stamp: Stamp) {
+        if !GLOBAL_TIME {
+            return;
+        }
         self.global = self.extrapolate(stamp);
         self.anchor = stamp;
     }

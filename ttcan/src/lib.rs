@@ -11,6 +11,12 @@
 //! * [`Node`]: one node that keeps the schedule.
 //! * [`frame_bits`], [`worst_case_bits`], [`BitTiming`]: the bus underneath.
 //!
+//! Features, all on by default, that a node which does not need them can do
+//! without: `master` (the role of a potential time master), `global-time` (level
+//! 2), `events` (sending event and late messages), `gaps` (event-synchronised
+//! cycles), `peers` (failure classes of other nodes),
+//! `counters` (of everything that happens).
+//!
 //! With the feature `std`, for hosts only: `simulation`, an in-memory bus, and
 //! `synthesis`, from messages to a matrix.
 //!
@@ -20,6 +26,18 @@
 
 #![no_std]
 #![forbid(unsafe_code)]
+// What is left out is still compiled, see `parts`.
+#![cfg_attr(
+    not(all(
+        feature = "counters",
+        feature = "events",
+        feature = "gaps",
+        feature = "global-time",
+        feature = "master",
+        feature = "peers"
+    )),
+    allow(dead_code, unused_imports)
+)]
 
 #[cfg(feature = "std")]
 extern crate std;
@@ -32,6 +50,7 @@ mod id;
 mod length;
 mod matrix;
 mod node;
+mod parts;
 mod reference;
 mod schedule;
 #[cfg(feature = "std")]

@@ -70,7 +70,7 @@ pub(crate) struct Counts<const W: usize> {
 }
 
 impl<const W: usize> Counts<W> {
-    pub fn new(exclusive: u16) -> Self {
+    pub const fn new(exclusive: u16) -> Self {
         Self {
             windows: [WindowStatus {
                 status_count: 0,

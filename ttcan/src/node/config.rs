@@ -105,6 +105,9 @@ pub enum ConfigError {
     ReferenceOffset,
     /// `watch` is 0.
     Watch,
+    /// The matrix makes the node a potential master, and the crate is built
+    /// without its feature `master`.
+    Master,
 }
 
 impl core::fmt::Display for ConfigError {
@@ -116,6 +119,7 @@ impl core::fmt::Display for ConfigError {
             Self::Latency => "a latency or lead is longer than a basic cycle",
             Self::ReferenceOffset => "the reference trigger offset must be 0 to 127 us",
             Self::Watch => "the watch needs at least one missing reference",
+            Self::Master => "a potential master needs the feature `master` of the crate",
         })
     }
 }

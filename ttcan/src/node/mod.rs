@@ -19,13 +19,17 @@ mod timing;
 mod transmit;
 
 pub use config::{ConfigError, NodeConfig, StampLatency};
+use status::bump;
 pub use status::{
     Action, Counters, Fault, Grant, MasterState, NotInCharge, QueueError, Reception, Status,
     SyncState, TransmitOutcome,
 };
 
 use crate::clock::Clock;
-use crate::events::{Item, Queue};
+#[cfg(feature = "events")]
+use crate::events::Item;
+use crate::events::Queue;
+use crate::parts::{EVENTS, GAPS, MASTER, PEERS};
 use crate::schedule::Entry;
 use crate::supervision::{Counts, ErrorLevel, Health, Peer, Severe, WindowStatus};
 use crate::{Frame, GlobalTime, Id, Micros, NodeId, ScheduleView, Stamp};
@@ -150,7 +154,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     /// What does not fit together, see [`ConfigError`].
     pub fn new(schedule: ScheduleView<'s>, config: NodeConfig) -> Result<Self, ConfigError> {
         let network = schedule.network;
-        if W < schedule.window_count() || P < schedule.node_count() {
+        if W < schedule.window_count() || (PEERS && P < schedule.node_count()) {
             return Err(ConfigError::Size);
         }
         if config.ticks_per_us == 0 || config.ticks_per_us > 1000 {
@@ -181,10 +185,14 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         if config.watch == 0 {
             return Err(ConfigError::Watch);
         }
+        let rank = schedule.rank_of(config.node);
+        if rank.is_some() && !MASTER {
+            return Err(ConfigError::Master);
+        }
         let bit = (u64::from(network.bit) * u64::from(config.ticks_per_us)) >> 8;
         Ok(Self {
             schedule,
-            rank: schedule.rank_of(config.node),
+            rank,
             bit: bit as u32,
             reference_offset: 0,
             trim: 0,
@@ -258,25 +266,26 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         self.marked = false;
         self.leader = None;
         self.gap_follows = false;
-        self.gap_wanted = false;
         self.initial_watch = false;
         self.missed_references = 0;
-        self.reference_lost = false;
-        self.asked = None;
-        self.doubtful = false;
-        self.doubts = 0;
-        self.repeats_at_miss = None;
         self.inside = false;
         self.last = None;
         self.last_receive = now;
         self.entry_due = None;
         self.withdraw_due = None;
-        self.queue.clear();
+        if EVENTS {
+            self.queue.clear();
+        }
         if self.clock.at(now).is_some() {
             self.clock.carry(now);
         }
-        self.reference_offset = self.initial_offset();
-        self.reference_due = self.rank.map(|_| now.after(self.quiet()));
+        if MASTER {
+            self.gap_wanted = false;
+            self.forget_reference();
+            self.doubts = 0;
+            self.reference_offset = self.initial_offset();
+            self.reference_due = self.rank().map(|_| now.after(self.quiet()));
+        }
         self.missed_due = Some(now.after(self.missed_after(u32::from(self.config.watch))));
         self.feed_watchdog(now);
         self.assess();
@@ -284,6 +293,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
 
     /// Bytes that the application sends in front of its references, from the
     /// next one on; what exceeds the format's share is ignored.
+    #[cfg(feature = "master")]
     pub fn set_reference_payload(&mut self, bytes: &[u8]) {
         let room = usize::from(self.schedule.network.reference_format.application());
         for (to, from) in self.application.iter_mut().take(room).zip(bytes) {
@@ -309,7 +319,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     /// The controller reports that it lost a frame because its receive buffer
     /// was full. What was lost shows as a missed message; this counts why.
     pub fn handle_overrun(&mut self) {
-        self.counters.overruns = self.counters.overruns.wrapping_add(1);
+        bump(&mut self.counters.overruns, 1);
     }
 
     /// Makes the next reference announce a gap: when its basic cycle is over,
@@ -317,6 +327,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     ///
     /// # Errors
     /// This node is not the current time master.
+    #[cfg(all(feature = "master", feature = "gaps"))]
     pub fn request_gap(&mut self) -> Result<(), NotInCharge> {
         if self.master != MasterState::Current {
             return Err(NotInCharge);
@@ -331,6 +342,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     ///
     /// # Errors
     /// This node is not the current time master.
+    #[cfg(all(feature = "master", feature = "gaps"))]
     pub fn end_gap(&mut self, now: Stamp) -> Result<(), NotInCharge> {
         if self.master != MasterState::Current {
             return Err(NotInCharge);
@@ -353,6 +365,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     ///
     /// # Errors
     /// Another node is the time master.
+    #[cfg(feature = "master")]
     pub fn trim_cycle(&mut self, micros: i8) -> Result<(), NotInCharge> {
         if self.master != MasterState::Current {
             return Err(NotInCharge);
@@ -363,6 +376,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
 
     /// Largest change of a basic cycle by [`Node::trim_cycle`], in microseconds:
     /// half of the default reference trigger offset between two ranks.
+    #[cfg(feature = "master")]
     pub const LARGEST_TRIM: i8 = 8;
 
     /// Sets the global time of the instant `stamp`. The next reference tells
@@ -370,8 +384,9 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     ///
     /// # Errors
     /// Another node is the time master.
+    #[cfg(all(feature = "master", feature = "global-time"))]
     pub fn set_global_time(&mut self, stamp: Stamp, time: GlobalTime) -> Result<(), NotInCharge> {
-        let unled = self.leader.is_none() && self.rank.is_some();
+        let unled = self.leader.is_none() && self.rank().is_some();
         if self.master != MasterState::Current && !unled {
             return Err(NotInCharge);
         }
@@ -381,12 +396,14 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     }
 
     /// Global time at `stamp`, within 2^30 ticks of the last reference.
+    #[cfg(feature = "global-time")]
     pub fn global_time(&self, stamp: Stamp) -> Option<GlobalTime> {
         self.clock.at(stamp)
     }
 
     /// Rate of global time against this node's counter, in 2^-32 (4295 is one
     /// part per million).
+    #[cfg(feature = "global-time")]
     pub fn rate(&self) -> i32 {
         self.clock.rate()
     }
@@ -410,6 +427,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     ///
     /// # Errors
     /// See [`QueueError`].
+    #[cfg(feature = "events")]
     pub fn queue_event(
         &mut self,
         frame: Frame,
@@ -429,12 +447,13 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         if self.queue.insert(Item::Event(frame), now.after(ticks)) {
             Ok(())
         } else {
-            self.counters.events_refused = self.counters.events_refused.wrapping_add(1);
+            bump(&mut self.counters.events_refused, 1);
             Err(QueueError::Full)
         }
     }
 
     /// Number of messages that wait for an arbitrating window.
+    #[cfg(feature = "events")]
     pub fn queued(&self) -> usize {
         self.queue.len()
     }
@@ -466,8 +485,26 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         }
     }
 
+    /// Forgets what became of the own reference of the basic cycle before.
+    fn forget_reference(&mut self) {
+        self.reference_lost = false;
+        self.asked = None;
+        self.doubtful = false;
+        self.repeats_at_miss = None;
+    }
+
+    /// Rank as a potential master.
+    fn rank(&self) -> Option<u8> {
+        if MASTER { self.rank } else { None }
+    }
+
+    /// Whether the basic cycle under way is followed by a gap.
+    fn gap_follows(&self) -> bool {
+        GAPS && self.gap_follows
+    }
+
     fn in_gap(&self) -> bool {
-        self.sync == SyncState::InSchedule && self.gap_follows && self.entry_due.is_none()
+        self.sync == SyncState::InSchedule && self.gap_follows() && self.entry_due.is_none()
     }
 
     /// State of a window, by its index in the matrix.
@@ -477,6 +514,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
 
     /// State of another node, judged from what it sends when. A node without
     /// an exclusive window is never called dead.
+    #[cfg(feature = "peers")]
     pub fn peer(&self, node: NodeId) -> Health {
         let Some(peer) = self.peers.get(usize::from(node.0)) else {
             return Health::Unknown;
@@ -490,6 +528,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     }
 
     /// What happened so far.
+    #[cfg(feature = "counters")]
     pub fn counters(&self) -> &Counters {
         &self.counters
     }
@@ -547,7 +586,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
 
     /// Offset of a backup behind better-ranked masters.
     fn initial_offset(&self) -> i8 {
-        let by_rank = self.rank.unwrap_or(0).saturating_mul(16);
+        let by_rank = self.rank().unwrap_or(0).saturating_mul(16);
         self.config.reference_offset.unwrap_or(by_rank).min(127) as i8
     }
 

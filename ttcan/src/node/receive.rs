@@ -1,7 +1,8 @@
 //! Received frames.
 
-use super::{Fault, MasterState, Node, Pending, Reception, SyncState};
+use super::{Fault, MasterState, Node, Pending, Reception, SyncState, bump};
 use crate::clock::Correction;
+use crate::parts::{GAPS, GLOBAL_TIME, MASTER, PEERS};
 use crate::reference::{Fields, from_coarse, nearest};
 use crate::schedule::{Entry, Role};
 use crate::{ClockState, Frame, GlobalTime, Stamp, length};
@@ -30,15 +31,15 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
         let end = stamp.offset(self.config.latency.receive.wrapping_neg());
         match self.schedule.reference_rank(frame.id()) {
-            Some(Some(rank)) if Some(rank) != self.rank => self.take_reference(frame, rank, end),
+            Some(Some(rank)) if Some(rank) != self.rank() => self.take_reference(frame, rank, end),
             Some(_) => Reception::Fault(Fault::UnknownMaster),
             None => {
-                if self.reference_lost {
+                if MASTER && self.reference_lost {
                     // What won against the reference was no reference.
                     self.reference_lost = false;
                     self.reference_due = Some(stamp);
                 }
-                if !self.marked && !self.initial_watch && self.reference_due.is_some() {
+                if MASTER && !self.marked && !self.initial_watch && self.reference_due.is_some() {
                     // Somebody keeps a schedule, so a reference will come.
                     self.reference_due = Some(stamp.after(self.quiet()));
                 }
@@ -59,7 +60,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             Fault::UntimelyReference => &mut counters.untimely_references,
             Fault::StampBackwards => &mut counters.stamps_backwards,
         };
-        *counter = counter.wrapping_add(1);
+        bump(counter, 1);
     }
 
     fn take_reference(&mut self, frame: &Frame, rank: u8, end: Stamp) -> Reception {
@@ -73,12 +74,14 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             return Reception::Fault(Fault::UntimelyReference);
         };
         let consecutive = continued && self.is_consecutive(start, fields.cycle);
-        self.take_time(&fields, start, consecutive);
+        if GLOBAL_TIME {
+            self.take_time(&fields, start, consecutive);
+        }
         if !continued {
             self.sync = SyncState::Synchronising;
         }
         if self.leader.is_some_and(|leader| leader != rank) {
-            self.counters.master_changes = self.counters.master_changes.wrapping_add(1);
+            bump(&mut self.counters.master_changes, 1);
         }
         self.begin_cycle(
             start,
@@ -87,7 +90,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             Some(rank),
             consecutive,
         );
-        if let Some(master) = network.masters.get(usize::from(rank)).copied().flatten()
+        if PEERS
+            && let Some(master) = network.masters.get(usize::from(rank)).copied().flatten()
             && let Some(peer) = self.peers.get_mut(usize::from(master.0))
         {
             peer.seen();
@@ -133,7 +137,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let expected = (basic_cycle / 2).cast_signed()..(basic_cycle / 2 * 3).cast_signed();
         self.marked
             && cycle == self.next_cycle()
-            && (self.gap_follows || expected.contains(&elapsed))
+            && (self.gap_follows() || expected.contains(&elapsed))
     }
 
     /// Global time from a reference's coarse time and its mark of the reference
@@ -158,10 +162,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         match step {
             Correction::Applied => {}
             Correction::Stepped => {
-                self.counters.time_steps = self.counters.time_steps.wrapping_add(1);
+                bump(&mut self.counters.time_steps, 1);
             }
             Correction::Suspended => {
-                self.counters.drift_refused = self.counters.drift_refused.wrapping_add(1);
+                bump(&mut self.counters.drift_refused, 1);
             }
         }
     }
@@ -175,9 +179,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         leader: Option<u8>,
         consecutive: bool,
     ) {
-        self.counters.references = self.counters.references.wrapping_add(1);
+        bump(&mut self.counters.references, 1);
         if self.marked && cycle != self.next_cycle() {
-            self.counters.cycle_count_errors = self.counters.cycle_count_errors.wrapping_add(1);
+            bump(&mut self.counters.cycle_count_errors, 1);
         }
         if self.pending != Pending::None {
             self.pending = Pending::None;
@@ -191,13 +195,13 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         self.marked = true;
         self.cycle = cycle;
         self.cycles_seen = self.cycles_seen.wrapping_add(1);
+        let next_is_gap = GAPS && next_is_gap;
         self.gap_follows = next_is_gap;
         self.initial_watch = false;
         self.missed_references = 0;
-        self.reference_lost = false;
-        self.asked = None;
-        self.doubtful = false;
-        self.repeats_at_miss = None;
+        if MASTER {
+            self.forget_reference();
+        }
         if cycle == 0 {
             self.begin_matrix();
         }
@@ -217,7 +221,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let budget = self.schedule.windows_of(self.config.node);
         self.underflow = self.whole_matrix && self.served < budget;
         if self.underflow {
-            self.counters.transmit_underflows = self.counters.transmit_underflows.wrapping_add(1);
+            bump(&mut self.counters.transmit_underflows, 1);
         }
         self.overflow = false;
         self.served = 0;
@@ -229,7 +233,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// one.
     fn choose_role(&mut self, leader: Option<u8>) {
         let before = core::mem::replace(&mut self.leader, leader);
-        let (Some(rank), Some(leader)) = (self.rank, leader) else {
+        let (Some(rank), Some(leader)) = (self.rank(), leader) else {
             self.reference_due = None;
             return;
         };
@@ -251,7 +255,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 0
             };
         }
-        self.reference_due = Some(if self.gap_follows {
+        self.reference_due = Some(if self.gap_follows() {
             let gap = self.config.longest_gap.ticks();
             let offset = i32::from(self.reference_offset);
             self.instant(gap.wrapping_add_signed(offset))
@@ -262,7 +266,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
     fn take_message(&mut self, frame: &Frame, end: Stamp) -> Reception {
         if self.sync != SyncState::InSchedule {
-            if self.marked && self.master == MasterState::Current {
+            if MASTER && self.marked && self.master == MasterState::Current {
                 self.doubtful |= !self.fits(frame, end);
             }
             return Reception::Fault(Fault::NotInSchedule);
@@ -312,7 +316,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// Whether the next reference should have come before `end`, at which a
     /// frame ended.
     fn is_overdue(&self, end: Stamp) -> bool {
-        if self.entry_due.is_some() || self.gap_follows {
+        if self.entry_due.is_some() || self.gap_follows() {
             return false;
         }
         let cycle = self.schedule.network.basic_cycle;
@@ -360,7 +364,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if frame.len() > known.len || (!known.is_event && frame.len() != known.len) {
             return Reception::Fault(Fault::Length);
         }
-        self.counters.events = self.counters.events.wrapping_add(1);
+        bump(&mut self.counters.events, 1);
         if known.is_event {
             Reception::Event
         } else {
@@ -386,8 +390,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     fn hear(&mut self, sender: crate::NodeId) {
-        self.counters.scheduled = self.counters.scheduled.wrapping_add(1);
-        if let Some(peer) = self.peers.get_mut(usize::from(sender.0)) {
+        bump(&mut self.counters.scheduled, 1);
+        if PEERS && let Some(peer) = self.peers.get_mut(usize::from(sender.0)) {
             peer.seen();
         }
     }
@@ -398,7 +402,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             return Reception::Fault(Fault::Foreign);
         };
         let cycle = self.cycles_seen;
-        if let Some(peer) = self.peers.get_mut(usize::from(known.sender.0)) {
+        if PEERS && let Some(peer) = self.peers.get_mut(usize::from(known.sender.0)) {
             peer.astray(cycle);
         }
         Reception::Fault(Fault::Misplaced)

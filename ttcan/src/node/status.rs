@@ -1,5 +1,6 @@
 //! What a node tells its application.
 
+use crate::parts::COUNTERS;
 use crate::supervision::ErrorLevel;
 use crate::{ClockState, Frame, Id};
 
@@ -181,6 +182,13 @@ impl core::fmt::Display for NotInCharge {
 }
 
 impl core::error::Error for NotInCharge {}
+
+/// Counts something up.
+pub(super) fn bump(counter: &mut u32, by: u32) {
+    if COUNTERS {
+        *counter = counter.wrapping_add(by);
+    }
+}
 
 /// One counter for each way in which a frame was lost or a rule broken, and for
 /// each kind of success. They wrap.

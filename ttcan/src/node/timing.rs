@@ -1,7 +1,8 @@
 //! What is due when.
 
-use super::{Action, Grant, Last, Node, Pending, SyncState};
+use super::{Action, Grant, Last, Node, Pending, SyncState, bump};
 use crate::events::Item;
+use crate::parts::{EVENTS, GLOBAL_TIME, MASTER, PEERS};
 use crate::reference::{Fields, mark_of};
 use crate::schedule::{Entry, Role};
 use crate::supervision::{ErrorLevel, Severe};
@@ -41,14 +42,18 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 }
                 continue;
             }
-            if due(self.reference_due, now) && self.pending == Pending::None {
+            if MASTER && due(self.reference_due, now) && self.pending == Pending::None {
                 return Some(self.transmit_reference(now));
             }
             if due(self.missed_due, now) {
                 self.miss_reference(now);
                 continue;
             }
-            return self.transmit_event(now);
+            return if EVENTS {
+                self.transmit_event(now)
+            } else {
+                None
+            };
         }
     }
 
@@ -59,7 +64,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             return None;
         }
         // A reference that waits for a mailbox is asked for when that is free.
-        let reference = self.reference_due.filter(|_| self.pending == Pending::None);
+        let reference = self
+            .reference_due
+            .filter(|_| MASTER && self.pending == Pending::None);
         let first = earlier(self.entry_due, reference);
         let first = earlier(first, self.missed_due);
         let first = earlier(first, self.withdraw_due);
@@ -134,8 +141,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
         self.counts.note(entry.window, false, self.seen);
         if !self.seen {
-            self.counters.missed_messages = self.counters.missed_messages.wrapping_add(1);
-            if let Some(peer) = self.peers.get_mut(usize::from(sender.0)) {
+            bump(&mut self.counters.missed_messages, 1);
+            if PEERS && let Some(peer) = self.peers.get_mut(usize::from(sender.0)) {
                 peer.missing();
             }
         }
@@ -153,19 +160,19 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             return None;
         }
         if self.error_level >= ErrorLevel::Error {
-            self.counters.suppressed = self.counters.suppressed.wrapping_add(1);
+            bump(&mut self.counters.suppressed, 1);
             return None;
         }
         let enabled = self.clock.ticks(self.schedule.network.transmit_enable);
         let withdraw = start.after(enabled);
         if self.pending != Pending::None || now.reached(withdraw) {
-            self.counters.skipped = self.counters.skipped.wrapping_add(1);
+            bump(&mut self.counters.skipped, 1);
             self.fail_own(entry.window, id, len, retry_late, now);
             return None;
         }
         self.served = self.served.saturating_add(1);
         if self.served > self.schedule.windows_of(self.config.node) {
-            self.counters.transmit_overflows = self.counters.transmit_overflows.wrapping_add(1);
+            bump(&mut self.counters.transmit_overflows, 1);
             self.overflow = true;
             self.assess();
             return None;
@@ -195,14 +202,14 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         now: Stamp,
     ) {
         self.counts.note(window, true, false);
-        if retry_late {
+        if EVENTS && retry_late {
             // Worth sending until its next turn.
             let lifetime = self.clock.ticks(self.schedule.network.basic_cycle);
             if !self
                 .queue
                 .insert(Item::Late { window, id, len }, now.after(lifetime))
             {
-                self.counters.events_refused = self.counters.events_refused.wrapping_add(1);
+                bump(&mut self.counters.events_refused, 1);
             }
         }
         self.assess();
@@ -211,7 +218,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     fn transmit_reference(&mut self, now: Stamp) -> Action {
         self.reference_due = None;
         let network = self.schedule.network;
-        if self.clock.at(now).is_none() {
+        if GLOBAL_TIME && self.clock.at(now).is_none() {
             self.clock.set(now, Default::default());
         }
         let start = now.after(self.config.transmit_lead);
@@ -226,7 +233,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 None
             },
         };
-        let rank = self.rank.unwrap_or(0);
+        let rank = self.rank().unwrap_or(0);
         let id = network.reference.offset(rank).unwrap_or(network.reference);
         let frame = fields.encode(&network.reference_format, id, &self.application);
         self.pending = Pending::Reference {
@@ -252,7 +259,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             self.give_up_stuck(now);
             return;
         }
-        self.counters.missed_references = self.counters.missed_references.wrapping_add(1);
+        bump(&mut self.counters.missed_references, 1);
         self.missed_references = self.missed_references.saturating_add(1);
         if self.missed_references >= self.config.watch {
             self.stop(Severe::Watch);
@@ -266,18 +273,18 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// cycle that is over, or a reference that has neither been sent nor
     /// repeated since the last one that was missing.
     fn give_up_stuck(&mut self, now: Stamp) {
-        if self.reference_lost {
+        if MASTER && self.reference_lost {
             self.reference_lost = false;
             self.reference_due = Some(now);
         }
         let repeats = self.counters.repeated_references;
         let stuck = match self.pending {
             Pending::None => false,
-            Pending::Reference { .. } => self.repeats_at_miss == Some(repeats),
+            Pending::Reference { .. } => MASTER && self.repeats_at_miss == Some(repeats),
             Pending::Window { .. } | Pending::Event { .. } => true,
         };
         self.repeats_at_miss = match self.pending {
-            Pending::Reference { .. } => Some(repeats),
+            Pending::Reference { .. } if MASTER => Some(repeats),
             _ => None,
         };
         if stuck {
@@ -285,7 +292,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             self.repeats_at_miss = None;
             self.withdraw_due = None;
             self.abort_due = true;
-            if self.rank.is_some() && self.reference_due.is_none() {
+            if self.rank().is_some() && self.reference_due.is_none() {
                 self.reference_due = Some(now);
             }
         }
@@ -297,7 +304,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             return None;
         }
         let expired = self.queue.expire(now);
-        self.counters.events_expired = self.counters.events_expired.wrapping_add(expired);
+        bump(&mut self.counters.events_expired, expired);
         if !self.inside
             || self.events_held
             || self.pending != Pending::None

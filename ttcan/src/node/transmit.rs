@@ -1,6 +1,7 @@
 //! Own transmissions and their ends.
 
-use super::{Node, Pending, SyncState, TransmitOutcome};
+use super::{Node, Pending, SyncState, TransmitOutcome, bump};
+use crate::parts::{EVENTS, GLOBAL_TIME, MASTER};
 use crate::{ClockState, Stamp, length};
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
@@ -17,7 +18,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             // An abort may come too late to withdraw anything.
             Pending::None if outcome == TransmitOutcome::Aborted => {}
             Pending::None => {
-                self.counters.stray_reports = self.counters.stray_reports.wrapping_add(1);
+                bump(&mut self.counters.stray_reports, 1);
             }
             Pending::Reference {
                 bits,
@@ -25,40 +26,15 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 next_is_gap,
                 discontinuity,
                 asked,
-            } => match outcome {
-                TransmitOutcome::Sent => {
-                    let length = self.bits(u32::from(bits)).cast_signed();
-                    let latency = self.config.latency.transmit;
-                    let start = stamp.offset(length.wrapping_add(latency).wrapping_neg());
-                    if discontinuity {
-                        self.leap = false;
-                    }
-                    if next_is_gap {
-                        self.gap_wanted = false;
-                    }
-                    self.lead(start, asked, cycle, next_is_gap);
+            } => {
+                if MASTER {
+                    self.end_reference(
+                        outcome,
+                        stamp,
+                        (bits, cycle, next_is_gap, discontinuity, asked),
+                    );
                 }
-                TransmitOutcome::ArbitrationLost => {
-                    self.reference_lost = true;
-                    self.asked = Some(asked);
-                }
-                TransmitOutcome::Error | TransmitOutcome::Aborted | TransmitOutcome::Empty => {
-                    self.counters.repeated_references =
-                        self.counters.repeated_references.wrapping_add(1);
-                    // At once, unless the controller did not even take it.
-                    self.reference_due = Some(match outcome {
-                        TransmitOutcome::Error => stamp,
-                        _ => stamp.after(self.clock.ticks(self.schedule.network.transmit_enable)),
-                    });
-                    // An error this early destroyed a frame that began on time:
-                    // no other reference was on the bus.
-                    let id = self.schedule.network.reference;
-                    let shortest = self.bits(length::shortest_bits(id, 1));
-                    let on_time = outcome == TransmitOutcome::Error
-                        && stamp.ticks_since(asked) < shortest.cast_signed();
-                    self.asked = if on_time { None } else { Some(asked) };
-                }
-            },
+            }
             Pending::Window {
                 window,
                 id,
@@ -66,20 +42,21 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 retry_late,
             } => match outcome {
                 TransmitOutcome::Sent => {
-                    self.counters.sent = self.counters.sent.wrapping_add(1);
+                    bump(&mut self.counters.sent, 1);
                     self.counts.note(window, true, true);
                     self.assess();
                 }
                 TransmitOutcome::Empty => {
-                    self.counters.left_empty = self.counters.left_empty.wrapping_add(1);
+                    bump(&mut self.counters.left_empty, 1);
                 }
                 TransmitOutcome::ArbitrationLost
                 | TransmitOutcome::Error
                 | TransmitOutcome::Aborted => self.fail_own(window, id, len, retry_late, stamp),
             },
+            Pending::Event { .. } if !EVENTS => {}
             Pending::Event { id } => match outcome {
                 TransmitOutcome::Sent => {
-                    self.counters.events_sent = self.counters.events_sent.wrapping_add(1);
+                    bump(&mut self.counters.events_sent, 1);
                     self.queue.remove(id);
                 }
                 // A late message that its owner does not want to send any more.
@@ -90,6 +67,48 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
     }
 
+    fn end_reference(
+        &mut self,
+        outcome: TransmitOutcome,
+        stamp: Stamp,
+        (bits, cycle, next_is_gap, discontinuity, asked): (u16, u8, bool, bool, Stamp),
+    ) {
+        match outcome {
+            TransmitOutcome::Sent => {
+                let length = self.bits(u32::from(bits)).cast_signed();
+                let latency = self.config.latency.transmit;
+                let start = stamp.offset(length.wrapping_add(latency).wrapping_neg());
+                if discontinuity {
+                    self.leap = false;
+                }
+                if next_is_gap {
+                    self.gap_wanted = false;
+                }
+                self.lead(start, asked, cycle, next_is_gap);
+            }
+            TransmitOutcome::ArbitrationLost => {
+                self.reference_lost = true;
+                self.asked = Some(asked);
+            }
+            TransmitOutcome::Error | TransmitOutcome::Aborted | TransmitOutcome::Empty => {
+                self.counters.repeated_references =
+                    self.counters.repeated_references.wrapping_add(1);
+                // At once, unless the controller did not even take it.
+                self.reference_due = Some(match outcome {
+                    TransmitOutcome::Error => stamp,
+                    _ => stamp.after(self.clock.ticks(self.schedule.network.transmit_enable)),
+                });
+                // An error this early destroyed a frame that began on time:
+                // no other reference was on the bus.
+                let id = self.schedule.network.reference;
+                let shortest = self.bits(length::shortest_bits(id, 1));
+                let on_time = outcome == TransmitOutcome::Error
+                    && stamp.ticks_since(asked) < shortest.cast_signed();
+                self.asked = if on_time { None } else { Some(asked) };
+            }
+        }
+    }
+
     fn count_failure(&mut self, outcome: TransmitOutcome) {
         let counter = match outcome {
             TransmitOutcome::Sent | TransmitOutcome::Empty => return,
@@ -97,7 +116,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             TransmitOutcome::Error => &mut self.counters.transmit_errors,
             TransmitOutcome::Aborted => &mut self.counters.aborted,
         };
-        *counter = counter.wrapping_add(1);
+        bump(counter, 1);
     }
 
     /// The own reference was sent, with its start of frame at `start` after it
@@ -111,7 +130,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         };
         let disputed = (1..=self.config.watch).contains(&self.doubts);
         let consecutive = self.is_consecutive(start, cycle) && !disputed;
-        if matches!(self.clock.state(), ClockState::Unset) {
+        if GLOBAL_TIME && matches!(self.clock.state(), ClockState::Unset) {
             self.clock.set(start, Default::default());
         } else {
             self.clock.carry(start);
@@ -123,9 +142,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let expected = asked.after(self.config.transmit_lead).after(enabled);
         if start.reached(expected) {
             self.sync = SyncState::Synchronising;
-            self.begin_cycle(start, cycle, next_is_gap, self.rank, false);
+            self.begin_cycle(start, cycle, next_is_gap, self.rank(), false);
         } else {
-            self.begin_cycle(start, cycle, next_is_gap, self.rank, consecutive);
+            self.begin_cycle(start, cycle, next_is_gap, self.rank(), consecutive);
         }
     }
 }
