@@ -8,6 +8,7 @@ use control::calibration::Actuator;
 use network::Message;
 use network::messages::{Command, Mode};
 
+use crate::link::Arrival;
 use crate::{convert, design, e2e};
 
 /// Why a command frame is not acted on.
@@ -207,6 +208,17 @@ impl Supervised {
         judged
     }
 
+    /// The task of an actuator node that is released by commands and by their absence: takes
+    /// what a link brought. True when a new command is in force.
+    pub fn attend(&mut self, arrival: &Arrival, now: u32) -> bool {
+        let Arrival { frame, time, alive } = arrival;
+        let accepted = frame
+            .as_ref()
+            .is_some_and(|frame| self.receive(frame.data(), *time, now).is_ok());
+        self.supervise(*alive, now);
+        accepted && self.command().is_some()
+    }
+
     /// Drops the command when it is too old or when `alive` is false: the network is gone, or
     /// the command was missed twice. True when a command was dropped.
     pub fn supervise(&mut self, alive: bool, now: u32) -> bool {
@@ -271,9 +283,11 @@ impl Steering {
         self.sample.map(|(count, _)| count)
     }
 
-    /// The motor driver's byte.
-    pub fn byte(&self, now: u32) -> u8 {
-        convert::motor_byte(steering_effort(self.supervised.command(), self.angle(now)))
+    /// The motor driver's byte, `None` when no command is in force.
+    pub fn byte(&self, now: u32) -> Option<u8> {
+        let command = self.supervised.command()?;
+        let effort = steering_effort(Some(command), self.angle(now));
+        Some(convert::motor_byte(effort))
     }
 }
 
@@ -296,14 +310,17 @@ impl Driving {
         }
     }
 
-    /// The motor driver's byte; advances the slew by the time since the last call.
-    pub fn byte(&mut self, now: u32) -> u8 {
+    /// The motor driver's byte, `None` when no command is in force; advances the slew by the
+    /// time since the last call.
+    pub fn byte(&mut self, now: u32) -> Option<u8> {
         let ticks = now.wrapping_sub(self.stepped_at);
         self.stepped_at = now;
         let micros = ticks.checked_div(self.supervised.times.per_us).unwrap_or(0);
         // The first call has no past, and a long pause earns no jump.
         let dt = (micros.min(design::LONGEST_SLEW_STEP.ticks())) as f32 * 1e-6;
-        convert::motor_byte(self.drive.effort(self.supervised.command(), dt))
+        let command = self.supervised.command();
+        let effort = self.drive.effort(command, dt);
+        command.map(|_| convert::motor_byte(effort))
     }
 
     /// Commanded speed after the slew, m/s.

@@ -117,9 +117,13 @@ pub const JOYSTICK_DEAD_ZONE: u16 = 80;
 /// Joystick: count at rest, the middle of the 12-bit range.
 pub const JOYSTICK_CENTRE: u16 = 2048;
 
-/// Nominal time of the watchdog: five basic cycles; its oscillator may be off by a factor of
-/// two.
-pub const WATCHDOG: MillisDurationU32 = MillisDurationU32::millis(500);
+/// Nominal time of the watchdog of a node that drives nothing: five basic cycles; its
+/// oscillator may be off by a factor of two.
+pub const WATCHDOG_F446: MillisDurationU32 = MillisDurationU32::millis(500);
+/// The same of an actuator node: five steps of the housekeeping, which feeds it. Its
+/// oscillator is between 30 and 50 kHz (data sheet), so a stalled core is reset, and its
+/// motor off, 40 to 67 ms after its last meal.
+pub const WATCHDOG_F303: MillisDurationU32 = MillisDurationU32::millis(50);
 
 /// Period of the console lines (thesis 6.2.4.6).
 pub const CONSOLE_PERIOD: MillisDurationU32 = MillisDurationU32::millis(100);

@@ -108,6 +108,17 @@ impl News {
     }
 }
 
+/// What the bus brought for an actuator node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Arrival {
+    /// The frame from the command's window, if there was a new one.
+    pub frame: Option<Frame>,
+    /// System time at which the basic cycle under way began, ms.
+    pub time: u32,
+    /// Whether the network lives and the command is not missing for the second time.
+    pub alive: bool,
+}
+
 const _: () = assert!(WINDOWS <= 32, "News has one bit for each window");
 
 /// Event messages that the application has not taken yet.
@@ -393,6 +404,15 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     /// Hands out what arrived in a window, once.
     pub fn take(&mut self, window: usize) -> Option<Frame> {
         self.inbox.get_mut(window).and_then(Option::take)
+    }
+
+    /// Hands out what an actuator node must judge, once.
+    pub fn arrival(&mut self) -> Arrival {
+        Arrival {
+            frame: self.take(window::COMMAND),
+            time: self.cycle_time,
+            alive: self.commands_arrive(),
+        }
     }
 
     /// Hands out the oldest event message.

@@ -1,10 +1,17 @@
-//! The link on the boards' own port and timer.
+//! What the tasks of every node do on the boards' own ports and timers.
 
 use crate::board;
-use crate::console::BusView;
+use crate::console::{self, BusView, Line};
 use crate::design;
+use crate::housekeeping::Housekeeping;
 use crate::link::{Link, Stack, WindowTimer};
-use board::clock::{Clocks, Oscillator};
+use board::clock::{Clocks, Oscillator, ResetCause};
+use board::fault::Fault;
+use board::led::Led;
+use board::watchdog::{self, Watchdog};
+use cortex_m::peripheral::{SYST, syst::SystClkSource};
+use fugit::MillisDurationU32;
+use rtic::Mutex;
 use ttcan::{
     ConfigError, ErrorLevel, MasterState, Micros, NodeConfig, NodeId, StampLatency, SyncState,
 };
@@ -34,14 +41,22 @@ impl WindowTimer for Timer {
 }
 
 impl BoardLink {
+    /// Interrupt of the time base: loads the mailbox when the window timer fired. True when
+    /// the node's second alarm went off.
+    pub fn on_timer(&mut self) -> bool {
+        let released = self.timer_mut().take_release();
+        if self.timer_mut().take_window() {
+            self.service();
+        }
+        released
+    }
+
     /// Sets the node's second alarm to go off in `time`.
     pub fn release_in(&mut self, time: Micros) {
         let ticks = self.ticks(time);
         self.timer_mut().release_in(ticks.cast_signed());
     }
-}
 
-impl BoardLink {
     /// Sets the node's second alarm to the cycle time `time` of the basic cycle under way; at
     /// once when that is past.
     pub fn release_at(&mut self, time: Micros) {
@@ -139,4 +154,105 @@ impl Log {
             );
         }
     }
+}
+
+/// Steps of the housekeeping between two reports on the console.
+const REPORT_STEPS: u32 = design::CONSOLE_PERIOD.ticks() / design::HOUSEKEEPING_PERIOD.ticks();
+
+const _: () = assert!(
+    design::CONSOLE_PERIOD
+        .ticks()
+        .is_multiple_of(design::HOUSEKEEPING_PERIOD.ticks()),
+    "the console follows the housekeeping's steps"
+);
+
+#[cfg(feature = "f446")]
+const WATCHDOG: MillisDurationU32 = design::WATCHDOG_F446;
+#[cfg(feature = "f303")]
+const WATCHDOG: MillisDurationU32 = design::WATCHDOG_F303;
+
+/// The housekeeping task's own things: the tick that releases it, watchdog and LED.
+pub struct Keeper {
+    housekeeping: Housekeeping,
+    watchdog: Watchdog,
+    led: Led,
+    steps: u32,
+}
+
+impl Keeper {
+    /// Starts watchdog and tick: SysTick, from the core clock, whose interrupt is the
+    /// housekeeping task. `fault` is the record that outlived the reset.
+    pub fn start(
+        mut tick: SYST,
+        clocks: Clocks,
+        led: Led,
+        watchdog: watchdog::Idle,
+        cause: ResetCause,
+        fault: Option<Fault>,
+    ) -> Self {
+        // 1.8 million cycles at 180 MHz; the counter has 24 bits.
+        const HZ: u32 = 1000 / design::HOUSEKEEPING_PERIOD.ticks();
+        tick.set_clock_source(SystClkSource::Core);
+        tick.set_reload(clocks.core / HZ - 1);
+        tick.clear_current();
+        tick.enable_counter();
+        tick.enable_interrupt();
+        Self {
+            housekeeping: Housekeeping::new(cause, fault, clocks.oscillator),
+            watchdog: watchdog.start(WATCHDOG.ticks() as u16),
+            led,
+            steps: 0,
+        }
+    }
+
+    /// Time since the start, as the steps count it; stands at its largest value.
+    pub const fn uptime(&self) -> MillisDurationU32 {
+        let period = design::HOUSEKEEPING_PERIOD.ticks();
+        MillisDurationU32::millis(self.steps.saturating_mul(period))
+    }
+
+    /// Whether a report on the console is due at this step.
+    pub const fn is_report_due(&self) -> bool {
+        self.steps.is_multiple_of(REPORT_STEPS)
+    }
+
+    /// One step. `work` counts what the node's own tasks have done; `status` is the
+    /// identifier of its status message.
+    pub fn step(
+        &mut self,
+        link: &mut impl Mutex<T = BoardLink>,
+        bus: &BusView,
+        work: u32,
+        status: u16,
+    ) {
+        self.steps = self.steps.saturating_add(1);
+        let duties = self.housekeeping.step(bus, work);
+        if duties.feed {
+            self.watchdog.feed();
+        }
+        self.led.set(duties.led);
+        if let Some(data) = duties.report {
+            let queued = link.lock(|link| link.queue_event(status, &data, design::EVENT_LIFETIME));
+            if queued.is_err() {
+                self.housekeeping.report_refused();
+            }
+        }
+    }
+}
+
+/// The console task: the line about the bus, and one of the node's own.
+pub fn report(
+    link: &mut impl Mutex<T = BoardLink>,
+    console: &mut impl Mutex<T = board::console::Console>,
+    log: &mut Log,
+    own: impl FnOnce(&mut Line),
+) {
+    let bus = link.lock(|link| BusView::of(link));
+    log.bus(&bus);
+    let mut line = Line::new();
+    console::bus(&mut line, &bus);
+    console.lock(|console| console.push(line.as_bytes()));
+    line.clear();
+    own(&mut line);
+    console.lock(|console| console.push(line.as_bytes()));
 }

@@ -10,6 +10,7 @@
 //! | PB3 | LED, push-pull, high = on | GPIO | LD3 of the Nucleo |
 //! | PA2 | console TX, AF7 | USART2, DMA1 channel 7 | debugger's virtual port |
 //! | PA15 | console RX, AF7 | USART2 | debugger's virtual port |
+//! | PA8 | motor relay, push-pull, high = closed | GPIO | input of the solid-state relay in lead M1 of the motor, 10 kohm to ground |
 //! | PA9 | motor command, AF7 | USART1 | S1 of the SyRen 50 motor driver |
 //! | PA0 | analogue | ADC1_IN1, DMA1 channel 1 | wiper of the steering potentiometer (steering) |
 //!
@@ -20,6 +21,12 @@
 //! speed). The potentiometer lies between 3.3 V and ground. The motor driver's switches are
 //! set to simplified serial at 38 400 baud; its 0V is the sled's ground, its S1 takes 3.3 V
 //! levels. All grounds are the chassis.
+//!
+//! The relay is a normally open direct-current one for the motor's 50 A, with a free-wheeling
+//! diode pair across the motor, in the lead between the driver's M1 and the motor: the driver
+//! keeps its last speed when its node falls silent, and has no input that stops it in this
+//! mode, but without the relay no current flows. During reset PA8 floats; its resistor opens
+//! the relay.
 //!
 //! # Timers
 //!
@@ -59,8 +66,8 @@ pub struct Sled {
     pub can: CanPort,
     /// The console.
     pub console: console::Console,
-    /// The motor driver.
-    pub motor: motor::Motor,
+    /// The motor driver, its relay open.
+    pub motor: motor::MotorOutput,
     /// The LED.
     pub led: led::Led,
     /// The watchdog, not started yet.
@@ -104,6 +111,7 @@ impl Sled {
         let mut rcc = device.RCC.constrain();
         let mut a = device.GPIOA.split(&mut rcc.ahb);
         let mut b = device.GPIOB.split(&mut rcc.ahb);
+        let relay = a.pa8.into_push_pull_output(&mut a.moder, &mut a.otyper);
         a.pa9
             .into_af_push_pull::<7>(&mut a.moder, &mut a.otyper, &mut a.afrh);
         motor.send(motor::STOP);
@@ -124,7 +132,7 @@ impl Sled {
             alarms,
             can: bus::start(device.CAN, clocks.oscillator),
             console,
-            motor,
+            motor: motor::MotorOutput::new(motor, motor::Relay::new(relay)),
             led: led::Led::new(led),
             watchdog: watchdog::Idle::new(device.IWDG),
             rest: Rest {

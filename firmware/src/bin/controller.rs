@@ -13,43 +13,35 @@
 //! | `display_rx` | USART3 | 3 | the display's acknowledges |
 //! | `console_dma` | DMA1 stream 6 | 3 | next console line |
 //! | `display_tick` | TIM4 | 2 | 5 Hz: builds and sends the display's string |
-//! | `housekeeping` | software | 2 | 100 Hz: watchdog, status, bus recovery, LED |
-//! | `console` | software | 1 | 10 Hz lines |
+//! | `housekeeping` | SysTick | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
 #![no_main]
 
 use defmt_rtt as _;
-use rtic_monotonics::systick::prelude::*;
 
-systick_monotonic!(Mono, 100);
-
-#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2, EXTI3])]
+#[rtic::app(device = firmware::board::pac, peripherals = true)]
 mod app {
-    use super::Mono;
     use firmware::board::fault::Fault;
     use firmware::board::{
         self, Sled,
         lcd::{Lcd, Tick},
-        led::Led,
         pac::Interrupt,
         panel::{self, Joystick},
         time::Clock,
-        watchdog::Watchdog,
     };
     use firmware::buttons::Buttons;
-    use firmware::console::{self as lines, BusView, Line};
+    use firmware::console::{self as lines, BusView};
     use firmware::display::{self, Plain, Supervision};
-    use firmware::housekeeping::Housekeeping;
     use firmware::link::Stack;
-    use firmware::node::{self, BoardLink, Log};
+    use firmware::node::{self, BoardLink, Keeper, Log};
     use firmware::pilot::{self, Pilot};
     use firmware::text::Text;
     use firmware::{design, fault};
     use network::Message as _;
     use network::matrix::{BASIC_CYCLE, CONTROLLER, window};
     use network::messages::{ButtonEvent, ControllerStatus, ModeChange};
-    use rtic_monotonics::systick::prelude::*;
 
     #[shared]
     struct Shared {
@@ -72,9 +64,8 @@ mod app {
         mode_events: u8,
         tick: Tick,
         screen: Text<{ display::CAPACITY }>,
-        led: Led,
-        watchdog: Watchdog,
-        keeping: Housekeeping,
+        keeper: Keeper,
+        log: Log,
     }
 
     #[init(local = [stack: Option<Stack> = None])]
@@ -102,9 +93,7 @@ mod app {
             clocks.core,
             sled.reset_cause.code()
         );
-        Mono::start(cx.core.SYST, clocks.core);
         link.release_in(BASIC_CYCLE);
-        let _ = (housekeeping::spawn(), console::spawn());
         (
             Shared {
                 clock: sled.clock,
@@ -123,9 +112,15 @@ mod app {
                 mode_events: 0,
                 tick: operator.tick,
                 screen: Text::new(),
-                led: sled.led,
-                watchdog: sled.watchdog.start(design::WATCHDOG.ticks() as u16),
-                keeping: Housekeeping::new(sled.reset_cause, last_fault, clocks.oscillator),
+                keeper: Keeper::start(
+                    cx.core.SYST,
+                    clocks,
+                    sled.led,
+                    sled.watchdog,
+                    sled.reset_cause,
+                    last_fault,
+                ),
+                log: Log::new(),
             },
         )
     }
@@ -165,10 +160,7 @@ mod app {
     #[task(binds = TIM2, priority = 6, shared = [link])]
     fn window_timer(mut cx: window_timer::Context) {
         cx.shared.link.lock(|link| {
-            if link.timer_mut().take_window() {
-                link.service();
-            }
-            if link.timer_mut().take_release() {
+            if link.on_timer() {
                 rtic::pend(Interrupt::EXTI1);
                 // Without references the step goes on at its own pace.
                 link.release_in(BASIC_CYCLE);
@@ -265,61 +257,35 @@ mod app {
         });
     }
 
-    #[task(priority = 2, shared = [link, pilot], local = [led, watchdog, keeping])]
-    async fn housekeeping(mut cx: housekeeping::Context) {
-        let mut due = Mono::now();
-        let begin = due + design::MASTER_PATIENCE.convert();
-        loop {
-            let bus = cx.shared.link.lock(|link| {
-                link.keep_present();
-                if !link.is_started() && due >= begin {
-                    link.start();
-                }
-                BusView::of(link)
-            });
-            let steps = cx.shared.pilot.lock(|pilot| pilot.steps());
-            let duties = cx.local.keeping.step(&bus, steps);
-            if duties.feed {
-                cx.local.watchdog.feed();
+    #[task(binds = SysTick, priority = 2, shared = [link, pilot], local = [keeper])]
+    fn housekeeping(mut cx: housekeeping::Context) {
+        let keeper = cx.local.keeper;
+        let bus = cx.shared.link.lock(|link| {
+            link.keep_present();
+            if !link.is_started() && keeper.uptime() >= design::MASTER_PATIENCE {
+                link.start();
             }
-            cx.local.led.set(duties.led);
-            if let Some(data) = duties.report {
-                let queued = cx.shared.link.lock(|link| {
-                    link.queue_event(ControllerStatus::ID, &data, design::EVENT_LIFETIME)
-                });
-                if queued.is_err() {
-                    cx.local.keeping.report_refused();
-                }
-            }
-            due += design::HOUSEKEEPING_PERIOD.convert();
-            Mono::delay_until(due).await;
+            BusView::of(link)
+        });
+        let steps = cx.shared.pilot.lock(|pilot| pilot.steps());
+        keeper.step(&mut cx.shared.link, &bus, steps, ControllerStatus::ID);
+        if keeper.is_report_due() {
+            rtic::pend(Interrupt::EXTI3);
         }
     }
 
-    #[task(priority = 1, shared = [link, pilot, supervision, console])]
-    async fn console(mut cx: console::Context) {
-        let mut due = Mono::now();
-        let mut log = Log::new();
-        loop {
-            let bus = cx.shared.link.lock(|link| BusView::of(link));
-            log.bus(&bus);
-            let present = cx
-                .shared
-                .supervision
-                .lock(|supervision| supervision.is_present());
-            let view = cx.shared.pilot.lock(|pilot| pilot.line(present));
-            let mut line = Line::new();
-            lines::bus(&mut line, &bus);
-            cx.shared
-                .console
-                .lock(|console| console.push(line.as_bytes()));
-            line.clear();
-            lines::pilot(&mut line, &view);
-            cx.shared
-                .console
-                .lock(|console| console.push(line.as_bytes()));
-            due += design::CONSOLE_PERIOD.convert();
-            Mono::delay_until(due).await;
-        }
+    #[task(binds = EXTI3, priority = 1, shared = [link, pilot, supervision, console], local = [log])]
+    fn console(mut cx: console::Context) {
+        let present = cx
+            .shared
+            .supervision
+            .lock(|supervision| supervision.is_present());
+        let view = cx.shared.pilot.lock(|pilot| pilot.line(present));
+        node::report(
+            &mut cx.shared.link,
+            &mut cx.shared.console,
+            cx.local.log,
+            |line| lines::pilot(line, &view),
+        );
     }
 }

@@ -9,34 +9,26 @@
 //! | `ring` | DMA2 stream 2 | 4 | parses the receiver's bytes, half a ring at a time |
 //! | `line_idle` | USART1 | 4 | parses the rest of a burst |
 //! | `console_dma` | DMA1 stream 6 | 3 | next console line |
-//! | `housekeeping` | software | 2 | 100 Hz: watchdog, status, bus recovery, LED |
-//! | `console` | software | 1 | 10 Hz lines |
+//! | `housekeeping` | SysTick | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
 #![no_main]
 
 use defmt_rtt as _;
-use rtic_monotonics::systick::prelude::*;
 
-systick_monotonic!(Mono, 100);
-
-#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2, EXTI3])]
+#[rtic::app(device = firmware::board::pac, peripherals = true)]
 mod app {
-    use super::Mono;
     use firmware::board::fault::Fault;
-    use firmware::board::{
-        self, Sled, led::Led, receiver::Receiver, time::Clock, watchdog::Watchdog,
-    };
-    use firmware::console::{self as lines, BusView, Line};
-    use firmware::housekeeping::Housekeeping;
+    use firmware::board::{self, Sled, pac::Interrupt, receiver::Receiver, time::Clock};
+    use firmware::console::{self as lines, BusView};
     use firmware::link::Stack;
     use firmware::navigation::{Station, trim};
-    use firmware::node::{self, BoardLink, Log};
+    use firmware::node::{self, BoardLink, Keeper, Log};
     use firmware::{design, fault};
     use network::Message as _;
     use network::matrix::GPS;
     use network::messages::GpsStatus;
-    use rtic_monotonics::systick::prelude::*;
     use ttcan::{GlobalTime, Micros, Stamp};
 
     #[shared]
@@ -50,9 +42,8 @@ mod app {
 
     #[local]
     struct Local {
-        led: Led,
-        watchdog: Watchdog,
-        keeping: Housekeeping,
+        keeper: Keeper,
+        log: Log,
     }
 
     #[init(local = [stack: Option<Stack> = None])]
@@ -80,8 +71,6 @@ mod app {
             clocks.core,
             sled.reset_cause.code()
         );
-        Mono::start(cx.core.SYST, clocks.core);
-        let _ = (housekeeping::spawn(), console::spawn());
         (
             Shared {
                 clock: sled.clock,
@@ -91,9 +80,15 @@ mod app {
                 console: sled.console,
             },
             Local {
-                led: sled.led,
-                watchdog: sled.watchdog.start(design::WATCHDOG.ticks() as u16),
-                keeping: Housekeeping::new(sled.reset_cause, last_fault, clocks.oscillator),
+                keeper: Keeper::start(
+                    cx.core.SYST,
+                    clocks,
+                    sled.led,
+                    sled.watchdog,
+                    sled.reset_cause,
+                    last_fault,
+                ),
+                log: Log::new(),
             },
         )
     }
@@ -125,10 +120,7 @@ mod app {
     #[task(binds = TIM2, priority = 6, shared = [link])]
     fn window_timer(mut cx: window_timer::Context) {
         cx.shared.link.lock(|link| {
-            if link.timer_mut().take_window() {
-                link.service();
-            }
-            if link.timer_mut().take_release() && !link.is_started() {
+            if link.on_timer() && !link.is_started() {
                 link.start();
             }
         });
@@ -183,79 +175,52 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [&clock, link, station], local = [led, watchdog, keeping])]
-    async fn housekeeping(mut cx: housekeeping::Context) {
-        let mut due = Mono::now();
-        let begin = due + design::RECEIVER_PATIENCE.convert();
-        loop {
-            let now = cx.shared.clock.now();
-            let timeout = cx
-                .shared
-                .link
-                .lock(|link| link.ticks(design::RECEIVER_TIMEOUT));
-            let silent = cx
-                .shared
-                .station
-                .lock(|station| station.navigation_mut().lapse(now, timeout));
-            let bus = cx.shared.link.lock(|link| {
-                link.keep_present();
-                if silent {
-                    link.node_mut().set_reference_payload(&[0]);
-                }
-                // The vehicle is driven by hand without any receiver (thesis 5.3).
-                if !link.is_started() && due >= begin {
-                    link.start();
-                }
-                BusView::of(link)
-            });
-            let duties = cx.local.keeping.step(&bus, bus.link.services);
-            if duties.feed {
-                cx.local.watchdog.feed();
+    #[task(binds = SysTick, priority = 2, shared = [&clock, link, station], local = [keeper])]
+    fn housekeeping(mut cx: housekeeping::Context) {
+        let now = cx.shared.clock.now();
+        let keeper = cx.local.keeper;
+        let timeout = cx
+            .shared
+            .link
+            .lock(|link| link.ticks(design::RECEIVER_TIMEOUT));
+        let silent = cx
+            .shared
+            .station
+            .lock(|station| station.navigation_mut().lapse(now, timeout));
+        let bus = cx.shared.link.lock(|link| {
+            link.keep_present();
+            if silent {
+                link.node_mut().set_reference_payload(&[0]);
             }
-            cx.local.led.set(duties.led);
-            if let Some(data) = duties.report {
-                let queued = cx
-                    .shared
-                    .link
-                    .lock(|link| link.queue_event(GpsStatus::ID, &data, design::EVENT_LIFETIME));
-                if queued.is_err() {
-                    cx.local.keeping.report_refused();
-                }
+            // The vehicle is driven by hand without any receiver (thesis 5.3).
+            if !link.is_started() && keeper.uptime() >= design::RECEIVER_PATIENCE {
+                link.start();
             }
-            due += design::HOUSEKEEPING_PERIOD.convert();
-            Mono::delay_until(due).await;
+            BusView::of(link)
+        });
+        keeper.step(&mut cx.shared.link, &bus, bus.link.services, GpsStatus::ID);
+        if keeper.is_report_due() {
+            rtic::pend(Interrupt::EXTI3);
         }
     }
 
-    #[task(priority = 1, shared = [&clock, link, station, console])]
-    async fn console(mut cx: console::Context) {
-        let mut due = Mono::now();
-        let mut log = Log::new();
+    #[task(binds = EXTI3, priority = 1, shared = [&clock, link, station, console], local = [log])]
+    fn console(mut cx: console::Context) {
+        let now = cx.shared.clock.now();
         let millisecond = Micros::millis(1);
         let ticks_per_ms = cx.shared.link.lock(|link| link.ticks(millisecond));
-        loop {
-            let bus = cx.shared.link.lock(|link| BusView::of(link));
-            log.bus(&bus);
-            let now = cx.shared.clock.now();
-            let (navigation, counters) = cx
-                .shared
-                .station
-                .lock(|station| (*station.navigation(), station.counters()));
-            let mut line = Line::new();
-            lines::bus(&mut line, &bus);
-            cx.shared
-                .console
-                .lock(|console| console.push(line.as_bytes()));
-            line.clear();
-            let age = navigation
-                .age(now)
-                .and_then(|ticks| ticks.checked_div(ticks_per_ms));
-            lines::receiver(&mut line, &navigation, age, counters);
-            cx.shared
-                .console
-                .lock(|console| console.push(line.as_bytes()));
-            due += design::CONSOLE_PERIOD.convert();
-            Mono::delay_until(due).await;
-        }
+        let (navigation, counters) = cx
+            .shared
+            .station
+            .lock(|station| (*station.navigation(), station.counters()));
+        let age = navigation
+            .age(now)
+            .and_then(|ticks| ticks.checked_div(ticks_per_ms));
+        node::report(
+            &mut cx.shared.link,
+            &mut cx.shared.console,
+            cx.local.log,
+            |line| lines::receiver(line, &navigation, age, counters),
+        );
     }
 }

@@ -10,36 +10,27 @@
 //! | `pot` | DMA1 channel 1 | 5 | 200 Hz: sample, end stops, message 206 |
 //! | `actuate` | EXTI1, pended by software | 5 | commands and stops |
 //! | `console_dma` | DMA1 channel 7 | 3 | next console line |
-//! | `housekeeping` | software | 2 | 100 Hz: watchdog, status, bus recovery, LED |
-//! | `console` | software | 1 | 10 Hz lines |
+//! | `housekeeping` | SysTick | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
 #![no_main]
 
 use defmt_rtt as _;
-use rtic_monotonics::systick::prelude::*;
 
-systick_monotonic!(Mono, 100);
-
-#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC, EXTI3])]
+#[rtic::app(device = firmware::board::pac, peripherals = true)]
 mod app {
-    use super::Mono;
     use firmware::actuator::{Steering, Times};
     use firmware::board::fault::Fault;
-    use firmware::board::{
-        self, Sled, led::Led, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock,
-        watchdog::Watchdog,
-    };
-    use firmware::console::{self as lines, ActuatorView, BusView, Line};
-    use firmware::housekeeping::Housekeeping;
+    use firmware::board::{self, Sled, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
+    use firmware::console::{self as lines, ActuatorView, BusView};
     use firmware::link::Stack;
     use firmware::navigation::padded;
-    use firmware::node::{self, BoardLink, Log};
+    use firmware::node::{self, BoardLink, Keeper, Log};
     use firmware::{design, fault};
     use network::Message as _;
     use network::matrix::{STEERING, window};
     use network::messages::{AdcCount, SteeringPot, SteeringStatus};
-    use rtic_monotonics::systick::prelude::*;
 
     #[shared]
     struct Shared {
@@ -53,9 +44,8 @@ mod app {
     #[local]
     struct Local {
         pot: Pot,
-        led: Led,
-        watchdog: Watchdog,
-        keeping: Housekeeping,
+        keeper: Keeper,
+        log: Log,
     }
 
     #[init(local = [stack: Option<Stack> = None])]
@@ -83,22 +73,26 @@ mod app {
             clocks.core,
             sled.reset_cause.code()
         );
-        Mono::start(cx.core.SYST, clocks.core);
         link.start();
-        let _ = (housekeeping::spawn(), console::spawn());
         (
             Shared {
                 clock: sled.clock,
                 link,
                 steering: Steering::new(Times::new(clocks.ticks_per_us)),
-                output: MotorOutput::new(sled.motor),
+                output: sled.motor,
                 console: sled.console,
             },
             Local {
                 pot,
-                led: sled.led,
-                watchdog: sled.watchdog.start(design::WATCHDOG.ticks() as u16),
-                keeping: Housekeeping::new(sled.reset_cause, last_fault, clocks.oscillator),
+                keeper: Keeper::start(
+                    cx.core.SYST,
+                    clocks,
+                    sled.led,
+                    sled.watchdog,
+                    sled.reset_cause,
+                    last_fault,
+                ),
+                log: Log::new(),
             },
         )
     }
@@ -133,13 +127,10 @@ mod app {
 
     #[task(binds = TIM2, priority = 6, shared = [link])]
     fn window_timer(mut cx: window_timer::Context) {
-        let act = cx.shared.link.lock(|link| {
-            let expired = link.timer_mut().take_release();
-            if link.timer_mut().take_window() {
-                link.service();
-            }
-            expired || !link.node().is_alive()
-        });
+        let act = cx
+            .shared
+            .link
+            .lock(|link| link.on_timer() || !link.node().is_alive());
         if act {
             rtic::pend(Interrupt::EXTI1);
         }
@@ -166,14 +157,9 @@ mod app {
     fn actuate(cx: actuate::Context) {
         let now = cx.shared.clock.now();
         let mut link = cx.shared.link;
-        let (frame, time, alive) = link.lock(|link| {
-            let frame = link.take(window::COMMAND);
-            (frame, link.cycle_began(), link.commands_arrive())
-        });
+        let arrival = link.lock(|link| link.arrival());
         let accepted = (cx.shared.steering, cx.shared.output).lock(|steering, output| {
-            let accepted = frame
-                .is_some_and(|frame| steering.supervised.receive(frame.data(), time, now).is_ok());
-            steering.supervised.supervise(alive, now);
+            let accepted = steering.supervised.attend(&arrival, now);
             output.repeat(steering.byte(now));
             accepted
         });
@@ -189,65 +175,40 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [&clock, link, steering], local = [led, watchdog, keeping])]
-    async fn housekeeping(mut cx: housekeeping::Context) {
-        let mut due = Mono::now();
-        loop {
-            let now = cx.shared.clock.now();
-            let bus = cx.shared.link.lock(|link| {
-                link.keep_present();
-                BusView::of(link)
-            });
-            // The potentiometer's task counts as work while its samples are fresh.
-            let fresh = cx.shared.steering.lock(|steering| steering.has_sample(now));
-            let work = if fresh { bus.link.services } else { 0 };
-            let duties = cx.local.keeping.step(&bus, work);
-            if duties.feed {
-                cx.local.watchdog.feed();
-            }
-            cx.local.led.set(duties.led);
-            if let Some(data) = duties.report {
-                let queued = cx.shared.link.lock(|link| {
-                    link.queue_event(SteeringStatus::ID, &data, design::EVENT_LIFETIME)
-                });
-                if queued.is_err() {
-                    cx.local.keeping.report_refused();
-                }
-            }
-            due += design::HOUSEKEEPING_PERIOD.convert();
-            Mono::delay_until(due).await;
+    #[task(binds = SysTick, priority = 2, shared = [&clock, link, steering], local = [keeper])]
+    fn housekeeping(mut cx: housekeeping::Context) {
+        let now = cx.shared.clock.now();
+        let bus = cx.shared.link.lock(|link| {
+            link.keep_present();
+            BusView::of(link)
+        });
+        // The potentiometer's task counts as work while its samples are fresh.
+        let fresh = cx.shared.steering.lock(|steering| steering.has_sample(now));
+        let work = if fresh { bus.link.services } else { 0 };
+        let keeper = cx.local.keeper;
+        keeper.step(&mut cx.shared.link, &bus, work, SteeringStatus::ID);
+        if keeper.is_report_due() {
+            rtic::pend(Interrupt::EXTI3);
         }
     }
 
-    #[task(priority = 1, shared = [link, steering, output, console])]
-    async fn console(mut cx: console::Context) {
-        let mut due = Mono::now();
-        let mut log = Log::new();
-        loop {
-            let bus = cx.shared.link.lock(|link| BusView::of(link));
-            log.bus(&bus);
-            let byte = cx.shared.output.lock(|output| output.last());
-            let view = cx.shared.steering.lock(|steering| ActuatorView {
-                command: steering
-                    .supervised
-                    .command()
-                    .map(|command| command.steering_rate.0),
-                count: steering.count(),
-                byte,
-                refused: steering.supervised.refused(),
-            });
-            let mut line = Line::new();
-            lines::bus(&mut line, &bus);
-            cx.shared
-                .console
-                .lock(|console| console.push(line.as_bytes()));
-            line.clear();
-            lines::actuator(&mut line, "steering", &view);
-            cx.shared
-                .console
-                .lock(|console| console.push(line.as_bytes()));
-            due += design::CONSOLE_PERIOD.convert();
-            Mono::delay_until(due).await;
-        }
+    #[task(binds = EXTI3, priority = 1, shared = [link, steering, output, console], local = [log])]
+    fn console(mut cx: console::Context) {
+        let byte = cx.shared.output.lock(|output| output.last());
+        let view = cx.shared.steering.lock(|steering| ActuatorView {
+            command: steering
+                .supervised
+                .command()
+                .map(|command| command.steering_rate.0),
+            count: steering.count(),
+            byte,
+            refused: steering.supervised.refused(),
+        });
+        node::report(
+            &mut cx.shared.link,
+            &mut cx.shared.console,
+            cx.local.log,
+            |line| lines::actuator(line, "steering", &view),
+        );
     }
 }

@@ -8,10 +8,9 @@
 //! | every node that can is back in schedule at the end | |
 //! | no node resets itself for any other reason than its stalled core | |
 //!
-//! A motor driver keeps its last byte when its own node stands still (held in reset, or its core
-//! stalled until the watchdog bites): it has no line that could stop it, on the real vehicle as
-//! here. The first two rules do not count in these spans, nor the second until the wheels are
-//! back within their limits.
+//! Resets are no exception: a node that stands still lets go of its motor's relay. A core that
+//! stalls holds it closed until the watchdog bites; the first two rules do not count in that
+//! tenth of a second, nor the second until the wheels are back within their limits.
 
 use twin::{Outcome, ResetCause};
 use world::{Node, SimTime};
@@ -71,13 +70,6 @@ pub fn judge(sequence: &Sequence, outcome: &Outcome) -> Vec<Violation> {
     violations
 }
 
-fn restarts(outcome: &Outcome, node: Node) -> Vec<f64> {
-    let node = outcome.nodes.iter().find(|of| of.node == node);
-    node.map_or_else(Vec::new, |node| {
-        node.resets.iter().map(|(at, _)| seconds(*at)).collect()
-    })
-}
-
 /// A motor is driven for no longer than a genuine command allows.
 fn motor(
     sequence: &Sequence,
@@ -85,7 +77,7 @@ fn motor(
     traffic: &Traffic,
     node: Node,
 ) -> Option<Violation> {
-    let absent = sequence.absent(node, &restarts(outcome, node));
+    let stalled = sequence.stalled(node);
     let commands = allowed(traffic, node);
     let efforts: Vec<(f64, f64)> = outcome
         .world
@@ -99,7 +91,7 @@ fn motor(
             continue;
         }
         let until = efforts.get(index + 1).map_or(END, |next| next.0);
-        if let Some(at) = uncovered((from, until), &commands, &absent) {
+        if let Some(at) = uncovered((from, until), &commands, &stalled) {
             return Some(Violation {
                 rule: "stop",
                 at,
@@ -122,10 +114,10 @@ fn allowed(traffic: &Traffic, node: Node) -> Vec<(f64, f64)> {
 }
 
 /// The first instant of `span` that is in none of the others.
-fn uncovered(span: (f64, f64), allowed: &[(f64, f64)], absent: &[(f64, f64)]) -> Option<f64> {
+fn uncovered(span: (f64, f64), allowed: &[(f64, f64)], stalled: &[(f64, f64)]) -> Option<f64> {
     let mut at = span.0;
     loop {
-        let covering = allowed.iter().chain(absent);
+        let covering = allowed.iter().chain(stalled);
         let reach = covering
             .filter(|(from, until)| (*from..*until).contains(&at))
             .map(|(_, until)| *until)
@@ -142,12 +134,12 @@ fn uncovered(span: (f64, f64), allowed: &[(f64, f64)], absent: &[(f64, f64)]) ->
 
 /// The steering angle stays within its limits.
 fn steering(sequence: &Sequence, outcome: &Outcome) -> Option<Violation> {
-    let absent = sequence.absent(Node::Steering, &restarts(outcome, Node::Steering));
+    let stalled = sequence.stalled(Node::Steering);
     let mut excused = false;
     for state in outcome.world.states() {
         let (at, angle) = (seconds(state.at), state.steering.to_degrees());
         let beyond = angle.abs() > STEERING_LIMIT;
-        let away = absent
+        let away = stalled
             .iter()
             .any(|(from, until)| (*from..*until).contains(&at));
         excused = beyond && (away || excused);

@@ -77,31 +77,14 @@ impl Sequence {
         drawing.sequence
     }
 
-    /// Spans in which a node did not run its program as written: from the beginning of the
-    /// fault to the end of a start that may have followed, s. What it told its motor driver
-    /// last stands meanwhile; the driver on the vehicle behaves so too.
+    /// Spans in which a node's core is stalled and its watchdog has not bitten yet, s.
     #[must_use]
-    pub fn absent(&self, node: Node, restarts: &[f64]) -> Vec<(f64, f64)> {
-        /// From the release of the reset to the first byte for the motor driver.
-        const START: f64 = 0.05;
-        let held = self
-            .scenario
-            .reset
-            .iter()
-            .filter(|reset| reset.node == node);
-        let mut spans: Vec<(f64, f64)> = held
-            .map(|reset| {
-                let until = reset
-                    .until
-                    .map_or(f64::INFINITY, |until| until.get() + START);
-                (reset.at.get(), until)
-            })
-            .collect();
-        for upset in self.upsets.iter().filter(|upset| upset.node == node) {
-            let restart = restarts.iter().find(|&&restart| restart > upset.at);
-            spans.push((upset.at, restart.map_or(f64::INFINITY, |at| at + START)));
-        }
-        spans
+    pub fn stalled(&self, node: Node) -> Vec<(f64, f64)> {
+        /// The next interrupt of the core, which is to stall it, comes within 30 ms; the
+        /// watchdog of an actuator node bites 67 ms after its last meal at the latest.
+        const LONGEST: f64 = 0.1;
+        let upsets = self.upsets.iter().filter(|upset| upset.node == node);
+        upsets.map(|upset| (upset.at, upset.at + LONGEST)).collect()
     }
 
     /// Whether a node is held in reset to the end.

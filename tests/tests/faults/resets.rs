@@ -76,8 +76,8 @@ fn without_the_controller_both_motors_stop() {
 #[test]
 fn without_the_steering_node_the_vehicle_does_not_drive() {
     let mut journey = without(Node::Steering);
-    // The steering motor driver keeps its last byte when nobody talks to it; the drive must
-    // not go on without steering.
+    // Its relay falls with it; the drive must not go on without steering.
+    assert_eq!(journey.effort(Node::Steering, at(3.2301)), 0.0);
     let last = last_before(&journey, 206, at(3.3));
     let moved = journey.last_moved(Node::Drive).expect("it drove");
     assert!(
@@ -94,20 +94,21 @@ fn without_the_steering_node_the_vehicle_does_not_drive() {
         "{} s",
         seconds(back.start)
     );
-    assert_eq!(journey.effort(Node::Steering, at(4.1)), 0.0);
+    let moved = journey.last_moved(Node::Steering);
+    assert!(moved < Some(at(3.23)), "{moved:?}");
     assert_steady(&journey, &[206], seconds(back.start), 5.0);
     assert_steady(&journey, &[100, 300], 1.0, 5.0);
     journey.assert_in_place();
 }
 
 #[test]
-fn the_drive_node_starts_with_a_stop_and_follows_again() {
+fn the_drive_node_in_reset_stops_at_once_and_follows_again() {
     let mut journey = without(Node::Drive);
+    assert!(journey.effort(Node::Drive, at(3.2299)) > 0.2);
+    assert_eq!(journey.effort(Node::Drive, at(3.2301)), 0.0);
     assert_steady(&journey, &[100, 206, 300], 1.0, 4.0);
     journey.to(5.0);
-    // The first byte after the start is a stop. Then it needs the schedule and two commands.
-    let stop = journey.stopped(at(4.03));
-    assert!(stop.is_none_or(|stop| stop >= at(4.03)));
+    // It starts with a stop. Then it needs the schedule and two commands.
     let drive = |from: f64, until: f64| {
         let changes = journey.vehicle.world().efforts().iter();
         changes
@@ -117,7 +118,7 @@ fn the_drive_node_starts_with_a_stop_and_follows_again() {
     };
     assert_eq!(drive(3.24, 4.03), None, "a node in reset says nothing");
     let first = drive(4.03, 4.2).expect("a stop after the start");
-    assert_eq!(first.effort, 0.0);
+    assert_eq!((first.effort, first.byte), (0.0, 127));
     let again = drive(seconds(first.at) + 0.001, 5.0).expect("it follows again");
     assert!(again.effort > 0.0);
     assert!(
@@ -129,28 +130,29 @@ fn the_drive_node_starts_with_a_stop_and_follows_again() {
     journey.assert_in_place();
 }
 
-fn stalled(node: Node) -> (Journey, f64) {
+/// A vehicle under way the core of whose `node` is stalled, to one second after its watchdog's
+/// reset; the instants of both. The oscillator of the watchdog may be off by a factor of two.
+fn stalled(node: Node, nominal: f64) -> (Journey, f64, f64) {
     let mut journey = running("");
     next_cycle(&mut journey);
     campaign::stall(&mut journey.vehicle, node);
     let stalled = seconds(journey.vehicle.now());
-    // Nominally 500 ms; the oscillator of the watchdog may be off by a factor of two.
-    journey.to(stalled + 1.2);
+    journey.to(stalled + 2.0 * nominal + 0.2);
     let resets = journey.vehicle.node(node).resets();
     assert_eq!(resets.len(), 2, "{node}: {resets:?}");
     let (reset, cause) = resets[1];
     assert_eq!(cause, ResetCause::Watchdog);
     let reset = seconds(reset);
-    assert!(reset > stalled + 0.2);
+    assert!((0.5 * nominal..2.0 * nominal).contains(&(reset - stalled)));
     journey.to(reset + 1.0);
     assert_eq!(journey.vehicle.node(node).resets().len(), 2);
     journey.assert_in_place();
-    (journey, reset)
+    (journey, stalled, reset)
 }
 
 #[test]
 fn a_stalled_steering_node_is_reset_by_its_watchdog_and_rejoins_in_three_periods() {
-    let (journey, reset) = stalled(Node::Steering);
+    let (journey, stalled, reset) = stalled(Node::Steering, 0.05);
     let back = first_after(&journey, 206, at(reset));
     assert!(
         back.start < at(reset + 3.0 * BASIC_PERIOD),
@@ -158,16 +160,26 @@ fn a_stalled_steering_node_is_reset_by_its_watchdog_and_rejoins_in_three_periods
         seconds(back.start) - reset
     );
     assert_steady(&journey, &[206], seconds(back.start), reset + 1.0);
-    // The drive stopped meanwhile.
-    assert_eq!(journey.effort(Node::Drive, at(reset)), 0.0);
+    assert!(reset < stalled + 2.0 * BASIC_PERIOD);
+    assert_eq!(journey.effort(Node::Steering, at(reset + 1e-4)), 0.0);
     // The node tells why it started: cause 4 is the independent watchdog.
     let report = first_after(&journey, 513, at(reset));
     assert_eq!(report.data[0] & 0xF, 4);
 }
 
 #[test]
+fn a_stalled_drive_node_stops_within_two_periods_and_follows_again() {
+    let (journey, stalled, reset) = stalled(Node::Drive, 0.05);
+    assert!(journey.effort(Node::Drive, at(stalled)) > 0.2);
+    assert!(reset < stalled + 2.0 * BASIC_PERIOD);
+    assert_eq!(journey.effort(Node::Drive, at(reset + 1e-4)), 0.0);
+    assert!(journey.effort(Node::Drive, at(reset + 0.9)) > 0.2);
+    assert_eq!(first_after(&journey, 514, at(reset)).data[0] & 0xF, 4);
+}
+
+#[test]
 fn a_stalled_controller_is_reset_by_its_watchdog_and_rejoins_in_three_periods() {
-    let (journey, reset) = stalled(Node::Controller);
+    let (journey, _, reset) = stalled(Node::Controller, 0.5);
     let back = first_after(&journey, 300, at(reset));
     assert!(
         back.start < at(reset + 3.0 * BASIC_PERIOD),

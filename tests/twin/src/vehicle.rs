@@ -70,6 +70,9 @@ const fn usart_of(port: Port) -> u8 {
 /// USART of the console on every node.
 const CONSOLE: u8 = 2;
 
+/// Pin of an actuator node that closes the relay in its motor's lead, high = closed.
+const RELAY: Pin = Pin::new('A', 8);
+
 /// The line behind a USART of a node.
 const fn port_of(node: Node, usart: u8) -> Option<Port> {
     match (node, usart) {
@@ -354,22 +357,31 @@ impl Vehicle {
     /// Hands what the nodes sent to the world, in the order of time.
     fn deliver(&mut self) {
         self.take_records();
-        let mut bytes: Vec<(Node, UartByte)> = Vec::new();
+        let mut sent = Vec::new();
         for node in Node::ALL {
-            let sent = self.node_mut(node).drain_uart();
-            for byte in sent {
+            for byte in self.node_mut(node).drain_uart() {
                 if byte.usart == CONSOLE {
                     self.consoles[index(node)].push(byte.byte);
                 } else {
-                    bytes.push((node, byte));
+                    sent.push((byte.end, node, Sent::Byte(byte)));
+                }
+            }
+            for change in self.node_mut(node).drain_pins() {
+                if change.pin == RELAY {
+                    sent.push((change.at, node, Sent::Relay(change.high)));
                 }
             }
         }
-        bytes.sort_by_key(|(_, byte)| byte.end);
-        for (node, byte) in bytes {
-            if let Some(port) = port_of(node, byte.usart) {
-                self.world
-                    .serial(node, port, byte.byte, byte.start, byte.end);
+        sent.sort_by_key(|(at, ..)| *at);
+        for (at, node, what) in sent {
+            match what {
+                Sent::Relay(closed) => self.world.relay(node, closed, at),
+                Sent::Byte(byte) => {
+                    if let Some(port) = port_of(node, byte.usart) {
+                        self.world
+                            .serial(node, port, byte.byte, byte.start, byte.end);
+                    }
+                }
             }
         }
     }
@@ -397,6 +409,12 @@ impl Vehicle {
             world: self.world,
         }
     }
+}
+
+/// What leaves a node for the world.
+enum Sent {
+    Byte(UartByte),
+    Relay(bool),
 }
 
 /// What became of a node in a run.

@@ -27,16 +27,16 @@ pub struct StateSample {
     pub fix: Fix,
 }
 
-/// A motor driver's effort changes.
+/// The effort at a motor changes.
 #[derive(Copy, Clone, Debug, PartialEq)]
 pub struct EffortChange {
-    /// End of the byte that changed it.
+    /// End of the byte that changed it, or the instant at which the relay did.
     pub at: SimTime,
     /// The node that sent the byte.
     pub node: Node,
-    /// The byte.
+    /// The driver's last byte.
     pub byte: u8,
-    /// The effort from then on, -1 to 1.
+    /// The effort from then on, -1 to 1; 0 while the relay is open.
     pub effort: f64,
 }
 

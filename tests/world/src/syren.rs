@@ -2,12 +2,16 @@
 //!
 //! 8N1 at the baud rate that the driver's switches say; 127 stops, 255 is full effort one way and
 //! 0 the other (Dimension Engineering, SyRen 50 user's guide; thesis 6.2.4.4). The driver keeps
-//! its last effort until the next byte.
+//! its last effort until the next byte; a relay in the motor's lead, which the node holds closed,
+//! decides whether that effort reaches the motor.
 
 use crate::time::{SimDuration, SimTime, since};
 
 /// Baud rate of the driver's switches.
 pub const BAUD: u32 = 38_400;
+
+/// The byte that stops the motor.
+pub const STOP: u8 = 127;
 
 /// Share by which a sender's bit may differ from the driver's before the stop bit is missed: a
 /// receiver that samples mid-bit loses a ten-bit character at 5 %, and each side may take half.
@@ -34,6 +38,7 @@ pub fn fits(length: SimDuration, baud: u32) -> bool {
 pub struct Syren {
     reversed: bool,
     byte: Option<u8>,
+    closed: bool,
     /// Bytes accepted.
     pub accepted: u64,
     /// Bytes lost to a wrong baud rate.
@@ -41,12 +46,13 @@ pub struct Syren {
 }
 
 impl Syren {
-    /// A driver that has heard nothing: the motor stands.
+    /// A driver that has heard nothing, its relay open: the motor stands.
     #[must_use]
     pub fn new(reversed: bool) -> Self {
         Self {
             reversed,
             byte: None,
+            closed: false,
             accepted: 0,
             wrong_baud: 0,
         }
@@ -64,15 +70,24 @@ impl Syren {
         }
     }
 
+    /// Closes or opens the relay.
+    pub fn set_relay(&mut self, closed: bool) {
+        self.closed = closed;
+    }
+
     /// The last byte, if there was one.
     #[must_use]
     pub fn byte(&self) -> Option<u8> {
         self.byte
     }
 
-    /// Effort from -1 to 1; 0 before the first byte.
+    /// Effort that reaches the motor, from -1 to 1; 0 before the first byte and while the relay
+    /// is open.
     #[must_use]
     pub fn effort(&self) -> f64 {
+        if !self.closed {
+            return 0.0;
+        }
         let effort = self.byte.map_or(0.0, effort_of);
         if self.reversed { -effort } else { effort }
     }
@@ -106,9 +121,21 @@ mod tests {
             [-1.0, 0.0, 1.0]
         );
         let mut driver = Syren::new(true);
+        driver.set_relay(true);
         assert_eq!(driver.effort(), 0.0);
         send(&mut driver, 255, BYTE);
         assert_eq!(driver.effort(), -1.0);
+    }
+
+    #[test]
+    fn an_open_relay_keeps_the_effort_from_the_motor() {
+        let mut driver = Syren::new(false);
+        send(&mut driver, 255, BYTE);
+        assert_eq!(driver.effort(), 0.0);
+        driver.set_relay(true);
+        assert_eq!(driver.effort(), 1.0);
+        driver.set_relay(false);
+        assert_eq!((driver.effort(), driver.byte()), (0.0, Some(255)));
     }
 
     #[test]

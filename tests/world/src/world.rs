@@ -15,7 +15,7 @@ use crate::random::{Purpose, Stream};
 use crate::receiver::{Fix, Receiver};
 use crate::record::{Counters, EffortChange, StateSample};
 use crate::scenario::{BusEvent, Scenario};
-use crate::syren::{Reception, Syren};
+use crate::syren::{Reception, STOP, Syren};
 use crate::time::{PER_SECOND, START, SimDuration, SimTime, after, at, from_seconds};
 use crate::units::Quantity;
 use crate::vehicle::{Motor, State, Vehicle};
@@ -462,28 +462,53 @@ impl World {
     }
 
     fn motor(&mut self, node: Node, byte: u8, start: SimTime, end: SimTime) {
-        let (driver, motor) = if node == Node::Steering {
-            (&mut self.steering, Motor::Steering)
-        } else {
-            (&mut self.drive, Motor::Drive)
-        };
-        let before = driver.byte();
+        let driver = self.driver(node);
+        let before = (driver.byte(), driver.effort());
         match driver.receive(byte, start, end) {
             Reception::WrongBaud => self.counters.motor_wrong_baud += 1,
             Reception::Accepted => {
                 self.counters.motor_bytes += 1;
-                if before != Some(byte) {
-                    let effort = driver.effort();
-                    self.vehicle.set_effort(end, motor, effort);
-                    self.efforts.push(EffortChange {
-                        at: end,
-                        node,
-                        byte,
-                        effort,
-                    });
-                }
+                self.effort_may_change(node, before, end);
             }
         }
+    }
+
+    /// An actuator node closes or opens the relay in its motor's lead.
+    pub fn relay(&mut self, node: Node, closed: bool, at: SimTime) {
+        if matches!(node, Node::Steering | Node::Drive) {
+            let driver = self.driver(node);
+            let before = (driver.byte(), driver.effort());
+            driver.set_relay(closed);
+            self.effort_may_change(node, before, at);
+        }
+    }
+
+    fn driver(&mut self, node: Node) -> &mut Syren {
+        if node == Node::Steering {
+            &mut self.steering
+        } else {
+            &mut self.drive
+        }
+    }
+
+    /// Records and applies what has become of a driver's last byte and effort.
+    fn effort_may_change(&mut self, node: Node, before: (Option<u8>, f64), at: SimTime) {
+        let driver = self.driver(node);
+        let (byte, effort) = (driver.byte(), driver.effort());
+        if before == (byte, effort) {
+            return;
+        }
+        let motor = match node {
+            Node::Steering => Motor::Steering,
+            _ => Motor::Drive,
+        };
+        self.vehicle.set_effort(at, motor, effort);
+        self.efforts.push(EffortChange {
+            at,
+            node,
+            byte: byte.unwrap_or(STOP),
+            effort,
+        });
     }
 
     fn show(&mut self, byte: u8, start: SimTime, end: SimTime) {

@@ -20,10 +20,11 @@ fn until(text: &str, end: f64) -> Vec<Output> {
     everything(&mut world)
 }
 
-/// Sends a byte at 38400 baud and returns the end of its stop bit.
+/// Closes the relay, sends a byte at 38400 baud and returns the end of its stop bit.
 fn send(world: &mut World, node: Node, byte: u8, start: f64) -> SimTime {
     let start = at(from_seconds(start));
     let end = after(start, from_seconds(10.0 / 38_400.0));
+    world.relay(node, true, start);
     world.serial(node, Port::Motor, byte, start, end);
     end
 }
@@ -187,6 +188,7 @@ fn the_wrong_baud_rate_moves_nothing() {
     let mut world = World::new(&scenario(""), 1);
     let start = at(from_seconds(0.1));
     let end = after(start, from_seconds(10.0 / 115_200.0));
+    world.relay(Node::Drive, true, start);
     world.serial(Node::Drive, Port::Motor, 255, start, end);
     world.advance_to(at(from_seconds(1.0)));
     assert_eq!(world.effort(Node::Drive), 0.0);

@@ -106,9 +106,12 @@ impl Port {
         mode == 2 && self.model.alternate_function(u32::from(pin)) == function
     }
 
-    /// Whether the pin is an output.
-    pub(crate) fn drives(&self, pin: u8) -> bool {
-        self.read(MODER).unwrap_or(0) >> (2 * u32::from(pin)) & 3 == 1
+    /// The pins that are outputs, one bit each.
+    pub(crate) fn outputs(&self) -> u32 {
+        let modes = self.read(MODER).unwrap_or(0);
+        (0..16)
+            .filter(|pin| modes >> (2 * pin) & 3 == 1)
+            .fold(0, |outputs, pin| outputs | 1 << pin)
     }
 }
 

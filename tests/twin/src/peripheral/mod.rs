@@ -120,6 +120,8 @@ pub(crate) struct Peripherals {
     /// Counts changes of the core's rate and of its flash.
     pub(crate) generation: u32,
     levels: [u32; 8],
+    /// Pins that the part drives.
+    outputs: [u32; 8],
     pub(crate) sent: Vec<UartByte>,
     pub(crate) pins: Vec<PinChange>,
     /// Registers that the program touched and that no model knows.
@@ -169,6 +171,7 @@ impl Peripherals {
             seen_generation: 0,
             generation: 0,
             levels: [0; 8],
+            outputs: [0; 8],
             sent: Vec::new(),
             pins: Vec::new(),
             unmodelled: BTreeSet::new(),
@@ -435,12 +438,16 @@ impl Peripherals {
         let levels = self.ports[port].levels();
         let changed = levels ^ self.levels[port];
         self.levels[port] = levels;
+        // A pin that the part lets go of changes too: its pull or its surroundings decide.
+        let outputs = self.ports[port].outputs();
+        let driven = std::mem::replace(&mut self.outputs[port], outputs) | outputs;
+        let changed = changed & driven;
         if changed == 0 {
             return;
         }
         let at = self.time();
         for number in 0..16_u8 {
-            if changed >> number & 1 != 0 && self.ports[port].drives(number) {
+            if changed >> number & 1 != 0 {
                 self.pins.push(PinChange {
                     at,
                     pin: Pin::new((b'A' + port as u8) as char, number),

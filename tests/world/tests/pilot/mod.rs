@@ -93,6 +93,7 @@ impl Pilot {
         let start = now.max(self.line_free);
         let end = after(start, from_seconds(10.0 / 38_400.0));
         self.line_free = end;
+        self.world.relay(node, true, start);
         self.world.serial(node, Port::Motor, byte, start, end);
     }
 }
