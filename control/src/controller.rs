@@ -385,7 +385,7 @@ impl<T: Scalar> Controller<T> {
         };
         let way = self.guidance.steering_way(forward, effectiveness) + T::lit(0.01);
         // The angle follows the wish a little late.
-        let ahead = along + forward * T::lit(0.2);
+        let ahead = along + forward * T::lit(0.25);
         // From one lock to the other takes twice the way; either with reserve.
         let curvature = |at: T| self.path.curvature(segment, at);
         let reverses = curvature(ahead - way) * curvature(ahead + way) < T::zero();

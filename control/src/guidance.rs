@@ -42,6 +42,9 @@ pub struct GuidanceSettings<T> {
     /// Time by which a swing is begun early, s: what the steering needs to
     /// reach half its angle.
     pub lead: T,
+    /// Share of the lead by which the regulator looks ahead when it asks for
+    /// half as much again as the steering rate limit, in [0, 1].
+    pub foresight: T,
     /// Rate assumed for taking back the steering angle near the path and
     /// during a swing, as shares of the rate limit, positive.
     pub brake: Brake<T>,
@@ -74,7 +77,8 @@ pub enum GuidanceError {
     Wheelbase,
     /// A limit.
     Limit(LimitError),
-    /// The swing's share is not in (0, 1], or a brake's share not positive.
+    /// The swing's share is not in (0, 1], the foresight not in [0, 1], or a
+    /// brake's share not positive.
     Share,
     /// The lead is negative or not a number.
     Lead,
@@ -87,7 +91,9 @@ impl core::fmt::Display for GuidanceError {
         match self {
             Self::Wheelbase => f.write_str("the wheelbase is not a positive number"),
             Self::Limit(error) => error.fmt(f),
-            Self::Share => f.write_str("a share of a steering limit is out of range"),
+            Self::Share => {
+                f.write_str("a share of a steering limit or of the lead is out of range")
+            }
             Self::Lead => f.write_str("the steering's lead is negative or not a number"),
             Self::Zone => f.write_str("a zone of the steering law is not a positive number"),
         }
@@ -107,14 +113,15 @@ impl<T: Scalar> GuidanceSettings<T> {
             limits: Limits::uagv(),
             swing: T::lit(0.80),
             lead: T::lit(0.485),
+            foresight: T::one(),
             brake: Brake {
-                regulating: T::lit(1.18),
+                regulating: T::one(),
                 approaching: T::lit(0.73),
             },
             near: T::lit(0.0155),
             aligned: T::lit(0.043),
             integral_limit: T::lit(0.05),
-            integral_zone: T::lit(0.1),
+            integral_zone: T::lit(0.07),
         }
     }
 
@@ -130,6 +137,8 @@ impl<T: Scalar> GuidanceSettings<T> {
         self.limits.check().map_err(GuidanceError::Limit)?;
         let shares = positive(self.swing)
             && self.swing <= T::one()
+            && self.foresight >= T::zero()
+            && self.foresight <= T::one()
             && positive(self.brake.regulating)
             && positive(self.brake.approaching);
         if !shares {
@@ -304,7 +313,8 @@ impl<T: Scalar> Guidance<T> {
                 settings.brake.approaching,
             )
         } else {
-            let early = self.anticipation(at) * share;
+            let linear = k_steering * at.steering_angle + k_heading * at.heading + k_cross * cross;
+            let early = self.anticipation(at, linear) * share;
             let heading = at.heading + turn * early;
             let cross = cross + (cross_soon - cross) * early;
             (feed, heading + slope * cross, settings.brake.regulating)
@@ -334,14 +344,21 @@ impl<T: Scalar> Guidance<T> {
         clamp_share(if off > askew { off } else { askew } - T::one())
     }
 
-    /// Share of the lead by which the regulator looks ahead. A steering that
-    /// is quick for the speed needs none; one that needs a good part of the
-    /// turning radius to reach its angle would follow too late and swing the
-    /// vehicle from side to side at full lock.
-    fn anticipation(&self, at: &Deviation<T>) -> T {
+    /// Share of the lead by which the regulator looks ahead.
+    ///
+    /// None while the actuator keeps up, for then the gains are the optimal
+    /// ones. When `linear`, the rate that they ask for (rad/s), is more than
+    /// the actuator has, the angle comes late, and without looking ahead the
+    /// vehicle would swing from side to side at full lock for ever. The same
+    /// goes for a steering that is slow for the speed: one that needs a good
+    /// part of the turning radius to reach its angle.
+    fn anticipation(&self, at: &Deviation<T>, linear: T) -> T {
+        let beyond = linear.abs() / self.settings.limits.steering_rate - T::one();
+        let saturated = self.settings.foresight * clamp_share(beyond * T::lit(2.0));
         let way = self.steering_way(at.speed, at.effectiveness);
         let slowness = way * self.swing_curvature();
-        T::lit(0.7) * clamp_share((slowness - T::lit(0.33)) / T::lit(0.2))
+        let slow = T::lit(0.7) * clamp_share((slowness - T::lit(0.33)) / T::lit(0.2));
+        if saturated > slow { saturated } else { slow }
     }
 
     /// Curvature of a swing's arc, 1/m.

@@ -67,8 +67,8 @@ pub fn settings<T: Scalar>() -> Settings<T> {
         gentle: GENTLE_GAINS.cast(),
         guidance: GuidanceSettings::uagv(),
         hold: HoldSettings {
-            begin: degrees(0.35),
-            end: degrees(0.28),
+            begin: degrees(0.30),
+            end: degrees(0.20),
             slowest: degrees(1.0),
         },
         cruise: T::one(),

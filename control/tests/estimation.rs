@@ -257,4 +257,12 @@ fn unusable_settings_are_named() {
         Estimator::new(bad, origin).err(),
         Some(EstimatorError::Drive)
     );
+    let bad = EstimatorSettings {
+        rear_slip: -0.01,
+        ..good
+    };
+    assert_eq!(
+        Estimator::new(bad, origin).err(),
+        Some(EstimatorError::Slip)
+    );
 }

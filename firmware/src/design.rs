@@ -104,6 +104,17 @@ pub const RECEIVER_PATIENCE: MillisDurationU32 = MillisDurationU32::millis(500);
 /// burst's beginning and length, which the windows of the same cycle must not overtake.
 pub const BURST_LEAD: Micros = Micros::millis(5);
 
+/// Age of the receiver's data at the control step: 40 ms from its measurement to the first
+/// byte (inferred), 3.15 ms of burst (thesis 6.2.4.3), then [`BURST_LEAD`] until the reference
+/// and [`CONTROL_RELEASE`] until the step.
+pub const RECEIVER_AGE: Micros =
+    Micros::micros(40_000 + 3_150 + BURST_LEAD.ticks() + CONTROL_RELEASE.ticks());
+
+/// Steps that may go without a position while the reference says that the solution is fixed: a
+/// single frame that was lost on the bus does not end a run, the second one does, as two
+/// missed periods stop the motors (thesis 6.2.4.4).
+pub const POSITION_PATIENCE: u8 = 2;
+
 /// How long the backup master waits for a sign of the gps node, which waits for its
 /// receiver, before it begins the schedule itself.
 pub const MASTER_PATIENCE: MillisDurationU32 = MillisDurationU32::millis(1000);

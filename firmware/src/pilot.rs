@@ -142,6 +142,7 @@ pub struct Pilot {
     position: Position,
     pot: u16,
     pot_missing: u8,
+    position_missing: u8,
     request: Request,
     request_reason: ModeReason,
     fixed: bool,
@@ -155,7 +156,9 @@ impl Pilot {
     /// Which of the design's constants is unusable.
     pub fn new() -> Result<Self, DesignError> {
         let line = Line::new(design::WAYPOINT_A, design::WAYPOINT_B).map_err(DesignError::Line)?;
-        let controller = Law::new(Settings::uagv(), line).map_err(DesignError::Settings)?;
+        let mut settings = Settings::uagv();
+        settings.estimator.gps_delay = design::RECEIVER_AGE.ticks() as f32 * 1e-6;
+        let controller = Law::new(settings, line).map_err(DesignError::Settings)?;
         Ok(Self {
             modes: ModeMachine::new(),
             controller,
@@ -168,6 +171,7 @@ impl Pilot {
             },
             pot: 0,
             pot_missing: POT_PATIENCE,
+            position_missing: design::POSITION_PATIENCE,
             request: Request::None,
             request_reason: ModeReason::StartUp,
             fixed: false,
@@ -202,10 +206,14 @@ impl Pilot {
             }
             None => self.pot_missing = self.pot_missing.saturating_add(1),
         }
-        if let Some(position) = inputs.position {
-            self.position = position;
+        match inputs.position {
+            Some(position) => {
+                self.position = position;
+                self.position_missing = 0;
+            }
+            None => self.position_missing = self.position_missing.saturating_add(1),
         }
-        self.fixed = inputs.fixed && inputs.position.is_some();
+        self.fixed = inputs.fixed && self.position_missing < design::POSITION_PATIENCE;
         let change = self.change_mode(inputs, buttons);
         let mode = self.modes.mode();
 
@@ -423,6 +431,31 @@ mod tests {
         let (command, change) = step(&mut pilot, &inputs(false));
         assert_eq!(command.mode, Named::AutonomousReady);
         assert_eq!(command.speed.0, 0);
+        assert_eq!(change.unwrap().reason, ModeReason::FixLost);
+    }
+
+    /// The gps node keeps its position window empty as soon as the fix is gone, and says so in
+    /// the reference: a flag without a position is a lost frame.
+    #[test]
+    fn one_lost_position_frame_does_not_end_a_run_two_do() {
+        let mut pilot = Pilot::new().unwrap();
+        for _ in 0..2 {
+            press(&mut pilot, Button::C);
+            let _ = step(&mut pilot, &inputs(true));
+        }
+        let lost = Inputs {
+            position: None,
+            ..inputs(true)
+        };
+        for _ in 0..3 {
+            let (command, _) = step(&mut pilot, &lost);
+            assert_eq!(command.mode, Named::AutonomousRun);
+            let (command, _) = step(&mut pilot, &inputs(true));
+            assert_eq!(command.mode, Named::AutonomousRun);
+        }
+        let _ = step(&mut pilot, &lost);
+        let (command, change) = step(&mut pilot, &lost);
+        assert_eq!((command.mode, command.speed.0), (Named::AutonomousReady, 0));
         assert_eq!(change.unwrap().reason, ModeReason::FixLost);
     }
 

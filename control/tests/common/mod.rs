@@ -76,7 +76,7 @@ impl Default for Conditions {
             actuator: 1.0,
             position_noise: 0.01,
             velocity_noise: 0.02,
-            delay: 0.1,
+            delay: 0.055,
         }
     }
 }
