@@ -37,6 +37,8 @@ pub enum Command {
     Flash(Flash),
     /// Let the release images drive the virtual vehicle and report.
     Sim(Sim),
+    /// Measure what the protocol stack costs: cycles, code, RAM.
+    Bench(Bench),
     /// Show the system matrix of a network file, or find another one.
     Schedule(Schedule),
     /// Check everything: format, lints, tests, images, documentation.
@@ -80,7 +82,7 @@ pub struct Flash {
     cargo xtask sim gps-lost --seed 7 --out run    and bus.log, states.csv, summary.json, track.svg\n  \
     cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
     cargo xtask sim --list                         the scenarios that come along\n  \
-    cargo xtask sim --experiment thesis-7          many runs against aims; --seeds 2 for a quick look\n  \
+    cargo xtask sim --experiment thesis-7          many runs against aims; --quick without images\n  \
     cargo xtask sim --faults 200                   random faults; --shard 1/8 for an eighth of them\n\n\
     Experiments:\n  \
     thesis-7   the track tests of the thesis, chapter 7, against its own law; exit code 1\n             \
@@ -107,6 +109,10 @@ pub struct Sim {
     #[arg(long, value_name = "N", default_value_t = 20, requires = "experiment",
         value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
+    /// Run an experiment with the control law alone, without images and bus: seconds
+    /// instead of an hour
+    #[arg(long, requires = "experiment")]
+    pub quick: bool,
     /// Run so many random fault sequences instead, with seeds from --seed upwards, and say
     /// which of them broke a rule
     #[arg(long, value_name = "N", conflicts_with_all = ["scenario", "seconds", "list", "experiment"],
@@ -137,6 +143,17 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
             "a number of seconds above 0 and up to {LONGEST} is accepted"
         )),
     }
+}
+
+/// Options of `bench`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask bench           tables of cycles and bytes\n  \
+    cargo xtask bench --json    the same for programs")]
+pub struct Bench {
+    /// Print the figures as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `schedule`.
@@ -298,6 +315,7 @@ mod tests {
             "xtask sim --seeds 3",
             "xtask sim --experiment thesis-7 --seeds 0",
             "xtask sim --experiment thesis-7 gps-lost",
+            "xtask sim --quick",
             "xtask sim --faults 0",
             "xtask sim --faults many",
             "xtask sim --faults 8 gps-lost",

@@ -5,6 +5,7 @@
 //! said in one sentence: the wrong words on the command line exit with code 2,
 //! everything else with code 1.
 
+pub mod bench;
 pub mod build;
 pub mod cli;
 pub mod experiment;
@@ -53,6 +54,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
     let workspace = Workspace::find()?;
     match command {
         cli::Command::Build(options) => build::run(&workspace, &options),
+        cli::Command::Bench(options) => bench::run(&workspace, &options),
         cli::Command::Flash(options) => flash::run(&workspace, &options),
         cli::Command::Schedule(options) => schedule::run(&options),
         cli::Command::Sim(options) => sim::run(&workspace, &options),

@@ -1,0 +1,42 @@
+//! What the protocol stack costs on the target.
+
+use xtask::{
+    Workspace,
+    bench::{self, Builder, Profile},
+};
+
+fn workspace() -> Workspace {
+    Workspace::find().unwrap_or_else(|failure| panic!("{failure}"))
+}
+
+#[test]
+fn an_event_costs_as_much_with_512_windows_as_with_8() {
+    let workspace = workspace();
+    let builder = Builder::new(&workspace).unwrap_or_else(|failure| panic!("{failure}"));
+    let costs = bench::cycles::measure(&builder, bench::EVERYTHING)
+        .unwrap_or_else(|failure| panic!("{failure}"));
+    assert_eq!(costs.len(), 3);
+    for cost in costs {
+        println!(
+            "{}: {} cycles with 8 windows, {} with 512",
+            cost.event, cost.few, cost.many
+        );
+        assert!(cost.few > 50, "an event that costs nothing did not happen");
+        // Nothing but the lengths of address computations may differ.
+        assert!(cost.many.abs_diff(cost.few) <= cost.few / 50, "{cost:?}");
+    }
+}
+
+#[test]
+fn a_node_of_level_1_takes_less_than_4_kib_of_code() {
+    let workspace = workspace();
+    let builder = Builder::new(&workspace).unwrap_or_else(|failure| panic!("{failure}"));
+    let size = bench::size::measure(&builder, bench::LEAST, Profile::Small)
+        .unwrap_or_else(|failure| panic!("{failure}"));
+    println!(
+        "{} bytes of code and constants, {} of RAM",
+        size.code, size.ram
+    );
+    assert!((2000..4096).contains(&size.code), "{size:?}");
+    assert!(size.ram < 512, "{size:?}");
+}

@@ -1,0 +1,65 @@
+//! The events whose cycles are counted, each to be called after its preparation.
+
+#![no_std]
+#![no_main]
+#![forbid(unsafe_code)]
+
+#[path = "../../../kernels.rs"]
+mod kernels;
+
+use core::panic::PanicInfo;
+
+use kernels::{Event, Few, Kernel, Many, few, many};
+
+/// A function that makes a node and brings it to the brink of an event.
+pub type Prepare<N> = fn(&mut Option<Kernel<N>>);
+/// The event; the answer is 1 when it went as it should.
+pub type Run<N> = fn(&mut Option<Kernel<N>>) -> u32;
+
+macro_rules! prepare {
+    ($($name:ident = $make:ident($event:ident) -> $node:ty;)*) => {
+        $(
+            #[inline(never)]
+            fn $name(place: &mut Option<Kernel<$node>>) {
+                *place = $make(Event::$event);
+            }
+        )*
+    };
+}
+
+prepare! {
+    prepare_few_data = few(ReceiveMessage) -> Few;
+    prepare_few_reference = few(ReceiveReference) -> Few;
+    prepare_few_window = few(TransmitWindow) -> Few;
+    prepare_many_data = many(ReceiveMessage) -> Many;
+    prepare_many_reference = many(ReceiveReference) -> Many;
+    prepare_many_window = many(TransmitWindow) -> Many;
+}
+
+#[inline(never)]
+fn run_few(place: &mut Option<Kernel<Few>>) -> u32 {
+    place.as_mut().is_some_and(Kernel::<Few>::run).into()
+}
+
+#[inline(never)]
+fn run_many(place: &mut Option<Kernel<Many>>) -> u32 {
+    place.as_mut().is_some_and(Kernel::<Many>::run).into()
+}
+
+/// All of them, so that the linker keeps them.
+#[used]
+pub static FEW: ([Prepare<Few>; 3], Run<Few>) = (
+    [prepare_few_data, prepare_few_reference, prepare_few_window],
+    run_few,
+);
+/// The same with 512 windows.
+#[used]
+pub static MANY: ([Prepare<Many>; 3], Run<Many>) = (
+    [prepare_many_data, prepare_many_reference, prepare_many_window],
+    run_many,
+);
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    loop {}
+}

@@ -1,0 +1,110 @@
+//! Cycles of single events on an emulated core.
+
+use std::sync::Arc;
+
+use object::{Object, ObjectSymbol};
+use twin::{
+    image::Image,
+    mcu::{Board, Mcu},
+    part::Part,
+};
+
+use super::{Builder, Parts, Profile};
+use crate::Failure;
+
+/// What an event costs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Cost {
+    /// The event.
+    pub event: &'static str,
+    /// Cycles with 8 windows.
+    pub few: u64,
+    /// Cycles with 512 windows.
+    pub many: u64,
+}
+
+/// Events, and what their functions' names end with.
+const EVENTS: [(&str, &str); 3] = [
+    ("data frame received", "data"),
+    ("reference received", "reference"),
+    ("own window begins", "window"),
+];
+
+/// Where a node is kept.
+const PLACE: u32 = 0x2000_1000;
+/// Where the program waits, and functions return to.
+const IDLE: u32 = 0x0800_0008;
+/// Top of the stack.
+const STACK: u32 = 0x2002_0000;
+/// No event takes longer.
+const BUDGET: u64 = 10_000_000;
+
+/// Measures the events.
+///
+/// # Errors
+///
+/// The program does not build, or an event did not go as it should.
+pub fn measure(builder: &Builder, parts: Parts) -> Result<Vec<Cost>, Failure> {
+    let elf = builder.program("cycles", parts, Profile::Release)?;
+    let image = Image::from_elf(Part::F446, &elf)
+        .map_err(|error| Failure::Failed(format!("the program `cycles`: {error}")))?;
+    let image = Arc::new(image);
+    let cost = |size: &str, event: &str| -> Result<u64, Failure> {
+        let mut core = Mcu::new(Arc::clone(&image), &Board::default(), None);
+        if !core.run_to(IDLE, BUDGET) {
+            return Err(Failure::Failed(
+                "the program `cycles` does not start".into(),
+            ));
+        }
+        call(
+            &mut core,
+            function(&elf, &format!("prepare_{size}_{event}"))?,
+        )?;
+        let cycles = call(&mut core, function(&elf, &format!("run_{size}"))?)?;
+        if core.register(0) == 1 {
+            Ok(cycles)
+        } else {
+            Err(Failure::Failed(format!(
+                "the event `{event}` ({size} windows) did not come about"
+            )))
+        }
+    };
+    EVENTS
+        .into_iter()
+        .map(|(event, name)| {
+            Ok(Cost {
+                event,
+                few: cost("few", name)?,
+                many: cost("many", name)?,
+            })
+        })
+        .collect()
+}
+
+/// Calls a function with the node's place; the cycles from its first instruction
+/// to its return.
+fn call(core: &mut Mcu, address: u32) -> Result<u64, Failure> {
+    core.set_register(0, PLACE);
+    core.set_register(13, STACK);
+    core.set_register(14, IDLE | 1);
+    core.set_register(15, address & !1);
+    let begin = core.cycles();
+    if core.run_to(IDLE, BUDGET) && !core.is_locked_up() {
+        Ok(core.cycles() - begin)
+    } else {
+        Err(Failure::Failed(format!("no return from {address:#010x}")))
+    }
+}
+
+fn function(elf: &[u8], name: &str) -> Result<u32, Failure> {
+    let missing = || Failure::Failed(format!("the program `cycles` has no function {name}"));
+    let file = object::File::parse(elf).map_err(|_| missing())?;
+    let found = file.symbols().find(|symbol| {
+        let symbol = symbol.name().unwrap_or_default();
+        // A mangled name: the length stands in front.
+        symbol.contains(&format!("{}{name}", name.len()))
+    });
+    found
+        .map(|symbol| symbol.address() as u32)
+        .ok_or_else(missing)
+}

@@ -1,0 +1,227 @@
+//! `bench`: what the protocol stack costs on a Cortex-M4: cycles of an emulated
+//! core, bytes of code, bytes of RAM.
+
+pub mod cycles;
+pub mod size;
+
+use std::{env, fmt::Write, path::PathBuf, process::Stdio};
+
+use serde_json::{Value, json};
+
+use crate::{
+    Failure, Workspace, build,
+    cli::Bench,
+    target::{self, Target},
+};
+
+/// The package with the programs, from the root of the workspace.
+const PACKAGE: &str = "ttcan/benches/image/Cargo.toml";
+
+/// A choice of the optional parts of the stack.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Parts {
+    /// What it is good for.
+    pub name: &'static str,
+    /// Features of `ttcan`, with commas.
+    pub features: &'static str,
+}
+
+/// Everything, as by default.
+pub const EVERYTHING: Parts = Parts {
+    name: "everything",
+    features: "counters,events,gaps,global-time,master,peers",
+};
+/// A node of level 1 that is never master.
+pub const LEAST: Parts = Parts {
+    name: "level 1, never master, nothing else",
+    features: "",
+};
+/// The choices whose sizes are measured.
+pub const CHOICES: [Parts; 7] = [
+    EVERYTHING,
+    Parts {
+        name: "everything but counters",
+        features: "events,gaps,global-time,master,peers",
+    },
+    Parts {
+        name: "never master, level 2, events, peers, counters",
+        features: "counters,events,global-time,peers",
+    },
+    Parts {
+        name: "master, level 2",
+        features: "global-time,master",
+    },
+    Parts {
+        name: "master, level 1",
+        features: "master",
+    },
+    Parts {
+        name: "never master, level 2",
+        features: "global-time",
+    },
+    LEAST,
+];
+
+/// How the compiler optimises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Profile {
+    /// As the vehicle's images: `opt-level = 2`.
+    Release,
+    /// For size: `opt-level = "s"`.
+    Small,
+}
+
+impl Profile {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Release => "release",
+            Self::Small => "small",
+        }
+    }
+}
+
+/// Builds the programs.
+#[derive(Debug)]
+pub struct Builder<'w> {
+    workspace: &'w Workspace,
+    target: Target,
+}
+
+impl<'w> Builder<'w> {
+    /// Finds the target.
+    ///
+    /// # Errors
+    ///
+    /// It is not there and cannot be installed.
+    pub fn new(workspace: &'w Workspace) -> Result<Self, Failure> {
+        Ok(Self {
+            workspace,
+            target: target::ensure(workspace)?,
+        })
+    }
+
+    /// Builds a program; the bytes of its ELF file.
+    fn program(&self, name: &str, parts: Parts, profile: Profile) -> Result<Vec<u8>, Failure> {
+        let folder = env::var_os("CARGO_TARGET_DIR")
+            .map_or_else(|| self.workspace.root().join("target"), PathBuf::from)
+            .join("bench");
+        let mut cargo = self.target.cargo(self.workspace, "build");
+        cargo.args(["--quiet", "--manifest-path", PACKAGE, "--bin", name]);
+        cargo.args(["--profile", profile.name(), "--features", parts.features]);
+        cargo.arg("--target-dir").arg(folder);
+        cargo.arg("--message-format=json-render-diagnostics");
+        let output = cargo
+            .stderr(Stdio::inherit())
+            .output()
+            .map_err(|error| Failure::Failed(format!("cargo cannot be run: {error}")))?;
+        let messages = String::from_utf8_lossy(&output.stdout);
+        let path = build::executable(&messages, name).filter(|_| output.status.success());
+        let path = path.ok_or_else(|| {
+            Failure::Failed(format!(
+                "the program `{name}` ({}) did not build",
+                parts.name
+            ))
+        })?;
+        std::fs::read(&path)
+            .map_err(|error| Failure::Failed(format!("{} cannot be read: {error}", path.display())))
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// A program does not build or does not do as it should.
+pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
+    let builder = Builder::new(workspace)?;
+    let cycles = [EVERYTHING, LEAST]
+        .into_iter()
+        .map(|parts| Ok((parts, cycles::measure(&builder, parts)?)))
+        .collect::<Result<Vec<_>, Failure>>()?;
+    let sizes = CHOICES
+        .into_iter()
+        .map(|parts| {
+            let small = size::measure(&builder, parts, Profile::Small)?;
+            let release = size::measure(&builder, parts, Profile::Release)?;
+            Ok((parts, small, release))
+        })
+        .collect::<Result<Vec<_>, Failure>>()?;
+    if options.json {
+        println!("{}", report_json(&cycles, &sizes));
+    } else {
+        print!("{}", report(&cycles, &sizes));
+    }
+    Ok(())
+}
+
+type Cycles = [(Parts, Vec<cycles::Cost>)];
+type Sizes = [(Parts, size::Size, size::Size)];
+
+fn report(cycles: &Cycles, sizes: &Sizes) -> String {
+    let mut out = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_report(&mut out, cycles, sizes);
+    out
+}
+
+fn write_report(t: &mut String, cycles: &Cycles, sizes: &Sizes) -> std::fmt::Result {
+    for (parts, costs) in cycles {
+        writeln!(
+            t,
+            "Cycles of a Cortex-M4 without wait states, opt-level 2: {}",
+            parts.name
+        )?;
+        writeln!(t, "  {:<28}{:>12}{:>14}", "", "8 windows", "512 windows")?;
+        for cost in costs {
+            writeln!(t, "  {:<28}{:>12}{:>14}", cost.event, cost.few, cost.many)?;
+        }
+        writeln!(t)?;
+    }
+    writeln!(
+        t,
+        "Bytes of code and constants, and of RAM for a node of 7 windows"
+    )?;
+    writeln!(t, "  {:<48}{:>6}{:>8}{:>8}", "", "opt s", "opt 2", "RAM")?;
+    for (parts, small, release) in sizes {
+        writeln!(
+            t,
+            "  {:<48}{:>6}{:>8}{:>8}",
+            parts.name, small.code, release.code, small.ram
+        )?;
+    }
+    if let [(_, small, _), ..] = sizes {
+        writeln!(
+            t,
+            "Not counted: the schedule ({} bytes), memory copy and fill of the compiler ({} bytes).",
+            small.schedule, small.runtime
+        )?;
+    }
+    Ok(())
+}
+
+fn report_json(cycles: &Cycles, sizes: &Sizes) -> String {
+    let cycles: Vec<Value> = cycles
+        .iter()
+        .map(|(parts, costs)| {
+            let costs: Vec<Value> = costs
+                .iter()
+                .map(|cost| json!({ "event": cost.event, "8": cost.few, "512": cost.many }))
+                .collect();
+            json!({ "features": parts.features, "events": costs })
+        })
+        .collect();
+    let sizes: Vec<Value> = sizes
+        .iter()
+        .map(|(parts, small, release)| {
+            json!({
+                "features": parts.features,
+                "code_opt_s": small.code,
+                "code_opt_2": release.code,
+                "ram": small.ram,
+                "schedule": small.schedule,
+                "runtime_opt_s": small.runtime,
+            })
+        })
+        .collect();
+    format!("{:#}", json!({ "cycles": cycles, "bytes": sizes }))
+}
