@@ -1,9 +1,10 @@
 //! `sim --experiment`: scenarios over many seeds, under Furrow's law and under
 //! the thesis's, judged by aims.
 
-mod aggregate;
-mod case;
-mod measure;
+pub mod aggregate;
+pub mod case;
+pub mod measure;
+pub mod quick;
 mod report;
 
 use std::{
@@ -53,16 +54,6 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
         .iter()
         .map(Case::scenario)
         .collect::<Result<Vec<_>, _>>()?;
-    let matrix = Matrix::read(workspace)?;
-    // The plain image first, so that the one left behind is the one to flash.
-    let plain = plain_controller(workspace)?;
-    let furrow = sim::images(workspace)?;
-    let plain = Images {
-        controller: plain,
-        ..furrow.clone()
-    };
-
-    let images = [&furrow, &plain];
     let jobs: Vec<Job> = (0..options.seeds)
         .flat_map(|k| {
             let seed = options.seed.wrapping_add(k);
@@ -73,12 +64,24 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
                     scenario,
                     law,
                     seed,
-                    images: images[law],
                 })
             })
         })
         .collect();
-    let figures = run_all(&jobs, &matrix)?;
+    let figures = if options.quick {
+        run_all(&jobs, &Job::run_quickly)?
+    } else {
+        let matrix = Matrix::read(workspace)?;
+        // The plain image first, so that the one left behind is the one to flash.
+        let plain = plain_controller(workspace)?;
+        let furrow = sim::images(workspace)?;
+        let plain = Images {
+            controller: plain,
+            ..furrow.clone()
+        };
+        let images = [furrow, plain];
+        run_all(&jobs, &|job: &Job| job.run(&images[job.law], &matrix))?
+    };
 
     let of = |case: usize, law: usize| -> Vec<Figures> {
         let both = jobs.iter().zip(&figures);
@@ -156,22 +159,31 @@ struct Job<'a> {
     /// Index into [`LAWS`].
     law: usize,
     seed: u64,
-    images: &'a Images,
 }
 
 impl Job<'_> {
-    fn run(&self, matrix: &Matrix) -> Result<Figures, Failure> {
+    fn failed(&self, what: &str) -> Failure {
+        Failure::Failed(format!(
+            "{}, seed {}, {}: {what}",
+            self.scenario.name, self.seed, LAWS[self.law]
+        ))
+    }
+
+    /// The run with the law alone, without images and bus.
+    fn run_quickly(&self) -> Result<Figures, Failure> {
+        let mut law = quick::law(&quick::settings(), self.law == 1)?;
+        quick::drive(self.scenario, self.seed, &mut *law, |_, _, _| ())
+            .figures()
+            .ok_or_else(|| self.failed("the vehicle never drove by itself"))
+    }
+
+    fn run(&self, images: &Images, matrix: &Matrix) -> Result<Figures, Failure> {
         let options = Options {
             seed: self.seed,
             ..Options::default()
         };
-        let failed = |what: String| {
-            Failure::Failed(format!(
-                "{}, seed {}, {}: {what}",
-                self.scenario.name, self.seed, LAWS[self.law]
-            ))
-        };
-        let outcome = twin::run(self.scenario, self.images, &options, |_| {})
+        let failed = |what: String| self.failed(&what);
+        let outcome = twin::run(self.scenario, images, &options, |_| {})
             .map_err(|error| failed(error.to_string()))?;
         if let Some(node) = outcome.nodes.iter().find(|node| node.locked_up) {
             let name = node.node.name();
@@ -198,7 +210,10 @@ impl Job<'_> {
 
 /// Makes all runs, as many at a time as there are processors. Which of them makes which
 /// run changes nothing: a run depends on its job alone.
-fn run_all(jobs: &[Job], matrix: &Matrix) -> Result<Vec<Figures>, Failure> {
+fn run_all<'a>(
+    jobs: &[Job<'a>],
+    make: &(dyn Fn(&Job<'a>) -> Result<Figures, Failure> + Sync),
+) -> Result<Vec<Figures>, Failure> {
     let next = AtomicUsize::new(0);
     let done = Mutex::new(Vec::new());
     let start = Instant::now();
@@ -207,7 +222,7 @@ fn run_all(jobs: &[Job], matrix: &Matrix) -> Result<Vec<Figures>, Failure> {
             let number = next.fetch_add(1, Ordering::Relaxed);
             jobs.get(number).map(|job| (number, job))
         } {
-            let figures = job.run(matrix);
+            let figures = make(job);
             let failed = figures.is_err();
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
             done.push((number, figures));
@@ -272,4 +287,37 @@ fn runs_csv(jobs: &[Job], figures: &[Figures]) -> String {
         );
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Without bus and images, a few seeds: the law and its settings meet the aims by themselves.
+    #[test]
+    fn the_law_meets_every_aim() {
+        for case in case::ALL.iter().flat_map(|experiment| experiment.cases) {
+            let scenario = case.scenario().unwrap();
+            let runs = |law| -> Vec<Figures> {
+                let job = |seed| Job {
+                    case: 0,
+                    scenario: &scenario,
+                    law,
+                    seed,
+                };
+                (1..=3)
+                    .map(|seed| job(seed).run_quickly().unwrap())
+                    .collect()
+            };
+            let shortest = case::shortest_seconds(&scenario).unwrap();
+            let (furrow, plain) = (runs(0), runs(1));
+            let report = CaseReport::new(case, &scenario.summary, shortest, &furrow, &plain);
+            assert!(report.aims.iter().all(|aim| aim.met), "{report:?}");
+            assert!(report.furrow.overshoot_worst_cm < 3.5, "{report:?}");
+            assert!(
+                report.furrow.deviation_cm < report.plain.deviation_cm,
+                "{report:?}"
+            );
+        }
+    }
 }

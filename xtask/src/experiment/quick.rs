@@ -1,0 +1,296 @@
+//! A run without bus, boards and images: receiver, estimator, law and actuators
+//! joined directly, a hundred times as fast as with them.
+//!
+//! What stands between them on the vehicle is kept: the receiver's bytes and
+//! their parser, the age of the data when the step is released, the command's
+//! resolution and its way to the motors, the motor drivers' bytes and the end
+//! stops. What is left out cannot lose or delay a message here. For exploring;
+//! what is reported comes from the images.
+
+use control::{
+    controller::{Controller, Outcome, Sample, Settings},
+    line::Line,
+    plain::PlainController,
+    safety,
+};
+use firmware::{
+    actuator::{Drive, steering_effort},
+    convert, design,
+    navigation::Station,
+};
+use network::{
+    Message, matrix,
+    messages::{Command, Mode, Position, Velocity},
+};
+use world::{
+    Analog, Effect, Node, Port, Scenario, SimDuration, SimTime, World,
+    report::{FrameRecord, ModeChange, Run},
+    time::{after, at},
+};
+
+use super::measure::Figures;
+use crate::Failure;
+
+/// A steering law.
+pub trait Law {
+    /// Its step in each basic cycle.
+    fn step(&mut self, sample: &Sample<f32>) -> Outcome<f32>;
+}
+
+impl Law for Controller<f32> {
+    fn step(&mut self, sample: &Sample<f32>) -> Outcome<f32> {
+        Controller::step(self, sample)
+    }
+}
+
+impl Law for PlainController<f32> {
+    fn step(&mut self, sample: &Sample<f32>) -> Outcome<f32> {
+        PlainController::step(self, sample)
+    }
+}
+
+/// The settings with which the firmware drives.
+#[must_use]
+pub fn settings() -> Settings<f32> {
+    let mut settings = Settings::uagv();
+    settings.estimator.gps_delay = design::RECEIVER_AGE.ticks() as f32 * 1e-6;
+    settings
+}
+
+/// The line of the firmware's waypoints.
+///
+/// # Errors
+///
+/// The waypoints make none.
+pub fn line() -> Result<Line<f32>, Failure> {
+    Line::new(design::WAYPOINT_A, design::WAYPOINT_B)
+        .map_err(|error| Failure::Failed(error.to_string()))
+}
+
+/// Furrow's law with `settings`, or the thesis's.
+///
+/// # Errors
+///
+/// A setting is unusable.
+pub fn law(settings: &Settings<f32>, plain: bool) -> Result<Box<dyn Law>, Failure> {
+    let unusable = |error: control::controller::SettingsError| Failure::Failed(error.to_string());
+    Ok(if plain {
+        Box::new(PlainController::new(*settings, line()?).map_err(unusable)?)
+    } else {
+        Box::new(Controller::new(*settings, line()?).map_err(unusable)?)
+    })
+}
+
+const fn micros(count: u64) -> SimDuration {
+    SimDuration::from_ticks(count * 1_000_000)
+}
+
+/// A byte to a motor driver at 38400 baud.
+const MOTOR_BYTE: SimDuration = micros(260);
+/// Time between two bytes to a motor driver.
+const MOTOR_PERIOD: SimDuration = micros(10_000);
+/// Age of the potentiometer's sample when its window begins: half a period of the
+/// converter on average.
+const POT_AGE: SimDuration = micros(2_500);
+/// From the command window's mark until the actuator nodes have the frame.
+const COMMAND_WAY: SimDuration = micros(550);
+/// When the joystick's button takes effect: the second press of the scenarios.
+const ENGAGED: SimDuration = micros(1_500_000);
+
+/// The loop under way.
+struct Loop {
+    world: World,
+    station: Station,
+    position: Option<Position>,
+    velocity: Option<Velocity>,
+    heard: SimTime,
+    drive: Drive,
+    command: Option<Command>,
+}
+
+impl Loop {
+    /// Lets the world run up to `to` and reads the receiver's bytes.
+    fn advance(&mut self, to: SimTime) {
+        self.world.advance_to(to);
+        let Self {
+            world,
+            station,
+            position,
+            velocity,
+            heard,
+            ..
+        } = self;
+        while let Some(output) = world.poll() {
+            let Effect::Byte {
+                node: Node::Gps,
+                port: Port::Receiver,
+                byte,
+                ..
+            } = output.what
+            else {
+                continue;
+            };
+            *heard = output.at;
+            let mut bytes = [byte].into_iter();
+            station.feed(
+                || bytes.next(),
+                0,
+                |(window, data)| {
+                    let data = data.as_ref();
+                    if window == matrix::window::POSITION {
+                        *position = data.and_then(|data| Position::decode(data).ok());
+                    } else if window == matrix::window::VELOCITY {
+                        *velocity = data.and_then(|data| Velocity::decode(data).ok());
+                    }
+                },
+            );
+        }
+    }
+
+    /// Tells both motors what to do now.
+    fn motors(&mut self, now: SimTime) {
+        let count = self.world.adc(Analog::SteeringPot, now);
+        let angle = design::POTENTIOMETER.angle(count).ok();
+        let command = self.command.as_ref();
+        let steering = convert::motor_byte(steering_effort(command, angle));
+        let period = MOTOR_PERIOD.as_ticks() as f32 * 1e-12;
+        let drive = convert::motor_byte(self.drive.effort(command, period));
+        let end = after(now, MOTOR_BYTE);
+        for (node, byte) in [(Node::Steering, steering), (Node::Drive, drive)] {
+            self.world.serial(node, Port::Motor, byte, now, end);
+        }
+    }
+}
+
+/// What came of a run: the world at its end and the frames that the report reads.
+pub struct Record {
+    scenario: Scenario,
+    seed: u64,
+    /// The world at the end of the run.
+    pub world: World,
+    /// The command frames.
+    pub frames: Vec<FrameRecord>,
+    modes: [ModeChange; 1],
+}
+
+impl Record {
+    /// The figures, `None` when the vehicle never drove by itself.
+    pub fn figures(&self) -> Option<Figures> {
+        Figures::of(&Run {
+            scenario: &self.scenario,
+            seed: self.seed,
+            duration: self.scenario.duration.span(),
+            states: self.world.states(),
+            efforts: self.world.efforts(),
+            frames: &self.frames,
+            windows: &[],
+            basic_cycle: cycle(),
+            bit_time: micros(4),
+            modes: &self.modes,
+            tasks: &[],
+        })
+    }
+}
+
+fn cycle() -> SimDuration {
+    micros(u64::from(matrix::BASIC_CYCLE.ticks()))
+}
+
+/// Drives `scenario` with `law`; `watch` sees each step.
+pub fn drive(
+    scenario: &Scenario,
+    seed: u64,
+    law: &mut dyn Law,
+    mut watch: impl FnMut(&World, &Sample<f32>, &Outcome<f32>),
+) -> Record {
+    let mut all = Loop {
+        world: World::new(scenario, seed),
+        station: Station::new(),
+        position: None,
+        velocity: None,
+        heard: at(micros(0)),
+        drive: Drive::new(),
+        command: None,
+    };
+    let end = at(scenario.duration.span());
+    // The gps node begins the schedule at a fixed time after the first burst.
+    all.advance(at(micros(150_000)));
+    let lead = micros(u64::from(design::BURST_LEAD.ticks()));
+    let mut begin = after(all.heard, lead);
+    let mut applied = safety::Command::still();
+    let mut frames = Vec::new();
+    let release = micros(u64::from(design::CONTROL_RELEASE.ticks()));
+    while after(begin, cycle()) < end {
+        all.advance(after(begin, micros(6_000)));
+        let sampled = SimTime::from_ticks(all.world.now().as_ticks() - POT_AGE.as_ticks());
+        let count = all
+            .world
+            .adc(Analog::SteeringPot, sampled.max(all.world.vehicle().now()));
+        let now = after(begin, release);
+        all.advance(now);
+        let engaged = now >= at(ENGAGED);
+        let sample =
+            Sample {
+                position: all.position.take().map(|Position { north, east }| {
+                    control::position::Position::new(north.0, east.0)
+                }),
+                velocity: all.velocity.take().map(|Velocity { north, east }| {
+                    control::position::Velocity::new(north.0, east.0)
+                }),
+                steering_angle: design::POTENTIOMETER.angle(count).ok(),
+                applied,
+                engaged,
+                dt: 0.1,
+            };
+        let outcome = law.step(&sample);
+        watch(&all.world, &sample, &outcome);
+        applied = if engaged {
+            outcome.command
+        } else {
+            safety::Command::still()
+        };
+        let command = Command {
+            steering_rate: convert::steering_rate(applied.steering_rate),
+            speed: convert::speed(applied.speed),
+            mode: if engaged {
+                Mode::AutonomousRun
+            } else {
+                Mode::AutonomousReady
+            },
+            steering_enabled: engaged,
+            drive_enabled: engaged,
+            emergency_stop: false,
+            counter: 0,
+            check: 0,
+        };
+        all.command = Some(command);
+        let mark = after(begin, micros(7_000));
+        let mut motors = after(mark, COMMAND_WAY);
+        frames.push(FrameRecord {
+            id: Command::ID,
+            dlc: 8,
+            data: command.encode(),
+            start: mark,
+            end: motors,
+            complete: true,
+        });
+        begin = after(begin, cycle());
+        while motors < after(begin, micros(7_000)) {
+            all.advance(motors);
+            all.motors(motors);
+            motors = after(motors, MOTOR_PERIOD);
+        }
+    }
+    all.advance(end);
+    Record {
+        scenario: scenario.clone(),
+        seed,
+        world: all.world,
+        frames,
+        modes: [ModeChange {
+            at: at(ENGAGED),
+            mode: "AutonomousRun".into(),
+            autonomous: true,
+        }],
+    }
+}
