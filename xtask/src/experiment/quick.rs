@@ -155,6 +155,9 @@ impl Loop {
         let steering = convert::motor_byte(steering_effort(command, angle));
         let period = MOTOR_PERIOD.as_ticks() as f32 * 1e-12;
         let drive = convert::motor_byte(self.drive.effort(command, period));
+        for node in [Node::Steering, Node::Drive] {
+            self.world.relay(node, true, now);
+        }
         let end = after(now, MOTOR_BYTE);
         for (node, byte) in [(Node::Steering, steering), (Node::Drive, drive)] {
             self.world.serial(node, Port::Motor, byte, now, end);
