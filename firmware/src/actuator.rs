@@ -145,7 +145,8 @@ impl Drive {
             self.speed.abs()
         };
         let largest = start + design::DRIVE_SLEW * dt;
-        self.speed = wanted.clamp(-largest, largest);
+        // Not `clamp`, which panics when its limits are no numbers.
+        self.speed = wanted.max(-largest).min(largest);
         effort(&design::DRIVE_MOTOR, self.speed)
     }
 

@@ -1,4 +1,4 @@
-//! `build`: release images of the nodes, and their sizes.
+//! `build`: release images of the nodes, their sizes, and what they must not do.
 
 use std::{
     path::PathBuf,
@@ -8,7 +8,7 @@ use std::{
 use serde_json::Value;
 
 use crate::{
-    Board, Failure, Node, Workspace,
+    Board, Failure, Node, Workspace, audit,
     cli::Build,
     size::{self, Usage},
     target::{self, Target},
@@ -27,34 +27,53 @@ pub struct Image {
 ///
 /// # Errors
 ///
-/// An image does not build, or is larger than its board's budget.
+/// An image does not build, is larger than its board's budget, or may panic.
 pub fn run(workspace: &Workspace, options: &Build) -> Result<(), Failure> {
     let nodes = match options.nodes.as_slice() {
         [] => &Node::ALL,
         nodes => nodes,
     };
-    let sizes = sizes(&images(workspace, nodes)?)?;
+    let Checked { sizes, complaints } = check(workspace, &images(workspace, nodes)?)?;
     if options.json {
         println!("{}", size::json(&sizes));
     } else {
         print!("{}", size::table(&sizes));
     }
-    match size::excess(&sizes).as_slice() {
+    match complaints.as_slice() {
         [] => Ok(()),
-        excess => Err(Failure::Failed(excess.join("; "))),
+        complaints => Err(Failure::Failed(complaints.join("; "))),
     }
 }
 
-/// Measures images.
+/// What a look at images brought.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Checked {
+    /// What each takes of its board.
+    pub sizes: Vec<(Node, Usage)>,
+    /// What stands against them, one sentence each.
+    pub complaints: Vec<String>,
+}
+
+/// Measures and audits images.
 ///
 /// # Errors
 ///
 /// A file cannot be read or is not an image for its node's board.
-pub fn sizes(images: &[Image]) -> Result<Vec<(Node, Usage)>, Failure> {
-    images
-        .iter()
-        .map(|image| Ok((image.node, size::measure(&image.path, image.node.board())?)))
-        .collect()
+pub fn check(workspace: &Workspace, images: &[Image]) -> Result<Checked, Failure> {
+    let mut sizes = Vec::new();
+    let mut complaints = Vec::new();
+    for Image { node, path } in images {
+        let mut usage = size::measure(path, node.board())?;
+        let source = format!("firmware/src/bin/{}.rs", node.name());
+        let app = audit::application(&workspace.root().join(source))?;
+        let audit = audit::audit(path, &app)?;
+        usage.deepest = audit.deepest;
+        let of_node = |complaint| format!("{}: {complaint}", node.name());
+        complaints.extend(audit.complaints.into_iter().map(of_node));
+        sizes.push((*node, usage));
+    }
+    complaints.extend(size::excess(&sizes));
+    Ok(Checked { sizes, complaints })
 }
 
 /// Builds the release images of these nodes, each once, in the nodes' own order.

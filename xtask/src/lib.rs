@@ -5,6 +5,7 @@
 //! said in one sentence: the wrong words on the command line exit with code 2,
 //! everything else with code 1.
 
+pub mod audit;
 pub mod bench;
 pub mod build;
 pub mod cli;

@@ -20,6 +20,8 @@ pub struct Usage {
     pub statics: u64,
     /// Room for the stack.
     pub stack: u64,
+    /// Worst case of the stack; 0 before it was looked for.
+    pub deepest: u64,
 }
 
 /// Measures the ELF file of an image.
@@ -94,6 +96,7 @@ fn usage(data: &[u8], board: Board) -> Result<Usage, String> {
         flash,
         statics,
         stack,
+        deepest: 0,
     })
 }
 
@@ -120,7 +123,7 @@ pub fn table(sizes: &[(Node, Usage)]) -> String {
         "budget",
         "static RAM",
         "budget",
-        "stack",
+        "deepest stack",
         "RAM free",
     ];
     let mut rows = vec![heading.map(String::from)];
@@ -135,7 +138,7 @@ pub fn table(sizes: &[(Node, Usage)]) -> String {
             kib(budget.flash),
             share(usage.statics, ram(board)),
             kib(budget.statics),
-            kib(usage.stack),
+            share(usage.deepest, usage.stack),
             kib(free),
         ]);
     }
@@ -216,6 +219,12 @@ pub fn excess(sizes: &[(Node, Usage)]) -> Vec<String> {
                     used - allowed
                 ));
             }
+        }
+        if usage.deepest > usage.stack {
+            excess.push(format!(
+                "{name} may need {} bytes of stack and has {}",
+                usage.deepest, usage.stack
+            ));
         }
         if usage.stack < budget.stack {
             excess.push(format!(
@@ -316,6 +325,7 @@ mod tests {
             flash: 0x4188 + 0x10,
             statics: 0x310,
             stack: 0x1000,
+            deepest: 0,
         };
         assert_eq!(usage(&Elf::f303().bytes(), Board::F303), Ok(expected));
     }
@@ -356,11 +366,13 @@ mod tests {
             flash: budget.flash,
             statics: budget.statics,
             stack: budget.stack,
+            deepest: budget.stack,
         };
         assert_eq!(excess(&[(Node::Drive, usage)]), Vec::<String>::new());
         let over = Usage {
             flash: budget.flash + 3,
             stack: budget.stack - 1,
+            deepest: 100,
             ..usage
         };
         let excess = excess(&[(Node::Drive, over)]);
@@ -369,6 +381,12 @@ mod tests {
             excess[0].contains("drive uses 49155 bytes of flash, 3 more"),
             "{excess:?}"
         );
+        let deep = Usage {
+            deepest: usage.stack + 1,
+            ..usage
+        };
+        let excess = super::excess(&[(Node::Drive, deep)]).join("; ");
+        assert_eq!(excess, "drive may need 2049 bytes of stack and has 2048");
     }
 
     #[test]
@@ -377,6 +395,7 @@ mod tests {
             flash: 44_208,
             statics: 4_324,
             stack: 4_096,
+            deepest: 1_024,
         };
         let table = table(&[(Node::Gps, usage), (Node::Drive, usage)]);
         let widths: Vec<usize> = table.lines().map(str::len).collect();

@@ -75,7 +75,7 @@ struct Step {
 enum Work {
     /// Commands that must succeed, all of them run.
     Commands(Vec<Command>),
-    /// The images: that they build and are within their budgets.
+    /// The images: that they build, are within their budgets and do not panic.
     Images,
     /// A short run of the images on the twin.
     Drive,
@@ -189,11 +189,12 @@ fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
 }
 
 fn images(workspace: &Workspace) -> Result<(), Failure> {
-    let sizes = build::sizes(&build::images(workspace, &Node::ALL)?)?;
+    let images = build::images(workspace, &Node::ALL)?;
+    let build::Checked { sizes, complaints } = build::check(workspace, &images)?;
     eprint!("{}", size::table(&sizes));
-    match size::excess(&sizes).as_slice() {
+    match complaints.as_slice() {
         [] => Ok(()),
-        excess => Err(Failure::Failed(excess.join("; "))),
+        complaints => Err(Failure::Failed(complaints.join("; "))),
     }
 }
 

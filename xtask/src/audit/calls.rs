@@ -1,0 +1,196 @@
+//! Who calls whom, from the instructions of an image.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use rsemu::cpu::arm::v7m::isa::Insn;
+use schedulability::wcet::{
+    image::Image,
+    instruction::{Flow, Instruction, decode},
+};
+
+/// Start of the flash, where the vector table stands.
+const FLASH: u32 = 0x0800_0000;
+
+/// The link register.
+const LR: u8 = 14;
+
+/// A call, or a jump out of a function.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Call {
+    /// The instruction.
+    pub at: u32,
+    /// First address of the callee; `None` through a pointer.
+    pub callee: Option<u32>,
+}
+
+/// What one function does.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Body {
+    /// Its calls.
+    pub calls: Vec<Call>,
+    /// Instructions that trap, where no call that never returns stands just before.
+    pub traps: Vec<u32>,
+}
+
+/// The functions that can run.
+#[derive(Debug, Clone)]
+pub struct Calls {
+    bodies: BTreeMap<u32, Body>,
+}
+
+impl Calls {
+    /// Everything that is reachable from the vector table. A function whose address is
+    /// taken anywhere counts as reachable once anything calls through a pointer.
+    ///
+    /// # Errors
+    ///
+    /// The image has no vector table or no symbols, or a reachable function holds what is
+    /// no instruction.
+    pub fn of(image: &Image) -> Result<Self, String> {
+        let roots = vectors(image);
+        if roots.is_empty() {
+            return Err("no vector table at the start of the flash".into());
+        }
+        let mut bodies = BTreeMap::new();
+        let mut work: Vec<u32> = roots.into_iter().collect();
+        let mut pointers = None;
+        while let Some(function) = work.pop() {
+            if bodies.contains_key(&function) {
+                continue;
+            }
+            let body = body(image, function)?;
+            for call in &body.calls {
+                match call.callee {
+                    Some(callee) => work.push(callee),
+                    None if pointers.is_none() => {
+                        let taken = taken(image);
+                        work.extend(&taken);
+                        pointers = Some(taken);
+                    }
+                    None => {}
+                }
+            }
+            bodies.insert(function, body);
+        }
+        Ok(Self { bodies })
+    }
+
+    /// The functions, by their first address.
+    pub fn bodies(&self) -> impl Iterator<Item = (u32, &Body)> {
+        self.bodies.iter().map(|(address, body)| (*address, body))
+    }
+}
+
+/// Functions that the vector table names.
+fn vectors(image: &Image) -> BTreeSet<u32> {
+    let end = image.functions().next().map_or(FLASH, |(first, _)| first);
+    // The first word is the stack pointer.
+    (FLASH + 4..end)
+        .step_by(4)
+        .filter_map(|address| entry(image, image.constant(address, 4)?))
+        .collect()
+}
+
+/// The function that a word points to, if it does.
+fn entry(image: &Image, word: u32) -> Option<u32> {
+    let address = word & !1;
+    (word & 1 == 1 && image.function(address).is_some()).then_some(address)
+}
+
+/// Functions whose address stands in data, among code or in two halves in moves.
+fn taken(image: &Image) -> BTreeSet<u32> {
+    let mut taken = BTreeSet::new();
+    for (start, bytes) in image.contents() {
+        let skip = (4 - start % 4) % 4;
+        for word in bytes
+            .get(skip as usize..)
+            .unwrap_or_default()
+            .chunks_exact(4)
+        {
+            let word = word.try_into().map_or(0, u32::from_le_bytes);
+            taken.extend(entry(image, word));
+        }
+    }
+    for (function, _) in image.functions() {
+        let mut low = BTreeMap::new();
+        for instruction in instructions(image, function).into_iter().flatten() {
+            if let Insn::MovImm16 { rd, imm, top } = instruction.insn {
+                let imm = u32::from(imm);
+                if top {
+                    let word = low.get(&rd).map(|low| imm << 16 | low);
+                    taken.extend(word.and_then(|word| entry(image, word)));
+                } else {
+                    low.insert(rd, imm);
+                }
+            }
+        }
+    }
+    taken
+}
+
+/// The instructions of a function, one after the other; data among them is left out.
+fn instructions(image: &Image, function: u32) -> Result<Vec<Instruction>, String> {
+    let size = image.function(function).map_or(0, |known| known.size);
+    let next = image
+        .functions()
+        .map(|(address, _)| address)
+        .find(|&address| address > function);
+    let end = match size {
+        0 => next.unwrap_or(function),
+        size => function + size,
+    };
+    let mut instructions = Vec::new();
+    let mut address = function;
+    while address < end {
+        if !image.is_code(address) {
+            address += 2;
+            continue;
+        }
+        let instruction = decode(image, address, 0)
+            .map_err(|_| format!("no instruction at {}", image.describe(address)))?;
+        address += instruction.size;
+        instructions.push(instruction);
+    }
+    Ok(instructions)
+}
+
+fn body(image: &Image, function: u32) -> Result<Body, String> {
+    let mut body = Body::default();
+    let mut after_call = false;
+    for instruction in instructions(image, function)? {
+        let at = instruction.address;
+        let leaves = |target: u32| target != function && image.function(target).is_some();
+        let flow = instruction.flow();
+        match flow {
+            Flow::Call { target } => body.calls.push(Call {
+                at,
+                callee: Some(target),
+            }),
+            Flow::Jump { target } | Flow::Branch { target, .. } if leaves(target) => {
+                body.calls.push(Call {
+                    at,
+                    callee: Some(target),
+                });
+            }
+            Flow::CallRegister { .. } => body.calls.push(Call { at, callee: None }),
+            Flow::Indirect if through_pointer(&instruction) => {
+                body.calls.push(Call { at, callee: None });
+            }
+            Flow::Stop if !after_call => body.traps.push(at),
+            _ => {}
+        }
+        after_call = matches!(flow, Flow::Call { .. });
+    }
+    Ok(body)
+}
+
+/// Whether a jump goes neither back to the caller nor through a table of its own function.
+fn through_pointer(instruction: &Instruction) -> bool {
+    match instruction.insn {
+        Insn::Bx { rm } => rm != LR,
+        Insn::TableBranch { .. } | Insn::LoadStoreMultiple { .. } => false,
+        // `pop {pc}` with one register.
+        Insn::LoadStore { rn: 13, .. } => false,
+        _ => true,
+    }
+}

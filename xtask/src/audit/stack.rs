@@ -1,0 +1,58 @@
+//! How deep the call stack of a node can become.
+
+use std::collections::BTreeMap;
+
+use schedulability::{
+    stack::{FRAME_FPU, Stacks},
+    tasks::App,
+    wcet::image::Image,
+};
+
+use super::calls::Calls;
+
+/// The worst case in bytes: the program's own depth, and upon it, for each priority, an
+/// exception frame and the deepest of the tasks that have it.
+///
+/// # Errors
+///
+/// What keeps it from being known, one sentence each.
+pub fn deepest(image: &Image, calls: &Calls, app: &App) -> Result<u64, Vec<String>> {
+    let mut stacks = Stacks::new(image);
+    let calls = calls.bodies().flat_map(|(_, body)| &body.calls);
+    let mut unknown: Vec<String> = calls
+        .filter(|call| call.callee.is_none())
+        .map(|call| {
+            let place = image.describe(call.at);
+            format!("its stack is not known: call through a pointer at {place}")
+        })
+        .collect();
+    let mut depth = |name: &str| {
+        let Some(entry) = image.symbol(name) else {
+            unknown.push(format!("its stack is not known: there is no {name} in it"));
+            return 0;
+        };
+        let depth = stacks.depth(entry);
+        unknown.extend(
+            depth
+                .unknown
+                .iter()
+                .map(|what| format!("its stack is not known: {what}")),
+        );
+        u64::from(depth.bytes)
+    };
+    let program = depth("main");
+    let mut priorities: BTreeMap<u32, u64> = BTreeMap::new();
+    for task in &app.tasks {
+        let handler = app.interrupt(task).unwrap_or(&task.name);
+        let bytes = depth(handler) + u64::from(FRAME_FPU);
+        let level = priorities.entry(task.priority).or_default();
+        *level = bytes.max(*level);
+    }
+    if unknown.is_empty() {
+        Ok(program + priorities.values().sum::<u64>())
+    } else {
+        unknown.sort();
+        unknown.dedup();
+        Err(unknown)
+    }
+}
