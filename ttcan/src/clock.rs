@@ -129,6 +129,16 @@ impl Clock {
         nominal.wrapping_sub(correction as u32)
     }
 
+    /// How far off a time of the schedule may be on this node's counter: as much
+    /// as the drift limit allows until the rate has been measured, in
+    /// microseconds.
+    pub fn doubt(&self, micros: u32) -> u32 {
+        match self.state {
+            ClockState::Locked | ClockState::Suspended => 0,
+            _ => ((u64::from(micros) * u64::from(self.limit.unsigned_abs())) >> 32) as u32,
+        }
+    }
+
     /// Global time elapsed in whole microseconds; negative durations as 0.
     pub fn micros(&self, ticks: i32) -> u32 {
         (self.duration(ticks).max(0) >> GlobalTime::FRACTION_BITS) as u32

@@ -72,6 +72,11 @@ impl ReferenceFormat {
         }
     }
 
+    /// Whether references carry what level 2 needs.
+    pub(crate) const fn tells_time(&self) -> bool {
+        self.coarse.is_some() && self.mark.is_some()
+    }
+
     /// Number of bytes in front that are the application's.
     pub const fn application(&self) -> u8 {
         self.application

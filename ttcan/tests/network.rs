@@ -3,8 +3,8 @@
 mod support;
 
 use support::{
-    ALARM, BUTTON, CONTROLLER, DRIVE, GPS, MATRIX, STEERING, UagvBus, assert_in_place, at,
-    is_reference, uagv, vehicle,
+    ALARM, BUTTON, CONTROLLER, DRIVE, GPS, MATRIX, SCHEDULE, STEERING, Uagv, UagvBus,
+    assert_in_place, at, config, crystal, is_reference, uagv, vehicle,
 };
 use ttcan::simulation::{Application, Fate, Quiet, SimTime, delivered};
 use ttcan::{
@@ -747,4 +747,68 @@ fn nodes_agree_while_their_crystals_warm_up() {
         worst = worst.max(disagreement(&bus));
     }
     assert!(worst <= 2.0, "{worst} us");
+}
+
+/// A node on an RC oscillator, 3000 ppm off: until it has measured its rate it
+/// cannot tell well enough when its window begins.
+#[test]
+fn a_node_on_an_rc_oscillator_waits_until_it_knows_its_rate() {
+    for ppb in [3_000_000, -3_000_000, 9_000_000] {
+        for first in [false, true] {
+            let mut bus = UagvBus::new(250_000, Quiet, 17);
+            for node in 0..4 {
+                let node = NodeId(node);
+                let rc = node == DRIVE;
+                let mut config = config(node);
+                if rc {
+                    config.drift_limit_ppm = 10_000;
+                }
+                let node = Uagv::new(SCHEDULE.view(), config).unwrap();
+                bus.add(node, crystal(if rc { ppb } else { 20_000 }, 5));
+            }
+            if first {
+                bus.start(3);
+                bus.run_millis(500);
+            }
+            for node in 0..3 {
+                bus.start(node);
+            }
+            if !first {
+                bus.run_millis(930);
+                bus.start(3);
+            }
+            for _ in 0..30 {
+                // Something to send in every arbitrating window.
+                bus.with(3, |node, now| {
+                    let frame = Frame::new(ALARM, &[1]).unwrap();
+                    let _ = node.queue_event(frame, now, Micros::millis(90));
+                });
+                bus.run_millis(50);
+            }
+            assert_in_place(&bus.traffic);
+            let mine = |id| delivered(&bus.traffic, id).filter(|sent| sent.sender == 3);
+            let references: Vec<_> = bus
+                .traffic
+                .iter()
+                .filter(|sent| is_reference(sent))
+                .collect();
+            for sent in mine(ALARM) {
+                let mark = references
+                    .iter()
+                    .rfind(|mark| mark.start <= sent.start)
+                    .unwrap();
+                let after = sent.start.ticks() - mark.start.ticks();
+                assert!(
+                    after >= 10_995_000,
+                    "{ppb}: an event {after} ns after the mark"
+                );
+            }
+            assert!(mine(ALARM).count() > 8);
+            // Only the cycle in which the rate is measured is lost.
+            let sent = mine(Id::constant::<210>()).count() as u32;
+            let status = bus.node(3).counters();
+            assert!(sent + 2 >= status.references - 1, "{sent}: {status:?}");
+            assert_eq!(bus.node(3).status().error_level, ErrorLevel::None);
+        }
+    }
 }

@@ -260,7 +260,13 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             let offset = i32::from(self.reference_offset);
             self.instant(gap.wrapping_add_signed(offset))
         } else {
-            self.reference_instant(self.reference_offset)
+            let instant = self.reference_instant(self.reference_offset);
+            let network = self.schedule.network;
+            match self.doubt(network.basic_cycle) {
+                doubt if doubt <= network.uncertainty => instant,
+                // Not before the master's, however fast the own counter.
+                doubt => instant.after(self.clock.ticks(doubt)),
+            }
         });
     }
 

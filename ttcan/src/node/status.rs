@@ -237,6 +237,9 @@ pub struct Counters {
     pub skipped: u32,
     /// Own windows passed because of the error level.
     pub suppressed: u32,
+    /// Own windows passed because the rate of the own clock was not known well
+    /// enough to tell when they begin.
+    pub unmeasured: u32,
     /// Own transmissions that lost arbitration.
     pub arbitration_lost: u32,
     /// Own transmissions that an error destroyed.

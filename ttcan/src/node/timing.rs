@@ -1,6 +1,6 @@
 //! What is due when.
 
-use super::{Action, Grant, Last, Node, Pending, SyncState, bump};
+use super::{Action, Grant, Last, MasterState, Node, Pending, SyncState, bump};
 use crate::events::Item;
 use crate::parts::{EVENTS, GLOBAL_TIME, MASTER, PEERS};
 use crate::reference::{Fields, mark_of};
@@ -163,6 +163,11 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             bump(&mut self.counters.suppressed, 1);
             return None;
         }
+        if self.doubt(entry.start) > self.schedule.network.uncertainty {
+            self.served = self.served.saturating_add(1);
+            bump(&mut self.counters.unmeasured, 1);
+            return None;
+        }
         let enabled = self.clock.ticks(self.schedule.network.transmit_enable);
         let withdraw = start.after(enabled);
         if self.pending != Pending::None || now.reached(withdraw) {
@@ -317,6 +322,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if entry.role != Role::Arbitrating {
             return None;
         }
+        if self.doubt(entry.end) > self.schedule.network.uncertainty {
+            return None;
+        }
         let first = *self.queue.first()?;
         let latest = self.latest_start(entry, first.id(), first.len());
         if now.reached(latest) {
@@ -333,6 +341,21 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 late: true,
             }),
         })
+    }
+
+    /// How far off a cycle time may be on this node, besides the uncertainty of
+    /// a node that follows the references' rate, in microseconds.
+    pub(super) fn doubt(&self, cycle_time: u32) -> u32 {
+        let network = self.schedule.network;
+        // The master's own time is right whatever its rate.
+        let follows = GLOBAL_TIME
+            && network.reference_format.tells_time()
+            && self.master != MasterState::Current;
+        if follows {
+            self.clock.doubt(cycle_time)
+        } else {
+            0
+        }
     }
 
     /// Until when a frame may begin so that it ends within the entry.
