@@ -17,6 +17,7 @@ use super::execute::Executor;
 use super::graph::{Block, Graph, Returning, Targets, conditional, is_panic, leaves};
 use super::image::Image;
 use super::instruction::{Flow, Instruction};
+use super::invariant::Invariant;
 use super::range::Range;
 use super::runtime;
 use super::state::{Cycles, Masked, STACK_TOP, State, Symbols, longer};
@@ -26,9 +27,16 @@ use super::value::Value;
 /// Turns of one loop without an annotation before the analysis gives up.
 const MAX_TURNS: u64 = 2_048;
 /// Instructions that one analysis may run on the abstract machine.
-const MAX_STEPS: u64 = 3_000_000;
+const MAX_STEPS: u64 = 5_000_000;
 /// The same once something else keeps a bound from being given.
-const MAX_STEPS_IN_VAIN: u64 = 150_000;
+const MAX_STEPS_IN_VAIN: u64 = 2_000_000;
+/// Instructions after which the turns of a loop with a given bound are no
+/// longer run one by one.
+const STEPS_OF_LOOP: u64 = 6_000;
+/// Instructions after which a loop without a given bound counts as unbounded.
+const STEPS_OF_COUNTED_LOOP: u64 = 400_000;
+/// Instructions of the whole analysis after which they never are.
+const STEPS_TURN_BY_TURN: u64 = 600_000;
 /// Targets of one indirect jump before it counts as unresolved.
 const MAX_TARGETS: u64 = 1024;
 /// Bytes of one copy that count as a bound of its loops.
@@ -64,9 +72,6 @@ pub enum Problem {
         "the call through a pointer at {0} may go anywhere: call the function by name, or choose it from a constant table"
     )]
     UnboundedPointer(String),
-    /// A jump into a loop other than through its first block.
-    #[error("the loop at {0} is entered in its middle (irreducible control flow)")]
-    Irreducible(String),
     /// Control reaches something that is no instruction.
     #[error("control reaches {0}, which is no instruction of this core")]
     NotCode(String),
@@ -128,6 +133,33 @@ pub struct Facts {
     pub calls: BTreeMap<(Node, u32), u64>,
     /// Most turns of a loop for one entry, by its header.
     pub turns: BTreeMap<Node, u64>,
+}
+
+impl Facts {
+    /// Takes in what was learnt of a stretch that runs `times` times.
+    fn add(&mut self, other: Self, times: u64) {
+        for (node, visits) in other.visits {
+            *self.visits.entry(node).or_default() += visits * times;
+        }
+        for (edge, count) in other.edges {
+            *self.edges.entry(edge).or_default() += count * times;
+        }
+        for (call, count) in other.calls {
+            *self.calls.entry(call).or_default() += count * times;
+        }
+        for (node, cost) in other.costs {
+            let most = self.costs.entry(node).or_default();
+            *most = longer(*most, cost);
+        }
+        for (edge, cost) in other.edge_costs {
+            let most = self.edge_costs.entry(edge).or_default();
+            *most = longer(*most, cost);
+        }
+        for (node, turns) in other.turns {
+            let most = self.turns.entry(node).or_default();
+            *most = turns.max(*most);
+        }
+    }
 }
 
 /// The longest stretch with interrupts masked from one place.
@@ -326,11 +358,7 @@ impl<'a> Run<'_, 'a> {
     }
 
     fn exhausted(&self) -> bool {
-        let limit = match self.kind {
-            Entry::Program => MAX_STEPS_IN_VAIN,
-            Entry::Handler | Entry::Function => MAX_STEPS,
-        };
-        self.steps > limit || self.steps > MAX_STEPS_IN_VAIN && !self.problems.is_empty()
+        self.steps > MAX_STEPS || self.steps > MAX_STEPS_IN_VAIN && !self.problems.is_empty()
     }
 
     fn describe(&self, address: u32) -> String {
@@ -365,14 +393,6 @@ impl<'a> Run<'_, 'a> {
             self.problems.insert(Problem::NotCode(self.describe(entry)));
             return None;
         };
-        for &(_, target) in &graph.irreducible {
-            let at = graph.blocks[target].start();
-            self.problems
-                .insert(Problem::Irreducible(self.describe(at)));
-        }
-        if !graph.irreducible.is_empty() {
-            return None;
-        }
         let bytes = runtime::length_register(&self.analysis.image.name(entry))
             .map(|register| u64::from(state.registers[register].range.unsigned().1))
             .map(|bytes| match self.frames.last() {
@@ -382,7 +402,7 @@ impl<'a> Run<'_, 'a> {
             })
             .filter(|bytes| *bytes <= MAX_COPY);
         self.frames.push((entry, back, bytes));
-        let (exits, _) = self.region(&graph, None, state);
+        let (exits, _) = self.region(&graph, None, 0, state);
         self.frames.pop();
         let mut returned = None;
         for (to, state) in exits {
@@ -393,23 +413,24 @@ impl<'a> Run<'_, 'a> {
         returned
     }
 
-    /// Runs one turn of a loop, or the whole function, from its first block.
-    /// Returns the ways out and the state that comes back to the first block.
+    /// Runs one turn of a loop, or the whole function, from `start`. Returns
+    /// the ways out and the state that comes back to the first block.
     fn region(
         &mut self,
         graph: &Rc<Graph>,
         region: Option<usize>,
+        start: usize,
         state: State,
     ) -> (Exits, Option<State>) {
         let header = region.map_or(0, |number| graph.loops[number].header);
         let inside =
             |block: usize| region.is_none_or(|number| graph.loops[number].blocks.contains(&block));
-        let mut waiting: BTreeMap<usize, State> = BTreeMap::from([(header, state)]);
+        let mut waiting: BTreeMap<usize, State> = BTreeMap::from([(start, state)]);
         let mut exits = Exits::new();
         let mut back = None;
         while let Some((block, state)) = waiting.pop_first() {
             let leaving = match graph.child_loop(region, block) {
-                Some(child) if Some(child) != region => self.turns(graph, child, state),
+                Some(child) if Some(child) != region => self.turns(graph, child, block, state),
                 _ => self.block(graph, block, state),
             };
             for (to, state) in leaving {
@@ -436,16 +457,10 @@ impl<'a> Run<'_, 'a> {
         (exits, back)
     }
 
-    /// Runs a loop turn by turn until nothing stays inside.
-    fn turns(&mut self, graph: &Rc<Graph>, number: usize, state: State) -> Exits {
-        let header = graph.loops[number].header;
-        let node = Node {
-            function: graph.entry,
-            block: header,
-        };
-        let at = graph.blocks[header].start();
+    /// The bound of a loop that is known without running it, and where from.
+    fn given_bound(&mut self, graph: &Graph, number: usize) -> Option<u64> {
         let image = self.analysis.image;
-        let annotated = self
+        let (place, bound) = self
             .analysis
             .annotations
             .bound(image, graph, number)
@@ -457,63 +472,78 @@ impl<'a> Run<'_, 'a> {
                 let bytes = self.frames.last().and_then(|(.., bytes)| *bytes)?;
                 let what = format!("{}, by its length", image.name(graph.entry));
                 Some((what, runtime::copying(graph, number, bytes)))
-            });
-        if let Some((place, bound)) = &annotated {
-            let most = self.annotated.entry(place.clone()).or_default();
-            *most = (*most).max(*bound);
-        }
+            })?;
+        let most = self.annotated.entry(place).or_default();
+        *most = (*most).max(bound);
+        Some(bound)
+    }
+
+    /// Runs a loop that is entered at `start` turn by turn until nothing
+    /// stays inside; where its bound is given and that takes long, the turns
+    /// that remain are charged at the cost of the worst of them.
+    fn turns(&mut self, graph: &Rc<Graph>, number: usize, start: usize, state: State) -> Exits {
+        let header = graph.loops[number].header;
+        let node = Node {
+            function: graph.entry,
+            block: header,
+        };
+        let at = graph.blocks[header].start();
+        let image = self.analysis.image;
+        let bound = self.given_bound(graph, number);
+        let begin = self.steps;
+        let limit = begin
+            + if self.steps > STEPS_TURN_BY_TURN {
+                0
+            } else {
+                STEPS_OF_LOOP
+            };
         let mut all = Exits::new();
         let mut first = state;
+        let mut start = start;
         let mut turns = 0;
         loop {
-            let (exits, back) = self.region(graph, Some(number), first.clone());
-            for (to, state) in exits {
-                match all.iter().position(|(other, _)| *other == to) {
-                    Some(position) => {
-                        let mut slot = Some(all.swap_remove(position).1);
-                        self.join(&mut slot, state);
-                        all.extend(slot.map(|state| (to, state)));
-                    }
-                    None => all.push((to, state)),
-                }
-            }
+            let (exits, back) = self.region(graph, Some(number), start, first.clone());
+            self.merge(&mut all, exits);
             let Some(next) = back else { break };
+            let entered = start == header;
+            start = header;
             turns += 1;
-            if let Some((_, bound)) = annotated {
-                if turns > bound {
-                    break;
-                }
-                first = next;
-                continue;
+            if bound.is_some_and(|bound| turns > bound) {
+                break;
             }
-            let stuck = first.same_machine(&next);
-            if self.kind == Entry::Program {
-                if stuck {
-                    break;
-                }
-                first = if turns < 4 {
-                    next
+            let mut given = match bound {
+                Some(bound) => Some(bound - turns),
+                // What the start-up code waits for is not counted.
+                None if self.kind == Entry::Program => Some(0),
+                None => None,
+            };
+            if bound.is_none() && self.kind != Entry::Program {
+                let stuck = entered && first.same_machine(&next);
+                let most = if self.problems.is_empty() {
+                    STEPS_OF_COUNTED_LOOP
                 } else {
-                    first.widen(&next, &mut self.executor().symbols)
+                    STEPS_OF_LOOP
                 };
-                if turns > 40 {
-                    break;
-                }
-                continue;
-            }
-            let exhausted = self.exhausted();
-            if stuck || turns > MAX_TURNS || self.endless.contains(&at) || exhausted {
-                self.endless.insert(at);
-                let problem = if exhausted {
-                    Problem::TooLong(self.describe(at))
-                } else {
+                let long = turns > MAX_TURNS || self.steps - begin > most;
+                if stuck || long || self.endless.contains(&at) {
+                    self.endless.insert(at);
                     let source = self.analysis.annotations.source_loop(image, graph, number);
-                    Problem::LoopWithoutBound(match source {
-                        Some(place) => format!("{place} ({})", image.name(at)),
-                        None => self.describe(at),
-                    })
-                };
-                self.problems.insert(problem);
+                    self.problems
+                        .insert(Problem::LoopWithoutBound(match source {
+                            Some(place) => format!("{place} ({})", image.name(at)),
+                            None => self.describe(at),
+                        }));
+                    // Go on, to find what else is wrong.
+                    given = Some(0);
+                }
+            }
+            if let Some(remaining) = given
+                && entered
+                && (self.steps > limit || bound.is_none())
+            {
+                let exits = self.remaining_turns(graph, number, &first, next, remaining);
+                self.merge(&mut all, exits);
+                turns += remaining;
                 break;
             }
             first = next;
@@ -521,6 +551,75 @@ impl<'a> Run<'_, 'a> {
         let most = self.facts.turns.entry(node).or_default();
         *most = turns.max(*most);
         all
+    }
+
+    fn merge(&mut self, all: &mut Exits, exits: Exits) {
+        for (to, state) in exits {
+            match all.iter().position(|(other, _)| *other == to) {
+                Some(position) => {
+                    let mut slot = Some(all.swap_remove(position).1);
+                    self.join(&mut slot, state);
+                    all.extend(slot.map(|state| (to, state)));
+                }
+                None => all.push((to, state)),
+            }
+        }
+    }
+
+    /// Runs one turn that stands for every further turn of a loop whose last
+    /// turn led from `before` to `next`, and charges `remaining` of them.
+    fn remaining_turns(
+        &mut self,
+        graph: &Rc<Graph>,
+        number: usize,
+        before: &State,
+        next: State,
+        remaining: u64,
+    ) -> Exits {
+        let header = graph.loops[number].header;
+        let mut invariant = Invariant::guess(before, next, remaining, &mut self.executor().symbols);
+        loop {
+            let first = invariant.state().clone();
+            let facts = std::mem::take(&mut self.facts);
+            let sections = std::mem::take(&mut self.sections);
+            let ended = std::mem::take(&mut self.ended);
+            let (exits, back) = self.region(graph, Some(number), header, first.clone());
+            let inner_facts = std::mem::replace(&mut self.facts, facts);
+            let inner_sections = std::mem::replace(&mut self.sections, sections);
+            let inner_ended = std::mem::replace(&mut self.ended, ended);
+            if let Some(back) = &back
+                && !self.exhausted()
+                && !invariant.holds(back, &mut self.executor().symbols)
+            {
+                continue;
+            }
+            let turn = back.map_or([0; 2], |back| difference(back.cycles, first.cycles));
+            let extra = turn.map(|cycles| cycles * remaining);
+            self.facts.add(inner_facts, remaining + 1);
+            let held = |level: u8| first.masked.iter().any(|mask| mask.level == level);
+            for ((level, at), cycles) in inner_sections {
+                let most = self.sections.entry((level, at)).or_default();
+                let cycles = if held(level) {
+                    sum(cycles, extra)
+                } else {
+                    cycles
+                };
+                *most = longer(*most, cycles);
+            }
+            if inner_ended != [0; 2] {
+                self.ended = longer(self.ended, sum(inner_ended, extra));
+            }
+            return exits
+                .into_iter()
+                .map(|(to, mut state)| {
+                    state.cycles = sum(state.cycles, extra);
+                    for mask in state.masked.iter_mut().filter(|mask| held(mask.level)) {
+                        mask.cycles = sum(mask.cycles, extra);
+                    }
+                    (to, state)
+                })
+                .collect();
+        }
     }
 
     /// Runs one block and what it calls.
@@ -532,8 +631,14 @@ impl<'a> Run<'_, 'a> {
         };
         *self.facts.visits.entry(node).or_default() += 1;
         if self.exhausted() {
-            self.problems
-                .insert(Problem::TooLong(self.describe(block.start())));
+            if !self
+                .problems
+                .iter()
+                .any(|problem| matches!(problem, Problem::TooLong(_)))
+            {
+                self.problems
+                    .insert(Problem::TooLong(self.describe(block.start())));
+            }
             return Exits::new();
         }
         let before = state.cycles;
@@ -932,13 +1037,26 @@ impl<'a> Run<'_, 'a> {
                 || graph
                     .block_at(target)
                     .is_some_and(|block| graph.blocks[node.block].successors.contains(&block));
+            let tried = self
+                .analysis
+                .targets
+                .get(&last.address)
+                .is_some_and(|known| known.contains(&target));
             if known {
                 self.jump(graph, node, state.clone(), target, last.address, exits);
+            } else if tried {
+                // It does not begin a block: no compiler jumps there.
+                self.problems
+                    .insert(Problem::UnboundedPointer(self.describe(last.address)));
             } else {
                 self.found.entry(last.address).or_default().insert(target);
             }
         }
     }
+}
+
+fn sum(a: Cycles, b: Cycles) -> Cycles {
+    [a[0] + b[0], a[1] + b[1]]
 }
 
 fn difference(after: Cycles, before: Cycles) -> Cycles {

@@ -3,9 +3,9 @@
 //! A comment `// loop-bound: N` on a line of its own, directly above a `for`,
 //! `while` or `loop`, says that one entry into the loop takes at most N turns.
 //! The analysis finds the loop again through the image's line tables: a machine
-//! loop is that source loop when every one of its instructions was written
-//! there or inlined from there, no inner source loop holds all of them, and
-//! the branch that repeats or leaves it is the loop's own. A machine loop that
+//! loop is that source loop when nearly all of its instructions were written
+//! there or inlined from there, no inner source loop holds as many, and the
+//! branches that repeat or leave it are the loop's own. A machine loop that
 //! fits no source loop so closely has no bound, which is reported.
 //!
 //! A comment costs nothing and is possible in crates that forbid unsafe code,
@@ -27,6 +27,18 @@ const MARK: &str = "// loop-bound:";
 
 /// The answer for one machine loop.
 type Found = Option<(Place, u64)>;
+
+/// One of so many located instructions of a machine loop may come from
+/// somewhere else.
+const STRAYS: usize = 20;
+
+/// The source loop of a machine loop.
+struct Fit {
+    place: Place,
+    bound: Option<u64>,
+    /// Everything comes from one line of it.
+    one_line: bool,
+}
 
 /// A loop of a source file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -92,85 +104,105 @@ impl Annotations {
     }
 
     fn find(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
-        let (place, bound) = self.innermost(image, graph, number)?;
+        let found = self.innermost(image, graph, number)?;
         // An inner machine loop inlined into the same source loop (a copy, an
-        // iterator's search) is another loop.
+        // iterator's search) is another loop. It has one line of it, that of
+        // the call; a source loop that was split in two has several.
         let mut outer = graph.loops[number].parent;
         while let Some(parent) = outer {
-            if self
-                .innermost(image, graph, parent)
-                .is_some_and(|(other, _)| other == place)
+            if found.one_line
+                && self
+                    .innermost(image, graph, parent)
+                    .is_some_and(|other| other.place == found.place)
             {
                 return None;
             }
             outer = graph.loops[parent].parent;
         }
-        Some((place, bound?))
+        Some((found.place, found.bound?))
     }
 
     /// The source loop that a machine loop is, where one is found.
     #[must_use]
     pub fn source_loop(&self, image: &Image, graph: &Graph, number: usize) -> Option<Place> {
-        let (place, _) = self.innermost(image, graph, number)?;
-        Some(place)
+        Some(self.innermost(image, graph, number)?.place)
     }
 
-    /// The innermost source loop that every located instruction of a machine
-    /// loop belongs to, and its bound. Code of another place would mean that
-    /// the machine loop is an outer one.
-    fn innermost(
-        &self,
-        image: &Image,
-        graph: &Graph,
-        number: usize,
-    ) -> Option<(Place, Option<u64>)> {
+    /// The innermost source loop that a machine loop belongs to: nearly every
+    /// located instruction (the compiler shares some with what comes before
+    /// or after) and most branches that repeat or leave it.
+    fn innermost(&self, image: &Image, graph: &Graph, number: usize) -> Option<Fit> {
         let l = &graph.loops[number];
+        let locate = |address: u32| -> Vec<Place> {
+            let places = image.places(address).into_iter();
+            places.filter(|place| place.line != 0).collect()
+        };
         let located: Vec<Vec<Place>> = l
             .blocks
             .iter()
             .flat_map(|block| &graph.blocks[*block].instructions)
-            .map(|instruction| image.places(instruction.address))
-            .map(|places| places.into_iter().filter(|p| p.line != 0).collect())
-            .filter(|places: &Vec<Place>| !places.is_empty())
+            .map(|instruction| locate(instruction.address))
+            .filter(|places| !places.is_empty())
+            .collect();
+        let deciding: Vec<Vec<Place>> = l
+            .blocks
+            .iter()
+            .map(|block| &graph.blocks[*block])
+            .filter(|block| {
+                let mut next = block.successors.iter();
+                next.any(|next| *next == l.header || !l.blocks.contains(next))
+            })
+            .map(|block| locate(block.last().address))
+            .filter(|places| !places.is_empty())
             .collect();
         let mut candidates: Vec<(Place, SourceLoop)> = Vec::new();
-        for place in located.first()? {
+        for place in located.iter().chain(&deciding).flatten() {
             self.with_file(&place.file, |loops| {
                 for s in loops.iter().filter(|s| s.holds(place.line)) {
                     let first = Place {
                         file: place.file.clone(),
                         line: s.first,
                     };
-                    candidates.push((first, s.clone()));
+                    if !candidates.iter().any(|(known, _)| *known == first) {
+                        candidates.push((first, s.clone()));
+                    }
                 }
             });
         }
-        candidates.sort_by_key(|(_, s)| s.last - s.first);
+        candidates.sort_by_key(|(place, s)| (s.last - s.first, place.clone()));
+        let holds = |place: &Place, s: &SourceLoop, places: &[Place]| {
+            let mut places = places.iter();
+            places.any(|p| p.file == place.file && s.holds(p.line))
+        };
         let (place, s) = candidates.into_iter().find(|(place, s)| {
-            located.iter().all(|places| {
-                places
-                    .iter()
-                    .any(|p| p.file == place.file && s.holds(p.line))
-            })
+            let strays = located
+                .iter()
+                .filter(|places| !holds(place, s, places))
+                .count();
+            let decided = deciding
+                .iter()
+                .filter(|places| holds(place, s, places))
+                .count();
+            strays <= located.len() / STRAYS && 2 * decided >= deciding.len()
         })?;
         // What repeats or leaves the loop must be written at the loop itself,
         // not in something called from its body: else it is a loop of that.
-        let own = l.blocks.iter().any(|block| {
-            let block = &graph.blocks[*block];
-            let decides = block
-                .successors
-                .iter()
-                .any(|next| *next == l.header || !l.blocks.contains(next));
-            decides
-                && image
-                    .places(block.last().address)
-                    .iter()
-                    .enumerate()
-                    .any(|(depth, p)| {
-                        p.file == place.file && s.holds(p.line) && (depth == 0 || p.line == s.first)
-                    })
+        let own = deciding.iter().any(|places| {
+            places.iter().enumerate().any(|(depth, p)| {
+                p.file == place.file && s.holds(p.line) && (depth == 0 || p.line == s.first)
+            })
         });
-        own.then_some((place, s.bound))
+        let mut lines = located.iter().filter_map(|places| {
+            let mut outermost = places.iter().rev();
+            outermost.find(|p| p.file == place.file && s.holds(p.line))
+        });
+        let first = lines.next();
+        let one_line = lines.all(|line| Some(line) == first);
+        own.then_some(Fit {
+            place,
+            bound: s.bound,
+            one_line,
+        })
     }
 
     fn with_file<T>(&self, file: &str, ask: impl FnOnce(&[SourceLoop]) -> T) -> T {

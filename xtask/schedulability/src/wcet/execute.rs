@@ -200,9 +200,15 @@ impl Executor<'_> {
                     size,
                     count: 1,
                 });
-                let entries = self.load(state, &at, size, false);
-                let target = entries.range.shift_left(1).add(Range::constant(pc));
-                effects.target = Some(Value::within(target));
+                // The table may be padded by an entry that leads into itself.
+                let targets: Option<Vec<u32>> = (at.range.count() <= MAX_LOADS).then(|| {
+                    let entries = at.range.iter().map(|at| self.image.constant(at, size));
+                    let entries: Vec<u32> = entries.flatten().collect();
+                    let targets = entries.iter().map(|entry| pc.wrapping_add(2 * entry));
+                    targets.filter(|at| self.image.is_code(*at)).collect()
+                });
+                let targets = targets.and_then(|targets| self.symbols.one_of(targets));
+                effects.target = Some(targets.unwrap_or(Value::ANY));
             }
             Insn::LoadStore {
                 load,

@@ -120,10 +120,10 @@ impl Block {
     }
 }
 
-/// A natural loop.
+/// A loop.
 #[derive(Debug, Clone)]
 pub struct Loop {
-    /// The block through which it is entered.
+    /// Its first block: every turn passes it. Control may also enter past it.
     pub header: usize,
     /// Its blocks, inner loops included.
     pub blocks: BTreeSet<usize>,
@@ -142,8 +142,6 @@ pub struct Graph {
     pub loops: Vec<Loop>,
     /// Innermost loop of each block.
     pub innermost: Vec<Option<usize>>,
-    /// Source and target of each edge that makes the flow irreducible.
-    pub irreducible: Vec<(usize, usize)>,
     /// Places where decoding failed, reported only if they are reached.
     pub holes: Vec<u32>,
     index: HashMap<u32, usize>,
@@ -275,7 +273,6 @@ impl Graph {
             blocks,
             loops: Vec::new(),
             innermost: Vec::new(),
-            irreducible: Vec::new(),
             holes,
             index,
         };
@@ -297,56 +294,34 @@ impl Graph {
                 predecessors[to].push(from);
             }
         }
-        // Cooper, Harvey, Kennedy: immediate dominators over the postorder.
-        let mut dominator: Vec<Option<usize>> = vec![None; count];
-        dominator[0] = Some(0);
-        let mut changed = true;
-        while changed {
-            changed = false;
-            for block in 1..count {
-                let mut new = None;
-                for &before in predecessors[block]
-                    .iter()
-                    .filter(|b| dominator[**b].is_some())
-                {
-                    new = Some(match new {
-                        None => before,
-                        Some(other) => intersect(&dominator, before, other),
-                    });
-                }
-                if dominator[block] != new {
-                    dominator[block] = new;
-                    changed = true;
-                }
-            }
-        }
-        let dominates = |above: usize, mut below: usize| {
-            while below > above {
-                match dominator[below] {
-                    Some(next) => below = next,
-                    None => return false,
-                }
-            }
-            below == above
-        };
-        let mut bodies: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
-        for (from, block) in self.blocks.iter().enumerate() {
-            for &to in &block.successors {
-                if to > from {
-                    continue;
-                }
-                if !dominates(to, from) {
-                    self.irreducible.push((from, to));
-                    continue;
-                }
-                let body = bodies.entry(to).or_insert_with(|| BTreeSet::from([to]));
-                let mut work = vec![from];
-                while let Some(block) = work.pop() {
-                    if body.insert(block) {
-                        work.extend(&predecessors[block]);
+        // An edge against the order closes a loop. Its blocks are those on a
+        // cycle with its header and after it in the order, which is the
+        // natural loop where the header dominates them and still a loop where
+        // control also enters in the middle.
+        let headers: BTreeSet<usize> = self
+            .blocks
+            .iter()
+            .enumerate()
+            .flat_map(|(from, block)| block.successors.iter().filter(move |to| **to <= from))
+            .copied()
+            .collect();
+        let reach = |header: usize, next: &dyn Fn(usize) -> Vec<usize>| {
+            let mut seen = BTreeSet::new();
+            let mut work = vec![header];
+            while let Some(block) = work.pop() {
+                for other in next(block) {
+                    if other >= header && seen.insert(other) {
+                        work.push(other);
                     }
                 }
             }
+            seen
+        };
+        let mut bodies: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+        for header in headers {
+            let after = reach(header, &|block| self.blocks[block].successors.clone());
+            let before = reach(header, &|block| predecessors[block].clone());
+            bodies.insert(header, after.intersection(&before).copied().collect());
         }
         let mut loops: Vec<Loop> = bodies
             .into_iter()
@@ -382,19 +357,6 @@ impl Graph {
         }
         child
     }
-}
-
-fn intersect(dominator: &[Option<usize>], a: usize, b: usize) -> usize {
-    let (mut a, mut b) = (a, b);
-    while a != b {
-        while a > b {
-            a = dominator[a].unwrap_or(0);
-        }
-        while b > a {
-            b = dominator[b].unwrap_or(0);
-        }
-    }
-    a
 }
 
 fn reverse_postorder(entry: u32, raw: &BTreeMap<u32, (Vec<Instruction>, Vec<u32>)>) -> Vec<u32> {
@@ -450,6 +412,22 @@ pub fn leaves(image: &Image, entry: u32, target: u32) -> bool {
     target != entry && image.function(target).is_some()
 }
 
+/// Where a table branch may lead by the table that follows it.
+fn table(image: &Image, instruction: &Instruction) -> Vec<u32> {
+    let Insn::TableBranch { rn: 15, half, .. } = instruction.insn else {
+        return Vec::new();
+    };
+    let size = if half { 2 } else { 1 };
+    let Some((start, end)) = image.table_end(instruction.next()) else {
+        return Vec::new();
+    };
+    (start..end)
+        .step_by(size as usize)
+        .filter_map(|at| image.constant(at, size))
+        .map(|entry| start + 2 * entry)
+        .collect()
+}
+
 fn local_targets(
     image: &Image,
     entry: u32,
@@ -461,13 +439,12 @@ fn local_targets(
         Flow::Branch { target, .. } | Flow::Jump { target } => {
             Some(target).filter(local).into_iter().collect()
         }
-        Flow::Indirect => targets
-            .get(&instruction.address)
-            .into_iter()
-            .flatten()
-            .copied()
-            .filter(local)
-            .collect(),
+        Flow::Indirect => {
+            let found = targets.get(&instruction.address).into_iter().flatten();
+            let mut all: Vec<u32> = found.copied().chain(table(image, instruction)).collect();
+            all.retain(local);
+            all
+        }
         _ => Vec::new(),
     }
 }

@@ -118,12 +118,14 @@ fn length(
         };
         let mut terms = Vec::new();
         for (&(node, to), &variable) in &edges {
-            if node.function == header.function && to == To::Block(header.block) {
-                if l.blocks.contains(&node.block) {
-                    add(&mut terms, variable, 1.0);
-                } else {
-                    add(&mut terms, variable, -(turns as f64));
-                }
+            let To::Block(to) = to else { continue };
+            if node.function != header.function || !l.blocks.contains(&to) {
+                continue;
+            }
+            if !l.blocks.contains(&node.block) {
+                add(&mut terms, variable, -(turns as f64));
+            } else if to == header.block {
+                add(&mut terms, variable, 1.0);
             }
         }
         let mut source = 0.0;

@@ -13,6 +13,7 @@ pub mod flags;
 pub mod graph;
 pub mod image;
 pub mod instruction;
+pub mod invariant;
 pub mod ipet;
 pub mod range;
 pub mod runtime;

@@ -55,7 +55,7 @@ pub enum Definition {
 }
 
 /// Words that a set may hold before it becomes a mere range.
-const MAX_ELEMENTS: usize = 64;
+const MAX_ELEMENTS: usize = 256;
 
 /// Source of fresh symbols, and what is known of them.
 #[derive(Debug, Default)]
