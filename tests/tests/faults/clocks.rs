@@ -11,8 +11,8 @@ use crate::{RUNNING, assert_never_reset, assert_steady, mode};
 fn the_f303_nodes_keep_the_schedule_on_their_internal_oscillators() {
     let text = format!(
         r#"
-        nodes.steering = {{ external = false, internal = "1500 ppm" }}
-        nodes.drive = {{ external = false, internal = "-1500 ppm" }}
+        nodes.steering = {{ external = false, internal = "3000 ppm" }}
+        nodes.drive = {{ external = false, internal = "-3000 ppm" }}
         {RUNNING}
         "#
     );
