@@ -20,28 +20,8 @@ pub const STEERING_RATE_LIMIT: f32 = 25.0 * DEGREE;
 /// Largest speed, m/s (thesis 5.3).
 pub const SPEED_LIMIT: f32 = 2.0;
 
-/// The steering potentiometer (thesis 5.2.6, Figure 5.18: linear; the numbers are not in the
-/// text). 2048 counts straight ahead, 40 counts for a degree: 1048..3048 within the limits.
-/// An intact one cannot leave the mechanical range of some 35 degrees to each side.
-pub const POTENTIOMETER: Potentiometer<f32> = Potentiometer {
-    centre: 2048.0,
-    counts_per_radian: 40.0 / DEGREE,
-    lowest: 2048 - 35 * 40,
-    highest: 2048 + 35 * 40,
-};
-
-/// The steering actuator on its motor driver (thesis 5.2.6, Figure 5.20: linear beyond a
-/// dead band, one line for each sign; the numbers are not in the text).
-pub const STEERING_ACTUATOR: Actuator<f32> = Actuator {
-    positive: Direction {
-        dead_band: 0.10,
-        full_rate: STEERING_RATE_LIMIT,
-    },
-    negative: Direction {
-        dead_band: 0.12,
-        full_rate: STEERING_RATE_LIMIT,
-    },
-};
+// POTENTIOMETER and STEERING_ACTUATOR, from `vehicle.toml`.
+include!(concat!(env!("OUT_DIR"), "/vehicle.rs"));
 
 /// How far ahead of the end stops the steering node begins to slow its actuator: it never
 /// asks for a rate that would reach the stop sooner than in this time, s.
