@@ -59,6 +59,7 @@ impl Housekeeping {
                 (Some(Fault::Panic), ..) => NamedFault::Panic,
                 (Some(Fault::Hard | Fault::Unhandled), ..) => NamedFault::HardFault,
                 (Some(Fault::Start), ..) => NamedFault::ScheduleRefused,
+                (Some(Fault::Clock), ..) => NamedFault::ClockFailure,
                 (None, ResetCause::Watchdog, _) => NamedFault::WatchdogStarved,
                 (None, _, Oscillator::Internal) => NamedFault::ClockFailure,
                 (None, _, Oscillator::External) => NamedFault::None,

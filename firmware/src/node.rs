@@ -111,6 +111,9 @@ pub fn link(
             Oscillator::External => design::DRIFT_LIMIT_PPM,
             Oscillator::Internal => design::DRIFT_LIMIT_PPM_INTERNAL,
         },
+        // A master on its RC oscillator is beyond what the others follow: the next in rank
+        // leads, and this node keeps its windows.
+        may_lead: clocks.oscillator == Oscillator::External,
         ..NodeConfig::new(node, clocks.ticks_per_us)
     };
     Link::new(place, config, can, Timer { clock, alarms })

@@ -146,6 +146,7 @@ pub struct Pilot {
     request: Request,
     request_reason: ModeReason,
     fixed: bool,
+    finished: bool,
     steps: u32,
 }
 
@@ -175,6 +176,7 @@ impl Pilot {
             request: Request::None,
             request_reason: ModeReason::StartUp,
             fixed: false,
+            finished: false,
             steps: 0,
         })
     }
@@ -232,6 +234,7 @@ impl Pilot {
             dt: PERIOD,
         });
         self.tracking = outcome.tracking;
+        self.finished = outcome.finished;
         self.applied = match mode.source() {
             Source::Law => outcome.command,
             Source::Joystick => joystick_command(inputs.joystick),
@@ -249,7 +252,12 @@ impl Pilot {
             stop_loop_open: buttons.is_pressed(Button::StopLoop),
             fault: driving && (blind || !inputs.in_schedule),
         };
-        let request = core::mem::take(&mut self.request);
+        let mut request = core::mem::take(&mut self.request);
+        if self.finished && previous == Mode::AutonomousRun && request == Request::None {
+            // At the end of the path the run ends as if its button were pressed again.
+            request = Request::Autonomous;
+            self.request_reason = ModeReason::PathEnd;
+        }
         let mode = self.modes.step(request, conditions);
         (mode != previous).then_some(Change {
             previous,
@@ -457,6 +465,33 @@ mod tests {
         let (command, change) = step(&mut pilot, &lost);
         assert_eq!((command.mode, command.speed.0), (Named::AutonomousReady, 0));
         assert_eq!(change.unwrap().reason, ModeReason::FixLost);
+    }
+
+    #[test]
+    fn a_run_ends_at_the_end_of_the_path() {
+        let mut pilot = Pilot::new().unwrap();
+        for _ in 0..2 {
+            press(&mut pilot, Button::C);
+            let _ = step(&mut pilot, &inputs(true));
+        }
+        let (command, _) = step(&mut pilot, &inputs(true));
+        assert_eq!(command.mode, Named::AutonomousRun);
+        let beyond = Inputs {
+            position: Some(Position {
+                north: Millimetres(243_400),
+                east: Millimetres(0),
+            }),
+            ..inputs(true)
+        };
+        let changes: std::vec::Vec<_> =
+            (0..5).filter_map(|_| step(&mut pilot, &beyond).1).collect();
+        assert_eq!(changes.len(), 1, "{changes:?}");
+        assert_eq!(
+            (changes[0].mode, changes[0].reason),
+            (Mode::AutonomousReady, ModeReason::PathEnd)
+        );
+        let (command, _) = step(&mut pilot, &beyond);
+        assert!(!command.drive_enabled && command.speed.0 == 0);
     }
 
     #[test]

@@ -15,6 +15,8 @@ pub enum Fault {
     Hard,
     /// An interrupt that no task is bound to.
     Unhandled,
+    /// The external clock stopped. After the reset the node runs on the RC oscillator.
+    Clock,
     /// The node could not be started: a converter that does not get ready, a schedule that
     /// its stack refuses.
     Start,
@@ -28,6 +30,7 @@ impl Fault {
             Self::Hard => 2,
             Self::Unhandled => 3,
             Self::Start => 4,
+            Self::Clock => 5,
         }
     }
 
@@ -38,6 +41,7 @@ impl Fault {
             2 => Some(Self::Hard),
             3 => Some(Self::Unhandled),
             4 => Some(Self::Start),
+            5 => Some(Self::Clock),
             _ => None,
         }
     }
@@ -98,8 +102,8 @@ mod record {
 #[cfg(target_os = "none")]
 pub use record::{reset, take};
 
-/// Defines what happens on a hard fault and on an interrupt that no task is bound to: the
-/// board's actuator is stopped by `$stop`, the fault is recorded, the part is reset.
+/// Defines what happens on a hard fault, when the external clock stops and on an interrupt
+/// that no task is bound to: the board's actuator is stopped by `$stop`, the fault is recorded, the part is reset.
 ///
 /// The hard fault begins with an empty stack, because an overflow of the stack is one of its
 /// causes.
@@ -133,6 +137,14 @@ macro_rules! fault_handlers {
                 reset(Fault::Hard)
             }
 
+            // The clock security system: nothing else is wired to this interrupt here.
+            // SAFETY: the name is the one that cortex-m-rt's vector table asks for.
+            #[unsafe(export_name = "NonMaskableInt")]
+            extern "C" fn clock_lost() -> ! {
+                $stop();
+                reset(Fault::Clock)
+            }
+
             // SAFETY: the name is the one that cortex-m-rt's vector table asks for.
             #[unsafe(export_name = "DefaultHandler")]
             extern "C" fn unhandled() -> ! {
@@ -149,10 +161,16 @@ mod tests {
 
     #[test]
     fn a_record_is_told_from_random_memory() {
-        for fault in [Fault::Panic, Fault::Hard, Fault::Unhandled, Fault::Start] {
+        for fault in [
+            Fault::Panic,
+            Fault::Hard,
+            Fault::Unhandled,
+            Fault::Start,
+            Fault::Clock,
+        ] {
             assert_eq!(Fault::from_word(fault.word()), Some(fault));
         }
-        for word in [0, 0xFFFF_FFFF, 0xFA17_5A00, 0xFA17_5B01, 0xFA17_5A05] {
+        for word in [0, 0xFFFF_FFFF, 0xFA17_5A00, 0xFA17_5B01, 0xFA17_5A06] {
             assert_eq!(Fault::from_word(word), None);
         }
     }

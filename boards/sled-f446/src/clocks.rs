@@ -29,7 +29,10 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Clocks {
     rcc.cr().modify(|_, w| w.hsebyp().set_bit());
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     let external = (0..HSE_POLLS).any(|_| rcc.cr().read().hserdy().bit_is_set());
-    if !external {
+    if external {
+        // Should it stop, the non-maskable interrupt ends the program (RM0390 6.2.7).
+        rcc.cr().modify(|_, w| w.csson().set_bit());
+    } else {
         rcc.cr().modify(|_, w| w.hseon().clear_bit());
     }
 

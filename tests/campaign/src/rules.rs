@@ -162,7 +162,8 @@ fn presence(
     matrix: &Matrix,
 ) -> Vec<Violation> {
     let lost = |node| sequence.is_lost(node);
-    if lost(Node::Gps) && lost(Node::Controller) {
+    let leads = |node| sequence.can_lead(node);
+    if !leads(Node::Gps) && !leads(Node::Controller) {
         // No time master is left.
         return Vec::new();
     }
@@ -171,10 +172,10 @@ fn presence(
         (Node::Controller, 453),
         (Node::Steering, 206),
     ];
-    due.push(if lost(Node::Gps) {
-        (Node::Controller, 101)
-    } else {
+    due.push(if leads(Node::Gps) {
         (Node::Gps, 100)
+    } else {
+        (Node::Controller, 101)
     });
     let cycles = ((END - SETTLED) / PERIOD).floor() as usize;
     let mut violations = Vec::new();
@@ -234,10 +235,14 @@ fn resets(sequence: &Sequence, outcome: &Outcome, node: Node) -> Option<Violatio
         });
     }
     let upset = |at| sequence.upsets.iter().any(|u| u.node == node && u.at < at);
+    let stopped = |at| {
+        let mut losses = sequence.clock_losses.iter();
+        losses.any(|loss| loss.node == node && loss.at < at)
+    };
     let strange = of.resets.iter().find(|(at, cause)| match cause {
         ResetCause::PowerOn | ResetCause::Pin => false,
         ResetCause::Watchdog => !upset(seconds(*at)),
-        _ => true,
+        ResetCause::Software => !stopped(seconds(*at)),
     });
     strange.map(|(at, cause)| Violation {
         rule: "reset",

@@ -132,14 +132,27 @@ pub fn replay(seed: u64, images: &Images) -> Result<Verdict, VehicleError> {
 
 fn drive(sequence: &Sequence, images: &Images) -> Result<Vec<Violation>, VehicleError> {
     let mut vehicle = Vehicle::new(&sequence.scenario, sequence.seed, images)?;
-    let mut upsets = sequence.upsets.clone();
-    upsets.sort_by(|one, other| one.at.total_cmp(&other.at));
-    for upset in upsets {
-        vehicle.run_until(instant(upset.at).max(vehicle.now()));
-        stall(&mut vehicle, upset.node);
+    let upsets = sequence.upsets.iter();
+    let mut strikes: Vec<(f64, Node, Strike)> = upsets
+        .map(|upset| (upset.at, upset.node, stall as Strike))
+        .collect();
+    let losses = sequence.clock_losses.iter();
+    strikes.extend(losses.map(|loss| (loss.at, loss.node, stop_clock as Strike)));
+    strikes.sort_by(|one, other| one.0.total_cmp(&other.0));
+    for (at, node, strike) in strikes {
+        vehicle.run_until(instant(at).max(vehicle.now()));
+        strike(&mut vehicle, node);
     }
     vehicle.run_until(instant(END));
     Ok(judge(sequence, &vehicle.finish()))
+}
+
+/// What strikes a node between two steps of the simulation.
+type Strike = fn(&mut Vehicle, Node);
+
+/// Stops the external clock of a node, if it runs on it at this moment.
+fn stop_clock(vehicle: &mut Vehicle, node: Node) {
+    vehicle.node_mut(node).lose_external_clock();
 }
 
 /// Stalls a core in its next interrupt. A node without one in 30 ms stands still already.

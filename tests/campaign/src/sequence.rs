@@ -2,7 +2,9 @@
 
 use world::random::{Purpose, Stream};
 use world::receiver::{Fix, FixChange, StreamFault, StreamFaultKind};
-use world::scenario::{BusEvent, Button, ButtonPress, JoystickMove, ResetEvent, StopLoopChange};
+use world::scenario::{
+    BusEvent, Button, ButtonPress, Clock, JoystickMove, ResetEvent, StopLoopChange,
+};
 use world::units::{Ppm, Ratio, Time};
 use world::{Node, Scenario};
 
@@ -35,6 +37,15 @@ pub struct Upset {
     pub at: f64,
 }
 
+/// A node's external clock stops for good.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClockLoss {
+    /// Whose clock.
+    pub node: Node,
+    /// From when on, s.
+    pub at: f64,
+}
+
 /// A sequence of faults.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sequence {
@@ -44,6 +55,8 @@ pub struct Sequence {
     pub scenario: Scenario,
     /// Cores that stall.
     pub upsets: Vec<Upset>,
+    /// Clocks that stop.
+    pub clock_losses: Vec<ClockLoss>,
     /// What happens, one sentence each.
     pub story: Vec<String>,
 }
@@ -67,6 +80,7 @@ impl Sequence {
                 seed,
                 scenario,
                 upsets: Vec::new(),
+                clock_losses: Vec::new(),
                 story: Vec::new(),
             },
         };
@@ -85,6 +99,13 @@ impl Sequence {
         const LONGEST: f64 = 0.1;
         let upsets = self.upsets.iter().filter(|upset| upset.node == node);
         upsets.map(|upset| (upset.at, upset.at + LONGEST)).collect()
+    }
+
+    /// Whether a node can be time master at the end: it is there, and on its crystal.
+    #[must_use]
+    pub fn can_lead(&self, node: Node) -> bool {
+        let stopped = self.clock_losses.iter().any(|loss| loss.node == node);
+        !self.is_lost(node) && !stopped && self.scenario.nodes.get(node).external
     }
 
     /// Whether a node is held in reset to the end.
@@ -152,7 +173,7 @@ impl Drawing {
 
     fn fault(&mut self) {
         let at = self.within(FIRST, LAST);
-        match self.stream.below(14) {
+        match self.stream.below(15) {
             0..=2 => self.hold(at),
             3 => self.foreign(at),
             4 => self.babble(at),
@@ -163,6 +184,7 @@ impl Drawing {
             10 => self.button(at),
             11 => self.stop_loop(at),
             12 => self.board(),
+            13 => self.clock_loss(at),
             _ => self.upset(at),
         }
     }
@@ -317,22 +339,42 @@ impl Drawing {
 
     /// What is wrong from the beginning.
     fn board(&mut self) {
-        let internal = (self.stream.symmetric(1500.0)).round();
-        let nodes = &mut self.sequence.scenario.nodes;
-        let (clock, node) = match self.stream.below(3) {
-            0 => (&mut nodes.steering, Node::Steering),
-            1 => (&mut nodes.drive, Node::Drive),
-            _ => {
-                self.sequence.scenario.lcd.acknowledges = false;
-                self.tell("the display never answers".into());
-                return;
-            }
+        let internal = self.internal();
+        let Some(&node) = Node::ALL.get(self.stream.below(5)) else {
+            self.sequence.scenario.lcd.acknowledges = false;
+            self.tell("the display never answers".into());
+            return;
         };
+        let clock = self.clock(node);
         clock.external = false;
         clock.internal = Some(Ppm::new(internal));
         self.tell(format!(
             "{node} has no external clock, its own is off by {internal:.0} ppm"
         ));
+    }
+
+    /// How far an RC oscillator is off, ppm.
+    fn internal(&mut self) -> f64 {
+        self.stream.symmetric(1500.0).round()
+    }
+
+    fn clock(&mut self, node: Node) -> &mut Clock {
+        let nodes = &mut self.sequence.scenario.nodes;
+        match node {
+            Node::Gps => &mut nodes.gps,
+            Node::Controller => &mut nodes.controller,
+            Node::Steering => &mut nodes.steering,
+            Node::Drive => &mut nodes.drive,
+        }
+    }
+
+    fn clock_loss(&mut self, at: f64) {
+        let node = self.one(&Node::ALL);
+        let internal = self.internal();
+        let clock = self.clock(node);
+        clock.internal = Some(clock.internal.unwrap_or(Ppm::new(internal)));
+        self.tell(format!("the external clock of {node} stops at {at:.6} s"));
+        self.sequence.clock_losses.push(ClockLoss { node, at });
     }
 
     fn upset(&mut self, at: f64) {
@@ -381,7 +423,8 @@ mod tests {
             "button",
             "stop loop",
             "never answers",
-            "external clock",
+            "has no external clock",
+            "clock of",
             "stalls",
             "joystick",
             "stands still",

@@ -6,6 +6,7 @@ mod clocks;
 mod commands;
 mod display;
 mod modes;
+mod oscillators;
 mod receiver;
 mod resets;
 mod stack;

@@ -8,8 +8,10 @@ use network::Message as _;
 use network::messages::ModeChange;
 use world::Node;
 
+use campaign::traffic::Sent;
+
 use crate::mode::{IDLE, MANUAL, READY, RUN, STOP};
-use crate::{assert_never_reset, assert_steady};
+use crate::{RUNNING, assert_never_reset, assert_steady, first_after};
 
 /// Each press and the mode after it: every transition that a button causes, and those that a
 /// button must not cause.
@@ -162,4 +164,23 @@ fn the_joystick_drives_without_any_fix_and_a_run_is_locked_out() {
     // The gps node is the time master all the same.
     assert_steady(&journey, &[100, 206, 300], 1.0, 5.0);
     journey.assert_in_place();
+}
+
+#[test]
+fn the_run_ends_at_the_end_of_the_path_with_the_vehicle_at_rest() {
+    let mut journey = Journey::of(&format!("start.north = \"239.5 m\"\n{RUNNING}"));
+    journey.to(9.0);
+    let traffic = journey.traffic();
+    let ran = |frame: &&Sent| frame.data[4] == RUN;
+    let last = traffic.genuine(300).filter(ran).last().expect("it ran");
+    assert!((at(4.0)..at(8.0)).contains(&last.end));
+    assert_eq!(journey.mode(), Some(READY));
+    let state = journey.vehicle.world().states().last().expect("a state");
+    assert!(state.speed.abs() < 0.01, "{} m/s", state.speed);
+    assert!((242.9..244.5).contains(&state.north), "{} m", state.north);
+    // The event names the mode left, the mode entered and why: the end of the path.
+    let event = first_after(&journey, 501, last.start);
+    assert_eq!(event.data[..3], [RUN, READY, 9]);
+    // Pressed again there, the button starts no run.
+    assert_eq!(journey.effort(Node::Drive, journey.vehicle.now()), 0.0);
 }

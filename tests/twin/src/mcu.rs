@@ -332,6 +332,7 @@ impl Mcu {
     }
 
     fn restart(&mut self, cause: ResetCause, at: Ps) {
+        self.core.set_nmi(false);
         self.core.reset(ResetKind::Cold);
         self.lines = [0; 4];
         self.asleep = false;
@@ -523,6 +524,19 @@ impl Mcu {
             shared.attention().min(peripherals.next_event())
         });
         result
+    }
+
+    /// Takes the external clock away for good, as a broken wire does. What the part does then
+    /// is its clock security system's work; false when that is off, and the part, which
+    /// should stand still, goes on from a clock that is not there.
+    pub fn lose_external_clock(&mut self) -> bool {
+        let interrupts = self.surroundings(Peripherals::lose_external_clock);
+        if interrupts {
+            self.core.set_nmi(true);
+            self.poke = true;
+            self.shared.set_attention(0);
+        }
+        interrupts
     }
 
     /// Drives a pin from outside from now on, or lets go of it (`None`: its pull resistor

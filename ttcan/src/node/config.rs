@@ -61,6 +61,10 @@ pub struct NodeConfig {
     /// Largest rate between this node's counter and global time that is
     /// followed, in parts per million, up to 10 000.
     pub drift_limit_ppm: u16,
+    /// Whether the node takes the place among the potential masters that the
+    /// matrix gives it. One whose clock the others could not follow had better
+    /// not.
+    pub may_lead: bool,
 }
 
 impl core::hash::Hash for NodeConfig {
@@ -85,6 +89,7 @@ impl NodeConfig {
             longest_gap: Micros::secs(10),
             application_watchdog: None,
             drift_limit_ppm: 200,
+            may_lead: true,
         }
     }
 }

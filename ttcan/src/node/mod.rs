@@ -185,7 +185,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         if config.watch == 0 {
             return Err(ConfigError::Watch);
         }
-        let rank = schedule.rank_of(config.node);
+        let rank = schedule.rank_of(config.node).filter(|_| config.may_lead);
         if rank.is_some() && !MASTER {
             return Err(ConfigError::Master);
         }

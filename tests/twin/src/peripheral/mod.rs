@@ -482,6 +482,14 @@ impl Peripherals {
         }
     }
 
+    /// The external clock stops; whether the core gets an NMI for it.
+    pub(crate) fn lose_external_clock(&mut self) -> bool {
+        let interrupts = self.rcc.lose_external();
+        self.retune(false);
+        self.refresh();
+        interrupts
+    }
+
     pub(crate) fn drive_pin(&mut self, pin: Pin, level: Option<bool>) {
         if let Some(port) = self.ports.get_mut(pin.port_index()) {
             port.drive(pin.number, level);

@@ -239,6 +239,33 @@ impl Rcc {
         self.settle(now, clock);
     }
 
+    /// The external clock stops. The clock security system (RM0390 6.2.7, RM0316 9.2.7), when
+    /// it is on, takes the system to the HSI, stops what the clock fed and asks for an NMI:
+    /// true then. Without it nothing happens here; nobody tells what such a part does.
+    pub(crate) fn lose_external(&mut self) -> bool {
+        const CSSON: u32 = 1 << 19;
+        let watched = self.registers[0] & CSSON != 0 && self.hse_ready != NEVER;
+        self.hse_hz = None;
+        if !watched {
+            return false;
+        }
+        let fed = self.pll_external();
+        self.registers[0] &= !(CSSON | 1 << 16);
+        self.registers[0] |= 1;
+        self.hsi_ready = 0;
+        self.hse_ready = NEVER;
+        if fed {
+            self.registers[0] &= !(1 << 24);
+            self.pll_ready = NEVER;
+        }
+        if self.switched == 1 || fed {
+            let cfgr = self.cfgr_offset();
+            *self.register(cfgr) &= !0b11;
+            self.switched = 0;
+        }
+        true
+    }
+
     /// The CR bit of the oscillator that feeds the PLL.
     fn pll_feed(&self) -> u32 {
         if self.pll_external() { 1 << 16 } else { 1 }
