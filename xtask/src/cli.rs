@@ -37,10 +37,16 @@ pub enum Command {
     Flash(Flash),
     /// Let the release images drive the virtual vehicle and report.
     Sim(Sim),
+    /// Fit the steering's calibration to a recorded drive.
+    Calibrate(Calibrate),
     /// Measure what the protocol stack costs: cycles, code, RAM.
     Bench(Bench),
     /// Show the system matrix of a network file, or find another one.
     Schedule(Schedule),
+    /// Say whether every deadline holds, from the sources and the images.
+    Schedulability(Schedulability),
+    /// Propose priorities by deadlines and say where the sources differ.
+    Priorities(Priorities),
     /// Check everything: format, lints, tests, images, documentation.
     Test(Test),
 }
@@ -145,6 +151,27 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
     }
 }
 
+/// Options of `calibrate`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask calibrate bus.log                                 figures and vehicle file on the terminal\n  \
+    cargo xtask calibrate bus.log --out firmware/vehicle.toml     for the next build\n  \
+    cargo xtask sim calibration --out drive                       such a drive of the virtual vehicle\n\n\
+    The drive: in manual mode with an RTK-fixed solution, circles to both sides with the\n\
+    steering held, and the steering moved to both sides at several rates. The images must\n\
+    be those of this tree: their calibration tells what effort a command became.")]
+pub struct Calibrate {
+    /// The log of a drive, as `candump -l` writes it
+    #[arg(value_name = "LOG")]
+    pub log: PathBuf,
+    /// Write the vehicle file there
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Options of `bench`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
@@ -205,6 +232,42 @@ pub enum Method {
     PowerOfTwo,
     /// Periods stay.
     LeastJitter,
+}
+
+/// Options of `schedulability`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask schedulability                       all nodes, the bus, from end to end\n  \
+    cargo xtask schedulability steering drive        two nodes\n  \
+    cargo xtask schedulability --html report.html    and a page with one basic cycle drawn\n  \
+    cargo xtask schedulability --explain steering.can_rx   where its time goes, by source line\n  \
+    cargo xtask schedulability --json                everything for programs, times in ps\n\n\
+    Exit code 0: every deadline holds; 1: not, and the first miss is named; 2: wrong input.\n\
+    What the sources cannot say (how often, by when) stands in firmware/tasks.toml.")]
+pub struct Schedulability {
+    /// Nodes to analyse [default: all]
+    #[arg(value_enum, value_name = "NODE")]
+    pub nodes: Vec<Node>,
+    /// Print the answers as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Write the answers as one self-contained page
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Show the worst path of one task as source lines instead of the table
+    #[arg(long, value_name = "NODE.TASK", conflicts_with = "json")]
+    pub explain: Option<String>,
+}
+
+/// Options of `priorities`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask priorities           deadline-monotonic priorities beside those of the sources\n  \
+    cargo xtask priorities --json    the same for programs")]
+pub struct Priorities {
+    /// Print the proposal as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `test`.
@@ -316,6 +379,9 @@ mod tests {
             "xtask sim --experiment thesis-7 --seeds 0",
             "xtask sim --experiment thesis-7 gps-lost",
             "xtask sim --quick",
+            "xtask schedulability rudder",
+            "xtask schedulability --explain a.b --json",
+            "xtask priorities gps",
             "xtask sim --faults 0",
             "xtask sim --faults many",
             "xtask sim --faults 8 gps-lost",

@@ -8,9 +8,11 @@
 pub mod audit;
 pub mod bench;
 pub mod build;
+pub mod calibrate;
 pub mod cli;
 pub mod experiment;
 pub mod flash;
+pub mod schedulability;
 pub mod schedule;
 pub mod sim;
 pub mod size;
@@ -55,9 +57,12 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
     let workspace = Workspace::find()?;
     match command {
         cli::Command::Build(options) => build::run(&workspace, &options),
+        cli::Command::Calibrate(options) => calibrate::run(&options),
         cli::Command::Bench(options) => bench::run(&workspace, &options),
         cli::Command::Flash(options) => flash::run(&workspace, &options),
         cli::Command::Schedule(options) => schedule::run(&options),
+        cli::Command::Schedulability(options) => schedulability::run(&workspace, &options),
+        cli::Command::Priorities(options) => schedulability::run_priorities(&workspace, &options),
         cli::Command::Sim(options) => sim::run(&workspace, &options),
         cli::Command::Test(options) => test::run(&workspace, &options),
     }

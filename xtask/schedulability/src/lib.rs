@@ -1,12 +1,30 @@
 //! Answers whether every deadline holds, from RTIC sources and release images.
 //!
 //! [`system::run`] takes sources, images, the task table and the network file
-//! and returns a [`system::Report`]; [`report`] shows it.
+//! and returns a [`results::Report`]; [`report`] shows it.
+//!
+//! ```text
+//! source  -> tasks --+
+//! table   -----------+-> model --+
+//! network -> releases+           +-> node (response, sensitivity) --+-> results -> report
+//! image   -> wcet, stack -> execution --+                           |
+//! network -> bus (can), chains -------------------------------------+
+//! ```
 
+pub mod arrivals;
+pub mod assumptions;
+pub mod bus;
 pub mod can;
+pub mod chains;
+pub mod execution;
+pub mod model;
+pub mod node;
 pub mod priorities;
+pub mod releases;
 pub mod report;
 pub mod response;
+pub mod results;
+pub mod sensitivity;
 pub mod stack;
 pub mod system;
 pub mod table;

@@ -6,18 +6,31 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use crate::system::{NodeReport, time};
+use serde_json::{Value, json};
+
+use crate::model::{NodeModel, TaskModel};
+use crate::results::{Picoseconds, time};
+
+/// The shortest deadline of a task: its own, or that of one of its releases.
+fn shortest(task: &TaskModel) -> Picoseconds {
+    let timed = task.arrivals.timed.iter().flat_map(|table| &table.jobs);
+    timed
+        .filter_map(|job| job.deadline)
+        .chain([task.deadline])
+        .min()
+        .unwrap_or(task.deadline)
+}
 
 /// The proposed priority of each task of a node: the shortest deadline is the
-/// most urgent, tasks with equal deadlines and tasks that one dispatcher runs
+/// most urgent, tasks with equal deadlines and tasks that one handler runs
 /// share a priority, the least is 1.
 #[must_use]
-pub fn propose(node: &NodeReport) -> BTreeMap<String, u32> {
+pub fn propose(node: &NodeModel) -> BTreeMap<String, u32> {
     // What one handler runs has one priority: its most urgent task's.
     let mut of_handler: BTreeMap<&str, u64> = BTreeMap::new();
     for task in &node.tasks {
-        let deadline = of_handler.entry(&task.interrupt).or_insert(task.deadline);
-        *deadline = task.deadline.min(*deadline);
+        let deadline = of_handler.entry(&task.interrupt).or_insert(u64::MAX);
+        *deadline = shortest(task).min(*deadline);
     }
     let mut deadlines: Vec<u64> = of_handler.values().copied().collect();
     deadlines.sort_unstable();
@@ -35,11 +48,11 @@ pub fn propose(node: &NodeReport) -> BTreeMap<String, u32> {
 /// Pairs of tasks, the first with the shorter deadline, whose priorities in
 /// the source stand the other way round.
 #[must_use]
-pub fn inversions(node: &NodeReport) -> Vec<(String, String)> {
+pub fn inversions(node: &NodeModel) -> Vec<(String, String)> {
     let mut pairs = Vec::new();
     for urgent in &node.tasks {
         for other in &node.tasks {
-            if urgent.deadline < other.deadline && urgent.priority < other.priority {
+            if shortest(urgent) < shortest(other) && urgent.priority < other.priority {
                 pairs.push((urgent.name.clone(), other.name.clone()));
             }
         }
@@ -49,7 +62,7 @@ pub fn inversions(node: &NodeReport) -> Vec<(String, String)> {
 
 /// The proposal for people.
 #[must_use]
-pub fn show(nodes: &[NodeReport]) -> String {
+pub fn show<'a>(nodes: impl IntoIterator<Item = &'a NodeModel>) -> String {
     let mut text = String::new();
     for node in nodes {
         let _ = writeln!(text, "{}", node.name);
@@ -64,7 +77,7 @@ pub fn show(nodes: &[NodeReport]) -> String {
                 text,
                 "  {:16} {:>12} {:>7} {:>9}",
                 task.name,
-                time(task.deadline),
+                time(shortest(task)),
                 task.priority,
                 proposed[&task.name]
             );
@@ -83,52 +96,91 @@ pub fn show(nodes: &[NodeReport]) -> String {
     text
 }
 
+/// The proposal for programs; times in picoseconds.
+#[must_use]
+pub fn json<'a>(nodes: impl IntoIterator<Item = &'a NodeModel>) -> Value {
+    let node = |node: &NodeModel| {
+        let proposed = propose(node);
+        json!({
+            "name": node.name,
+            "tasks": node.tasks.iter().map(|task| json!({
+                "name": task.name,
+                "deadline_ps": shortest(task),
+                "source": task.priority,
+                "proposed": proposed[&task.name],
+            })).collect::<Vec<_>>(),
+            "inversions": inversions(node).into_iter().map(|(urgent, other)| json!({
+                "shorter_deadline": urgent,
+                "higher_priority": other,
+            })).collect::<Vec<_>>(),
+        })
+    };
+    json!({ "nodes": nodes.into_iter().map(node).collect::<Vec<_>>() })
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{inversions, propose};
-    use crate::system::{NodeReport, TaskReport};
+    use super::{inversions, json, propose, show};
+    use crate::arrivals::{Arrivals, Job, Timetable};
+    use crate::model::{NodeModel, TaskModel};
 
-    fn task(name: &str, priority: u32, deadline: u64) -> TaskReport {
-        TaskReport {
+    fn task(name: &str, priority: u32, deadline: u64) -> TaskModel {
+        TaskModel {
             name: name.to_owned(),
             interrupt: name.to_owned(),
             priority,
-            cycles: [0; 2],
-            observed: None,
-            cost: 0,
-            period: deadline,
+            arrivals: Arrivals::every(deadline),
             deadline,
-            blocking: 0,
-            response: Some(0),
-            slack: None,
-            problems: Default::default(),
-            panics: Vec::new(),
-            annotated: Default::default(),
-            path: Vec::new(),
-            program: None,
+            jitter: 0,
+            after: None,
+        }
+    }
+
+    fn node(tasks: Vec<TaskModel>) -> NodeModel {
+        NodeModel {
+            name: "n".to_owned(),
+            tasks,
         }
     }
 
     #[test]
     fn swapped_priorities_are_found() {
-        let node = NodeReport {
-            name: "n".to_owned(),
-            tasks: vec![
-                task("slow", 3, 900),
-                task("fast", 2, 100),
-                task("idle", 1, 5000),
-            ],
-            stack: 0,
-            stack_size: 0,
-            stack_unknown: Default::default(),
-            utilisation_permille: 0,
-            idle_problems: Default::default(),
-        };
+        let node = node(vec![
+            task("slow", 3, 900),
+            task("fast", 2, 100),
+            task("idle", 1, 5000),
+        ]);
         assert_eq!(inversions(&node), [("fast".to_owned(), "slow".to_owned())]);
         let proposed = propose(&node);
         assert_eq!(
             [proposed["fast"], proposed["slow"], proposed["idle"]],
             [3, 2, 1]
         );
+        let text = show([&node]);
+        assert!(
+            text.contains("fast has the shorter deadline but a lower priority than slow"),
+            "{text}"
+        );
+        assert_eq!(json([&node])["nodes"][0]["tasks"][1]["proposed"], 3);
+    }
+
+    #[test]
+    fn a_release_with_a_deadline_of_its_own_makes_its_task_urgent() {
+        let mut edges = task("edges", 2, 900);
+        edges.arrivals.timed = Some(Timetable {
+            cycle: 1000,
+            spacing: 1,
+            jobs: vec![Job {
+                label: "own".to_owned(),
+                earliest: 0,
+                latest: 0,
+                deadline: Some(50),
+            }],
+        });
+        let node = node(vec![edges, task("receive", 2, 400)]);
+        let proposed = propose(&node);
+        assert!(proposed["edges"] > proposed["receive"]);
+        // Equal priorities in the source are no inversion.
+        assert!(inversions(&node).is_empty());
     }
 }

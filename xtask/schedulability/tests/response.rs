@@ -1,12 +1,14 @@
 //! Response-time analysis against published examples, the verified analyses
 //! of the `response-time-analysis` crate and a discrete-event simulation.
 
+mod simulation;
+
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use response_time_analysis::{arrival, demand, fixed_priority, time, wcet};
-use schedulability::response::{
-    CriticalSection, Response, Task, Unbounded, blocking, meets, response, slack,
-};
+use schedulability::arrivals::Arrivals;
+use schedulability::response::{CriticalSection, Task, Unbounded, blocking, meets, response};
+use schedulability::sensitivity::slack;
 
 fn tasks(parameters: &[(u64, u64)]) -> Vec<Task> {
     parameters
@@ -16,9 +18,10 @@ fn tasks(parameters: &[(u64, u64)]) -> Vec<Task> {
             name: format!("t{}", index + 1),
             priority: (parameters.len() - index) as u32,
             cost,
-            period,
+            arrivals: Arrivals::every(period),
             deadline: period,
             jitter: 0,
+            after: None,
             blocking: 0,
             preemption: 0,
         })
@@ -54,19 +57,15 @@ fn deadline_missed_by_two() {
     let set = tasks(&[(10, 30), (10, 40), (12, 50)]);
     assert_eq!(response(&set, 2).unwrap().worst, 52);
     assert!(meets(&set, 0) && meets(&set, 1) && !meets(&set, 2));
-    assert_eq!(slack(&set, 0), None);
+    assert_eq!(slack(&set, 0, 1), None);
 }
 
 #[test]
 fn deadlines_beyond_the_period() {
     let set = tasks(&[(26, 70), (62, 100)]);
-    assert_eq!(
-        response(&set, 1),
-        Ok(Response {
-            worst: 118,
-            jobs: vec![114, 102, 116, 104, 118, 106, 94],
-        })
-    );
+    let response = response(&set, 1).unwrap();
+    assert_eq!(response.worst, 118);
+    assert_eq!(response.jobs, [114, 102, 116, 104, 118, 106, 94]);
 }
 
 #[test]
@@ -88,7 +87,7 @@ fn overload_is_named() {
         Err(Unbounded::Overload { permille: 1100 })
     );
     let mut set = tasks(&[(1, 10), (1, 10)]);
-    set[0].period = 0;
+    set[0].arrivals = Arrivals::every(0);
     assert_eq!(response(&set, 1), Err(Unbounded::ZeroPeriod));
 }
 
@@ -126,7 +125,7 @@ fn ceilings() {
 fn slack_is_the_largest_that_fits() {
     let set = tasks(&[(4, 16), (5, 40), (32, 80)]);
     for index in 0..set.len() {
-        let extra = slack(&set, index).unwrap();
+        let extra = slack(&set, index, 1).unwrap();
         let mut longer = set.clone();
         longer[index].cost += extra;
         assert!((0..3).all(|task| meets(&longer, task)));
@@ -137,6 +136,10 @@ fn slack_is_the_largest_that_fits() {
 
 fn below(random: &mut ChaCha8Rng, bound: u64) -> u64 {
     random.next_u64() % bound
+}
+
+fn period(task: &Task) -> u64 {
+    task.arrivals.single().unwrap()
 }
 
 /// A set of two to six tasks whose utilisation may pass one.
@@ -150,7 +153,7 @@ fn random_set(random: &mut ChaCha8Rng) -> Vec<Task> {
         .collect();
     let mut set = tasks(&parameters);
     for task in &mut set {
-        task.jitter = below(random, task.period / 2);
+        task.jitter = below(random, period(task) / 2);
     }
     set
 }
@@ -165,7 +168,7 @@ fn equal_to_the_verified_analysis() {
             .iter()
             .map(|task| {
                 arrival::Sporadic::new(
-                    time::Duration::from(task.period),
+                    time::Duration::from(period(task)),
                     time::Duration::from(task.jitter),
                 )
             })
@@ -212,15 +215,8 @@ fn equal_to_the_verified_analysis() {
 }
 
 /// Runs the set with releases at random legal instants and returns the
-/// longest response seen of each task. Locks are modelled as Baker does: the
-/// job runs at the ceiling from its first tick to the end of the section.
+/// longest response seen of each task.
 fn simulate(set: &[Task], sections: &[CriticalSection], random: &mut ChaCha8Rng) -> Vec<u64> {
-    struct Job {
-        task: usize,
-        arrival: u64,
-        release: u64,
-        done: u64,
-    }
     let horizon = 1500;
     let mut jobs = Vec::new();
     for (task, parameters) in set.iter().enumerate() {
@@ -231,48 +227,17 @@ fn simulate(set: &[Task], sections: &[CriticalSection], random: &mut ChaCha8Rng)
                 1 => parameters.jitter,
                 _ => below(random, parameters.jitter + 1),
             };
-            jobs.push(Job {
+            jobs.push(simulation::Job {
                 task,
                 arrival,
                 release: arrival + late,
-                done: 0,
+                cost: parameters.cost,
+                priority: parameters.priority,
             });
-            arrival += parameters.period + below(random, 4) / 3;
+            arrival += period(parameters) + below(random, 4) / 3;
         }
     }
-    let mut longest = vec![0; set.len()];
-    for now in 0..horizon {
-        let current = |job: &Job| {
-            let own = set[job.task].priority;
-            sections
-                .iter()
-                .filter(|s| s.holder == own && job.done > 0 && job.done < s.length)
-                .map(|s| s.ceiling)
-                .max()
-                .unwrap_or(own)
-        };
-        let next = jobs
-            .iter()
-            .enumerate()
-            .filter(|(_, job)| job.release <= now && job.done < set[job.task].cost)
-            // A job that has begun goes before one of equal priority.
-            .max_by_key(|(index, job)| {
-                (
-                    current(job),
-                    job.done > 0,
-                    std::cmp::Reverse((job.arrival, *index)),
-                )
-            })
-            .map(|(index, _)| index);
-        if let Some(index) = next {
-            jobs[index].done += 1;
-            if jobs[index].done == set[jobs[index].task].cost {
-                let job = &jobs[index];
-                longest[job.task] = longest[job.task].max(now + 1 - job.arrival);
-            }
-        }
-    }
-    longest
+    simulation::longest(&jobs, sections, set.len(), horizon)
 }
 
 #[test]

@@ -1,0 +1,311 @@
+//! When jobs of a task may be released.
+//!
+//! Two kinds of releases: sporadic ones, of which only a least distance is
+//! known, and those that stand in the time table of the bus, each somewhere
+//! between two instants of the cycle. A task may have both.
+
+/// Releases of which only the least distance is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sporadic {
+    /// Least time between two releases. Must not be zero.
+    pub period: u64,
+    /// At most so many releases in any window of this length, if that is less.
+    pub limit: Option<(u64, u64)>,
+}
+
+impl Sporadic {
+    /// A stream without such a limit.
+    #[must_use]
+    pub const fn every(period: u64) -> Self {
+        Self {
+            period,
+            limit: None,
+        }
+    }
+
+    /// Most releases in any half-open window of this length.
+    #[must_use]
+    pub fn count(self, window: u64) -> u64 {
+        let most = window.div_ceil(self.period);
+        match self.limit {
+            Some((jobs, span)) => most.min(window.div_ceil(span.max(1)).saturating_mul(jobs)),
+            None => most,
+        }
+    }
+}
+
+/// One release of the time table.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Job {
+    /// What releases it.
+    pub label: String,
+    /// Earliest release, from the cycle's beginning.
+    pub earliest: u64,
+    /// Latest release; may lie beyond the cycle's end.
+    pub latest: u64,
+    /// Its deadline after the release where it is not the task's.
+    pub deadline: Option<u64>,
+}
+
+/// Releases that come back in every cycle; any of them may stay away.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Timetable {
+    /// Length of the cycle.
+    pub cycle: u64,
+    /// Least time between two releases, whichever they are; zero where nothing
+    /// is known of it.
+    pub spacing: u64,
+    /// The releases.
+    pub jobs: Vec<Job>,
+}
+
+impl Timetable {
+    /// Most releases in any `window`, each up to `jitter` late.
+    #[must_use]
+    pub fn count(&self, window: u64, jitter: u64) -> u64 {
+        // The window that holds most begins with a release that comes as late
+        // as it can.
+        let most = self
+            .jobs
+            .iter()
+            .map(|first| self.within(first.latest + jitter, window, jitter))
+            .max()
+            .unwrap_or(0);
+        most.min(self.spaced(window + jitter))
+    }
+
+    /// Most releases in a window by their spacing alone.
+    fn spaced(&self, window: u64) -> u64 {
+        match self.spacing {
+            0 => u64::MAX,
+            spacing => window.div_ceil(spacing),
+        }
+    }
+
+    /// Releases that may fall into the `length` from `begin` on.
+    fn within(&self, begin: u64, length: u64, jitter: u64) -> u64 {
+        self.jobs
+            .iter()
+            .map(|job| repeats(job, jitter, i128::from(begin), length, self.cycle))
+            .sum()
+    }
+
+    /// Releases between `carry` before the release of `job`, which comes up to
+    /// `late` late, and `window` after it; `job` itself is left out if it is one
+    /// of them.
+    #[must_use]
+    pub fn around(&self, job: &Job, late: u64, carry: u64, window: u64) -> u64 {
+        let begin = i128::from(job.earliest) - i128::from(carry) + 1;
+        let length = (job.latest - job.earliest + late + carry + window).saturating_sub(1);
+        let met: u64 = self
+            .jobs
+            .iter()
+            .map(|other| {
+                let all = repeats(other, 0, begin, length, self.cycle);
+                all - u64::from(std::ptr::eq(other, job) && all > 0)
+            })
+            .sum();
+        met.min(self.spaced(carry + window))
+    }
+}
+
+/// How many of the returns of `job` may be released in `begin..begin +
+/// length`.
+fn repeats(job: &Job, jitter: u64, begin: i128, length: u64, cycle: u64) -> u64 {
+    if length == 0 {
+        return 0;
+    }
+    let cycle = i128::from(cycle.max(1));
+    let latest = i128::from(job.latest) + i128::from(jitter);
+    let end = begin + i128::from(length);
+    // The first return whose latest release is not before `begin`, and the
+    // last whose earliest is before `end`.
+    let first = (begin - latest + cycle - 1).div_euclid(cycle);
+    let last = (end - 1 - i128::from(job.earliest)).div_euclid(cycle);
+    u64::try_from(last - first + 1).unwrap_or(0)
+}
+
+/// All releases of a task.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Arrivals {
+    /// Streams that know no time table.
+    pub sporadic: Vec<Sporadic>,
+    /// Releases by the time table.
+    pub timed: Option<Timetable>,
+}
+
+impl Arrivals {
+    /// One sporadic stream.
+    #[must_use]
+    pub fn every(period: u64) -> Self {
+        Self {
+            sporadic: vec![Sporadic::every(period)],
+            timed: None,
+        }
+    }
+
+    /// Both, for two tasks that one handler runs.
+    #[must_use]
+    pub fn merged(mut self, other: &Self) -> Self {
+        self.sporadic.extend(&other.sporadic);
+        match (&mut self.timed, &other.timed) {
+            (Some(own), Some(theirs)) => {
+                own.jobs.extend(theirs.jobs.iter().cloned());
+                // Nothing is known of the distance between the two.
+                own.spacing = 0;
+            }
+            (None, theirs) => self.timed.clone_from(theirs),
+            (_, None) => {}
+        }
+        self
+    }
+
+    /// Whether a stream has a period of zero.
+    #[must_use]
+    pub fn has_zero_period(&self) -> bool {
+        self.sporadic.iter().any(|stream| stream.period == 0)
+    }
+
+    /// Most releases in any half-open window of this length, each up to
+    /// `jitter` later than its instant.
+    #[must_use]
+    pub fn count(&self, window: u64, jitter: u64) -> u64 {
+        let sporadic: u64 = self
+            .sporadic
+            .iter()
+            .map(|stream| stream.count(window.saturating_add(jitter)))
+            .sum();
+        let timed = self.timed.as_ref();
+        sporadic.saturating_add(timed.map_or(0, |table| table.count(window, jitter)))
+    }
+
+    /// Releases in the long run: so many in so long.
+    pub fn rates(&self) -> impl Iterator<Item = (u64, u64)> {
+        let sporadic = self.sporadic.iter().map(|stream| match stream.limit {
+            Some((jobs, span)) if jobs * stream.period < span => (jobs, span),
+            _ => (1, stream.period),
+        });
+        let timed = self
+            .timed
+            .iter()
+            .map(|table| (table.jobs.len() as u64, table.cycle));
+        sporadic.chain(timed)
+    }
+
+    /// The one period, if there is one and no time table.
+    #[must_use]
+    pub fn single(&self) -> Option<u64> {
+        match (self.sporadic.as_slice(), &self.timed) {
+            ([stream], None) if stream.limit.is_none() => Some(stream.period),
+            _ => None,
+        }
+    }
+
+    /// Least time from a release to the one `further` releases later.
+    #[must_use]
+    pub fn distance(&self, further: u64, jitter: u64) -> u64 {
+        if further == 0 {
+            return 0;
+        }
+        let holds = |window: u64| self.count(window, jitter) > further;
+        let mut high = 1u64;
+        while !holds(high) {
+            if high > 1 << 60 {
+                return u64::MAX;
+            }
+            high *= 2;
+        }
+        let mut low = high / 2;
+        while high - low > 1 {
+            let middle = low + (high - low) / 2;
+            if holds(middle) {
+                high = middle;
+            } else {
+                low = middle;
+            }
+        }
+        // The window is half open.
+        high - 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Arrivals, Job, Sporadic, Timetable};
+
+    fn job(earliest: u64, latest: u64) -> Job {
+        Job {
+            label: String::new(),
+            earliest,
+            latest,
+            deadline: None,
+        }
+    }
+
+    fn table(spacing: u64, jobs: &[(u64, u64)]) -> Timetable {
+        Timetable {
+            cycle: 100,
+            spacing,
+            jobs: jobs.iter().map(|&(a, b)| job(a, b)).collect(),
+        }
+    }
+
+    #[test]
+    fn a_sporadic_stream() {
+        let stream = Arrivals::every(10);
+        assert_eq!(
+            [0, 1, 10, 11, 100].map(|w| stream.count(w, 0)),
+            [0, 1, 1, 2, 10]
+        );
+        assert_eq!(stream.count(10, 1), 2);
+        assert_eq!([0, 1, 2].map(|n| stream.distance(n, 0)), [0, 10, 20]);
+        assert_eq!(stream.distance(1, 4), 6);
+    }
+
+    #[test]
+    fn a_burst_is_limited() {
+        let stream = Sporadic {
+            period: 10,
+            limit: Some((3, 100)),
+        };
+        assert_eq!(
+            [1, 11, 21, 31, 100, 101, 131].map(|w| stream.count(w)),
+            [1, 2, 3, 3, 3, 6, 6]
+        );
+    }
+
+    #[test]
+    fn a_table_counts_the_densest_stretch_and_wraps() {
+        let table = table(0, &[(10, 10), (12, 12), (40, 40), (95, 95)]);
+        assert_eq!(
+            [1, 2, 3, 15, 16, 18, 100, 101].map(|w| table.count(w, 0)),
+            [1, 1, 2, 2, 2, 3, 4, 5]
+        );
+        let arrivals = Arrivals {
+            sporadic: Vec::new(),
+            timed: Some(table),
+        };
+        assert_eq!([1, 2, 4].map(|n| arrivals.distance(n, 0)), [2, 17, 100]);
+    }
+
+    #[test]
+    fn uncertain_releases_come_together_but_not_closer_than_their_spacing() {
+        assert_eq!(table(0, &[(10, 30), (20, 40)]).count(1, 0), 2);
+        assert_eq!(table(5, &[(10, 30), (20, 40)]).count(5, 0), 1);
+        assert_eq!(table(5, &[(10, 30), (20, 40)]).count(6, 0), 2);
+        // Late by more than what lies between them.
+        assert_eq!(table(0, &[(10, 10), (13, 13)]).count(1, 3), 2);
+    }
+
+    #[test]
+    fn what_is_over_before_does_not_interfere() {
+        let table = table(0, &[(10, 20), (50, 50), (98, 99)]);
+        let around = |carry, window| table.around(&table.jobs[1], 0, carry, window);
+        assert_eq!(around(30, 1), 0);
+        assert_eq!(around(31, 1), 1);
+        assert_eq!(around(1, 48), 0);
+        assert_eq!(around(1, 49), 1);
+        // Its own return a cycle later counts.
+        assert_eq!(around(1, 101), 3);
+    }
+}

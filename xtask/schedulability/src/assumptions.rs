@@ -1,0 +1,58 @@
+//! What the answers rest on.
+
+use std::collections::BTreeMap;
+
+use crate::results::{MICROSECOND, NodeReport, time};
+use crate::system::Models;
+
+/// One sentence each.
+#[must_use]
+pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
+    let network = &models.network;
+    let mut all = vec![
+        format!(
+            "Every frame is in its window: it begins at most {} after the window's mark, and two clocks differ by at most {} us.",
+            time(u64::from(network.transmit_enable_bits) * u64::from(network.bit_time_ns()) * 1000),
+            network.sync_uncertainty_us
+        ),
+        "Flash: a fetch pays its wait states unless its line is proven to be in the fetch buffer; no hit in a cache is claimed. Data in SRAM is reached without wait.".to_owned(),
+        "DMA never holds the core off the bus matrix for longer than the wait states charged; a debugger is not connected.".to_owned(),
+        "An event message is sent at most once in each of its intervals; a task is not released more often than firmware/tasks.toml says.".to_owned(),
+    ];
+    let bus = models.table.bus;
+    all.push(if bus.error_burst == 0 && bus.error_interval_ms == 0 {
+        "No frame is disturbed: an exclusive window has no repeat, and a disturbed frame is a lost one.".to_owned()
+    } else {
+        format!(
+            "In arbitrating windows {} frames are disturbed at once and one more every {} ms; in an exclusive window a disturbed frame is a lost one.",
+            bus.error_burst, bus.error_interval_ms
+        )
+    });
+    for (model, table) in &models.nodes {
+        all.push(format!(
+            "{} runs at {} MHz and begins to transmit {} before the mark.",
+            model.name,
+            table.core_hz as f64 / 1e6,
+            time(table.transmit_lead_us * MICROSECOND)
+        ));
+    }
+    let mut annotated: BTreeMap<&str, u64> = BTreeMap::new();
+    let mut panics = 0;
+    for task in nodes.iter().flat_map(|node| &node.tasks) {
+        panics += task.panics.len();
+        for (place, bound) in &task.annotated {
+            annotated.insert(place, *bound);
+        }
+    }
+    for (place, bound) in annotated {
+        all.push(format!(
+            "The loop at {place} takes at most {bound} turns, as its annotation says."
+        ));
+    }
+    if panics > 0 {
+        all.push(format!(
+            "{panics} places may panic as far as the image tells; a path counts up to its panic, after which the motors are stopped."
+        ));
+    }
+    all
+}

@@ -1,0 +1,70 @@
+//! Whether every message fits its window.
+
+use network_model::{Message, Network, SendType, WindowKind, worst_case_bits};
+
+use crate::can;
+use crate::results::{MICROSECOND, MessageReport};
+use crate::table::BusTable;
+
+/// The answers for all messages, in order of the cycle.
+///
+/// An exclusive window must hold the longest frame, begun as late as the
+/// transmit enable window allows, and the difference of two clocks. Messages
+/// that share an arbitrating window wait for one another as on a bus of their
+/// own (Davis et al. 2007), errors included.
+#[must_use]
+pub fn messages(network: &Network, table: &BusTable) -> Vec<MessageReport> {
+    let bit = u64::from(network.bit_time_ns());
+    let errors = can::ErrorRate {
+        burst: table.error_burst,
+        interval: table.error_interval_ms * 1_000_000,
+    };
+    let mut events: Vec<&Message> = network
+        .messages
+        .iter()
+        .filter(|m| m.window.kind == WindowKind::Arbitrating)
+        .collect();
+    events.sort_by_key(|m| m.id);
+    let streams: Vec<can::Message> = events.iter().map(|m| stream(m, bit)).collect();
+    let mut reports: Vec<MessageReport> = network
+        .messages
+        .iter()
+        .map(|m| {
+            let frame = u64::from(worst_case_bits(m.length)) * bit * 1000;
+            let arbitrating = m.window.kind == WindowKind::Arbitrating;
+            let need = if arbitrating {
+                let at = events.iter().position(|e| e.id == m.id).unwrap_or(0);
+                can::response(&streams, at, bit, errors)
+                    .ok()
+                    .map(|ns| ns * 1000)
+            } else {
+                let late = u64::from(network.transmit_enable_bits) * bit * 1000;
+                Some(frame + late + u64::from(network.sync_uncertainty_us) * MICROSECOND)
+            };
+            MessageReport {
+                name: m.name.clone(),
+                id: m.id,
+                need,
+                room: u64::from(m.window.length_us) * MICROSECOND,
+                start: u64::from(m.window.start_us) * MICROSECOND,
+                arbitrating,
+            }
+        })
+        .collect();
+    reports.sort_by_key(|m| (m.start, m.id));
+    reports
+}
+
+fn stream(message: &Message, bit: u64) -> can::Message {
+    let interval = match message.send_type {
+        SendType::Event { interval_ms } => interval_ms,
+        SendType::Cyclic { period_ms } => period_ms,
+    };
+    can::Message {
+        name: message.name.clone(),
+        length: u64::from(worst_case_bits(message.length)) * bit,
+        period: u64::from(interval.max(1)) * 1_000_000,
+        deadline: u64::from(message.window.length_us) * 1000,
+        jitter: 0,
+    }
+}

@@ -1,0 +1,181 @@
+//! What the image of a node says: times, critical sections and stack.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::model::NodeModel;
+use crate::results::Picoseconds;
+use crate::stack::{FRAME, FRAME_FPU, Stacks};
+use crate::system::InputError;
+use crate::table::{NodeTable, Part};
+use crate::wcet::analysis::{Analysis, Bound, Entry, Problem};
+use crate::wcet::annotation::Annotations;
+use crate::wcet::image::Image;
+use crate::wcet::ipet;
+use crate::wcet::timing::Timing;
+
+/// One handler.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Handler {
+    /// Bound in cycles, entry and return included: zero wait states, as flashed.
+    pub cycles: [u64; 2],
+    /// Cycles of entry and return in them.
+    pub overhead: [u64; 2],
+    /// What a preemption by it costs besides, in cycles.
+    pub preemption: u64,
+    /// Why the bound is none.
+    pub problems: BTreeSet<Problem>,
+    /// Panics not proven impossible.
+    pub panics: Vec<String>,
+    /// Loop bounds taken from annotations.
+    pub annotated: BTreeMap<String, u64>,
+    /// Worst path by source line: cycles as flashed, times, place.
+    pub path: Vec<(u64, u64, String)>,
+    /// Bound of the integer program.
+    pub program: Option<[u64; 2]>,
+}
+
+/// A stretch with interrupts masked.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Section {
+    /// Who masks: a handler's interrupt, or `main` for start-up and idle.
+    pub holder: String,
+    /// Its priority.
+    pub priority: u32,
+    /// The priority that it masks up to.
+    pub ceiling: u32,
+    /// Cycles as flashed.
+    pub cycles: u64,
+    /// Where it masks.
+    pub place: String,
+}
+
+/// What the image of a node says.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Execution {
+    /// Handlers by interrupt.
+    pub handlers: BTreeMap<String, Handler>,
+    /// Stretches with interrupts masked.
+    pub sections: Vec<Section>,
+    /// Deepest stack with all preemptions, in bytes.
+    pub stack: u32,
+    /// What that figure does not hold.
+    pub stack_unknown: BTreeSet<String>,
+    /// Where the start-up and idle code could not be followed.
+    pub idle_problems: BTreeSet<Problem>,
+}
+
+impl Execution {
+    /// Analyses the handlers of `node`, its start-up and its idle code.
+    ///
+    /// # Errors
+    /// The image does not hold a handler of the model.
+    pub fn of(
+        node: &NodeModel,
+        table: &NodeTable,
+        image: &Image,
+        annotations: &Annotations,
+        progress: &dyn Fn(&str),
+    ) -> Result<Self, InputError> {
+        let part = match table.part {
+            Part::F446 => Timing::f446(),
+            Part::F303 => Timing::f303(),
+        };
+        let mut analysis = Analysis::new(image, annotations, part);
+        let mut stacks = Stacks::new(image);
+        let exceptions = [Timing::zero_wait(), part].map(|timing| timing.exceptions());
+        let mut execution = Self::default();
+        let mut levels: BTreeMap<u32, (u32, bool)> = BTreeMap::new();
+        for task in &node.tasks {
+            if execution.handlers.contains_key(&task.interrupt) {
+                continue;
+            }
+            progress(&task.name);
+            let entry = image.symbol(&task.interrupt).ok_or_else(|| {
+                InputError(format!(
+                    "the image of {} has no handler {}: is it built from this source?",
+                    node.name, task.interrupt
+                ))
+            })?;
+            let bound = analysis.run(entry, Entry::Handler);
+            execution.add_sections(&bound, &task.interrupt, task.priority, image);
+            let depth = stacks.depth(entry);
+            execution.stack_unknown.extend(depth.unknown);
+            let level = levels.entry(task.priority).or_default();
+            level.0 = level.0.max(depth.bytes).max(bound.stack);
+            level.1 |= bound.uses_fpu;
+            let program = ipet::solve(&mut analysis, &bound, entry);
+            let overhead = exceptions.map(|e| e.entry + e.exit);
+            let lazy = if bound.uses_fpu {
+                exceptions[1].lazy_stacking
+            } else {
+                0
+            };
+            execution.handlers.insert(
+                task.interrupt.clone(),
+                Handler {
+                    cycles: bound.cycles,
+                    overhead,
+                    preemption: exceptions[1].restart + lazy,
+                    problems: bound.problems,
+                    panics: bound
+                        .panics
+                        .iter()
+                        .map(|site| format!("{} -> {}", image.describe(site.at), site.callee))
+                        .collect(),
+                    annotated: bound.annotated,
+                    program: program
+                        .as_ref()
+                        .map(|p| [p.cycles[0] + overhead[0], p.cycles[1] + overhead[1]]),
+                    path: program.map(|p| p.path).unwrap_or_default(),
+                },
+            );
+        }
+        let mut fpu = levels.values().any(|(_, fpu)| *fpu);
+        if let Some(main) = image.symbol("main") {
+            progress("start-up and idle");
+            let bound = analysis.run(main, Entry::Program);
+            execution.add_sections(&bound, "main", 0, image);
+            let depth = stacks.depth(main);
+            execution.stack_unknown.extend(depth.unknown);
+            execution.stack = depth.bytes.max(bound.stack);
+            fpu |= bound.uses_fpu;
+            execution.idle_problems = bound
+                .problems
+                .into_iter()
+                // Start-up waits for hardware; only what hides a critical
+                // section of idle matters here.
+                .filter(|problem| !matches!(problem, Problem::LoopWithoutBound(_)))
+                .collect();
+        }
+        // Every priority may preempt every lower one once. A frame holds the
+        // floating-point registers if anything below uses them.
+        for (bytes, _) in levels.values() {
+            execution.stack += bytes + if fpu { FRAME_FPU } else { FRAME };
+        }
+        Ok(execution)
+    }
+
+    fn add_sections(&mut self, bound: &Bound, holder: &str, priority: u32, image: &Image) {
+        for section in &bound.sections {
+            self.sections.push(Section {
+                holder: holder.to_owned(),
+                priority,
+                ceiling: match section.level {
+                    0 => u32::MAX,
+                    level => PRIORITIES - u32::from(level >> 4),
+                },
+                cycles: section.cycles[1],
+                place: image.describe(section.at),
+            });
+        }
+    }
+}
+
+/// Priorities of both parts.
+const PRIORITIES: u32 = 16;
+
+/// `cycles` of a core at `hz`, rounded up.
+#[must_use]
+pub fn picoseconds(cycles: u64, hz: u64) -> Picoseconds {
+    (u128::from(cycles) * 1_000_000_000_000).div_ceil(u128::from(hz.max(1))) as u64
+}

@@ -1,0 +1,158 @@
+//! The tasks of a node: source, task table and network file put together.
+
+use network_model::Network;
+
+use crate::arrivals::{Arrivals, Sporadic, Timetable};
+use crate::releases::Bus;
+use crate::results::{MICROSECOND, Picoseconds};
+use crate::system::InputError;
+use crate::table::{BusEvent, By, NodeTable, TaskTable};
+use crate::tasks::App;
+
+/// A task without its cost.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TaskModel {
+    /// Its name.
+    pub name: String,
+    /// Interrupt that runs it.
+    pub interrupt: String,
+    /// Its priority.
+    pub priority: u32,
+    /// When it may be released.
+    pub arrivals: Arrivals,
+    /// Its deadline, of releases that have none of their own.
+    pub deadline: Picoseconds,
+    /// How much later than its nominal instant it may be released.
+    pub jitter: Picoseconds,
+    /// The task that releases it.
+    pub after: Option<String>,
+}
+
+/// A node without its costs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NodeModel {
+    /// Its name.
+    pub name: String,
+    /// Its tasks.
+    pub tasks: Vec<TaskModel>,
+}
+
+/// The timer of the software tasks, which no source declares as a task.
+const TIMER: &str = "SysTick";
+
+impl NodeModel {
+    /// Puts the model of `name` together; `file` names the task table in errors.
+    ///
+    /// # Errors
+    /// A task is in one of the two and not in the other, or the table names
+    /// something that is nowhere.
+    pub fn new(
+        name: &str,
+        app: &App,
+        table: &NodeTable,
+        network: &Network,
+        file: &str,
+    ) -> Result<Self, InputError> {
+        let mut declared: Vec<(&str, &str, u32)> = app
+            .tasks
+            .iter()
+            .map(|task| {
+                let interrupt = app.interrupt(task).unwrap_or(&task.name);
+                (task.name.as_str(), interrupt, task.priority)
+            })
+            .collect();
+        if table.task.contains_key(TIMER) {
+            declared.push((TIMER, TIMER, app.timer_priority()));
+        }
+        let is_declared = |task: &str| declared.iter().any(|(name, ..)| *name == task);
+        if let Some(extra) = table.task.keys().find(|task| !is_declared(task)) {
+            return Err(InputError(format!("{file}: {name} has no task {extra}")));
+        }
+        let bus = Bus::new(network, name, table.transmit_lead_us * MICROSECOND);
+        let mut tasks = Vec::new();
+        for &(task, interrupt, priority) in &declared {
+            let entry = table.task.get(task).ok_or_else(|| {
+                InputError(format!(
+                    "{file}: task {task} of {name} has no inter-arrival time and deadline"
+                ))
+            })?;
+            let wrong = |what: String| InputError(format!("{file}: task {task} of {name}: {what}"));
+            if let Some(after) = entry.after.as_deref().filter(|after| !is_declared(after)) {
+                return Err(wrong(format!("`after` names {after}, which is no task")));
+            }
+            tasks.push(TaskModel {
+                name: task.to_owned(),
+                interrupt: interrupt.to_owned(),
+                priority,
+                arrivals: arrivals(entry, bus).map_err(wrong)?,
+                deadline: deadline(entry, bus).map_err(wrong)?,
+                jitter: entry.jitter_us * MICROSECOND,
+                after: entry.after.clone(),
+            });
+        }
+        tasks.sort_by_key(|task| std::cmp::Reverse(task.priority));
+        Ok(Self {
+            name: name.to_owned(),
+            tasks,
+        })
+    }
+}
+
+fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, String> {
+    let mut all = Arrivals {
+        sporadic: entry
+            .every_us
+            .as_slice()
+            .iter()
+            .map(|every| Sporadic {
+                period: every * MICROSECOND,
+                limit: entry
+                    .at_most
+                    .map(|most| (most.jobs, most.in_us * MICROSECOND)),
+            })
+            .collect(),
+        timed: None,
+    };
+    let mut tables: Vec<Timetable> = Vec::new();
+    for event in entry.on.as_slice() {
+        match event {
+            BusEvent::FrameReceived => tables.push(bus.frames(false)),
+            BusEvent::FrameSent => tables.push(bus.frames(true)),
+            BusEvent::WindowEdge => tables.push(bus.window_edges()),
+            BusEvent::EventQueued => all.sporadic.extend(bus.events_queued()),
+        }
+    }
+    for message in entry.receives.as_slice() {
+        let table = bus
+            .message(message)
+            .ok_or_else(|| format!("no other node sends a message {message}"))?;
+        tables.push(table);
+    }
+    if !entry.at_us.as_slice().is_empty() {
+        tables.push(bus.marks(entry.at_us.as_slice()));
+    }
+    for table in tables {
+        all = all.merged(&Arrivals {
+            sporadic: Vec::new(),
+            timed: Some(table),
+        });
+    }
+    Ok(all)
+}
+
+fn deadline(entry: &TaskTable, bus: Bus<'_>) -> Result<Picoseconds, String> {
+    match (&entry.by, entry.deadline_us) {
+        (Some(By::WindowEnd), _) => Ok(bus.after_frame().min(3 * bus.spacing(false))),
+        (Some(By::Window), _) => Ok(bus.spacing(false)),
+        (Some(By::Message(message)), _) => {
+            let due = bus
+                .due(message)
+                .ok_or_else(|| format!("it sends no message {message}"))?;
+            let released = entry.at_us.as_slice().iter().max().copied().unwrap_or(0) * MICROSECOND;
+            due.checked_sub(released)
+                .ok_or_else(|| format!("it is released after the window of {message} has begun"))
+        }
+        (None, Some(us)) => Ok(us * MICROSECOND),
+        (None, None) => Err("it has no deadline".to_owned()),
+    }
+}

@@ -1,0 +1,89 @@
+//! The answers for programs.
+
+use serde_json::{Value, json};
+
+use crate::results::{NodeReport, Report, TaskReport};
+
+/// Everything; times in picoseconds.
+#[must_use]
+pub fn json(report: &Report) -> Value {
+    json!({
+        "schedulable": report.schedulable(),
+        "first_miss": report.first_miss(),
+        "basic_cycle_ps": report.basic_cycle,
+        "assumptions": report.assumptions,
+        "median_ratio": {
+            "zero_wait": super::median_ratio(report, 0),
+            "as_flashed": super::median_ratio(report, 1),
+        },
+        "nodes": report.nodes.iter().map(node).collect::<Vec<_>>(),
+        "messages": report.messages.iter().map(|message| json!({
+            "name": message.name,
+            "id": message.id,
+            "start_ps": message.start,
+            "need_ps": message.need,
+            "room_ps": message.room,
+            "arbitrating": message.arbitrating,
+            "meets": message.meets(),
+        })).collect::<Vec<_>>(),
+        "chains": report.chains.iter().map(|chain| json!({
+            "name": chain.name,
+            "latency_ps": chain.latency,
+            "deadline_ps": chain.deadline,
+            "steps": chain.steps.iter().map(|step| json!({
+                "step": step.name,
+                "done_ps": step.done,
+                "phase_ps": step.phase,
+            })).collect::<Vec<_>>(),
+            "meets": chain.meets(),
+        })).collect::<Vec<_>>(),
+    })
+}
+
+fn node(node: &NodeReport) -> Value {
+    json!({
+        "name": node.name,
+        "core_hz": node.core_hz,
+        "stack_bytes": node.stack,
+        "stack_size_bytes": node.stack_size,
+        "stack_unknown": node.stack_unknown,
+        "utilisation_permille": node.utilisation_permille,
+        "idle_problems": node.idle_problems.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "tasks": node.tasks.iter().map(|of| task(node, of)).collect::<Vec<_>>(),
+    })
+}
+
+fn task(node: &NodeReport, task: &TaskReport) -> Value {
+    let bounded = |value: u64| task.is_bounded().then_some(value);
+    json!({
+        "name": task.name,
+        "interrupt": task.interrupt,
+        "priority": task.priority,
+        "bound_cycles": bounded(task.cycles[0]),
+        "bound_cycles_flash": bounded(task.cycles[1]),
+        "entry_and_return_cycles": task.overhead,
+        "program_cycles": task.program,
+        "observed_cycles": task.observed.map(|seen| seen[0]),
+        "observed_cycles_flash": task.observed.map(|seen| seen[1]),
+        "ratio": task.ratio(0),
+        "ratio_flash": task.ratio(1),
+        "cost_ps": bounded(task.cost),
+        "period_ps": task.period,
+        "jitter_ps": task.jitter,
+        "blocking_ps": task.blocking,
+        "blocked_by": task.blocked_by,
+        "release": task.job,
+        "deadline_ps": task.deadline,
+        "response_ps": task.response,
+        "slack_ps": task.slack(),
+        "sensitivity_ps": task.sensitivity,
+        "delayed_by": task.delayed_by.iter().map(|(other, jobs, time)| json!({
+            "task": other, "jobs": jobs, "time_ps": time,
+        })).collect::<Vec<_>>(),
+        "meets": task.meets(),
+        "miss": task.miss(&node.name),
+        "problems": task.problems.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "panics": task.panics,
+        "annotated": task.annotated,
+    })
+}

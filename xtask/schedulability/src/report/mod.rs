@@ -1,0 +1,85 @@
+//! The answers for people, for programs and for a browser.
+
+mod explain;
+mod html;
+mod json;
+mod table;
+mod timeline;
+
+pub use explain::explain;
+pub use html::html;
+pub use json::json;
+pub use table::table;
+
+use crate::results::{Picoseconds, Report, TaskReport, time};
+
+fn or_dash(value: Option<Picoseconds>) -> String {
+    value.map_or_else(|| "-".to_owned(), time)
+}
+
+/// Headings of the table of tasks, the task's name first.
+const HEADINGS: [&str; 13] = [
+    "task",
+    "prio",
+    "interrupt",
+    "every",
+    "bound",
+    "seen",
+    "ratio",
+    "ratio 0ws",
+    "blocked",
+    "response",
+    "deadline",
+    "slack",
+    "may grow",
+];
+
+/// A row of that table.
+fn row(task: &TaskReport, cycle_time: impl Fn(u64) -> Picoseconds) -> [String; 13] {
+    let ratio = |model: usize| {
+        let ratio = task.ratio(model);
+        ratio.map_or_else(|| "-".to_owned(), |ratio| format!("{ratio:.2}"))
+    };
+    let bounded = |value: Picoseconds| or_dash(task.is_bounded().then_some(value));
+    [
+        task.name.clone(),
+        task.priority.to_string(),
+        task.interrupt.clone(),
+        time(task.period),
+        bounded(task.cost),
+        or_dash(task.observed.map(|seen| cycle_time(seen[1]))),
+        ratio(1),
+        ratio(0),
+        time(task.blocking),
+        or_dash(task.response),
+        time(task.deadline),
+        or_dash(task.slack()),
+        or_dash(task.sensitivity),
+    ]
+}
+
+/// What the columns mean.
+const LEGEND: &str = "bound, seen: longest time as flashed, without and with the emulator; ratio: \
+    bound over seen as flashed and at zero wait states; blocked: longest critical section of a \
+    lower priority; response: worst time from release to end of the release with the least room; \
+    may grow: how much longer one job may take before anything on the node misses.";
+
+/// Median of the ratios of a timing model, over all tasks that have one.
+fn median_ratio(report: &Report, model: usize) -> Option<f64> {
+    let tasks = report.nodes.iter().flat_map(|node| &node.tasks);
+    let mut ratios: Vec<f64> = tasks.filter_map(|task| task.ratio(model)).collect();
+    ratios.sort_by(f64::total_cmp);
+    match ratios.len() {
+        0 => None,
+        n if n % 2 == 1 => Some(ratios[n / 2]),
+        n => Some((ratios[n / 2 - 1] + ratios[n / 2]) / 2.0),
+    }
+}
+
+/// The answer in one line.
+fn verdict(report: &Report) -> String {
+    match report.first_miss() {
+        None => "schedulable: every deadline holds".to_owned(),
+        Some(miss) => format!("not schedulable: {miss}"),
+    }
+}

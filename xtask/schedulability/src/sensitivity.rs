@@ -1,0 +1,34 @@
+//! How much longer a task may take before something misses.
+
+use crate::response::{Task, analyse};
+
+/// How much longer one job of `tasks[index]` may take before any task of the
+/// set, itself included, misses its deadline, to within `step` below the
+/// truth. `None` when one misses already.
+#[must_use]
+pub fn slack(tasks: &[Task], index: usize, step: u64) -> Option<u64> {
+    let fits = |extra: u64| {
+        let mut longer = tasks.to_vec();
+        longer[index].cost = longer[index].cost.saturating_add(extra);
+        analyse(&longer)
+            .iter()
+            .all(|result| matches!(result, Ok(response) if response.critical.meets()))
+    };
+    if !fits(0) {
+        return None;
+    }
+    let mut low = 0;
+    let mut high = tasks[index].deadline.max(1);
+    if fits(high) {
+        return Some(high);
+    }
+    while high - low > step.max(1) {
+        let middle = low + (high - low) / 2;
+        if fits(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Some(low)
+}

@@ -1,0 +1,249 @@
+//! Responses of jobs that stand in a time table, against a simulation.
+
+mod simulation;
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use schedulability::arrivals::{Arrivals, Job, Sporadic, Timetable};
+use schedulability::response::{CriticalSection, Task, Unbounded, analyse, blocking, response};
+use schedulability::sensitivity::slack;
+
+const CYCLE: u64 = 200;
+
+fn job(label: &str, earliest: u64, latest: u64, deadline: Option<u64>) -> Job {
+    Job {
+        label: label.to_owned(),
+        earliest,
+        latest,
+        deadline,
+    }
+}
+
+fn table(jobs: Vec<Job>) -> Arrivals {
+    Arrivals {
+        sporadic: Vec::new(),
+        timed: Some(Timetable {
+            cycle: CYCLE,
+            spacing: 0,
+            jobs,
+        }),
+    }
+}
+
+fn task(name: &str, priority: u32, cost: u64, arrivals: Arrivals) -> Task {
+    Task {
+        name: name.to_owned(),
+        priority,
+        cost,
+        arrivals,
+        deadline: 100,
+        jitter: 0,
+        after: None,
+        blocking: 0,
+        preemption: 0,
+    }
+}
+
+/// A receive task whose frames end between the edges, and the timer of these.
+fn bus() -> Vec<Task> {
+    vec![
+        task(
+            "receive",
+            2,
+            20,
+            table(vec![job("a", 30, 60, None), job("b", 130, 160, None)]),
+        ),
+        task(
+            "timer",
+            2,
+            10,
+            table(vec![
+                job("own", 100, 100, Some(12)),
+                job("end", 190, 190, None),
+            ]),
+        ),
+    ]
+}
+
+#[test]
+fn what_is_over_or_not_yet_there_does_not_delay() {
+    let set = bus();
+    // Without the table any release may coincide with any other.
+    assert_eq!(response(&set, 1).unwrap().worst, 30);
+    let results = analyse(&set);
+    let timer = results[1].as_ref().unwrap();
+    assert_eq!(timer.worst, 10);
+    assert_eq!(timer.critical.job.as_deref(), Some("own"));
+    assert_eq!((timer.critical.response, timer.critical.deadline), (10, 12));
+    assert_eq!(results[0].as_ref().unwrap().worst, 20);
+    // The own edge has two ticks of room, and nothing else has less.
+    assert_eq!(slack(&set, 1, 1), Some(2));
+}
+
+#[test]
+fn a_frame_that_may_end_too_late_delays_the_edge() {
+    let mut set = bus();
+    set[0].arrivals = table(vec![job("a", 30, 81, None)]);
+    let timer = &analyse(&set)[1];
+    let critical = &timer.as_ref().unwrap().critical;
+    assert_eq!((critical.response, critical.meets()), (30, false));
+    assert_eq!(critical.delayed_by, [(0, 1)]);
+}
+
+#[test]
+fn the_cause_of_a_release_is_its_jitter() {
+    let mut set = bus();
+    set.push(task("step", 1, 5, table(vec![job("mark", 100, 100, None)])));
+    set[2].after = Some(1);
+    let results = analyse(&set);
+    let step = results[2].as_ref().unwrap();
+    // The timer's ten, and its own five: the timer itself is over when it is
+    // released, but the analysis does not know that it was the cause.
+    assert_eq!((step.critical.jitter, step.worst), (10, 25));
+    set[1].arrivals = Arrivals::every(10);
+    set[1].cost = 11;
+    assert_eq!(analyse(&set)[2], Err(Unbounded::Cause));
+}
+
+fn below(random: &mut ChaCha8Rng, bound: u64) -> u64 {
+    random.next_u64() % bound
+}
+
+fn random_set(random: &mut ChaCha8Rng) -> Vec<Task> {
+    let count = 2 + below(random, 4) as usize;
+    let mut set: Vec<Task> = (0..count)
+        .map(|index| {
+            let priority = 1 + below(random, count as u64) as u32;
+            let cost = 1 + below(random, 12);
+            let timed = |random: &mut ChaCha8Rng| {
+                let jobs = 1 + below(random, 3);
+                let jobs = (0..jobs).map(|_| {
+                    let earliest = below(random, CYCLE);
+                    job("", earliest, earliest + below(random, 40), None)
+                });
+                Timetable {
+                    cycle: CYCLE,
+                    spacing: 0,
+                    jobs: jobs.collect(),
+                }
+            };
+            let every = 60 + below(random, 100);
+            let arrivals = match below(random, 4) {
+                0 => Arrivals::every(every),
+                1 => Arrivals {
+                    sporadic: vec![Sporadic {
+                        period: 15 + every / 8,
+                        limit: Some((3, CYCLE)),
+                    }],
+                    timed: None,
+                },
+                2 => Arrivals {
+                    sporadic: vec![Sporadic::every(every)],
+                    timed: Some(timed(random)),
+                },
+                _ => Arrivals {
+                    sporadic: Vec::new(),
+                    timed: Some(timed(random)),
+                },
+            };
+            let jitter = if below(random, 3) == 0 {
+                below(random, 10)
+            } else {
+                0
+            };
+            Task {
+                jitter,
+                ..task(&index.to_string(), priority, cost, arrivals)
+            }
+        })
+        .collect();
+    let sections = sections(&set);
+    for task in &mut set {
+        task.blocking = blocking(&sections, task.priority);
+    }
+    set
+}
+
+/// Every task of a priority holds a lock of the next for half its time.
+fn sections(set: &[Task]) -> Vec<CriticalSection> {
+    set.iter()
+        .filter(|task| task.cost > 2)
+        .map(|task| CriticalSection {
+            holder: task.priority,
+            ceiling: task.priority + 1,
+            length: task.cost / 2,
+        })
+        .collect()
+}
+
+fn releases(task: usize, of: &Task, random: &mut ChaCha8Rng, horizon: u64) -> Vec<simulation::Job> {
+    let mut instants = Vec::new();
+    for stream in &of.arrivals.sporadic {
+        let mut at = below(random, 5);
+        let mut recent: Vec<u64> = Vec::new();
+        while at < horizon {
+            instants.push(at);
+            recent.push(at);
+            at += stream.period + below(random, 4) / 3;
+            if let Some((jobs, span)) = stream.limit
+                && let Some(first) = recent.len().checked_sub(jobs as usize)
+            {
+                at = at.max(recent[first] + span);
+            }
+        }
+    }
+    if let Some(table) = &of.arrivals.timed {
+        for cycle in 0..horizon / table.cycle {
+            for job in &table.jobs {
+                let late = match below(random, 3) {
+                    0 => 0,
+                    1 => job.latest - job.earliest,
+                    _ => below(random, job.latest - job.earliest + 1),
+                };
+                instants.push(cycle * table.cycle + job.earliest + late);
+            }
+        }
+    }
+    instants
+        .into_iter()
+        .map(|arrival| simulation::Job {
+            task,
+            arrival,
+            release: arrival + [0, of.jitter][below(random, 2) as usize],
+            cost: of.cost,
+            priority: of.priority,
+        })
+        .collect()
+}
+
+#[test]
+fn simulation_never_exceeds_the_bound() {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let (mut reached, mut compared, mut sharpened) = (0, 0, 0);
+    for _ in 0..1000 {
+        let set = random_set(&mut random);
+        let bounds = analyse(&set);
+        let horizon = 6 * CYCLE;
+        let jobs: Vec<simulation::Job> = set
+            .iter()
+            .enumerate()
+            .flat_map(|(index, of)| releases(index, of, &mut random, horizon))
+            .collect();
+        let seen = simulation::longest(&jobs, &sections(&set), set.len(), horizon);
+        for (index, longest) in seen.into_iter().enumerate() {
+            if let Ok(bound) = &bounds[index] {
+                assert!(
+                    longest <= bound.worst,
+                    "{longest} over {bound:?} for {index} of {set:#?}"
+                );
+                compared += 1;
+                reached += usize::from(longest == bound.worst);
+                let plain = response(&set, index).map(|plain| plain.worst);
+                sharpened += usize::from(plain.is_ok_and(|plain| bound.worst < plain));
+            }
+        }
+    }
+    assert!(compared > 2000, "{compared}");
+    assert!(reached > 100, "{reached}");
+    assert!(sharpened > 100, "{sharpened}");
+}

@@ -1,0 +1,176 @@
+//! `schedulability` and `priorities`: whether every deadline holds, and with
+//! which priorities.
+
+mod observe;
+mod progress;
+
+use std::{collections::BTreeMap, fs, path::PathBuf};
+
+use schedulability::{
+    priorities, report,
+    results::{NodeReport, Report, TaskReport},
+    system::{self, InputError, Inputs, Models},
+};
+
+use crate::{
+    Failure, Node, Workspace, build,
+    cli::{Priorities, Schedulability},
+};
+use progress::Display;
+
+/// The task table, from the root of the workspace.
+const TABLE: &str = "firmware/tasks.toml";
+/// The network file.
+const NETWORK: &str = "firmware/network/uagv.dbc";
+
+/// Runs `schedulability`.
+///
+/// # Errors
+///
+/// Something on the command line, in the table, in the network file or in a
+/// source is wrong ([`Failure::Usage`]), an image does not build, or a deadline
+/// does not hold.
+pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failure> {
+    let nodes = match options.nodes.as_slice() {
+        [] => Node::ALL.to_vec(),
+        nodes => nodes.to_vec(),
+    };
+    // What is wrong with the words is said before the time for a build is spent.
+    let models = models(workspace, &nodes)?;
+    let explained = match &options.explain {
+        Some(task) => Some(explained(&models, task)?),
+        None => None,
+    };
+    if let Some(path) = &options.html {
+        fs::write(path, "").map_err(|error| unwritable(path, &error.to_string()))?;
+    }
+    let report = analyse(workspace, &nodes)?;
+    if let Some(path) = &options.html {
+        fs::write(path, report::html(&report))
+            .map_err(|error| unwritable(path, &error.to_string()))?;
+        eprintln!("Wrote {}.", path.display());
+    }
+    if options.json {
+        println!("{:#}", report::json(&report));
+    } else if let Some((node, task)) = explained.and_then(|(node, task)| find(&report, node, task))
+    {
+        print!("{}", report::explain(node, task));
+    } else {
+        print!("{}", report::table(&report));
+    }
+    judge(&report)
+}
+
+/// Runs `priorities`.
+///
+/// # Errors
+///
+/// Something in the table, in the network file or in a source is wrong.
+pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(), Failure> {
+    let models = models(workspace, &Node::ALL)?;
+    let nodes = models.nodes.iter().map(|(node, _)| node);
+    if options.json {
+        println!("{:#}", priorities::json(nodes));
+    } else {
+        print!("{}", priorities::show(nodes));
+    }
+    Ok(())
+}
+
+/// Builds the images, lets them run for the longest times seen, and analyses
+/// these nodes.
+///
+/// # Errors
+///
+/// As [`run`], except that an answer that is no is no error.
+pub(crate) fn analyse(workspace: &Workspace, nodes: &[Node]) -> Result<Report, Failure> {
+    // All four: a node alone has no bus, and nothing to do.
+    let images = build::images(workspace, &Node::ALL)?;
+    let mut display = Display::new();
+    let observed = observe::longest(&images, &mut |what| display.show(what));
+    display.end();
+    let root = workspace.root().to_path_buf();
+    let inputs = Inputs {
+        table: root.join(TABLE),
+        network: root.join(NETWORK),
+        nodes: images
+            .into_iter()
+            .filter(|image| nodes.contains(&image.node))
+            .map(|image| {
+                let name = image.node.name();
+                (name.to_owned(), (source(workspace, image.node), image.path))
+            })
+            .collect(),
+        observed: observed?,
+        root,
+    };
+    let display = std::sync::Mutex::new(Display::new());
+    let report = system::run(&inputs, &|what| {
+        if let Ok(mut display) = display.lock() {
+            display.show(what);
+        }
+    });
+    if let Ok(mut display) = display.lock() {
+        display.end();
+    }
+    report.map_err(wrong)
+}
+
+/// An answer that is no ends the program with exit code 1; why is the last line
+/// of the table.
+fn judge(report: &Report) -> Result<(), Failure> {
+    match report.first_miss() {
+        None => Ok(()),
+        Some(miss) => Err(Failure::Failed(format!("not schedulable: {miss}"))),
+    }
+}
+
+fn wrong(error: InputError) -> Failure {
+    Failure::Usage(error.to_string())
+}
+
+fn unwritable(path: &std::path::Path, why: &str) -> Failure {
+    Failure::Usage(format!("{} cannot be written: {why}", path.display()))
+}
+
+fn source(workspace: &Workspace, node: Node) -> PathBuf {
+    let file = format!("firmware/src/bin/{}.rs", node.name());
+    workspace.root().join(file)
+}
+
+fn models(workspace: &Workspace, nodes: &[Node]) -> Result<Models, Failure> {
+    let sources: BTreeMap<&str, PathBuf> = nodes
+        .iter()
+        .map(|node| (node.name(), source(workspace, *node)))
+        .collect();
+    let root = workspace.root();
+    let sources = sources.iter().map(|(name, path)| (*name, path.as_path()));
+    Models::read(root, &root.join(TABLE), &root.join(NETWORK), sources).map_err(wrong)
+}
+
+/// The task that `--explain` names, as node and task.
+fn explained<'a>(models: &Models, task: &'a str) -> Result<(&'a str, &'a str), Failure> {
+    let all = models.nodes.iter().flat_map(|(node, _)| {
+        let name = &node.name;
+        node.tasks.iter().map(move |task| (name, &task.name))
+    });
+    let named = task
+        .split_once('.')
+        .filter(|(n, t)| all.clone().any(|(node, task)| node == n && task == t));
+    named.ok_or_else(|| {
+        let names: Vec<String> = all.map(|(node, task)| format!("{node}.{task}")).collect();
+        Failure::Usage(format!(
+            "there is no task {task} among the nodes analysed: {} are accepted",
+            names.join(", ")
+        ))
+    })
+}
+
+fn find<'a>(
+    report: &'a Report,
+    node: &str,
+    task: &str,
+) -> Option<(&'a NodeReport, &'a TaskReport)> {
+    let node = report.nodes.iter().find(|n| n.name == node)?;
+    Some((node, node.tasks.iter().find(|t| t.name == task)?))
+}
