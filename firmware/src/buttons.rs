@@ -99,6 +99,7 @@ impl Buttons {
     /// Takes one sample of all inputs, in the order of [`Button::ALL`], and hands each
     /// change to `sink`.
     pub fn sample(&mut self, levels: [bool; 6], mut sink: impl FnMut(Button, Edge)) {
+        // loop-bound: 6 inputs
         for ((input, level), button) in self.inputs.iter_mut().zip(levels).zip(Button::ALL) {
             if let Some(edge) = input.sample(level) {
                 sink(button, edge);

@@ -232,6 +232,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         if self.port.take_overrun() {
             self.counters.overruns = self.counters.overruns.wrapping_add(1);
         }
+        // loop-bound: 2 a frame takes longer on the wire than this task may take
         while let Some(received) = self.port.receive() {
             let Received::Data(frame) = received else {
                 self.counters.remote = self.counters.remote.wrapping_add(1);
@@ -300,6 +301,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     /// interrupt calls this alone.
     pub fn service(&mut self) {
         self.counters.services = self.counters.services.wrapping_add(1);
+        // loop-bound: 4 an abort, a silence, a message and what follows them
         loop {
             let now = self.now();
             let Some(action) = self.node.poll(now) else {

@@ -130,11 +130,9 @@ impl Navigation {
     }
 
     /// Notes that time passes: after `timeout` ticks without a message there is no fix any
-    /// more. True when that just happened.
+    /// more. True when that just happened. To be called more often than every 2^31 ticks.
     pub fn lapse(&mut self, now: u32, timeout: u32) -> bool {
-        let silent = self
-            .heard_at
-            .is_some_and(|heard| now.wrapping_sub(heard) > timeout);
+        let silent = self.age(now).is_some_and(|age| age > timeout);
         if silent {
             self.heard_at = None;
             self.fix = Fix::None;
@@ -162,9 +160,11 @@ impl Navigation {
         self.tow
     }
 
-    /// Ticks since the last message; `None` when the receiver is silent.
+    /// Ticks since the last message; `None` when the receiver is silent. A message that was
+    /// heard after `now` was read, by a task of a higher priority, is of age 0.
     pub fn age(&self, now: u32) -> Option<u32> {
-        self.heard_at.map(|heard| now.wrapping_sub(heard))
+        self.heard_at
+            .map(|heard| now.wrapping_sub(heard).cast_signed().max(0).cast_unsigned())
     }
 }
 
@@ -193,6 +193,7 @@ impl Station {
         mut put: impl FnMut(Put),
     ) {
         let Self { parser, navigation } = self;
+        // loop-bound: 160 half of the ring, and what comes until it is read
         while let Some(byte) = next() {
             parser.push(byte, |frame| {
                 if let Some(message) = sbp::decode(&frame) {
@@ -313,6 +314,7 @@ mod tests {
     fn a_silent_receiver_has_no_fix() {
         let mut navigation = Navigation::new();
         navigation.message(&position(Fix::Fixed), 1000, |_| {});
+        assert!(!navigation.lapse(999, 500), "heard after the time was read");
         assert!(!navigation.lapse(1500, 500));
         assert!(navigation.fix().is_fixed());
         assert!(navigation.lapse(1501, 500));

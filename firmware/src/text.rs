@@ -56,6 +56,7 @@ impl<const N: usize> Text<N> {
 
     /// Appends a string.
     pub fn str(&mut self, text: &str) -> &mut Self {
+        // loop-bound: 24 no label is longer
         for &byte in text.as_bytes() {
             self.byte(byte);
         }
@@ -138,6 +139,7 @@ impl<const N: usize> Text<N> {
                 break;
             }
         }
+        // loop-bound: 10 digits of a 32-bit number
         for &digit in digits.iter().skip(10 - usize::from(used)) {
             self.byte(digit);
         }

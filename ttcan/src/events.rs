@@ -91,6 +91,7 @@ impl<const Q: usize> Queue<Q> {
     /// Drops what has expired by `now` and returns how many that were.
     pub fn expire(&mut self, now: Stamp) -> u32 {
         let mut expired = 0;
+        // loop-bound: 8 places, all of them expired
         while let Some(place) = self.find(|waiting| now.reached(waiting.expires)) {
             self.remove_at(place);
             expired += 1;

@@ -98,6 +98,7 @@ impl Parser {
     }
 
     fn settle(&mut self, mut sink: impl FnMut(Frame<'_>)) {
+        // loop-bound: 32 the shortest frames in the longest buffer
         while let Some(whole) = self.candidate() {
             let used = match check(self.buffer.get(..whole)) {
                 Some(frame) => {
@@ -118,6 +119,7 @@ impl Parser {
     /// Drops `used` bytes and everything from there to the next preamble.
     fn discard(&mut self, used: usize) {
         let rest = self.buffer.get(used..self.length).unwrap_or(&[]);
+        // loop-bound: 263 the whole buffer
         let junk = rest
             .iter()
             .position(|&byte| byte == PREAMBLE)
@@ -125,6 +127,7 @@ impl Parser {
         self.counters.skipped = self.counters.skipped.wrapping_add(junk as u32);
         let from = used + junk;
         let left = self.length.saturating_sub(from);
+        // loop-bound: 263 the whole buffer
         for to in 0..left {
             let byte = self.buffer.get(from + to).copied().unwrap_or(0);
             if let Some(slot) = self.buffer.get_mut(to) {

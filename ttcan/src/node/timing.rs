@@ -15,7 +15,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// transmit enable window has passed is not sent any more. Late calls catch
     /// up window by window; otherwise the cost is constant.
     #[must_use]
+    // Its loops stay apart from the caller's in the image, where their bounds are looked for.
+    #[inline(never)]
     pub fn poll(&mut self, now: Stamp) -> Option<Action> {
+        // loop-bound: 4 a boundary passed, a missing reference, an abort, a message
         loop {
             if self.silence_due {
                 self.silence_due = false;
@@ -373,6 +376,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// Passes the boundaries that lie before `start`, the instant at which a
     /// received frame began: the timer was late.
     pub(super) fn catch_up(&mut self, start: Stamp) {
+        // loop-bound: 2 the timer is late by less than a window
         while due(self.entry_due, start) {
             // What could be sent then is past by a frame's length now.
             let late = start.after(self.bits(u32::from(u8::MAX)));

@@ -186,6 +186,7 @@ impl<'s> ScheduleView<'s> {
     /// steps as the logarithm of the number of identifiers.
     #[inline(never)]
     pub(crate) fn known(&self, id: Id) -> Option<&Known> {
+        // loop-bound: 6 halvings of up to 64 identifiers
         let at = self
             .known
             .binary_search_by(|known| known.id.cmp(&id))

@@ -398,7 +398,11 @@ impl<'a> Run<'_, 'a> {
             .map(|bytes| match self.frames.last() {
                 // One that hands over to another leaves it no more.
                 Some((.., Some(outer))) => bytes.min(*outer),
-                _ => bytes,
+                Some((caller, ..)) => {
+                    let most = runtime::most_copied(&self.analysis.image.name(*caller));
+                    most.map_or(bytes, |most| bytes.min(most))
+                }
+                None => bytes,
             })
             .filter(|bytes| *bytes <= MAX_COPY);
         self.frames.push((entry, back, bytes));

@@ -1,7 +1,9 @@
 //! Loop bounds written at the loop.
 //!
 //! A comment `// loop-bound: N` on a line of its own, directly above a `for`,
-//! `while` or `loop`, says that one entry into the loop takes at most N turns.
+//! `while` or `loop`, says that one entry into the loop takes at most N turns;
+//! above another statement, that of each loop which an iterator or a search in
+//! it makes.
 //! The analysis finds the loop again through the image's line tables: a machine
 //! loop is that source loop when nearly all of its instructions were written
 //! there or inlined from there, no inner source loop holds as many, and the
@@ -19,7 +21,7 @@ use std::path::{Path, PathBuf};
 use syn::spanned::Spanned;
 use syn::visit::Visit;
 
-use super::graph::Graph;
+use super::graph::{Graph, Loop};
 use super::image::{Image, Place};
 
 /// The mark that begins an annotation.
@@ -46,6 +48,8 @@ struct SourceLoop {
     first: u32,
     last: u32,
     bound: Option<u64>,
+    /// A statement that hides a loop, not a loop.
+    statement: bool,
 }
 
 impl SourceLoop {
@@ -57,7 +61,7 @@ impl SourceLoop {
 /// A mark that no loop follows or that has no number.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{place}: `// loop-bound:` must be followed by a whole number and stand directly above a loop"
+    "{place}: `// loop-bound:` must be followed by a whole number and stand directly above a loop or a statement"
 )]
 pub struct Misplaced {
     /// Where it stands.
@@ -130,7 +134,8 @@ impl Annotations {
 
     /// The innermost source loop that a machine loop belongs to: nearly every
     /// located instruction (the compiler shares some with what comes before
-    /// or after) and most branches that repeat or leave it.
+    /// or after), and most branches that repeat or leave it unless no loop
+    /// inside fits as well.
     fn innermost(&self, image: &Image, graph: &Graph, number: usize) -> Option<Fit> {
         let l = &graph.loops[number];
         let locate = |address: u32| -> Vec<Place> {
@@ -183,13 +188,28 @@ impl Annotations {
                 .iter()
                 .filter(|places| holds(place, s, places))
                 .count();
-            strays <= located.len() / STRAYS && 2 * decided >= deciding.len()
+            let inner = || {
+                let inside =
+                    |other: &Loop| other.header != l.header && l.blocks.contains(&other.header);
+                graph.loops.iter().any(|other| {
+                    inside(other)
+                        && other
+                            .blocks
+                            .iter()
+                            .flat_map(|block| &graph.blocks[*block].instructions)
+                            .map(|instruction| locate(instruction.address))
+                            .filter(|places| !places.is_empty())
+                            .all(|places| holds(place, s, &places))
+                })
+            };
+            strays <= 1 + located.len() / STRAYS && (2 * decided >= deciding.len() || !inner())
         })?;
         // What repeats or leaves the loop must be written at the loop itself,
         // not in something called from its body: else it is a loop of that.
         let own = deciding.iter().any(|places| {
             places.iter().enumerate().any(|(depth, p)| {
-                p.file == place.file && s.holds(p.line) && (depth == 0 || p.line == s.first)
+                let own = depth == 0 || p.line == s.first || s.statement;
+                own && p.file == place.file && s.holds(p.line)
             })
         });
         let mut lines = located.iter().filter_map(|places| {
@@ -234,6 +254,10 @@ fn parse(file: &str, source: &str) -> (Vec<SourceLoop>, Vec<Misplaced>) {
     if let Ok(parsed) = syn::parse_file(source) {
         finder.visit_file(&parsed);
     }
+    finder.loops.retain(|found| {
+        let above = found.first.saturating_sub(1);
+        !found.statement || marks.contains_key(&above)
+    });
     // Other comments may stand between the mark and its loop.
     let lines: Vec<&str> = source.lines().collect();
     for found in &mut finder.loops {
@@ -272,11 +296,24 @@ impl Finder {
             first: span.start().line as u32,
             last: span.end().line as u32,
             bound: None,
+            statement: false,
         });
     }
 }
 
 impl<'ast> Visit<'ast> for Finder {
+    fn visit_stmt(&mut self, node: &'ast syn::Stmt) {
+        use syn::Expr::{ForLoop, Loop, While};
+        let is_loop = matches!(node, syn::Stmt::Expr(ForLoop(_) | Loop(_) | While(_), _));
+        if !is_loop {
+            self.add(node.span());
+            if let Some(added) = self.loops.last_mut() {
+                added.statement = true;
+            }
+        }
+        syn::visit::visit_stmt(self, node);
+    }
+
     fn visit_expr_for_loop(&mut self, node: &'ast syn::ExprForLoop) {
         self.add(node.span());
         syn::visit::visit_expr_for_loop(self, node);
@@ -307,12 +344,14 @@ mod tests {
                 SourceLoop {
                     first: 4,
                     last: 6,
-                    bound: Some(12)
+                    bound: Some(12),
+                    statement: false
                 },
                 SourceLoop {
                     first: 5,
                     last: 5,
-                    bound: None
+                    bound: None,
+                    statement: false
                 }
             ]
         );
@@ -320,15 +359,31 @@ mod tests {
     }
 
     #[test]
+    fn a_mark_may_stand_above_a_search() {
+        let source = "fn f() {\n    let a = 1;\n    // loop-bound: 7\n    let b = y\n        .iter()\n        .position(|z| z == a);\n}\n";
+        let (loops, misplaced) = parse("f.rs", source);
+        assert_eq!(
+            loops,
+            [SourceLoop {
+                first: 4,
+                last: 6,
+                bound: Some(7),
+                statement: true
+            }]
+        );
+        assert!(misplaced.is_empty());
+    }
+
+    #[test]
     fn a_mark_without_loop_or_number_is_reported() {
-        let source = "fn f() {\n    // loop-bound: 3\n    let x = 1;\n    // loop-bound: many\n    loop {}\n}\n";
+        let source = "fn f() {\n    // loop-bound: 3\n\n    let x = 1;\n    // loop-bound: many\n    loop {}\n}\n";
         let (_, mut misplaced) = parse("f.rs", source);
         misplaced.sort_by_key(|m| m.place.line);
         let lines: Vec<u32> = misplaced.iter().map(|m| m.place.line).collect();
-        assert_eq!(lines, [2, 4]);
+        assert_eq!(lines, [2, 5]);
         assert_eq!(
             misplaced[0].to_string(),
-            "f.rs:2: `// loop-bound:` must be followed by a whole number and stand directly above a loop"
+            "f.rs:2: `// loop-bound:` must be followed by a whole number and stand directly above a loop or a statement"
         );
     }
 }

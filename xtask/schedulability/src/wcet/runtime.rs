@@ -16,17 +16,55 @@ const KNOWN: [(&str, u64, &str); 1] = [(
     "64-bit division, one turn for each place",
 )];
 
+/// Bytes that a copy moves at most when one of these calls it: `defmt`'s
+/// encoder hands the logger one byte at a time (`rzcobs.rs`), which the logger
+/// copies in at most two parts.
+const LOGGER: [&str; 4] = [
+    "_defmt_write",
+    "_defmt_acquire",
+    "_defmt_release",
+    "defmt_rtt::",
+];
+
+/// Bytes that the function `caller` copies at most at once, if that is known.
+#[must_use]
+pub fn most_copied(caller: &str) -> Option<u64> {
+    LOGGER.iter().any(|name| caller.contains(name)).then_some(1)
+}
+
+/// Whether loop `number` repeats a store that fails only when the task was
+/// interrupted since the load that belongs to it.
+fn is_retry(graph: &Graph, number: usize) -> bool {
+    let l = &graph.loops[number];
+    let innermost = graph.loops.iter().all(|other| other.parent != Some(number));
+    let mut instructions = l
+        .blocks
+        .iter()
+        .flat_map(|block| &graph.blocks[*block].instructions);
+    innermost
+        && l.blocks.len() <= 4
+        && instructions.any(|instruction| {
+            matches!(
+                instruction.insn,
+                Insn::LoadStoreExclusive { load: false, .. }
+            )
+        })
+}
+
 /// The bound of loop `number` of `graph` if the function is known, with what
 /// it is.
 #[must_use]
 pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static str, u64)> {
+    if is_retry(graph, number) {
+        return Some(("store-exclusive, again when interrupted", 1));
+    }
     let name = image.name(graph.entry);
     let (_, turns, what) = KNOWN.iter().find(|(known, ..)| name == *known)?;
     Some((what, turns.div_ceil(unrolled(graph, number))))
 }
 
 /// The register that holds the number of bytes on entry of a function that
-/// copies or fills memory (run-time ABI for the Arm architecture, 4.3.4).
+/// copies, fills or encodes memory (run-time ABI for the Arm architecture, 4.3.4).
 #[must_use]
 pub fn length_register(name: &str) -> Option<usize> {
     let name = name.rsplit("::").next().unwrap_or(name);
@@ -34,6 +72,8 @@ pub fn length_register(name: &str) -> Option<usize> {
     match plain {
         "memcpy" | "memmove" | "memset" | "__aeabi_memcpy" | "__aeabi_memmove" => Some(2),
         "__aeabi_memset" | "__aeabi_memclr" => Some(1),
+        // Encodes that many bytes; each moves its buffers by one.
+        "_defmt_write" => Some(1),
         _ => None,
     }
 }
