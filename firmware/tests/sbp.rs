@@ -171,6 +171,44 @@ fn frames_of_the_whole(stream: &[u8]) -> Vec<std::ops::Range<usize>> {
     frames
 }
 
+/// Streams that a receiver's line may carry when something is wrong, by their names.
+fn corpus() -> Vec<(String, Vec<u8>)> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/corpus");
+    let files = std::fs::read_dir(folder).expect("the corpus is there");
+    let files = files.map(|file| file.expect("an entry").path());
+    let mut corpus: Vec<_> = files
+        .filter(|path| path.extension().is_some_and(|end| end == "bin"))
+        .map(|path| {
+            let bytes = std::fs::read(&path).expect("it can be read");
+            (path.display().to_string(), bytes)
+        })
+        .collect();
+    corpus.sort();
+    corpus
+}
+
+#[test]
+fn every_stream_of_the_corpus_yields_what_a_look_at_the_whole_finds() {
+    let corpus = corpus();
+    assert_eq!(corpus.len(), 12);
+    for (name, mut stream) in corpus {
+        stream.extend([0; 263]);
+        let expected: Vec<_> = frames_of_the_whole(&stream)
+            .into_iter()
+            .flat_map(|range| parse(&mut Parser::new(), &stream[range]))
+            .collect();
+        let mut parser = Parser::new();
+        assert_eq!(
+            format!("{:?}", parse(&mut parser, &stream)),
+            format!("{expected:?}"),
+            "{name}"
+        );
+        let counters = parser.counters();
+        assert_eq!(counters.frames as usize, expected.len(), "{name}");
+        assert!(counters.skipped as usize <= stream.len(), "{name}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 

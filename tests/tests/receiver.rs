@@ -170,3 +170,82 @@ fn a_damaged_packet_changes_nothing_and_the_next_one_counts() {
     bench.feed(&packet);
     assert!(bench.last::<Velocity>().is_some());
 }
+
+/// Every velocity and position that a stream holds with a right checksum, at whatever offset.
+fn spoken(stream: &[u8]) -> (Vec<(i32, i32)>, Vec<(i32, i32)>) {
+    let (mut velocities, mut positions) = (Vec::new(), Vec::new());
+    for begin in (0..stream.len()).filter(|&at| stream[at] == 0x55) {
+        let rest = &stream[begin..];
+        let whole = rest
+            .get(5)
+            .and_then(|&length| rest.get(..usize::from(length) + 8));
+        let Some(Ok(message)) = whole.and_then(|whole| sbp::iter_messages(whole).next()) else {
+            continue;
+        };
+        match message {
+            Sbp::MsgVelNed(m) => velocities.push((m.n, m.e)),
+            Sbp::MsgVelNedDepA(m) => velocities.push((m.n, m.e)),
+            Sbp::MsgBaselineNed(m) => positions.push((m.n, m.e)),
+            Sbp::MsgBaselineNedDepA(m) => positions.push((m.n, m.e)),
+            _ => {}
+        }
+    }
+    (velocities, positions)
+}
+
+#[test]
+fn no_stream_of_the_corpus_disturbs_the_schedule_or_invents_a_measurement() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware/tests/data/corpus");
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .expect("the corpus is there")
+        .map(|file| file.expect("an entry").path())
+        .filter(|path| path.extension().is_some_and(|end| end == "bin"))
+        .collect();
+    files.sort();
+    assert_eq!(files.len(), 12);
+    let mut bench = Bench::new();
+    let good = packets()
+        .into_iter()
+        .find(|packet| packet[1..3] == [0x05, 0x02])
+        .expect("a velocity");
+    for file in files {
+        let name = file.display();
+        let stream = std::fs::read(&file).expect("it can be read");
+        let (velocities, positions) = spoken(&stream);
+        bench.feed(&stream);
+        let ends: Vec<Frame> = bench
+            .records
+            .iter()
+            .filter_map(|record| match record.kind {
+                RecordKind::FrameEnd { frame, .. } => Some(frame),
+                _ => None,
+            })
+            .collect();
+        for frame in ends.iter().filter(|frame| is(frame.id(), Velocity::ID)) {
+            let seen: Velocity = decode(Some(*frame)).expect("a frame 201");
+            let seen = (seen.north.0, seen.east.0);
+            assert!(velocities.contains(&seen), "{name}: velocity {seen:?}");
+        }
+        for frame in ends.iter().filter(|frame| is(frame.id(), Position::ID)) {
+            let seen: Position = decode(Some(*frame)).expect("a frame 200");
+            let seen = (seen.north.0, seen.east.0);
+            assert!(positions.contains(&seen), "{name}: position {seen:?}");
+        }
+        for frame in ends.iter().filter(|frame| is(frame.id(), Latitude::ID)) {
+            let _: Option<Latitude> = decode(Some(*frame));
+        }
+        for frame in ends.iter().filter(|frame| is(frame.id(), Longitude::ID)) {
+            let _: Option<Longitude> = decode(Some(*frame));
+        }
+        // 251 ms were simulated.
+        let references = ends.iter().filter(|frame| is(frame.id(), 100)).count();
+        assert!((2..=3).contains(&references), "{name}: {references}");
+        // A length that lies swallows what follows; after that the line is as good as ever.
+        bench.feed(&[0; 263]);
+        bench.feed(&good);
+        assert!(bench.last::<Velocity>().is_some(), "{name}");
+    }
+    let node = bench.network.node(0);
+    assert_eq!(node.resets().len(), 1);
+    assert!(!node.is_locked_up());
+}
