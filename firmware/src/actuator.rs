@@ -273,10 +273,12 @@ impl Steering {
         design::POTENTIOMETER.angle(count).ok()
     }
 
-    /// Whether the last sample is fresh.
-    pub fn has_sample(&self, now: u32) -> bool {
-        self.sample
-            .is_some_and(|(_, at)| now.wrapping_sub(at) <= self.supervised.times.sample)
+    /// Whether the last sample is fresh. One that is not is forgotten, before the counter
+    /// comes round to its stamp again.
+    pub fn has_sample(&mut self, now: u32) -> bool {
+        let limit = self.supervised.times.sample;
+        self.sample = self.sample.filter(|(_, at)| now.wrapping_sub(*at) <= limit);
+        self.sample.is_some()
     }
 
     /// The last count, plausible or not.
@@ -365,6 +367,16 @@ mod tests {
         let mut data = command.encode();
         sender.seal(Command::ID, 7, &mut data);
         data
+    }
+
+    #[test]
+    fn an_old_sample_stays_old_when_the_counter_comes_round() {
+        let times = Times::new(18);
+        let mut steering = Steering::new(times);
+        steering.sample(2048, 0);
+        assert!(steering.has_sample(times.sample));
+        assert!(!steering.has_sample(times.sample + 1));
+        assert!(!steering.has_sample(0));
     }
 
     #[test]

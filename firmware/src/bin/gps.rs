@@ -177,7 +177,7 @@ mod app {
 
     #[task(binds = SysTick, priority = 2, shared = [&clock, link, station], local = [keeper])]
     fn housekeeping(mut cx: housekeeping::Context) {
-        let now = cx.shared.clock.now();
+        let clock = cx.shared.clock;
         let keeper = cx.local.keeper;
         let timeout = cx
             .shared
@@ -186,7 +186,7 @@ mod app {
         let silent = cx
             .shared
             .station
-            .lock(|station| station.navigation_mut().lapse(now, timeout));
+            .lock(|station| station.navigation_mut().lapse(clock.now(), timeout));
         let bus = cx.shared.link.lock(|link| {
             link.keep_present();
             if silent {

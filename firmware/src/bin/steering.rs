@@ -177,13 +177,16 @@ mod app {
 
     #[task(binds = SysTick, priority = 2, shared = [&clock, link, steering], local = [keeper])]
     fn housekeeping(mut cx: housekeeping::Context) {
-        let now = cx.shared.clock.now();
+        let clock = cx.shared.clock;
         let bus = cx.shared.link.lock(|link| {
             link.keep_present();
             BusView::of(link)
         });
         // The potentiometer's task counts as work while its samples are fresh.
-        let fresh = cx.shared.steering.lock(|steering| steering.has_sample(now));
+        let fresh = cx
+            .shared
+            .steering
+            .lock(|steering| steering.has_sample(clock.now()));
         let work = if fresh { bus.link.services } else { 0 };
         let keeper = cx.local.keeper;
         keeper.step(&mut cx.shared.link, &bus, work, SteeringStatus::ID);
