@@ -470,26 +470,28 @@ mod tests {
     #[test]
     fn a_run_ends_at_the_end_of_the_path() {
         let mut pilot = Pilot::new().unwrap();
-        for _ in 0..2 {
-            press(&mut pilot, Button::C);
-            let _ = step(&mut pilot, &inputs(true));
-        }
-        let (command, _) = step(&mut pilot, &inputs(true));
-        assert_eq!(command.mode, Named::AutonomousRun);
-        let beyond = Inputs {
+        let at = |north| Inputs {
             position: Some(Position {
-                north: Millimetres(243_400),
+                north: Millimetres(north),
                 east: Millimetres(0),
             }),
             ..inputs(true)
         };
-        let changes: std::vec::Vec<_> =
-            (0..5).filter_map(|_| step(&mut pilot, &beyond).1).collect();
+        for _ in 0..2 {
+            press(&mut pilot, Button::C);
+            let _ = step(&mut pilot, &at(242_000));
+        }
+        let (command, _) = step(&mut pilot, &at(242_100));
+        assert_eq!(command.mode, Named::AutonomousRun);
+        let changes: std::vec::Vec<_> = (1..20)
+            .filter_map(|tenth| step(&mut pilot, &at(242_100 + 100 * tenth)).1)
+            .collect();
         assert_eq!(changes.len(), 1, "{changes:?}");
         assert_eq!(
             (changes[0].mode, changes[0].reason),
             (Mode::AutonomousReady, ModeReason::PathEnd)
         );
+        let beyond = at(244_100);
         let (command, _) = step(&mut pilot, &beyond);
         assert!(!command.drive_enabled && command.speed.0 == 0);
     }
