@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use syn::spanned::Spanned;
 use syn::visit::Visit;
 
-use super::graph::{Graph, Loop};
+use super::graph::Graph;
 use super::image::{Image, Place};
 
 /// The mark that begins an annotation.
@@ -174,7 +174,16 @@ impl Annotations {
                 }
             });
         }
-        candidates.sort_by_key(|(place, s)| (s.last - s.first, place.clone()));
+        // The one inlined deepest is the innermost; of several in one function
+        // the shortest.
+        candidates.sort_by_cached_key(|(place, s)| {
+            let depth = |places: &Vec<Place>| {
+                let mut inwards = places.iter().rev();
+                inwards.position(|p| p.file == place.file && s.holds(p.line))
+            };
+            let deepest = located.iter().filter_map(depth).max();
+            (std::cmp::Reverse(deepest), s.last - s.first, place.clone())
+        });
         let holds = |place: &Place, s: &SourceLoop, places: &[Place]| {
             let mut places = places.iter();
             places.any(|p| p.file == place.file && s.holds(p.line))
@@ -189,17 +198,13 @@ impl Annotations {
                 .filter(|places| holds(place, s, places))
                 .count();
             let inner = || {
-                let inside =
-                    |other: &Loop| other.header != l.header && l.blocks.contains(&other.header);
-                graph.loops.iter().any(|other| {
-                    inside(other)
-                        && other
-                            .blocks
-                            .iter()
-                            .flat_map(|block| &graph.blocks[*block].instructions)
-                            .map(|instruction| locate(instruction.address))
-                            .filter(|places| !places.is_empty())
-                            .all(|places| holds(place, s, &places))
+                (0..graph.loops.len()).any(|other| {
+                    let header = graph.loops[other].header;
+                    header != l.header
+                        && l.blocks.contains(&header)
+                        && self
+                            .innermost(image, graph, other)
+                            .is_some_and(|fit| fit.place == *place)
                 })
             };
             strays <= 1 + located.len() / STRAYS && (2 * decided >= deciding.len() || !inner())
