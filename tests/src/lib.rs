@@ -1,6 +1,5 @@
 //! Tests across the crates: what the release images do on emulated microcontrollers.
 
-pub mod clock;
 mod journey;
 pub mod time;
 

@@ -2,9 +2,10 @@
 //!
 //! [`Sequence`] draws from a seed what goes wrong, where and when; [`judge`](rules::judge) says
 //! which of the [`rules`] the run broke; [`run`] does that for many seeds on all cores and sums
-//! them up in a [`Report`]. [`traffic`] puts the frames of any run together and judges their
+//! them up in a [`Report`]. [`agreement`] compares the nodes' global times; [`traffic`] puts the frames of any run together and judges their
 //! places by the network file.
 
+pub mod agreement;
 mod report;
 pub mod rules;
 mod run;

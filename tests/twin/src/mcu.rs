@@ -607,6 +607,12 @@ impl Mcu {
         }
     }
 
+    /// Whether its reset pin is pulled.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.held
+    }
+
     /// Every reset so far, power-on included.
     #[must_use]
     pub fn resets(&self) -> &[(SimTime, ResetCause)] {

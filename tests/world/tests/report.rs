@@ -307,6 +307,51 @@ fn bus_figures() {
     );
 }
 
+/// The master sends at 10 and 110 ms and dies at 150 ms; the backup follows.
+#[test]
+fn a_takeover_is_timed_from_the_dead_masters_last_reference() {
+    let of = |sender: &str, window: Window| Window {
+        sender: sender.into(),
+        ..window
+    };
+    let mut made = Made::new("[[reset]]\nnode = \"gps\"\nat = \"150 ms\"\n", 0.45);
+    made.windows = vec![
+        of("gps", window(100, 0.0, WindowKind::Reference, Due::Always)),
+        of("controller", window(101, 0.0, WindowKind::Reference, Due::Always)),
+        of("gps", window(401, 1000.0, WindowKind::Exclusive, Due::Always)),
+        of("steering", window(206, 6000.0, WindowKind::Exclusive, Due::Always)),
+    ];
+    made.frames = vec![
+        frame(100, 0, 10_000.0, 50),
+        frame(401, 0, 11_000.0, 50),
+        frame(206, 0, 16_000.0, 50),
+        frame(100, 0, 110_000.0, 50),
+        frame(401, 0, 111_000.0, 50),
+        frame(206, 0, 116_000.0, 50),
+        frame(101, 0, 210_018.0, 50),
+        frame(206, 0, 216_018.0, 50),
+        frame(101, 0, 310_018.0, 50),
+        frame(206, 0, 316_018.0, 50),
+    ];
+    let takeovers = |made: &Made| Summary::of(&made.run()).bus.takeovers;
+    let [takeover] = takeovers(&made).try_into().expect("one takeover");
+    assert_eq!(takeover.master, "gps");
+    assert_eq!(takeover.at_seconds, 0.15);
+    assert_eq!(takeover.next_reference_after_us, Some(100_018.0));
+    // A basic cycle of 100 ms, 16 us of a backup's offset, 20 us of uncertainty.
+    assert_eq!(takeover.bound_us, 100_036.0);
+    // The dead master's own window does not count.
+    assert_eq!(takeover.windows_lost, 0);
+    made.frames.remove(7);
+    assert_eq!(takeovers(&made)[0].windows_lost, 1);
+    made.frames.truncate(6);
+    assert_eq!(takeovers(&made)[0].next_reference_after_us, None);
+    // A node that was not in charge hands nothing over.
+    made.frames.truncate(3);
+    made.frames[0].id = 101;
+    assert_eq!(takeovers(&made), []);
+}
+
 #[test]
 fn a_missed_window_needs_the_fix_of_its_cycle() {
     let mut made = traffic();

@@ -11,10 +11,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-use twin::{Images, Options, Outcome, Progress};
+use campaign::agreement::{self, Agreement};
+use twin::{Images, Outcome, Progress, Vehicle};
 use world::{
-    Scenario, SimDuration,
-    report::{self, ModeChange, OutputFolder, Run, Summary, TaskTime},
+    Scenario, SimDuration, SimTime,
+    report::{self, GlobalTimeFigures, ModeChange, OutputFolder, Run, Summary, TaskTime},
     time,
 };
 
@@ -50,7 +51,7 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     let finished = simulate(workspace, &scenario, options.seed, options.seconds)?;
     finished.warn();
     let run = finished.run();
-    let summary = Summary::of(&run);
+    let summary = finished.summary();
     if let Some(mut folder) = folder {
         let path = folder
             .write("bus.log", finished.log.candump().as_bytes())
@@ -95,6 +96,7 @@ pub(crate) struct Finished<'s> {
     log: Log,
     modes: Vec<ModeChange>,
     tasks: Vec<TaskTime>,
+    agreement: Option<agreement::Figures>,
     wall: Duration,
 }
 
@@ -111,18 +113,22 @@ pub(crate) fn simulate<'s>(
 ) -> Result<Finished<'s>, Failure> {
     let matrix = Matrix::read(workspace)?;
     let images = images(workspace)?;
-    let options = Options {
-        seed,
-        duration: length,
-        ..Options::default()
-    };
     let start = Instant::now();
     let mut display = Display::new(start);
-    let outcome = twin::run(scenario, &images, &options, |progress| {
-        display.show(progress)
-    });
+    let mut vehicle = Vehicle::new(scenario, seed, &images)
+        .map_err(|error| Failure::Failed(error.to_string()))?;
+    let mut agreement = Agreement::new(&images);
+    let end = SimTime::from_ticks(0) + length.unwrap_or_else(|| scenario.duration.span());
+    while vehicle.now() < end {
+        vehicle.run_until(end.min(vehicle.now() + agreement::SPAN));
+        if let Some(agreement) = &mut agreement {
+            agreement.compare(&mut vehicle);
+        }
+        let now = vehicle.now();
+        display.show(Progress { now, end });
+    }
+    let outcome = vehicle.finish();
     display.end();
-    let outcome = outcome.map_err(|error| Failure::Failed(error.to_string()))?;
     let wall = start.elapsed();
 
     let log = Log::new(&outcome.records, matrix.bit_time());
@@ -136,6 +142,7 @@ pub(crate) fn simulate<'s>(
         log,
         modes,
         tasks,
+        agreement: agreement.and_then(|agreement| agreement.figures()),
         wall,
     })
 }
@@ -156,6 +163,15 @@ impl Finished<'_> {
             modes: &self.modes,
             tasks: &self.tasks,
         }
+    }
+
+    /// The figures, with those that no recording holds.
+    pub(crate) fn summary(&self) -> Summary {
+        let mut summary = Summary::of(&self.run());
+        summary.bus.global_time = self.agreement.map(|figures| {
+            GlobalTimeFigures::new(figures.instants, figures.largest_us, figures.p99_us)
+        });
+        summary
     }
 
     /// How long the simulation took.

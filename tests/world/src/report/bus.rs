@@ -5,7 +5,9 @@
 
 use std::collections::BTreeMap;
 
-use super::summary::{BusFigures, IdFigures, WindowFigures, micros_between, rounded};
+use super::summary::{
+    BusFigures, IdFigures, TakeoverFigures, WindowFigures, micros_between, rounded,
+};
 use super::{Due, FrameRecord, Run, Window, WindowKind};
 use crate::time::{SimTime, after, at, since, span_seconds};
 
@@ -185,7 +187,88 @@ pub(super) fn figures(run: &Run) -> BusFigures {
         missed_windows: missed,
         frames_outside_their_window: outside,
         foreign_frames: complete().filter(|frame| known(frame.id).is_none()).count() as u64,
+        global_time: None,
+        takeovers: takeovers(run, &cycles),
         windows,
+    }
+}
+
+/// Offset of a backup from the master that is one rank better, and what the nodes' clocks may
+/// differ in a basic cycle, microseconds.
+const BACKUP_OFFSET: f64 = 16.0;
+const UNCERTAINTY: f64 = 20.0;
+
+/// What happened when the node that had sent the last reference was held in reset.
+fn takeovers(run: &Run, cycles: &[Cycle]) -> Vec<TakeoverFigures> {
+    let mut references: Vec<&Window> = run
+        .windows
+        .iter()
+        .filter(|window| window.kind == WindowKind::Reference)
+        .collect();
+    references.sort_by_key(|window| window.id);
+    let rank = |id: u16| references.iter().position(|window| window.id == id);
+    let mut takeovers = Vec::new();
+    for reset in &run.scenario.reset {
+        let died = at(reset.at.span());
+        let after = cycles.partition_point(|cycle| cycle.reference.start < died);
+        let last = after.checked_sub(1).and_then(|last| cycles.get(last));
+        let Some((index, last)) = after.checked_sub(1).zip(last) else {
+            continue;
+        };
+        let sender = rank(last.reference.id).map(|rank| references[rank].sender.as_str());
+        if sender != Some(reset.node.name()) || died > last.end || died > at(run.duration) {
+            continue;
+        }
+        let next = cycles.get(index + 1);
+        let next = next.filter(|next| next.reference.id != last.reference.id);
+        let ranks = next.map_or(1, |next| {
+            rank(next.reference.id)
+                .zip(rank(last.reference.id))
+                .map_or(1, |(next, last)| next.saturating_sub(last))
+        });
+        let others = run.windows.iter().filter(|window| {
+            window.kind == WindowKind::Exclusive && window.sender != reset.node.name()
+        });
+        let near = cycles
+            .get(index..cycles.len().min(index + 2))
+            .unwrap_or_default();
+        let windows_lost = others.map(|window| missed(window, near, run)).sum();
+        takeovers.push(TakeoverFigures {
+            master: reset.node.name().to_owned(),
+            at_seconds: rounded(crate::time::seconds(died), 6),
+            next_reference_after_us: next.map(|next| {
+                rounded(
+                    micros_between(last.reference.start, next.reference.start),
+                    3,
+                )
+            }),
+            bound_us: rounded(
+                span_seconds(run.basic_cycle) * 1e6 + BACKUP_OFFSET * ranks as f64 + UNCERTAINTY,
+                3,
+            ),
+            windows_lost,
+        });
+    }
+    takeovers
+}
+
+/// In how many of these basic cycles a message that is always due stayed away.
+fn missed(window: &Window, cycles: &[Cycle], run: &Run) -> u64 {
+    let ended = |cycle: &&Cycle| {
+        let end = after(cycle.reference.start, window.start + window.length);
+        end <= cycle.end && end <= at(run.duration)
+    };
+    let seen = |cycle: &&Cycle| {
+        let mut frames = cycle.frames.iter();
+        frames.any(|frame| frame.complete && frame.id == window.id)
+    };
+    match window.due {
+        Due::Always => cycles
+            .iter()
+            .filter(ended)
+            .filter(|cycle| !seen(cycle))
+            .count() as u64,
+        Due::WhileFixed | Due::Sometimes => 0,
     }
 }
 

@@ -22,8 +22,8 @@ use crate::time::{SimDuration, SimTime};
 pub use folder::{FolderError, OutputFolder};
 pub use states::states_csv;
 pub use summary::{
-    AutonomousRun, BusFigures, IdFigures, ModeFigures, StopFigures, Summary, TaskFigures,
-    WindowFigures,
+    AutonomousRun, BusFigures, GlobalTimeFigures, IdFigures, ModeFigures, StopFigures, Summary,
+    TakeoverFigures, TaskFigures, WindowFigures,
 };
 pub use terminal::terminal;
 pub use track::track_svg;

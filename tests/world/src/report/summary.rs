@@ -105,8 +105,51 @@ pub struct BusFigures {
     pub frames_outside_their_window: u64,
     /// Complete frames whose identifier has no window.
     pub foreign_frames: u64,
+    /// How well the nodes agreed on the global time; `null` when nobody compared them.
+    pub global_time: Option<GlobalTimeFigures>,
+    /// One entry for each time that the time master was held in reset.
+    pub takeovers: Vec<TakeoverFigures>,
     /// Figures for each exclusive window, in order of the basic cycle.
     pub windows: Vec<WindowFigures>,
+}
+
+/// Differences between the nodes' global times, from one second after they know it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GlobalTimeFigures {
+    /// Number of instants at which they were compared.
+    pub instants: usize,
+    /// Largest difference between any two nodes.
+    pub largest_difference_us: f64,
+    /// Difference that 99 % of the instants stay within.
+    pub p99_difference_us: f64,
+}
+
+impl GlobalTimeFigures {
+    /// Figures in microseconds, rounded.
+    #[must_use]
+    pub fn new(instants: usize, largest_us: f64, p99_us: f64) -> Self {
+        Self {
+            instants,
+            largest_difference_us: rounded(largest_us, 3),
+            p99_difference_us: rounded(p99_us, 3),
+        }
+    }
+}
+
+/// What happened when the time master died.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TakeoverFigures {
+    /// The time master.
+    pub master: String,
+    /// When it died.
+    pub at_seconds: f64,
+    /// From its last reference message to the next one of another master; `null` when none came.
+    pub next_reference_after_us: Option<f64>,
+    /// The longest that this may take: a basic cycle and the offset of the backup.
+    pub bound_us: f64,
+    /// Exclusive windows of other nodes that stayed empty in the basic cycle in which the master
+    /// died and in the next one.
+    pub windows_lost: u64,
 }
 
 /// Frames of one identifier.

@@ -109,6 +109,29 @@ fn write_all(t: &mut String, s: &Summary, wall: Option<Duration>) -> core::fmt::
         "  {} missed windows, {} frames outside their window, {} foreign frames",
         bus.missed_windows, bus.frames_outside_their_window, bus.foreign_frames
     )?;
+    if let Some(time) = &bus.global_time {
+        writeln!(
+            t,
+            "  global time of any two nodes within {:.3} us, 99 % of {} instants within {:.3} us",
+            time.largest_difference_us, time.instants, time.p99_difference_us
+        )?;
+    }
+    for takeover in &bus.takeovers {
+        let after = takeover.next_reference_after_us.map_or_else(
+            || "no other master took over".to_owned(),
+            |us| {
+                format!(
+                    "next reference {us:.1} us after its last, bound {:.1} us",
+                    takeover.bound_us
+                )
+            },
+        );
+        writeln!(
+            t,
+            "  {:>10.3} s  time master {} dead: {after}; {} windows of others lost",
+            takeover.at_seconds, takeover.master, takeover.windows_lost
+        )?;
+    }
     if !bus.windows.is_empty() {
         writeln!(
             t,

@@ -1,4 +1,4 @@
-//! A node's global time, read from its memory.
+//! How well the nodes agree on the global time, read from their memories.
 //!
 //! The protocol stack lives in a static of the program; its clock is found there by its
 //! constants, and its fields by the debug information of the image, wherever the compiler put
@@ -9,14 +9,94 @@ use std::collections::HashMap;
 use addr2line::gimli::{self, AttributeValue, DwAt, EndianSlice, LittleEndian};
 use object::{Object, ObjectSection, ObjectSymbol};
 use twin::mcu::Mcu;
-use world::SimTime;
+use twin::{Images, Vehicle};
+use world::{Node, SimDuration, SimTime};
 
 /// Counter of TIM2, the time base of both parts.
 const COUNTER: u32 = 0x4000_0024;
 
+/// Time from when a node knows the time until it is compared with others: the filter of its rate
+/// settles.
+const SETTLING: SimDuration = SimDuration::from_ticks(1_000_000_000_000);
+/// Span between two comparisons. No multiple of the basic cycle, so that references of every age
+/// come up.
+pub const SPAN: SimDuration = SimDuration::from_ticks(37_000_000_000);
+
+/// Differences between the global times of the nodes of a vehicle.
+#[derive(Clone, Debug)]
+pub struct Agreement {
+    clocks: Vec<(Node, NodeClock)>,
+    /// Since when each node knows the time.
+    known: [Option<SimTime>; 4],
+    /// Largest difference between any two nodes at each instant, microseconds.
+    errors: Vec<f64>,
+}
+
+/// How well the nodes agreed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figures {
+    /// Number of instants at which they were compared.
+    pub instants: usize,
+    /// Largest difference between any two nodes, microseconds.
+    pub largest_us: f64,
+    /// Difference that 99 % of the instants stay within, microseconds.
+    pub p99_us: f64,
+}
+
+impl Agreement {
+    /// Nothing compared yet; `None` when an image has no protocol stack or no debug information.
+    #[must_use]
+    pub fn new(images: &Images) -> Option<Self> {
+        let clocks = [
+            (Node::Gps, NodeClock::find(&images.gps)?),
+            (Node::Controller, NodeClock::find(&images.controller)?),
+            (Node::Steering, NodeClock::find(&images.steering)?),
+            (Node::Drive, NodeClock::find(&images.drive)?),
+        ];
+        Some(Self {
+            clocks: clocks.to_vec(),
+            known: [None; 4],
+            errors: Vec::new(),
+        })
+    }
+
+    /// Compares the nodes that have known the time for a second.
+    pub fn compare(&mut self, vehicle: &mut Vehicle) {
+        let mut times = Vec::new();
+        for ((node, clock), known) in self.clocks.iter().zip(&mut self.known) {
+            let mcu = vehicle.node_mut(*node);
+            let time = if mcu.is_held() { None } else { clock.read(mcu) };
+            let Some((global, now)) = time else {
+                *known = None;
+                continue;
+            };
+            if now >= *known.get_or_insert(now) + SETTLING {
+                times.push(global - now.as_ticks() as f64 * 1e-6);
+            }
+        }
+        if times.len() > 1 {
+            let most = times.iter().copied().fold(f64::MIN, f64::max);
+            let least = times.iter().copied().fold(f64::MAX, f64::min);
+            self.errors.push(most - least);
+        }
+    }
+
+    /// What the comparisons showed; `None` before the first one.
+    #[must_use]
+    pub fn figures(&self) -> Option<Figures> {
+        let mut errors = self.errors.clone();
+        errors.sort_by(f64::total_cmp);
+        Some(Figures {
+            instants: errors.len(),
+            largest_us: *errors.last()?,
+            p99_us: *errors.get(errors.len() * 99 / 100)?,
+        })
+    }
+}
+
 /// The clock of a program's protocol stack.
 #[derive(Clone, Debug)]
-pub struct NodeClock {
+struct NodeClock {
     /// The static that holds the protocol stack.
     stack: u32,
     size: usize,
@@ -26,29 +106,22 @@ pub struct NodeClock {
 
 impl NodeClock {
     /// Finds the clock of an image.
-    ///
-    /// # Panics
-    /// When the image has no protocol stack or no debug information.
-    #[must_use]
-    pub fn find(elf: &[u8]) -> Self {
-        let file = object::File::parse(elf).expect("an ELF file");
-        let stack = file
-            .symbols()
-            .find(|symbol| {
-                let name = symbol.name().unwrap_or_default();
-                name.contains("__rtic_internal_local_init_stack")
-            })
-            .expect("the program has a protocol stack");
-        Self {
+    fn find(elf: &[u8]) -> Option<Self> {
+        let file = object::File::parse(elf).ok()?;
+        let stack = file.symbols().find(|symbol| {
+            let name = symbol.name().unwrap_or_default();
+            name.contains("__rtic_internal_local_init_stack")
+        })?;
+        Some(Self {
             stack: stack.address() as u32,
             size: stack.size() as usize,
-            fields: fields(&file).expect("the image has debug information of ttcan's clock"),
-        }
+            fields: fields(&file)?,
+        })
     }
 
     /// Global time in microseconds and the instant it was read at; `None` before the node
     /// knows the time.
-    pub fn read(&self, node: &mut Mcu) -> Option<(f64, SimTime)> {
+    fn read(&self, node: &mut Mcu) -> Option<(f64, SimTime)> {
         let memory = node.memory(self.stack, self.size)?;
         let count = node.read_register(COUNTER)?;
         let word = |at: usize| {
