@@ -317,9 +317,18 @@ fn a_takeover_is_timed_from_the_dead_masters_last_reference() {
     let mut made = Made::new("[[reset]]\nnode = \"gps\"\nat = \"150 ms\"\n", 0.45);
     made.windows = vec![
         of("gps", window(100, 0.0, WindowKind::Reference, Due::Always)),
-        of("controller", window(101, 0.0, WindowKind::Reference, Due::Always)),
-        of("gps", window(401, 1000.0, WindowKind::Exclusive, Due::Always)),
-        of("steering", window(206, 6000.0, WindowKind::Exclusive, Due::Always)),
+        of(
+            "controller",
+            window(101, 0.0, WindowKind::Reference, Due::Always),
+        ),
+        of(
+            "gps",
+            window(401, 1000.0, WindowKind::Exclusive, Due::Always),
+        ),
+        of(
+            "steering",
+            window(206, 6000.0, WindowKind::Exclusive, Due::Always),
+        ),
     ];
     made.frames = vec![
         frame(100, 0, 10_000.0, 50),
