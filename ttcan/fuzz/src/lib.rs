@@ -138,6 +138,8 @@ pub fn operations(bytes: &[u8], origin: u32) -> Vec<Said> {
         transmit_lead: 20,
         application_watchdog: (bytes.next() & 1 == 1).then_some(Micros::millis(50)),
         longest_gap: Micros::millis(30),
+        // A crystal, or an RC oscillator.
+        drift_limit_ppm: if bytes.next() & 1 == 1 { 10_000 } else { 200 },
         ..NodeConfig::new(NodeId(u16::from(bytes.next() % 4)), 18)
     };
     let mut driver = Driver {
