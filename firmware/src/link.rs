@@ -307,6 +307,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
             let Some(action) = self.node.poll(now) else {
                 break;
             };
+            // at-most: 4 actions of one task
             match action {
                 Action::TransmitReference(frame) => {
                     self.offered_time = time_of(&frame);

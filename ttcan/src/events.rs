@@ -93,6 +93,7 @@ impl<const Q: usize> Queue<Q> {
         let mut expired = 0;
         // loop-bound: 8 places, all of them expired
         while let Some(place) = self.find(|waiting| now.reached(waiting.expires)) {
+            // at-most: 2 messages that expire together
             self.remove_at(place);
             expired += 1;
         }

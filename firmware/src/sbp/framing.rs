@@ -86,6 +86,7 @@ impl Parser {
                 self.counters.skipped = self.counters.skipped.wrapping_add(1);
             }
         } else if self.candidate().is_some() {
+            // at-most: 20 the shortest frames in half the ring
             self.settle(sink);
         }
     }
@@ -99,10 +100,12 @@ impl Parser {
 
     fn settle(&mut self, mut sink: impl FnMut(Frame<'_>)) {
         // loop-bound: 32 the shortest frames in the longest buffer
+        // at-most: 40 every frame and what is looked at again after a damaged one
         while let Some(whole) = self.candidate() {
             let used = match check(self.buffer.get(..whole)) {
                 Some(frame) => {
                     self.counters.frames = self.counters.frames.wrapping_add(1);
+                    // at-most: 20 the shortest frames in half the ring
                     sink(frame);
                     whole
                 }
@@ -120,6 +123,7 @@ impl Parser {
     fn discard(&mut self, used: usize) {
         let rest = self.buffer.get(used..self.length).unwrap_or(&[]);
         // loop-bound: 263 the whole buffer
+        // at-most: 600 half the ring, the buffer, and some again after a damaged frame
         let junk = rest
             .iter()
             .position(|&byte| byte == PREAMBLE)
@@ -128,6 +132,7 @@ impl Parser {
         let from = used + junk;
         let left = self.length.saturating_sub(from);
         // loop-bound: 263 the whole buffer
+        // at-most: 600 half the ring, the buffer, and some again after a damaged frame
         for to in 0..left {
             let byte = self.buffer.get(from + to).copied().unwrap_or(0);
             if let Some(slot) = self.buffer.get_mut(to) {

@@ -20,6 +20,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     pub fn poll(&mut self, now: Stamp) -> Option<Action> {
         // loop-bound: 4 a boundary passed, a missing reference, an abort, a message
         loop {
+            // at-most: 10 two calls of every task, until each has nothing more
             if self.silence_due {
                 self.silence_due = false;
                 return Some(Action::Silence);
@@ -40,6 +41,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 return Some(Action::Abort);
             }
             if due(self.entry_due, now) {
+                // at-most: 3 the end of a window, the begin of the next, and its end if the call is late
                 if let Some(action) = self.step(now) {
                     return Some(action);
                 }
@@ -49,6 +51,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 return Some(self.transmit_reference(now));
             }
             if due(self.missed_due, now) {
+                // at-most: 1 the next is a basic cycle later
                 self.miss_reference(now);
                 continue;
             }
@@ -175,6 +178,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let withdraw = start.after(enabled);
         if self.pending != Pending::None || now.reached(withdraw) {
             bump(&mut self.counters.skipped, 1);
+            // at-most: 2 as many windows begin between two calls
             self.fail_own(entry.window, id, len, retry_late, now);
             return None;
         }

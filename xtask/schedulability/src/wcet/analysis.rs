@@ -18,6 +18,7 @@ use super::graph::{Block, Graph, Returning, Targets, conditional, is_panic, leav
 use super::image::Image;
 use super::instruction::{Flow, Instruction};
 use super::invariant::Invariant;
+use super::ipet;
 use super::range::Range;
 use super::runtime;
 use super::state::{Cycles, Masked, STACK_TOP, State, Symbols, longer};
@@ -133,6 +134,8 @@ pub struct Facts {
     pub calls: BTreeMap<(Node, u32), u64>,
     /// Most turns of a loop for one entry, by its header.
     pub turns: BTreeMap<Node, u64>,
+    /// Most executions of a block in one activation, by annotations.
+    pub most: BTreeMap<Node, u64>,
 }
 
 impl Facts {
@@ -266,13 +269,52 @@ impl<'a> Analysis<'a> {
                 problems: std::mem::take(&mut run.problems),
             };
             if found.is_empty() {
-                return bound;
+                return self.tightened(bound, entry, kind);
             }
             for (jump, targets) in found {
                 self.targets.entry(jump).or_default().extend(targets);
             }
             self.graphs.clear();
         }
+    }
+
+    /// Takes account of what is annotated for a whole activation, which only
+    /// the integer program knows how to use.
+    fn tightened(&mut self, mut bound: Bound, entry: u32, kind: Entry) -> Bound {
+        if kind == Entry::Program || !bound.problems.is_empty() {
+            return bound;
+        }
+        let nodes: Vec<Node> = bound.facts.visits.keys().copied().collect();
+        for node in nodes {
+            let Some(graph) = self.graph(node.function) else {
+                continue;
+            };
+            let found = self.annotations.at_most(self.image, &graph, node.block);
+            if let Some((place, most)) = found {
+                bound.facts.most.insert(node, most);
+                let name = format!("{place}, in all");
+                bound.annotated.insert(name, most);
+            }
+        }
+        if bound.facts.most.is_empty() {
+            return bound;
+        }
+        if let Some(longest) = ipet::solve(self, &bound, entry) {
+            for model in 0..2 {
+                let exceptions = self.timings[model].exceptions();
+                let around = match kind {
+                    Entry::Handler => exceptions.entry + exceptions.exit,
+                    Entry::Function | Entry::Program => 0,
+                };
+                let whole = longest.cycles[model] + around;
+                bound.cycles[model] = bound.cycles[model].min(whole);
+                // A stretch of the activation is no longer than the whole.
+                for section in &mut bound.sections {
+                    section.cycles[model] = section.cycles[model].min(bound.cycles[model]);
+                }
+            }
+        }
+        bound
     }
 
     /// The control flow of the function at `entry`, as far as it is known.

@@ -3,7 +3,9 @@
 //! A comment `// loop-bound: N` on a line of its own, directly above a `for`,
 //! `while` or `loop`, says that one entry into the loop takes at most N turns;
 //! above another statement, that of each loop which an iterator or a search in
-//! it makes.
+//! it makes. `// at-most: N` above a statement says that one activation of a
+//! task runs it at most N times in all, whatever the loops around it allow; above
+//! a loop, that all its entries together take at most N turns.
 //! The analysis finds the loop again through the image's line tables: a machine
 //! loop is that source loop when nearly all of its instructions were written
 //! there or inlined from there, no inner source loop holds as many, and the
@@ -24,8 +26,10 @@ use syn::visit::Visit;
 use super::graph::Graph;
 use super::image::{Image, Place};
 
-/// The mark that begins an annotation.
+/// The mark that begins the bound of a loop.
 const MARK: &str = "// loop-bound:";
+/// The mark that begins the most times a statement runs in one activation.
+const AT_MOST: &str = "// at-most:";
 
 /// The answer for one machine loop.
 type Found = Option<(Place, u64)>;
@@ -38,6 +42,7 @@ const STRAYS: usize = 20;
 struct Fit {
     place: Place,
     bound: Option<u64>,
+    most: Option<u64>,
     /// Everything comes from one line of it.
     one_line: bool,
 }
@@ -50,18 +55,24 @@ struct SourceLoop {
     bound: Option<u64>,
     /// A statement that hides a loop, not a loop.
     statement: bool,
+    /// How often it is run in one activation of a task, at most.
+    most: Option<u64>,
 }
 
 impl SourceLoop {
     fn holds(&self, line: u32) -> bool {
         (self.first..=self.last).contains(&line)
     }
+
+    fn is_loop(&self) -> bool {
+        !self.statement || self.bound.is_some()
+    }
 }
 
 /// A mark that no loop follows or that has no number.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{place}: `// loop-bound:` must be followed by a whole number and stand directly above a loop or a statement"
+    "{place}: `// loop-bound:` or `// at-most:` must be followed by a whole number and stand directly above a loop or a statement"
 )]
 pub struct Misplaced {
     /// Where it stands.
@@ -163,7 +174,7 @@ impl Annotations {
         let mut candidates: Vec<(Place, SourceLoop)> = Vec::new();
         for place in located.iter().chain(&deciding).flatten() {
             self.with_file(&place.file, |loops| {
-                for s in loops.iter().filter(|s| s.holds(place.line)) {
+                for s in loops.iter().filter(|s| s.is_loop() && s.holds(place.line)) {
                     let first = Place {
                         file: place.file.clone(),
                         line: s.first,
@@ -226,8 +237,65 @@ impl Annotations {
         own.then_some(Fit {
             place,
             bound: s.bound,
+            most: s.most,
             one_line,
         })
+    }
+
+    /// How often a block is run in one activation of a task at most, by the
+    /// statement it was made from: every located instruction comes from it, and
+    /// no loop of the statement repeats the block. With the statement's place.
+    #[must_use]
+    pub fn at_most(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+        let locate = |block: usize| -> Vec<Vec<Place>> {
+            let instructions = graph.blocks[block].instructions.iter();
+            instructions
+                .map(|instruction| image.places(instruction.address))
+                .map(|places| places.into_iter().filter(|p| p.line != 0).collect())
+                .filter(|places: &Vec<Place>| !places.is_empty())
+                .collect()
+        };
+        // Above a loop the mark is about its turns: executions of its header.
+        let of_loop = graph
+            .loops
+            .iter()
+            .position(|l| l.header == number)
+            .and_then(|l| self.innermost(image, graph, l))
+            .and_then(|fit| Some((fit.place, fit.most?)));
+        if of_loop.is_some() {
+            return of_loop;
+        }
+        let located = locate(number);
+        let mut candidates: Vec<(Place, SourceLoop)> = Vec::new();
+        for place in located.first()? {
+            self.with_file(&place.file, |loops| {
+                let marked = loops.iter().filter(|s| s.statement && s.most.is_some());
+                for s in marked.filter(|s| s.holds(place.line)) {
+                    let first = Place {
+                        file: place.file.clone(),
+                        line: s.first,
+                    };
+                    candidates.push((first, s.clone()));
+                }
+            });
+        }
+        let holds = |place: &Place, s: &SourceLoop, located: &[Vec<Place>]| {
+            located.iter().all(|places| {
+                let mut places = places.iter();
+                places.any(|p| p.file == place.file && s.holds(p.line))
+            })
+        };
+        candidates
+            .into_iter()
+            .filter(|(place, s)| {
+                let repeated = graph.innermost[number].is_some_and(|l| {
+                    let mut blocks = graph.loops[l].blocks.iter();
+                    blocks.all(|block| holds(place, s, &locate(*block)))
+                });
+                !repeated && holds(place, s, &located)
+            })
+            .filter_map(|(place, s)| Some((place, s.most?)))
+            .min_by_key(|(_, most)| *most)
     }
 
     fn with_file<T>(&self, file: &str, ask: impl FnOnce(&[SourceLoop]) -> T) -> T {
@@ -243,44 +311,48 @@ impl Annotations {
 }
 
 fn parse(file: &str, source: &str) -> (Vec<SourceLoop>, Vec<Misplaced>) {
-    let mut marks: HashMap<u32, Option<u64>> = source
-        .lines()
-        .enumerate()
-        .filter_map(|(index, line)| {
-            let rest = line.trim().strip_prefix(MARK)?;
-            let number = rest
-                .split_whitespace()
-                .next()
-                .and_then(|word| word.trim_end_matches([',', ';', ':', '.']).parse().ok());
-            Some((index as u32 + 1, number))
-        })
-        .collect();
+    let marks = |mark: &str| -> HashMap<u32, Option<u64>> {
+        source
+            .lines()
+            .enumerate()
+            .filter_map(|(index, line)| {
+                let rest = line.trim().strip_prefix(mark)?;
+                let number = rest
+                    .split_whitespace()
+                    .next()
+                    .and_then(|word| word.trim_end_matches([',', ';', ':', '.']).parse().ok());
+                Some((index as u32 + 1, number))
+            })
+            .collect()
+    };
+    let (mut bounds, mut mosts) = (marks(MARK), marks(AT_MOST));
     let mut finder = Finder { loops: Vec::new() };
     if let Ok(parsed) = syn::parse_file(source) {
         finder.visit_file(&parsed);
     }
-    finder.loops.retain(|found| {
-        let above = found.first.saturating_sub(1);
-        !found.statement || marks.contains_key(&above)
-    });
-    // Other comments may stand between the mark and its loop.
+    // Other comments may stand between the mark and what it is about.
     let lines: Vec<&str> = source.lines().collect();
-    for found in &mut finder.loops {
-        let mut above = found.first - 1;
-        while above > 0 {
-            if let Some(bound) = marks.get(&above).copied().flatten() {
-                found.bound = Some(bound);
+    let take = |marks: &mut HashMap<u32, Option<u64>>, first: u32| {
+        let mut above = first - 1;
+        while above > 0 && lines[above as usize - 1].trim().starts_with("//") {
+            if let Some(number) = marks.get(&above).copied().flatten() {
                 marks.remove(&above);
-                break;
-            }
-            if !lines[above as usize - 1].trim().starts_with("//") {
-                break;
+                return Some(number);
             }
             above -= 1;
         }
+        None
+    };
+    for found in &mut finder.loops {
+        found.bound = take(&mut bounds, found.first);
+        found.most = take(&mut mosts, found.first);
     }
-    let misplaced = marks
+    finder
+        .loops
+        .retain(|found| !found.statement || found.bound.is_some() || found.most.is_some());
+    let misplaced = bounds
         .keys()
+        .chain(mosts.keys())
         .map(|&line| Misplaced {
             place: Place {
                 file: file.to_owned(),
@@ -302,6 +374,7 @@ impl Finder {
             last: span.end().line as u32,
             bound: None,
             statement: false,
+            most: None,
         });
     }
 }
@@ -310,6 +383,8 @@ impl<'ast> Visit<'ast> for Finder {
     fn visit_stmt(&mut self, node: &'ast syn::Stmt) {
         use syn::Expr::{ForLoop, Loop, While};
         let is_loop = matches!(node, syn::Stmt::Expr(ForLoop(_) | Loop(_) | While(_), _));
+        // A loop is noted as such when it is visited; a statement has its own
+        // entry, which an `at-most` above a loop needs as well.
         if !is_loop {
             self.add(node.span());
             if let Some(added) = self.loops.last_mut() {
@@ -350,13 +425,15 @@ mod tests {
                     first: 4,
                     last: 6,
                     bound: Some(12),
-                    statement: false
+                    statement: false,
+                    most: None
                 },
                 SourceLoop {
                     first: 5,
                     last: 5,
                     bound: None,
-                    statement: false
+                    statement: false,
+                    most: None
                 }
             ]
         );
@@ -373,7 +450,8 @@ mod tests {
                 first: 4,
                 last: 6,
                 bound: Some(7),
-                statement: true
+                statement: true,
+                most: None
             }]
         );
         assert!(misplaced.is_empty());
@@ -388,7 +466,7 @@ mod tests {
         assert_eq!(lines, [2, 5]);
         assert_eq!(
             misplaced[0].to_string(),
-            "f.rs:2: `// loop-bound:` must be followed by a whole number and stand directly above a loop or a statement"
+            "f.rs:2: `// loop-bound:` or `// at-most:` must be followed by a whole number and stand directly above a loop or a statement"
         );
     }
 }

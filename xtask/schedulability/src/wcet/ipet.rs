@@ -6,7 +6,8 @@
 //! as often as it is called, a loop repeats at most its turns for each entry,
 //! and no edge is taken more often than the abstract machine found possible.
 //! The program knows totals only, so its answer is at least that of the
-//! abstract machine's clock; what it adds is the path.
+//! abstract machine's clock, except where a statement is annotated with how
+//! often one activation runs it at most; what it adds is the path.
 
 use std::collections::BTreeMap;
 
@@ -141,6 +142,15 @@ fn length(
         }
         problem.add_constraint(&terms, ComparisonOp::Le, source);
     }
+    for (&node, most) in &bound.facts.most {
+        let terms: Vec<(Variable, f64)> = out
+            .get(&node)
+            .into_iter()
+            .flatten()
+            .map(|variable| (*variable, 1.0))
+            .collect();
+        problem.add_constraint(&terms, ComparisonOp::Le, *most as f64);
+    }
     let solution = problem.solve().ok()?.into_solution().ok()?;
     let mut counts: BTreeMap<Node, f64> = BTreeMap::new();
     for ((node, _), variable) in &edges {
@@ -151,7 +161,11 @@ fn length(
         .map(|(node, count)| (node, count.round() as u64))
         .filter(|(_, count)| *count > 0)
         .collect();
-    Some(((solution.objective() + 0.5).floor() as u64, counts))
+    // Rounded up by more than the solver's tolerance.
+    Some((
+        (solution.objective() * 1.000_001 + 0.5).ceil() as u64,
+        counts,
+    ))
 }
 
 fn add(terms: &mut Vec<(Variable, f64)>, variable: Variable, by: f64) {
