@@ -25,8 +25,22 @@ fn the_gps_node_in_reset_hands_the_schedule_over_and_takes_it_back() {
     assert!(stopped <= at(3.43), "{} s", seconds(stopped));
     let last = last_before(&journey, 100, at(3.3));
     let next = first_after(&journey, 101, at(3.23));
-    // One basic cycle, the backup's offset, and a start of frame.
-    assert!(next.start - last.start < span(BASIC_PERIOD + 0.002));
+    // One basic cycle and the backup's offset of 16 us, by clocks within 20 us.
+    let silence = next.start - last.start;
+    println!(
+        "next reference {:.1} us after the last",
+        silence.as_ticks() as f64 * 1e-6
+    );
+    assert!(silence < span(BASIC_PERIOD + 0.000_036));
+    // The nodes that live have every window, in the very cycles of the takeover too.
+    let traffic = journey.traffic();
+    let references: Vec<_> = journey.matrix().references(&traffic);
+    let near = references.windows(2).filter(|pair| pair[0] >= last.start);
+    for pair in near {
+        for id in [206, 300, 450, 451, 452, 453] {
+            assert_eq!(traffic.between(id, pair[0], pair[1]).count(), 1, "{id}");
+        }
+    }
     assert_steady(
         &journey,
         &[101, 206, 300, 450, 453],
