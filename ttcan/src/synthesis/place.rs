@@ -63,12 +63,12 @@ impl Frame {
             / u64::from(self.basic_cycle.max(1))) as u32
     }
 
-    /// The earliest start from `time` on of a window of `length`, before the
-    /// end of the matrix.
-    fn earliest(&self, taken: &[Taken], time: u32, length: u32) -> Option<u32> {
+    /// The earliest start from `time` on of a window of `length`, at most
+    /// `slack` later and before the end of the matrix.
+    fn earliest(&self, taken: &[Taken], time: u32, length: u32, slack: u32) -> Option<u32> {
         let mut start = time;
         loop {
-            if start >= self.matrix() {
+            if start >= self.matrix() || start - time > slack {
                 return None;
             }
             let cycle = start / self.basic_cycle * self.basic_cycle;
@@ -82,7 +82,7 @@ impl Frame {
             let after = taken.partition_point(|other| other.end <= start);
             match taken.get(after) {
                 Some(other) if other.start < start + length => start = other.end,
-                _ => return Some(start),
+                _ => return (start - time <= slack).then_some(start),
             }
         }
     }
@@ -287,10 +287,7 @@ fn best_phase(
         let (mut least, mut most) = (u32::MAX, 0);
         let mut time = phase;
         while time < frame.matrix() {
-            let Some(start) = frame
-                .earliest(taken, time, length)
-                .filter(|start| start - time <= slack)
-            else {
+            let Some(start) = frame.earliest(taken, time, length, slack) else {
                 break;
             };
             least = least.min(start - time);
