@@ -341,6 +341,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     }
 
     fn request(&mut self, frame: &Frame) {
+        // at-most: 2 a reference and a message
         if self.port.load(frame).is_err() {
             self.counters.occupied = self.counters.occupied.wrapping_add(1);
             let now = self.now();

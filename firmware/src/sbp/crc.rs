@@ -37,7 +37,7 @@ pub const fn update(crc: u16, byte: u8) -> u16 {
 /// The checksum of `bytes`, continued from `crc` (0 to begin).
 pub fn crc16(crc: u16, bytes: &[u8]) -> u16 {
     // loop-bound: 260 the longest frame without preamble and checksum
-    // at-most: 600 half the ring, the buffer, and some again after a damaged frame
+    // at-most: 430 half the ring and the buffer, none twice but after a damaged frame
     bytes.iter().fold(crc, |crc, &byte| update(crc, byte))
 }
 

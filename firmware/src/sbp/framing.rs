@@ -105,7 +105,7 @@ impl Parser {
             let used = match check(self.buffer.get(..whole)) {
                 Some(frame) => {
                     self.counters.frames = self.counters.frames.wrapping_add(1);
-                    // at-most: 20 the shortest frames in half the ring
+                    // at-most: 8 messages of interest in half the ring
                     sink(frame);
                     whole
                 }
@@ -123,7 +123,7 @@ impl Parser {
     fn discard(&mut self, used: usize) {
         let rest = self.buffer.get(used..self.length).unwrap_or(&[]);
         // loop-bound: 263 the whole buffer
-        // at-most: 600 half the ring, the buffer, and some again after a damaged frame
+        // at-most: 430 half the ring and the buffer, none twice but after a damaged frame
         let junk = rest
             .iter()
             .position(|&byte| byte == PREAMBLE)
@@ -132,7 +132,7 @@ impl Parser {
         let from = used + junk;
         let left = self.length.saturating_sub(from);
         // loop-bound: 263 the whole buffer
-        // at-most: 600 half the ring, the buffer, and some again after a damaged frame
+        // at-most: 430 half the ring and the buffer, none twice but after a damaged frame
         for to in 0..left {
             let byte = self.buffer.get(from + to).copied().unwrap_or(0);
             if let Some(slot) = self.buffer.get_mut(to) {

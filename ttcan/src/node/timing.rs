@@ -48,6 +48,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 continue;
             }
             if MASTER && due(self.reference_due, now) && self.pending == Pending::None {
+                // at-most: 1 the next is a basic cycle later
                 return Some(self.transmit_reference(now));
             }
             if due(self.missed_due, now) {
@@ -214,6 +215,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         now: Stamp,
     ) {
         self.counts.note(window, true, false);
+        // at-most: 2 own windows that fail in one task
         if EVENTS && retry_late {
             // Worth sending until its next turn.
             let lifetime = self.clock.ticks(self.schedule.network.basic_cycle);
