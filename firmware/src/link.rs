@@ -166,6 +166,8 @@ pub struct Link<P, T> {
     outbox: [Option<[u8; 8]>; WINDOWS],
     events: heapless::Deque<Frame, EVENTS>,
     presence: Presence,
+    /// What the window timer is set to.
+    armed: Option<Stamp>,
     started: bool,
     reference_byte: u8,
     cycle_time: u32,
@@ -200,6 +202,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
             outbox: [None; WINDOWS],
             events: heapless::Deque::new(),
             presence: Presence::On,
+            armed: None,
             started: false,
             reference_byte: 0,
             cycle_time: 0,
@@ -225,6 +228,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     /// Receive interrupt. `stamp` is the time base as the task read it first of all.
     pub fn on_receive(&mut self, stamp: u32) -> News {
         let mut news = News::default();
+        let mut routine = true;
         if !self.started {
             // Others keep a schedule: there is nothing to wait for.
             self.start();
@@ -240,6 +244,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
             };
             match self.node.handle_receive(&frame, Stamp(stamp)) {
                 Reception::Reference { .. } => {
+                    routine = false;
                     news.reference = true;
                     let [byte, ..] = frame.buffer();
                     self.reference_byte = byte;
@@ -258,10 +263,14 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
                     let _ = self.events.push_back(frame);
                     news.event = true;
                 }
-                Reception::Fault(_) => {}
+                Reception::Fault(_) => routine = false,
             }
         }
-        self.service();
+        // Another node's message changes nothing that the stack has to do: as long as its
+        // deadline is the one that the timer is set to, the timer calls.
+        if !routine || self.node.next_deadline() != self.armed {
+            self.service();
+        }
         news
     }
 
@@ -334,7 +343,8 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
                 }
             }
         }
-        match self.node.next_deadline() {
+        self.armed = self.node.next_deadline();
+        match self.armed {
             Some(deadline) => self.timer.set_window(deadline.0),
             None => self.timer.clear_window(),
         }
@@ -457,6 +467,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         // The service is left to the window timer's own task, so that the caller, who blocks
         // the bus's interrupts meanwhile, is short.
         self.timer.set_window(now.0);
+        self.armed = Some(now);
         queued
     }
 

@@ -12,6 +12,7 @@ mod resets;
 mod stack;
 mod synchronisation;
 mod track;
+mod windows;
 
 use campaign::traffic::Sent;
 use furrow_tests::Journey;

@@ -155,5 +155,10 @@ mod tests {
             let names = names(source).unwrap();
             assert_eq!(names.get("TIM2").map(String::as_str), Some("window_timer"));
         }
+        // The report prints the thesis's figures beside these two.
+        let controller = names(sources[1]).unwrap();
+        for task in ["control", "display_tick"] {
+            assert!(controller.values().any(|name| name == task), "{task}");
+        }
     }
 }
