@@ -14,7 +14,7 @@ use world::{
 use crate::{
     Board, Failure, Node, Workspace, build,
     cli::Test,
-    sim, size,
+    schedulability, sim, size,
     target::{self, Target},
     workspace::{succeed, typed},
 };
@@ -42,6 +42,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                 }
                 Work::Images => println!("    cargo xtask build"),
                 Work::Drive => println!("    cargo xtask sim {DRIVE} --seconds {DRIVE_SECONDS}"),
+                Work::Schedulability => println!("    cargo xtask schedulability"),
                 Work::Impossible(why) => println!("    left out: {why}"),
             }
         }
@@ -79,6 +80,8 @@ enum Work {
     Images,
     /// A short run of the images on the twin.
     Drive,
+    /// Whether the deadlines hold.
+    Schedulability,
     /// Nothing, for this reason.
     Impossible(&'static str),
 }
@@ -105,6 +108,8 @@ impl Step {
                 Ok(()) => Vec::new(),
                 Err(failure) => vec![failure.to_string()],
             },
+            Work::Schedulability => schedulability::regressions(workspace)
+                .unwrap_or_else(|failure| vec![failure.to_string()]),
             Work::Drive => drive(workspace).unwrap_or_else(|failure| vec![failure.to_string()]),
             Work::Commands(commands) => {
                 let run = |mut command: Command| {
@@ -182,6 +187,10 @@ fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
         Step {
             name: "twin",
             work: Work::Drive,
+        },
+        Step {
+            name: "schedulability",
+            work: Work::Schedulability,
         },
         Step::commands("documentation, host", vec![documentation]),
         with_tools("documentation, images", "doc", &["--no-deps"]),
@@ -413,7 +422,7 @@ mod tests {
     #[test]
     fn the_boards_are_left_to_the_target() {
         let workspace = Workspace::find().unwrap();
-        let steps = steps(&workspace, &Target::default());
+        let steps = steps(&workspace, &Target::default(), false);
         let Some(Work::Commands(commands)) = steps
             .iter()
             .find(|step| step.name == "tests, host")

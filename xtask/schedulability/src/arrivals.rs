@@ -43,8 +43,17 @@ pub struct Job {
     pub earliest: u64,
     /// Latest release; may lie beyond the cycle's end.
     pub latest: u64,
-    /// Its deadline after the release where it is not the task's.
+    /// Its deadline after the release where it is not the task's: of the node's
+    /// own transmissions.
     pub deadline: Option<u64>,
+}
+
+impl Job {
+    /// Whether it is for a transmission of the node's own.
+    #[must_use]
+    pub const fn transmits(&self) -> bool {
+        self.deadline.is_some()
+    }
 }
 
 /// Releases that come back in every cycle; any of them may stay away.
@@ -86,7 +95,7 @@ impl Timetable {
     fn within(&self, begin: u64, length: u64, jitter: u64) -> u64 {
         self.jobs
             .iter()
-            .map(|job| repeats(job, jitter, i128::from(begin), length, self.cycle))
+            .map(|job| repeats(job, jitter, begin.cast_signed(), length, self.cycle))
             .sum()
     }
 
@@ -95,7 +104,7 @@ impl Timetable {
     /// of them.
     #[must_use]
     pub fn around(&self, job: &Job, late: u64, carry: u64, window: u64) -> u64 {
-        let begin = i128::from(job.earliest) - i128::from(carry) + 1;
+        let begin = job.earliest.cast_signed() - carry.cast_signed() + 1;
         let length = (job.latest - job.earliest + late + carry + window).saturating_sub(1);
         let met: u64 = self
             .jobs
@@ -110,18 +119,18 @@ impl Timetable {
 }
 
 /// How many of the returns of `job` may be released in `begin..begin +
-/// length`.
-fn repeats(job: &Job, jitter: u64, begin: i128, length: u64, cycle: u64) -> u64 {
+/// length`. Times are below 2^62: a hundred days in picoseconds.
+fn repeats(job: &Job, jitter: u64, begin: i64, length: u64, cycle: u64) -> u64 {
     if length == 0 {
         return 0;
     }
-    let cycle = i128::from(cycle.max(1));
-    let latest = i128::from(job.latest) + i128::from(jitter);
-    let end = begin + i128::from(length);
+    let cycle = cycle.max(1).cast_signed();
+    let latest = (job.latest + jitter).cast_signed();
+    let end = begin.saturating_add_unsigned(length);
     // The first return whose latest release is not before `begin`, and the
     // last whose earliest is before `end`.
     let first = (begin - latest + cycle - 1).div_euclid(cycle);
-    let last = (end - 1 - i128::from(job.earliest)).div_euclid(cycle);
+    let last = (end - 1 - job.earliest.cast_signed()).div_euclid(cycle);
     u64::try_from(last - first + 1).unwrap_or(0)
 }
 
@@ -210,7 +219,7 @@ impl Arrivals {
         let holds = |window: u64| self.count(window, jitter) > further;
         let mut high = 1u64;
         while !holds(high) {
-            if high > 1 << 60 {
+            if high > 1 << 58 {
                 return u64::MAX;
             }
             high *= 2;

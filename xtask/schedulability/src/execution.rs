@@ -105,6 +105,9 @@ impl Execution {
             level.1 |= bound.uses_fpu;
             let program = ipet::solve(&mut analysis, &bound, entry);
             let overhead = exceptions.map(|e| e.entry + e.exit);
+            let program_cycles = program
+                .as_ref()
+                .map(|p| [p.cycles[0] + overhead[0], p.cycles[1] + overhead[1]]);
             let lazy = if bound.uses_fpu {
                 exceptions[1].lazy_stacking
             } else {
@@ -113,7 +116,12 @@ impl Execution {
             execution.handlers.insert(
                 task.interrupt.clone(),
                 Handler {
-                    cycles: bound.cycles,
+                    // Both hold: the machine's clock knows the history of each
+                    // path, the program what is annotated about all of them.
+                    cycles: std::array::from_fn(|model| {
+                        let by_program = program_cycles.map_or(u64::MAX, |p| p[model]);
+                        bound.cycles[model].min(by_program)
+                    }),
                     overhead,
                     preemption: exceptions[1].restart + lazy,
                     problems: bound.problems,
@@ -123,9 +131,7 @@ impl Execution {
                         .map(|site| format!("{} -> {}", image.describe(site.at), site.callee))
                         .collect(),
                     annotated: bound.annotated,
-                    program: program
-                        .as_ref()
-                        .map(|p| [p.cycles[0] + overhead[0], p.cycles[1] + overhead[1]]),
+                    program: program_cycles,
                     path: program.map(|p| p.path).unwrap_or_default(),
                 },
             );

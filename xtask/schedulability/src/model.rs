@@ -26,6 +26,10 @@ pub struct TaskModel {
     pub jitter: Picoseconds,
     /// The task that releases it.
     pub after: Option<String>,
+    /// Whether it is released only while the node is off the bus.
+    pub off_bus: bool,
+    /// Whether an interrupt of its own runs it, and no dispatcher.
+    pub hardware: bool,
 }
 
 /// A node without its costs.
@@ -88,6 +92,12 @@ impl NodeModel {
                 deadline: deadline(entry, bus).map_err(wrong)?,
                 jitter: entry.jitter_us * MICROSECOND,
                 after: entry.after.clone(),
+                off_bus: entry.off_bus,
+                hardware: task == interrupt
+                    || app
+                        .tasks
+                        .iter()
+                        .any(|of_app| of_app.name == task && of_app.binds.is_some()),
             });
         }
         tasks.sort_by_key(|task| std::cmp::Reverse(task.priority));

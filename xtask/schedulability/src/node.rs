@@ -59,6 +59,8 @@ pub fn schedule(
             deadline: task.deadline,
             jitter: task.jitter,
             after: None,
+            coalesces: task.hardware,
+            off_bus: task.off_bus,
             blocking: response::blocking(&sections, task.priority),
             preemption: time(bound.preemption),
         });

@@ -133,6 +133,8 @@ mod tests {
             deadline,
             jitter: 0,
             after: None,
+            off_bus: false,
+            hardware: true,
         }
     }
 

@@ -29,6 +29,12 @@ pub struct Task {
     pub jitter: u64,
     /// The task that releases it: that one's response adds to the jitter.
     pub after: Option<usize>,
+    /// Whether a release is no job of its own while another one is pending: an
+    /// interrupt has one pending bit, and its handler serves all there is.
+    pub coalesces: bool,
+    /// Whether it is released only while the node is off the bus: it does not
+    /// delay the node's transmissions then ([`Job::transmits`]).
+    pub off_bus: bool,
     /// Longest critical section that can hold this task off ([`blocking`]).
     pub blocking: u64,
     /// What each job of this task costs the job it preempts, beyond `cost`:
@@ -220,15 +226,20 @@ pub fn analyse(tasks: &[Task]) -> Vec<Result<Response, Unbounded>> {
                 if set[index].priority != level {
                     continue;
                 }
-                let cause = set[index].after;
-                results[index] = match cause.map(|cause| results[cause].as_ref()) {
-                    Some(Err(_)) => Err(Unbounded::Cause),
-                    Some(Ok(cause)) => {
-                        set[index].jitter = tasks[index].jitter + cause.worst;
-                        response(&set, index)
-                    }
-                    None => response(&set, index),
+                // A less urgent cause is analysed later: its deadline stands for
+                // its response until then, and its own answer says if it misses.
+                let late = match set[index].after {
+                    None => Ok(0),
+                    Some(cause) if set[cause].priority < level => Ok(set[cause].deadline),
+                    Some(cause) => match &results[cause] {
+                        Ok(cause) => Ok(cause.worst),
+                        Err(_) => Err(Unbounded::Cause),
+                    },
                 };
+                results[index] = late.and_then(|late| {
+                    set[index].jitter = tasks[index].jitter + late;
+                    response(&set, index)
+                });
             }
             refine(&set, level, &mut results);
             if set == before {
@@ -309,10 +320,10 @@ fn of_job(tasks: &[Task], index: usize, job: &Job, known: &[Option<u64>]) -> Opt
     let delaying: Vec<(usize, &Task, u64)> = tasks
         .iter()
         .enumerate()
-        .filter(|(_, t)| t.priority >= task.priority)
+        .filter(|(_, t)| t.priority >= task.priority && !(t.off_bus && job.transmits()))
         .map(|(other, t)| Some((other, t, known[other]?)))
         .collect::<Option<_>>()?;
-    let count = |t: &Task, bound: u64, window: u64| {
+    let count = |other: usize, t: &Task, bound: u64, window: u64| {
         // A bound holds from the nominal arrival: the jitter is in it.
         let sporadic: u64 = t
             .arrivals
@@ -325,7 +336,11 @@ fn of_job(tasks: &[Task], index: usize, job: &Job, known: &[Option<u64>]) -> Opt
             .timed
             .as_ref()
             .map_or(0, |table| table.around(job, task.jitter, bound, window));
-        sporadic + timed
+        match sporadic + timed {
+            // One may be running; whatever comes then is served by this job.
+            own if other == index && task.coalesces => own.min(1),
+            jobs => jobs,
+        }
     };
     let own = task.cost.checked_add(task.blocking)?;
     let finish = least_fixed_point(own, |window| {
@@ -337,7 +352,7 @@ fn of_job(tasks: &[Task], index: usize, job: &Job, known: &[Option<u64>]) -> Opt
                 } else {
                     t.cost.checked_add(t.preemption)?
                 };
-                sum.checked_add(count(t, *bound, window).checked_mul(each)?)
+                sum.checked_add(count(*other, t, *bound, window).checked_mul(each)?)
             })
             .filter(|window| *window < HORIZON)
     })?;
@@ -348,7 +363,7 @@ fn of_job(tasks: &[Task], index: usize, job: &Job, known: &[Option<u64>]) -> Opt
         jitter: task.jitter,
         delayed_by: delaying
             .iter()
-            .map(|(other, t, bound)| (*other, count(t, *bound, finish)))
+            .map(|(other, t, bound)| (*other, count(*other, t, *bound, finish)))
             .filter(|(_, jobs)| *jobs > 0)
             .collect(),
     })

@@ -337,6 +337,30 @@ impl Report {
         self.first_miss().is_none()
     }
 
+    /// What does not hold although it is not among `unproven`: names of nodes
+    /// and chains. A bound below what was seen is never accepted.
+    #[must_use]
+    pub fn regressions(&self, unproven: &[String]) -> Vec<String> {
+        let accepted = |name: &str| unproven.iter().any(|known| known == name);
+        let mut all: Vec<String> = Vec::new();
+        for node in &self.nodes {
+            let unsound = |task: &&TaskReport| task.unsound().is_some();
+            all.extend(
+                node.tasks
+                    .iter()
+                    .filter(unsound)
+                    .filter_map(|task| task.miss(&node.name)),
+            );
+            if !accepted(&node.name) && all.is_empty() {
+                all.extend(node.first_miss());
+            }
+        }
+        all.extend(self.messages.iter().filter_map(MessageReport::miss));
+        let chains = self.chains.iter().filter(|chain| !accepted(&chain.name));
+        all.extend(chains.filter_map(ChainReport::miss));
+        all
+    }
+
     /// The first thing that does not hold, in one sentence.
     #[must_use]
     pub fn first_miss(&self) -> Option<String> {

@@ -3,8 +3,8 @@
 use crate::response::{Task, analyse};
 
 /// How much longer one job of `tasks[index]` may take before any task of the
-/// set, itself included, misses its deadline, to within `step` below the
-/// truth. `None` when one misses already.
+/// set, itself included, misses its deadline: less than the truth by no more
+/// than `step` or a hundredth. `None` when one misses already.
 #[must_use]
 pub fn slack(tasks: &[Task], index: usize, step: u64) -> Option<u64> {
     let fits = |extra: u64| {
@@ -22,7 +22,7 @@ pub fn slack(tasks: &[Task], index: usize, step: u64) -> Option<u64> {
     if fits(high) {
         return Some(high);
     }
-    while high - low > step.max(1) {
+    while high - low > step.max(low / 100).max(1) {
         let middle = low + (high - low) / 2;
         if fits(middle) {
             low = middle;

@@ -20,6 +20,10 @@ pub struct Table {
     /// Errors on the bus that the analysis allows for.
     #[serde(default)]
     pub bus: BusTable,
+    /// Nodes and chains that are not proven yet: they make the command fail, but
+    /// not continuous integration.
+    #[serde(default)]
+    pub unproven: Vec<String>,
 }
 
 /// Rate of errors on the bus.
@@ -81,6 +85,9 @@ pub struct TaskTable {
     pub at_us: Several<u64>,
     /// The task that releases it: its response is this one's jitter.
     pub after: Option<String>,
+    /// Whether it is released only while the node is off the bus.
+    #[serde(default)]
+    pub off_bus: bool,
     /// Deadline after the release, in microseconds; or `by`.
     pub deadline_us: Option<u64>,
     /// Deadline that the network file gives.
@@ -210,6 +217,13 @@ impl Table {
                 task.check()
                     .map_err(|what| format!("{file}: task {name} of {node} {what}"))?;
             }
+        }
+        if let Some(unknown) = table.unproven.iter().find(|name| {
+            !table.node.contains_key(*name) && !table.chain.iter().any(|c| c.name == **name)
+        }) {
+            return Err(format!(
+                "{file}: `unproven` names {unknown}, which is neither a node nor a chain"
+            ));
         }
         for chain in &table.chain {
             for step in &chain.steps {

@@ -22,6 +22,8 @@ fn tasks(parameters: &[(u64, u64)]) -> Vec<Task> {
             deadline: period,
             jitter: 0,
             after: None,
+            coalesces: false,
+            off_bus: false,
             blocking: 0,
             preemption: 0,
         })

@@ -39,6 +39,8 @@ fn task(name: &str, priority: u32, cost: u64, arrivals: Arrivals) -> Task {
         deadline: 100,
         jitter: 0,
         after: None,
+        coalesces: false,
+        off_bus: false,
         blocking: 0,
         preemption: 0,
     }
@@ -88,6 +90,30 @@ fn a_frame_that_may_end_too_late_delays_the_edge() {
     let critical = &timer.as_ref().unwrap().critical;
     assert_eq!((critical.response, critical.meets()), (30, false));
     assert_eq!(critical.delayed_by, [(0, 1)]);
+}
+
+#[test]
+fn one_pending_bit_is_one_more_run() {
+    let edges = [90, 92, 94, 100].map(|at| job("edge", at, at, None));
+    let mut set = vec![task("timer", 2, 10, table(edges.to_vec()))];
+    let worst = |set: &[Task]| analyse(set)[0].as_ref().unwrap().worst;
+    // The last of four that are served one after another.
+    assert_eq!(worst(&set), 30);
+    set[0].coalesces = true;
+    assert_eq!(worst(&set), 20);
+}
+
+#[test]
+fn what_runs_off_the_bus_does_not_delay_a_transmission() {
+    let mut set = bus();
+    set.push(task("error", 2, 7, Arrivals::every(1000)));
+    let of = |set: &[Task]| analyse(set)[1].as_ref().unwrap().critical.response;
+    assert_eq!(of(&set), 17);
+    set[2].off_bus = true;
+    assert_eq!(of(&set), 10);
+    // The release that sends nothing waits for it all the same, and for the
+    // second frame, whose own bound holds the error too.
+    assert_eq!(analyse(&set)[1].as_ref().unwrap().worst, 37);
 }
 
 #[test]

@@ -116,6 +116,19 @@ pub(crate) fn analyse(workspace: &Workspace, nodes: &[Node]) -> Result<Report, F
     report.map_err(wrong)
 }
 
+/// What continuous integration does not accept: a bound below what was seen, or
+/// anything that does not hold and is not said to be unproven yet.
+///
+/// # Errors
+///
+/// As [`analyse`].
+pub(crate) fn regressions(workspace: &Workspace) -> Result<Vec<String>, Failure> {
+    let unproven = models(workspace, &Node::ALL)?.table.unproven;
+    let report = analyse(workspace, &Node::ALL)?;
+    eprint!("{}", report::table(&report));
+    Ok(report.regressions(&unproven))
+}
+
 /// An answer that is no ends the program with exit code 1; why is the last line
 /// of the table.
 fn judge(report: &Report) -> Result<(), Failure> {

@@ -1,0 +1,460 @@
+//! The vehicle's own sources, task table and network file, with execution times
+//! given instead of measured: what holds, and each way of not holding.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use network_model::Network;
+use schedulability::execution::{Execution, Handler, Section};
+use schedulability::model::NodeModel;
+use schedulability::node::{Observed, schedule};
+use schedulability::priorities;
+use schedulability::results::{NodeReport, Report, TaskReport, time};
+use schedulability::system::Models;
+use schedulability::table::{NodeTable, Table};
+use schedulability::tasks::App;
+use schedulability::wcet::analysis::Problem;
+use schedulability::{bus, chains, report};
+
+const NODES: [&str; 4] = ["controller", "drive", "gps", "steering"];
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn text(file: &str) -> String {
+    std::fs::read_to_string(root().join(file)).unwrap()
+}
+
+fn source(node: &str) -> String {
+    text(&format!("firmware/src/bin/{node}.rs"))
+}
+
+fn table() -> Table {
+    Table::parse("tasks.toml", &text("firmware/tasks.toml")).unwrap()
+}
+
+fn network() -> Network {
+    Network::parse(&text("firmware/network/uagv.dbc")).unwrap()
+}
+
+/// The model of `node` from this source.
+fn model(node: &str, source: &str) -> Result<(NodeModel, NodeTable), String> {
+    let app = App::parse("node.rs", source).map_err(|error| error.to_string())?;
+    let table = table().node[node].clone();
+    NodeModel::new(node, &app, &table, &network(), "tasks.toml")
+        .map(|model| (model, table))
+        .map_err(|error| error.to_string())
+}
+
+/// Every job takes `us` microseconds, the first tasks of the bus twice that.
+fn execution(model: &NodeModel, table: &NodeTable, us: u64) -> Execution {
+    let handlers = model.tasks.iter().map(|task| {
+        let times = if task.priority == 6 { 2 } else { 1 };
+        let cycles = times * us * table.core_hz / 1_000_000;
+        let handler = Handler {
+            cycles: [cycles; 2],
+            overhead: [22, 24],
+            ..Handler::default()
+        };
+        (task.interrupt.clone(), handler)
+    });
+    Execution {
+        handlers: handlers.collect(),
+        sections: vec![section("EXTI3", 6, 5, table)],
+        stack: 1000,
+        ..Execution::default()
+    }
+}
+
+fn section(holder: &str, ceiling: u32, us: u64, table: &NodeTable) -> Section {
+    Section {
+        holder: holder.to_owned(),
+        priority: 1,
+        ceiling,
+        cycles: us * table.core_hz / 1_000_000,
+        place: "link.rs:7".to_owned(),
+    }
+}
+
+/// The answers for one node after `change`.
+fn node(node: &str, change: impl FnOnce(&mut Execution, &NodeTable)) -> NodeReport {
+    let (model, table) = model(node, &source(node)).unwrap();
+    let mut execution = execution(&model, &table, 10);
+    change(&mut execution, &table);
+    schedule(&model, &table, &execution, None)
+}
+
+fn task<'a>(node: &'a NodeReport, name: &str) -> &'a TaskReport {
+    node.tasks.iter().find(|task| task.name == name).unwrap()
+}
+
+fn interrupt(node: &NodeReport, name: &str) -> String {
+    task(node, name).interrupt.clone()
+}
+
+fn vehicle() -> Report {
+    let nodes: Vec<NodeReport> = NODES.iter().map(|name| node(name, |_, _| {})).collect();
+    let table = table();
+    let messages = bus::messages(&network(), &table.bus);
+    let chains = table
+        .chain
+        .iter()
+        .filter_map(|chain| chains::follow(chain, &nodes, &messages, 100_000_000_000).unwrap());
+    Report {
+        chains: chains.collect(),
+        nodes,
+        messages,
+        basic_cycle: 100_000_000_000,
+        assumptions: vec!["Nobody presses <all> buttons at once.".to_owned()],
+    }
+}
+
+#[test]
+fn the_table_fits_the_sources() {
+    let root = root();
+    let sources: Vec<(&str, PathBuf)> = NODES
+        .iter()
+        .map(|node| (*node, root.join(format!("firmware/src/bin/{node}.rs"))))
+        .collect();
+    let models = Models::read(
+        &root,
+        &root.join("firmware/tasks.toml"),
+        &root.join("firmware/network/uagv.dbc"),
+        sources.iter().map(|(node, path)| (*node, path.as_path())),
+    )
+    .unwrap();
+    assert_eq!(models.nodes.len(), 4);
+    for (node, table) in &models.nodes {
+        assert_eq!(node.tasks.len(), table.task.len(), "{}", node.name);
+    }
+}
+
+#[test]
+fn releases_come_from_the_network_file() {
+    let (steering, _) = model("steering", &source("steering")).unwrap();
+    let find = |name: &str| {
+        steering
+            .tasks
+            .iter()
+            .find(|task| task.name == name)
+            .unwrap()
+    };
+    // One reference, eleven windows less its own, and five events of others.
+    let table = find("can_rx").arrivals.timed.clone().unwrap();
+    let (single, events): (Vec<_>, Vec<_>) = table
+        .jobs
+        .iter()
+        .partition(|job| job.latest - job.earliest < 1_000_000_000);
+    assert_eq!((single.len(), events.len()), (11, 5));
+    let command = single.iter().find(|job| job.label == "Command").unwrap();
+    // Window at 7 ms; 43 bits and eight bytes less 20 us at the earliest; 64 us
+    // of transmit enable, 135 bits and 20 us at the latest.
+    assert_eq!(
+        command.earliest,
+        7_000_000_000 + (43 + 64) * 4_000_000 - 20_000_000
+    );
+    assert_eq!(
+        command.latest,
+        7_000_000_000 + 64_000_000 + 135 * 4_000_000 + 20_000_000
+    );
+    // Its own window has the transmit enable window for a deadline.
+    let timer = find("window_timer").arrivals.timed.clone().unwrap();
+    let own: Vec<_> = timer
+        .jobs
+        .iter()
+        .filter(|job| job.deadline.is_some())
+        .collect();
+    assert_eq!(own.len(), 1);
+    assert_eq!(
+        (own[0].label.as_str(), own[0].earliest),
+        ("SteeringPot", 5_988_000_000)
+    );
+    assert_eq!(own[0].deadline, Some(64_000_000));
+    // 1000 us less 64, 540, 20 and the lead of 12.
+    assert_eq!(time(find("can_rx").deadline), "364.00 us");
+}
+
+#[test]
+fn a_vehicle_of_ten_microseconds_holds() {
+    let report = vehicle();
+    assert_eq!(report.first_miss(), None);
+    for node in &report.nodes {
+        for task in &node.tasks {
+            assert!(task.sensitivity.is_some(), "{}.{}", node.name, task.name);
+        }
+    }
+    // Only what the table says may coincide delays the own window.
+    let timer = task(&report.nodes[3], "window_timer");
+    assert_eq!(timer.job.as_deref(), Some("SteeringPot"));
+    assert!(timer.response.unwrap() < 64_000_000, "{timer:?}");
+    let chains = &report.chains;
+    assert_eq!(chains.len(), 2);
+    // Just too late for a window, one cycle; the command three windows later.
+    let receiver = &chains[0];
+    assert!(receiver.latency.unwrap() > 100_000_000_000);
+    let command = receiver
+        .steps
+        .iter()
+        .find(|step| step.name == "Command")
+        .unwrap();
+    assert_eq!(time(command.phase.unwrap()), "7624.00 us");
+}
+
+#[test]
+fn a_task_ten_times_longer_misses() {
+    let control = interrupt(&node("controller", |_, _| {}), "control");
+    let report = node("controller", |execution, _| {
+        let handler = execution.handlers.get_mut(&control).unwrap();
+        handler.cycles = handler.cycles.map(|cycles| 60 * cycles);
+    });
+    let miss = report.first_miss().unwrap();
+    assert!(
+        miss.starts_with(
+            "controller.control (6400 us of the cycle) misses its deadline of 595.00 us by"
+        ),
+        "{miss}"
+    );
+    assert!(miss.contains("it takes 600.00 us itself"), "{miss}");
+    assert!(task(&report, "scan").sensitivity.is_none());
+}
+
+#[test]
+fn a_lock_held_too_long_is_named() {
+    let report = node("steering", |execution, table| {
+        execution.sections.push(section("EXTI3", 6, 60, table));
+    });
+    let miss = report.first_miss().unwrap();
+    assert!(
+        miss.starts_with("steering.window_timer (SteeringPot) misses"),
+        "{miss}"
+    );
+    assert!(
+        miss.contains("is blocked 60.00 us by console at link.rs:7"),
+        "{miss}"
+    );
+    // A ceiling below the timer's priority does it no harm.
+    let report = node("steering", |execution, table| {
+        execution.sections.push(section("EXTI3", 5, 60, table));
+    });
+    assert_eq!(report.first_miss(), None);
+}
+
+#[test]
+fn swapped_priorities_miss_and_are_proposed_otherwise() {
+    let swapped = source("steering")
+        .replace("binds = TIM2, priority = 6", "binds = TIM2, priority = 1")
+        .replace("binds = EXTI3, priority = 1", "binds = EXTI3, priority = 6");
+    let (model, table) = model("steering", &swapped).unwrap();
+    let report = schedule(&model, &table, &execution(&model, &table, 10), None);
+    let miss = task(&report, "window_timer").miss("steering").unwrap();
+    assert!(
+        miss.starts_with("steering.window_timer (SteeringPot) misses"),
+        "{miss}"
+    );
+    assert!(miss.contains("waits"), "{miss}");
+    let text = priorities::show([&model]);
+    assert!(
+        text.contains("window_timer has the shorter deadline but a lower priority than console"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_priority_unsaid_is_refused() {
+    let unsaid = source("drive").replace("binds = TIM2, priority = 6", "binds = TIM2");
+    let error = model("drive", &unsaid).unwrap_err();
+    assert!(
+        error.ends_with("task window_timer does not say its priority: write `priority = N`"),
+        "{error}"
+    );
+}
+
+#[test]
+fn table_and_source_must_fit() {
+    let renamed = source("drive").replace("fn actuate(", "fn act(");
+    assert_eq!(
+        model("drive", &renamed).unwrap_err(),
+        "tasks.toml: drive has no task actuate"
+    );
+    let refused = |from: &str, to: &str| {
+        Table::parse(
+            "tasks.toml",
+            &text("firmware/tasks.toml").replacen(from, to, 1),
+        )
+        .unwrap_err()
+    };
+    let both = refused("deadline_us = 5000", "deadline_us = 5000\nby = \"window\"");
+    assert!(
+        both.ends_with("needs either `deadline_us` or `by`"),
+        "{both}"
+    );
+    let none = refused("every_us = 500\n", "");
+    assert!(none.contains("does not say what releases it"), "{none}");
+    let word = refused("by = \"window-end\"", "by = \"noon\"");
+    assert!(
+        word.starts_with("tasks.toml:") && word.contains("noon"),
+        "{word}"
+    );
+    let mut of_drive = table().node["drive"].clone();
+    let actuate =
+        text("firmware/tasks.toml").replace("receives = \"Command\"", "receives = \"Order\"");
+    of_drive
+        .task
+        .clone_from(&Table::parse("tasks.toml", &actuate).unwrap().node["drive"].task);
+    let app = App::parse("drive.rs", &source("drive")).unwrap();
+    let error = NodeModel::new("drive", &app, &of_drive, &network(), "tasks.toml").unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "tasks.toml: task actuate of drive: no other node sends a message Order"
+    );
+}
+
+#[test]
+fn a_bound_below_the_longest_time_seen_is_unsound() {
+    // As a false annotation makes it.
+    let (model, table) = model("gps", &source("gps")).unwrap();
+    let execution = execution(&model, &table, 10);
+    let seen = Observed::from([("DMA2_STREAM2".to_owned(), [1700, 1800])]);
+    let report = schedule(&model, &table, &execution, Some(&seen));
+    let ring = task(&report, "ring");
+    assert_eq!(
+        report.first_miss().unwrap(),
+        "gps.ring took 1800 cycles as flashed, more than its bound of 1776: the bound is unsound"
+    );
+    assert!(!ring.meets());
+    assert!(ring.ratio(0).unwrap() > 1.0 && ring.ratio(1).unwrap() < 1.0);
+}
+
+#[test]
+fn a_task_without_bound_has_no_answer_and_takes_it_from_others() {
+    let report = node("gps", |execution, _| {
+        let ring = execution.handlers.get_mut("DMA2_STREAM2").unwrap();
+        ring.problems = BTreeSet::from([Problem::Recursion("parse".to_owned())]);
+    });
+    let miss = report.first_miss().unwrap();
+    assert!(miss.starts_with("gps.ring has no bound: "), "{miss}");
+    assert!(task(&report, "can_rx").response.is_some());
+    assert_eq!(task(&report, "console").response, None);
+    assert_eq!(
+        task(&report, "console").miss("gps").unwrap(),
+        "gps.console has no worst response time: ring may delay it and has no bound"
+    );
+}
+
+#[test]
+fn what_is_not_proven_yet_is_accepted_unless_it_is_unsound() {
+    let mut report = vehicle();
+    report.nodes[1] = node("drive", |execution, _| execution.stack = 5000);
+    assert_eq!(report.regressions(&[]).len(), 1);
+    let drive = ["drive".to_owned()];
+    assert_eq!(report.regressions(&drive), [""; 0]);
+    report.nodes[1].tasks[0].observed = Some([1_000_000; 2]);
+    let wrong = report.regressions(&drive);
+    assert!(wrong[0].ends_with("the bound is unsound"), "{wrong:?}");
+    let error = Table::parse("tasks.toml", "unproven = [\"rudder\"]\n[node]\n").unwrap_err();
+    assert!(error.contains("rudder"), "{error}");
+}
+
+#[test]
+fn a_stack_too_deep_and_a_chain_too_long_are_said() {
+    let report = node("drive", |execution, _| execution.stack = 5000);
+    assert_eq!(
+        report.first_miss().unwrap(),
+        "the stack of drive may take 5000 bytes of 4096"
+    );
+    let mut report = vehicle();
+    report.chains[1].deadline = 1_000_000_000;
+    let miss = report.first_miss().unwrap();
+    assert!(
+        miss.starts_with("chain `stop button to drive motor` takes up to"),
+        "{miss}"
+    );
+    let table = table();
+    let only = [node("gps", |_, _| {})];
+    let messages = bus::messages(&network(), &table.bus);
+    // A chain through nodes that are not analysed has no answer.
+    assert_eq!(
+        chains::follow(&table.chain[0], &only, &messages, 1),
+        Ok(None)
+    );
+}
+
+#[test]
+fn every_window_holds_its_message_and_a_short_one_does_not() {
+    let network = network();
+    let messages = bus::messages(&network, &table().bus);
+    assert!(messages.iter().all(|message| message.meets()));
+    let command = messages
+        .iter()
+        .find(|message| message.name == "Command")
+        .unwrap();
+    assert_eq!(time(command.need.unwrap()), "624.00 us");
+    let mut tight = network;
+    for message in &mut tight.messages {
+        message.window.length_us = message.window.length_us.min(600);
+    }
+    assert!(
+        bus::messages(&tight, &table().bus)
+            .iter()
+            .any(|message| !message.meets())
+    );
+}
+
+#[test]
+fn the_report_says_it_in_each_form() {
+    let report = vehicle();
+    let text = report::table(&report);
+    for wanted in [
+        "controller: processor",
+        "control ",
+        "EXTI1",
+        "chain satellite receiver to steering motor:",
+        "shared",
+        "schedulable: every deadline holds",
+    ] {
+        assert!(text.contains(wanted), "{wanted} is not in {text}");
+    }
+    assert!(text.lines().all(|line| line.trim_end() == line));
+
+    let json = report::json(&report);
+    assert_eq!(json["schedulable"], true);
+    assert_eq!(json["nodes"].as_array().unwrap().len(), 4);
+    let tasks = json["nodes"][0]["tasks"].as_array().unwrap();
+    assert!(tasks.iter().all(|task| task["sensitivity_ps"].is_u64()));
+
+    let page = report::html(&report);
+    assert!(page.contains("Nobody presses &lt;all&gt; buttons at once."));
+    // Nothing is fetched from anywhere.
+    for foreign in ["http:", "https:", "src=", "<script", "@import", "url("] {
+        assert!(!page.contains(foreign), "{foreign}");
+    }
+    let begin = page.find("<svg").unwrap();
+    let end = page.find("</svg>").unwrap() + "</svg>".len();
+    let picture = roxmltree::Document::parse(&page[begin..end]).unwrap();
+    let bars = picture
+        .descendants()
+        .filter(|node| node.has_tag_name("rect"));
+    let bars: Vec<_> = bars.collect();
+    assert!(bars.len() > 200, "{}", bars.len());
+    for bar in bars {
+        assert!(bar.attribute("width").unwrap().parse::<f64>().unwrap() > 0.0);
+    }
+
+    let of_control = report::explain(&report.nodes[0], task(&report.nodes[0], "control"));
+    assert!(
+        of_control.contains("controller.control (EXTI1): bound 1800 cycles"),
+        "{of_control}"
+    );
+    assert!(of_control.contains("response "), "{of_control}");
+}
+
+#[test]
+fn a_ratio_is_of_the_handler_alone() {
+    let seen: BTreeMap<String, [u64; 2]> = BTreeMap::from([("TIM2".to_owned(), [1000, 2000])]);
+    let (model, table) = model("steering", &source("steering")).unwrap();
+    let report = schedule(&model, &table, &execution(&model, &table, 50), Some(&seen));
+    let timer = task(&report, "window_timer");
+    assert_eq!(timer.ratio(0), Some((7200.0 - 22.0) / 1000.0));
+    assert_eq!(timer.ratio(1), Some((7200.0 - 24.0) / 2000.0));
+}
