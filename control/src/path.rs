@@ -253,13 +253,13 @@ impl<T: Scalar> Path<T> {
             }
         };
         let mut begin = T::zero();
-        // loop-bound: 16 segments of a full path
+        // loop-bound: 1 the vehicle's path is one line
         for segment in self.segments().iter().skip(number) {
             add(begin, segment);
             begin += segment.length;
         }
         let mut begin = T::zero();
-        // loop-bound: 16 segments of a full path
+        // loop-bound: 1 the vehicle's path is one line
         for segment in self.segments().iter().take(number).rev() {
             begin -= segment.length;
             add(begin, segment);
@@ -324,7 +324,7 @@ impl<T: Scalar> Progress<T> {
         };
         let mut place = segment.locate(north, east, self.along);
         let mut length = segment.length;
-        // loop-bound: 16 segments of a full path
+        // loop-bound: 1 the vehicle's path is one line
         for next in segments.iter().skip(self.segment.saturating_add(1)) {
             if !(place.along > length) {
                 break;

@@ -328,6 +328,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
                         .outbox
                         .get_mut(usize::from(grant.window))
                         .and_then(Option::take);
+                    // at-most: 2 own windows that begin in one task
                     match data {
                         Some(data) => self.request(&Frame::from_parts(grant.id, grant.len, data)),
                         None => self.node.handle_transmit(TransmitOutcome::Empty, now),

@@ -20,7 +20,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     pub fn poll(&mut self, now: Stamp) -> Option<Action> {
         // loop-bound: 4 a boundary passed, a missing reference, an abort, a message
         loop {
-            // at-most: 10 two calls of every task, until each has nothing more
+            // at-most: 8 two calls of every task, until each has nothing more
             if self.silence_due {
                 self.silence_due = false;
                 return Some(Action::Silence);

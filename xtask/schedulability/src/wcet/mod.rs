@@ -20,3 +20,4 @@ pub mod runtime;
 pub mod state;
 pub mod timing;
 pub mod value;
+pub mod watch;
