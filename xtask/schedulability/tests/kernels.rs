@@ -11,6 +11,7 @@ use schedulability::wcet::analysis::{Analysis, Bound, Entry};
 use schedulability::wcet::annotation::Annotations;
 use schedulability::wcet::image::Image;
 use schedulability::wcet::timing::Timing;
+use schedulability::wcet::watch::{Refuted, Watch};
 
 /// Runs of each kernel: the full check takes ten thousand.
 fn runs() -> u64 {
@@ -20,7 +21,7 @@ fn runs() -> u64 {
         .unwrap_or(60)
 }
 
-const KERNELS: [&str; 30] = [
+const KERNELS: [&str; 34] = [
     "arithmetic::divide_u64",
     "arithmetic::divide_i64",
     "arithmetic::remainder_u64",
@@ -42,9 +43,13 @@ const KERNELS: [&str; 30] = [
     "arrays::binary_search",
     "arrays::copy_some",
     "arrays::copy_all",
+    "arrays::fill_some",
     "arrays::sieve",
     "arrays::median",
     "control::early_exit",
+    "control::table_jump",
+    "control::pointer_table",
+    "control::state_machine",
     "control::choices",
     "text::crc8_bits",
     "text::crc32_table",
@@ -131,19 +136,25 @@ fn bounds_hold_on_the_emulator() {
             continue;
         }
         let entry = kernel(&image, name);
+        let watch = Watch::new(&mut analysis, &bound);
         let mut random = ChaCha8Rng::seed_from_u64(11);
         let mut longest = 0;
         for run in 0..runs() {
             let words = input(&mut random, run);
             // The path itself is checked on the first runs only.
             let mut executed: HashMap<u32, u64> = HashMap::new();
-            let watch = run < 60;
-            let cycles = emulator.call(entry, &words, |pc| {
-                if watch {
+            let cycles = if run < 60 {
+                let mut activation = watch.activation();
+                let cycles = emulator.call(entry, &words, |pc| {
                     *executed.entry(pc).or_default() += 1;
-                }
-            });
-            check_path(&mut analysis, &bound, &executed, name);
+                    let seen = activation.see(pc, |at| image.describe(at));
+                    assert_eq!(seen, Ok(()), "{name}");
+                });
+                check_path(&mut analysis, &bound, &executed, name);
+                cycles
+            } else {
+                emulator.call(entry, &words, |_| {})
+            };
             longest = longest.max(cycles);
         }
         let ratio = bound.cycles[0] as f64 / longest as f64;
@@ -187,5 +198,37 @@ fn programs_without_bound_are_refused() {
         assert_eq!(bound.problems.len(), 1, "{name}: {:?}", bound.problems);
         let problem = bound.problems.first().unwrap().to_string();
         assert!(problem.contains(sentence), "{name}: {problem}");
+    }
+}
+
+/// An annotation that is not true gives a bound that is none; a run shows it.
+#[test]
+fn a_false_annotation_is_found_out() {
+    let image = Image::read(image_path()).unwrap();
+    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let name = "broken::annotated_too_low";
+    let bound = analyse(&mut analysis, name);
+    assert!(bound.problems.is_empty(), "{:?}", bound.problems);
+    assert!(!bound.annotated.is_empty());
+    let watch = Watch::new(&mut analysis, &bound);
+    let emulator = Emulator::new(&image);
+    let entry = kernel(&image, name);
+    let refuted = |word: u32| {
+        let mut activation = watch.activation();
+        let mut found = None;
+        let mut words = [0; 64];
+        words[0] = word;
+        emulator.call(entry, &words, |pc| {
+            if found.is_none() {
+                found = activation.see(pc, |at| image.describe(at)).err();
+            }
+        });
+        found
+    };
+    assert_eq!(refuted(0b101), None);
+    match refuted(u32::MAX) {
+        Some(Refuted::Turns { turns, bound, .. }) => assert!(turns > bound),
+        other => panic!("{other:?}"),
     }
 }

@@ -199,3 +199,14 @@ pub fn median(input: &mut Input) -> u32 {
     }
     0
 }
+
+/// Fills as much of the block as its first word says.
+#[inline(never)]
+pub fn fill_some(input: &mut Input) -> u32 {
+    let count = (input[0] & 63) as usize;
+    let value = input[1];
+    let part = input.get_mut(..count).unwrap_or_default();
+    // loop-bound: 63 the largest count
+    part.fill(value);
+    part.len() as u32
+}

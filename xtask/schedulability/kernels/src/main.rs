@@ -24,7 +24,7 @@ pub type Kernel = fn(&mut Input) -> u32;
 
 /// Every kernel, so that the linker keeps it.
 #[used]
-pub static KERNELS: [Kernel; 33] = [
+pub static KERNELS: [Kernel; 34] = [
     arithmetic::divide_u64,
     arithmetic::divide_i64,
     arithmetic::remainder_u64,
@@ -46,6 +46,7 @@ pub static KERNELS: [Kernel; 33] = [
     arrays::binary_search,
     arrays::copy_some,
     arrays::copy_all,
+    arrays::fill_some,
     arrays::sieve,
     arrays::median,
     control::early_exit,

@@ -86,6 +86,25 @@ impl Executor<'_> {
                     _ => None,
                 }
                 .unwrap_or_else(|| data_processing(op, &first, &second, state.flags.carry()));
+                let result = match operand {
+                    // A word and itself shifted: a product that was reduced.
+                    Operand::Reg { rm, shift }
+                        if op == DpOp::Add
+                            && rm == rn
+                            && shift.ty == ShiftType::Lsl
+                            && !shift.is_none()
+                            && self.symbols.definition(&first).is_some()
+                            && result.as_constant().is_none() =>
+                    {
+                        let factor = Value::constant(1 + (1 << shift.amount));
+                        let product = self.symbols.define(Definition::Product(first, factor));
+                        Value {
+                            base: Some((product, Range::constant(0))),
+                            ..result
+                        }
+                    }
+                    _ => result,
+                };
                 if s {
                     state.flags = match op {
                         DpOp::Cmp | DpOp::Sub => Flags::difference(first, second),
