@@ -7,9 +7,9 @@
 use crate::{
     clocks::{APB1_HZ, APB1_TIMER_HZ},
     pac,
+    stream::Stream,
 };
 use sled_common::dma::{Shared, Window};
-use sled_common::lines::Transmitter;
 
 /// Bits per second.
 pub const BAUD: u32 = 115_200;
@@ -18,14 +18,12 @@ pub const CAPACITY: usize = 898;
 /// Refreshes per second.
 pub const REFRESH_HZ: u32 = 5;
 
-/// DMA request channel of USART3_TX on stream 3 (RM0390 table 28).
-const CHANNEL: u8 = 4;
-
 static MEMORY: Shared<u8, CAPACITY> = Shared::new(0);
 
 /// The display's port.
 pub struct Lcd {
     usart: pac::USART3,
+    stream: Stream<3>,
     memory: Window<u8, CAPACITY>,
     busy: bool,
 }
@@ -62,6 +60,7 @@ pub(crate) fn start(usart: pac::USART3, timer: pac::TIM4) -> Option<(Lcd, Tick)>
     Some((
         Lcd {
             usart,
+            stream: Stream::new(),
             memory,
             busy: false,
         },
@@ -88,13 +87,15 @@ impl Lcd {
         }
         self.busy = true;
         let address = self.memory.address();
-        Transmitter::start(self, address, length as u16);
+        let register = self.usart.dr().as_ptr() as u32;
+        // SAFETY: the memory is left alone while `busy`; USART3's requests come to stream 3.
+        unsafe { self.stream.start(address, length as u16, register) };
         true
     }
 
     /// To be called by the task that is bound to the end of the DMA transfer.
     pub fn on_transfer_complete(&mut self) {
-        if self.finished() {
+        if self.stream.finished() {
             self.busy = false;
         }
     }
@@ -106,39 +107,6 @@ impl Lcd {
             Some(self.usart.dr().read().bits() as u8)
         } else {
             None
-        }
-    }
-}
-
-impl Transmitter for Lcd {
-    fn start(&mut self, address: u32, length: u16) {
-        // SAFETY: stream 3 is this type's; memory to peripheral, one byte at a time, from
-        // memory that is left alone until the transfer has ended.
-        unsafe {
-            let stream = (*pac::DMA1::ptr()).st(3);
-            stream
-                .par()
-                .write(|w| w.bits(self.usart.dr().as_ptr() as u32));
-            stream.m0ar().write(|w| w.bits(address));
-            stream.ndtr().write(|w| w.ndt().bits(length));
-            stream.cr().write(|w| {
-                w.chsel().bits(CHANNEL);
-                w.dir().memory_to_peripheral();
-                w.minc().set_bit();
-                w.tcie().set_bit();
-                w.teie().set_bit();
-                w.en().set_bit()
-            });
-        }
-    }
-
-    fn finished(&mut self) -> bool {
-        // SAFETY: reads and clears the flags of stream 3 only (bits 22..=27 of LISR).
-        unsafe {
-            let dma = &*pac::DMA1::ptr();
-            let flags = dma.lisr().read().bits() & (0b11_1101 << 22);
-            dma.lifcr().write(|w| w.bits(flags));
-            flags & (1 << 27 | 1 << 25) != 0
         }
     }
 }

@@ -41,6 +41,7 @@ pub mod lcd;
 pub mod led;
 pub mod panel;
 pub mod receiver;
+mod stream;
 pub mod time;
 pub mod watchdog;
 

@@ -196,41 +196,29 @@ pub fn decode(frame: &Frame<'_>) -> Option<Message> {
             })
         }
         (0x020C | 0x0203, 22) => {
-            let tow = payload.u32()?;
-            let north = payload.u32()?.cast_signed();
-            let east = payload.u32()?.cast_signed();
-            let down = payload.u32()?.cast_signed();
-            let _accuracies = payload.u32()?;
-            let satellites = payload.u8()?;
-            let flags = payload.u8()?;
+            let ned = payload.ned()?;
             Message::PositionNed(PositionNed {
-                tow,
-                north,
-                east,
-                down,
-                satellites,
+                tow: ned.tow,
+                north: ned.north,
+                east: ned.east,
+                down: ned.down,
+                satellites: ned.satellites,
                 fix: if frame.kind == 0x020C {
-                    Fix::current(flags)
+                    Fix::current(ned.flags)
                 } else {
-                    Fix::deprecated_baseline(flags)
+                    Fix::deprecated_baseline(ned.flags)
                 },
             })
         }
         (0x020E | 0x0205, 22) => {
-            let tow = payload.u32()?;
-            let north = payload.u32()?.cast_signed();
-            let east = payload.u32()?.cast_signed();
-            let down = payload.u32()?.cast_signed();
-            let _accuracies = payload.u32()?;
-            let satellites = payload.u8()?;
-            let flags = payload.u8()?;
+            let ned = payload.ned()?;
             Message::VelocityNed(VelocityNed {
-                tow,
-                north,
-                east,
-                down,
-                satellites,
-                valid: frame.kind == 0x0205 || flags & 0b111 != 0,
+                tow: ned.tow,
+                north: ned.north,
+                east: ned.east,
+                down: ned.down,
+                satellites: ned.satellites,
+                valid: frame.kind == 0x0205 || ned.flags & 0b111 != 0,
             })
         }
         (0x020F | 0x0207, 10) => {
@@ -253,6 +241,16 @@ pub fn decode(frame: &Frame<'_>) -> Option<Message> {
         _ => return None,
     };
     Some(message)
+}
+
+/// The layout that baseline and velocity share.
+struct Ned {
+    tow: u32,
+    north: i32,
+    east: i32,
+    down: i32,
+    satellites: u8,
+    flags: u8,
 }
 
 /// Reads little-endian fields from the front.
@@ -279,5 +277,21 @@ impl Payload<'_> {
 
     fn f64(&mut self) -> Option<f64> {
         self.take().map(f64::from_le_bytes)
+    }
+
+    fn ned(&mut self) -> Option<Ned> {
+        let tow = self.u32()?;
+        let north = self.u32()?.cast_signed();
+        let east = self.u32()?.cast_signed();
+        let down = self.u32()?.cast_signed();
+        let _accuracies = self.u32()?;
+        Some(Ned {
+            tow,
+            north,
+            east,
+            down,
+            satellites: self.u8()?,
+            flags: self.u8()?,
+        })
     }
 }
