@@ -275,7 +275,8 @@ pub struct Priorities {
 #[command(after_help = "Examples:\n  \
     cargo xtask test           all steps; exit code 1 if any of them fails\n  \
     cargo xtask test --random  the property tests try other inputs than last time\n  \
-    cargo xtask test --list    name the steps and their commands")]
+    cargo xtask test --list    name the steps and their commands\n\n\
+    One step runs the first 100 random fault sequences; `cargo xtask sim --faults N` runs more.")]
 pub struct Test {
     /// Name the steps instead of running them
     #[arg(long)]

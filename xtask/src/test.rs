@@ -40,6 +40,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                         println!("    {}", typed(command));
                     }
                 }
+                Work::Faults => println!("    cargo xtask sim --faults {FAULTS}"),
                 Work::Images => println!("    cargo xtask build"),
                 Work::Drive => println!("    cargo xtask sim {DRIVE} --seconds {DRIVE_SECONDS}"),
                 Work::Schedulability => println!("    cargo xtask schedulability"),
@@ -76,6 +77,8 @@ struct Step {
 enum Work {
     /// Commands that must succeed, all of them run.
     Commands(Vec<Command>),
+    /// Random fault sequences against the images.
+    Faults,
     /// The images: that they build, are within their budgets and do not panic.
     Images,
     /// A short run of the images on the twin.
@@ -104,6 +107,10 @@ impl Step {
     fn run(self, workspace: &Workspace) -> Outcome {
         let failures = match self.work {
             Work::Impossible(why) => return Outcome::LeftOut(why),
+            Work::Faults => match sim::first_faults(workspace, FAULTS) {
+                Ok(broken) => broken,
+                Err(failure) => vec![failure.to_string()],
+            },
             Work::Images => match images(workspace) {
                 Ok(()) => Vec::new(),
                 Err(failure) => vec![failure.to_string()],
@@ -194,8 +201,16 @@ fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
         },
         Step::commands("documentation, host", vec![documentation]),
         with_tools("documentation, images", "doc", &["--no-deps"]),
+        Step {
+            name: "random faults",
+            work: Work::Faults,
+        },
     ]
 }
+
+/// Fault sequences of the step: what two cores do in a minute or two. A night's worth is
+/// `cargo xtask sim --faults` with its own number.
+pub(crate) const FAULTS: u64 = 100;
 
 fn images(workspace: &Workspace) -> Result<(), Failure> {
     let images = build::images(workspace, &Node::ALL)?;

@@ -5,7 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use campaign::{Options, Progress};
+use campaign::{Options, Progress, Report, Shard};
 use world::report::OutputFolder;
 
 use crate::{Failure, Workspace, cli::Sim};
@@ -22,17 +22,13 @@ pub(super) fn run(workspace: &Workspace, options: &Sim, sequences: u64) -> Resul
         Some(path) => Some(OutputFolder::create(path).map_err(|error| usage(error.to_string()))?),
         None => None,
     };
-    let images = super::images(workspace)?;
     let campaign = Options {
         sequences,
         seed: options.seed,
         shard: options.shard.unwrap_or_default(),
         threads: None,
     };
-    let mut display = Display::new();
-    let report = campaign::run(&images, &campaign, |progress| display.show(progress));
-    display.end();
-    let report = report.map_err(|error| Failure::Failed(error.to_string()))?;
+    let report = judged(workspace, &campaign)?;
     if let Some(mut folder) = folder {
         let path = folder
             .write("faults.json", report.json().as_bytes())
@@ -50,6 +46,36 @@ pub(super) fn run(workspace: &Workspace, options: &Sim, sequences: u64) -> Resul
     } else {
         Err(Failure::Shown)
     }
+}
+
+/// Runs the first `sequences` sequences and says which of them broke a rule, with what
+/// repeats them.
+///
+/// # Errors
+///
+/// An image does not build, or is none for its node.
+pub(crate) fn first(workspace: &Workspace, sequences: u64) -> Result<Vec<String>, Failure> {
+    let campaign = Options {
+        sequences,
+        seed: 1,
+        shard: Shard::default(),
+        threads: None,
+    };
+    let report = judged(workspace, &campaign)?;
+    eprint!("{report}");
+    let broken = report.failures.iter().map(|failure| {
+        let seed = failure.seed;
+        format!("fault sequence {seed} broke a rule: cargo xtask sim --faults 1 --seed {seed}")
+    });
+    Ok(broken.collect())
+}
+
+fn judged(workspace: &Workspace, campaign: &Options) -> Result<Report, Failure> {
+    let images = super::images(workspace)?;
+    let mut display = Display::new();
+    let report = campaign::run(&images, campaign, |progress| display.show(progress));
+    display.end();
+    report.map_err(|error| Failure::Failed(error.to_string()))
 }
 
 /// Progress on the terminal: one line that is written over, or, into a file, a line now and

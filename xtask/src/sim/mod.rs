@@ -5,6 +5,8 @@ mod faults;
 pub(crate) mod matrix;
 mod tasks;
 
+pub(crate) use faults::first as first_faults;
+
 use std::{
     fs,
     io::{IsTerminal, Write},
