@@ -24,6 +24,7 @@ macro_rules! builtins {
 builtins! {
     "straight-line": "1 m beside a 243 m line, 1 m/s, RTK-fixed receiver with 1 cm noise";
     "five-metres-off": "5 m off the line and facing away from it";
+    "calibration": "by hand: circles and movements of the steering for `cargo xtask calibrate`";
     "gps-lost": "the fix is lost at 20 s and back at 40 s";
     "master-dead": "the gps node, time master of the bus, is held in reset at 20 s";
 }

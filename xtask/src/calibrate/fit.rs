@@ -1,0 +1,313 @@
+//! From a recorded drive to the steering's calibration.
+//!
+//! The potentiometer: while the steering is held and the vehicle moves, the antenna runs on
+//! a circle whose radius tells the steering angle. The actuator: while a command holds, the
+//! potentiometer runs at a rate, and the steering node's own arithmetic says which effort
+//! the command became.
+
+use control::{
+    calibration::{
+        Actuator, ActuatorFit, CircleFit, FitError, LineFit, Potentiometer, angle_on_circle,
+    },
+    model::Geometry,
+};
+use firmware::{actuator::steering_effort, convert, design};
+use network::messages::Command;
+use serde::Serialize;
+
+use super::recording::Recording;
+
+/// Longest difference of two readings of a steering that is held, counts: six standard
+/// deviations of the noise to either side.
+const STILL: u16 = 12;
+/// Shortest time that a steering is held, s.
+const HELD: f64 = 4.0;
+/// Least part of a circle from which its radius is taken, rad.
+const ARC: f64 = 0.8;
+/// Longest difference between commands of a movement at one rate, degrees a second: noise
+/// of the joystick.
+const SAME_RATE: f64 = 0.3;
+/// Fewest readings that make a rate.
+const READINGS: usize = 5;
+/// What may remain of a movement's readings beside a line, counts: noise, and the moment of
+/// the sample within its period of 5 ms. A steering that runs into its end stop leaves more.
+const STRAIGHT: f64 = 6.0;
+/// Rate below which the actuator counts as standing, rad/s (0.3 degrees a second).
+const STANDING: f64 = 0.005;
+/// Fewest circles, and fewest movements in each direction.
+const FEWEST: usize = 3;
+
+/// A circle driven with the steering held.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Circle {
+    /// When it began, s from the beginning of the log.
+    pub from: f64,
+    /// Radius of the antenna's way, m, positive to the right.
+    pub radius: f64,
+    /// The steering angle that drives it, degrees, positive right.
+    pub angle: f64,
+    /// Mean of the potentiometer's readings.
+    pub counts: f64,
+}
+
+/// A movement of the steering at one rate.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Movement {
+    /// When it began, s from the beginning of the log.
+    pub from: f64,
+    /// Mean effort, -1 to 1.
+    pub effort: f64,
+    /// Rate, degrees a second.
+    pub rate: f64,
+}
+
+/// What the drive says.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Calibration {
+    /// Counts with the wheels straight.
+    pub centre: f64,
+    /// Counts for a degree to the right.
+    pub counts_per_degree: f64,
+    /// Root mean square of what remains at the circles, degrees.
+    pub angle_residual: f64,
+    /// The actuator to the right.
+    pub right: Side,
+    /// The actuator to the left.
+    pub left: Side,
+    /// The circles.
+    pub circles: Vec<Circle>,
+    /// The movements.
+    pub movements: Vec<Movement>,
+}
+
+/// One direction of the actuator.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Side {
+    /// Share of the full effort that moves nothing.
+    pub dead_band: f64,
+    /// Rate at full effort, degrees a second.
+    pub full_rate: f64,
+    /// Root mean square of what remains, degrees a second.
+    pub residual: f64,
+    /// Number of movements.
+    pub movements: usize,
+}
+
+/// Fits the calibration.
+///
+/// # Errors
+///
+/// A sentence that says what the drive lacks.
+pub fn fit(recording: &Recording) -> Result<Calibration, String> {
+    let circles = circles(recording);
+    let [right, left] = [1.0, -1.0].map(|side| {
+        let one = circles.iter().filter(|circle| circle.angle * side > 0.0);
+        one.count()
+    });
+    if circles.len() < FEWEST || right == 0 || left == 0 {
+        return Err(format!(
+            "the steering was held on {right} circles to the right and {left} to the left: at \
+             least {FEWEST} are needed, with both sides among them, each for {HELD} s and an \
+             eighth of the circle"
+        ));
+    }
+    let mut line = LineFit::new();
+    for circle in &circles {
+        line.add(circle.angle.to_radians(), circle.counts);
+    }
+    let potentiometer = Potentiometer::fit(&line, 0, u16::MAX)
+        .map_err(|error| format!("the potentiometer: {error}"))?;
+    let residual = |circle: &Circle| {
+        let read = (circle.counts - potentiometer.centre) / potentiometer.counts_per_radian;
+        read.to_degrees() - circle.angle
+    };
+
+    let movements = movements(recording, potentiometer.counts_per_radian);
+    let mut actuator = ActuatorFit::new(STANDING);
+    for movement in &movements {
+        actuator.add(movement.effort, movement.rate.to_radians());
+    }
+    for (side, name) in [(1.0, "right"), (-1.0, "left")] {
+        let moving = of_side(&movements, side);
+        if moving.is_empty() {
+            return Err(format!("there is no motion of the steering to the {name}"));
+        }
+        if moving.len() < FEWEST {
+            return Err(format!(
+                "the steering moved to the {name} at {} rates: at least {FEWEST} are needed",
+                moving.len()
+            ));
+        }
+    }
+    let actuator = actuator.solve().map_err(|error| match error {
+        FitError::NoSpread => "the steering moved at one rate only".to_owned(),
+        error => format!("the actuator: {error}"),
+    })?;
+    Ok(Calibration {
+        centre: potentiometer.centre,
+        counts_per_degree: potentiometer.counts_per_radian.to_radians(),
+        angle_residual: root_mean_square(circles.iter().map(residual)),
+        right: side(&actuator, &movements, 1.0),
+        left: side(&actuator, &movements, -1.0),
+        circles,
+        movements,
+    })
+}
+
+/// The movements to one side that the fit uses.
+fn of_side(movements: &[Movement], side: f64) -> Vec<Movement> {
+    let used = movements.iter().filter(|movement| {
+        let (effort, rate) = (movement.effort * side, movement.rate * side);
+        effort > 0.0 && effort < 1.0 && rate > STANDING.to_degrees()
+    });
+    used.copied().collect()
+}
+
+fn side(actuator: &Actuator<f64>, movements: &[Movement], side: f64) -> Side {
+    let direction = if side > 0.0 {
+        actuator.positive
+    } else {
+        actuator.negative
+    };
+    let moving = of_side(movements, side);
+    let residual =
+        |movement: &Movement| actuator.rate(movement.effort).to_degrees() - movement.rate;
+    Side {
+        dead_band: direction.dead_band,
+        full_rate: direction.full_rate.to_degrees(),
+        residual: root_mean_square(moving.iter().map(residual)),
+        movements: moving.len(),
+    }
+}
+
+fn root_mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len().max(1) as f64;
+    (values.map(|value| value * value).sum::<f64>() / count).sqrt()
+}
+
+/// The stretches in which the steering was held and the vehicle drove an arc.
+fn circles(recording: &Recording) -> Vec<Circle> {
+    let mut circles = Vec::new();
+    let mut rest = recording.pots.as_slice();
+    while let Some(&(from, first)) = rest.first() {
+        let (mut least, mut most) = (first, first);
+        let held = rest.iter().take_while(|(_, count)| {
+            least = least.min(*count);
+            most = most.max(*count);
+            most - least <= STILL
+        });
+        let length = held.count();
+        let (held, after) = rest.split_at(length);
+        let until = held.last().map_or(from, |(time, _)| *time);
+        // The data are of a moment before: what they say of the first half second is old.
+        if let Some(circle) = (until - from >= HELD)
+            .then(|| circle(recording, held, from + 0.5, until))
+            .flatten()
+        {
+            circles.push(circle);
+            rest = after;
+        } else {
+            rest = &rest[1..];
+        }
+    }
+    circles
+}
+
+fn circle(recording: &Recording, held: &[(f64, u16)], from: f64, until: f64) -> Option<Circle> {
+    let ways = recording.positions.iter();
+    let places: Vec<(f64, f64)> = ways
+        .filter(|(time, ..)| (from..=until).contains(time))
+        .map(|(_, north, east)| (*north, *east))
+        .collect();
+    let mut fit = CircleFit::new();
+    for (north, east) in &places {
+        fit.add(*north, *east);
+    }
+    let found = fit.solve().ok()?;
+    // The angle that the way takes around the centre, clockwise positive.
+    let around = |(north, east): (f64, f64)| (east - found.east).atan2(north - found.north);
+    let turned: f64 = places
+        .windows(2)
+        .map(|pair| {
+            let step = around(pair[1]) - around(pair[0]);
+            step.sin().atan2(step.cos())
+        })
+        .sum();
+    let angle = angle_on_circle(&Geometry::uagv(), found.radius)?;
+    if turned.abs() < ARC {
+        return None;
+    }
+    let counts = held.iter().filter(|(time, _)| *time >= from);
+    let counts: Vec<f64> = counts.map(|(_, count)| f64::from(*count)).collect();
+    Some(Circle {
+        from,
+        radius: found.radius.copysign(turned),
+        angle: angle.to_degrees().copysign(turned),
+        counts: counts.iter().sum::<f64>() / counts.len().max(1) as f64,
+    })
+}
+
+/// The movements at one commanded rate.
+fn movements(recording: &Recording, counts_per_radian: f64) -> Vec<Movement> {
+    let rate = |command: &Command| f64::from(convert::steering_rate_of(command.steering_rate));
+    let mut movements = Vec::new();
+    let mut rest = recording.commands.as_slice();
+    while let Some(&(from, first)) = rest.first() {
+        let wanted = rate(&first);
+        let same = rest.iter().take_while(|(_, command)| {
+            command.steering_enabled && (rate(command) - wanted).abs() <= SAME_RATE.to_radians()
+        });
+        let length = same.count().max(1);
+        let (same, after) = rest.split_at(length);
+        rest = after;
+        if wanted == 0.0 || !first.steering_enabled {
+            continue;
+        }
+        movements.extend(movement(recording, same, from, counts_per_radian));
+    }
+    movements
+}
+
+/// The movement under commands that are all the same.
+fn movement(
+    recording: &Recording,
+    same: &[(f64, Command)],
+    from: f64,
+    counts_per_radian: f64,
+) -> Option<Movement> {
+    let mut efforts = 0.0;
+    let mut line = LineFit::new();
+    let mut readings = 0;
+    for (number, (begun, command)) in same.iter().enumerate() {
+        // A command is in force until the next one; a reading in between is of its motion. The
+        // first one's follows while the motion may only be beginning.
+        let until = same.get(number + 1).map_or(begun + 0.15, |(next, _)| *next);
+        let pots = recording.pots.iter();
+        let during = pots.filter(|(time, _)| (*begun..until).contains(time));
+        for (time, count) in during {
+            let angle = design::POTENTIOMETER.angle(*count).ok();
+            let effort = steering_effort(Some(command), angle);
+            let free = steering_effort(Some(command), Some(0.0));
+            // Near the end stop the node slows its motor.
+            if angle.is_none() || (effort - free).abs() > 1e-3 {
+                continue;
+            }
+            let steps = f64::from(convert::motor_byte(effort)) - 127.0;
+            efforts += steps / 127.0;
+            readings += 1;
+            line.add(*time, f64::from(*count));
+        }
+    }
+    if readings < READINGS {
+        return None;
+    }
+    let line = line.solve().ok()?;
+    if line.residual > STRAIGHT {
+        return None;
+    }
+    Some(Movement {
+        from,
+        effort: efforts / readings as f64,
+        rate: (line.slope / counts_per_radian).to_degrees(),
+    })
+}
