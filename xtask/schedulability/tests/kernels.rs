@@ -1,6 +1,8 @@
 //! Bounds of the kernels against what an emulated core takes.
 
 mod common;
+#[path = "kernels/flow.rs"]
+mod flow;
 
 use std::collections::HashMap;
 
