@@ -39,7 +39,7 @@ pub enum Command {
     Sim(Sim),
     /// Fit the steering's calibration to a recorded drive.
     Calibrate(Calibrate),
-    /// Measure what the protocol stack costs: cycles, code, RAM.
+    /// Measure what protocol stack and control step cost: cycles, code, RAM.
     Bench(Bench),
     /// Show the system matrix of a network file, or find another one.
     Schedule(Schedule),

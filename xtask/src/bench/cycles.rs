@@ -33,11 +33,11 @@ const EVENTS: [(&str, &str); 3] = [
 /// Where a node is kept.
 const PLACE: u32 = 0x2000_1000;
 /// Where the program waits, and functions return to.
-const IDLE: u32 = 0x0800_0008;
+pub(super) const IDLE: u32 = 0x0800_0008;
 /// Top of the stack.
 const STACK: u32 = 0x2002_0000;
 /// No event takes longer.
-const BUDGET: u64 = 10_000_000;
+pub(super) const BUDGET: u64 = 10_000_000;
 
 /// Measures the events.
 ///
@@ -83,7 +83,7 @@ pub fn measure(builder: &Builder, parts: Parts) -> Result<Vec<Cost>, Failure> {
 
 /// Calls a function with the node's place; the cycles from its first instruction
 /// to its return.
-fn call(core: &mut Mcu, address: u32) -> Result<u64, Failure> {
+pub(super) fn call(core: &mut Mcu, address: u32) -> Result<u64, Failure> {
     core.set_register(0, PLACE);
     core.set_register(13, STACK);
     core.set_register(14, IDLE | 1);
@@ -96,7 +96,7 @@ fn call(core: &mut Mcu, address: u32) -> Result<u64, Failure> {
     }
 }
 
-fn function(elf: &[u8], name: &str) -> Result<u32, Failure> {
+pub(super) fn function(elf: &[u8], name: &str) -> Result<u32, Failure> {
     let missing = || Failure::Failed(format!("the program `cycles` has no function {name}"));
     let file = object::File::parse(elf).map_err(|_| missing())?;
     let found = file.symbols().find(|symbol| {

@@ -1,6 +1,7 @@
-//! `bench`: what the protocol stack costs on a Cortex-M4: cycles of an emulated
-//! core, bytes of code, bytes of RAM.
+//! `bench`: what protocol stack and control step cost on a Cortex-M4: cycles of an
+//! emulated core, bytes of code, bytes of RAM.
 
+pub mod control;
 pub mod cycles;
 pub mod size;
 
@@ -14,8 +15,10 @@ use crate::{
     target::{self, Target},
 };
 
-/// The package with the programs, from the root of the workspace.
-const PACKAGE: &str = "ttcan/benches/image/Cargo.toml";
+/// The package with the stack's programs, from the root of the workspace.
+const STACK: &str = "ttcan/benches/image/Cargo.toml";
+/// That with the control step's.
+const CONTROL: &str = "control/benches/image/Cargo.toml";
 
 /// A choice of the optional parts of the stack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,13 +103,24 @@ impl<'w> Builder<'w> {
         })
     }
 
-    /// Builds a program; the bytes of its ELF file.
+    /// Builds a program of the stack's; the bytes of its ELF file.
     fn program(&self, name: &str, parts: Parts, profile: Profile) -> Result<Vec<u8>, Failure> {
+        self.build(STACK, name, parts, profile)
+    }
+
+    /// Builds a program of a package.
+    fn build(
+        &self,
+        package: &str,
+        name: &str,
+        parts: Parts,
+        profile: Profile,
+    ) -> Result<Vec<u8>, Failure> {
         let folder = env::var_os("CARGO_TARGET_DIR")
             .map_or_else(|| self.workspace.root().join("target"), PathBuf::from)
             .join("bench");
         let mut cargo = self.target.cargo(self.workspace, "build");
-        cargo.args(["--quiet", "--manifest-path", PACKAGE, "--bin", name]);
+        cargo.args(["--quiet", "--manifest-path", package, "--bin", name]);
         cargo.args(["--profile", profile.name(), "--features", parts.features]);
         cargo.arg("--target-dir").arg(folder);
         cargo.arg("--message-format=json-render-diagnostics");
@@ -146,10 +160,11 @@ pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
             Ok((parts, small, release))
         })
         .collect::<Result<Vec<_>, Failure>>()?;
+    let step = control::measure(&builder)?;
     if options.json {
-        println!("{}", report_json(&cycles, &sizes));
+        println!("{}", report_json(&cycles, &sizes, &step));
     } else {
-        print!("{}", report(&cycles, &sizes));
+        print!("{}\n{}", report(&cycles, &sizes), control::report(&step));
     }
     Ok(())
 }
@@ -199,7 +214,7 @@ fn write_report(t: &mut String, cycles: &Cycles, sizes: &Sizes) -> std::fmt::Res
     Ok(())
 }
 
-fn report_json(cycles: &Cycles, sizes: &Sizes) -> String {
+fn report_json(cycles: &Cycles, sizes: &Sizes, step: &[control::Cost]) -> String {
     let cycles: Vec<Value> = cycles
         .iter()
         .map(|(parts, costs)| {
@@ -223,5 +238,12 @@ fn report_json(cycles: &Cycles, sizes: &Sizes) -> String {
             })
         })
         .collect();
-    format!("{:#}", json!({ "cycles": cycles, "bytes": sizes }))
+    let step: Vec<Value> = step
+        .iter()
+        .map(|cost| json!({ "part": cost.part, "coming": cost.coming, "there": cost.there }))
+        .collect();
+    format!(
+        "{:#}",
+        json!({ "cycles": cycles, "bytes": sizes, "control_step": step })
+    )
 }

@@ -1,0 +1,7 @@
+//! Hands the linker script over.
+
+fn main() {
+    let here = std::env::var("CARGO_MANIFEST_DIR").expect("cargo names the package's folder");
+    println!("cargo:rerun-if-changed=image.x");
+    println!("cargo:rustc-link-arg-bins=-T{here}/image.x");
+}
