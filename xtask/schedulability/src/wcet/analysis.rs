@@ -798,6 +798,8 @@ impl<'a> Run<'_, 'a> {
     fn charge(&mut self, state: &mut State, instruction: &Instruction) -> Option<Value> {
         self.steps += 1;
         self.fetch(state, instruction, false);
+        // What ends with the first enabling began with the reset.
+        let started = state.started;
         let effects = self.executor().execute(state, instruction);
         let mut cycles = [0; 2];
         for (timing, cycles) in self.analysis.timings.iter().zip(&mut cycles) {
@@ -817,7 +819,7 @@ impl<'a> Run<'_, 'a> {
                 cycles: [mask.cycles[0] + cycles[0], mask.cycles[1] + cycles[1]],
                 ..mask
             };
-            if state.started {
+            if started {
                 let most = self.sections.entry((ended.level, ended.at)).or_default();
                 *most = longer(*most, ended.cycles);
             }
