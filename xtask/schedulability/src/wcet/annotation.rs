@@ -458,6 +458,21 @@ mod tests {
     }
 
     #[test]
+    fn a_statement_and_a_loop_may_say_how_often_they_run() {
+        let source = "fn f() {\n    // at-most: 2 in one activation\n    g();\n    // loop-bound: 9\n    // at-most: 20\n    while x() {}\n}\n";
+        let (loops, misplaced) = parse("f.rs", source);
+        let found: Vec<_> = loops
+            .iter()
+            .map(|l| (l.first, l.bound, l.most, l.statement))
+            .collect();
+        assert_eq!(
+            found,
+            [(3, None, Some(2), true), (6, Some(9), Some(20), false)]
+        );
+        assert!(misplaced.is_empty());
+    }
+
+    #[test]
     fn a_mark_without_loop_or_number_is_reported() {
         let source = "fn f() {\n    // loop-bound: 3\n\n    let x = 1;\n    // loop-bound: many\n    loop {}\n}\n";
         let (_, mut misplaced) = parse("f.rs", source);
