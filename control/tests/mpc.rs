@@ -127,9 +127,9 @@ fn predictive(conditions: Conditions, seed: u64, iterations: u32) -> Run {
 
 /// The comparison. On level ground the predictive controller is a third of a
 /// second quicker and holds the line more closely (both far within the aims),
-/// for some nine times the steering movements; with a slow actuator, which its
-/// model does not know, it takes twice as long. One of its iterations costs
-/// about as much as the whole law. That is why the law drives.
+/// for some eight times the steering movements; with a slow actuator, which its
+/// model does not know, it takes three times as long. One of its iterations costs
+/// more than the whole law. That is why the law drives.
 #[test]
 fn the_law_is_as_good_for_less() {
     for (name, conditions) in [
