@@ -12,7 +12,8 @@ use std::{
 };
 
 use crate::{Failure, cli::Calibrate};
-use fit::{Calibration, Side};
+pub use fit::{Calibration, Circle, Movement, Side};
+
 use recording::Recording;
 
 /// Runs the command.
