@@ -93,7 +93,7 @@ impl<T: Transmitter, const LINES: usize, const WIDTH: usize, const TOTAL: usize>
     }
 
     fn start_next(&mut self) {
-        // loop-bound: 8 lines, all of them empty
+        // loop-bound: 1 no node appends an empty line
         while !self.busy && self.waiting > 0 {
             let length = self.lengths.get(self.first).copied().unwrap_or(0);
             if length == 0 {
