@@ -17,6 +17,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         ),
         "Flash: a fetch pays its wait states unless its line is proven to be in the fetch buffer; no hit in a cache is claimed. Data in SRAM is reached without wait.".to_owned(),
         "DMA never holds the core off the bus matrix for longer than the wait states charged; a debugger is not connected.".to_owned(),
+        "An interrupt that is pending twice runs once, and its handler serves all there is.".to_owned(),
         "An event message is sent at most once in each of its intervals; a task is not released more often than firmware/tasks.toml says.".to_owned(),
     ];
     let bus = models.table.bus;

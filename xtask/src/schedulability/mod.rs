@@ -57,6 +57,8 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
         print!("{}", report::explain(node, task));
     } else {
         print!("{}", report::table(&report));
+        // The verdict is its last line.
+        return judge(&report).map_err(|_| Failure::Shown);
     }
     judge(&report)
 }
@@ -129,8 +131,7 @@ pub(crate) fn regressions(workspace: &Workspace) -> Result<Vec<String>, Failure>
     Ok(report.regressions(&unproven))
 }
 
-/// An answer that is no ends the program with exit code 1; why is the last line
-/// of the table.
+/// An answer that is no ends the program with exit code 1.
 fn judge(report: &Report) -> Result<(), Failure> {
     match report.first_miss() {
         None => Ok(()),
@@ -186,4 +187,57 @@ fn find<'a>(
 ) -> Option<(&'a NodeReport, &'a TaskReport)> {
     let node = report.nodes.iter().find(|n| n.name == node)?;
     Some((node, node.tasks.iter().find(|t| t.name == task)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use schedulability::results::{ChainReport, StepReport};
+
+    fn report(latency: Option<u64>) -> Report {
+        Report {
+            nodes: Vec::new(),
+            messages: Vec::new(),
+            chains: vec![ChainReport {
+                name: "button to motor".into(),
+                steps: vec![StepReport {
+                    name: "panel.scan".into(),
+                    done: latency,
+                    phase: None,
+                }],
+                latency,
+                deadline: 5_000_000,
+            }],
+            basic_cycle: 100_000_000_000,
+            assumptions: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_exit_code_says_whether_it_holds() {
+        assert_eq!(judge(&report(Some(5_000_000))), Ok(()));
+        let late = judge(&report(Some(6_000_000))).unwrap_err();
+        assert_eq!(late.exit_code(), 1);
+        assert_eq!(
+            late.to_string(),
+            "not schedulable: chain `button to motor` takes up to 6.00 us, its deadline is 5.00 us"
+        );
+        let unknown = judge(&report(None)).unwrap_err();
+        assert_eq!(unknown.exit_code(), 1);
+        assert!(unknown.to_string().contains("panel.scan"), "{unknown}");
+    }
+
+    #[test]
+    fn a_task_that_is_nowhere_is_wrong_input() {
+        let models = models(&Workspace::find().unwrap(), &[Node::Drive]).unwrap();
+        assert_eq!(
+            explained(&models, "drive.actuate"),
+            Ok(("drive", "actuate"))
+        );
+        for wrong in ["drive", "drive.rudder", "gps.ring"] {
+            let failure = explained(&models, wrong).unwrap_err();
+            assert_eq!(failure.exit_code(), 2);
+            assert!(failure.to_string().contains("drive.actuate"), "{failure}");
+        }
+    }
 }

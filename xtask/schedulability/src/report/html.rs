@@ -22,7 +22,7 @@ const HEAD: &str = "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\">\
     td,th{padding:.2em .7em;text-align:right;border-bottom:1px solid #ddd;white-space:nowrap}\n\
     td:first-child,th:first-child{text-align:left}\n\
     .good{background:#e3f4e1;padding:.5em}.miss{background:#fbdcdc}p.miss{padding:.5em}\n\
-    .chart{background:#fafafa;border:1px solid #ddd}pre{overflow:auto}\n\
+    .chart{background:#fafafa;border:1px solid #ddd}.scroll{overflow-x:auto}pre{overflow:auto}\n\
     @media(prefers-color-scheme:dark){body{background:#111;color:#ddd}.miss{background:#522}\
     .good{background:#243}.chart{background:#1a1a1a}td,th{border-color:#444}svg text{fill:#ddd}}\n\
     </style>\n<h1>Schedulability</h1>\n";

@@ -45,7 +45,7 @@ fn row(task: &TaskReport, cycle_time: impl Fn(u64) -> Picoseconds) -> [String; 1
         task.name.clone(),
         task.priority.to_string(),
         task.interrupt.clone(),
-        time(task.period),
+        every(task),
         bounded(task.cost),
         or_dash(task.observed.map(|seen| cycle_time(seen[1]))),
         ratio(1),
@@ -58,8 +58,16 @@ fn row(task: &TaskReport, cycle_time: impl Fn(u64) -> Picoseconds) -> [String; 1
     ]
 }
 
+/// How often it may be released: by the time table, or its least distance.
+fn every(task: &TaskReport) -> String {
+    match task.releases.len() {
+        0 => time(task.period),
+        releases => format!("{releases} a cycle"),
+    }
+}
+
 /// What the columns mean.
-const LEGEND: &str = "bound, seen: longest time as flashed, without and with the emulator; ratio: \
+const LEGEND: &str = "every: least time between two releases, or how many of them the bus's time table has; bound, seen: longest time as flashed, without and with the emulator; ratio: \
     bound over seen as flashed and at zero wait states; blocked: longest critical section of a \
     lower priority; response: worst time from release to end of the release with the least room; \
     may grow: how much longer one job may take before anything on the node misses.";

@@ -7,8 +7,11 @@ use crate::results::{Picoseconds, Report, TaskReport, time};
 use super::html::escape;
 
 const LEFT: f64 = 170.0;
-const WIDTH: f64 = 1000.0;
+/// Wide enough to tell windows of a hundredth of the cycle apart; the page scrolls.
+const WIDTH: f64 = 4000.0;
 const ROW: f64 = 15.0;
+/// Marks on the axis.
+const PARTS: u64 = 50;
 /// Releases of one task that are drawn.
 const MOST: u64 = 250;
 
@@ -113,16 +116,17 @@ pub(super) fn timeline(report: &Report) -> String {
     }
     let bottom = chart.y;
     let mut axis = String::new();
-    for tenth in 0..=10u64 {
-        let at = chart.x(cycle / 10 * tenth);
+    for part in 0..=PARTS {
+        let instant = cycle / PARTS * part;
+        let at = chart.x(instant);
         let _ = writeln!(
             axis,
             "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"16\" y2=\"{bottom:.0}\" stroke=\"#8884\"/><text x=\"{at:.1}\" y=\"12\" font-size=\"10\" text-anchor=\"middle\">{} ms</text>",
-            cycle / 10 * tenth / 1_000_000_000
+            instant / 1_000_000_000
         );
     }
     format!(
-        "<h2>One basic cycle</h2>\n<svg class=\"chart\" viewBox=\"0 0 {:.0} {:.0}\" width=\"100%\" role=\"img\" aria-label=\"timeline\">\n{axis}{}</svg>\n",
+        "<h2>One basic cycle</h2>\n<div class=\"scroll\"><svg class=\"chart\" width=\"{:.0}\" height=\"{:.0}\" role=\"img\" aria-label=\"timeline\">\n{axis}{}</svg></div>\n",
         LEFT + WIDTH + 40.0,
         bottom + 10.0,
         chart.rows
