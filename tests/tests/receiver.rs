@@ -171,8 +171,11 @@ fn a_damaged_packet_changes_nothing_and_the_next_one_counts() {
     assert!(bench.last::<Velocity>().is_some());
 }
 
+/// North and east of measurements, mm or mm/s.
+type Measurements = Vec<(i32, i32)>;
+
 /// Every velocity and position that a stream holds with a right checksum, at whatever offset.
-fn spoken(stream: &[u8]) -> (Vec<(i32, i32)>, Vec<(i32, i32)>) {
+fn spoken(stream: &[u8]) -> (Measurements, Measurements) {
     let (mut velocities, mut positions) = (Vec::new(), Vec::new());
     for begin in (0..stream.len()).filter(|&at| stream[at] == 0x55) {
         let rest = &stream[begin..];
