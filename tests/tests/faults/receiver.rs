@@ -62,7 +62,7 @@ fn damaged_streams_cost_measurements_and_nothing_else() {
 }
 
 #[test]
-fn a_silent_receiver_ends_the_run_at_once_and_keeps_the_schedule() {
+fn a_silent_receiver_ends_the_run_in_two_periods_and_keeps_the_schedule() {
     let mut journey =
         running("stream = [{ from = \"3.2 s\", until = \"4.6 s\", fault = \"silence\" }]");
     journey.to(5.5);
@@ -75,8 +75,8 @@ fn a_silent_receiver_ends_the_run_at_once_and_keeps_the_schedule() {
         .genuine(300)
         .find(|frame| frame.start > last.start + span(0.05) && frame.data[4] != mode::RUN)
         .expect("the run is left");
-    // In the first cycle without a position.
-    assert!(left.start - last.start < span(0.11));
+    // In the second cycle without a position: one lost frame alone ends nothing.
+    assert!(left.start - last.start < span(0.21));
     assert_eq!(left.data[..4], [0; 4]);
     let stopped = journey.stopped(left.start).expect("the motors stop");
     assert!(stopped < left.end + span(0.003));
