@@ -97,7 +97,7 @@ fn every_mistake_has_its_sentence() {
 #[test]
 fn names_and_files_that_are_not_there() {
     let sentence = |name: &str| Scenario::find(name).unwrap_err().to_string();
-    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight": name one of straight-line, five-metres-off, gps-lost, master-dead or the path of a TOML file"#);
+    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight": name one of straight-line, five-metres-off, calibration, gps-lost, master-dead or the path of a TOML file"#);
     insta::assert_snapshot!(sentence("no/such.toml"), @"scenario no/such.toml cannot be read: there is no such file");
 }
 

@@ -45,7 +45,7 @@ pub fn measure(builder: &Builder) -> Result<Vec<Cost>, Failure> {
         name: "control step",
         features: "",
     };
-    let elf = builder.build(CONTROL, "cycles", parts, Profile::Release)?;
+    let elf = builder.build(CONTROL, "step", parts, Profile::Release)?;
     let image = Image::from_elf(Part::F446, &elf)
         .map_err(|error| Failure::Failed(format!("the control step's program: {error}")))?;
     let image = Arc::new(image);

@@ -107,9 +107,16 @@ mod tests {
     #[test]
     fn times_count_from_the_first_line() {
         let recording = Recording::read(PERIOD).unwrap();
-        assert_eq!(recording.pots, [(0.252_470, 828)]);
+        let [(pot_at, 828)] = recording.pots[..] else {
+            panic!("{:?}", recording.pots);
+        };
+        assert!((pot_at - 0.252_470).abs() < 1e-9);
         assert!((recording.commands[0].0 - 1.253_470).abs() < 1e-9);
-        assert_eq!(recording.positions, [(0.249_713, -0.022, 0.054)]);
+        let [(position_at, north, east)] = recording.positions[..] else {
+            panic!("{:?}", recording.positions);
+        };
+        assert!((position_at - 0.249_713).abs() < 1e-9);
+        assert_eq!((north, east), (-0.022, 0.054));
     }
 
     #[test]
