@@ -67,8 +67,23 @@ impl Default for Board {
     }
 }
 
-/// Called with the address of every instruction before it is executed.
-pub type Trace = Box<dyn FnMut(u32) + Send>;
+/// What a core is seen to do, in the order in which it does it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Seen {
+    /// It executed the instruction at this address.
+    Executed(u32),
+    /// It began with this exception; what it did before is interrupted.
+    Entered(u16),
+    /// It ended an exception and began with this one.
+    Chained(u16),
+    /// It ended an exception and goes on with what that had interrupted.
+    Returned,
+    /// It was reset: nothing that was in hand goes on.
+    Reset,
+}
+
+/// Called with everything that a core does.
+pub type Trace = Box<dyn FnMut(Seen) + Send>;
 
 /// A running microcontroller.
 pub struct Mcu {
@@ -338,6 +353,9 @@ impl Mcu {
         self.asleep = false;
         self.locked = false;
         self.observer.abandon();
+        if let Some(trace) = &mut self.trace {
+            trace(Seen::Reset);
+        }
         self.resets.push((SimTime::from_ticks(at), cause));
     }
 
@@ -392,9 +410,7 @@ impl Mcu {
     /// One step of the core: an instruction, or an exception entry.
     #[inline]
     fn step(&mut self) {
-        if let Some(trace) = &mut self.trace {
-            trace(self.core.pc());
-        }
+        let at = self.trace.is_some().then(|| self.core.pc());
         self.poke = false;
         self.shared.set_now(self.now);
         if let Some(flash) = &self.flash {
@@ -410,8 +426,14 @@ impl Mcu {
             if before & IT_STATE != 0 {
                 self.stack_it_state(before);
             }
-            self.long_step(used, stall);
+            let switch = self.long_step(used, stall);
+            if let Some(at) = at {
+                self.show(at, switch);
+            }
             return;
+        }
+        if let Some(at) = at {
+            self.show(at, Switch::None);
         }
         self.now += used;
         self.observer.step(self.now, used + stall, 0, Switch::None);
@@ -455,8 +477,23 @@ impl Mcu {
         });
     }
 
+    /// Shows a step to who looks on: an exception is taken instead of an instruction, and
+    /// ended by one.
+    fn show(&mut self, at: u32, switch: Switch) {
+        let Some(trace) = &mut self.trace else { return };
+        if !matches!(switch, Switch::Enter(_)) {
+            trace(Seen::Executed(at));
+        }
+        match switch {
+            Switch::None => {}
+            Switch::Enter(exception) => trace(Seen::Entered(exception)),
+            Switch::Chain(exception) => trace(Seen::Chained(exception)),
+            Switch::Return => trace(Seen::Returned),
+        }
+    }
+
     /// A step long enough to have changed the exception in hand.
-    fn long_step(&mut self, used: Cycles, stall: Cycles) {
+    fn long_step(&mut self, used: Cycles, stall: Cycles) -> Switch {
         let registers = self.core.regs();
         let exception = registers.exception().0;
         let current = self.observer.current();
@@ -508,6 +545,7 @@ impl Mcu {
         if switch != Switch::None {
             self.asleep = self.core.is_asleep();
         }
+        switch
     }
 
     // -- surroundings ---------------------------------------------------------------
@@ -685,7 +723,7 @@ impl Mcu {
         self.observer.report(&self.image)
     }
 
-    /// Observes each instruction's address from now on, or stops that.
+    /// Observes everything that the core does from now on, or stops that.
     pub fn set_trace(&mut self, trace: Option<Trace>) {
         self.trace = trace;
     }

@@ -275,6 +275,24 @@ impl Vehicle {
         }
     }
 
+    /// Runs from power-on for `duration`, and tells how far it has come after each stretch of
+    /// `every`.
+    pub fn run_telling(
+        &mut self,
+        duration: SimDuration,
+        every: SimDuration,
+        progress: &mut dyn FnMut(Progress),
+    ) {
+        let end = SimTime::from_ticks(0) + duration;
+        while self.now() < end {
+            self.run_until(end.min(self.now() + every));
+            progress(Progress {
+                now: self.now(),
+                end,
+            });
+        }
+    }
+
     /// Takes the world's outputs: bytes go onto their lines at once, the rest waits.
     fn collect(&mut self) {
         while let Some(output) = self.world.poll() {
@@ -509,13 +527,6 @@ pub fn run(
 ) -> Result<Outcome, VehicleError> {
     let mut vehicle = Vehicle::with_flash(scenario, options.seed, images, options.flash)?;
     let duration = options.duration.unwrap_or_else(|| scenario.duration.span());
-    let end = SimTime::from_ticks(0) + duration;
-    while vehicle.now() < end {
-        vehicle.run_until(end.min(vehicle.now() + options.progress_every));
-        progress(Progress {
-            now: vehicle.now(),
-            end,
-        });
-    }
+    vehicle.run_telling(duration, options.progress_every, &mut progress);
     Ok(vehicle.finish())
 }

@@ -6,7 +6,7 @@ use can_bus::{SimDuration, SimTime};
 use program::{Program, VECTORS};
 use std::sync::{Arc, Mutex};
 use twin::ResetCause;
-use twin::mcu::{Board, FlashTiming, Mcu};
+use twin::mcu::{Board, FlashTiming, Mcu, Seen};
 use twin::part::{Part, Pin};
 
 const MS: u64 = 1_000_000_000;
@@ -430,13 +430,47 @@ fn every_executed_instruction_can_be_observed() {
     let mut mcu = program.start(Part::F446, &Board::default());
     let seen = Arc::new(Mutex::new(Vec::new()));
     let sink = Arc::clone(&seen);
-    mcu.set_trace(Some(Box::new(move |pc| {
-        sink.lock().expect("one thread").push(pc);
+    mcu.set_trace(Some(Box::new(move |what| {
+        sink.lock().expect("one thread").push(what);
     })));
     mcu.run_for(SimDuration::from_ticks(MS));
     let seen = seen.lock().expect("one thread");
-    assert!(seen.contains(&start));
+    assert!(seen.contains(&Seen::Executed(start)));
     assert!(seen.len() < 10, "asleep, nothing is executed: {seen:x?}");
+}
+
+#[test]
+fn exceptions_are_observed_around_their_instructions() {
+    let mut program = Program::new();
+    program
+        .constant(7, 0)
+        .poke(0xE000_E014, 96)
+        .poke(0xE000_E018, 0)
+        .poke(0xE000_E010, 7)
+        .sleep_for_ever();
+    program.handler(15);
+    // ADDS r7, #1
+    program.half(0x3701).return_from_handler();
+    let mut mcu = program.start(Part::F303, &Board::default());
+    let seen = Arc::new(Mutex::new(Vec::new()));
+    let sink = Arc::clone(&seen);
+    mcu.set_trace(Some(Box::new(move |what| {
+        sink.lock().expect("one thread").push(what);
+    })));
+    run(&mut mcu, MS);
+    let seen = seen.lock().expect("one thread");
+    let handler = mcu.image().handler(15).expect("a handler").0;
+    let activations: Vec<&[Seen]> = seen
+        .split(|what| *what == Seen::Entered(15))
+        .skip(1)
+        .collect();
+    assert_eq!(activations.len() as u32, mcu.register(7));
+    assert!(activations.len() > 50);
+    for activation in activations {
+        assert_eq!(activation[0], Seen::Executed(handler));
+        assert!(matches!(activation[1], Seen::Executed(_)));
+        assert_eq!(activation[2], Seen::Returned);
+    }
 }
 
 #[test]

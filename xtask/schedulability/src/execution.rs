@@ -1,6 +1,7 @@
 //! What the image of a node says: times, critical sections and stack.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use crate::model::NodeModel;
 use crate::results::Picoseconds;
@@ -12,6 +13,7 @@ use crate::wcet::annotation::Annotations;
 use crate::wcet::image::Image;
 use crate::wcet::ipet;
 use crate::wcet::timing::Timing;
+use crate::wcet::watch::Watch;
 
 /// One handler.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -32,6 +34,8 @@ pub struct Handler {
     pub path: Vec<(u64, u64, String)>,
     /// Bound of the integer program.
     pub program: Option<[u64; 2]>,
+    /// What a run of it must keep to, where there is a bound.
+    pub watch: Option<Arc<Watch>>,
 }
 
 /// A stretch with interrupts masked.
@@ -108,6 +112,10 @@ impl Execution {
             let program_cycles = program
                 .as_ref()
                 .map(|p| [p.cycles[0] + overhead[0], p.cycles[1] + overhead[1]]);
+            let watch = bound
+                .problems
+                .is_empty()
+                .then(|| Arc::new(Watch::new(&mut analysis, entry, &bound)));
             let lazy = if bound.uses_fpu {
                 exceptions[1].lazy_stacking
             } else {
@@ -133,6 +141,7 @@ impl Execution {
                     annotated: bound.annotated,
                     program: program_cycles,
                     path: program.map(|p| p.path).unwrap_or_default(),
+                    watch,
                 },
             );
         }

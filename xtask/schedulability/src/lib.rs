@@ -1,7 +1,8 @@
 //! Answers whether every deadline holds, from RTIC sources and release images.
 //!
-//! [`system::run`] takes sources, images, the task table and the network file
-//! and returns a [`results::Report`]; [`report`] shows it.
+//! [`system::Programs`] takes sources, images, the task table and the network
+//! file, and with what was seen in runs makes a [`results::Report`]; [`report`]
+//! shows it.
 //!
 //! ```text
 //! source  -> tasks --+

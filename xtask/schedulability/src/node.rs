@@ -1,6 +1,6 @@
 //! Response times of a node: its model and what its image says put together.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::execution::{Execution, Handler, picoseconds};
 use crate::model::NodeModel;
@@ -9,9 +9,20 @@ use crate::results::{MICROSECOND, NodeReport, Picoseconds, TaskReport};
 use crate::sensitivity::slack;
 use crate::table::NodeTable;
 
-/// Longest times seen of a node's handlers, by interrupt: cycles without entry
-/// and return at zero wait states and as flashed.
-pub type Observed = BTreeMap<String, [u64; 2]>;
+/// What was seen of a node's handlers, by interrupt.
+pub type Observed = BTreeMap<String, Seen>;
+
+/// What was seen of a handler.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Seen {
+    /// Longest time: cycles without entry and return at zero wait states and as
+    /// flashed.
+    pub longest: [u64; 2],
+    /// Activations that were followed instruction by instruction.
+    pub followed: u64,
+    /// What of the analysis they refute, one sentence each.
+    pub refuted: BTreeSet<String>,
+}
 
 /// To within this the sensitivity is found.
 const STEP: Picoseconds = MICROSECOND / 50;
@@ -95,6 +106,7 @@ pub fn schedule(
             continue;
         };
         let bound = handler(&task.interrupt);
+        let seen = observed.and_then(|seen| seen.get(&task.interrupt));
         let model = &set[at];
         let delayed_by_unbounded = set
             .iter()
@@ -120,7 +132,9 @@ pub fn schedule(
             priority: task.priority,
             cycles: bound.cycles,
             overhead: bound.overhead,
-            observed: observed.and_then(|seen| seen.get(&task.interrupt)).copied(),
+            observed: seen.map(|seen| seen.longest),
+            followed: seen.map_or(0, |seen| seen.followed),
+            refuted: seen.map_or_else(BTreeSet::new, |seen| seen.refuted.clone()),
             cost: model.cost,
             period: task.arrivals.distance(1, task.jitter),
             releases: task

@@ -35,6 +35,10 @@ pub struct TaskReport {
     pub overhead: [u64; 2],
     /// Longest time seen in cycles, without entry and return; as above.
     pub observed: Option<[u64; 2]>,
+    /// Activations that were followed instruction by instruction.
+    pub followed: u64,
+    /// What of the analysis they refute, one sentence each.
+    pub refuted: BTreeSet<String>,
     /// Bound as flashed.
     pub cost: Picoseconds,
     /// Least time between two releases.
@@ -82,6 +86,7 @@ impl TaskReport {
     #[must_use]
     pub fn meets(&self) -> bool {
         self.is_bounded()
+            && self.refuted.is_empty()
             && self.unsound().is_none()
             && self.response.is_some_and(|r| r <= self.deadline)
     }
@@ -121,6 +126,11 @@ impl TaskReport {
         let task = format!("{node}.{}", self.name);
         if let Some(problem) = self.problems.first() {
             return Some(format!("{task} has no bound: {problem}"));
+        }
+        if let Some(refuted) = self.refuted.first() {
+            return Some(format!(
+                "{task} is not as analysed: {refuted}; its bound is none"
+            ));
         }
         if let Some((how, bound, seen)) = self.unsound() {
             return Some(format!(
@@ -338,13 +348,14 @@ impl Report {
     }
 
     /// What does not hold although it is not among `unproven`: names of nodes
-    /// and chains. A bound below what was seen is never accepted.
+    /// and chains. A bound below what was seen is never accepted, nor is one
+    /// that a run refutes.
     #[must_use]
     pub fn regressions(&self, unproven: &[String]) -> Vec<String> {
         let accepted = |name: &str| unproven.iter().any(|known| known == name);
         let mut all: Vec<String> = Vec::new();
         for node in &self.nodes {
-            let unsound = |task: &&TaskReport| task.unsound().is_some();
+            let unsound = |task: &&TaskReport| task.unsound().is_some() || !task.refuted.is_empty();
             all.extend(
                 node.tasks
                     .iter()

@@ -2,18 +2,19 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 use network_model::Network;
 
 use crate::execution::Execution;
 use crate::model::NodeModel;
 use crate::node::{Observed, schedule};
-use crate::results::{MICROSECOND, NodeReport, Report};
+use crate::results::{MICROSECOND, Report};
 use crate::table::{NodeTable, Table};
 use crate::tasks::App;
 use crate::wcet::annotation::Annotations;
 use crate::wcet::image::Image;
+use crate::wcet::watch::Watch;
 use crate::{bus, chains};
 
 /// What to analyse.
@@ -27,8 +28,6 @@ pub struct Inputs {
     pub network: PathBuf,
     /// Source and image of each node, by its name in the table.
     pub nodes: BTreeMap<String, (PathBuf, PathBuf)>,
-    /// Longest times seen, by node.
-    pub observed: BTreeMap<String, Observed>,
 }
 
 /// The inputs are wrong: one sentence.
@@ -94,50 +93,85 @@ fn read(path: &Path, name: &str) -> Result<String, InputError> {
         .map_err(|error| InputError(format!("cannot read {name}: {error}")))
 }
 
-/// Analyses everything; `progress` is told what is under way, from any thread.
-///
-/// # Errors
-/// When an input is missing or wrong; that something is not schedulable is an
-/// answer, not an error.
-pub fn run(inputs: &Inputs, progress: &(dyn Fn(&str) + Sync)) -> Result<Report, InputError> {
-    let sources = inputs
-        .nodes
-        .iter()
-        .map(|(node, (source, _))| (node.as_str(), source.as_path()));
-    let models = Models::read(&inputs.root, &inputs.table, &inputs.network, sources)?;
-    let nodes = images(inputs, &models, progress)?;
-    let messages = bus::messages(&models.network, &models.table.bus);
-    let basic_cycle = u64::from(models.network.basic_cycle_us) * MICROSECOND;
-    let mut chains = Vec::new();
-    for chain in &models.table.chain {
-        chains.extend(chains::follow(chain, &nodes, &messages, basic_cycle)?);
-    }
-    Ok(Report {
-        assumptions: crate::assumptions::of(&models, &nodes),
-        nodes,
-        messages,
-        chains,
-        basic_cycle,
-    })
+/// What sources, tables and images say; what is missing for the answers is what
+/// was seen in runs.
+#[derive(Debug)]
+pub struct Programs {
+    models: Models,
+    executions: Vec<Execution>,
 }
 
-/// The answers for the nodes, as many at once as there are processors.
-fn images(
-    inputs: &Inputs,
-    models: &Models,
-    progress: &(dyn Fn(&str) + Sync),
-) -> Result<Vec<NodeReport>, InputError> {
-    let next = Mutex::new(0..models.nodes.len());
+impl Programs {
+    /// Reads everything and bounds the execution times; `progress` is told what
+    /// is under way, from any thread.
+    ///
+    /// # Errors
+    /// An input is missing or wrong.
+    pub fn read(inputs: &Inputs, progress: &(dyn Fn(&str) + Sync)) -> Result<Self, InputError> {
+        let sources = inputs
+            .nodes
+            .iter()
+            .map(|(node, (source, _))| (node.as_str(), source.as_path()));
+        let models = Models::read(&inputs.root, &inputs.table, &inputs.network, sources)?;
+        let executions = side_by_side(&models.nodes, |(model, table)| {
+            execution(inputs, model, table, progress)
+        });
+        let executions = executions.into_iter().collect::<Result<_, _>>()?;
+        Ok(Self { models, executions })
+    }
+
+    /// What a run of a node's handlers must keep to.
+    pub fn watches(&self, node: &str) -> impl Iterator<Item = (&str, &Arc<Watch>)> {
+        let all = self.models.nodes.iter().zip(&self.executions);
+        all.filter(move |((model, _), _)| model.name == node)
+            .flat_map(|(_, execution)| &execution.handlers)
+            .filter_map(|(name, handler)| Some((name.as_str(), handler.watch.as_ref()?)))
+    }
+
+    /// The answers, with what was seen of each node.
+    ///
+    /// # Errors
+    /// A chain of the table names something that is nowhere; that something is
+    /// not schedulable is an answer, not an error.
+    pub fn report(
+        &self,
+        observed: &BTreeMap<String, Observed>,
+        progress: &(dyn Fn(&str) + Sync),
+    ) -> Result<Report, InputError> {
+        let Self { models, executions } = self;
+        let all: Vec<_> = models.nodes.iter().zip(executions).collect();
+        let nodes = side_by_side(&all, |((model, table), execution)| {
+            progress(&format!("{}: response times", model.name));
+            schedule(model, table, execution, observed.get(&model.name))
+        });
+        let messages = bus::messages(&models.network, &models.table.bus);
+        let basic_cycle = u64::from(models.network.basic_cycle_us) * MICROSECOND;
+        let mut chains = Vec::new();
+        for chain in &models.table.chain {
+            chains.extend(chains::follow(chain, &nodes, &messages, basic_cycle)?);
+        }
+        Ok(Report {
+            assumptions: crate::assumptions::of(models, &nodes),
+            nodes,
+            messages,
+            chains,
+            basic_cycle,
+        })
+    }
+}
+
+/// What `work` makes of each, as many at once as there are processors.
+fn side_by_side<T: Sync, R: Send>(all: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    let next = Mutex::new(0..all.len());
     let done = Mutex::new(BTreeMap::new());
     let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     std::thread::scope(|scope| {
-        for _ in 0..workers.min(models.nodes.len()) {
+        for _ in 0..workers.min(all.len()) {
             scope.spawn(|| {
                 while let Some(at) = next.lock().ok().and_then(|mut next| next.next()) {
-                    let (model, table) = &models.nodes[at];
-                    let report = image(inputs, model, table, progress);
+                    let result = work(&all[at]);
                     if let Ok(mut done) = done.lock() {
-                        done.insert(at, report);
+                        done.insert(at, result);
                     }
                 }
             });
@@ -147,12 +181,12 @@ fn images(
     done.into_values().collect()
 }
 
-fn image(
+fn execution(
     inputs: &Inputs,
     model: &NodeModel,
     table: &NodeTable,
     progress: &(dyn Fn(&str) + Sync),
-) -> Result<NodeReport, InputError> {
+) -> Result<Execution, InputError> {
     let Some((_, elf)) = inputs.nodes.get(&model.name) else {
         return Err(InputError(format!("there is no image of {}", model.name)));
     };
@@ -160,14 +194,8 @@ fn image(
     let annotations = Annotations::new(&inputs.root);
     let told = |task: &str| progress(&format!("{}.{task}", model.name));
     let execution = Execution::of(model, table, &image, &annotations, &told)?;
-    if let Some(misplaced) = annotations.misplaced().first() {
-        return Err(InputError(misplaced.to_string()));
+    match annotations.misplaced().first() {
+        Some(misplaced) => Err(InputError(misplaced.to_string())),
+        None => Ok(execution),
     }
-    progress(&format!("{}: response times", model.name));
-    Ok(schedule(
-        model,
-        table,
-        &execution,
-        inputs.observed.get(&model.name),
-    ))
 }

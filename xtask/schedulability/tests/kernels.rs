@@ -138,7 +138,7 @@ fn bounds_hold_on_the_emulator() {
             continue;
         }
         let entry = kernel(&image, name);
-        let watch = Watch::new(&mut analysis, &bound);
+        let watch = Watch::new(&mut analysis, entry, &bound);
         let mut random = ChaCha8Rng::seed_from_u64(11);
         let mut longest = 0;
         for run in 0..runs() {
@@ -149,7 +149,7 @@ fn bounds_hold_on_the_emulator() {
                 let mut activation = watch.activation();
                 let cycles = emulator.call(entry, &words, |pc| {
                     *executed.entry(pc).or_default() += 1;
-                    let seen = activation.see(pc, |at| image.describe(at));
+                    let seen = watch.see(&mut activation, pc);
                     assert_eq!(seen, Ok(()), "{name}");
                 });
                 check_path(&mut analysis, &bound, &executed, name);
@@ -213,9 +213,9 @@ fn a_false_annotation_is_found_out() {
     let bound = analyse(&mut analysis, name);
     assert!(bound.problems.is_empty(), "{:?}", bound.problems);
     assert!(!bound.annotated.is_empty());
-    let watch = Watch::new(&mut analysis, &bound);
-    let emulator = Emulator::new(&image);
     let entry = kernel(&image, name);
+    let watch = Watch::new(&mut analysis, entry, &bound);
+    let emulator = Emulator::new(&image);
     let refuted = |word: u32| {
         let mut activation = watch.activation();
         let mut found = None;
@@ -223,14 +223,18 @@ fn a_false_annotation_is_found_out() {
         words[0] = word;
         emulator.call(entry, &words, |pc| {
             if found.is_none() {
-                found = activation.see(pc, |at| image.describe(at)).err();
+                found = watch.see(&mut activation, pc).err();
             }
         });
         found
     };
     assert_eq!(refuted(0b101), None);
     match refuted(u32::MAX) {
-        Some(Refuted::Turns { turns, bound, .. }) => assert!(turns > bound),
+        Some(refuted @ Refuted::Turns { .. }) => {
+            let sentence = refuted.sentence(&image);
+            let says = "took 4 turns, its annotation says at most 3";
+            assert!(sentence.ends_with(says), "{sentence}");
+        }
         other => panic!("{other:?}"),
     }
 }

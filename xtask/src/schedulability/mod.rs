@@ -1,15 +1,16 @@
 //! `schedulability` and `priorities`: whether every deadline holds, and with
 //! which priorities.
 
-mod observe;
+pub mod follow;
+pub mod observe;
 mod progress;
 
-use std::{collections::BTreeMap, fs, path::PathBuf};
+use std::{collections::BTreeMap, fs, path::PathBuf, sync::Mutex};
 
 use schedulability::{
     priorities, report,
     results::{NodeReport, Report, TaskReport},
-    system::{self, InputError, Inputs, Models},
+    system::{InputError, Inputs, Models, Programs},
 };
 
 use crate::{
@@ -79,8 +80,8 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
     Ok(())
 }
 
-/// Builds the images, lets them run for the longest times seen, and analyses
-/// these nodes.
+/// Builds the images, bounds their tasks, lets them run to see whether they keep
+/// to what was analysed, and answers for these nodes.
 ///
 /// # Errors
 ///
@@ -88,34 +89,37 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
 pub(crate) fn analyse(workspace: &Workspace, nodes: &[Node]) -> Result<Report, Failure> {
     // All four: a node alone has no bus, and nothing to do.
     let images = build::images(workspace, &Node::ALL)?;
-    let mut display = Display::new();
-    let observed = observe::longest(&images, &mut |what| display.show(what));
-    display.end();
     let root = workspace.root().to_path_buf();
     let inputs = Inputs {
         table: root.join(TABLE),
         network: root.join(NETWORK),
         nodes: images
-            .into_iter()
+            .iter()
             .filter(|image| nodes.contains(&image.node))
             .map(|image| {
                 let name = image.node.name();
-                (name.to_owned(), (source(workspace, image.node), image.path))
+                let source = source(workspace, image.node);
+                (name.to_owned(), (source, image.path.clone()))
             })
             .collect(),
-        observed: observed?,
         root,
     };
-    let display = std::sync::Mutex::new(Display::new());
-    let report = system::run(&inputs, &|what| {
+    let display = Mutex::new(Display::new());
+    let show = |what: &str| {
         if let Ok(mut display) = display.lock() {
             display.show(what);
         }
-    });
+    };
+    let report = Programs::read(&inputs, &show)
+        .map_err(wrong)
+        .and_then(|programs| {
+            let observed = observe::observe(&images, &programs, &mut |what| show(what))?;
+            programs.report(&observed, &show).map_err(wrong)
+        });
     if let Ok(mut display) = display.lock() {
         display.end();
     }
-    report.map_err(wrong)
+    report
 }
 
 /// What continuous integration does not accept: a bound below what was seen, or

@@ -1,39 +1,60 @@
-//! The longest time that each task takes on the emulated vehicle.
+//! What the tasks do on the emulated vehicle: the longest time of each, and
+//! whether they keep to what was analysed.
 
-use std::{collections::BTreeMap, fs, sync::Mutex, thread};
+use std::{
+    collections::BTreeMap,
+    fs,
+    sync::{Arc, Mutex},
+    thread,
+};
 
-use schedulability::node::Observed;
-use twin::{Images, Options, Outcome, mcu::FlashTiming};
+use schedulability::{
+    node::{Observed, Seen},
+    system::Programs,
+    wcet::{self, watch::Watch},
+};
+use twin::{Images, Outcome, Vehicle, mcu::FlashTiming, mcu::Mcu};
 use world::{Scenario, time::seconds};
 
+use super::follow::{Findings, Follower, lock};
 use crate::{Failure, Node, build::Image};
 
 /// What is driven.
 const SCENARIO: &str = include_str!("busy.toml");
-
+/// Seed of everything that is left to chance.
+const SEED: u64 = 1;
 /// Flash without wait states, and as the parts have it.
 const TIMINGS: [FlashTiming; 2] = [FlashTiming::Immediate, FlashTiming::WaitStates];
 
-/// Longest times by node and interrupt, in cycles, without exception entry and
-/// return.
-pub(super) fn longest(
+/// What a run brought, with what was found of each node in the order of
+/// [`world::Node::ALL`].
+type Followed = (Outcome, [Arc<Mutex<Findings>>; 4]);
+
+/// What is seen of each node's handlers.
+pub(super) fn observe(
     images: &[Image],
+    programs: &Programs,
     progress: &mut (dyn FnMut(&str) + Send),
 ) -> Result<BTreeMap<String, Observed>, Failure> {
-    let images = read(images)?;
+    let bytes = read(images)?;
     let scenario = scenario()?;
     let progress = Mutex::new(progress);
-    let run = |flash: FlashTiming| {
-        let options = Options {
-            flash,
-            ..Options::default()
-        };
-        twin::run(&scenario, &images, &options, |now| {
+    let run = |flash: FlashTiming| -> Result<Followed, Failure> {
+        let mut vehicle = Vehicle::with_flash(&scenario, SEED, &bytes, flash)
+            .map_err(|error| Failure::Failed(error.to_string()))?;
+        let findings = world::Node::ALL.map(|node| {
+            let mcu = vehicle.node_mut(node);
+            let watches = programs.watches(node.name()).map(|(_, watch)| watch);
+            follow(mcu, watches)
+        });
+        let second = can_bus::SimDuration::from_ticks(1_000_000_000_000);
+        vehicle.run_telling(scenario.duration.span(), second, &mut |now| {
             if let Ok(mut progress) = progress.lock() {
                 let (now, end) = (seconds(now.now), seconds(now.end));
                 progress(&format!("{now:.0} of {end:.0} s simulated"));
             }
-        })
+        });
+        Ok((vehicle.finish(), findings))
     };
     let outcomes = thread::scope(|scope| {
         let handles = TIMINGS.map(|flash| scope.spawn(move || run(flash)));
@@ -41,12 +62,29 @@ pub(super) fn longest(
     });
     let mut all = BTreeMap::new();
     for (model, outcome) in outcomes.into_iter().enumerate() {
-        let outcome = outcome
-            .map_err(|_| Failure::Failed("the simulation broke down".into()))?
-            .map_err(|error| Failure::Failed(error.to_string()))?;
-        note(&mut all, model, &outcome);
+        let outcome =
+            outcome.map_err(|_| Failure::Failed("the simulation broke down".into()))??;
+        note(&mut all, model, &outcome, images)?;
     }
     Ok(all)
+}
+
+/// Follows a core from now on: each of its handlers must keep to the watch that
+/// was made for its address.
+pub fn follow<'w>(
+    mcu: &mut Mcu,
+    watches: impl Iterator<Item = &'w Arc<Watch>>,
+) -> Arc<Mutex<Findings>> {
+    let by_address: BTreeMap<u32, &Arc<Watch>> =
+        watches.map(|watch| (watch.entry(), watch)).collect();
+    let by_exception = (1..=u16::from(u8::MAX)).filter_map(|number| {
+        let (address, _) = mcu.image().handler(number)?;
+        Some((number, Arc::clone(by_address.get(&address)?)))
+    });
+    let follower = Follower::new(by_exception.collect());
+    let findings = follower.findings();
+    mcu.set_trace(Some(follower.trace()));
+    findings
 }
 
 fn scenario() -> Result<Scenario, Failure> {
@@ -54,14 +92,40 @@ fn scenario() -> Result<Scenario, Failure> {
         .map_err(|error| Failure::Failed(error.to_string()))
 }
 
-fn note(all: &mut BTreeMap<String, Observed>, model: usize, outcome: &Outcome) {
-    for node in &outcome.nodes {
-        let of_node = all.entry(node.node.name().to_owned()).or_default();
+/// Adds what a run of a timing model brought to what is known.
+fn note(
+    all: &mut BTreeMap<String, Observed>,
+    model: usize,
+    (outcome, findings): &Followed,
+    images: &[Image],
+) -> Result<(), Failure> {
+    for (node, findings) in outcome.nodes.iter().zip(findings) {
+        let name = node.node.name();
+        let of_node = all.entry(name.to_owned()).or_default();
+        let findings = lock(findings);
+        let image = if findings.values().any(|found| !found.refuted.is_empty()) {
+            let of_node = images.iter().find(|image| image.node.name() == name);
+            of_node.map(|image| wcet::image::Image::read(&image.path))
+        } else {
+            None
+        };
+        let image = image
+            .transpose()
+            .map_err(|error| Failure::Failed(error.to_string()))?;
         for task in &node.load.tasks {
-            let seen = of_node.entry(task.name.clone()).or_default();
-            seen[model] = seen[model].max(task.longest);
+            let seen: &mut Seen = of_node.entry(task.name.clone()).or_default();
+            seen.longest[model] = seen.longest[model].max(task.longest);
+            let Some(found) = findings.get(&task.exception) else {
+                continue;
+            };
+            seen.followed += found.activations;
+            if let Some(image) = &image {
+                let sentences = found.refuted.iter().map(|refuted| refuted.sentence(image));
+                seen.refuted.extend(sentences);
+            }
         }
     }
+    Ok(())
 }
 
 fn read(images: &[Image]) -> Result<Images, Failure> {

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use crate::results::{NodeReport, Report, time};
 
 use super::timeline::timeline;
-use super::{HEADINGS, LEGEND, explain, or_dash, row, verdict};
+use super::{HEADINGS, LEGEND, explain, followed, or_dash, row, verdict};
 
 pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
@@ -43,6 +43,9 @@ pub fn html(report: &Report) -> String {
         of_node(&mut page, node);
     }
     let _ = writeln!(page, "<p>{}</p>", escape(LEGEND));
+    if let Some(followed) = followed(report) {
+        let _ = writeln!(page, "<p>{}</p>", escape(&followed));
+    }
     bus(&mut page, report);
     chains(&mut page, report);
     page.push_str("<h2>Assumptions</h2>\n<ul>\n");

@@ -85,5 +85,7 @@ fn task(node: &NodeReport, task: &TaskReport) -> Value {
         "problems": task.problems.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "panics": task.panics,
         "annotated": task.annotated,
+        "followed": task.followed,
+        "refuted": task.refuted,
     })
 }

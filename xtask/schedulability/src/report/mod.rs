@@ -11,6 +11,8 @@ pub use html::html;
 pub use json::json;
 pub use table::table;
 
+use std::collections::BTreeMap;
+
 use crate::results::{Picoseconds, Report, TaskReport, time};
 
 fn or_dash(value: Option<Picoseconds>) -> String {
@@ -82,6 +84,40 @@ fn median_ratio(report: &Report, model: usize) -> Option<f64> {
         n if n % 2 == 1 => Some(ratios[n / 2]),
         n => Some((ratios[n / 2 - 1] + ratios[n / 2]) / 2.0),
     }
+}
+
+/// What the runs say of graph and loop bounds; `None` without a run.
+fn followed(report: &Report) -> Option<String> {
+    let tasks = report.nodes.iter().flat_map(|node| {
+        let name = &node.name;
+        node.tasks
+            .iter()
+            .map(move |task| ((name, &task.interrupt), task))
+    });
+    // Software tasks of one priority have one handler.
+    let handlers: BTreeMap<_, _> = tasks.collect();
+    let activations: u64 = handlers.values().map(|task| task.followed).sum();
+    let refuted: usize = handlers.values().map(|task| task.refuted.len()).sum();
+    let silent: Vec<String> = handlers
+        .iter()
+        .filter(|(_, task)| task.followed == 0)
+        .map(|((node, _), task)| format!("{node}.{}", task.name))
+        .collect();
+    let outcome = match refuted {
+        0 => "none left its graph or took more turns than allowed".to_owned(),
+        1 => "one thing of the analysis is refuted".to_owned(),
+        refuted => format!("{refuted} things of the analysis are refuted"),
+    };
+    let rest = match silent.as_slice() {
+        [] => String::new(),
+        silent => format!("; never released: {}", silent.join(", ")),
+    };
+    (activations > 0).then(|| {
+        format!(
+            "followed instruction by instruction: {activations} activations of {} handlers, {outcome}{rest}",
+            handlers.len() - silent.len()
+        )
+    })
 }
 
 /// The answer in one line.

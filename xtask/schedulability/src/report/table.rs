@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use crate::execution::picoseconds;
 use crate::results::{NodeReport, Report, time};
 
-use super::{HEADINGS, LEGEND, median_ratio, or_dash, row, verdict};
+use super::{HEADINGS, LEGEND, followed, median_ratio, or_dash, row, verdict};
 
 /// Everything, as text.
 #[must_use]
@@ -26,6 +26,9 @@ pub fn table(report: &Report) -> String {
             text,
             "median of bound over seen: {zero:.2} at zero wait states, {flash:.2} as flashed"
         );
+    }
+    if let Some(followed) = followed(report) {
+        let _ = writeln!(text, "{followed}");
     }
     let _ = writeln!(text, "{}", verdict(report));
     text

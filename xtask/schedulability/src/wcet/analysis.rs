@@ -15,7 +15,7 @@ use rsemu::cpu::arm::v7m::isa::{Cond, Insn};
 use super::annotation::Annotations;
 use super::execute::Executor;
 use super::graph::{Block, Graph, Returning, Targets, conditional, is_panic, leaves};
-use super::image::Image;
+use super::image::{Image, Place};
 use super::instruction::{Flow, Instruction};
 use super::invariant::Invariant;
 use super::ipet;
@@ -326,6 +326,12 @@ impl<'a> Analysis<'a> {
             Rc::new(Graph::build(self.image, entry, &self.targets, &mut self.returning).ok()?);
         self.graphs.insert(entry, graph.clone());
         Some(graph)
+    }
+
+    /// The annotated bound of loop `number` of `graph`, with the loop's place.
+    #[must_use]
+    pub fn annotation(&self, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+        self.annotations.bound(self.image, graph, number)
     }
 
     /// The image under analysis.
