@@ -20,12 +20,18 @@ pub const REFRESH_HZ: u32 = 5;
 
 static MEMORY: Shared<u8, CAPACITY> = Shared::new(0);
 
-/// The display's port.
+/// The way to the display.
 pub struct Lcd {
-    usart: pac::USART3,
+    /// Address of the port's data register.
+    register: u32,
     stream: Stream<3>,
     memory: Window<u8, CAPACITY>,
     busy: bool,
+}
+
+/// The way back from the display.
+pub struct Replies {
+    usart: pac::USART3,
 }
 
 /// The 5 Hz tick.
@@ -33,7 +39,7 @@ pub struct Tick {
     timer: pac::TIM4,
 }
 
-pub(crate) fn start(usart: pac::USART3, timer: pac::TIM4) -> Option<(Lcd, Tick)> {
+pub(crate) fn start(usart: pac::USART3, timer: pac::TIM4) -> Option<(Lcd, Replies, Tick)> {
     let memory = MEMORY.take()?;
     // SAFETY: divider of RM0390 25.4.4 for oversampling by 16, rounded to the nearest.
     usart
@@ -59,11 +65,12 @@ pub(crate) fn start(usart: pac::USART3, timer: pac::TIM4) -> Option<(Lcd, Tick)>
     timer.cr1().write(|w| w.cen().set_bit());
     Some((
         Lcd {
-            usart,
+            register: usart.dr().as_ptr() as u32,
             stream: Stream::new(),
             memory,
             busy: false,
         },
+        Replies { usart },
         Tick { timer },
     ))
 }
@@ -87,9 +94,8 @@ impl Lcd {
         }
         self.busy = true;
         let address = self.memory.address();
-        let register = self.usart.dr().as_ptr() as u32;
         // SAFETY: the memory is left alone while `busy`; USART3's requests come to stream 3.
-        unsafe { self.stream.start(address, length as u16, register) };
+        unsafe { self.stream.start(address, length as u16, self.register) };
         true
     }
 
@@ -99,7 +105,9 @@ impl Lcd {
             self.busy = false;
         }
     }
+}
 
+impl Replies {
     /// The byte that the display sent, to be called by the task that is bound to USART3.
     pub fn received(&mut self) -> Option<u8> {
         let status = self.usart.sr().read();

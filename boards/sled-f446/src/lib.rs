@@ -139,6 +139,8 @@ pub struct Operator {
     pub buttons: panel::Buttons,
     /// The display.
     pub lcd: lcd::Lcd,
+    /// The display's replies.
+    pub replies: lcd::Replies,
     /// The display's tick.
     pub tick: lcd::Tick,
 }
@@ -167,7 +169,7 @@ impl Rest {
             .modify(|_, w| w.dma1en().set_bit().dma2en().set_bit());
         let _ = (self.axes.0.into_analog(), self.axes.1.into_analog());
         let _: (usart3::Tx, usart3::Rx) = (self.port_c.pc10.into(), self.port_c.pc11.into());
-        let (lcd, tick) = lcd::start(self.display, self.display_tick)?;
+        let (lcd, replies, tick) = lcd::start(self.display, self.display_tick)?;
         Some(Operator {
             joystick: panel::start(self.adc, &self.adc_common, self.adc_timer)?,
             buttons: panel::Buttons {
@@ -179,6 +181,7 @@ impl Rest {
                 stop_loop: self.port_c.pc5.into_pull_up_input(),
             },
             lcd,
+            replies,
             tick,
         })
     }
