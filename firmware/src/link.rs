@@ -1,8 +1,11 @@
 //! The node's place on the bus: the protocol stack, the CAN port and the window timer as one
 //! value, which the three interrupts of the bus share.
 //!
-//! Every entry point ends with [`Link::service`], which carries out what the stack asks for
-//! and sets the window timer to its next deadline. None of them waits for anything.
+//! Each interrupt does one thing. Receive and transmit tell the stack of one frame; what
+//! follows from it is left to the window timer's interrupt, which fires at once when
+//! something is due, and carries out one thing at a time ([`Link::service`]). So each of
+//! them is short, and bounded without knowing how much may be due together. None of them
+//! waits for anything.
 
 use network::matrix::{MATRIX, SCHEDULE, window};
 use sled_common::can::{ErrorState, Occupied, Outcome, Received};
@@ -169,6 +172,10 @@ pub struct Link<P, T> {
     /// What the window timer is set to.
     armed: Option<Stamp>,
     started: bool,
+    /// The stack is to be started.
+    start_due: bool,
+    /// The mailbox refused a frame, which the stack does not know yet.
+    refused: bool,
     reference_byte: u8,
     cycle_time: u32,
     offered_time: u32,
@@ -204,6 +211,8 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
             presence: Presence::On,
             armed: None,
             started: false,
+            start_due: false,
+            refused: false,
             reference_byte: 0,
             cycle_time: 0,
             offered_time: 0,
@@ -215,9 +224,8 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     /// Joins the schedule, or, as a time master, begins it.
     pub fn start(&mut self) {
         self.started = true;
-        let now = self.now();
-        self.node.start(now);
-        self.service();
+        self.start_due = true;
+        self.fire();
     }
 
     /// Whether [`Link::start`] was called.
@@ -225,10 +233,10 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         self.started
     }
 
-    /// Receive interrupt. `stamp` is the time base as the task read it first of all.
+    /// Receive interrupt, which comes again while the FIFO holds frames. `stamp` is the time
+    /// base as the task read it first of all.
     pub fn on_receive(&mut self, stamp: u32) -> News {
         let mut news = News::default();
-        let mut routine = true;
         if !self.started {
             // Others keep a schedule: there is nothing to wait for.
             self.start();
@@ -236,41 +244,37 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         if self.port.take_overrun() {
             self.counters.overruns = self.counters.overruns.wrapping_add(1);
         }
-        // loop-bound: 2 a frame takes longer on the wire than this task may take
-        while let Some(received) = self.port.receive() {
-            let Received::Data(frame) = received else {
+        let frame = match self.port.receive() {
+            Some(Received::Data(frame)) => frame,
+            Some(Received::Remote(_)) => {
                 self.counters.remote = self.counters.remote.wrapping_add(1);
-                continue;
-            };
-            match self.node.handle_receive(&frame, Stamp(stamp)) {
-                Reception::Reference { .. } => {
-                    routine = false;
-                    news.reference = true;
-                    let [byte, ..] = frame.buffer();
-                    self.reference_byte = byte;
-                    self.cycle_time = time_of(&frame);
-                }
-                Reception::Scheduled { window } | Reception::Late { window } => {
-                    if let Some(slot) = self.inbox.get_mut(usize::from(window)) {
-                        *slot = Some(frame);
-                        news.windows |= 1u32.checked_shl(u32::from(window)).unwrap_or(0);
-                    }
-                }
-                Reception::Event => {
-                    if self.events.is_full() {
-                        self.events.pop_front();
-                    }
-                    let _ = self.events.push_back(frame);
-                    news.event = true;
-                }
-                Reception::Fault(_) => routine = false,
+                return news;
             }
+            None => return news,
+        };
+        match self.node.handle_receive(&frame, Stamp(stamp)) {
+            Reception::Reference { .. } => {
+                news.reference = true;
+                let [byte, ..] = frame.buffer();
+                self.reference_byte = byte;
+                self.cycle_time = time_of(&frame);
+            }
+            Reception::Scheduled { window } | Reception::Late { window } => {
+                if let Some(slot) = self.inbox.get_mut(usize::from(window)) {
+                    *slot = Some(frame);
+                    news.windows |= 1u32.checked_shl(u32::from(window)).unwrap_or(0);
+                }
+            }
+            Reception::Event => {
+                if self.events.is_full() {
+                    self.events.pop_front();
+                }
+                let _ = self.events.push_back(frame);
+                news.event = true;
+            }
+            Reception::Fault(_) => {}
         }
-        // Another node's message changes nothing that the stack has to do: as long as its
-        // deadline is the one that the timer is set to, the timer calls.
-        if !routine || self.node.next_deadline() != self.armed {
-            self.service();
-        }
+        self.arm();
         news
     }
 
@@ -287,7 +291,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
             };
             self.node.handle_transmit(outcome, Stamp(stamp));
         }
-        self.service();
+        self.arm();
         let begun = self.node.reference_mark() != cycle;
         if begun {
             self.reference_byte = 0;
@@ -303,61 +307,86 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
             self.counters.bus_off = self.counters.bus_off.wrapping_add(1);
             self.node.handle_bus_off();
         }
-        self.service();
+        self.arm();
     }
 
-    /// Carries out what the stack asks for and sets the window timer. The window timer's
-    /// interrupt calls this alone.
+    /// The window timer's interrupt: one thing that is due, and the timer set to the next.
     pub fn service(&mut self) {
         self.counters.services = self.counters.services.wrapping_add(1);
-        // loop-bound: 4 an abort, a silence, a message and what follows them
-        loop {
-            let now = self.now();
-            let Some(action) = self.node.poll(now) else {
-                break;
-            };
-            // at-most: 4 actions of one task
-            match action {
-                Action::TransmitReference(frame) => {
-                    self.offered_time = time_of(&frame);
-                    self.request(&frame);
-                }
-                Action::TransmitEvent(frame) => self.request(&frame),
-                Action::Transmit(grant) => {
-                    let data = self
-                        .outbox
-                        .get_mut(usize::from(grant.window))
-                        .and_then(Option::take);
-                    // at-most: 2 own windows that begin in one task
-                    match data {
-                        Some(data) => self.request(&Frame::from_parts(grant.id, grant.len, data)),
-                        None => self.node.handle_transmit(TransmitOutcome::Empty, now),
-                    }
-                }
-                Action::Abort => self.port.abort(),
-                Action::Silence => {
-                    self.port.leave_bus();
-                    self.presence = Presence::Off {
-                        since: now.0,
-                        pause: self.pause,
-                    };
-                }
-            }
+        self.armed = None;
+        let now = self.now();
+        if self.start_due {
+            self.start_due = false;
+            self.node.start(now);
+        } else if self.refused {
+            self.refused = false;
+            self.node.handle_transmit(TransmitOutcome::Aborted, now);
+        } else if let Some(action) = self.node.advance(now) {
+            self.perform(action, now);
         }
-        self.armed = self.node.next_deadline();
-        match self.armed {
+        if self.start_due || self.refused {
+            self.fire();
+        } else {
+            self.arm();
+        }
+    }
+
+    fn perform(&mut self, action: Action, now: Stamp) {
+        let frame = match action {
+            Action::TransmitReference(frame) => {
+                self.offered_time = time_of(&frame);
+                frame
+            }
+            Action::TransmitEvent(frame) => frame,
+            Action::Transmit(grant) => {
+                let data = self
+                    .outbox
+                    .get_mut(usize::from(grant.window))
+                    .and_then(Option::take);
+                let Some(data) = data else {
+                    self.node.handle_transmit(TransmitOutcome::Empty, now);
+                    return;
+                };
+                Frame::from_parts(grant.id, grant.len, data)
+            }
+            Action::Abort => {
+                self.port.abort();
+                return;
+            }
+            Action::Silence => {
+                self.port.leave_bus();
+                self.presence = Presence::Off {
+                    since: now.0,
+                    pause: self.pause,
+                };
+                return;
+            }
+        };
+        if self.port.load(&frame).is_err() {
+            self.counters.occupied = self.counters.occupied.wrapping_add(1);
+            self.refused = true;
+        }
+    }
+
+    /// Sets the window timer to the stack's next deadline, unless it is set to it already.
+    fn arm(&mut self) {
+        let deadline = self.node.next_deadline();
+        // With something of the link's own to do it has fired already.
+        if deadline == self.armed || self.start_due || self.refused {
+            return;
+        }
+        self.armed = deadline;
+        match deadline {
             Some(deadline) => self.timer.set_window(deadline.0),
             None => self.timer.clear_window(),
         }
     }
 
-    fn request(&mut self, frame: &Frame) {
-        // at-most: 2 a reference and a message
-        if self.port.load(frame).is_err() {
-            self.counters.occupied = self.counters.occupied.wrapping_add(1);
-            let now = self.now();
-            self.node.handle_transmit(TransmitOutcome::Aborted, now);
-        }
+    /// Makes the window timer fire at once.
+    fn fire(&mut self) {
+        let now = self.now();
+        self.armed = Some(now);
+        self.timer.set_window(now.0);
     }
 
     /// Brings the node back after bus-off and after S3, and forgives S2 after a pause.
@@ -465,10 +494,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
             .ok_or(QueueError::NotAnEvent)?;
         let now = self.now();
         let queued = self.node.queue_event(frame, now, lifetime);
-        // The service is left to the window timer's own task, so that the caller, who blocks
-        // the bus's interrupts meanwhile, is short.
-        self.timer.set_window(now.0);
-        self.armed = Some(now);
+        self.arm();
         queued
     }
 
@@ -614,7 +640,8 @@ mod tests {
             self.now
         }
         fn set_window(&mut self, instant: u32) {
-            self.window = Some(instant);
+            let late = self.now.wrapping_sub(instant) < 1 << 31;
+            self.window = Some(if late { self.now } else { instant });
         }
         fn clear_window(&mut self) {
             self.window = None;
@@ -654,7 +681,7 @@ mod tests {
             }
             let left = end.wrapping_sub(link.timer.now);
             match link.timer.window {
-                Some(at) if at.wrapping_sub(link.timer.now) < left => {
+                Some(at) if at.wrapping_sub(link.timer.now) <= left => {
                     link.timer.now = at;
                     link.timer.window = None;
                     link.service();
@@ -675,6 +702,8 @@ mod tests {
 
     fn synchronised() -> Link<Cell, Timer> {
         let mut link = steering();
+        link.start();
+        pass(&mut link, 0);
         for cycle in 0..2 {
             assert!(reference(&mut link, 1, 1000 + 100 * cycle).reference);
             pass(&mut link, 100_000);
@@ -710,6 +739,35 @@ mod tests {
         assert!(!link.is_started());
         reference(&mut link, 1, 5);
         assert!(link.is_started());
+        pass(&mut link, 0);
+        for cycle in 0..2 {
+            assert!(reference(&mut link, 1, 1000 + 100 * cycle).reference);
+            pass(&mut link, 100_000);
+        }
+        assert!(link.is_heard());
+    }
+
+    #[test]
+    fn a_frame_that_the_mailbox_refuses_is_told_to_the_stack_and_leaves_its_window_empty() {
+        let mut link = synchronised();
+        link.put(window::STEERING_POT, [0x3C, 3, 9, 9, 9, 9, 9, 9]);
+        reference(&mut link, 0, 1200);
+        pass(&mut link, 5_000);
+        link.port.pending = true;
+        while link
+            .timer
+            .window
+            .is_some_and(|at| at.wrapping_sub(BEGIN) < 1 << 31)
+            && link.counters().occupied == 0
+        {
+            link.timer.now = link.timer.window.take().unwrap_or(0);
+            link.service();
+        }
+        assert_eq!(link.counters().occupied, 1);
+        link.port.pending = false;
+        pass(&mut link, 50_000);
+        assert_eq!(link.node().counters().aborted, 1);
+        assert!(link.port.loaded.is_empty());
     }
 
     #[test]
@@ -730,6 +788,7 @@ mod tests {
         link.port.errors.bus_off = false;
         link.keep_present();
         assert_eq!(link.counters().rejoins, 1);
+        pass(&mut link, 0);
         for cycle in 0..3 {
             reference(&mut link, 1, 2000 + 100 * cycle);
             pass(&mut link, 100_000);
@@ -742,6 +801,7 @@ mod tests {
         let mut link = synchronised();
         link.port.errors.bus_off = true;
         link.on_error();
+        pass(&mut link, 0);
         link.on_error();
         assert_eq!(link.counters().bus_off, 1);
         assert!(link.port.away && !link.is_heard());

@@ -4,7 +4,8 @@
 //! what happened, with the stamp of the instant, and then asks what to do:
 //!
 //! 1. After every `handle_` call, and when the deadline passes, call
-//!    [`Node::poll`] until it returns `None`, and do what it says.
+//!    [`Node::poll`] until it returns `None`, and do what it says; or
+//!    [`Node::advance`] once in every interrupt.
 //! 2. Then set the timer to [`Node::next_deadline`].
 //!
 //! No call loops over windows, messages or nodes. The node never has two
@@ -39,7 +40,7 @@ use crate::{Frame, GlobalTime, Id, Micros, NodeId, ScheduleView, Stamp};
 enum Pending {
     None,
     Reference {
-        bits: u16,
+        frame: Frame,
         cycle: u8,
         next_is_gap: bool,
         discontinuity: bool,
@@ -61,6 +62,7 @@ enum Pending {
 struct Last {
     window: u16,
     id: Id,
+    len: u8,
     sender: NodeId,
     seen: bool,
 }
@@ -86,6 +88,10 @@ pub struct Node<'s, const W: usize, const P: usize, const Q: usize> {
     /// Whether the owner still has to be told to be silent.
     silence_due: bool,
     abort_due: bool,
+    /// Whether an event message may have its turn.
+    events_due: bool,
+    /// When the owner asked last.
+    advanced: Stamp,
 
     /// Reference mark of the basic cycle under way; the instant of the start
     /// while there is none.
@@ -116,6 +122,8 @@ pub struct Node<'s, const W: usize, const P: usize, const Q: usize> {
     cursor: u16,
     cursor_end: u16,
     inside: bool,
+    /// Whether the entry under way is for event messages.
+    arbitrating: bool,
     seen: bool,
     last: Option<Last>,
 
@@ -203,6 +211,8 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
             error_level: ErrorLevel::None,
             silence_due: false,
             abort_due: false,
+            events_due: false,
+            advanced: Stamp(0),
             mark: Stamp(0),
             marked: false,
             cycle: 0,
@@ -220,6 +230,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
             cursor: 0,
             cursor_end: 0,
             inside: false,
+            arbitrating: false,
             seen: false,
             last: None,
             entry_due: None,
@@ -255,6 +266,8 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
             self.abort_due = true;
         }
         self.silence_due = false;
+        self.events_due = false;
+        self.advanced = now;
         self.severe = None;
         self.sync = SyncState::Synchronising;
         self.master = MasterState::Follower;
@@ -444,7 +457,13 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         if ticks > LONGEST {
             return Err(QueueError::Lifetime);
         }
-        if self.queue.insert(Item::Event(frame), now.after(ticks)) {
+        let expires = now.after(ticks);
+        if self.queue.is_full() {
+            let expired = self.queue.expire(now);
+            bump(&mut self.counters.events_expired, expired);
+        }
+        if self.queue.insert(Item::Event(frame), expires) {
+            self.attend_events();
             Ok(())
         } else {
             bump(&mut self.counters.events_refused, 1);
@@ -570,6 +589,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         self.marked = false;
         self.silence_due = true;
         self.abort_due = false;
+        self.events_due = false;
         self.pending = Pending::None;
         self.inside = false;
         self.entry_due = None;

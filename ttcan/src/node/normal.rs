@@ -35,6 +35,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         } else {
             moved(self.last_receive)
         };
+        node.advanced = Stamp(0);
         if let Pending::Reference { asked, .. } = &mut node.pending {
             *asked = moved(*asked);
         }

@@ -4,7 +4,7 @@ use super::{Fault, MasterState, Node, Pending, Reception, SyncState, bump};
 use crate::clock::Correction;
 use crate::parts::{GAPS, GLOBAL_TIME, MASTER, PEERS};
 use crate::reference::{Fields, from_coarse, nearest};
-use crate::schedule::{Entry, Role};
+use crate::schedule::{Entry, Known, Role};
 use crate::{ClockState, Frame, GlobalTime, Stamp, length};
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
@@ -365,7 +365,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             return Reception::Fault(Fault::Foreign);
         };
         if known.sender == self.config.node || !(known.is_event || known.retry_late) {
-            return self.astray(frame);
+            return self.stray(&known);
         }
         if frame.len() > known.len || (!known.is_event && frame.len() != known.len) {
             return Reception::Fault(Fault::Length);
@@ -381,8 +381,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     fn take_from_last(&mut self, frame: &Frame, last: super::Last) -> Reception {
-        let expected = self.schedule.known(frame.id()).map(|known| known.len);
-        if expected != Some(frame.len()) {
+        if frame.len() != last.len {
             return Reception::Fault(Fault::Length);
         }
         self.last = None;
@@ -407,6 +406,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let Some(known) = self.schedule.known(frame.id()).copied() else {
             return Reception::Fault(Fault::Foreign);
         };
+        self.stray(&known)
+    }
+
+    fn stray(&mut self, known: &Known) -> Reception {
         let cycle = self.cycles_seen;
         if PEERS && let Some(peer) = self.peers.get_mut(usize::from(known.sender.0)) {
             peer.astray(cycle);

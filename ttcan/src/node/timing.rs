@@ -15,58 +15,78 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// transmit enable window has passed is not sent any more. Late calls catch
     /// up window by window; otherwise the cost is constant.
     #[must_use]
-    // Its loops stay apart from the caller's in the image, where their bounds are looked for.
-    #[inline(never)]
     pub fn poll(&mut self, now: Stamp) -> Option<Action> {
-        // loop-bound: 4 a boundary passed, a missing reference, an abort, a message
-        loop {
-            // at-most: 8 two calls of every task, until each has nothing more
-            if self.silence_due {
-                self.silence_due = false;
-                return Some(Action::Silence);
+        while self.is_due(now) {
+            let action = self.advance(now);
+            if action.is_some() {
+                return action;
             }
-            if self.abort_due {
-                self.abort_due = false;
-                return Some(Action::Abort);
-            }
-            if self.sync == SyncState::Off {
-                return None;
-            }
-            if due(self.watchdog_due, now) {
-                self.stop(Severe::ApplicationWatchdog);
-                continue;
-            }
-            if due(self.withdraw_due, now) {
-                self.withdraw_due = None;
-                return Some(Action::Abort);
-            }
-            if due(self.entry_due, now) {
-                // at-most: 3 the end of a window, the begin of the next, and its end if the call is late
-                if let Some(action) = self.step(now) {
-                    return Some(action);
-                }
-                continue;
-            }
-            if MASTER && due(self.reference_due, now) && self.pending == Pending::None {
-                // at-most: 1 the next is a basic cycle later
-                return Some(self.transmit_reference(now));
-            }
-            if due(self.missed_due, now) {
-                // at-most: 1 the next is a basic cycle later
-                self.miss_reference(now);
-                continue;
-            }
-            return if EVENTS {
-                self.transmit_event(now)
-            } else {
-                None
-            };
         }
+        None
+    }
+
+    /// One step of [`Node::poll`], for owners who must answer for the time that
+    /// each of their interrupts takes: there is no loop in it, and no more than
+    /// one thing that is due is done. More may be due afterwards, which
+    /// [`Node::next_deadline`] tells: with a timer that fires at once when its
+    /// deadline has passed, every step is an interrupt of its own.
+    #[must_use]
+    // Apart from its caller in the image, where its cost is looked for.
+    #[inline(never)]
+    pub fn advance(&mut self, now: Stamp) -> Option<Action> {
+        self.advanced = now;
+        if self.silence_due {
+            self.silence_due = false;
+            return Some(Action::Silence);
+        }
+        if self.abort_due {
+            self.abort_due = false;
+            return Some(Action::Abort);
+        }
+        if self.sync == SyncState::Off {
+            return None;
+        }
+        if due(self.watchdog_due, now) {
+            self.stop(Severe::ApplicationWatchdog);
+            return None;
+        }
+        if due(self.withdraw_due, now) {
+            self.withdraw_due = None;
+            return Some(Action::Abort);
+        }
+        if due(self.entry_due, now) {
+            return self.step(now);
+        }
+        if MASTER && due(self.reference_due, now) && self.pending == Pending::None {
+            return Some(self.transmit_reference(now));
+        }
+        if due(self.missed_due, now) {
+            self.miss_reference(now);
+            return None;
+        }
+        if EVENTS && self.events_due {
+            self.events_due = false;
+            return self.transmit_event(now);
+        }
+        None
+    }
+
+    /// Whether [`Node::poll`] has something to do at `now`.
+    pub fn is_due(&self, now: Stamp) -> bool {
+        self.is_prompt() || due(self.next_deadline(), now)
+    }
+
+    /// Whether something is to be done that does not wait for an instant.
+    fn is_prompt(&self) -> bool {
+        self.silence_due || self.abort_due || (EVENTS && self.events_due)
     }
 
     /// When [`Node::poll`] has something to do at the latest, if nothing
     /// happens before. May have passed already; `None` while the node is off.
     pub fn next_deadline(&self) -> Option<Stamp> {
+        if self.is_prompt() {
+            return Some(self.advanced);
+        }
         if self.sync == SyncState::Off {
             return None;
         }
@@ -99,22 +119,28 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         };
     }
 
-    /// Passes one boundary of an entry.
+    /// Passes one boundary: the end of an entry, with the beginning of the next
+    /// one if that is due too, or the beginning of one.
     fn step(&mut self, now: Stamp) -> Option<Action> {
-        let Some(entry) = self.entry().copied() else {
-            self.entry_due = None;
-            return None;
-        };
         if self.inside {
-            self.close(&entry);
+            if let Some(entry) = self.entry() {
+                self.close(entry);
+            }
             self.inside = false;
             self.cursor = self.cursor.wrapping_add(1);
             self.await_entry();
-            return None;
+            if !due(self.entry_due, now) {
+                return None;
+            }
         }
+        let Some(entry) = self.entry() else {
+            self.entry_due = None;
+            return None;
+        };
         self.inside = true;
         self.seen = false;
         self.events_held = false;
+        self.arbitrating = matches!(entry.role, Role::Arbitrating);
         let start = self.entry_due.replace(self.instant(entry.end));
         match entry.role {
             Role::Exclusive {
@@ -123,15 +149,22 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 sender,
                 retry_late,
             } if sender == self.config.node => {
-                self.open_own(&entry, (id, len, retry_late), start.unwrap_or(now), now)
+                self.open_own(entry, (id, len, retry_late), start.unwrap_or(now), now)
             }
-            _ => None,
+            Role::Exclusive { .. } => None,
+            Role::Arbitrating => {
+                self.attend_events();
+                None
+            }
         }
     }
 
     /// Notes whether another node's message was there.
     fn close(&mut self, entry: &Entry) {
-        let Role::Exclusive { id, sender, .. } = entry.role else {
+        let Role::Exclusive {
+            id, len, sender, ..
+        } = entry.role
+        else {
             return;
         };
         if sender == self.config.node {
@@ -140,6 +173,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         self.last = Some(Last {
             window: entry.window,
             id,
+            len,
             sender,
             seen: self.seen,
         });
@@ -179,7 +213,6 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let withdraw = start.after(enabled);
         if self.pending != Pending::None || now.reached(withdraw) {
             bump(&mut self.counters.skipped, 1);
-            // at-most: 2 as many windows begin between two calls
             self.fail_own(entry.window, id, len, retry_late, now);
             return None;
         }
@@ -215,7 +248,6 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         now: Stamp,
     ) {
         self.counts.note(window, true, false);
-        // at-most: 2 own windows that fail in one task
         if EVENTS && retry_late {
             // Worth sending until its next turn.
             let lifetime = self.clock.ticks(self.schedule.network.basic_cycle);
@@ -251,7 +283,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let id = network.reference.offset(rank).unwrap_or(network.reference);
         let frame = fields.encode(&network.reference_format, id, &self.application);
         self.pending = Pending::Reference {
-            bits: length::frame_bits(&frame) as u16,
+            frame,
             cycle: fields.cycle,
             next_is_gap: fields.next_is_gap,
             discontinuity: fields.discontinuity,
@@ -312,13 +344,15 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
     }
 
+    /// Notes that an event message may go now, if one waits.
+    pub(super) fn attend_events(&mut self) {
+        if EVENTS {
+            self.events_due = self.inside && self.arbitrating && !self.queue.is_empty();
+        }
+    }
+
     /// The most urgent event message, if this is the time for it.
     fn transmit_event(&mut self, now: Stamp) -> Option<Action> {
-        if self.queue.is_empty() {
-            return None;
-        }
-        let expired = self.queue.expire(now);
-        bump(&mut self.counters.events_expired, expired);
         if !self.inside
             || self.events_held
             || self.pending != Pending::None
@@ -334,6 +368,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if self.doubt(entry.end) > self.schedule.network.uncertainty {
             return None;
         }
+        let expired = self.queue.expire(now);
+        bump(&mut self.counters.events_expired, expired);
         let first = *self.queue.first()?;
         let latest = self.latest_start(entry, first.id(), first.len());
         if now.reached(latest) {
@@ -382,8 +418,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// Passes the boundaries that lie before `start`, the instant at which a
     /// received frame began: the timer was late.
     pub(super) fn catch_up(&mut self, start: Stamp) {
-        // loop-bound: 2 the timer is late by less than a window
+        // loop-bound: 1 the timer's deadline lies before the end of any frame
         while due(self.entry_due, start) {
+            // at-most: 0 as above: a late timer has missed its deadline
             // What could be sent then is past by a frame's length now.
             let late = start.after(self.bits(u32::from(u8::MAX)));
             if self.step(late).is_some() {

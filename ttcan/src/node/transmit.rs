@@ -2,7 +2,7 @@
 
 use super::{Node, Pending, SyncState, TransmitOutcome, bump};
 use crate::parts::{EVENTS, GLOBAL_TIME, MASTER};
-use crate::{ClockState, Stamp, length};
+use crate::{ClockState, Frame, Stamp, length};
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// The transmission that the node asked for last has ended; `stamp` was
@@ -21,7 +21,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 bump(&mut self.counters.stray_reports, 1);
             }
             Pending::Reference {
-                bits,
+                frame,
                 cycle,
                 next_is_gap,
                 discontinuity,
@@ -31,7 +31,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                     self.end_reference(
                         outcome,
                         stamp,
-                        (bits, cycle, next_is_gap, discontinuity, asked),
+                        (&frame, cycle, next_is_gap, discontinuity, asked),
                     );
                 }
             }
@@ -65,17 +65,18 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 TransmitOutcome::Aborted => self.events_held = true,
             },
         }
+        self.attend_events();
     }
 
     fn end_reference(
         &mut self,
         outcome: TransmitOutcome,
         stamp: Stamp,
-        (bits, cycle, next_is_gap, discontinuity, asked): (u16, u8, bool, bool, Stamp),
+        (frame, cycle, next_is_gap, discontinuity, asked): (&Frame, u8, bool, bool, Stamp),
     ) {
         match outcome {
             TransmitOutcome::Sent => {
-                let length = self.bits(u32::from(bits)).cast_signed();
+                let length = self.bits(length::frame_bits(frame)).cast_signed();
                 let latency = self.config.latency.transmit;
                 let start = stamp.offset(length.wrapping_add(latency).wrapping_neg());
                 if discontinuity {

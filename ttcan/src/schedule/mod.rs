@@ -186,12 +186,21 @@ impl<'s> ScheduleView<'s> {
     /// steps as the logarithm of the number of identifiers.
     #[inline(never)]
     pub(crate) fn known(&self, id: Id) -> Option<&Known> {
+        let (mut from, mut to) = (0, self.known.len());
         // loop-bound: 6 halvings of up to 64 identifiers
-        let at = self
-            .known
-            .binary_search_by(|known| known.id.cmp(&id))
-            .ok()?;
-        self.known.get(at)
+        while from < to {
+            let middle = from.midpoint(to);
+            let known = self.known.get(middle)?;
+            if known.id == id {
+                return Some(known);
+            }
+            if known.id < id {
+                from = middle + 1;
+            } else {
+                to = middle;
+            }
+        }
+        None
     }
 
     /// Exclusive windows of `node` in the whole matrix.

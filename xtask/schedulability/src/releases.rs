@@ -229,12 +229,18 @@ impl<'a> Bus<'a> {
                     WindowKind::Arbitrating => {
                         jobs.push(job("arbitrating window".to_owned(), start, None));
                         if own {
-                            jobs.push(Job {
-                                label: format!("transmit enable of {}", message.name),
-                                earliest: at(start),
-                                latest: at(end),
-                                deadline: None,
-                            });
+                            // Its turn comes after the window's beginning or after the
+                            // message before it, whose end is dealt with by its deadline.
+                            let times = self.events_in_cycle(message);
+                            for what in ["turn of", "transmit enable of", "turn after"] {
+                                let job = Job {
+                                    label: format!("{what} {}", message.name),
+                                    earliest: at(start),
+                                    latest: end + self.after_frame(),
+                                    deadline: None,
+                                };
+                                jobs.extend(std::iter::repeat_n(job, times));
+                            }
                         }
                     }
                 }
