@@ -238,3 +238,23 @@ fn a_false_annotation_is_found_out() {
         other => panic!("{other:?}"),
     }
 }
+
+/// A step out of the reconstructed flow is named by where it led.
+#[test]
+fn a_path_outside_of_the_graph_is_found_out() {
+    let image = Image::read(image_path()).unwrap();
+    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let name = "arrays::binary_search";
+    let bound = analyse(&mut analysis, name);
+    let entry = kernel(&image, name);
+    let watch = Watch::new(&mut analysis, entry, &bound);
+    let mut activation = watch.activation();
+    assert_eq!(watch.see(&mut activation, entry), Ok(()));
+    let elsewhere = kernel(&image, "arrays::median");
+    let refuted = watch.see(&mut activation, elsewhere).unwrap_err();
+    assert_eq!(refuted, Refuted::Outside(elsewhere));
+    let sentence = refuted.sentence(&image);
+    assert!(sentence.starts_with("control reached "), "{sentence}");
+    assert!(sentence.contains("arrays.rs:"), "{sentence}");
+}

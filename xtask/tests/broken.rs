@@ -1,0 +1,291 @@
+//! A little RTIC node through the whole analysis: as it is, and broken on
+//! purpose in each way that the analysis must name.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+use schedulability::node::{Observed, Seen};
+use schedulability::priorities;
+use schedulability::results::Report;
+use schedulability::system::{InputError, Inputs, Models, Programs};
+use schedulability::wcet::image::Image;
+use twin::mcu::{Board, Mcu};
+use twin::part::Part;
+use xtask::schedulability::{follow, observe};
+
+/// A change of the source: what it replaces, and by what.
+type Change = (&'static str, &'static str);
+
+/// The programs: the node as it is, and what is done to it.
+const PROGRAMS: [(&str, &[Change]); 9] = [
+    ("sound", &[]),
+    (
+        "loop",
+        &[(
+            "let mut level = *cx.local.level;",
+            "let mut level = *cx.local.level;\n        while input() & 1 == 0 {}",
+        )],
+    ),
+    (
+        "recursion",
+        &[(
+            "let mut level = *cx.local.level;",
+            "let mut level = part::ackermann(*cx.local.level & 3, input() & 7);",
+        )],
+    ),
+    (
+        "pointer",
+        &[
+            (
+                "level: u32,",
+                "level: u32,\n        weigh: [fn(u32) -> u32; 2],",
+            ),
+            (
+                "level: 0xFFFF,",
+                "level: 0xFFFF,\n            weigh: [|x| x / 3, |x| x / 5],",
+            ),
+            ("local = [level]", "local = [level, weigh]"),
+            (
+                "let mut level = *cx.local.level;",
+                "cx.local.weigh.swap(0, input() as usize % 2);\n        \
+                 let mut level = cx.local.weigh[0](*cx.local.level);",
+            ),
+        ],
+    ),
+    ("longer", &[("ROUNDS: u32 = 20", "ROUNDS: u32 = 200")]),
+    (
+        "lock",
+        &[(
+            "let samples = cx.shared.samples.lock(|samples| *samples);\n        \
+             output(checksum(&samples, ROUNDS));",
+            "output(cx.shared.samples.lock(|samples| checksum(samples, ROUNDS)));",
+        )],
+    ),
+    (
+        "swapped",
+        &[
+            ("EXTI0, priority = 3", "EXTI0, priority = 1"),
+            ("EXTI2, priority = 1", "EXTI2, priority = 3"),
+        ],
+    ),
+    (
+        "annotation",
+        &[(
+            "let mut level = *cx.local.level;",
+            "let mut level = *cx.local.level;\n        \
+             let mut bits = level | 0xFFFF;\n        \
+             // loop-bound: 1 there are sixteen and more\n        \
+             while bits != 0 {\n            bits &= bits - 1;\n            level ^= bits;\n        }",
+        )],
+    ),
+    ("unsaid", &[("EXTI1, priority = 2", "EXTI1")]),
+];
+
+/// The package with all programs in it; built once.
+fn package() -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let template = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/node");
+        let package = Path::new(env!("CARGO_TARGET_TMPDIR")).join("node");
+        let programs = package.join("src/bin");
+        fs::create_dir_all(&programs).unwrap();
+        let files = [
+            "Cargo.toml",
+            "Cargo.lock",
+            "build.rs",
+            "device.x",
+            "memory.x",
+            "src/lib.rs",
+        ];
+        for file in files {
+            update(
+                &package.join(file),
+                &fs::read_to_string(template.join(file)).unwrap(),
+            );
+        }
+        let source = fs::read_to_string(template.join("src/node.rs")).unwrap();
+        for (program, changes) in PROGRAMS {
+            let changed = changes.iter().fold(source.clone(), |source, (from, to)| {
+                assert!(source.contains(from), "{program}: {from}");
+                source.replace(from, to)
+            });
+            update(&programs.join(format!("{program}.rs")), &changed);
+        }
+        let workspace = xtask::Workspace::find().unwrap();
+        let triple = xtask::target::ensure(&workspace).unwrap();
+        let status = triple
+            .cargo(&workspace, "build")
+            .current_dir(&package)
+            .args(["--quiet", "--release", "--bins"])
+            .env("CARGO_TARGET_DIR", package.join("target"))
+            .env_remove("RUSTFLAGS")
+            .env_remove("CARGO_ENCODED_RUSTFLAGS")
+            .status()
+            .unwrap();
+        assert!(status.success(), "the node does not build");
+        package
+    })
+}
+
+/// Writes a file unless it is so already, which spares a build.
+fn update(path: &Path, text: &str) {
+    if fs::read_to_string(path).is_ok_and(|known| known == text) {
+        return;
+    }
+    fs::write(path, text).unwrap();
+}
+
+fn image(program: &str) -> PathBuf {
+    let target = package().join("target").join(xtask::target::TRIPLE);
+    target.join("release").join(program)
+}
+
+fn inputs(program: &str) -> Inputs {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let source = package().join(format!("src/bin/{program}.rs"));
+    Inputs {
+        root: package().to_owned(),
+        table: here.join("tests/node/tasks.toml"),
+        // It has no part in this network, and the network none in its answer.
+        network: here.join("../firmware/network/uagv.dbc"),
+        nodes: BTreeMap::from([("node".to_owned(), (source, image(program)))]),
+    }
+}
+
+/// What the whole analysis says, a run on the emulated part included.
+fn answer(program: &str) -> Result<Report, InputError> {
+    let programs = Programs::read(&inputs(program), &|_| {})?;
+    let observed = BTreeMap::from([("node".to_owned(), observed(program, &programs))]);
+    programs.report(&observed, &|_| {})
+}
+
+/// Runs the program: each of its tasks is pended once.
+fn observed(program: &str, programs: &Programs) -> Observed {
+    let elf = fs::read(image(program)).unwrap();
+    let on_part = twin::image::Image::from_elf(Part::F446, &elf).unwrap();
+    let mut mcu = Mcu::new(Arc::new(on_part), &Board::default(), None);
+    let watches = programs.watches("node").map(|(_, watch)| watch);
+    let findings = observe::follow(&mut mcu, watches);
+    mcu.run_for(can_bus::SimDuration::from_ticks(100_000_000_000));
+    let image = Image::read(&image(program)).unwrap();
+    let findings = follow::lock(&findings);
+    let tasks = mcu.load().tasks.into_iter();
+    tasks
+        .map(|task| {
+            let found = findings.get(&task.exception).cloned().unwrap_or_default();
+            let seen = Seen {
+                longest: [task.longest; 2],
+                followed: found.activations,
+                refuted: found
+                    .refuted
+                    .iter()
+                    .map(|refuted| refuted.sentence(&image))
+                    .collect(),
+            };
+            (task.name, seen)
+        })
+        .collect()
+}
+
+/// A sentence with its times and counts left out, which are the compiler's.
+fn said(program: &str) -> String {
+    let sentence = answer(program).unwrap().first_miss().unwrap_or_default();
+    let sentence = sentence.replace(&format!("{}/", package().display()), "");
+    let mut text = String::new();
+    for word in sentence.split(' ') {
+        let number = word.trim_start_matches('(');
+        let left_out = number.contains('.') || word.starts_with('(');
+        if left_out && number.parse::<f64>().is_ok() {
+            text.push_str(&word.replace(number, "#"));
+        } else {
+            text.push_str(word);
+        }
+        text.push(' ');
+    }
+    text.trim_end().to_owned()
+}
+
+#[test]
+fn the_node_as_it_is_is_schedulable() {
+    let report = answer("sound").unwrap();
+    assert_eq!(report.first_miss(), None, "{:?}", report.nodes);
+    for task in &report.nodes[0].tasks {
+        assert_eq!(task.followed, 1, "{}", task.name);
+        let ratio = task.ratio(0).unwrap();
+        assert!((1.0..1.25).contains(&ratio), "{}: {ratio}", task.name);
+    }
+}
+
+#[test]
+fn each_way_of_breaking_it_has_its_sentence() {
+    for (program, sentence) in [
+        (
+            "loop",
+            "node.filter has no bound: the loop at src/bin/loop.rs:48 (EXTI1) has no bound: \
+             write `// loop-bound: N` on the line above it, N the most turns it takes",
+        ),
+        (
+            "recursion",
+            "node.filter has no bound: recursion: part::ackermann calls part::ackermann; \
+             its depth, and so its time and stack, has no bound",
+        ),
+        (
+            "pointer",
+            "node.filter has no bound: the call through a pointer at src/bin/pointer.rs:50 \
+             (EXTI1) may go anywhere: call the function by name, or choose it from a constant \
+             table",
+        ),
+        (
+            "longer",
+            "node.report misses its deadline of # us by # us: it takes # ms itself, \
+             waits # us for sample (# times) and waits # us for filter (# times)",
+        ),
+        (
+            "lock",
+            "node.sample misses its deadline of # us by # us: it takes # us itself and is \
+             blocked # us by report at src/bin/lock.rs:6 (EXTI2)",
+        ),
+        (
+            "swapped",
+            "node.sample misses its deadline of # us by # us: it takes # us itself, \
+             waits # us for report and waits # us for filter",
+        ),
+        (
+            "annotation",
+            "node.filter is not as analysed: the loop at src/bin/annotation.rs:50 took 3 \
+             turns, its annotation says at most 1; its bound is none",
+        ),
+    ] {
+        assert_eq!(said(program), sentence, "{program}");
+    }
+}
+
+#[test]
+fn a_priority_unsaid_is_wrong_input() {
+    let error = answer("unsaid").unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "src/bin/unsaid.rs:44: task filter does not say its priority: write `priority = N`"
+    );
+}
+
+#[test]
+fn the_swap_is_seen_without_an_image() {
+    let Inputs {
+        root,
+        table,
+        network,
+        nodes,
+    } = inputs("swapped");
+    let sources = nodes
+        .iter()
+        .map(|(node, (source, _))| (node.as_str(), source.as_path()));
+    let models = Models::read(&root, &table, &network, sources).unwrap();
+    let text = priorities::show(models.nodes.iter().map(|(node, _)| node));
+    assert!(
+        text.contains("sample has the shorter deadline but a lower priority than report"),
+        "{text}"
+    );
+}

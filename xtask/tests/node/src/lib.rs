@@ -1,0 +1,105 @@
+//! The little of an STM32F446 that the node needs: three interrupts that
+//! software pends, and inputs that no compiler knows.
+
+#![no_std]
+
+use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+// Start-up and vector table.
+use cortex_m_rt as _;
+
+/// Bits of an interrupt's priority.
+pub const NVIC_PRIO_BITS: u8 = 4;
+
+/// The interrupts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u16)]
+pub enum Interrupt {
+    /// Of `sample`.
+    EXTI0 = 6,
+    /// Of `filter`.
+    EXTI1 = 7,
+    /// Of `report`.
+    EXTI2 = 8,
+}
+
+/// As RTIC spells it.
+pub use Interrupt as interrupt;
+
+// SAFETY: these are their places in the part's vector table.
+unsafe impl cortex_m::interrupt::InterruptNumber for Interrupt {
+    fn number(self) -> u16 {
+        self as u16
+    }
+}
+
+unsafe extern "C" {
+    fn EXTI0();
+    fn EXTI1();
+    fn EXTI2();
+}
+
+/// An entry of the vector table.
+#[derive(Clone, Copy)]
+pub union Vector {
+    handler: unsafe extern "C" fn(),
+    reserved: usize,
+}
+
+/// The vectors of the part's interrupts.
+#[unsafe(link_section = ".vector_table.interrupts")]
+#[unsafe(no_mangle)]
+pub static __INTERRUPTS: [Vector; 9] = {
+    let mut vectors = [Vector { reserved: 0 }; 9];
+    vectors[6] = Vector { handler: EXTI0 };
+    vectors[7] = Vector { handler: EXTI1 };
+    vectors[8] = Vector { handler: EXTI2 };
+    vectors
+};
+
+static INPUT: AtomicU32 = AtomicU32::new(12_345);
+
+/// A number that is different each time.
+pub fn input() -> u32 {
+    let value = INPUT.load(Ordering::Relaxed).wrapping_mul(1_664_525);
+    INPUT.store(value, Ordering::Relaxed);
+    value
+}
+
+/// Puts a result where the compiler cannot remove it.
+pub fn output(value: u32) {
+    INPUT.store(value, Ordering::Relaxed);
+}
+
+/// What the report makes of the samples.
+pub fn checksum(samples: &[u32; 16], repeats: u32) -> u32 {
+    let mut sum = 1;
+    for repeat in 0..repeats {
+        for sample in samples {
+            sum = mixed(sum ^ sample, repeat);
+        }
+    }
+    sum
+}
+
+/// Never inlined, so that no compiler shortens what is repeated.
+#[inline(never)]
+fn mixed(sum: u32, repeat: u32) -> u32 {
+    sum.rotate_left(repeat).wrapping_mul(0x9E37_79B1)
+}
+
+/// The Ackermann function, which no compiler turns into a loop.
+#[inline(never)]
+pub fn ackermann(m: u32, n: u32) -> u32 {
+    match (m, n) {
+        (0, n) => n.wrapping_add(1),
+        (m, 0) => ackermann(m - 1, 1),
+        (m, n) => ackermann(m - 1, ackermann(m, n - 1)),
+    }
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    loop {}
+}
