@@ -263,7 +263,9 @@ pub struct Schedulability {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask priorities           deadline-monotonic priorities beside those of the sources\n  \
-    cargo xtask priorities --json    the same for programs")]
+    cargo xtask priorities --json    the same for programs\n\n\
+    Where they differ it says what to change, and builds the image to see whether the order of\n\
+    the source is proven all the same.")]
 pub struct Priorities {
     /// Print the proposal as JSON
     #[arg(long)]

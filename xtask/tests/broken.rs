@@ -283,9 +283,11 @@ fn the_swap_is_seen_without_an_image() {
         .iter()
         .map(|(node, (source, _))| (node.as_str(), source.as_path()));
     let models = Models::read(&root, &table, &network, sources).unwrap();
-    let text = priorities::show(models.nodes.iter().map(|(node, _)| node));
-    assert!(
-        text.contains("sample has the shorter deadline but a lower priority than report"),
-        "{text}"
-    );
+    let text = priorities::show(models.nodes.iter().map(|(node, _)| (node, None)));
+    for wanted in [
+        "sample has the shorter deadline but a lower priority than report",
+        "to change, src/bin/swapped.rs:37: sample: `priority = 3` instead of 1",
+    ] {
+        assert!(text.contains(wanted), "{text}");
+    }
 }

@@ -18,6 +18,10 @@ pub struct TaskModel {
     pub interrupt: String,
     /// Its priority.
     pub priority: u32,
+    /// Line of its attribute in the source; `None` for the timer.
+    pub line: Option<u32>,
+    /// Shared resources that it locks.
+    pub locks: Vec<String>,
     /// When it may be released.
     pub arrivals: Arrivals,
     /// Its deadline, of releases that have none of their own.
@@ -37,6 +41,8 @@ pub struct TaskModel {
 pub struct NodeModel {
     /// Its name.
     pub name: String,
+    /// Its source.
+    pub source: String,
     /// Its tasks.
     pub tasks: Vec<TaskModel>,
 }
@@ -84,10 +90,13 @@ impl NodeModel {
             if let Some(after) = entry.after.as_deref().filter(|after| !is_declared(after)) {
                 return Err(wrong(format!("`after` names {after}, which is no task")));
             }
+            let of_app = app.tasks.iter().find(|of_app| of_app.name == task);
             tasks.push(TaskModel {
                 name: task.to_owned(),
                 interrupt: interrupt.to_owned(),
                 priority,
+                line: of_app.map(|of_app| of_app.line),
+                locks: of_app.map_or_else(Vec::new, |of_app| of_app.locks.clone()),
                 arrivals: arrivals(entry, bus).map_err(wrong)?,
                 deadline: deadline(entry, bus).map_err(wrong)?,
                 jitter: entry.jitter_us * MICROSECOND,
@@ -103,6 +112,7 @@ impl NodeModel {
         tasks.sort_by_key(|task| std::cmp::Reverse(task.priority));
         Ok(Self {
             name: name.to_owned(),
+            source: String::new(),
             tasks,
         })
     }

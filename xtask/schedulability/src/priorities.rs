@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use serde_json::{Value, json};
 
 use crate::model::{NodeModel, TaskModel};
-use crate::results::{Picoseconds, time};
+use crate::results::{NodeReport, Picoseconds, time};
 
 /// The shortest deadline of a task: its own, or that of one of its releases.
 fn shortest(task: &TaskModel) -> Picoseconds {
@@ -60,27 +60,110 @@ pub fn inversions(node: &NodeModel) -> Vec<(String, String)> {
     pairs
 }
 
-/// The proposal for people.
+/// A priority to write instead of the source's.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Change<'n> {
+    /// The task.
+    pub task: &'n TaskModel,
+    /// Its new priority.
+    pub to: u32,
+    /// Resources that it locks and whose ceiling rises: name, from, to. Who
+    /// locks them from below blocks more.
+    pub ceilings: Vec<(&'n str, u32, u32)>,
+}
+
+/// What to change for a deadline-monotonic order, and no more: each task is
+/// raised to the most urgent of those with longer deadlines.
 #[must_use]
-pub fn show<'a>(nodes: impl IntoIterator<Item = &'a NodeModel>) -> String {
+pub fn changes(node: &NodeModel) -> Vec<Change<'_>> {
+    let ceiling = |resource: &str| {
+        let users = node.tasks.iter();
+        let users = users.filter(|task| task.locks.iter().any(|of| of == resource));
+        users.map(|task| task.priority).max().unwrap_or(0)
+    };
+    let change = |task| {
+        let less_urgent = node.tasks.iter();
+        let to = less_urgent
+            .filter(|other| shortest(task) < shortest(other))
+            .map(|other| other.priority)
+            .max()
+            .filter(|to| *to > task.priority)?;
+        let ceilings = task.locks.iter().map(|of| (of.as_str(), ceiling(of), to));
+        Some(Change {
+            task,
+            to,
+            ceilings: ceilings.filter(|(_, from, to)| from < to).collect(),
+        })
+    };
+    node.tasks.iter().filter_map(change).collect()
+}
+
+impl std::fmt::Display for Change<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { task, to, .. } = self;
+        write!(
+            f,
+            "{}: `priority = {to}` instead of {}",
+            task.name, task.priority
+        )?;
+        for (index, (resource, from, to)) in self.ceilings.iter().enumerate() {
+            let word = if index == 0 { ", which lifts" } else { " and" };
+            write!(f, "{word} the ceiling of {resource} from {from} to {to}")?;
+        }
+        Ok(())
+    }
+}
+
+/// What is proven of the order in the source, a sentence each.
+fn proof(node: &NodeModel, report: &NodeReport) -> Vec<String> {
+    if report.first_miss().is_none() {
+        return vec!["as it is, every deadline of the node is proven all the same".to_owned()];
+    }
+    let mut urgent: Vec<String> = inversions(node).into_iter().map(|pair| pair.0).collect();
+    urgent.dedup();
+    let answers = report.tasks.iter();
+    answers
+        .filter(|answer| urgent.contains(&answer.name))
+        .map(|answer| match (answer.miss(&node.name), answer.response) {
+            (None, Some(response)) => format!(
+                "as it is, {} is proven to respond within {} all the same",
+                answer.name,
+                time(response)
+            ),
+            (miss, _) => format!("as it is, {}", miss.unwrap_or_default()),
+        })
+        .collect()
+}
+
+/// The proposal for people; with the answer for a node, whether its source's
+/// order holds too.
+#[must_use]
+pub fn show<'a>(
+    nodes: impl IntoIterator<Item = (&'a NodeModel, Option<&'a NodeReport>)>,
+) -> String {
     let mut text = String::new();
-    for node in nodes {
+    for (node, report) in nodes {
         let _ = writeln!(text, "{}", node.name);
-        let _ = writeln!(
-            text,
-            "  {:16} {:>12} {:>7} {:>9}",
-            "task", "deadline", "source", "proposed"
-        );
+        let mut row = |[name, deadline, response, source, proposed]: [&str; 5]| {
+            let _ = write!(text, "  {name:16} {deadline:>12}");
+            if report.is_some() {
+                let _ = write!(text, " {response:>12}");
+            }
+            let _ = writeln!(text, " {source:>7} {proposed:>9}");
+        };
+        row(["task", "deadline", "response", "source", "proposed"]);
         let proposed = propose(node);
         for task in &node.tasks {
-            let _ = writeln!(
-                text,
-                "  {:16} {:>12} {:>7} {:>9}",
-                task.name,
-                time(shortest(task)),
-                task.priority,
-                proposed[&task.name]
-            );
+            let mut answers = report.iter().flat_map(|report| &report.tasks);
+            let answer = answers.find(|answer| answer.name == task.name);
+            let response = answer.and_then(|answer| answer.response);
+            row([
+                &task.name,
+                &time(shortest(task)),
+                &response.map_or_else(|| "-".to_owned(), time),
+                &task.priority.to_string(),
+                &proposed[&task.name].to_string(),
+            ]);
         }
         let inversions = inversions(node);
         if inversions.is_empty() {
@@ -92,20 +175,39 @@ pub fn show<'a>(nodes: impl IntoIterator<Item = &'a NodeModel>) -> String {
                 "  {urgent} has the shorter deadline but a lower priority than {other}"
             );
         }
+        for change in changes(node) {
+            let place = match change.task.line {
+                Some(line) => format!("{}:{line}", node.source),
+                None => node.source.clone(),
+            };
+            let _ = writeln!(text, "  to change, {place}: {change}");
+        }
+        if let Some(report) = report {
+            for sentence in proof(node, report) {
+                let _ = writeln!(text, "  {sentence}");
+            }
+        }
     }
     text
 }
 
 /// The proposal for programs; times in picoseconds.
 #[must_use]
-pub fn json<'a>(nodes: impl IntoIterator<Item = &'a NodeModel>) -> Value {
-    let node = |node: &NodeModel| {
+pub fn json<'a>(nodes: impl IntoIterator<Item = (&'a NodeModel, Option<&'a NodeReport>)>) -> Value {
+    let node = |(node, report): (&NodeModel, Option<&NodeReport>)| {
         let proposed = propose(node);
+        let response = |task: &TaskModel| {
+            let mut answers = report.iter().flat_map(|report| &report.tasks);
+            answers.find(|answer| answer.name == task.name)?.response
+        };
         json!({
             "name": node.name,
+            "source": node.source,
             "tasks": node.tasks.iter().map(|task| json!({
                 "name": task.name,
+                "line": task.line,
                 "deadline_ps": shortest(task),
+                "response_ps": response(task),
                 "source": task.priority,
                 "proposed": proposed[&task.name],
             })).collect::<Vec<_>>(),
@@ -113,6 +215,16 @@ pub fn json<'a>(nodes: impl IntoIterator<Item = &'a NodeModel>) -> Value {
                 "shorter_deadline": urgent,
                 "higher_priority": other,
             })).collect::<Vec<_>>(),
+            "changes": changes(node).iter().map(|change| json!({
+                "task": change.task.name,
+                "from": change.task.priority,
+                "to": change.to,
+                "ceilings": change.ceilings.iter().map(|(resource, from, to)| json!({
+                    "resource": resource, "from": from, "to": to,
+                })).collect::<Vec<_>>(),
+            })).collect::<Vec<_>>(),
+            "proven": report.map(|report| report.first_miss().is_none()),
+            "miss": report.and_then(NodeReport::first_miss),
         })
     };
     json!({ "nodes": nodes.into_iter().map(node).collect::<Vec<_>>() })
@@ -120,7 +232,7 @@ pub fn json<'a>(nodes: impl IntoIterator<Item = &'a NodeModel>) -> Value {
 
 #[cfg(test)]
 mod tests {
-    use super::{inversions, json, propose, show};
+    use super::{changes, inversions, json, propose, show};
     use crate::arrivals::{Arrivals, Job, Timetable};
     use crate::model::{NodeModel, TaskModel};
 
@@ -129,6 +241,8 @@ mod tests {
             name: name.to_owned(),
             interrupt: name.to_owned(),
             priority,
+            line: Some(7),
+            locks: Vec::new(),
             arrivals: Arrivals::every(deadline),
             deadline,
             jitter: 0,
@@ -141,6 +255,7 @@ mod tests {
     fn node(tasks: Vec<TaskModel>) -> NodeModel {
         NodeModel {
             name: "n".to_owned(),
+            source: "n.rs".to_owned(),
             tasks,
         }
     }
@@ -158,12 +273,48 @@ mod tests {
             [proposed["fast"], proposed["slow"], proposed["idle"]],
             [3, 2, 1]
         );
-        let text = show([&node]);
+        let text = show([(&node, None)]);
         assert!(
             text.contains("fast has the shorter deadline but a lower priority than slow"),
             "{text}"
         );
-        assert_eq!(json([&node])["nodes"][0]["tasks"][1]["proposed"], 3);
+        assert_eq!(json([(&node, None)])["nodes"][0]["tasks"][1]["proposed"], 3);
+    }
+
+    #[test]
+    fn what_to_change_is_no_more_than_needed() {
+        let mut urgent = task("urgent", 1, 50);
+        urgent.locks = vec!["state".to_owned(), "port".to_owned()];
+        let mut slow = task("slow", 4, 900);
+        slow.locks = vec!["port".to_owned()];
+        let node = node(vec![
+            slow,
+            task("fast", 2, 100),
+            urgent,
+            task("idle", 1, 5000),
+        ]);
+        let lines: Vec<String> = changes(&node).iter().map(ToString::to_string).collect();
+        assert_eq!(
+            lines,
+            [
+                "fast: `priority = 4` instead of 2",
+                "urgent: `priority = 4` instead of 1, which lifts the ceiling of state from 1 to 4"
+            ]
+        );
+        // Having made them, there is nothing left to say.
+        let mut changed = node.clone();
+        for change in changes(&node) {
+            let tasks = &mut changed.tasks;
+            let task = tasks.iter_mut().find(|task| task.name == change.task.name);
+            task.unwrap().priority = change.to;
+        }
+        assert!(inversions(&changed).is_empty());
+        assert!(changes(&changed).is_empty());
+        let text = show([(&node, None)]);
+        assert!(
+            text.contains("to change, n.rs:7: fast: `priority = 4`"),
+            "{text}"
+        );
     }
 
     #[test]

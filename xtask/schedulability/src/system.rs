@@ -77,7 +77,8 @@ impl Models {
             let source_name = name(source);
             let app = App::parse(&source_name, &read(source, &source_name)?)
                 .map_err(|error| InputError(error.to_string()))?;
-            let model = NodeModel::new(node, &app, of_node, &network, &file)?;
+            let mut model = NodeModel::new(node, &app, of_node, &network, &file)?;
+            model.source = source_name;
             nodes.push((model, of_node.clone()));
         }
         Ok(Self {

@@ -266,7 +266,7 @@ fn swapped_priorities_miss_and_are_proposed_otherwise() {
         "{miss}"
     );
     assert!(miss.contains("waits"), "{miss}");
-    let text = priorities::show([&model]);
+    let text = priorities::show([(&model, None)]);
     assert!(
         text.contains("window_timer has the shorter deadline but a lower priority than console"),
         "{text}"

@@ -14,7 +14,8 @@ use schedulability::{
 };
 
 use crate::{
-    Failure, Node, Workspace, build,
+    Failure, Node, Workspace,
+    build::{self, Image},
     cli::{Priorities, Schedulability},
 };
 use progress::Display;
@@ -64,14 +65,37 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
     judge(&report)
 }
 
-/// Runs `priorities`.
+/// Runs `priorities`. Where a source differs from the proposal, its image says
+/// whether the order that it has holds all the same.
 ///
 /// # Errors
 ///
-/// Something in the table, in the network file or in a source is wrong.
+/// Something in the table, in the network file or in a source is wrong, or the
+/// image of a node that differs does not build.
 pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(), Failure> {
     let models = models(workspace, &Node::ALL)?;
-    let nodes = models.nodes.iter().map(|(node, _)| node);
+    let differ: Vec<Node> = Node::ALL
+        .into_iter()
+        .filter(|of| {
+            let mut nodes = models.nodes.iter().map(|(node, _)| node);
+            nodes.any(|node| node.name == of.name() && !priorities::inversions(node).is_empty())
+        })
+        .collect();
+    let answers = if differ.is_empty() {
+        Vec::new()
+    } else {
+        let images = build::images(workspace, &differ)?;
+        let display = Mutex::new(Display::new());
+        let show = shown_on(&display);
+        let report = Programs::read(&inputs(workspace, &images), &show)
+            .and_then(|programs| programs.report(&BTreeMap::new(), &show));
+        end(&display);
+        report.map_err(wrong)?.nodes
+    };
+    let nodes = models.nodes.iter().map(|(node, _)| {
+        let answer = answers.iter().find(|answer| answer.name == node.name);
+        (node, answer)
+    });
     if options.json {
         println!("{:#}", priorities::json(nodes));
     } else {
@@ -80,17 +104,10 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
     Ok(())
 }
 
-/// Builds the images, bounds their tasks, lets them run to see whether they keep
-/// to what was analysed, and answers for these nodes.
-///
-/// # Errors
-///
-/// As [`run`], except that an answer that is no is no error.
-pub(crate) fn analyse(workspace: &Workspace, nodes: &[Node]) -> Result<Report, Failure> {
-    // All four: a node alone has no bus, and nothing to do.
-    let images = build::images(workspace, &Node::ALL)?;
+/// What to analyse, with these images.
+fn inputs(workspace: &Workspace, images: &[Image]) -> Inputs {
     let root = workspace.root().to_path_buf();
-    let inputs = Inputs {
+    Inputs {
         table: root.join(TABLE),
         network: root.join(NETWORK),
         nodes: images
@@ -103,22 +120,47 @@ pub(crate) fn analyse(workspace: &Workspace, nodes: &[Node]) -> Result<Report, F
             })
             .collect(),
         root,
-    };
-    let display = Mutex::new(Display::new());
-    let show = |what: &str| {
+    }
+}
+
+/// Tells what is under way, from any thread.
+fn shown_on(display: &Mutex<Display>) -> impl Fn(&str) + Sync {
+    |what| {
         if let Ok(mut display) = display.lock() {
             display.show(what);
         }
-    };
-    let report = Programs::read(&inputs, &show)
+    }
+}
+
+fn end(display: &Mutex<Display>) {
+    if let Ok(mut display) = display.lock() {
+        display.end();
+    }
+}
+
+/// Builds the images, bounds their tasks, lets them run to see whether they keep
+/// to what was analysed, and answers for these nodes.
+///
+/// # Errors
+///
+/// As [`run`], except that an answer that is no is no error.
+pub(crate) fn analyse(workspace: &Workspace, nodes: &[Node]) -> Result<Report, Failure> {
+    // All four: a node alone has no bus, and nothing to do.
+    let images = build::images(workspace, &Node::ALL)?;
+    let wanted: Vec<Image> = images
+        .iter()
+        .filter(|image| nodes.contains(&image.node))
+        .cloned()
+        .collect();
+    let display = Mutex::new(Display::new());
+    let show = shown_on(&display);
+    let report = Programs::read(&inputs(workspace, &wanted), &show)
         .map_err(wrong)
         .and_then(|programs| {
             let observed = observe::observe(&images, &programs, &mut |what| show(what))?;
             programs.report(&observed, &show).map_err(wrong)
         });
-    if let Ok(mut display) = display.lock() {
-        display.end();
-    }
+    end(&display);
     report
 }
 
