@@ -112,7 +112,6 @@ fn inputs(workspace: &Workspace, images: &[Image]) -> Inputs {
         network: root.join(NETWORK),
         nodes: images
             .iter()
-            .filter(|image| nodes.contains(&image.node))
             .map(|image| {
                 let name = image.node.name();
                 let source = source(workspace, image.node);
