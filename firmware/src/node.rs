@@ -9,9 +9,13 @@ use board::clock::{Clocks, Oscillator, ResetCause};
 use board::fault::Fault;
 use board::led::Led;
 use board::watchdog::{self, Watchdog};
-use cortex_m::peripheral::{SYST, syst::SystClkSource};
+use core::future::{Future, pending};
+use cortex_m::peripheral::{SCB, SYST};
 use fugit::MillisDurationU32;
 use rtic::Mutex;
+use rtic_monotonics::TimerQueueBackend;
+use rtic_monotonics::systick::SystickBackend;
+use rtic_monotonics::systick::prelude::*;
 use ttcan::{
     ConfigError, ErrorLevel, MasterState, Micros, NodeConfig, NodeId, StampLatency, SyncState,
 };
@@ -174,7 +178,47 @@ const WATCHDOG: MillisDurationU32 = design::WATCHDOG_F446;
 #[cfg(feature = "f303")]
 const WATCHDOG: MillisDurationU32 = design::WATCHDOG_F303;
 
-/// The housekeeping task's own things: the tick that releases it, watchdog and LED.
+/// Ticks in a second: one for each step of the housekeeping.
+const TICKS: u32 = 1000 / design::HOUSEKEEPING_PERIOD.ticks();
+
+const _: () = assert!(
+    1000u32.is_multiple_of(design::HOUSEKEEPING_PERIOD.ticks()),
+    "a step is a tick"
+);
+
+systick_monotonic!(Mono, TICKS);
+
+type Instant = <Mono as Monotonic>::Instant;
+type Duration = <Mono as Monotonic>::Duration;
+
+/// The instants at which a software task goes on, one at each tick.
+pub struct Pace {
+    due: Instant,
+}
+
+impl Pace {
+    /// A pace that begins now.
+    pub fn begin() -> Self {
+        Self { due: Mono::now() }
+    }
+
+    /// Waits for the next instant: a tick after the last one however long the work took.
+    /// Instants that were missed are left out.
+    pub fn wait(&mut self) -> impl Future + use<> {
+        const TICK: Duration = Duration::from_ticks(1);
+        let now = Mono::now();
+        self.due += TICK;
+        if self.due <= now {
+            self.due = now + TICK;
+        }
+        // Of the ways to wait the one without a panic: `Mono::delay_until` is an `async fn`,
+        // which may not be polled once more, and asks whether the timer was started.
+        let queue = SystickBackend::timer_queue();
+        queue.timeout_at(self.due.ticks(), pending::<()>())
+    }
+}
+
+/// The housekeeping task's own things: watchdog and LED.
 pub struct Keeper {
     housekeeping: Housekeeping,
     watchdog: Watchdog,
@@ -183,23 +227,19 @@ pub struct Keeper {
 }
 
 impl Keeper {
-    /// Starts watchdog and tick: SysTick, from the core clock, whose interrupt is the
-    /// housekeeping task. `fault` is the record that outlived the reset.
+    /// Starts watchdog and tick: SysTick, from the core clock; `system` sets its priority.
+    /// `fault` is the record that outlived the reset.
     pub fn start(
-        mut tick: SYST,
+        tick: SYST,
+        system: &mut SCB,
         clocks: Clocks,
         led: Led,
         watchdog: watchdog::Idle,
         cause: ResetCause,
         fault: Option<Fault>,
     ) -> Self {
-        // 1.8 million cycles at 180 MHz; the counter has 24 bits.
-        const HZ: u32 = 1000 / design::HOUSEKEEPING_PERIOD.ticks();
-        tick.set_clock_source(SystClkSource::Core);
-        tick.set_reload(clocks.core / HZ - 1);
-        tick.clear_current();
-        tick.enable_counter();
-        tick.enable_interrupt();
+        board::tick::set_priority(system, board::pac::NVIC_PRIO_BITS);
+        Mono::start(tick, clocks.core);
         Self {
             housekeeping: Housekeeping::new(cause, fault, clocks.oscillator),
             watchdog: watchdog.start(WATCHDOG.ticks() as u16),

@@ -4,7 +4,8 @@
 //! - [`lines`]: text lines in static memory, sent one after the other by DMA;
 //! - [`dma`]: memory that a DMA controller and the processor share;
 //! - [`fault`]: the record of the last fault, which outlives a reset;
-//! - [`clock`]: what a board found out about its clocks.
+//! - [`clock`]: what a board found out about its clocks;
+//! - [`tick`]: the priority of SysTick.
 //!
 //! The board crates put their peripherals behind the small traits of this crate;
 //! the nodes see one interface for both boards.
@@ -16,3 +17,5 @@ pub mod clock;
 pub mod dma;
 pub mod fault;
 pub mod lines;
+#[cfg(target_os = "none")]
+pub mod tick;

@@ -46,6 +46,8 @@ pub mod watchdog;
 
 pub use bus::{BIT_RATE, CanPort, EXTERNAL_TIMING, INTERNAL_TIMING};
 pub use motor::stop as stop_actuator;
+#[cfg(target_os = "none")]
+pub use sled_common::tick;
 pub use sled_common::{can, clock, dma, fault, lines};
 pub use stm32f3xx_hal::pac;
 

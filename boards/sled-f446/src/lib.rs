@@ -46,6 +46,8 @@ pub mod time;
 pub mod watchdog;
 
 pub use bus::{BIT_RATE, BIT_TIMING, CanPort};
+#[cfg(target_os = "none")]
+pub use sled_common::tick;
 pub use sled_common::{can, clock, dma, fault, lines};
 pub use stm32f4xx_hal::pac;
 

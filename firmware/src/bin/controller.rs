@@ -11,9 +11,10 @@
 //! | `control` | EXTI1, pended by software | 5 | one step for each basic cycle: messages 300, 450-453 |
 //! | `scan` | DMA2 stream 0 | 4 | 200 Hz: joystick, buttons |
 //! | `console_dma` | DMA1 stream 6 | 3 | next console line |
+//! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
 //! | `display_dma` | DMA1 stream 3 | 2 | end of the display's string |
 //! | `display_tick` | TIM4 | 2 | 5 Hz: builds and sends the display's string |
-//! | `housekeeping` | SysTick | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
@@ -21,7 +22,7 @@
 
 use defmt_rtt as _;
 
-#[rtic::app(device = firmware::board::pac, peripherals = true)]
+#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2])]
 mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{
@@ -35,13 +36,14 @@ mod app {
     use firmware::console::{self as lines, BusView};
     use firmware::display::{self, Plain, Supervision};
     use firmware::link::Stack;
-    use firmware::node::{self, BoardLink, Keeper, Log};
+    use firmware::node::{self, BoardLink, Keeper, Log, Pace};
     use firmware::pilot::{self, Pilot};
     use firmware::text::Text;
     use firmware::{design, fault};
     use network::Message as _;
     use network::matrix::{BASIC_CYCLE, CONTROLLER, window};
     use network::messages::{ButtonEvent, ControllerStatus, ModeChange};
+    use rtic::Mutex as _;
 
     #[shared]
     struct Shared {
@@ -70,7 +72,7 @@ mod app {
     }
 
     #[init(local = [stack: Option<Stack> = None])]
-    fn init(cx: init::Context) -> (Shared, Local) {
+    fn init(mut cx: init::Context) -> (Shared, Local) {
         let last_fault = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
@@ -95,6 +97,7 @@ mod app {
             sled.reset_cause.code()
         );
         link.release_in(BASIC_CYCLE);
+        let _ = housekeeping::spawn();
         (
             Shared {
                 clock: sled.clock,
@@ -116,6 +119,7 @@ mod app {
                 screen: Text::new(),
                 keeper: Keeper::start(
                     cx.core.SYST,
+                    &mut cx.core.SCB,
                     clocks,
                     sled.led,
                     sled.watchdog,
@@ -261,18 +265,28 @@ mod app {
         });
     }
 
-    #[task(binds = SysTick, priority = 2, shared = [link, pilot], local = [keeper])]
-    fn housekeeping(mut cx: housekeeping::Context) {
-        let keeper = cx.local.keeper;
-        let bus = cx.shared.link.lock(|link| {
+    #[task(priority = 2, shared = [link, pilot], local = [keeper])]
+    async fn housekeeping(mut cx: housekeeping::Context) {
+        let mut pace = Pace::begin();
+        // loop-bound: 1, the next instant lies ahead when a step is done by its deadline
+        loop {
+            // at-most: 1, the same; the first step waits for nothing
+            keep(&mut cx.shared, cx.local.keeper);
+            pace.wait().await;
+        }
+    }
+
+    /// A step of the housekeeping.
+    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+        let bus = shared.link.lock(|link| {
             link.keep_present();
             if !link.is_started() && keeper.uptime() >= design::MASTER_PATIENCE {
                 link.start();
             }
             BusView::of(link)
         });
-        let steps = cx.shared.pilot.lock(|pilot| pilot.steps());
-        keeper.step(&mut cx.shared.link, &bus, steps, ControllerStatus::ID);
+        let steps = shared.pilot.lock(|pilot| pilot.steps());
+        keeper.step(&mut shared.link, &bus, steps, ControllerStatus::ID);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

@@ -8,7 +8,8 @@
 //! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 is the command's expiry |
 //! | `actuate` | EXTI1, pended by software | 5 | commands, slew at 100 Hz, stops |
 //! | `console_dma` | DMA1 channel 7 | 3 | next console line |
-//! | `housekeeping` | SysTick | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
+//! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
@@ -16,18 +17,19 @@
 
 use defmt_rtt as _;
 
-#[rtic::app(device = firmware::board::pac, peripherals = true)]
+#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
     use firmware::actuator::{Driving, Times};
     use firmware::board::fault::Fault;
     use firmware::board::{self, Sled, motor::MotorOutput, pac::Interrupt, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
     use firmware::link::Stack;
-    use firmware::node::{self, BoardLink, Keeper, Log};
+    use firmware::node::{self, BoardLink, Keeper, Log, Pace};
     use firmware::{design, fault};
     use network::Message as _;
     use network::matrix::{DRIVE, window};
     use network::messages::DriveStatus;
+    use rtic::Mutex as _;
 
     #[shared]
     struct Shared {
@@ -45,7 +47,7 @@ mod app {
     }
 
     #[init(local = [stack: Option<Stack> = None])]
-    fn init(cx: init::Context) -> (Shared, Local) {
+    fn init(mut cx: init::Context) -> (Shared, Local) {
         let last_fault = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
@@ -67,6 +69,7 @@ mod app {
             sled.reset_cause.code()
         );
         link.start();
+        let _ = housekeeping::spawn();
         (
             Shared {
                 clock: sled.clock,
@@ -78,6 +81,7 @@ mod app {
             Local {
                 keeper: Keeper::start(
                     cx.core.SYST,
+                    &mut cx.core.SCB,
                     clocks,
                     sled.led,
                     sled.watchdog,
@@ -150,21 +154,26 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(binds = SysTick, priority = 2, shared = [link], local = [keeper])]
-    fn housekeeping(mut cx: housekeeping::Context) {
-        let bus = cx.shared.link.lock(|link| {
+    #[task(priority = 2, shared = [link], local = [keeper])]
+    async fn housekeeping(mut cx: housekeeping::Context) {
+        let mut pace = Pace::begin();
+        // loop-bound: 1, the next instant lies ahead when a step is done by its deadline
+        loop {
+            // at-most: 1, the same; the first step waits for nothing
+            keep(&mut cx.shared, cx.local.keeper);
+            pace.wait().await;
+        }
+    }
+
+    /// A step of the housekeeping.
+    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+        let bus = shared.link.lock(|link| {
             link.keep_present();
             BusView::of(link)
         });
         // Also advances the slew.
         rtic::pend(Interrupt::EXTI1);
-        let keeper = cx.local.keeper;
-        keeper.step(
-            &mut cx.shared.link,
-            &bus,
-            bus.link.services,
-            DriveStatus::ID,
-        );
+        keeper.step(&mut shared.link, &bus, bus.link.services, DriveStatus::ID);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

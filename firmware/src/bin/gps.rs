@@ -9,7 +9,8 @@
 //! | `ring` | DMA2 stream 2 | 4 | parses the receiver's bytes, half a ring at a time |
 //! | `line_idle` | USART1 | 4 | parses the rest of a burst |
 //! | `console_dma` | DMA1 stream 6 | 3 | next console line |
-//! | `housekeeping` | SysTick | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
+//! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
@@ -17,18 +18,19 @@
 
 use defmt_rtt as _;
 
-#[rtic::app(device = firmware::board::pac, peripherals = true)]
+#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2])]
 mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, Sled, pac::Interrupt, receiver::Receiver, time::Clock};
     use firmware::console::{self as lines, BusView};
     use firmware::link::Stack;
     use firmware::navigation::{Station, trim};
-    use firmware::node::{self, BoardLink, Keeper, Log};
+    use firmware::node::{self, BoardLink, Keeper, Log, Pace};
     use firmware::{design, fault};
     use network::Message as _;
     use network::matrix::GPS;
     use network::messages::GpsStatus;
+    use rtic::Mutex as _;
     use ttcan::{GlobalTime, Micros, Stamp};
 
     #[shared]
@@ -47,7 +49,7 @@ mod app {
     }
 
     #[init(local = [stack: Option<Stack> = None])]
-    fn init(cx: init::Context) -> (Shared, Local) {
+    fn init(mut cx: init::Context) -> (Shared, Local) {
         let last_fault = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
@@ -71,6 +73,7 @@ mod app {
             clocks.core,
             sled.reset_cause.code()
         );
+        let _ = housekeeping::spawn();
         (
             Shared {
                 clock: sled.clock,
@@ -82,6 +85,7 @@ mod app {
             Local {
                 keeper: Keeper::start(
                     cx.core.SYST,
+                    &mut cx.core.SCB,
                     clocks,
                     sled.led,
                     sled.watchdog,
@@ -175,19 +179,27 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(binds = SysTick, priority = 2, shared = [&clock, link, station], local = [keeper])]
-    fn housekeeping(mut cx: housekeeping::Context) {
-        let clock = cx.shared.clock;
-        let keeper = cx.local.keeper;
-        let timeout = cx
-            .shared
+    #[task(priority = 2, shared = [&clock, link, station], local = [keeper])]
+    async fn housekeeping(mut cx: housekeeping::Context) {
+        let mut pace = Pace::begin();
+        // loop-bound: 1, the next instant lies ahead when a step is done by its deadline
+        loop {
+            // at-most: 1, the same; the first step waits for nothing
+            keep(&mut cx.shared, cx.local.keeper);
+            pace.wait().await;
+        }
+    }
+
+    /// A step of the housekeeping.
+    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+        let clock = shared.clock;
+        let timeout = shared
             .link
             .lock(|link| link.ticks(design::RECEIVER_TIMEOUT));
-        let silent = cx
-            .shared
+        let silent = shared
             .station
             .lock(|station| station.navigation_mut().lapse(clock.now(), timeout));
-        let bus = cx.shared.link.lock(|link| {
+        let bus = shared.link.lock(|link| {
             link.keep_present();
             if silent {
                 link.node_mut().set_reference_payload(&[0]);
@@ -198,7 +210,7 @@ mod app {
             }
             BusView::of(link)
         });
-        keeper.step(&mut cx.shared.link, &bus, bus.link.services, GpsStatus::ID);
+        keeper.step(&mut shared.link, &bus, bus.link.services, GpsStatus::ID);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

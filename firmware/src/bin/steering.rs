@@ -10,7 +10,8 @@
 //! | `pot` | DMA1 channel 1 | 5 | 200 Hz: sample, end stops, message 206 |
 //! | `actuate` | EXTI1, pended by software | 5 | commands and stops |
 //! | `console_dma` | DMA1 channel 7 | 3 | next console line |
-//! | `housekeeping` | SysTick | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
+//! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
@@ -18,7 +19,7 @@
 
 use defmt_rtt as _;
 
-#[rtic::app(device = firmware::board::pac, peripherals = true)]
+#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
     use firmware::actuator::{Steering, Times};
     use firmware::board::fault::Fault;
@@ -26,11 +27,12 @@ mod app {
     use firmware::console::{self as lines, ActuatorView, BusView};
     use firmware::link::Stack;
     use firmware::navigation::padded;
-    use firmware::node::{self, BoardLink, Keeper, Log};
+    use firmware::node::{self, BoardLink, Keeper, Log, Pace};
     use firmware::{design, fault};
     use network::Message as _;
     use network::matrix::{STEERING, window};
     use network::messages::{AdcCount, SteeringPot, SteeringStatus};
+    use rtic::Mutex as _;
 
     #[shared]
     struct Shared {
@@ -49,7 +51,7 @@ mod app {
     }
 
     #[init(local = [stack: Option<Stack> = None])]
-    fn init(cx: init::Context) -> (Shared, Local) {
+    fn init(mut cx: init::Context) -> (Shared, Local) {
         let last_fault = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
@@ -74,6 +76,7 @@ mod app {
             sled.reset_cause.code()
         );
         link.start();
+        let _ = housekeeping::spawn();
         (
             Shared {
                 clock: sled.clock,
@@ -86,6 +89,7 @@ mod app {
                 pot,
                 keeper: Keeper::start(
                     cx.core.SYST,
+                    &mut cx.core.SCB,
                     clocks,
                     sled.led,
                     sled.watchdog,
@@ -175,21 +179,30 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(binds = SysTick, priority = 2, shared = [&clock, link, steering], local = [keeper])]
-    fn housekeeping(mut cx: housekeeping::Context) {
-        let clock = cx.shared.clock;
-        let bus = cx.shared.link.lock(|link| {
+    #[task(priority = 2, shared = [&clock, link, steering], local = [keeper])]
+    async fn housekeeping(mut cx: housekeeping::Context) {
+        let mut pace = Pace::begin();
+        // loop-bound: 1, the next instant lies ahead when a step is done by its deadline
+        loop {
+            // at-most: 1, the same; the first step waits for nothing
+            keep(&mut cx.shared, cx.local.keeper);
+            pace.wait().await;
+        }
+    }
+
+    /// A step of the housekeeping.
+    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+        let clock = shared.clock;
+        let bus = shared.link.lock(|link| {
             link.keep_present();
             BusView::of(link)
         });
         // The potentiometer's task counts as work while its samples are fresh.
-        let fresh = cx
-            .shared
+        let fresh = shared
             .steering
             .lock(|steering| steering.has_sample(clock.now()));
         let work = if fresh { bus.link.services } else { 0 };
-        let keeper = cx.local.keeper;
-        keeper.step(&mut cx.shared.link, &bus, work, SteeringStatus::ID);
+        keeper.step(&mut shared.link, &bus, work, SteeringStatus::ID);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

@@ -7,7 +7,7 @@ use crate::releases::Bus;
 use crate::results::{MICROSECOND, Picoseconds};
 use crate::system::InputError;
 use crate::table::{BusEvent, By, NodeTable, TaskTable};
-use crate::tasks::App;
+use crate::tasks::{App, TIMER};
 
 /// A task without its cost.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -47,9 +47,6 @@ pub struct NodeModel {
     pub tasks: Vec<TaskModel>,
 }
 
-/// The timer of the software tasks, which no source declares as a task.
-const TIMER: &str = "SysTick";
-
 impl NodeModel {
     /// Puts the model of `name` together; `file` names the task table in errors.
     ///
@@ -71,7 +68,7 @@ impl NodeModel {
                 (task.name.as_str(), interrupt, task.priority)
             })
             .collect();
-        if table.task.contains_key(TIMER) {
+        if app.has_timer() {
             declared.push((TIMER, TIMER, app.timer_priority()));
         }
         let is_declared = |task: &str| declared.iter().any(|(name, ..)| *name == task);

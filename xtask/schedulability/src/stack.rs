@@ -8,6 +8,7 @@ use rsemu::cpu::arm::v7m::isa::{DpOp, Insn, Operand};
 use crate::wcet::graph::{Graph, Returning, Targets};
 use crate::wcet::image::Image;
 use crate::wcet::instruction::{Flow, Instruction};
+use crate::wcet::software;
 
 /// Bytes of an exception frame without and with floating-point registers,
 /// each with the word that may align it.
@@ -87,23 +88,26 @@ impl<'a> Stacks<'a> {
                     }
                 }
                 depth.bytes = depth.bytes.max(below);
-                let callee = match instruction.flow() {
-                    Flow::Call { target } => Some(target),
+                let callees: Vec<u32> = match instruction.flow() {
+                    Flow::Call { target } => vec![target],
                     Flow::Jump { target } | Flow::Branch { target, .. }
                         if crate::wcet::graph::leaves(self.image, entry, target) =>
                     {
-                        Some(target)
+                        vec![target]
                     }
-                    Flow::CallRegister { .. } => {
-                        depth.unknown.insert(format!(
-                            "call through a pointer at {}",
-                            self.image.describe(instruction.address)
-                        ));
-                        None
+                    _ if instruction.calls_through_pointer() => {
+                        let targets = software::targets(self.image, entry);
+                        if targets.is_none() {
+                            depth.unknown.insert(format!(
+                                "call through a pointer at {}",
+                                self.image.describe(instruction.address)
+                            ));
+                        }
+                        targets.into_iter().flatten().collect()
                     }
-                    _ => None,
+                    _ => Vec::new(),
                 };
-                if let Some(callee) = callee {
+                for callee in callees {
                     let of_callee = self.visit(callee, path);
                     depth.bytes = depth.bytes.max(below + of_callee.bytes);
                     depth.unknown.extend(of_callee.unknown);

@@ -39,6 +39,9 @@ pub struct App {
     pub idle_locks: Vec<String>,
 }
 
+/// The interrupt of the timer of software tasks, which no source declares as a task.
+pub const TIMER: &str = "SysTick";
+
 /// What is wrong with a source.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SourceError {
@@ -209,6 +212,14 @@ impl App {
             *ceiling = priority.max(*ceiling);
         }
         ceilings
+    }
+
+    /// Whether a timer wakes software tasks: there are some, and its interrupt is bound to no
+    /// task.
+    #[must_use]
+    pub fn has_timer(&self) -> bool {
+        let mut bound = self.tasks.iter().filter_map(|task| task.binds.as_deref());
+        !self.software_priorities().is_empty() && bound.all(|interrupt| interrupt != TIMER)
     }
 
     /// Priority of a timer interrupt that wakes software tasks: above all of

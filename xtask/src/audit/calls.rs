@@ -2,24 +2,21 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rsemu::cpu::arm::v7m::isa::Insn;
 use schedulability::wcet::{
     image::Image,
     instruction::{Flow, Instruction, decode},
+    software,
 };
 
 /// Start of the flash, where the vector table stands.
 const FLASH: u32 = 0x0800_0000;
-
-/// The link register.
-const LR: u8 = 14;
 
 /// A call, or a jump out of a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Call {
     /// The instruction.
     pub at: u32,
-    /// First address of the callee; `None` through a pointer.
+    /// First address of a callee; `None` through a pointer that may go anywhere.
     pub callee: Option<u32>,
 }
 
@@ -40,7 +37,8 @@ pub struct Calls {
 
 impl Calls {
     /// Everything that is reachable from the vector table. A function whose address is
-    /// taken anywhere counts as reachable once anything calls through a pointer.
+    /// taken anywhere counts as reachable once anything calls through a pointer that may go
+    /// anywhere.
     ///
     /// # Errors
     ///
@@ -63,7 +61,7 @@ impl Calls {
                 match call.callee {
                     Some(callee) => work.push(callee),
                     None if pointers.is_none() => {
-                        let taken = taken(image);
+                        let taken = software::taken(image);
                         work.extend(&taken);
                         pointers = Some(taken);
                     }
@@ -87,45 +85,8 @@ fn vectors(image: &Image) -> BTreeSet<u32> {
     // The first word is the stack pointer.
     (FLASH + 4..end)
         .step_by(4)
-        .filter_map(|address| entry(image, image.constant(address, 4)?))
+        .filter_map(|address| software::pointee(image, image.constant(address, 4)?))
         .collect()
-}
-
-/// The function that a word points to, if it does.
-fn entry(image: &Image, word: u32) -> Option<u32> {
-    let address = word & !1;
-    (word & 1 == 1 && image.function(address).is_some()).then_some(address)
-}
-
-/// Functions whose address stands in data, among code or in two halves in moves.
-fn taken(image: &Image) -> BTreeSet<u32> {
-    let mut taken = BTreeSet::new();
-    for (start, bytes) in image.contents() {
-        let skip = (4 - start % 4) % 4;
-        for word in bytes
-            .get(skip as usize..)
-            .unwrap_or_default()
-            .chunks_exact(4)
-        {
-            let word = word.try_into().map_or(0, u32::from_le_bytes);
-            taken.extend(entry(image, word));
-        }
-    }
-    for (function, _) in image.functions() {
-        let mut low = BTreeMap::new();
-        for instruction in instructions(image, function).into_iter().flatten() {
-            if let Insn::MovImm16 { rd, imm, top } = instruction.insn {
-                let imm = u32::from(imm);
-                if top {
-                    let word = low.get(&rd).map(|low| imm << 16 | low);
-                    taken.extend(word.and_then(|word| entry(image, word)));
-                } else {
-                    low.insert(rd, imm);
-                }
-            }
-        }
-    }
-    taken
 }
 
 /// The instructions of a function, one after the other; data among them is left out.
@@ -172,9 +133,16 @@ fn body(image: &Image, function: u32) -> Result<Body, String> {
                     callee: Some(target),
                 });
             }
-            Flow::CallRegister { .. } => body.calls.push(Call { at, callee: None }),
-            Flow::Indirect if through_pointer(&instruction) => {
-                body.calls.push(Call { at, callee: None });
+            _ if instruction.calls_through_pointer() => {
+                let targets = software::targets(image, function);
+                body.calls.extend(
+                    match targets {
+                        Some(targets) => targets.into_iter().map(Some).collect(),
+                        None => vec![None],
+                    }
+                    .into_iter()
+                    .map(|callee| Call { at, callee }),
+                );
             }
             Flow::Stop if !after_call => body.traps.push(at),
             _ => {}
@@ -182,15 +150,4 @@ fn body(image: &Image, function: u32) -> Result<Body, String> {
         after_call = matches!(flow, Flow::Call { .. });
     }
     Ok(body)
-}
-
-/// Whether a jump goes neither back to the caller nor through a table of its own function.
-fn through_pointer(instruction: &Instruction) -> bool {
-    match instruction.insn {
-        Insn::Bx { rm } => rm != LR,
-        Insn::TableBranch { .. } | Insn::LoadStoreMultiple { .. } => false,
-        // `pop {pc}` with one register.
-        Insn::LoadStore { rn: 13, .. } => false,
-        _ => true,
-    }
 }

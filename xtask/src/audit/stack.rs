@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use schedulability::{
     stack::{FRAME_FPU, Stacks},
-    tasks::App,
+    tasks::{App, TIMER},
     wcet::image::Image,
 };
 
@@ -42,10 +42,15 @@ pub fn deepest(image: &Image, calls: &Calls, app: &App) -> Result<u64, Vec<Strin
     };
     let program = depth("main");
     let mut priorities: BTreeMap<u32, u64> = BTreeMap::new();
-    for task in &app.tasks {
+    let handlers = app.tasks.iter().map(|task| {
         let handler = app.interrupt(task).unwrap_or(&task.name);
+        (handler, task.priority)
+    });
+    // The timer of the software tasks, which no source declares as a task.
+    let timer = app.has_timer().then(|| (TIMER, app.timer_priority()));
+    for (handler, priority) in handlers.chain(timer) {
         let bytes = depth(handler) + u64::from(FRAME_FPU);
-        let level = priorities.entry(task.priority).or_default();
+        let level = priorities.entry(priority).or_default();
         *level = bytes.max(*level);
     }
     if unknown.is_empty() {

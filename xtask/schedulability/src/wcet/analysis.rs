@@ -21,6 +21,7 @@ use super::invariant::Invariant;
 use super::ipet;
 use super::range::Range;
 use super::runtime;
+use super::software;
 use super::state::{Cycles, Masked, STACK_TOP, State, Symbols, longer};
 use super::timing::Timing;
 use super::value::Value;
@@ -518,7 +519,9 @@ impl<'a> Run<'_, 'a> {
             .bound(image, graph, number)
             .map(|(place, bound)| (place.to_string(), bound))
             .or_else(|| {
-                runtime::bound(image, graph, number).map(|(what, bound)| (what.to_owned(), bound))
+                runtime::bound(image, graph, number)
+                    .or_else(|| software::bound(image, graph, number))
+                    .map(|(what, bound)| (what.to_owned(), bound))
             })
             .or_else(|| {
                 let bytes = self.frames.last().and_then(|(.., bytes)| *bytes)?;
@@ -897,7 +900,9 @@ impl<'a> Run<'_, 'a> {
                 self.call(graph, node, state, &[target], last, straight, exits);
             }
             Flow::CallRegister { .. } => {
-                let targets = written.and_then(|value| enumerate(&self.executor().symbols, &value));
+                let targets = written
+                    .and_then(|value| enumerate(&self.executor().symbols, &value))
+                    .or_else(|| self.pointees(graph.entry));
                 match targets {
                     Some(targets) if targets.iter().all(|t| self.analysis.image.is_code(*t)) => {
                         self.call(graph, node, state, &targets, last, straight, exits);
@@ -924,6 +929,13 @@ impl<'a> Run<'_, 'a> {
                 self.ended = longer(self.ended, state.cycles);
             }
         }
+    }
+
+    /// Where a call in the function at `entry` may go through a pointer that nothing is
+    /// known of.
+    fn pointees(&self, entry: u32) -> Option<Vec<u32>> {
+        let targets = software::targets(self.analysis.image, entry)?;
+        Some(targets.into_iter().collect())
     }
 
     fn forget_scratch(&mut self, state: &mut State) {
@@ -1076,7 +1088,8 @@ impl<'a> Run<'_, 'a> {
             exits.push((To::Return, state));
             return;
         }
-        let Some(targets) = enumerate(&self.executor().symbols, &target) else {
+        let targets = enumerate(&self.executor().symbols, &target);
+        let Some(targets) = targets.or_else(|| self.pointees(graph.entry)) else {
             self.problems
                 .insert(Problem::UnboundedPointer(self.describe(last.address)));
             return;

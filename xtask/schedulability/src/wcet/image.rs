@@ -257,6 +257,11 @@ impl Image {
         self.symbols.get(name).copied()
     }
 
+    /// Every linker symbol.
+    pub fn symbols(&self) -> impl Iterator<Item = &str> {
+        self.symbols.keys().map(String::as_str)
+    }
+
     /// Name of the function at or around `address`.
     #[must_use]
     pub fn name(&self, address: u32) -> String {

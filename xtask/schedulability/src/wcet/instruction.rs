@@ -178,6 +178,20 @@ impl Instruction {
         }
     }
 
+    /// Whether it goes to another function through a register or a loaded word, and neither
+    /// back to the caller nor through a table of its own function.
+    #[must_use]
+    pub fn calls_through_pointer(&self) -> bool {
+        match (self.flow(), self.insn) {
+            (Flow::CallRegister { .. }, _) => true,
+            (Flow::Indirect, Insn::Bx { rm }) => rm != 14,
+            (Flow::Indirect, Insn::TableBranch { .. } | Insn::LoadStoreMultiple { .. }) => false,
+            // `pop {pc}` with one register.
+            (Flow::Indirect, Insn::LoadStore { rn: 13, .. }) => false,
+            (flow, _) => flow == Flow::Indirect,
+        }
+    }
+
     /// Core registers that the address of its memory access is made of.
     #[must_use]
     pub fn address_registers(&self) -> u16 {

@@ -17,6 +17,7 @@ pub mod invariant;
 pub mod ipet;
 pub mod range;
 pub mod runtime;
+pub mod software;
 pub mod state;
 pub mod timing;
 pub mod value;
