@@ -96,21 +96,50 @@ pub struct Geodetic {
     pub negative: bool,
 }
 
-/// Takes an angle in degrees apart; `None` when it is not within -180..=180.
+/// Takes an angle in degrees apart, rounded to the nearest unit of its fraction; `None` when
+/// it is not within -180..=180.
+///
+/// In whole numbers: a double's multiplication, division and comparisons cost the core, which
+/// computes with floats only, ten times as much.
 pub fn geodetic(degrees: f64) -> Option<Geodetic> {
-    // Written so that NaN is refused.
-    if !(-180.0..=180.0).contains(&degrees) {
+    /// Bits behind the point of the magnitude: with eight before it they fill 64.
+    const POINT: u32 = 56;
+    const LIMIT: u64 = 180 << POINT;
+    /// Bits of a double's fraction, and its exponent for values from 1 to 2.
+    const FRACTION: u32 = 52;
+    const ONE: u32 = 1023;
+    let bits = degrees.to_bits();
+    let exponent = (bits >> FRACTION) as u32 & 0x7FF;
+    let significand = bits & ((1 << FRACTION) - 1) | 1 << FRACTION;
+    // The highest exponent below 2^8; infinities and NaN have the highest of all.
+    if exponent > ONE + 7 {
         return None;
     }
-    const SCALE: u64 = 10_000_000_000;
-    let negative = degrees < 0.0;
-    let magnitude = if negative { -degrees } else { degrees };
-    // At most 1.8e12, exact to 2e-4 units.
-    let scaled = (magnitude * SCALE as f64 + 0.5) as u64;
-    let whole = (scaled / SCALE) as i16;
+    // What is cut off below the last bit, and all of a subnormal number, is nothing here.
+    let up = exponent + POINT;
+    let magnitude = if up >= ONE + FRACTION {
+        significand << (up - ONE - FRACTION)
+    } else {
+        significand.checked_shr(ONE + FRACTION - up).unwrap_or(0)
+    };
+    if magnitude > LIMIT {
+        return None;
+    }
+    // 10^10 / 2^56 = 5^10 / 2^46, in two parts of 28 bits; exact to 2^-18, rounded there.
+    const SCALE: u64 = 9_765_625;
+    let part = |bits: u64| bits & ((1 << 28) - 1);
+    let scaled = part(magnitude >> 28) * SCALE + ((part(magnitude) * SCALE) >> 28);
+    let fraction = (scaled + (1 << 17)) >> 18;
+    let whole = (magnitude >> POINT) as i16;
+    let (whole, fraction) = if fraction < 10_000_000_000 {
+        (whole, fraction)
+    } else {
+        (whole + 1, 0)
+    };
+    let negative = degrees.is_sign_negative() && bits << 1 != 0;
     Some(Geodetic {
         whole: Degrees(if negative { -whole } else { whole }),
-        fraction: DegreesE10(scaled % SCALE),
+        fraction: DegreesE10(fraction),
         negative,
     })
 }
@@ -192,7 +221,53 @@ mod tests {
         assert_eq!(geodetic(180.1), None);
     }
 
+    /// Magnitude of an angle in 1e-10 degrees, rounded to the nearest in whole numbers.
+    fn scaled(degrees: f64) -> u64 {
+        let bits = degrees.to_bits();
+        let significand = u128::from(bits & ((1 << 52) - 1) | 1 << 52);
+        let down = 1075 - (bits >> 52 & 0x7FF) as u32;
+        match (significand * 10_000_000_000).checked_shr(down.saturating_sub(1)) {
+            Some(doubled) => (doubled as u64).div_ceil(2),
+            None => 0,
+        }
+    }
+
+    #[test]
+    fn angles_at_the_ends_of_their_range() {
+        for edge in [180.0, f64::from_bits(180f64.to_bits() - 1)] {
+            let angle = geodetic(-edge).unwrap();
+            assert_eq!(
+                (angle.whole, angle.fraction),
+                (Degrees(-180), DegreesE10(0))
+            );
+        }
+        for beyond in [
+            f64::from_bits(180f64.to_bits() + 1),
+            256.0,
+            f64::INFINITY,
+            f64::NAN,
+        ] {
+            assert_eq!((geodetic(beyond), geodetic(-beyond)), (None, None));
+        }
+        for small in [f64::from_bits(1), f64::MIN_POSITIVE, 1e-300, 4.9e-11] {
+            let angle = geodetic(-small).unwrap();
+            assert_eq!((angle.whole, angle.fraction), (Degrees(0), DegreesE10(0)));
+            assert!(angle.negative);
+        }
+        assert!(!geodetic(-0.0).unwrap().negative);
+        assert_eq!(geodetic(5.1e-11).unwrap().fraction, DegreesE10(1));
+    }
+
     proptest! {
+        #[test]
+        fn angles_are_rounded_to_the_nearest(degrees in -180.0f64..=180.0, down in 0u8..40) {
+            let degrees = degrees / f64::from(down).exp2();
+            let angle = geodetic(degrees).unwrap();
+            let magnitude = u64::from(angle.whole.0.unsigned_abs()) * 10_000_000_000 + angle.fraction.0;
+            prop_assert_eq!(magnitude, scaled(degrees));
+            prop_assert_eq!(angle.negative, degrees < 0.0);
+        }
+
         #[test]
         fn angles_survive_the_bus(degrees in -90.0f64..=90.0) {
             let angle = geodetic(degrees).unwrap();

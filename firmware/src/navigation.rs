@@ -10,7 +10,11 @@ use network::messages::{
 use crate::{convert, design};
 use ttcan::Micros;
 
-use crate::sbp::{self, Fix, Message, Parser};
+use crate::sbp::{self, Fix, Message, Parser, Progress};
+
+/// Places that [`Station::step`] goes over: as many as the shortest position or velocity has
+/// bytes, so that each of them ends a step of its own.
+pub const STEP: usize = 30;
 
 /// Data for a window of the node; `None` takes back what was in line.
 pub type Put = (usize, Option<[u8; 8]>);
@@ -168,11 +172,40 @@ impl Navigation {
     }
 }
 
+/// What [`Station::step`] came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// As far as it goes in one call, over [`STEP`] bytes at least.
+    More,
+    /// To where bytes are missing.
+    Drained,
+    /// There for the first time since the line fell idle, with all that has arrived.
+    Paused(Pause),
+}
+
+/// What is known when all that came before a pause of the line has been looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pause {
+    /// When the line fell idle, time base.
+    pub since: u32,
+    /// Whether a measurement epoch began since the last pause.
+    pub is_new_epoch: bool,
+    /// Time of week of the last epoch, ms.
+    pub tow: Option<u32>,
+    /// Whether the solution is fixed.
+    pub fixed: bool,
+}
+
 /// The receiver as the node hears it: bytes in, data for windows out.
 #[derive(Clone, Debug, Default)]
 pub struct Station {
     parser: Parser,
     navigation: Navigation,
+    /// Whether there may be bytes that have not been taken.
+    behind: bool,
+    idle_since: Option<u32>,
+    /// Epochs at the last pause.
+    epochs: u32,
 }
 
 impl Station {
@@ -181,25 +214,51 @@ impl Station {
         Self {
             parser: Parser::new(),
             navigation: Navigation::new(),
+            behind: false,
+            idle_since: None,
+            epochs: 0,
         }
     }
 
-    /// Takes the bytes that have arrived by `now` from `next` until it has none, and hands
-    /// what they change to `put`.
-    pub fn feed(
-        &mut self,
-        mut next: impl FnMut() -> Option<u8>,
-        now: u32,
-        mut put: impl FnMut(Put),
-    ) {
-        let Self { parser, navigation } = self;
-        // loop-bound: 160 half of the ring, and what comes until it is read
-        while let Some(byte) = next() {
-            parser.push(byte, |frame| {
+    /// Takes bytes that have arrived, to be looked at by [`Station::step`]; true when there
+    /// may be more of them than it takes in one call, [`sbp::LOT`].
+    #[inline(always)]
+    pub fn take(&mut self, bytes: impl ExactSizeIterator<Item = u8>) -> bool {
+        self.behind = self.parser.take(bytes);
+        self.behind
+    }
+
+    /// Notes that the line fell idle at `now`, after what has arrived by then.
+    pub const fn pause(&mut self, now: u32) {
+        self.idle_since = Some(now);
+    }
+
+    /// Looks at bytes that were taken, [`STEP`] of them and to the next position or
+    /// velocity at most, and hands what that changes to `put`. To be called again as long as
+    /// there is [`Step::More`].
+    #[inline(always)]
+    pub fn step(&mut self, now: u32, put: impl FnMut(Put)) -> Step {
+        match self.parser.next(STEP) {
+            Progress::Frame(frame) => {
                 if let Some(message) = sbp::decode(&frame) {
-                    navigation.message(&message, now, &mut put);
+                    self.navigation.message(&message, now, put);
                 }
-            });
+                Step::More
+            }
+            Progress::More => Step::More,
+            Progress::Drained if self.behind => Step::Drained,
+            Progress::Drained => match self.idle_since.take() {
+                Some(since) => {
+                    let epochs = self.navigation.epochs;
+                    Step::Paused(Pause {
+                        since,
+                        is_new_epoch: core::mem::replace(&mut self.epochs, epochs) != epochs,
+                        tow: self.navigation.tow,
+                        fixed: self.navigation.fix.is_fixed(),
+                    })
+                }
+                None => Step::Drained,
+            },
         }
     }
 

@@ -1,6 +1,7 @@
 //! The node's SBP parser against the `sbp` crate, on libsbp's own packets.
 
-use firmware::sbp::{self, Fix, Message, Parser};
+use firmware::navigation::{Navigation, Put, STEP, Station, Step};
+use firmware::sbp::{self, Fix, Message, Parser, Progress};
 use proptest::prelude::*;
 use serde::Deserialize;
 
@@ -27,10 +28,34 @@ fn packets() -> Vec<Packet> {
 /// What the parser makes of a stream: type and message of each frame.
 fn parse(parser: &mut Parser, bytes: &[u8]) -> Vec<(u16, Option<Message>)> {
     let mut found = Vec::new();
-    for &byte in bytes {
-        parser.push(byte, |frame| found.push((frame.kind, sbp::decode(&frame))));
+    for bytes in bytes.chunks(sbp::LOT) {
+        parser.take(bytes.iter().copied());
+        found.extend(frames(parser));
     }
     found
+}
+
+/// The frames among the bytes that the parser has taken.
+fn frames(parser: &mut Parser) -> Vec<(u16, Option<Message>)> {
+    let mut found = Vec::new();
+    loop {
+        match parser.next(1) {
+            Progress::Frame(frame) => found.push((frame.kind(), sbp::decode(&frame))),
+            Progress::More => {}
+            Progress::Drained => return found,
+        }
+    }
+}
+
+/// A frame of this type.
+fn frame_of(kind: u16, payload: &[u8]) -> Vec<u8> {
+    let mut frame = vec![0x55];
+    frame.extend(kind.to_le_bytes());
+    frame.extend([1, 0, payload.len() as u8]);
+    frame.extend(payload);
+    let checksum = sbp::crc16(0, &frame[1..]);
+    frame.extend(checksum.to_le_bytes());
+    frame
 }
 
 /// The same by the oracle.
@@ -153,20 +178,31 @@ fn every_packet_decodes_as_the_sbp_crate_says() {
 
 /// Where frames with a right checksum lie when all bytes can be seen at once.
 fn frames_of_the_whole(stream: &[u8]) -> Vec<std::ops::Range<usize>> {
+    let padded = [stream, &[0; 263]].concat();
+    frames_until_one_is_incomplete(&padded)
+}
+
+/// The same when nothing follows the stream: a candidate whose end is missing ends the look.
+fn frames_until_one_is_incomplete(stream: &[u8]) -> Vec<std::ops::Range<usize>> {
     let mut frames = Vec::new();
     let mut at = 0;
-    while let Some(rest) = stream.get(at..) {
-        let Some(&length) = rest.get(5) else { break };
-        let whole = usize::from(length) + 8;
-        let right = rest[0] == 0x55
-            && rest.get(..whole).is_some_and(|frame| {
-                let (covered, received) = frame.split_at(whole - 2);
-                sbp::crc16(0, &covered[1..]).to_le_bytes() == received
-            });
-        if right {
-            frames.push(at..at + whole);
+    while let Some(&first) = stream.get(at) {
+        if first != 0x55 {
+            at += 1;
+            continue;
         }
-        at += if right { whole } else { 1 };
+        let rest = &stream[at..];
+        let whole = rest.get(5).map(|&length| usize::from(length) + 8);
+        let Some(frame) = whole.and_then(|whole| rest.get(..whole)) else {
+            break;
+        };
+        let (covered, received) = frame.split_at(frame.len() - 2);
+        if sbp::crc16(0, &covered[1..]).to_le_bytes() == received {
+            frames.push(at..at + frame.len());
+            at += frame.len();
+        } else {
+            at += 1;
+        }
     }
     frames
 }
@@ -258,9 +294,92 @@ proptest! {
     /// Arbitrary payloads of the right type and any length never do more than fail.
     #[test]
     fn any_payload_is_survived(kind in any::<u16>(), payload in proptest::collection::vec(any::<u8>(), 0..=255)) {
-        let frame = sbp::Frame { kind, sender: 1, payload: &payload };
         for kind in [kind, 0x0100, 0x0102, 0x0201, 0x0203, 0x0205, 0x0207, 0x020A, 0x020C, 0x020E, 0x020F, 0xFFFF] {
-            let _ = sbp::decode(&sbp::Frame { kind, ..frame });
+            let found = parse(&mut Parser::new(), &frame_of(kind, &payload));
+            prop_assert!(matches!(found[..], [(of, _)] if of == kind));
         }
     }
+
+    /// However the bytes come in lots, and however many steps lie between two of them, the
+    /// station puts into the windows what the messages of the whole stream put there, in that
+    /// order; every step that is not the last one goes over its share of bytes; and a pause of
+    /// the line is answered when all before it has been looked at.
+    #[test]
+    fn short_steps_do_what_a_look_at_the_whole_does(
+        pieces in proptest::collection::vec(piece(), 1..24),
+        lots in proptest::collection::vec((0usize..=128, 0usize..8, any::<bool>()), 1..40),
+    ) {
+        let stream = pieces.concat();
+        let mut station = Station::new();
+        let (mut puts, mut steps) = (Vec::new(), 0);
+        let mut taken = 0;
+        let mut lots = lots.into_iter().cycle();
+        while taken < stream.len() {
+            let (lot, most, pause) = lots.next().expect("it begins again");
+            let arrived = (taken + lot).min(stream.len());
+            if pause {
+                station.pause(arrived as u32);
+            }
+            // Bytes that find no room stay where they are.
+            loop {
+                let mut count = 0;
+                let rest = stream[taken..arrived].iter().copied();
+                let more = station.take(rest.inspect(|_| count += 1));
+                taken += count;
+                if !more {
+                    break;
+                }
+                prop_assert_eq!(count, sbp::LOT);
+            }
+            for _ in 0..if pause { usize::MAX } else { most } {
+                let step = station.step(0, |put| puts.push(put));
+                steps += usize::from(step == Step::More);
+                if step != Step::More {
+                    prop_assert_eq!(matches!(step, Step::Paused(_)), pause);
+                    break;
+                }
+            }
+        }
+        let mut last = station.step(0, |put| puts.push(put));
+        while last == Step::More {
+            steps += 1;
+            last = station.step(0, |put| puts.push(put));
+        }
+        prop_assert!(steps <= stream.len() / STEP, "{steps} steps for {taken} bytes");
+        prop_assert_eq!(puts, puts_of_the_whole(&stream));
+    }
+}
+
+/// What the messages of a stream put into the windows when all its bytes can be seen at once.
+fn puts_of_the_whole(stream: &[u8]) -> Vec<Put> {
+    let mut navigation = Navigation::new();
+    let mut puts = Vec::new();
+    // Nothing more comes: a candidate whose end is missing holds back all behind it.
+    for range in frames_until_one_is_incomplete(stream) {
+        for (_, message) in parse(&mut Parser::new(), &stream[range]) {
+            if let Some(message) = message {
+                navigation.message(&message, 0, |put| puts.push(put));
+            }
+        }
+    }
+    puts
+}
+
+/// Part of a stream: a packet, whole, damaged or cut, or noise with many preambles.
+fn piece() -> impl Strategy<Value = Vec<u8>> {
+    let packet = || (0usize..68).prop_map(|which| packets()[which].bytes());
+    let noise = prop_oneof![Just(0x55u8), any::<u8>()];
+    prop_oneof![
+        4 => packet(),
+        1 => (packet(), any::<prop::sample::Index>(), 0..8).prop_map(|(mut packet, at, bit)| {
+            let at = at.index(packet.len());
+            packet[at] ^= 1u8 << bit;
+            packet
+        }),
+        1 => (packet(), any::<prop::sample::Index>()).prop_map(|(mut packet, at)| {
+            packet.truncate(at.index(packet.len()));
+            packet
+        }),
+        1 => proptest::collection::vec(noise, 0..300),
+    ]
 }

@@ -2,8 +2,7 @@
 //! stream 2 into a ring.
 //!
 //! The stream interrupts at the half and at the end of the ring, the USART when the line
-//! falls idle: bytes are parsed as they arrive, in portions of at most 1.28 ms, and the
-//! end of a burst without delay (thesis 6.2.4.3).
+//! falls idle: bytes wait for 1.28 ms at most, the end of a burst not at all (thesis 6.2.4.3).
 
 use crate::{clocks::APB2_HZ, pac};
 use sled_common::dma::{Shared, Window};
@@ -88,18 +87,18 @@ impl Receiver {
         let _ = self.usart.dr().read();
     }
 
-    /// The next byte that has arrived.
-    #[inline]
-    pub fn next_byte(&mut self) -> Option<u8> {
+    /// The bytes that have arrived until now; those that are not taken are there again the
+    /// next time.
+    #[inline(always)]
+    pub fn arrived(&mut self) -> impl ExactSizeIterator<Item = u8> {
         // SAFETY: reads the counter of stream 2.
         let left = unsafe { (*pac::DMA2::ptr()).st(2).ndtr().read().bits() } as usize;
-        let written = RING.wrapping_sub(left) % RING;
-        if self.next == written {
-            return None;
-        }
-        let byte = self.memory.read(self.next);
-        self.next = (self.next + 1) % RING;
-        byte
+        let count = RING.wrapping_sub(left).wrapping_sub(self.next) % RING;
+        (0..count).map(|_| {
+            let byte = self.memory.read(self.next % RING).unwrap_or(0);
+            self.next = (self.next + 1) % RING;
+            byte
+        })
     }
 
     /// Bytes that the USART lost; wraps.

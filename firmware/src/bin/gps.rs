@@ -6,8 +6,9 @@
 //! | `can_tx` | mailbox empty | 6 | stamps, reports the outcome |
 //! | `can_error` | status change | 6 | bus-off |
 //! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 begins the schedule |
-//! | `ring` | DMA2 stream 2 | 4 | parses the receiver's bytes, half a ring at a time |
-//! | `line_idle` | USART1 | 4 | parses the rest of a burst |
+//! | `ring` | DMA2 stream 2 | 5 | takes the receiver's bytes, some at a time |
+//! | `line_idle` | USART1 | 5 | the same at the end of a burst |
+//! | `parse` | EXTI4, pended by software | 4 | looks at what was taken, some bytes at a time |
 //! | `console_dma` | DMA1 stream 6 | 3 | next console line |
 //! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
 //! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
@@ -24,7 +25,7 @@ mod app {
     use firmware::board::{self, Sled, pac::Interrupt, receiver::Receiver, time::Clock};
     use firmware::console::{self as lines, BusView};
     use firmware::link::Stack;
-    use firmware::navigation::{Station, trim};
+    use firmware::navigation::{Pause, Station, Step, trim};
     use firmware::node::{self, BoardLink, Keeper, Log, Pace};
     use firmware::{design, fault};
     use network::Message as _;
@@ -130,46 +131,69 @@ mod app {
         });
     }
 
-    #[task(binds = DMA2_STREAM2, priority = 4, shared = [&clock, link, receiver, station])]
+    #[task(binds = DMA2_STREAM2, priority = 5, shared = [receiver, station])]
     fn ring(cx: ring::Context) {
-        let now = cx.shared.clock.now();
-        let mut link = cx.shared.link;
         (cx.shared.receiver, cx.shared.station).lock(|receiver, station| {
             receiver.acknowledge_dma();
-            let put = |(window, data)| link.lock(|link| link.replace(window, data));
-            station.feed(|| receiver.next_byte(), now, put);
+            take(receiver, station);
         });
     }
 
-    #[task(binds = USART1, priority = 4, shared = [&clock, link, receiver, station], local = [epochs: u32 = 0])]
+    #[task(binds = USART1, priority = 5, shared = [&clock, receiver, station])]
     fn line_idle(cx: line_idle::Context) {
         let now = cx.shared.clock.now();
-        let mut link = cx.shared.link;
         (cx.shared.receiver, cx.shared.station).lock(|receiver, station| {
             receiver.acknowledge_line();
-            let put = |(window, data)| link.lock(|link| link.replace(window, data));
-            station.feed(|| receiver.next_byte(), now, put);
-            let fixed = station.navigation().fix().is_fixed();
-            let tow = station.navigation().tow();
-            let epochs = station.navigation().epochs();
-            let new = core::mem::replace(cx.local.epochs, epochs) != epochs;
-            link.lock(|link| {
-                link.node_mut().set_reference_payload(&[u8::from(fixed)]);
-                // The schedule begins so that the windows follow the receiver's bursts
-                // closely, and is kept there against the drift between the two clocks.
-                if new && let Some(age) = link.node().cycle_time(Stamp(now)) {
-                    // Refused while another node is the master.
-                    let _ = link.node_mut().trim_cycle(trim(age));
-                }
-                if let Some(tow) = tow
-                    && !link.is_started()
-                {
-                    let time = GlobalTime::from_micros(u64::from(tow) * 1000);
-                    let _ = link.node_mut().set_global_time(Stamp(now), time);
-                    link.release_in(design::BURST_LEAD);
-                }
-            });
+            station.pause(now);
+            take(receiver, station);
         });
+    }
+
+    /// Takes some of what has arrived; `ring` takes more of it, `parse` looks at all of it.
+    #[inline(always)]
+    fn take(receiver: &mut Receiver, station: &mut Station) {
+        rtic::pend(if station.take(receiver.arrived()) {
+            Interrupt::DMA2_STREAM2
+        } else {
+            Interrupt::EXTI4
+        });
+    }
+
+    #[task(binds = EXTI4, priority = 4, shared = [&clock, link, station])]
+    fn parse(mut cx: parse::Context) {
+        let now = cx.shared.clock.now();
+        let mut link = cx.shared.link;
+        let step = cx.shared.station.lock(|station| {
+            station.step(now, |(window, data)| {
+                link.lock(|link| link.replace(window, data));
+            })
+        });
+        match step {
+            Step::More => rtic::pend(Interrupt::EXTI4),
+            Step::Drained => {}
+            Step::Paused(pause) => link.lock(|link| settle(link, &pause)),
+        }
+    }
+
+    /// Takes over what is known at the end of a burst.
+    fn settle(link: &mut BoardLink, pause: &Pause) {
+        link.node_mut()
+            .set_reference_payload(&[u8::from(pause.fixed)]);
+        // The schedule begins so that the windows follow the receiver's bursts closely, and is
+        // kept there against the drift between the two clocks.
+        if pause.is_new_epoch
+            && let Some(age) = link.node().cycle_time(Stamp(pause.since))
+        {
+            // Refused while another node is the master.
+            let _ = link.node_mut().trim_cycle(trim(age));
+        }
+        if let Some(tow) = pause.tow
+            && !link.is_started()
+        {
+            let time = GlobalTime::from_micros(u64::from(tow) * 1000);
+            let _ = link.node_mut().set_global_time(Stamp(pause.since), time);
+            link.release_in(design::BURST_LEAD);
+        }
     }
 
     #[task(binds = DMA1_STREAM6, priority = 3, shared = [console])]

@@ -1,24 +1,64 @@
 //! From bytes to frames.
 
-use super::crc16;
+use super::crc::{between, update};
 
 const PREAMBLE: u8 = 0x55;
+// Where the fields of a frame are.
+const KIND: usize = 1;
+const SENDER: usize = 3;
+const LENGTH: usize = 5;
 const HEADER: usize = 6;
 const CHECKSUM: usize = 2;
-const BUFFER: usize = HEADER + MAX_PAYLOAD + CHECKSUM;
 
 /// Longest payload that the length byte can say.
 pub const MAX_PAYLOAD: usize = 255;
+/// Bytes that the parser keeps: the longest frame, of which all but the last byte may have
+/// to wait for it, and 7.6 ms of what comes behind it until it is looked at.
+pub const CAPACITY: usize = 1024;
+const _: () = assert!(CAPACITY.is_power_of_two());
 
+/// Bytes that one call of [`Parser::take`] takes at most.
+pub const LOT: usize = 32;
 /// A complete frame whose checksum is right.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 pub struct Frame<'a> {
+    cells: &'a [Cell; CAPACITY],
+    at: usize,
+}
+
+impl Frame<'_> {
     /// Message type.
-    pub kind: u16,
+    pub fn kind(&self) -> u16 {
+        pair(self.cells, self.at.wrapping_add(KIND))
+    }
+
     /// Sender's identity.
-    pub sender: u16,
-    /// Payload.
-    pub payload: &'a [u8],
+    pub fn sender(&self) -> u16 {
+        pair(self.cells, self.at.wrapping_add(SENDER))
+    }
+
+    /// Length of the payload.
+    pub fn length(&self) -> u8 {
+        byte(self.cells, self.at.wrapping_add(LENGTH))
+    }
+
+    /// `N` bytes of the payload and what follows it, from this one on.
+    #[inline(always)]
+    pub(super) fn field<const N: usize>(&self, from: usize) -> [u8; N] {
+        let begin = self.at.wrapping_add(HEADER + from);
+        core::array::from_fn(|index| byte(self.cells, begin.wrapping_add(index)))
+    }
+}
+
+/// How far [`Parser::next`] came.
+#[derive(Clone, Copy)]
+pub enum Progress<'a> {
+    /// To the end of a frame.
+    Frame(Frame<'a>),
+    /// As far as one call goes.
+    More,
+    /// To where bytes are missing.
+    Drained,
 }
 
 /// What happened to the bytes; every counter wraps.
@@ -36,12 +76,21 @@ pub struct Counters {
 ///
 /// The bytes of the candidate stay until its checksum is known. When it is wrong only the
 /// preamble is dropped and the rest is looked at again, so that a frame which begins inside
-/// a damaged one is not lost with it.
+/// a damaged one is not lost with it. With every byte the checksum of all before it is kept,
+/// from which that of any candidate follows in constant time: however damaged a stream is,
+/// each of its bytes is taken once and decided once.
 #[derive(Clone, Debug)]
 pub struct Parser {
-    buffer: [u8; BUFFER],
-    length: usize,
-    counters: Counters,
+    cells: [Cell; CAPACITY],
+    /// Where the candidate begins, and where the next byte goes. Both count on; their
+    /// remainders are places in the buffer.
+    begin: usize,
+    end: usize,
+    checksum: u16,
+    /// Candidates with a wrong checksum, those with the right one, and the bytes of these.
+    errors: u32,
+    frames: u32,
+    framed: usize,
 }
 
 impl Default for Parser {
@@ -50,111 +99,115 @@ impl Default for Parser {
     }
 }
 
+/// A byte of the stream in the low bits, the checksum of all before it in the high half.
+type Cell = u32;
+
+#[inline(always)]
+const fn byte(cells: &[Cell; CAPACITY], at: usize) -> u8 {
+    cells[at % CAPACITY] as u8
+}
+
+#[inline(always)]
+const fn checksum(cells: &[Cell; CAPACITY], at: usize) -> u16 {
+    (cells[at % CAPACITY] >> 16) as u16
+}
+
+#[inline(always)]
+const fn pair(cells: &[Cell; CAPACITY], at: usize) -> u16 {
+    u16::from_le_bytes([byte(cells, at), byte(cells, at.wrapping_add(1))])
+}
+
 impl Parser {
     /// A parser that waits for a preamble.
     pub const fn new() -> Self {
         Self {
-            buffer: [0; BUFFER],
-            length: 0,
-            counters: Counters {
-                frames: 0,
-                checksum_errors: 0,
-                skipped: 0,
-            },
+            cells: [0; CAPACITY],
+            begin: 0,
+            end: 0,
+            checksum: 0,
+            errors: 0,
+            frames: 0,
+            framed: 0,
         }
     }
 
     /// What happened so far.
     pub const fn counters(&self) -> Counters {
-        self.counters
+        Counters {
+            frames: self.frames,
+            checksum_errors: self.errors,
+            skipped: self.begin.wrapping_sub(self.framed) as u32,
+        }
     }
 
-    /// Takes one byte and hands every frame that it completes to `sink`; more than one only
-    /// after a damaged frame.
-    ///
-    /// Cost: constant but for the byte that ends a candidate, which costs one pass over it,
-    /// and for a wrong checksum, after which the kept bytes are gone through again.
-    #[inline]
-    pub fn push(&mut self, byte: u8, sink: impl FnMut(Frame<'_>)) {
-        if let Some(slot) = self.buffer.get_mut(self.length) {
-            *slot = byte;
-            self.length += 1;
+    /// Takes bytes as they come, a [`LOT`] or as many as there is room for. True when it was a
+    /// whole lot: there may be more.
+    #[inline(always)]
+    pub fn take(&mut self, bytes: impl ExactSizeIterator<Item = u8>) -> bool {
+        let room = CAPACITY - self.end.wrapping_sub(self.begin);
+        let count = bytes.len().min(room).min(LOT);
+        let (mut end, mut checksum) = (self.end, self.checksum);
+        for byte in bytes.take(count) {
+            self.cells[end % CAPACITY] = u32::from(checksum) << 16 | u32::from(byte);
+            checksum = update(checksum, byte);
+            end = end.wrapping_add(1);
         }
-        if self.length == 1 {
-            if byte != PREAMBLE {
-                self.length = 0;
-                self.counters.skipped = self.counters.skipped.wrapping_add(1);
+        (self.end, self.checksum) = (end, checksum);
+        count == LOT
+    }
+
+    /// Goes over `places` places, or to the end of a frame of this length or longer, which is
+    /// handed out. To be called again as long as bytes are not missing: either way it has gone
+    /// over as many bytes.
+    #[inline(always)]
+    pub fn next(&mut self, places: usize) -> Progress<'_> {
+        let mut begin = self.begin;
+        let (mut frames, mut framed, mut errors) = (0, 0, 0);
+        let mut found = None;
+        let mut drained = false;
+        for _ in 0..places {
+            let kept = self.end.wrapping_sub(begin);
+            if kept == 0 {
+                drained = true;
+                break;
             }
-        } else if self.candidate().is_some() {
-            // at-most: 20 the shortest frames in half the ring
-            self.settle(sink);
-        }
-    }
-
-    /// Length of the candidate at the front, once all of it is there.
-    #[inline]
-    fn candidate(&self) -> Option<usize> {
-        let whole = HEADER + usize::from(self.buffer[HEADER - 1]) + CHECKSUM;
-        (self.length >= HEADER && self.length >= whole).then_some(whole)
-    }
-
-    fn settle(&mut self, mut sink: impl FnMut(Frame<'_>)) {
-        // loop-bound: 32 the shortest frames in the longest buffer
-        // at-most: 40 every frame and what is looked at again after a damaged one
-        while let Some(whole) = self.candidate() {
-            let used = match check(self.buffer.get(..whole)) {
-                Some(frame) => {
-                    self.counters.frames = self.counters.frames.wrapping_add(1);
-                    // at-most: 8 messages of interest in half the ring
-                    sink(frame);
-                    whole
+            let mut passed = 1;
+            if byte(&self.cells, begin) == PREAMBLE {
+                let length = byte(&self.cells, begin.wrapping_add(LENGTH));
+                let covered = HEADER + usize::from(length);
+                if kept < covered + CHECKSUM {
+                    drained = true;
+                    break;
                 }
-                None => {
-                    self.counters.checksum_errors = self.counters.checksum_errors.wrapping_add(1);
-                    self.counters.skipped = self.counters.skipped.wrapping_add(1);
-                    1
+                let end = begin.wrapping_add(covered);
+                let first = checksum(&self.cells, begin.wrapping_add(KIND));
+                let second = checksum(&self.cells, end);
+                if between(first, second, length) == pair(&self.cells, end) {
+                    passed = covered + CHECKSUM;
+                    frames += 1;
+                    framed += passed;
+                    if passed >= places {
+                        found = Some(begin);
+                        begin = begin.wrapping_add(passed);
+                        break;
+                    }
+                } else {
+                    errors += 1;
                 }
-            };
-            self.discard(used);
-        }
-    }
-
-    /// Drops `used` bytes and everything from there to the next preamble.
-    fn discard(&mut self, used: usize) {
-        let rest = self.buffer.get(used..self.length).unwrap_or(&[]);
-        // loop-bound: 263 the whole buffer
-        // at-most: 430 half the ring and the buffer, none twice but after a damaged frame
-        let junk = rest
-            .iter()
-            .position(|&byte| byte == PREAMBLE)
-            .unwrap_or(rest.len());
-        self.counters.skipped = self.counters.skipped.wrapping_add(junk as u32);
-        let from = used + junk;
-        let left = self.length.saturating_sub(from);
-        // loop-bound: 263 the whole buffer
-        // at-most: 430 half the ring and the buffer, none twice but after a damaged frame
-        for to in 0..left {
-            let byte = self.buffer.get(from + to).copied().unwrap_or(0);
-            if let Some(slot) = self.buffer.get_mut(to) {
-                *slot = byte;
             }
+            begin = begin.wrapping_add(passed);
         }
-        self.length = left;
+        self.begin = begin;
+        self.frames = self.frames.wrapping_add(frames);
+        self.framed = self.framed.wrapping_add(framed);
+        self.errors = self.errors.wrapping_add(errors);
+        match found {
+            Some(at) => Progress::Frame(Frame {
+                cells: &self.cells,
+                at,
+            }),
+            None if drained => Progress::Drained,
+            None => Progress::More,
+        }
     }
-}
-
-/// Takes a complete candidate apart; `None` when its checksum is wrong.
-fn check(candidate: Option<&[u8]>) -> Option<Frame<'_>> {
-    let candidate = candidate?;
-    let (covered, received) = candidate.split_last_chunk::<CHECKSUM>()?;
-    let (_, covered) = covered.split_first()?;
-    if crc16(0, covered) != u16::from_le_bytes(*received) {
-        return None;
-    }
-    let (&[t0, t1, s0, s1, _], payload) = covered.split_first_chunk::<{ HEADER - 1 }>()?;
-    Some(Frame {
-        kind: u16::from_le_bytes([t0, t1]),
-        sender: u16::from_le_bytes([s0, s1]),
-        payload,
-    })
 }

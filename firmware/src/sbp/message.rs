@@ -160,138 +160,63 @@ pub enum Message {
 
 /// Decodes a frame; `None` for types that are not in use and for payloads of the wrong
 /// length.
+#[inline(always)]
 pub fn decode(frame: &Frame<'_>) -> Option<Message> {
-    let mut payload = Payload(frame.payload);
-    let message = match (frame.kind, frame.payload.len()) {
-        (0x0102 | 0x0100, 11) => {
-            let week = payload.u16()?;
-            let tow = payload.u32()?;
-            let nanoseconds = payload.u32()?.cast_signed();
-            let flags = payload.u8()?;
-            Message::Time(Time {
-                week,
-                tow,
-                nanoseconds,
-                valid: frame.kind == 0x0100 || flags & 0b111 != 0,
-            })
-        }
-        (0x020A | 0x0201, 34) => {
-            let tow = payload.u32()?;
-            let latitude = payload.f64()?;
-            let longitude = payload.f64()?;
-            let _height = payload.f64()?;
-            let _accuracies = payload.u32()?;
-            let satellites = payload.u8()?;
-            let flags = payload.u8()?;
-            Message::PositionLlh(PositionLlh {
-                tow,
-                latitude,
-                longitude,
-                satellites,
-                fix: if frame.kind == 0x020A {
-                    Fix::current(flags)
-                } else {
-                    Fix::deprecated_llh(flags)
-                },
-            })
-        }
-        (0x020C | 0x0203, 22) => {
-            let ned = payload.ned()?;
-            Message::PositionNed(PositionNed {
-                tow: ned.tow,
-                north: ned.north,
-                east: ned.east,
-                down: ned.down,
-                satellites: ned.satellites,
-                fix: if frame.kind == 0x020C {
-                    Fix::current(ned.flags)
-                } else {
-                    Fix::deprecated_baseline(ned.flags)
-                },
-            })
-        }
-        (0x020E | 0x0205, 22) => {
-            let ned = payload.ned()?;
-            Message::VelocityNed(VelocityNed {
-                tow: ned.tow,
-                north: ned.north,
-                east: ned.east,
-                down: ned.down,
-                satellites: ned.satellites,
-                valid: frame.kind == 0x0205 || ned.flags & 0b111 != 0,
-            })
-        }
-        (0x020F | 0x0207, 10) => {
-            let tow = payload.u32()?;
-            let millidegrees = payload.u32()?;
-            let satellites = payload.u8()?;
-            let flags = payload.u8()?;
-            Message::Heading(Heading {
-                tow,
-                millidegrees,
-                satellites,
-                fix: if frame.kind == 0x020F {
-                    Fix::current(flags)
-                } else {
-                    Fix::deprecated_baseline(flags)
-                },
-            })
-        }
-        (0xFFFF, 4) => Message::Heartbeat(payload.u32()?),
+    let kind = frame.kind();
+    let u32_at = |from| u32::from_le_bytes(frame.field(from));
+    let i32_at = |from| u32_at(from).cast_signed();
+    let u8_at = |from| u8::from_le_bytes(frame.field(from));
+    let message = match (kind, frame.length()) {
+        (0x0102 | 0x0100, 11) => Message::Time(Time {
+            week: u16::from_le_bytes(frame.field(0)),
+            tow: u32_at(2),
+            nanoseconds: i32_at(6),
+            valid: kind == 0x0100 || u8_at(10) & 0b111 != 0,
+        }),
+        // Height and accuracies are passed over here and below.
+        (0x020A | 0x0201, 34) => Message::PositionLlh(PositionLlh {
+            tow: u32_at(0),
+            latitude: f64::from_le_bytes(frame.field(4)),
+            longitude: f64::from_le_bytes(frame.field(12)),
+            satellites: u8_at(32),
+            fix: if kind == 0x020A {
+                Fix::current(u8_at(33))
+            } else {
+                Fix::deprecated_llh(u8_at(33))
+            },
+        }),
+        (0x020C | 0x0203, 22) => Message::PositionNed(PositionNed {
+            tow: u32_at(0),
+            north: i32_at(4),
+            east: i32_at(8),
+            down: i32_at(12),
+            satellites: u8_at(20),
+            fix: if kind == 0x020C {
+                Fix::current(u8_at(21))
+            } else {
+                Fix::deprecated_baseline(u8_at(21))
+            },
+        }),
+        (0x020E | 0x0205, 22) => Message::VelocityNed(VelocityNed {
+            tow: u32_at(0),
+            north: i32_at(4),
+            east: i32_at(8),
+            down: i32_at(12),
+            satellites: u8_at(20),
+            valid: kind == 0x0205 || u8_at(21) & 0b111 != 0,
+        }),
+        (0x020F | 0x0207, 10) => Message::Heading(Heading {
+            tow: u32_at(0),
+            millidegrees: u32_at(4),
+            satellites: u8_at(8),
+            fix: if kind == 0x020F {
+                Fix::current(u8_at(9))
+            } else {
+                Fix::deprecated_baseline(u8_at(9))
+            },
+        }),
+        (0xFFFF, 4) => Message::Heartbeat(u32_at(0)),
         _ => return None,
     };
     Some(message)
-}
-
-/// The layout that baseline and velocity share.
-struct Ned {
-    tow: u32,
-    north: i32,
-    east: i32,
-    down: i32,
-    satellites: u8,
-    flags: u8,
-}
-
-/// Reads little-endian fields from the front.
-struct Payload<'a>(&'a [u8]);
-
-impl Payload<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (field, rest) = self.0.split_first_chunk::<N>()?;
-        self.0 = rest;
-        Some(*field)
-    }
-
-    fn u8(&mut self) -> Option<u8> {
-        self.take().map(u8::from_le_bytes)
-    }
-
-    fn u16(&mut self) -> Option<u16> {
-        self.take().map(u16::from_le_bytes)
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.take().map(u32::from_le_bytes)
-    }
-
-    fn f64(&mut self) -> Option<f64> {
-        self.take().map(f64::from_le_bytes)
-    }
-
-    fn ned(&mut self) -> Option<Ned> {
-        let tow = self.u32()?;
-        let north = self.u32()?.cast_signed();
-        let east = self.u32()?.cast_signed();
-        let down = self.u32()?.cast_signed();
-        let _accuracies = self.u32()?;
-        Some(Ned {
-            tow,
-            north,
-            east,
-            down,
-            satellites: self.u8()?,
-            flags: self.u8()?,
-        })
-    }
 }

@@ -2,13 +2,13 @@
 //! vehicle uses.
 //!
 //! Frame: `55 | type u16 | sender u16 | length u8 | payload | CRC u16`, little-endian. The
-//! parser takes bytes as they arrive; a damaged frame costs no more than itself, because the
-//! bytes behind its preamble are looked at again.
+//! parser takes bytes as they arrive and looks for frames in short steps; a damaged frame
+//! costs no more than itself, because the bytes behind its preamble are looked at again.
 
 mod crc;
 mod framing;
 mod message;
 
 pub use crc::crc16;
-pub use framing::{Counters, Frame, MAX_PAYLOAD, Parser};
+pub use framing::{CAPACITY, Counters, Frame, LOT, MAX_PAYLOAD, Parser, Progress};
 pub use message::{Fix, Heading, Message, PositionLlh, PositionNed, Time, VelocityNed, decode};

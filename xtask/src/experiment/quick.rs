@@ -16,7 +16,7 @@ use control::{
 use firmware::{
     actuator::{Drive, steering_effort},
     convert, design,
-    navigation::Station,
+    navigation::{Station, Step},
 };
 use network::{
     Message, matrix,
@@ -131,19 +131,18 @@ impl Loop {
                 continue;
             };
             *heard = output.at;
-            let mut bytes = [byte].into_iter();
-            station.feed(
-                || bytes.next(),
-                0,
-                |(window, data)| {
+            station.take([byte].into_iter());
+            let mut more = Step::More;
+            while more == Step::More {
+                more = station.step(0, |(window, data)| {
                     let data = data.as_ref();
                     if window == matrix::window::POSITION {
                         *position = data.and_then(|data| Position::decode(data).ok());
                     } else if window == matrix::window::VELOCITY {
                         *velocity = data.and_then(|data| Velocity::decode(data).ok());
                     }
-                },
-            );
+                });
+            }
         }
     }
 
