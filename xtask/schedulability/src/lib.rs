@@ -18,6 +18,7 @@ pub mod bus;
 pub mod can;
 pub mod chains;
 pub mod execution;
+pub mod kernels;
 pub mod model;
 pub mod node;
 pub mod priorities;

@@ -272,6 +272,25 @@ impl MessageReport {
     }
 }
 
+/// A kernel: a small program by which the analysis itself is judged.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KernelReport {
+    /// Its name.
+    pub name: String,
+    /// Bound in cycles: zero wait states, as flashed.
+    pub bound: [u64; 2],
+    /// Longest time of many emulated runs; as above.
+    pub seen: [u64; 2],
+}
+
+impl KernelReport {
+    /// Bound over the longest time seen.
+    #[must_use]
+    pub fn ratio(&self, model: usize) -> f64 {
+        self.bound[model] as f64 / self.seen[model].max(1) as f64
+    }
+}
+
 /// The end of one step of a chain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StepReport {
@@ -334,6 +353,8 @@ pub struct Report {
     pub messages: Vec<MessageReport>,
     /// By chain; a chain through a node that is not analysed is left out.
     pub chains: Vec<ChainReport>,
+    /// By kernel, where they were measured.
+    pub kernels: Vec<KernelReport>,
     /// Length of the basic cycle.
     pub basic_cycle: Picoseconds,
     /// What the answers rest on, one sentence each.

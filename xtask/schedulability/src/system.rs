@@ -156,6 +156,7 @@ impl Programs {
             nodes,
             messages,
             chains,
+            kernels: Vec::new(),
             basic_cycle,
         })
     }

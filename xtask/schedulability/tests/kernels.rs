@@ -3,12 +3,15 @@
 mod common;
 #[path = "kernels/flow.rs"]
 mod flow;
+#[path = "kernels/lasting.rs"]
+mod lasting;
 
 use std::collections::HashMap;
 
-use common::{Emulator, INPUT, image_path, kernel};
+use common::{Emulator, image_path, kernel};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use schedulability::kernels::{self, INPUT};
 use schedulability::wcet::analysis::{Analysis, Bound, Entry};
 use schedulability::wcet::annotation::Annotations;
 use schedulability::wcet::image::Image;
@@ -21,72 +24,6 @@ fn runs() -> u64 {
         .ok()
         .and_then(|runs| runs.parse().ok())
         .unwrap_or(60)
-}
-
-const KERNELS: [&str; 34] = [
-    "arithmetic::divide_u64",
-    "arithmetic::divide_i64",
-    "arithmetic::remainder_u64",
-    "arithmetic::polynomial_f32",
-    "arithmetic::polynomial_f64",
-    "arithmetic::divide_f64",
-    "arithmetic::root_f32",
-    "arithmetic::product_u64",
-    "arithmetic::greatest_divisor",
-    "arithmetic::bits_set",
-    "arithmetic::fixed_point_filter",
-    "arrays::nested",
-    "arrays::triangular",
-    "arrays::matrix_f32",
-    "arrays::matrix_i32",
-    "arrays::insertion_sort",
-    "arrays::bubble_sort",
-    "arrays::heap_sort",
-    "arrays::binary_search",
-    "arrays::copy_some",
-    "arrays::copy_all",
-    "arrays::fill_some",
-    "arrays::sieve",
-    "arrays::median",
-    "control::early_exit",
-    "control::table_jump",
-    "control::pointer_table",
-    "control::state_machine",
-    "control::choices",
-    "text::crc8_bits",
-    "text::crc32_table",
-    "text::decimal",
-    "text::parse_number",
-    "text::hexadecimal",
-];
-
-/// Inputs of different character, because uniform words are seldom the worst.
-fn input(random: &mut ChaCha8Rng, run: u64) -> [u32; 64] {
-    let mut words = [0; 64];
-    let level = random.next_u32();
-    for (index, word) in words.iter_mut().enumerate() {
-        let value = random.next_u32();
-        *word = match run % 9 {
-            0 => value,
-            1 => value >> (level % 32),
-            2 => u32::MAX - index as u32,
-            3 => index as u32 * 3 + (level & 0xff),
-            4 => level,
-            5 => value | 0x7f80_0000,
-            6 => value & 0x3f80_00ff,
-            7 => value >> (value % 32),
-            _ => u32::MAX << (value % 32),
-        };
-    }
-    match run % 11 {
-        // The two numbers that take Euclid longest.
-        3 => (words[0], words[1]) = (1_836_311_903, 2_971_215_073),
-        4 => words[0] = 100,
-        5 => words[0] = 63,
-        6 => words[63] = 0,
-        _ => {}
-    }
-    words
 }
 
 fn analyse(analysis: &mut Analysis<'_>, name: &str) -> Bound {
@@ -131,7 +68,7 @@ fn bounds_hold_on_the_emulator() {
         "{:32} {:>8} {:>8} {:>6} {:>8}",
         "kernel", "seen", "bound", "ratio", "flash"
     );
-    for name in KERNELS {
+    for name in kernels::NAMES {
         let bound = analyse(&mut analysis, name);
         if !bound.problems.is_empty() {
             unbounded.push((name, bound.problems));
@@ -142,7 +79,7 @@ fn bounds_hold_on_the_emulator() {
         let mut random = ChaCha8Rng::seed_from_u64(11);
         let mut longest = 0;
         for run in 0..runs() {
-            let words = input(&mut random, run);
+            let words = kernels::input(|| random.next_u32(), run);
             // The path itself is checked on the first runs only.
             let mut executed: HashMap<u32, u64> = HashMap::new();
             let cycles = if run < 60 {

@@ -118,6 +118,7 @@ fn vehicle() -> Report {
         chains: chains.collect(),
         nodes,
         messages,
+        kernels: Vec::new(),
         basic_cycle: 100_000_000_000,
         assumptions: vec!["Nobody presses <all> buttons at once.".to_owned()],
     }

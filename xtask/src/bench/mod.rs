@@ -3,10 +3,12 @@
 
 pub mod control;
 pub mod cycles;
+pub mod kernels;
 pub mod size;
 
 use std::{env, fmt::Write, path::PathBuf, process::Stdio};
 
+use schedulability::results::KernelReport;
 use serde_json::{Value, json};
 
 use crate::{
@@ -108,7 +110,7 @@ impl<'w> Builder<'w> {
         self.build(STACK, name, parts, profile)
     }
 
-    /// Builds a program of a package.
+    /// Builds a program of a package; the bytes of its ELF file.
     fn build(
         &self,
         package: &str,
@@ -116,6 +118,19 @@ impl<'w> Builder<'w> {
         parts: Parts,
         profile: Profile,
     ) -> Result<Vec<u8>, Failure> {
+        let path = self.file(package, name, parts, profile)?;
+        std::fs::read(&path)
+            .map_err(|error| Failure::Failed(format!("{} cannot be read: {error}", path.display())))
+    }
+
+    /// Builds a program of a package; where its ELF file is.
+    fn file(
+        &self,
+        package: &str,
+        name: &str,
+        parts: Parts,
+        profile: Profile,
+    ) -> Result<PathBuf, Failure> {
         let folder = env::var_os("CARGO_TARGET_DIR")
             .map_or_else(|| self.workspace.root().join("target"), PathBuf::from)
             .join("bench");
@@ -130,14 +145,12 @@ impl<'w> Builder<'w> {
             .map_err(|error| Failure::Failed(format!("cargo cannot be run: {error}")))?;
         let messages = String::from_utf8_lossy(&output.stdout);
         let path = build::executable(&messages, name).filter(|_| output.status.success());
-        let path = path.ok_or_else(|| {
+        path.ok_or_else(|| {
             Failure::Failed(format!(
                 "the program `{name}` ({}) did not build",
                 parts.name
             ))
-        })?;
-        std::fs::read(&path)
-            .map_err(|error| Failure::Failed(format!("{} cannot be read: {error}", path.display())))
+        })
     }
 }
 
@@ -161,10 +174,15 @@ pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
         })
         .collect::<Result<Vec<_>, Failure>>()?;
     let step = control::measure(&builder)?;
+    let kernels = kernels::measure(&builder)?;
     if options.json {
-        println!("{}", report_json(&cycles, &sizes, &step));
+        println!("{}", report_json(&cycles, &sizes, &step, &kernels));
     } else {
         print!("{}\n{}", report(&cycles, &sizes), control::report(&step));
+        println!(
+            "\nCycles of the execution-time analysis' kernels, without wait states and with five"
+        );
+        print!("{}", schedulability::report::kernels(&kernels));
     }
     Ok(())
 }
@@ -214,7 +232,12 @@ fn write_report(t: &mut String, cycles: &Cycles, sizes: &Sizes) -> std::fmt::Res
     Ok(())
 }
 
-fn report_json(cycles: &Cycles, sizes: &Sizes, step: &[control::Cost]) -> String {
+fn report_json(
+    cycles: &Cycles,
+    sizes: &Sizes,
+    step: &[control::Cost],
+    kernels: &[KernelReport],
+) -> String {
     let cycles: Vec<Value> = cycles
         .iter()
         .map(|(parts, costs)| {
@@ -244,6 +267,15 @@ fn report_json(cycles: &Cycles, sizes: &Sizes, step: &[control::Cost]) -> String
         .collect();
     format!(
         "{:#}",
-        json!({ "cycles": cycles, "bytes": sizes, "control_step": step })
+        json!({
+            "cycles": cycles,
+            "bytes": sizes,
+            "control_step": step,
+            "kernels": kernels.iter().map(|kernel| json!({
+                "name": kernel.name,
+                "bound": kernel.bound,
+                "seen": kernel.seen,
+            })).collect::<Vec<_>>(),
+        })
     )
 }

@@ -14,7 +14,7 @@ use schedulability::{
 };
 
 use crate::{
-    Failure, Node, Workspace,
+    Failure, Node, Workspace, bench,
     build::{self, Image},
     cli::{Priorities, Schedulability},
 };
@@ -157,7 +157,10 @@ pub(crate) fn analyse(workspace: &Workspace, nodes: &[Node]) -> Result<Report, F
         .map_err(wrong)
         .and_then(|programs| {
             let observed = observe::observe(&images, &programs, &mut |what| show(what))?;
-            programs.report(&observed, &show).map_err(wrong)
+            let mut report = programs.report(&observed, &show).map_err(wrong)?;
+            show("kernels");
+            report.kernels = bench::kernels::measure(&bench::Builder::new(workspace)?)?;
+            Ok(report)
         });
     end(&display);
     report
@@ -253,6 +256,7 @@ mod tests {
                 latency,
                 deadline: 5_000_000,
             }],
+            kernels: Vec::new(),
             basic_cycle: 100_000_000_000,
             assumptions: Vec::new(),
         }

@@ -7,15 +7,27 @@ use crate::results::{NodeReport, Report, TaskReport};
 /// Everything; times in picoseconds.
 #[must_use]
 pub fn json(report: &Report) -> Value {
+    let median = |model, tasks, kernels| super::median_ratio(report, model, tasks, kernels);
     json!({
         "schedulable": report.schedulable(),
         "first_miss": report.first_miss(),
         "basic_cycle_ps": report.basic_cycle,
         "assumptions": report.assumptions,
         "median_ratio": {
-            "zero_wait": super::median_ratio(report, 0),
-            "as_flashed": super::median_ratio(report, 1),
+            "zero_wait": median(0, true, false),
+            "as_flashed": median(1, true, false),
+            "kernels_zero_wait": median(0, false, true),
+            "kernels_as_flashed": median(1, false, true),
+            "both_zero_wait": median(0, true, true),
+            "both_as_flashed": median(1, true, true),
         },
+        "kernels": report.kernels.iter().map(|kernel| json!({
+            "name": kernel.name,
+            "bound_cycles": kernel.bound[0],
+            "bound_cycles_flash": kernel.bound[1],
+            "observed_cycles": kernel.seen[0],
+            "observed_cycles_flash": kernel.seen[1],
+        })).collect::<Vec<_>>(),
         "nodes": report.nodes.iter().map(node).collect::<Vec<_>>(),
         "messages": report.messages.iter().map(|message| json!({
             "name": message.name,

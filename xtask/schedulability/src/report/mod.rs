@@ -13,7 +13,7 @@ pub use table::table;
 
 use std::collections::BTreeMap;
 
-use crate::results::{Picoseconds, Report, TaskReport, time};
+use crate::results::{KernelReport, Picoseconds, Report, TaskReport, time};
 
 fn or_dash(value: Option<Picoseconds>) -> String {
     value.map_or_else(|| "-".to_owned(), time)
@@ -74,16 +74,67 @@ const LEGEND: &str = "every: least time between two releases, or how many of the
     lower priority; response: worst time from release to end of the release with the least room; \
     may grow: how much longer one job may take before anything on the node misses.";
 
-/// Median of the ratios of a timing model, over all tasks that have one.
-fn median_ratio(report: &Report, model: usize) -> Option<f64> {
-    let tasks = report.nodes.iter().flat_map(|node| &node.tasks);
-    let mut ratios: Vec<f64> = tasks.filter_map(|task| task.ratio(model)).collect();
+/// Median of the ratios of a timing model, over the tasks and the kernels that
+/// are wanted.
+fn median_ratio(report: &Report, model: usize, tasks: bool, kernels: bool) -> Option<f64> {
+    let nodes = report.nodes.iter().filter(|_| tasks);
+    let of_tasks = nodes
+        .flat_map(|node| &node.tasks)
+        .filter_map(|task| task.ratio(model));
+    let of_kernels = report.kernels.iter().filter(|_| kernels);
+    let mut ratios: Vec<f64> = of_tasks
+        .chain(of_kernels.map(|kernel| kernel.ratio(model)))
+        .collect();
     ratios.sort_by(f64::total_cmp);
     match ratios.len() {
         0 => None,
         n if n % 2 == 1 => Some(ratios[n / 2]),
         n => Some((ratios[n / 2 - 1] + ratios[n / 2]) / 2.0),
     }
+}
+
+/// How tight the bounds are: medians over tasks, kernels and both, each at zero
+/// wait states and as flashed.
+fn tightness(report: &Report) -> Option<String> {
+    let of = |what: &str, tasks, kernels| {
+        let zero = median_ratio(report, 0, tasks, kernels)?;
+        let flash = median_ratio(report, 1, tasks, kernels)?;
+        Some(format!("{what} {zero:.2} and {flash:.2}"))
+    };
+    let all = [
+        of("tasks", true, false),
+        of("kernels", false, true),
+        of("both", true, true).filter(|_| !report.kernels.is_empty()),
+    ];
+    let all: Vec<String> = all.into_iter().flatten().collect();
+    (!all.is_empty()).then(|| {
+        format!(
+            "median of bound over seen, at zero wait states and as flashed: {}",
+            all.join(", ")
+        )
+    })
+}
+
+/// The kernels' bounds beside what was seen of them.
+#[must_use]
+pub fn kernels(all: &[KernelReport]) -> String {
+    use std::fmt::Write as _;
+    let mut text = format!(
+        "{:30} {:>8} {:>8} {:>6} {:>10} {:>8} {:>6}\n",
+        "kernel", "bound", "seen", "ratio", "as flashed", "seen", "ratio"
+    );
+    for kernel in all {
+        let [bound, flash] = kernel.bound;
+        let [seen, seen_flash] = kernel.seen;
+        let _ = writeln!(
+            text,
+            "{:30} {bound:>8} {seen:>8} {:>6.2} {flash:>10} {seen_flash:>8} {:>6.2}",
+            kernel.name,
+            kernel.ratio(0),
+            kernel.ratio(1)
+        );
+    }
+    text
 }
 
 /// What the runs say of graph and loop bounds; `None` without a run.

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use crate::execution::picoseconds;
 use crate::results::{NodeReport, Report, time};
 
-use super::{HEADINGS, LEGEND, followed, median_ratio, or_dash, row, verdict};
+use super::{HEADINGS, LEGEND, followed, or_dash, row, tightness, verdict};
 
 /// Everything, as text.
 #[must_use]
@@ -21,11 +21,8 @@ pub fn table(report: &Report) -> String {
         let _ = writeln!(text, "  - {assumption}");
     }
     let _ = writeln!(text, "{LEGEND}");
-    if let (Some(zero), Some(flash)) = (median_ratio(report, 0), median_ratio(report, 1)) {
-        let _ = writeln!(
-            text,
-            "median of bound over seen: {zero:.2} at zero wait states, {flash:.2} as flashed"
-        );
+    if let Some(tightness) = tightness(report) {
+        let _ = writeln!(text, "{tightness}");
     }
     if let Some(followed) = followed(report) {
         let _ = writeln!(text, "{followed}");

@@ -6,10 +6,9 @@ use std::sync::{Arc, OnceLock};
 
 use rsemu::core::space::{AddressSpace, RamStore, Region};
 use rsemu::cpu::arm::v7m::{ArmV7m, Config};
+use schedulability::kernels::{self, INPUT};
 use schedulability::wcet::image::Image;
 
-/// Where the kernels' input is.
-pub const INPUT: u32 = 0x2000_8000;
 const STACK: u32 = 0x2000_8000;
 const FLASH: u32 = 0x0800_0000;
 const RAM: u32 = 0x2000_0000;
@@ -43,12 +42,7 @@ pub fn image_path() -> &'static Path {
 
 /// Address of the kernel with this name.
 pub fn kernel(image: &Image, name: &str) -> u32 {
-    let full = format!("kernels::{name}");
-    image
-        .functions()
-        .find(|(_, function)| function.name == full)
-        .unwrap_or_else(|| panic!("no kernel {name}"))
-        .0
+    kernels::find(image, name).unwrap_or_else(|| panic!("no kernel {name}"))
 }
 
 /// A core with the kernels in its flash.

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use crate::common::{INPUT, image_path, kernel};
+use crate::common::{image_path, kernel};
+use schedulability::kernels::INPUT;
 use schedulability::stack::Stacks;
 use schedulability::wcet::analysis::{Analysis, Entry};
 use schedulability::wcet::annotation::Annotations;

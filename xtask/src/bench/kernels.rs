@@ -1,0 +1,164 @@
+//! The kernels of the execution-time analysis: the bound of each beside the longest of
+//! many emulated runs.
+
+use std::{sync::Arc, thread};
+
+use schedulability::{
+    kernels::{INPUT, NAMES, find, input},
+    results::KernelReport,
+    wcet::{
+        analysis::{Analysis, Entry},
+        annotation::Annotations,
+        image::Image,
+        timing::Timing,
+    },
+};
+use twin::{
+    mcu::{Board, FlashTiming, Mcu},
+    part::Part,
+};
+use world::random::{Purpose, Stream};
+
+use super::{Builder, LEAST, Profile, cycles::BUDGET};
+use crate::Failure;
+
+/// Their package, from the root of the workspace.
+const PACKAGE: &str = "xtask/schedulability/kernels/Cargo.toml";
+/// Runs of each, under each timing.
+const RUNS: u64 = 200;
+/// What stands in front of them: stack pointer and reset vector, and from 0x200 on a
+/// start that turns the floating-point unit on (CPACR), sets flash latency, prefetch and
+/// caches as the board does (FLASH_ACR), and waits.
+const VECTORS: [u32; 2] = [INPUT, 0x0800_0201];
+const START: [u32; 9] = [
+    0x4905_4804,
+    0x4805_6001,
+    0x6001_4905,
+    0xBF00_E7FE,
+    0xBF00_BF00,
+    0xE000_ED88,
+    0x00F0_0000,
+    0x4002_3C00,
+    0x0000_0705,
+];
+/// Where it waits, and kernels return to.
+const IDLE: u32 = 0x0800_020C;
+
+/// Bounds and runs them.
+///
+/// # Errors
+///
+/// They do not build, one of them has no bound, or runs longer than its bound says.
+pub fn measure(builder: &Builder) -> Result<Vec<KernelReport>, Failure> {
+    let path = builder.file(PACKAGE, "kernels", LEAST, Profile::Release)?;
+    let failed = |what: String| Failure::Failed(format!("the kernels: {what}"));
+    let image = Image::read(&path).map_err(|error| failed(error.to_string()))?;
+    let annotations = Annotations::new(builder.workspace.root());
+    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let mut kernels = Vec::new();
+    for name in NAMES {
+        let entry = find(&image, name).ok_or_else(|| failed(format!("there is no {name}")))?;
+        let bound = analysis.run_with(entry, Entry::Function, &[(0, INPUT)]);
+        if let Some(problem) = bound.problems.first() {
+            return Err(failed(format!("{name} has no bound: {problem}")));
+        }
+        kernels.push((name, entry, bound.cycles));
+    }
+    let entries: Vec<u32> = kernels.iter().map(|(_, entry, _)| *entry).collect();
+    let memory = Memory::new(&image);
+    let run = &|timing| longest(&memory, &entries, timing);
+    let [zero, flash] = thread::scope(|scope| {
+        let timings = [FlashTiming::Immediate, FlashTiming::WaitStates];
+        let handles = timings.map(|timing| scope.spawn(move || run(timing)));
+        handles.map(thread::ScopedJoinHandle::join)
+    });
+    let broken = |_| failed("the emulation broke down".to_owned());
+    let (zero, flash) = (zero.map_err(broken)??, flash.map_err(broken)??);
+    let seen = zero.into_iter().zip(flash);
+    kernels
+        .into_iter()
+        .zip(seen)
+        .map(|((name, _, bound), (zero, flash))| {
+            let seen = [zero, flash];
+            if seen[0] > bound[0] || seen[1] > bound[1] {
+                return Err(failed(format!(
+                    "{name} takes {zero} and {flash} cycles, more than its bounds of {} and {}: \
+                     the analysis is unsound",
+                    bound[0], bound[1]
+                )));
+            }
+            Ok(KernelReport {
+                name: name.to_owned(),
+                bound,
+                seen,
+            })
+        })
+        .collect()
+}
+
+/// What is where before a kernel is called.
+struct Memory {
+    flash: Vec<u8>,
+    /// Address and contents.
+    ram: Vec<(u32, Vec<u8>)>,
+}
+
+impl Memory {
+    fn new(image: &Image) -> Self {
+        let base = Part::F446.flash().base;
+        let mut flash = vec![0xFF; 256 * 1024];
+        let mut ram = Vec::new();
+        let words = |words: &[u32]| -> Vec<u8> {
+            words.iter().flat_map(|word| word.to_le_bytes()).collect()
+        };
+        let start = [(base, words(&VECTORS)), (base + 0x200, words(&START))];
+        let contents = image.contents().map(|(at, bytes)| (at, bytes.to_vec()));
+        for (address, bytes) in start.into_iter().chain(contents) {
+            let place = address.checked_sub(base).map(|offset| offset as usize);
+            match place.and_then(|at| flash.get_mut(at..at + bytes.len())) {
+                Some(place) => place.copy_from_slice(&bytes),
+                None => ram.push((address, bytes)),
+            }
+        }
+        Self { flash, ram }
+    }
+}
+
+/// The longest run of each kernel.
+fn longest(memory: &Memory, entries: &[u32], flash: FlashTiming) -> Result<Vec<u64>, Failure> {
+    let failed = |what: &str| Failure::Failed(format!("the kernels {what}"));
+    let image = twin::image::Image::from_code(Part::F446, &memory.flash)
+        .map_err(|error| Failure::Failed(error.to_string()))?;
+    let board = Board {
+        flash,
+        ..Board::default()
+    };
+    let mut core = Mcu::new(Arc::new(image), &board, None);
+    if !core.run_to(IDLE, BUDGET) {
+        return Err(failed("do not start"));
+    }
+    let mut all = Vec::new();
+    for &entry in entries {
+        let mut random = Stream::new(11, Purpose::Faults);
+        let mut longest = 0;
+        for run in 0..RUNS {
+            for (address, bytes) in &memory.ram {
+                core.set_memory(*address, bytes);
+            }
+            let words = input(|| (random.bits() >> 32) as u32, run);
+            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            core.set_memory(INPUT, &bytes);
+            core.set_register(0, INPUT);
+            core.set_register(13, INPUT);
+            core.set_register(14, IDLE | 1);
+            core.set_register(15, entry);
+            let begin = core.cycles();
+            if !core.run_to(IDLE, BUDGET) || core.is_locked_up() {
+                return Err(failed("do not return"));
+            }
+            longest = longest.max(core.cycles() - begin);
+        }
+        all.push(longest);
+    }
+    Ok(all)
+}
