@@ -85,6 +85,11 @@ impl Execution {
             Part::F303 => Timing::f303(),
         };
         let mut analysis = Analysis::new(image, annotations, part);
+        let main = image.symbol("main");
+        if let Some(main) = main {
+            progress("what start-up sets");
+            analysis.learn(main, &image.handlers());
+        }
         let mut stacks = Stacks::new(image);
         let exceptions = [Timing::zero_wait(), part].map(|timing| timing.exceptions());
         let mut execution = Self::default();
@@ -146,7 +151,7 @@ impl Execution {
             );
         }
         let mut fpu = levels.values().any(|(_, fpu)| *fpu);
-        if let Some(main) = image.symbol("main") {
+        if let Some(main) = main {
             progress("start-up and idle");
             let bound = analysis.run(main, Entry::Program);
             execution.add_sections(&bound, "main", 0, image);

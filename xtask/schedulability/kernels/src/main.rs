@@ -11,6 +11,7 @@ mod arithmetic;
 mod arrays;
 mod broken;
 mod control;
+mod start;
 mod text;
 
 use core::panic::PanicInfo;
@@ -72,6 +73,19 @@ pub static BROKEN: [Kernel; 3] = [
 /// A function that calls through what it is given.
 #[used]
 pub static POINTER: fn(&mut fn(u32) -> u32) -> u32 = broken::pointer_from_memory;
+
+/// A start-up, and handlers that may run after it.
+#[used]
+pub static HANDLERS: [fn(); 4] = [
+    start::set_up,
+    start::use_pointer,
+    start::use_index,
+    start::move_pointer,
+];
+
+/// One that writes through what it is given.
+#[used]
+pub static ANYWHERE: fn(&core::sync::atomic::AtomicU32) = start::write_anywhere;
 
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {

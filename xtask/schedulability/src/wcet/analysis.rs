@@ -19,6 +19,7 @@ use super::image::{Image, Place};
 use super::instruction::{Flow, Instruction};
 use super::invariant::Invariant;
 use super::ipet;
+use super::lasting::{Memory, Words, Written, give_up, leads_to_memory, reach};
 use super::range::Range;
 use super::runtime;
 use super::software;
@@ -47,7 +48,7 @@ const MAX_COPY: u64 = 4096;
 const RETURN: u32 = 0xffff_fff9;
 
 /// How the analysed code is entered and left.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Entry {
     /// As an exception handler: entry and return are charged.
     Handler,
@@ -208,6 +209,8 @@ pub struct Analysis<'a> {
     targets: Targets,
     returning: Returning,
     graphs: HashMap<u32, Rc<Graph>>,
+    lasting: Rc<Words>,
+    known: HashMap<(u32, Entry), Bound>,
 }
 
 impl<'a> Analysis<'a> {
@@ -221,17 +224,60 @@ impl<'a> Analysis<'a> {
             targets: Targets::new(),
             returning: Returning::default(),
             graphs: HashMap::new(),
+            lasting: Rc::default(),
+            known: HashMap::new(),
+        }
+    }
+
+    /// Finds the words that start-up from `main` leaves in memory for good,
+    /// which are taken for granted from then on. `handlers` are all there are.
+    pub fn learn(&mut self, main: u32, handlers: &[u32]) -> &Words {
+        let unfollowed = |bound: &Bound| {
+            let mut problems = bound.problems.iter();
+            problems.any(|problem| !matches!(problem, Problem::LoopWithoutBound(_)))
+        };
+        let (program, memory) = self.explore(main, Entry::Program, &[]);
+        let lost = memory.lost || unfollowed(&program);
+        self.known.insert((main, Entry::Program), program);
+        let mut words = match memory.left {
+            Some(words) if !lost => words,
+            _ => return &self.lasting,
+        };
+        give_up(&mut words, &memory.written);
+        loop {
+            self.lasting = Rc::new(words.clone());
+            let mut written = Written::new();
+            let mut lost = false;
+            for &handler in handlers {
+                let (bound, memory) = self.explore(handler, Entry::Handler, &[]);
+                lost |= unfollowed(&bound);
+                written.extend(memory.written);
+                self.known.insert((handler, Entry::Handler), bound);
+            }
+            if lost && !words.is_empty() {
+                words.clear();
+            } else if !give_up(&mut words, &written) {
+                return &self.lasting;
+            }
         }
     }
 
     /// Bounds the code at `entry`.
     pub fn run(&mut self, entry: u32, kind: Entry) -> Bound {
-        self.run_with(entry, kind, &[])
+        match self.known.get(&(entry, kind)) {
+            Some(bound) => bound.clone(),
+            None => self.run_with(entry, kind, &[]),
+        }
     }
 
     /// Bounds the code at `entry` when it is entered with these words in core
     /// registers (0..=12).
     pub fn run_with(&mut self, entry: u32, kind: Entry, registers: &[(u8, u32)]) -> Bound {
+        self.explore(entry, kind, registers).0
+    }
+
+    /// Bounds the code at `entry` and says what it did to memory.
+    fn explore(&mut self, entry: u32, kind: Entry, registers: &[(u8, u32)]) -> (Bound, Memory) {
         // Jump tables are found on the way; the flow is rebuilt with their
         // targets until there are no new ones.
         loop {
@@ -255,6 +301,11 @@ impl<'a> Analysis<'a> {
             let result = run.whole(entry, registers);
             let found = std::mem::take(&mut run.found);
             let ended = run.ended;
+            let memory = run
+                .executor
+                .take()
+                .map(Executor::into_memory)
+                .unwrap_or_default();
             let bound = Bound {
                 cycles: longer(result.unwrap_or([0; 2]), ended),
                 stack: STACK_TOP - run.lowest,
@@ -270,7 +321,7 @@ impl<'a> Analysis<'a> {
                 problems: std::mem::take(&mut run.problems),
             };
             if found.is_empty() {
-                return self.tightened(bound, entry, kind);
+                return (self.tightened(bound, entry, kind), memory);
             }
             for (jump, targets) in found {
                 self.targets.entry(jump).or_default().extend(targets);
@@ -373,7 +424,7 @@ type Exits = Vec<(To, State)>;
 
 impl<'a> Run<'_, 'a> {
     fn whole(&mut self, entry: u32, registers: &[(u8, u32)]) -> Option<Cycles> {
-        let mut symbols = Symbols::default();
+        let mut symbols = Symbols::of(self.analysis.image.variables());
         let mut state = State::entry(&mut symbols);
         state.registers[14] = Value::constant(RETURN);
         for &(register, word) in registers {
@@ -381,6 +432,8 @@ impl<'a> Run<'_, 'a> {
         }
         if self.kind == Entry::Program {
             state.started = false;
+            let words = self.analysis.image.initial_words();
+            state.memory = Rc::new(words.filter(|(_, word)| leads_to_memory(*word)).collect());
         }
         if self.kind == Entry::Handler {
             let costs = self
@@ -392,6 +445,10 @@ impl<'a> Run<'_, 'a> {
         self.executor = Some(Executor {
             image: self.analysis.image,
             symbols,
+            memory: Memory {
+                lasting: self.analysis.lasting.clone(),
+                ..Memory::default()
+            },
         });
         let mut last = self.function(entry, RETURN & !1, state)?;
         if self.kind == Entry::Handler {
@@ -454,14 +511,29 @@ impl<'a> Run<'_, 'a> {
                 None => bytes,
             })
             .filter(|bytes| *bytes <= MAX_COPY);
+        let outer = self.executor().memory.target;
+        let length = runtime::writes_from_first(&self.analysis.image.name(entry));
+        if let (None, Some(length)) = (outer, length) {
+            // It writes what it is told to and nothing else.
+            let most = state.registers[length].range.unsigned().1.max(1);
+            let executor = self.executor();
+            let to = reach(&executor.symbols, &state.registers[0], most);
+            executor.memory.target = Some(to);
+        }
+        let saved = length.map(|_| state.registers);
         self.frames.push((entry, back, bytes));
         let (exits, _) = self.region(&graph, None, 0, state);
         self.frames.pop();
+        self.executor().memory.target = outer;
         let mut returned = None;
         for (to, state) in exits {
             if to == To::Return {
                 self.join(&mut returned, state);
             }
+        }
+        // What writes through pointers of its own gives back what it saved.
+        if let (Some(state), Some(saved)) = (&mut returned, saved) {
+            state.registers[4..12].copy_from_slice(&saved[4..12]);
         }
         returned
     }
@@ -596,7 +668,7 @@ impl<'a> Run<'_, 'a> {
                 && entered
                 && (self.steps > limit || bound.is_none())
             {
-                let exits = self.remaining_turns(graph, number, &first, next, remaining);
+                let exits = self.remaining_turns(graph, number, &first, next, remaining, bound);
                 self.merge(&mut all, exits);
                 turns += remaining;
                 break;
@@ -630,9 +702,13 @@ impl<'a> Run<'_, 'a> {
         before: &State,
         next: State,
         remaining: u64,
+        bound: Option<u64>,
     ) -> Exits {
         let header = graph.loops[number].header;
-        let mut invariant = Invariant::guess(before, next, remaining, &mut self.executor().symbols);
+        // Without a bound there may be any number of turns, though none of them
+        // is charged.
+        let reach = bound.map_or(u64::MAX, |_| remaining);
+        let mut invariant = Invariant::guess(before, next, reach, &mut self.executor().symbols);
         loop {
             let first = invariant.state().clone();
             let facts = std::mem::take(&mut self.facts);
@@ -720,9 +796,13 @@ impl<'a> Run<'_, 'a> {
             }
             states = taken;
         }
-        let mut joined = None;
-        for state in states {
-            self.join(&mut joined, state);
+        // A branch goes on with what each of the conditions before it left.
+        if !matches!(flow, Flow::Branch { .. }) {
+            let mut joined = None;
+            for state in states {
+                self.join(&mut joined, state);
+            }
+            states = joined.into_iter().collect();
         }
         let mut exits = Exits::new();
         let mut cost = [0; 2];
@@ -735,7 +815,7 @@ impl<'a> Run<'_, 'a> {
         {
             exits.push((To::Block(next), state));
         }
-        if let Some(mut state) = joined {
+        for mut state in states {
             if !plain {
                 let target = self.charge(&mut state, last);
                 cost = longer(cost, difference(state.cycles, before));
@@ -749,9 +829,10 @@ impl<'a> Run<'_, 'a> {
         }
         let most = self.facts.costs.entry(node).or_default();
         *most = longer(*most, cost);
-        for (to, _) in &exits {
-            *self.facts.edges.entry((node, *to)).or_default() += 1;
-            self.facts.edge_costs.entry((node, *to)).or_default();
+        let ways: BTreeSet<To> = exits.iter().map(|(to, _)| *to).collect();
+        for to in ways {
+            *self.facts.edges.entry((node, to)).or_default() += 1;
+            self.facts.edge_costs.entry((node, to)).or_default();
         }
         exits
     }

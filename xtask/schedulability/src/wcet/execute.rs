@@ -10,6 +10,7 @@ use rsemu::cpu::arm::v7m::isa::{
 use super::flags::Flags;
 use super::image::Image;
 use super::instruction::Instruction;
+use super::lasting::{EVERYWHERE, FAR, Memory, RAM, leads_to_memory, reach};
 use super::range::Range;
 use super::state::{Definition, Masked, STACK, State, Symbols};
 use super::value::Value;
@@ -47,14 +48,38 @@ pub struct Executor<'a> {
     pub image: &'a Image,
     /// Where unknown words get their names.
     pub symbols: Symbols,
+    /// What is known of memory that is no stack.
+    pub memory: Memory,
 }
 
 /// Constants joined for a load with several possible addresses.
 const MAX_LOADS: u64 = 4096;
 
 impl Executor<'_> {
+    /// What was found out about memory.
+    #[must_use]
+    pub fn into_memory(self) -> Memory {
+        Memory {
+            lost: self.memory.lost || self.symbols.mixed,
+            ..self.memory
+        }
+    }
+
     /// Executes `instruction`, its condition taken as true.
     pub fn execute(&mut self, state: &mut State, instruction: &Instruction) -> Effects {
+        let started = state.started;
+        let effects = self.run(state, instruction);
+        if !started && state.started {
+            self.memory.enabled(&state.memory);
+            state.memory = Rc::default();
+        }
+        if !started && effects.unknown_mask {
+            self.memory.lost = true;
+        }
+        effects
+    }
+
+    fn run(&mut self, state: &mut State, instruction: &Instruction) -> Effects {
         let mut effects = Effects::default();
         let pc = instruction.address.wrapping_add(4);
         let read = |state: &State, register: u8| match register {
@@ -75,6 +100,7 @@ impl Executor<'_> {
                         let value = read(state, rm);
                         let mut result = shifted(&value, shift);
                         self.scale(&value, shift, &mut result);
+                        let result = self.named(result);
                         (result, !shift.is_none())
                     }
                 };
@@ -86,6 +112,14 @@ impl Executor<'_> {
                     _ => None,
                 }
                 .unwrap_or_else(|| data_processing(op, &first, &second, state.flags.carry()));
+                let result = match op {
+                    DpOp::Add | DpOp::And | DpOp::Bic => {
+                        self.symbols.moved(result, &first, &second)
+                    }
+                    DpOp::Sub => self.symbols.moved_down(result, &first, &second),
+                    DpOp::Rsb => self.symbols.moved_down(result, &second, &first),
+                    _ => result,
+                };
                 let result = match operand {
                     // A word and itself shifted: a product that was reduced.
                     Operand::Reg { rm, shift }
@@ -244,18 +278,23 @@ impl Executor<'_> {
                 let base = read(state, rn);
                 let delta = match offset {
                     MemOffset::Imm(value) => Value::constant(value),
-                    MemOffset::Reg { rm, lsl } => shifted(
-                        &read(state, rm),
-                        Shift {
+                    MemOffset::Reg { rm, lsl } => {
+                        let shift = Shift {
                             ty: ShiftType::Lsl,
                             amount: lsl,
-                        },
-                    ),
+                        };
+                        self.named(shifted(&read(state, rm), shift))
+                    }
                 };
                 let moved = if add {
                     base.add(&delta)
                 } else {
                     base.subtract(&delta)
+                };
+                let moved = if add {
+                    self.symbols.moved(moved, &base, &delta)
+                } else {
+                    self.symbols.moved_down(moved, &base, &delta)
                 };
                 let address = if index { moved } else { base };
                 effects.access = Some(Access {
@@ -856,7 +895,7 @@ impl Executor<'_> {
         }
         let constants = |addresses: &mut dyn Iterator<Item = u32>| -> Option<Vec<u32>> {
             addresses
-                .map(|at| Some(adjust(self.image.constant(at, size)?, size, signed)))
+                .map(|at| Some(adjust(self.constant(state, at, size)?, size, signed)))
                 .collect()
         };
         let words = match self.symbols.elements(address) {
@@ -874,7 +913,64 @@ impl Executor<'_> {
         }
     }
 
+    /// What is at `address`, if that never changes or has not yet.
+    fn constant(&self, state: &State, address: u32, size: u32) -> Option<u32> {
+        self.image.constant(address, size).or_else(|| {
+            let within = address & 3;
+            let words = if state.started {
+                &self.memory.lasting
+            } else {
+                &state.memory
+            };
+            let word = words
+                .get(&(address - within))
+                .filter(|_| within + size <= 4)?
+                >> (8 * within);
+            Some(if size == 4 {
+                word
+            } else {
+                word & ((1 << (8 * size)) - 1)
+            })
+        })
+    }
+
+    /// Whether a store to `address` cannot reach the stack, as it is made
+    /// within a static variable.
+    fn elsewhere(&self, address: &Value) -> bool {
+        let told = matches!(self.memory.target, Some(Some(to)) if to != EVERYWHERE);
+        let far = address.range.span() >= FAR;
+        far && told || self.symbols.origin(address).is_some()
+    }
+
+    /// Takes account of a store outside the stack.
+    fn note(&mut self, state: &mut State, address: &Value, size: u32, value: &Value) {
+        let reached = match reach(&self.symbols, address, size) {
+            Some(EVERYWHERE) => self.memory.target.unwrap_or(Some(EVERYWHERE)),
+            other => other,
+        };
+        let Some((first, last)) = reached else { return };
+        if state.started {
+            self.memory.written.insert((first, last));
+            return;
+        }
+        let word = value.as_constant().filter(|word| {
+            let exact = address.as_constant() == Some(first) && first & 3 == 0;
+            size == 4 && exact && !value.stack && leads_to_memory(*word)
+        });
+        let near = first.saturating_sub(3)..=last;
+        if !RAM.contains(first) && last - first < FAR {
+            return;
+        }
+        let touched = state.memory.range(near).next().is_some();
+        if touched || word.is_some() {
+            let memory = Rc::make_mut(&mut state.memory);
+            memory.retain(|at, _| *at < first.saturating_sub(3) || *at > last);
+            memory.extend(word.map(|word| (first, word)));
+        }
+    }
+
     fn store(&mut self, state: &mut State, address: &Value, size: u32, value: &Value) {
+        self.note(state, address, size, value);
         if let Some(at) = address.as_constant()
             && STACK.contains(at)
         {
@@ -888,6 +984,10 @@ impl Executor<'_> {
             return;
         }
         let pointer = value.stack && value.range.meet(STACK).is_some() && size == 4;
+        if self.elsewhere(address) {
+            state.escaped |= pointer;
+            return;
+        }
         if address.range.meet(STACK).is_some() && (address.stack || state.escaped) {
             let within = if address.range.span() > STACK.span() {
                 STACK

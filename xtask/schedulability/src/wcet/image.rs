@@ -69,6 +69,31 @@ fn short(file: &str) -> &str {
     file.strip_prefix(workspace).unwrap_or(file)
 }
 
+/// The static variables of an image.
+#[derive(Debug, Clone, Default)]
+pub struct Variables {
+    sizes: BTreeMap<u32, u32>,
+    arrays: Vec<(u32, u32)>,
+}
+
+impl Variables {
+    /// First and last byte of the variable that holds `address`.
+    #[must_use]
+    pub fn around(&self, address: u32) -> Option<(u32, u32)> {
+        let (start, size) = self.sizes.range(..=address).next_back()?;
+        (address - start < *size).then_some((*start, start + size - 1))
+    }
+
+    /// First and last byte of the array that holds `address`, if one does.
+    #[must_use]
+    pub fn array(&self, address: u32) -> Option<(u32, u32)> {
+        let holding = |(first, last): &&(u32, u32)| (*first..=*last).contains(&address);
+        let arrays = self.arrays.iter().filter(holding).copied();
+        // What is one thing or another (a union) may be either.
+        arrays.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    }
+}
+
 /// A linked image.
 pub struct Image {
     constants: Vec<(u32, Vec<u8>)>,
@@ -78,6 +103,7 @@ pub struct Image {
     symbols: BTreeMap<String, u32>,
     lines: Option<addr2line::Loader>,
     load: Vec<(u32, Vec<u8>)>,
+    variables: Variables,
     known_places: RefCell<HashMap<u32, Vec<Place>>>,
 }
 
@@ -114,6 +140,7 @@ impl Image {
             symbols: BTreeMap::new(),
             lines: addr2line::Loader::new(path).ok(),
             load: Vec::new(),
+            variables: Variables::default(),
             known_places: RefCell::new(HashMap::new()),
         };
         for section in file.sections() {
@@ -137,6 +164,7 @@ impl Image {
             }
         }
         image.read_symbols(&file);
+        image.variables.arrays = super::arrays::of(&file);
         Ok(image)
     }
 
@@ -158,6 +186,10 @@ impl Image {
             }
             if symbol.is_definition() || symbol.address() != 0 {
                 self.symbols.insert(name.to_owned(), address & !1);
+            }
+            if symbol.kind() == SymbolKind::Data && symbol.size() > 0 {
+                let size = self.variables.sizes.entry(address).or_default();
+                *size = (*size).max(symbol.size() as u32);
             }
             if symbol.kind() == SymbolKind::Text && self.is_code(address & !1) {
                 let function = Function {
@@ -225,6 +257,45 @@ impl Image {
         let mut word = [0; 4];
         word[..size as usize].copy_from_slice(&data[at..at + size as usize]);
         Some(u32::from_le_bytes(word))
+    }
+
+    /// The static variables.
+    #[must_use]
+    pub fn variables(&self) -> &Variables {
+        &self.variables
+    }
+
+    /// Initial words of the static variables that are not zero, with their
+    /// addresses.
+    pub fn initial_words(&self) -> impl Iterator<Item = (u32, u32)> {
+        let constant = |address: u32| self.constants.iter().any(|(start, _)| *start == address);
+        let writable = self.load.iter().filter(move |(start, _)| !constant(*start));
+        writable.flat_map(|(start, data)| {
+            let words = data.chunks_exact(4).zip((*start..).step_by(4));
+            words.map(|(word, at)| (at, u32::from_le_bytes([word[0], word[1], word[2], word[3]])))
+        })
+    }
+
+    /// Handlers of the vector table that may return to what they interrupted:
+    /// all interrupts and the exceptions that are no faults.
+    #[must_use]
+    pub fn handlers(&self) -> Vec<u32> {
+        let Some(table) = self.symbol("__RESET_VECTOR").map(|reset| reset - 4) else {
+            return Vec::new();
+        };
+        let vectors = self.symbol("__INTERRUPTS").map_or(0, |first| {
+            let end = self.symbols.values().filter(|at| **at > first).min();
+            end.map_or(0, |end| (end - first) / 4)
+        });
+        let numbers = [11, 12, 14, 15].into_iter().chain(16..16 + vectors);
+        let mut handlers: Vec<u32> = numbers
+            .filter_map(|number| self.constant(table + 4 * number, 4))
+            .map(|word| word & !1)
+            .filter(|at| self.is_code(*at))
+            .collect();
+        handlers.sort_unstable();
+        handlers.dedup();
+        handlers
     }
 
     /// The halfword of code at `address`.

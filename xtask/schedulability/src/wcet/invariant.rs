@@ -12,7 +12,7 @@ use std::rc::Rc;
 
 use super::flags::Flags;
 use super::range::Range;
-use super::state::{State, Symbols};
+use super::state::{State, Symbols, common};
 use super::value::{Symbol, Value};
 
 /// What is assumed of one word.
@@ -116,6 +116,7 @@ impl Invariant {
         let earlier: HashMap<Cell, Value> = cells(before).into_iter().collect();
         let mut state = next;
         state.flags = Flags::ANY;
+        state.memory = common(&before.memory, &state.memory);
         state.line = state.line.filter(|_| state.line == before.line);
         state.written |= before.written;
         let mut rules = HashMap::new();
@@ -126,7 +127,7 @@ impl Invariant {
                 (Some(_), Some(step))
                     if step != 0 && matches!(cell, Cell::Register(_) | Cell::Stack(_, 4)) =>
                 {
-                    let symbol = symbols.fresh();
+                    let symbol = symbols.fresh_within(&[&value]);
                     let value = Value {
                         range: swept(value.range, step, turns),
                         base: Some((symbol, Range::constant(0))),
@@ -137,7 +138,7 @@ impl Invariant {
                 (Some(old), _) => {
                     let value = Value {
                         range: old.range.join(value.range),
-                        base: Some((symbols.fresh(), Range::constant(0))),
+                        base: Some((symbols.fresh_within(&[old, &value]), Range::constant(0))),
                         stack: old.stack || value.stack,
                     };
                     (Rule::Within, value)
@@ -171,13 +172,20 @@ impl Invariant {
                 None => Value::ANY,
             };
             let stack = value.stack || new.stack;
+            let place = symbols.origin(&value);
+            let in_place =
+                |symbols: &Symbols, new: &Value| place.is_none() || symbols.origin(new) == place;
             let kept = match rule {
                 Rule::Same => new == value,
                 Rule::Moves(symbol, step) => {
                     new.base == Some((symbol, Range::constant(step))) && value.stack == stack
                 }
-                Rule::Within => within(new.range, value.range) && value.stack == stack,
-                Rule::Any => value.stack == stack,
+                Rule::Within => {
+                    within(new.range, value.range)
+                        && value.stack == stack
+                        && in_place(symbols, &new)
+                }
+                Rule::Any => value.stack == stack && in_place(symbols, &new),
             };
             if kept {
                 continue;
@@ -188,11 +196,18 @@ impl Invariant {
                     Rule::Within,
                     Value {
                         range: value.range.join(new.range),
-                        base: Some((symbols.fresh(), Range::constant(0))),
+                        base: Some((symbols.fresh_within(&[&value, &new]), Range::constant(0))),
                         stack,
                     },
                 ),
-                _ => (Rule::Any, unknown(symbols, stack)),
+                _ => (
+                    Rule::Any,
+                    Value {
+                        base: Some((symbols.fresh_within(&[&value, &new]), Range::constant(0))),
+                        stack,
+                        ..Value::ANY
+                    },
+                ),
             };
             self.rules.insert(cell, rule);
             put(&mut self.state, cell, value);
@@ -227,6 +242,12 @@ impl Invariant {
         }
         if after.started && !state.started {
             state.started = true;
+            symbols.mixed = true;
+            confirmed = false;
+        }
+        let memory = common(&state.memory, &after.memory);
+        if memory != state.memory {
+            state.memory = memory;
             confirmed = false;
         }
         for mask in &after.masked {

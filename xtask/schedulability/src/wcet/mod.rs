@@ -8,6 +8,7 @@
 
 pub mod analysis;
 pub mod annotation;
+pub mod arrays;
 pub mod execute;
 pub mod flags;
 pub mod graph;
@@ -15,6 +16,7 @@ pub mod image;
 pub mod instruction;
 pub mod invariant;
 pub mod ipet;
+pub mod lasting;
 pub mod range;
 pub mod runtime;
 pub mod software;

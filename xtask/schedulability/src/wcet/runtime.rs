@@ -78,6 +78,13 @@ pub fn length_register(name: &str) -> Option<usize> {
     }
 }
 
+/// The register that holds how many bytes a function writes, all of them from
+/// the address in `r0` on.
+#[must_use]
+pub fn writes_from_first(name: &str) -> Option<usize> {
+    length_register(name).filter(|_| name != "_defmt_write")
+}
+
 /// Most turns of loop `number` in a function that writes `bytes` bytes, each
 /// of them once: what its first block stores in one turn divides them.
 #[must_use]

@@ -6,6 +6,8 @@ use std::rc::Rc;
 use rsemu::cpu::arm::v7m::isa::Cond;
 
 use super::flags::{self, Flags, Source};
+use super::image::Variables;
+use super::lasting::Words;
 use super::range::Range;
 use super::value::{Symbol, Value};
 
@@ -54,6 +56,18 @@ pub enum Definition {
     Product(Value, Value),
 }
 
+/// What a word was computed from, as far as it may be an address.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum From {
+    /// The address of a static variable, by its first and last byte.
+    Variable((u32, u32)),
+    /// A distance to or from a variable: with an address added to it, it is
+    /// not that address's variable that the sum lies in.
+    Difference,
+    /// Neither, as far as is known.
+    Elsewhere,
+}
+
 /// Words that a set may hold before it becomes a mere range.
 const MAX_ELEMENTS: usize = 256;
 
@@ -62,9 +76,27 @@ const MAX_ELEMENTS: usize = 256;
 pub struct Symbols {
     last: u32,
     definitions: HashMap<Symbol, Definition>,
+    /// The static variables of the image.
+    variables: Variables,
+    /// Sums of a symbol and the address of an element of a variable: the offset
+    /// from the symbol, and that address.
+    indices: HashMap<Symbol, Vec<(u32, u32)>>,
+    /// What symbols were computed from, except those from elsewhere.
+    sources: HashMap<Symbol, From>,
+    /// Paths met of which one had enabled interrupts and one had not.
+    pub mixed: bool,
 }
 
 impl Symbols {
+    /// No symbol yet, for an image with these variables.
+    #[must_use]
+    pub fn of(variables: &Variables) -> Self {
+        Self {
+            variables: variables.clone(),
+            ..Self::default()
+        }
+    }
+
     /// A symbol that was never used before.
     pub fn fresh(&mut self) -> Symbol {
         self.last += 1;
@@ -76,6 +108,141 @@ impl Symbols {
         let symbol = self.fresh();
         self.definitions.insert(symbol, definition);
         symbol
+    }
+
+    /// The static variable, by its first and last byte, from whose address
+    /// `value` was computed, if that is known.
+    #[must_use]
+    pub fn origin(&self, value: &Value) -> Option<(u32, u32)> {
+        match self.source(value) {
+            From::Variable(variable) => Some(variable),
+            From::Difference | From::Elsewhere => None,
+        }
+    }
+
+    /// First and last byte that an access with an unknown index reaches, where
+    /// `value` is that index and the address of an element known from the code:
+    /// the array. An element further on may be that of another array whose
+    /// index has a constant part: there are some bytes to both sides of it.
+    #[must_use]
+    pub fn indexed(&self, value: &Value) -> Option<(u32, u32)> {
+        const PART: u32 = 32;
+        let (symbol, offset) = value.base?;
+        if self.sources.contains_key(&symbol) {
+            return None;
+        }
+        let mut elements = self.elements_at(symbol, offset);
+        let (element, None) = (elements.next()?, elements.next()) else {
+            return None;
+        };
+        let variable = self.variables.around(element)?;
+        let (first, last) = self.variables.array(element).unwrap_or(variable);
+        if element - first < PART {
+            return Some((first, last));
+        }
+        Some((first.min(element - PART), last.max(element + PART)))
+    }
+
+    /// The elements that a symbol and `offset` may lie with in one array: by
+    /// the addresses in the code to which the symbol was added, moved by as
+    /// much as the sums differ.
+    fn elements_at(&self, symbol: Symbol, offset: Range) -> impl Iterator<Item = u32> {
+        let sums = self.indices.get(&symbol).into_iter().flatten();
+        sums.filter_map(move |&(sum, element)| {
+            let (first, last) = self.variables.around(element)?;
+            let (low, high) = offset.subtract(Range::constant(sum)).signed();
+            let size = i64::from(last - first);
+            let near = i64::from(low).abs().max(i64::from(high).abs()) <= size;
+            near.then(|| element.wrapping_add_signed(low).clamp(first, last))
+        })
+    }
+
+    fn source(&self, value: &Value) -> From {
+        let around = |range: Range| {
+            let first = self.variables.around(range.start())?;
+            let last = range.start().checked_add(range.span())?;
+            (last <= first.1).then_some(From::Variable(first))
+        };
+        let named = |(symbol, offset): (Symbol, Range)| match self.sources.get(&symbol) {
+            Some(&From::Variable((first, last))) => {
+                // Further than the variable is long: a distance was added that
+                // leads to another.
+                let (low, high) = offset.signed();
+                let size = i64::from(last - first);
+                (i64::from(low).abs().max(i64::from(high).abs()) <= size)
+                    .then_some(From::Variable((first, last)))
+            }
+            Some(other) => Some(*other),
+            None => {
+                let mut elements = self.elements_at(symbol, offset);
+                let first = self.variables.around(elements.next()?)?;
+                elements
+                    .all(|at| self.variables.around(at) == Some(first))
+                    .then_some(From::Variable(first))
+            }
+        };
+        around(value.range)
+            .or_else(|| value.base.and_then(named))
+            .unwrap_or(From::Elsewhere)
+    }
+
+    /// A fresh symbol for a value computed from each of these: where all lie
+    /// within one variable it does too.
+    pub fn fresh_within(&mut self, from: &[&Value]) -> Symbol {
+        let mut sources = from.iter().map(|value| self.source(value));
+        let source = sources.next().unwrap_or(From::Elsewhere);
+        let source = sources.fold(source, |a, b| match (a, b) {
+            _ if a == b => a,
+            (From::Difference, _) | (_, From::Difference) => From::Difference,
+            _ => From::Elsewhere,
+        });
+        self.fresh_from(source)
+    }
+
+    fn fresh_from(&mut self, source: From) -> Symbol {
+        let symbol = self.fresh();
+        if source != From::Elsewhere {
+            self.sources.insert(symbol, source);
+        }
+        symbol
+    }
+
+    /// `result` is the sum of a place within a variable and a distance, and so
+    /// within the variable too, or it is an address that was aligned.
+    pub fn moved(&mut self, result: Value, from: &Value, by: &Value) -> Value {
+        let source = match (self.source(from), self.source(by)) {
+            (From::Difference, _) | (_, From::Difference) => From::Difference,
+            (variable, From::Elsewhere) | (From::Elsewhere, variable) => variable,
+            _ => From::Elsewhere,
+        };
+        let element = [from, by].map(|value| value.as_constant());
+        if let (From::Variable(_), [Some(element), None] | [None, Some(element)]) =
+            (source, element)
+            && let Some((symbol, offset)) = result.base
+        {
+            let sums = self.indices.entry(symbol).or_default();
+            let sum = (offset.start(), element);
+            if !sums.contains(&sum) {
+                sums.push(sum);
+            }
+        }
+        self.from(result, source)
+    }
+
+    /// The same of `from` less `by`.
+    pub fn moved_down(&mut self, result: Value, from: &Value, by: &Value) -> Value {
+        let source = match (self.source(from), self.source(by)) {
+            (source, From::Elsewhere) => source,
+            _ => From::Difference,
+        };
+        self.from(result, source)
+    }
+
+    fn from(&mut self, mut result: Value, source: From) -> Value {
+        if result.as_constant().is_none() && result.base.is_none() && source != From::Elsewhere {
+            result.base = Some((self.fresh_from(source), Range::constant(0)));
+        }
+        result
     }
 
     /// What `value` is by definition, if its symbol has one and the value is
@@ -154,6 +321,8 @@ pub struct State {
     pub floats: Rc<[Value; 32]>,
     /// Known words of the stack, by address.
     pub stack: Rc<Vec<Slot>>,
+    /// Addresses that memory elsewhere holds, until interrupts are enabled.
+    pub memory: Rc<Words>,
     /// Condition flags.
     pub flags: Flags,
     /// `BASEPRI`.
@@ -195,6 +364,7 @@ impl State {
             registers,
             floats: Rc::new([Value::ANY; 32]),
             stack: Rc::new(Vec::new()),
+            memory: Rc::default(),
             flags: Flags::ANY,
             basepri: unknown(symbols),
             primask: Some(false),
@@ -462,10 +632,13 @@ impl State {
                 None => masked.push(*theirs),
             }
         }
+        let memory = common(&self.memory, &other.memory);
+        symbols.mixed |= self.started != other.started;
         Self {
             registers,
             floats,
             stack,
+            memory,
             flags: Flags {
                 possible: self.flags.possible | other.flags.possible,
                 source,
@@ -551,6 +724,16 @@ impl State {
     }
 }
 
+/// The words that both hold.
+#[must_use]
+pub fn common(a: &Rc<Words>, b: &Rc<Words>) -> Rc<Words> {
+    if Rc::ptr_eq(a, b) || a == b {
+        return a.clone();
+    }
+    let kept = a.iter().filter(|(at, word)| b.get(at) == Some(word));
+    Rc::new(kept.map(|(at, word)| (*at, *word)).collect())
+}
+
 /// The symbols of a value on two paths, and how far its offsets lie apart.
 type Pair = (Option<Symbol>, Option<Symbol>, u32);
 
@@ -592,12 +775,12 @@ impl Merge<'_> {
                             ours.dedup();
                             (symbols.define(Definition::OneOf(ours)), x)
                         }
-                        _ => (symbols.fresh(), x),
+                        _ => (symbols.fresh_within(&[a, b]), x),
                     }
                 });
                 Some((symbol, Range::constant(x.wrapping_sub(origin))))
             }
-            _ => Some((self.symbols.fresh(), Range::constant(0))),
+            _ => Some((self.symbols.fresh_within(&[a, b]), Range::constant(0))),
         };
         Value { range, base, stack }
     }

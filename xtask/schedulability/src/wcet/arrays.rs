@@ -1,0 +1,135 @@
+//! Where static variables hold arrays, from the image's debug information.
+
+use addr2line::gimli::{
+    self, AttributeValue, DebuggingInformationEntry, Dwarf, EndianSlice, LittleEndian, Operation,
+    Unit, UnitOffset,
+};
+use object::{Object, ObjectSection};
+
+type Slice<'a> = EndianSlice<'a, LittleEndian>;
+
+/// Types inside types that are followed.
+const DEPTH: u32 = 24;
+
+/// First and last byte of every outermost array in a static variable; what
+/// cannot be read holds none.
+#[must_use]
+pub fn of(file: &object::File<'_>) -> Vec<(u32, u32)> {
+    let section = |id: gimli::SectionId| -> Result<Slice<'_>, gimli::Error> {
+        let data = file.section_by_name(id.name());
+        let data = data.and_then(|section| section.data().ok());
+        Ok(EndianSlice::new(data.unwrap_or_default(), LittleEndian))
+    };
+    let mut found = Vec::new();
+    let Ok(dwarf) = Dwarf::load(section) else {
+        return found;
+    };
+    let mut units = dwarf.units();
+    while let Ok(Some(header)) = units.next() {
+        let Ok(unit) = dwarf.unit(header) else {
+            continue;
+        };
+        let mut entries = unit.entries();
+        while let Ok(Some(entry)) = entries.next_dfs() {
+            if entry.tag() == gimli::DW_TAG_variable
+                && let (Some(address), Some(of)) = (place(&unit, entry), kind(entry))
+            {
+                inside(&unit, of, address, DEPTH, &mut found);
+            }
+        }
+    }
+    found
+}
+
+/// The address of a variable that lies in one piece.
+fn place(unit: &Unit<Slice<'_>>, entry: &DebuggingInformationEntry<Slice<'_>>) -> Option<u32> {
+    let AttributeValue::Exprloc(place) = entry.attr_value(gimli::DW_AT_location)? else {
+        return None;
+    };
+    let mut operations = place.operations(unit.encoding());
+    match (operations.next(), operations.next()) {
+        (Ok(Some(Operation::Address { address })), Ok(None)) => u32::try_from(address).ok(),
+        _ => None,
+    }
+}
+
+fn kind(entry: &DebuggingInformationEntry<Slice<'_>>) -> Option<UnitOffset> {
+    match entry.attr_value(gimli::DW_AT_type)? {
+        AttributeValue::UnitRef(offset) => Some(offset),
+        _ => None,
+    }
+}
+
+fn number(entry: &DebuggingInformationEntry<Slice<'_>>, name: gimli::DwAt) -> Option<u32> {
+    u32::try_from(entry.attr_value(name)?.udata_value()?).ok()
+}
+
+/// Adds the arrays of a value of type `of` at `address`.
+fn inside(
+    unit: &Unit<Slice<'_>>,
+    of: UnitOffset,
+    address: u32,
+    depth: u32,
+    found: &mut Vec<(u32, u32)>,
+) {
+    let Ok(mut tree) = unit.entries_tree(Some(of)) else {
+        return;
+    };
+    let Ok(root) = tree.root() else { return };
+    match root.entry().tag() {
+        gimli::DW_TAG_array_type => {
+            if let Some(bytes @ 1..) = size(unit, of, depth) {
+                found.push((address, address + (bytes - 1)));
+            }
+        }
+        gimli::DW_TAG_structure_type | gimli::DW_TAG_union_type => {
+            members(unit, root, address, depth, found);
+        }
+        _ => {}
+    }
+}
+
+fn members(
+    unit: &Unit<Slice<'_>>,
+    node: gimli::EntriesTreeNode<'_, '_, Slice<'_>>,
+    address: u32,
+    depth: u32,
+    found: &mut Vec<(u32, u32)>,
+) {
+    let Some(depth) = depth.checked_sub(1) else {
+        return;
+    };
+    let mut children = node.children();
+    while let Ok(Some(child)) = children.next() {
+        match child.entry().tag() {
+            gimli::DW_TAG_member => {
+                let at = number(child.entry(), gimli::DW_AT_data_member_location);
+                if let Some(of) = kind(child.entry()) {
+                    inside(unit, of, address + at.unwrap_or(0), depth, found);
+                }
+            }
+            gimli::DW_TAG_variant_part | gimli::DW_TAG_variant => {
+                members(unit, child, address, depth, found);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Bytes of a value of type `of`.
+fn size(unit: &Unit<Slice<'_>>, of: UnitOffset, depth: u32) -> Option<u32> {
+    let depth = depth.checked_sub(1)?;
+    let mut tree = unit.entries_tree(Some(of)).ok()?;
+    let root = tree.root().ok()?;
+    if root.entry().tag() != gimli::DW_TAG_array_type {
+        return number(root.entry(), gimli::DW_AT_byte_size);
+    }
+    let mut bytes = size(unit, kind(root.entry())?, depth)?;
+    let mut children = root.children();
+    while let Ok(Some(child)) = children.next() {
+        if child.entry().tag() == gimli::DW_TAG_subrange_type {
+            bytes = bytes.checked_mul(number(child.entry(), gimli::DW_AT_count)?)?;
+        }
+    }
+    Some(bytes)
+}

@@ -1,0 +1,42 @@
+//! Words that start-up sets for good.
+
+use crate::common::{image_path, kernel};
+use schedulability::wcet::analysis::{Analysis, Bound, Entry};
+use schedulability::wcet::annotation::Annotations;
+use schedulability::wcet::image::Image;
+use schedulability::wcet::timing::Timing;
+
+/// How many words last beside these handlers, and the bound of the first.
+fn learn(handlers: &[&str]) -> (usize, Bound) {
+    let image = Image::read(image_path()).unwrap();
+    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let at = |name: &&str| kernel(&image, &format!("start::{name}"));
+    let handlers: Vec<u32> = handlers.iter().map(at).collect();
+    let words = analysis.learn(at(&"set_up"), &handlers).len();
+    let bound = analysis.run(handlers[0], Entry::Handler);
+    assert!(bound.problems.is_empty(), "{:?}", bound.problems);
+    (words, bound)
+}
+
+/// Eight words of RAM behind a pointer from RAM: known to be RAM, they cost
+/// two cycles each, not what a peripheral costs.
+#[test]
+fn a_pointer_set_at_the_start_leads_to_known_memory() {
+    let (words, bound) = learn(&["use_pointer", "use_index"]);
+    assert_eq!(words, 1);
+    let (_, unknown) = learn(&["use_pointer", "write_anywhere"]);
+    let [zero, flashed] = bound.cycles;
+    assert_eq!(zero, unknown.cycles[0]);
+    assert!(flashed < 3 * zero, "{:?}", bound.cycles);
+    assert!(
+        flashed + 16 * 10 < unknown.cycles[1],
+        "{flashed} {unknown:?}"
+    );
+}
+
+#[test]
+fn what_a_handler_may_change_does_not_last() {
+    assert_eq!(learn(&["use_pointer", "move_pointer"]).0, 0);
+    assert_eq!(learn(&["use_pointer", "write_anywhere"]).0, 0);
+}
