@@ -8,10 +8,10 @@
 //! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 begins the schedule |
 //! | `ring` | DMA2 stream 2 | 5 | takes the receiver's bytes, some at a time |
 //! | `line_idle` | USART1 | 5 | the same at the end of a burst |
-//! | `parse` | EXTI4, pended by software | 4 | looks at what was taken, some bytes at a time |
-//! | `console_dma` | DMA1 stream 6 | 3 | next console line |
-//! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
-//! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `console_dma` | DMA1 stream 6 | 4 | next console line |
+//! | `SysTick` | SysTick | 4 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
+//! | `housekeeping` | software, by EXTI2 | 3 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `parse` | EXTI4, pended by software | 2 | looks at what was taken, some bytes at a time |
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
@@ -159,7 +159,7 @@ mod app {
         });
     }
 
-    #[task(binds = EXTI4, priority = 4, shared = [&clock, link, station])]
+    #[task(binds = EXTI4, priority = 2, shared = [&clock, link, station])]
     fn parse(mut cx: parse::Context) {
         let now = cx.shared.clock.now();
         let mut link = cx.shared.link;
@@ -196,14 +196,14 @@ mod app {
         }
     }
 
-    #[task(binds = DMA1_STREAM6, priority = 3, shared = [console])]
+    #[task(binds = DMA1_STREAM6, priority = 4, shared = [console])]
     fn console_dma(mut cx: console_dma::Context) {
         cx.shared
             .console
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [&clock, link, station], local = [keeper])]
+    #[task(priority = 3, shared = [&clock, link, station], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1, the next instant lies ahead when a step is done by its deadline
