@@ -47,16 +47,11 @@ fn model(node: &str, source: &str) -> Result<(NodeModel, NodeTable), String> {
         .map_err(|error| error.to_string())
 }
 
-/// Every job takes `us` microseconds, those of the bus twice that, and one byte of
-/// the display, which is as urgent as they are, a fifth.
+/// Every job takes `us` microseconds, and one byte of the display, which is as
+/// urgent as the bus, a fifth of that.
 fn execution(model: &NodeModel, table: &NodeTable, us: u64) -> Execution {
     let handlers = model.tasks.iter().map(|task| {
-        let of_bus = task.name.starts_with("can_") || task.name == "window_timer";
-        let tenths = match task.name.as_str() {
-            "display_rx" => 2,
-            _ if of_bus => 20,
-            _ => 10,
-        };
+        let tenths = if task.name == "display_rx" { 2 } else { 10 };
         let cycles = tenths * us * table.core_hz / 10_000_000;
         let handler = Handler {
             cycles: [cycles; 2],
@@ -155,7 +150,7 @@ fn releases_come_from_the_network_file() {
             .unwrap()
     };
     // One reference, eleven windows less its own, and five events of others.
-    let table = find("can_rx").arrivals.timed.clone().unwrap();
+    let table = find("can_rx").arrivals.timed.iter().next().unwrap();
     let (single, events): (Vec<_>, Vec<_>) = table
         .jobs
         .iter()
@@ -173,7 +168,7 @@ fn releases_come_from_the_network_file() {
         7_000_000_000 + 64_000_000 + 135 * 4_000_000 + 20_000_000
     );
     // Its own window has the transmit enable window for a deadline.
-    let timer = find("window_timer").arrivals.timed.clone().unwrap();
+    let timer = find("window_timer").arrivals.timed.iter().next().unwrap();
     let own: Vec<_> = timer
         .jobs
         .iter()
@@ -485,6 +480,6 @@ fn a_ratio_is_of_the_handler_alone() {
     let (model, table) = model("steering", &source("steering")).unwrap();
     let report = schedule(&model, &table, &execution(&model, &table, 50), Some(&seen));
     let timer = task(&report, "window_timer");
-    assert_eq!(timer.ratio(0), Some((7200.0 - 22.0) / 1000.0));
-    assert_eq!(timer.ratio(1), Some((7200.0 - 24.0) / 2000.0));
+    assert_eq!(timer.ratio(0), Some((3600.0 - 22.0) / 1000.0));
+    assert_eq!(timer.ratio(1), Some((3600.0 - 24.0) / 2000.0));
 }
