@@ -11,6 +11,7 @@ mod receiver;
 mod resets;
 mod stack;
 mod synchronisation;
+mod tick;
 mod track;
 mod windows;
 

@@ -700,6 +700,13 @@ impl Mcu {
         self.core.current_exception().0
     }
 
+    /// Priority of an exception as its register holds it: lower wins.
+    #[must_use]
+    pub fn priority(&self, exception: u16) -> i32 {
+        self.core
+            .with_sys(|sys| sys.priority_of(Exception(exception)))
+    }
+
     /// Accesses that hit nothing: how many, and the last address.
     #[must_use]
     pub fn bus_faults(&self) -> (u64, u32) {
