@@ -1,6 +1,20 @@
 //! Text for displays and consoles, without the machinery of `core::fmt`: that costs a
 //! microsecond for each number, several kilobytes, and paths that could panic.
 
+/// The smallest numbers of one digit more than those before.
+const POWERS: [u32; 10] = [
+    1,
+    10,
+    100,
+    1_000,
+    10_000,
+    100_000,
+    1_000_000,
+    10_000_000,
+    100_000_000,
+    1_000_000_000,
+];
+
 /// A text of at most `N` bytes. What does not fit is cut, and [`Text::is_cut`] says so.
 #[derive(Clone, Copy, Debug)]
 pub struct Text<const N: usize> {
@@ -81,18 +95,6 @@ impl<const N: usize> Text<N> {
     ///
     /// `fixed(-1234, 3)` is `-1.234`.
     pub fn fixed(&mut self, number: i32, decimals: u8) -> &mut Self {
-        const POWERS: [u32; 10] = [
-            1,
-            10,
-            100,
-            1_000,
-            10_000,
-            100_000,
-            1_000_000,
-            10_000_000,
-            100_000_000,
-            1_000_000_000,
-        ];
         let decimals = decimals.min(9);
         let unit = POWERS.get(usize::from(decimals)).copied().unwrap_or(1);
         if number < 0 {
@@ -128,21 +130,19 @@ impl<const N: usize> Text<N> {
 
     /// Appends at least `least` digits, at most ten.
     fn digits(&mut self, number: u32, least: u8) -> &mut Self {
-        let mut digits = [b'0'; 10];
+        let needed = POWERS.iter().filter(|&&power| number >= power).count();
+        let begin = self.length;
+        let end = begin + needed.max(usize::from(least)).min(POWERS.len());
         let mut rest = number;
-        let mut used = 0;
-        for slot in digits.iter_mut().rev() {
-            *slot = b'0' + (rest % 10) as u8;
-            rest /= 10;
-            used += 1;
-            if rest == 0 && used >= least {
-                break;
-            }
-        }
         // loop-bound: 10 digits of a 32-bit number
-        for &digit in digits.iter().skip(10 - usize::from(used)) {
-            self.byte(digit);
+        for place in (begin..end).rev() {
+            if let Some(slot) = self.bytes.get_mut(place) {
+                *slot = b'0' + (rest % 10) as u8;
+            }
+            rest /= 10;
         }
+        self.length = end.min(N);
+        self.cut |= end > N;
         self
     }
 }

@@ -32,7 +32,7 @@ mod app {
         panel::{self, Joystick},
         time::Clock,
     };
-    use firmware::buttons::Buttons;
+    use firmware::buttons::{Button, Buttons};
     use firmware::console::{self as lines, BusView};
     use firmware::display::{self, Plain, Supervision};
     use firmware::link::Stack;
@@ -209,17 +209,25 @@ mod app {
         let levels = cx.local.inputs.levels();
         let mut axes = cx.shared.axes;
         axes.lock(|axes| *axes = counts);
-        let mut link = cx.shared.link;
+        let mut changes = [None; Button::ALL.len()];
         (cx.shared.buttons, cx.shared.pilot).lock(|buttons, pilot| {
+            let mut free = changes.iter_mut();
             buttons.sample(levels.as_array(), |button, edge| {
                 pilot.button(button, edge);
-                *cx.local.button_events = cx.local.button_events.wrapping_add(1);
-                let data = button.event(edge, *cx.local.button_events).encode();
-                // A full queue is counted by the stack; the request itself is not lost.
-                let _ = link
-                    .lock(|link| link.queue_event(ButtonEvent::ID, &data, design::EVENT_LIFETIME));
+                if let Some(change) = free.next() {
+                    *change = Some((button, edge));
+                }
             });
         });
+        // Outside the lock, which holds off the control step.
+        let mut link = cx.shared.link;
+        for (button, edge) in changes.into_iter().flatten() {
+            *cx.local.button_events = cx.local.button_events.wrapping_add(1);
+            let data = button.event(edge, *cx.local.button_events).encode();
+            // A full queue is counted by the stack; the request itself is not lost.
+            let _ =
+                link.lock(|link| link.queue_event(ButtonEvent::ID, &data, design::EVENT_LIFETIME));
+        }
     }
 
     #[task(binds = DMA1_STREAM3, priority = 2, shared = [lcd])]
