@@ -1,5 +1,6 @@
-//! A display that never answers.
+//! A display that answers, and one that never does.
 
+use furrow_tests::Journey;
 use world::Node;
 
 use crate::{assert_never_reset, assert_steady, running};
@@ -22,5 +23,15 @@ fn a_display_that_never_acknowledges_hinders_nothing() {
             .any(|line| line.contains("lcd?")),
         "{console}"
     );
+    assert!(journey.vehicle.world().counters().lcd_commands > 20);
+}
+
+#[test]
+fn a_display_that_acknowledges_counts_as_present() {
+    let mut journey = Journey::of("start.east = \"0.3 m\"");
+    journey.to(2.5);
+    let console = journey.console(Node::Controller);
+    assert!(console.lines().count() > 5, "{console}");
+    assert!(!console.contains("lcd?"), "{console}");
     assert!(journey.vehicle.world().counters().lcd_commands > 20);
 }
