@@ -12,6 +12,7 @@ use crate::wcet::analysis::{Analysis, Bound, Entry, Problem};
 use crate::wcet::annotation::Annotations;
 use crate::wcet::image::Image;
 use crate::wcet::ipet;
+use crate::wcet::lasting::Strangers;
 use crate::wcet::timing::Timing;
 use crate::wcet::watch::Watch;
 
@@ -88,7 +89,7 @@ impl Execution {
         let main = image.symbol("main");
         if let Some(main) = main {
             progress("what start-up sets");
-            analysis.learn(main, &image.handlers());
+            analysis.learn(main, &image.handlers(), Strangers::Spare);
         }
         let mut stacks = Stacks::new(image);
         let exceptions = [Timing::zero_wait(), part].map(|timing| timing.exceptions());

@@ -19,7 +19,9 @@ use super::image::{Image, Place};
 use super::instruction::{Flow, Instruction};
 use super::invariant::Invariant;
 use super::ipet;
-use super::lasting::{Memory, Words, Written, give_up, leads_to_memory, reach};
+use super::lasting::{
+    EVERYWHERE, Memory, Strangers, Words, Written, give_up, leads_to_memory, reach,
+};
 use super::range::Range;
 use super::runtime;
 use super::software;
@@ -231,7 +233,10 @@ impl<'a> Analysis<'a> {
 
     /// Finds the words that start-up from `main` leaves in memory for good,
     /// which are taken for granted from then on. `handlers` are all there are.
-    pub fn learn(&mut self, main: u32, handlers: &[u32]) -> &Words {
+    ///
+    /// Where that proves nothing of any word, stores through pointers of which
+    /// nothing is known are counted as [`Strangers`] says.
+    pub fn learn(&mut self, main: u32, handlers: &[u32], strangers: Strangers) -> &Words {
         let unfollowed = |bound: &Bound| {
             let mut problems = bound.problems.iter();
             problems.any(|problem| !matches!(problem, Problem::LoopWithoutBound(_)))
@@ -244,6 +249,8 @@ impl<'a> Analysis<'a> {
             _ => return &self.lasting,
         };
         give_up(&mut words, &memory.written);
+        let mut spared = (strangers == Strangers::Spare).then(|| words.clone());
+        let mut sparing = false;
         loop {
             self.lasting = Rc::new(words.clone());
             let mut written = Written::new();
@@ -254,10 +261,17 @@ impl<'a> Analysis<'a> {
                 written.extend(memory.written);
                 self.known.insert((handler, Entry::Handler), bound);
             }
-            if lost && !words.is_empty() {
-                words.clear();
-            } else if !give_up(&mut words, &written) {
-                return &self.lasting;
+            if sparing {
+                written.remove(&EVERYWHERE);
+            }
+            if lost {
+                written.insert(EVERYWHERE);
+            }
+            let fewer = give_up(&mut words, &written);
+            match spared.take_if(|_| fewer && words.is_empty() && !lost) {
+                Some(all) => (words, sparing) = (all, true),
+                None if fewer => {}
+                None => return &self.lasting,
             }
         }
     }

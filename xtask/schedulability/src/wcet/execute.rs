@@ -10,7 +10,7 @@ use rsemu::cpu::arm::v7m::isa::{
 use super::flags::Flags;
 use super::image::Image;
 use super::instruction::Instruction;
-use super::lasting::{EVERYWHERE, FAR, Memory, RAM, leads_to_memory, reach};
+use super::lasting::{EVERYWHERE, FAR, Memory, RAM, leads_to_memory, places, reach};
 use super::range::Range;
 use super::state::{Definition, Masked, STACK, State, Symbols};
 use super::value::Value;
@@ -989,6 +989,12 @@ impl Executor<'_> {
             return;
         }
         if address.range.meet(STACK).is_some() && (address.stack || state.escaped) {
+            if let Some(places) = places(&self.symbols, address) {
+                for at in places.into_iter().filter(|at| STACK.contains(*at)) {
+                    state.weaken_stack(Range::constant(at), size, pointer);
+                }
+                return;
+            }
             let within = if address.range.span() > STACK.span() {
                 STACK
             } else {

@@ -36,11 +36,22 @@ pub const RAM: Range = Range::between(0x1000_0000, 0x21ff_ffff);
 /// Where a word stands for one bit of RAM.
 const BIT_BAND: Range = Range::between(0x2200_0000, 0x23ff_ffff);
 
+/// Addresses that are looked at one by one.
+pub const FEW: u64 = 8;
 /// The reach of a store of which nothing is known.
 pub const EVERYWHERE: (u32, u32) = (0, u32::MAX);
 
 /// Addresses spread over more than this are taken to be unknown.
 pub const FAR: u32 = 0x1_0000;
+
+/// What is thought of stores through pointers of which nothing is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Strangers {
+    /// They may change every word.
+    Change,
+    /// They change no word in which start-up left an address.
+    Spare,
+}
 
 /// What the runs of the abstract machine leave behind.
 #[derive(Debug, Default, Clone)]
@@ -81,7 +92,16 @@ pub fn reach(symbols: &Symbols, address: &Value, size: u32) -> Option<(u32, u32)
     if address.stack && address.range.meet(STACK) == Some(address.range) {
         return None;
     }
-    let (low, high) = address.range.unsigned();
+    let (low, high) = match places(symbols, address) {
+        Some(places) => {
+            let mut others = places.into_iter().filter(|at| !STACK.contains(*at));
+            let first = others.next()?;
+            others.fold((first, first), |(low, high), at| {
+                (low.min(at), high.max(at))
+            })
+        }
+        None => address.range.unsigned(),
+    };
     let high = high.saturating_add(size - 1);
     if BIT_BAND.contains(low) || BIT_BAND.contains(high) {
         return Some(EVERYWHERE);
@@ -93,6 +113,17 @@ pub fn reach(symbols: &Symbols, address: &Value, size: u32) -> Option<(u32, u32)
         Some(_) if both.0 <= both.1 => Some(both),
         _ if high - low < FAR => Some((low, high)),
         _ => Some((first, last)),
+    }
+}
+
+/// Every address of a few: a pointer to the stack or null, or to one of some
+/// variables.
+#[must_use]
+pub fn places(symbols: &Symbols, address: &Value) -> Option<Vec<u32>> {
+    match symbols.elements(address) {
+        Some(places) if places.len() as u64 <= FEW => Some(places),
+        _ if address.range.count() <= FEW => Some(address.range.iter().collect()),
+        _ => None,
     }
 }
 
