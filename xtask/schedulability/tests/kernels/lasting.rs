@@ -24,9 +24,9 @@ fn learn(handlers: &[&str], strangers: Strangers) -> (usize, Bound) {
 /// two cycles each, not what a peripheral costs.
 #[test]
 fn a_pointer_set_at_the_start_leads_to_known_memory() {
-    let (words, bound) = learn(&["use_pointer", "use_index"]);
+    let (words, bound) = learn(&["use_pointer", "use_index"], Change);
     assert_eq!(words, 1);
-    let (_, unknown) = learn(&["use_pointer", "write_anywhere"]);
+    let (_, unknown) = learn(&["use_pointer", "write_anywhere"], Change);
     let [zero, flashed] = bound.cycles;
     assert_eq!(zero, unknown.cycles[0]);
     assert!(flashed < 3 * zero, "{:?}", bound.cycles);
