@@ -82,9 +82,11 @@ fn median_ratio(report: &Report, model: usize, tasks: bool, kernels: bool) -> Op
         .flat_map(|node| &node.tasks)
         .filter_map(|task| task.ratio(model));
     let of_kernels = report.kernels.iter().filter(|_| kernels);
-    let mut ratios: Vec<f64> = of_tasks
-        .chain(of_kernels.map(|kernel| kernel.ratio(model)))
-        .collect();
+    median(of_tasks.chain(of_kernels.map(|kernel| kernel.ratio(model))))
+}
+
+fn median(ratios: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut ratios: Vec<f64> = ratios.collect();
     ratios.sort_by(f64::total_cmp);
     match ratios.len() {
         0 => None,
@@ -133,6 +135,10 @@ pub fn kernels(all: &[KernelReport]) -> String {
             kernel.ratio(0),
             kernel.ratio(1)
         );
+    }
+    let of = |model| median(all.iter().map(|kernel| kernel.ratio(model)));
+    if let (Some(zero), Some(flash)) = (of(0), of(1)) {
+        let _ = writeln!(text, "{:30} {zero:>24.2} {flash:>26.2}", "median");
     }
     text
 }
