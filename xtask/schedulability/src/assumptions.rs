@@ -31,6 +31,10 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
             bus.error_burst, bus.error_interval_ms
         )
     });
+    let mut tasks = models.nodes.iter().flat_map(|(model, _)| &model.tasks);
+    if tasks.any(|task| !task.hardware) {
+        all.push("Executor and timer queue of the software tasks call only functions whose address stands in the image; a task waits for one instant at a time.".to_owned());
+    }
     for (model, table) in &models.nodes {
         all.push(format!(
             "{} runs at {} MHz and begins to transmit {} before the mark.",
