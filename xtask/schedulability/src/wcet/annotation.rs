@@ -160,6 +160,17 @@ impl Annotations {
             .map(|instruction| locate(instruction.address))
             .filter(|places| !places.is_empty())
             .collect();
+        // What the compiler made up in a function that it put here has a line
+        // of the caller only, which need not be the loop's.
+        let made_up = l
+            .blocks
+            .iter()
+            .flat_map(|block| &graph.blocks[*block].instructions)
+            .map(|instruction| image.places(instruction.address))
+            .filter(|places| places.first().is_some_and(|place| place.line == 0))
+            .map(|places| places.into_iter().filter(|place| place.line != 0).collect())
+            .filter(|places: &Vec<Place>| !places.is_empty())
+            .collect::<Vec<_>>();
         let deciding: Vec<Vec<Place>> = l
             .blocks
             .iter()
@@ -204,6 +215,11 @@ impl Annotations {
                 .iter()
                 .filter(|places| !holds(place, s, places))
                 .count();
+            let excused = made_up
+                .iter()
+                .filter(|places| !holds(place, s, places))
+                .count();
+            let strays = strays - excused;
             let decided = deciding
                 .iter()
                 .filter(|places| holds(place, s, places))
