@@ -138,8 +138,8 @@ pub const STAMP_TICKS_F303: u32 = 11;
 /// number of bits behind its start of frame. A request within the last bit before the mark
 /// starts the frame on the mark; one just after it a whole bit late.
 pub const TRANSMIT_LEAD_F446: u32 = 90;
-/// The same for the F303, which needs some 10 us.
-pub const TRANSMIT_LEAD_F303: u32 = 216;
+/// The same for the F303, which needs some 7 us.
+pub const TRANSMIT_LEAD_F303: u32 = 162;
 
 /// Rate error between two crystals that the schedule follows, ppm: two of 50 ppm, doubled.
 pub const DRIFT_LIMIT_PPM: u16 = 200;

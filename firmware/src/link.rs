@@ -16,8 +16,9 @@ use ttcan::{
 
 /// Windows of the system matrix.
 pub const WINDOWS: usize = MATRIX.window_count();
-/// Event messages of a node that wait for their window at most.
-pub const EVENT_QUEUE: usize = 8;
+/// Event messages of a node that wait for their window at most. An actuator node sends its
+/// state only.
+pub const EVENT_QUEUE: usize = if cfg!(feature = "f303") { 2 } else { 8 };
 /// The protocol stack of a node of this network.
 pub type Stack = ttcan::Node<'static, WINDOWS, { MATRIX.node_count() }, EVENT_QUEUE>;
 

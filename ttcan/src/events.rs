@@ -32,27 +32,33 @@ impl Item {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Waiting {
-    item: Item,
-    expires: Stamp,
+    /// The item's, where it is found quickly.
+    id: Id,
     /// Running number.
     turn: u32,
+    expires: Stamp,
+    item: Item,
 }
 
 impl Waiting {
     fn goes_before(&self, other: &Self) -> bool {
-        let (own, others) = (self.item.id(), other.item.id());
-        own < others || (own == others && self.turn.wrapping_sub(other.turn) > u32::MAX / 2)
+        if self.id == other.id {
+            self.turn.wrapping_sub(other.turn).cast_signed() < 0
+        } else {
+            self.id < other.id
+        }
     }
 }
 
 /// Up to `Q` messages, taken by identifier, and those of one identifier in the
-/// order in which they came. They stay where they were put: to look through the
-/// places costs less than to keep them in order.
+/// order in which they came. They stay where they were put; which is the first
+/// is found when one is removed, where time is not short.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Queue<const Q: usize> {
     places: [Option<Waiting>; Q],
     count: usize,
     turn: u32,
+    first: Option<u8>,
 }
 
 impl<const Q: usize> Queue<Q> {
@@ -61,6 +67,7 @@ impl<const Q: usize> Queue<Q> {
             places: [None; Q],
             count: 0,
             turn: 0,
+            first: None,
         }
     }
 
@@ -68,80 +75,90 @@ impl<const Q: usize> Queue<Q> {
         self.count == 0
     }
 
-    pub const fn is_full(&self) -> bool {
-        self.count >= Q
-    }
-
     pub const fn len(&self) -> usize {
         self.count
     }
 
-    /// `false` when there is no room.
+    /// How many messages made room because they had expired by `now`; `None`
+    /// when there is no room. The first message keeps its place until its turn,
+    /// and that at `kept` until its report.
     // Its loops stay apart from the caller's in the image, where their bounds are looked for.
     #[inline(never)]
-    pub fn insert(&mut self, item: Item, expires: Stamp) -> bool {
+    pub fn insert(
+        &mut self,
+        item: Item,
+        expires: Stamp,
+        now: Stamp,
+        kept: Option<u8>,
+    ) -> Option<u32> {
         let turn = self.turn;
-        for place in &mut self.places {
-            if place.is_none() {
-                *place = Some(Waiting {
-                    item,
-                    expires,
-                    turn,
-                });
+        let new = Waiting {
+            id: item.id(),
+            turn,
+            expires,
+            item,
+        };
+        let before = match self.first.map(|first| self.places.get(usize::from(first))) {
+            Some(Some(Some(first))) => new.goes_before(first),
+            _ => true,
+        };
+        for (at, place) in self.places.iter_mut().enumerate() {
+            let at = at as u8;
+            let expired = place
+                .as_ref()
+                .is_some_and(|waiting| now.reached(waiting.expires))
+                && self.first != Some(at)
+                && kept != Some(at);
+            if place.is_none() || expired {
+                *place = Some(new);
+                if before {
+                    self.first = Some(at);
+                }
                 self.turn = turn.wrapping_add(1);
-                self.count += 1;
-                return true;
+                self.count += usize::from(!expired);
+                return Some(u32::from(expired));
             }
         }
-        false
+        None
     }
 
-    /// The most urgent message.
-    #[inline(never)]
-    pub fn first(&self) -> Option<&Item> {
-        let mut first: Option<&Waiting> = None;
-        // loop-bound: 8 places
-        for waiting in self.places.iter().flatten() {
-            if first.is_none_or(|first| waiting.goes_before(first)) {
-                first = Some(waiting);
-            }
-        }
-        first.map(|waiting| &waiting.item)
+    /// The place of the most urgent message, and whether it has expired by `now`.
+    pub fn first(&self, now: Stamp) -> Option<(u8, bool)> {
+        let at = self.first?;
+        let waiting = self.places.get(usize::from(at))?.as_ref()?;
+        Some((at, now.reached(waiting.expires)))
     }
 
-    /// Removes the oldest message of `id`.
-    #[inline(never)]
-    pub fn remove(&mut self, id: Id) {
-        let mut oldest: Option<(usize, &Waiting)> = None;
-        // loop-bound: 8 places
+    fn find_first(&self) -> Option<u8> {
+        let mut first: Option<(u8, &Waiting)> = None;
         for (at, place) in self.places.iter().enumerate() {
             if let Some(waiting) = place
-                && waiting.item.id() == id
-                && oldest.is_none_or(|(_, oldest)| waiting.goes_before(oldest))
+                && first.is_none_or(|(_, first)| waiting.goes_before(first))
             {
-                oldest = Some((at, waiting));
+                first = Some((at as u8, waiting));
             }
         }
-        if let Some((at, _)) = oldest
-            && let Some(place) = self.places.get_mut(at)
+        first.map(|(at, _)| at)
+    }
+
+    /// The message at a place.
+    pub fn get(&self, place: u8) -> Option<&Item> {
+        self.places
+            .get(usize::from(place))?
+            .as_ref()
+            .map(|waiting| &waiting.item)
+    }
+
+    /// Removes the message at a place.
+    #[inline(never)]
+    pub fn remove(&mut self, place: u8) {
+        if let Some(place) = self.places.get_mut(usize::from(place))
+            && place.is_some()
         {
             *place = None;
             self.count = self.count.saturating_sub(1);
+            self.first = self.find_first();
         }
-    }
-
-    /// Drops what has expired by `now` and returns how many that were.
-    #[inline(never)]
-    pub fn expire(&mut self, now: Stamp) -> u32 {
-        let mut expired = 0;
-        for place in &mut self.places {
-            if place.is_some_and(|waiting| now.reached(waiting.expires)) {
-                *place = None;
-                self.count = self.count.saturating_sub(1);
-                expired += 1;
-            }
-        }
-        expired
     }
 
     pub fn clear(&mut self) {
@@ -149,19 +166,27 @@ impl<const Q: usize> Queue<Q> {
     }
 
     /// Moves all deadlines so that `now` becomes stamp 0, and makes queues equal
-    /// that hold the same messages.
+    /// that hold the same messages. Returns where what was at `place` is then.
     #[cfg(feature = "std")]
-    pub fn shift(&mut self, now: Stamp) {
+    pub fn shift(&mut self, now: Stamp, place: u8) -> u8 {
+        let turn = |waiting: &Option<Waiting>| waiting.as_ref().map(|waiting| waiting.turn);
+        let followed = self.places.get(usize::from(place)).and_then(turn);
         self.places.sort_by(|one, other| match (one, other) {
             (Some(one), Some(other)) if one.goes_before(other) => core::cmp::Ordering::Less,
             (Some(_), Some(_)) => core::cmp::Ordering::Greater,
             _ => other.is_some().cmp(&one.is_some()),
         });
+        let moved = self
+            .places
+            .iter()
+            .position(|waiting| followed.is_some() && turn(waiting) == followed);
         self.turn = 0;
         for waiting in self.places.iter_mut().flatten() {
             waiting.expires = Stamp(waiting.expires.0.wrapping_sub(now.0));
             waiting.turn = self.turn;
             self.turn += 1;
         }
+        self.first = self.find_first();
+        moved.map_or(place, |moved| moved as u8)
     }
 }

@@ -53,7 +53,8 @@ enum Pending {
         retry_late: bool,
     },
     Event {
-        id: Id,
+        /// In the queue.
+        place: u8,
     },
 }
 
@@ -457,16 +458,10 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         if ticks > LONGEST {
             return Err(QueueError::Lifetime);
         }
-        let expires = now.after(ticks);
-        if self.queue.is_full() {
-            let expired = self.queue.expire(now);
-            bump(&mut self.counters.events_expired, expired);
-        }
-        if self.queue.insert(Item::Event(frame), expires) {
+        if self.enqueue(Item::Event(frame), now.after(ticks), now) {
             self.attend_events();
             Ok(())
         } else {
-            bump(&mut self.counters.events_refused, 1);
             Err(QueueError::Full)
         }
     }

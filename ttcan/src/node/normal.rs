@@ -40,7 +40,14 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             *asked = moved(*asked);
         }
         node.asked = node.asked.map(moved);
-        node.queue.shift(now);
+        let place = match node.pending {
+            Pending::Event { place } => place,
+            _ => 0,
+        };
+        let moved = node.queue.shift(now, place);
+        if let Pending::Event { place } = &mut node.pending {
+            *place = moved;
+        }
         if node.clock.at(now).is_some() {
             node.clock.restart(now, GlobalTime::default());
         }

@@ -121,6 +121,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
     /// Passes one boundary: the end of an entry, with the beginning of the next
     /// one if that is due too, or the beginning of one.
+    #[inline(never)]
     fn step(&mut self, now: Stamp) -> Option<Action> {
         if self.inside {
             if let Some(entry) = self.entry() {
@@ -152,10 +153,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 self.open_own(entry, (id, len, retry_late), start.unwrap_or(now), now)
             }
             Role::Exclusive { .. } => None,
-            Role::Arbitrating => {
-                self.attend_events();
-                None
-            }
+            Role::Arbitrating if self.queue.is_empty() => None,
+            Role::Arbitrating => self.transmit_event(now),
         }
     }
 
@@ -251,16 +250,13 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if EVENTS && retry_late {
             // Worth sending until its next turn.
             let lifetime = self.clock.ticks(self.schedule.network.basic_cycle);
-            if !self
-                .queue
-                .insert(Item::Late { window, id, len }, now.after(lifetime))
-            {
-                bump(&mut self.counters.events_refused, 1);
-            }
+            self.enqueue(Item::Late { window, id, len }, now.after(lifetime), now);
         }
         self.assess();
     }
 
+    // A function of its own in the image: the bound of a window is without it.
+    #[inline(never)]
     fn transmit_reference(&mut self, now: Stamp) -> Action {
         self.reference_due = None;
         let network = self.schedule.network;
@@ -344,6 +340,20 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
     }
 
+    /// Puts a message in line; `false` when there is no room.
+    pub(super) fn enqueue(&mut self, item: Item, expires: Stamp, now: Stamp) -> bool {
+        let kept = match self.pending {
+            Pending::Event { place } => Some(place),
+            _ => None,
+        };
+        let expired = self.queue.insert(item, expires, now, kept);
+        match expired {
+            Some(expired) => bump(&mut self.counters.events_expired, expired),
+            None => bump(&mut self.counters.events_refused, 1),
+        }
+        expired.is_some()
+    }
+
     /// Notes that an event message may go now, if one waits.
     pub(super) fn attend_events(&mut self) {
         if EVENTS {
@@ -352,6 +362,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     /// The most urgent event message, if this is the time for it.
+    // A function of its own in the image: the bound of other windows is without it.
+    #[inline(never)]
     fn transmit_event(&mut self, now: Stamp) -> Option<Action> {
         if !self.inside
             || self.events_held
@@ -368,14 +380,20 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if self.doubt(entry.end) > self.schedule.network.uncertainty {
             return None;
         }
-        let expired = self.queue.expire(now);
-        bump(&mut self.counters.events_expired, expired);
-        let first = *self.queue.first()?;
+        let (place, expired) = self.queue.first(now)?;
+        if expired {
+            // The next one has its turn in a step of its own.
+            bump(&mut self.counters.events_expired, 1);
+            self.queue.remove(place);
+            self.attend_events();
+            return None;
+        }
+        let first = *self.queue.get(place)?;
         let latest = self.latest_start(entry, first.id(), first.len());
         if now.reached(latest) {
             return None;
         }
-        self.pending = Pending::Event { id: first.id() };
+        self.pending = Pending::Event { place };
         self.withdraw_due = Some(latest);
         Some(match first {
             Item::Event(frame) => Action::TransmitEvent(frame),
@@ -418,15 +436,21 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// Passes the boundaries that lie before `start`, the instant at which a
     /// received frame began: the timer was late.
     pub(super) fn catch_up(&mut self, start: Stamp) {
-        // loop-bound: 1 the timer's deadline lies before the end of any frame
+        // loop-bound: 1 once for each boundary
         while due(self.entry_due, start) {
-            // at-most: 0 as above: a late timer has missed its deadline
-            // What could be sent then is past by a frame's length now.
-            let late = start.after(self.bits(u32::from(u8::MAX)));
-            if self.step(late).is_some() {
-                self.pending = Pending::None;
-                self.withdraw_due = None;
-            }
+            // at-most: 0 the timer's deadline lies before the end of any frame
+            self.pass_late(start);
+        }
+    }
+
+    // Apart from its caller in the image, so that the bound above finds it.
+    #[inline(never)]
+    fn pass_late(&mut self, start: Stamp) {
+        // What could be sent then is past by a frame's length now.
+        let late = start.after(self.bits(u32::from(u8::MAX)));
+        if self.step(late).is_some() {
+            self.pending = Pending::None;
+            self.withdraw_due = None;
         }
     }
 }

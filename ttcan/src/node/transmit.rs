@@ -54,13 +54,13 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 | TransmitOutcome::Aborted => self.fail_own(window, id, len, retry_late, stamp),
             },
             Pending::Event { .. } if !EVENTS => {}
-            Pending::Event { id } => match outcome {
+            Pending::Event { place } => match outcome {
                 TransmitOutcome::Sent => {
                     bump(&mut self.counters.events_sent, 1);
-                    self.queue.remove(id);
+                    self.queue.remove(place);
                 }
                 // A late message that its owner does not want to send any more.
-                TransmitOutcome::Empty => self.queue.remove(id),
+                TransmitOutcome::Empty => self.queue.remove(place),
                 TransmitOutcome::ArbitrationLost | TransmitOutcome::Error => {}
                 TransmitOutcome::Aborted => self.events_held = true,
             },
@@ -68,6 +68,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         self.attend_events();
     }
 
+    // A function of its own in the image: the bound of a message is without it.
+    #[inline(never)]
     fn end_reference(
         &mut self,
         outcome: TransmitOutcome,

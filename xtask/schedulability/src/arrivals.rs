@@ -43,17 +43,36 @@ pub struct Job {
     pub earliest: u64,
     /// Latest release; may lie beyond the cycle's end.
     pub latest: u64,
-    /// Its deadline after the release where it is not the task's: of the node's
-    /// own transmissions.
+    /// Its deadline after the release where it is not the task's.
     pub deadline: Option<u64>,
+    /// Whether it begins a transmission of the node's own.
+    pub transmits: bool,
 }
 
-impl Job {
-    /// Whether it is for a transmission of the node's own.
-    #[must_use]
-    pub const fn transmits(&self) -> bool {
-        self.deadline.is_some()
-    }
+/// What a job of the bus has to do.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Default,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// Nothing is known of it.
+    #[default]
+    Any,
+    /// A reference message.
+    Reference,
+    /// A message in an exclusive window, or such a window.
+    Exclusive,
+    /// An event message, or an arbitrating window.
+    Arbitrating,
 }
 
 /// Releases that come back in every cycle; any of them may stay away.
@@ -64,6 +83,15 @@ pub struct Timetable {
     /// Least time between two releases, whichever they are; zero where nothing
     /// is known of it.
     pub spacing: u64,
+    /// So many releases may come in any window beyond what the spacing allows.
+    pub burst: u64,
+    /// What the jobs are.
+    pub kind: Kind,
+    /// Longest time of one job, where it is less than the task's.
+    pub cost: Option<u64>,
+    /// Releases before which none of these comes: they are brought about by the
+    /// job that is released then.
+    pub begun_at: Vec<u64>,
     /// The releases.
     pub jobs: Vec<Job>,
 }
@@ -87,7 +115,7 @@ impl Timetable {
     fn spaced(&self, window: u64) -> u64 {
         match self.spacing {
             0 => u64::MAX,
-            spacing => window.div_ceil(spacing),
+            spacing => window.div_ceil(spacing).saturating_add(self.burst),
         }
     }
 
@@ -97,6 +125,21 @@ impl Timetable {
             .iter()
             .map(|job| repeats(job, jitter, begin.cast_signed(), length, self.cycle))
             .sum()
+    }
+
+    /// Most releases in the `window` from `begin` of the cycle on, each up to
+    /// `jitter` late.
+    #[must_use]
+    pub fn from(&self, begin: u64, window: u64, jitter: u64) -> u64 {
+        self.within(begin, window, jitter)
+            .min(self.spaced(window + jitter))
+    }
+
+    /// Whether `job` of this table may be released in the `window` from `begin` of
+    /// the cycle on.
+    #[must_use]
+    pub fn holds(&self, job: &Job, begin: u64, window: u64, jitter: u64) -> bool {
+        repeats(job, jitter, begin.cast_signed(), window, self.cycle) > 0
     }
 
     /// Releases between `carry` before the release of `job`, which comes up to
@@ -139,8 +182,8 @@ fn repeats(job: &Job, jitter: u64, begin: i64, length: u64, cycle: u64) -> u64 {
 pub struct Arrivals {
     /// Streams that know no time table.
     pub sporadic: Vec<Sporadic>,
-    /// Releases by the time table.
-    pub timed: Option<Timetable>,
+    /// Releases by the time table, in parts that are spaced each by itself.
+    pub timed: Vec<Timetable>,
 }
 
 impl Arrivals {
@@ -149,7 +192,7 @@ impl Arrivals {
     pub fn every(period: u64) -> Self {
         Self {
             sporadic: vec![Sporadic::every(period)],
-            timed: None,
+            timed: Vec::new(),
         }
     }
 
@@ -157,15 +200,7 @@ impl Arrivals {
     #[must_use]
     pub fn merged(mut self, other: &Self) -> Self {
         self.sporadic.extend(&other.sporadic);
-        match (&mut self.timed, &other.timed) {
-            (Some(own), Some(theirs)) => {
-                own.jobs.extend(theirs.jobs.iter().cloned());
-                // Nothing is known of the distance between the two.
-                own.spacing = 0;
-            }
-            (None, theirs) => self.timed.clone_from(theirs),
-            (_, None) => {}
-        }
+        self.timed.extend(other.timed.iter().cloned());
         self
     }
 
@@ -184,8 +219,8 @@ impl Arrivals {
             .iter()
             .map(|stream| stream.count(window.saturating_add(jitter)))
             .sum();
-        let timed = self.timed.as_ref();
-        sporadic.saturating_add(timed.map_or(0, |table| table.count(window, jitter)))
+        let timed = self.timed.iter().map(|table| table.count(window, jitter));
+        timed.fold(sporadic, u64::saturating_add)
     }
 
     /// Releases in the long run: so many in so long.
@@ -204,8 +239,8 @@ impl Arrivals {
     /// The one period, if there is one and no time table.
     #[must_use]
     pub fn single(&self) -> Option<u64> {
-        match (self.sporadic.as_slice(), &self.timed) {
-            ([stream], None) if stream.limit.is_none() => Some(stream.period),
+        match (self.sporadic.as_slice(), self.timed.as_slice()) {
+            ([stream], []) if stream.limit.is_none() => Some(stream.period),
             _ => None,
         }
     }
@@ -248,6 +283,7 @@ mod tests {
             earliest,
             latest,
             deadline: None,
+            transmits: false,
         }
     }
 
@@ -255,6 +291,10 @@ mod tests {
         Timetable {
             cycle: 100,
             spacing,
+            burst: 0,
+            kind: super::Kind::Any,
+            cost: None,
+            begun_at: Vec::new(),
             jobs: jobs.iter().map(|&(a, b)| job(a, b)).collect(),
         }
     }
@@ -292,7 +332,7 @@ mod tests {
         );
         let arrivals = Arrivals {
             sporadic: Vec::new(),
-            timed: Some(table),
+            timed: vec![table],
         };
         assert_eq!([1, 2, 4].map(|n| arrivals.distance(n, 0)), [2, 17, 100]);
     }
@@ -304,6 +344,14 @@ mod tests {
         assert_eq!(table(5, &[(10, 30), (20, 40)]).count(6, 0), 2);
         // Late by more than what lies between them.
         assert_eq!(table(0, &[(10, 10), (13, 13)]).count(1, 3), 2);
+    }
+
+    #[test]
+    fn a_burst_comes_once_in_any_window() {
+        let mut table = table(20, &[(0, 90), (0, 90), (0, 90), (0, 90), (0, 90)]);
+        assert_eq!([1, 20, 21, 41].map(|w| table.count(w, 0)), [1, 1, 2, 3]);
+        table.burst = 1;
+        assert_eq!([1, 20, 21, 41].map(|w| table.count(w, 0)), [2, 2, 3, 4]);
     }
 
     #[test]

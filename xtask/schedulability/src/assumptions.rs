@@ -32,7 +32,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         )
     });
     let mut tasks = models.nodes.iter().flat_map(|(model, _)| &model.tasks);
-    if tasks.any(|task| !task.hardware) {
+    if tasks.any(|task| task.dispatched) {
         all.push("Executor and timer queue of the software tasks call only functions whose address stands in the image; a task waits for one instant at a time.".to_owned());
     }
     for (model, table) in &models.nodes {

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use crate::arrivals::Kind;
 use crate::model::NodeModel;
 use crate::results::Picoseconds;
 use crate::stack::{FRAME, FRAME_FPU, Stacks};
@@ -21,6 +22,8 @@ use crate::wcet::watch::Watch;
 pub struct Handler {
     /// Bound in cycles, entry and return included: zero wait states, as flashed.
     pub cycles: [u64; 2],
+    /// The same for jobs that never call certain functions.
+    pub kinds: BTreeMap<Kind, [u64; 2]>,
     /// Cycles of entry and return in them.
     pub overhead: [u64; 2],
     /// What a preemption by it costs besides, in cycles.
@@ -127,9 +130,28 @@ impl Execution {
             } else {
                 0
             };
+            let mut kinds = BTreeMap::new();
+            for (kind, names) in &task.never {
+                let never = names
+                    .iter()
+                    .map(|name| {
+                        image.function_ending(name).ok_or_else(|| {
+                            InputError(format!(
+                                "the image of {} has no function {name}, which a job of {} is said never to call",
+                                node.name, task.name
+                            ))
+                        })
+                    })
+                    .collect::<Result<BTreeSet<u32>, _>>()?;
+                let without = analysis.run_without(entry, Entry::Handler, &never);
+                if without.problems.is_empty() {
+                    kinds.insert(*kind, without.cycles);
+                }
+            }
             execution.handlers.insert(
                 task.interrupt.clone(),
                 Handler {
+                    kinds,
                     // Both hold: the machine's clock knows the history of each
                     // path, the program what is annotated about all of them.
                     cycles: std::array::from_fn(|model| {

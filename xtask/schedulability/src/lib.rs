@@ -21,6 +21,7 @@ pub mod execution;
 pub mod kernels;
 pub mod model;
 pub mod node;
+mod phases;
 pub mod priorities;
 pub mod releases;
 pub mod report;

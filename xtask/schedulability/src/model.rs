@@ -1,8 +1,10 @@
 //! The tasks of a node: source, task table and network file put together.
 
+use std::collections::BTreeMap;
+
 use network_model::Network;
 
-use crate::arrivals::{Arrivals, Sporadic, Timetable};
+use crate::arrivals::{Arrivals, Kind, Sporadic, Timetable};
 use crate::releases::Bus;
 use crate::results::{MICROSECOND, Picoseconds};
 use crate::system::InputError;
@@ -32,8 +34,14 @@ pub struct TaskModel {
     pub after: Option<String>,
     /// Whether it is released only while the node is off the bus.
     pub off_bus: bool,
-    /// Whether an interrupt of its own runs it, and no dispatcher.
-    pub hardware: bool,
+    /// Whether a release is no job of its own while another one is pending: an
+    /// interrupt of its own runs it, and its handler serves all there is. Those
+    /// of the bus do one thing and come again.
+    pub coalesces: bool,
+    /// Whether a dispatcher runs it.
+    pub dispatched: bool,
+    /// Functions that jobs of a kind never call.
+    pub never: BTreeMap<Kind, Vec<String>>,
 }
 
 /// A node without its costs.
@@ -99,11 +107,10 @@ impl NodeModel {
                 jitter: entry.jitter_us * MICROSECOND,
                 after: entry.after.clone(),
                 off_bus: entry.off_bus,
-                hardware: task == interrupt
-                    || app
-                        .tasks
-                        .iter()
-                        .any(|of_app| of_app.name == task && of_app.binds.is_some()),
+                never: entry.never.clone(),
+                coalesces: entry.on.as_slice().is_empty()
+                    && (task == interrupt || of_app.is_some_and(|of_app| of_app.binds.is_some())),
+                dispatched: task != interrupt && of_app.is_none_or(|of_app| of_app.binds.is_none()),
             });
         }
         tasks.sort_by_key(|task| std::cmp::Reverse(task.priority));
@@ -128,39 +135,50 @@ fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, String> {
                     .map(|most| (most.jobs, most.in_us * MICROSECOND)),
             })
             .collect(),
-        timed: None,
+        timed: Vec::new(),
     };
     let mut tables: Vec<Timetable> = Vec::new();
     for event in entry.on.as_slice() {
         match event {
-            BusEvent::FrameReceived => tables.push(bus.frames(false)),
-            BusEvent::FrameSent => tables.push(bus.frames(true)),
-            BusEvent::WindowEdge => tables.push(bus.window_edges()),
-            BusEvent::EventQueued => all.sporadic.extend(bus.events_queued()),
+            BusEvent::FrameReceived => tables.extend(bus.frames(false)),
+            BusEvent::FrameSent => {
+                tables.extend(bus.frames(true));
+                tables.extend(bus.attempts());
+                tables.extend(bus.withdrawn());
+            }
+            BusEvent::WindowEdge => {
+                tables.extend(bus.window_edges());
+                // What follows the end of an attempt to send an event message: the next.
+                tables.extend(bus.attempts());
+                tables.extend(bus.withdrawn());
+            }
+            BusEvent::EventQueued => tables.extend(bus.events_queued()),
         }
     }
     for message in entry.receives.as_slice() {
-        let table = bus
+        let mut table = bus
             .message(message)
             .ok_or_else(|| format!("no other node sends a message {message}"))?;
+        if entry.delay_us > 0 {
+            // The message has been taken by its deadline when the delay begins.
+            for job in &mut table.jobs {
+                job.earliest += entry.delay_us * MICROSECOND;
+                job.latest += entry.delay_us * MICROSECOND + bus.leisure();
+            }
+        }
         tables.push(table);
     }
     if !entry.at_us.as_slice().is_empty() {
         tables.push(bus.marks(entry.at_us.as_slice()));
     }
-    for table in tables {
-        all = all.merged(&Arrivals {
-            sporadic: Vec::new(),
-            timed: Some(table),
-        });
-    }
+    all.timed = tables;
     Ok(all)
 }
 
 fn deadline(entry: &TaskTable, bus: Bus<'_>) -> Result<Picoseconds, String> {
     match (&entry.by, entry.deadline_us) {
         (Some(By::WindowEnd), _) => Ok(bus.after_frame().min(3 * bus.spacing(false))),
-        (Some(By::Window), _) => Ok(bus.spacing(false)),
+        (Some(By::Window), _) => Ok(bus.leisure()),
         (Some(By::Message(message)), _) => {
             let due = bus
                 .due(message)

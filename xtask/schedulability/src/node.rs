@@ -2,8 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::arrivals::Arrivals;
 use crate::execution::{Execution, Handler, picoseconds};
-use crate::model::NodeModel;
+use crate::model::{NodeModel, TaskModel};
 use crate::response::{self, CriticalSection, Task};
 use crate::results::{MICROSECOND, NodeReport, Picoseconds, TaskReport};
 use crate::sensitivity::slack;
@@ -26,6 +27,18 @@ pub struct Seen {
 
 /// To within this the sensitivity is found.
 const STEP: Picoseconds = MICROSECOND / 50;
+
+/// The releases of a task, each kind of job with its own bound.
+fn with_costs(task: &TaskModel, bound: &Handler, time: impl Fn(u64) -> u64) -> Arrivals {
+    let mut arrivals = task.arrivals.clone();
+    for table in &mut arrivals.timed {
+        table.cost = bound
+            .kinds
+            .get(&table.kind)
+            .map(|cycles| time(cycles[1].min(bound.cycles[1])));
+    }
+    arrivals
+}
 
 /// Schedules the node.
 #[must_use]
@@ -66,11 +79,11 @@ pub fn schedule(
             name: task.name.clone(),
             priority: task.priority,
             cost: time(bound.cycles[1]),
-            arrivals: task.arrivals.clone(),
+            arrivals: with_costs(task, bound, time),
             deadline: task.deadline,
             jitter: task.jitter,
             after: None,
-            coalesces: task.hardware,
+            coalesces: task.coalesces,
             off_bus: task.off_bus,
             blocking: response::blocking(&sections, task.priority),
             preemption: time(bound.preemption),

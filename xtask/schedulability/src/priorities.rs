@@ -233,7 +233,7 @@ pub fn json<'a>(nodes: impl IntoIterator<Item = (&'a NodeModel, Option<&'a NodeR
 #[cfg(test)]
 mod tests {
     use super::{changes, inversions, json, propose, show};
-    use crate::arrivals::{Arrivals, Job, Timetable};
+    use crate::arrivals::{Arrivals, Job, Kind, Timetable};
     use crate::model::{NodeModel, TaskModel};
 
     fn task(name: &str, priority: u32, deadline: u64) -> TaskModel {
@@ -248,7 +248,9 @@ mod tests {
             jitter: 0,
             after: None,
             off_bus: false,
-            hardware: true,
+            coalesces: true,
+            dispatched: false,
+            never: std::collections::BTreeMap::new(),
         }
     }
 
@@ -320,16 +322,21 @@ mod tests {
     #[test]
     fn a_release_with_a_deadline_of_its_own_makes_its_task_urgent() {
         let mut edges = task("edges", 2, 900);
-        edges.arrivals.timed = Some(Timetable {
+        edges.arrivals.timed = vec![Timetable {
             cycle: 1000,
             spacing: 1,
+            burst: 0,
+            kind: Kind::Any,
+            cost: None,
+            begun_at: Vec::new(),
             jobs: vec![Job {
                 label: "own".to_owned(),
                 earliest: 0,
                 latest: 0,
                 deadline: Some(50),
+                transmits: true,
             }],
-        });
+        }];
         let node = node(vec![edges, task("receive", 2, 400)]);
         let proposed = propose(&node);
         assert!(proposed["edges"] > proposed["receive"]);

@@ -8,14 +8,19 @@
 
 use network_model::{Message, Network, SendType, Window, WindowKind, worst_case_bits};
 
-use crate::arrivals::{Job, Sporadic, Timetable};
+use crate::arrivals::{Job, Kind, Timetable};
 use crate::results::{MICROSECOND, Picoseconds};
 
 /// Bits of a data frame with an 11-bit identifier before its data are counted,
 /// without stuffing, up to the last bit but one, where a receiver takes it.
 const SHORTEST_BITS: u64 = 43;
+/// Bits until arbitration is lost for the first time: the start of frame and the
+/// bits of the identifier in which the network's event messages are alike.
+const ARBITRATION_BITS: u64 = 8;
 /// The rest of the frame and the interframe space.
 const REST_BITS: u64 = 4;
+/// Bits between two frames.
+const INTERFRAME_BITS: u64 = 3;
 
 /// What one node has to do with the bus.
 #[derive(Debug, Clone, Copy)]
@@ -52,6 +57,13 @@ impl<'a> Bus<'a> {
     #[must_use]
     pub fn transmit_enable(&self) -> Picoseconds {
         u64::from(self.network.transmit_enable_bits) * self.bit()
+    }
+
+    /// How long after the node's timer has called for it a frame must be asked
+    /// for: the controller begins it with the next bit, and a frame begins
+    /// within the transmit enable window.
+    fn request(&self) -> Picoseconds {
+        (self.transmit_enable() + self.lead).saturating_sub(self.bit())
     }
 
     /// Least time between the ends of two frames of other nodes, or of its own.
@@ -108,14 +120,104 @@ impl<'a> Bus<'a> {
         Timetable {
             cycle: self.cycles() * self.basic_cycle(),
             spacing,
+            burst: 0,
+            kind: Kind::Any,
+            cost: None,
+            begun_at: Vec::new(),
             jobs,
         }
     }
 
-    /// The ends of frames, of its own or of all others.
+    /// The releases that an arbitrating window brings, by its first edge.
+    fn in_window(&self, spacing: Picoseconds, burst: u64, jobs: Vec<Job>) -> Timetable {
+        let arbitrating = self.network.messages.iter();
+        let mut begun_at: Vec<Picoseconds> = arbitrating
+            .filter(|message| message.window.kind == WindowKind::Arbitrating)
+            .flat_map(|message| {
+                let start = u64::from(message.window.start_us) * MICROSECOND;
+                self.begins(message.window)
+                    .map(move |begin| (begin + start).saturating_sub(self.lead))
+            })
+            .collect();
+        begun_at.sort_unstable();
+        begun_at.dedup();
+        Timetable {
+            burst,
+            kind: Kind::Arbitrating,
+            begun_at,
+            ..self.table(spacing, jobs)
+        }
+    }
+
+    /// The ends of frames: of all others, or of its own outside the arbitrating
+    /// windows ([`Bus::attempts`]).
     #[must_use]
-    pub fn frames(&self, own: bool) -> Timetable {
-        self.frames_of(own, |message| self.is_own(message) == own)
+    pub fn frames(&self, own: bool) -> Vec<Timetable> {
+        let kinds = [
+            (WindowKind::Reference, Kind::Reference),
+            (WindowKind::Exclusive, Kind::Exclusive),
+            (WindowKind::Arbitrating, Kind::Arbitrating),
+        ];
+        kinds
+            .into_iter()
+            .filter(|(window, _)| !(own && *window == WindowKind::Arbitrating))
+            .map(|(window, kind)| Timetable {
+                kind,
+                ..self.frames_of(own, |message| {
+                    self.is_own(message) == own && message.window.kind == window
+                })
+            })
+            .filter(|table| !table.jobs.is_empty())
+            .collect()
+    }
+
+    /// Time that nothing of the schedule waits for what an arbitrating window
+    /// brings: until the receive FIFO of three frames overruns.
+    #[must_use]
+    pub fn leisure(&self) -> Picoseconds {
+        3 * self.spacing(false)
+    }
+
+    /// The ends of its own attempts in each arbitrating window: a message of its
+    /// own was sent, or lost against another's.
+    ///
+    /// A frame on the bus ends one attempt at most, somewhere between its begin
+    /// and its end, and not before it has sent its first bits. So of any three
+    /// ends, the first and the last are a frame apart; and so many more may end
+    /// by being withdrawn, after which none follows in the window.
+    #[must_use]
+    pub fn attempts(&self) -> Option<Timetable> {
+        let arbitrated = |m: &&Message| m.window.kind == WindowKind::Arbitrating;
+        let messages = || self.network.messages.iter().filter(arbitrated);
+        if !messages().any(|message| self.is_own(message)) {
+            return None;
+        }
+        let mut jobs = Vec::new();
+        for message in messages() {
+            let window = message.window;
+            let what = if self.is_own(message) {
+                "sent"
+            } else {
+                "lost against"
+            };
+            for begin in self.begins(window) {
+                let job = Job {
+                    label: format!("{what} {}", message.name),
+                    earliest: begin
+                        + u64::from(window.start_us) * MICROSECOND
+                        + ARBITRATION_BITS * self.bit()
+                        - self.uncertainty(),
+                    latest: begin + u64::from(window.end_us()) * MICROSECOND + self.uncertainty(),
+                    deadline: Some(self.leisure()),
+                    transmits: false,
+                };
+                jobs.extend(std::iter::repeat_n(job, self.events_in_cycle(message)));
+            }
+        }
+        let shortest = messages()
+            .map(|message| SHORTEST_BITS + REST_BITS + 8 * u64::from(message.shortest))
+            .min()?;
+        Some(self.in_window(shortest * self.bit(), 1, jobs))
     }
 
     /// The ends of another node's message; `None` if there is none.
@@ -144,7 +246,8 @@ impl<'a> Bus<'a> {
                         WindowKind::Arbitrating => end + self.uncertainty(),
                         _ => start + self.transmit_enable() + last + self.uncertainty(),
                     },
-                    deadline: None,
+                    deadline: (window.kind == WindowKind::Arbitrating).then(|| self.leisure()),
+                    transmits: false,
                 };
                 match window.kind {
                     // Several masters, but one reference in each cycle.
@@ -185,14 +288,18 @@ impl<'a> Bus<'a> {
 
     /// What the window timer is set to.
     #[must_use]
-    pub fn window_edges(&self) -> Timetable {
+    pub fn window_edges(&self) -> Vec<Timetable> {
         let mut jobs: Vec<Job> = Vec::new();
+        let mut references: Vec<Job> = Vec::new();
+        let mut arbitrating: Vec<Job> = Vec::new();
+        let mut withdrawals: Vec<Job> = Vec::new();
         let at = |instant: Picoseconds| instant.saturating_sub(self.lead);
-        let job = |label: String, instant: Picoseconds, deadline| Job {
+        let job = |label: String, instant: Picoseconds, deadline: Option<Picoseconds>| Job {
             label,
             earliest: at(instant),
             latest: at(instant),
-            deadline,
+            transmits: deadline.is_some(),
+            deadline: deadline.or_else(|| self.until_next_frame(instant)),
         };
         for message in &self.network.messages {
             let window = message.window;
@@ -205,18 +312,14 @@ impl<'a> Bus<'a> {
                         // Asked for at the end of the cycle before.
                         let instant = begin + self.basic_cycle();
                         let mut reference =
-                            job(message.name.clone(), instant, Some(self.transmit_enable()));
+                            job(message.name.clone(), instant, Some(self.request()));
                         reference.latest += 2 * self.uncertainty();
-                        jobs.push(reference);
+                        references.push(reference);
                         continue;
                     }
                     WindowKind::Reference => continue,
                     WindowKind::Exclusive if own => {
-                        jobs.push(job(
-                            message.name.clone(),
-                            start,
-                            Some(self.transmit_enable()),
-                        ));
+                        jobs.push(job(message.name.clone(), start, Some(self.request())));
                         jobs.push(job(
                             format!("transmit enable of {}", message.name),
                             start + self.transmit_enable(),
@@ -227,20 +330,9 @@ impl<'a> Bus<'a> {
                         jobs.push(job(format!("window of {}", message.name), start, None));
                     }
                     WindowKind::Arbitrating => {
-                        jobs.push(job("arbitrating window".to_owned(), start, None));
+                        arbitrating.push(job("arbitrating window".to_owned(), start, None));
                         if own {
-                            // Its turn comes after the window's beginning or after the
-                            // message before it, whose end is dealt with by its deadline.
-                            let times = self.events_in_cycle(message);
-                            for what in ["turn of", "transmit enable of", "turn after"] {
-                                let job = Job {
-                                    label: format!("{what} {}", message.name),
-                                    earliest: at(start),
-                                    latest: end + self.after_frame(),
-                                    deadline: None,
-                                };
-                                jobs.extend(std::iter::repeat_n(job, times));
-                            }
+                            withdrawals.push(self.last_moment(window, begin, message.length, 0));
                         }
                     }
                 }
@@ -251,13 +343,103 @@ impl<'a> Bus<'a> {
                 ));
             }
         }
+        let withdrawals = one_in_each_window(withdrawals, self.basic_cycle());
         // Edges that coincide are one compare; the strictest of them counts.
-        jobs.sort_by_key(|job| (job.earliest, job.latest, job.deadline.unwrap_or(u64::MAX)));
-        jobs.dedup_by(|job, first| {
-            job.earliest == job.latest
-                && (job.earliest, job.latest) == (first.earliest, first.latest)
+        let compares = |mut jobs: Vec<Job>| {
+            jobs.sort_by_key(|job| (job.earliest, job.latest, job.deadline.unwrap_or(u64::MAX)));
+            jobs.dedup_by_key(|job| job.earliest);
+            jobs
+        };
+        let arbitrating = compares(arbitrating);
+        // The first edge of an arbitrating window passes the end of another with it.
+        jobs.retain(|job| {
+            job.transmits
+                || arbitrating
+                    .iter()
+                    .all(|other| other.earliest != job.earliest)
         });
-        self.table(0, jobs)
+        let of_kind = |kind, jobs| Timetable {
+            kind,
+            ..self.table(0, jobs)
+        };
+        let mut tables = vec![
+            of_kind(Kind::Exclusive, compares(jobs)),
+            of_kind(Kind::Reference, references),
+            of_kind(Kind::Arbitrating, arbitrating),
+            self.in_window(0, 0, withdrawals),
+        ];
+        tables.retain(|table| !table.jobs.is_empty());
+        tables
+    }
+
+    /// The instant at which the node's event message of this length can begin no
+    /// more, up to `late` late.
+    fn last_moment(
+        &self,
+        window: Window,
+        begin: Picoseconds,
+        length: u8,
+        late: Picoseconds,
+    ) -> Job {
+        let end = begin + u64::from(window.end_us()) * MICROSECOND;
+        let longest = (u64::from(worst_case_bits(length)) + INTERFRAME_BITS) * self.bit();
+        let shortest = (SHORTEST_BITS + REST_BITS) * self.bit();
+        Job {
+            label: "last moment for event messages".to_owned(),
+            earliest: end.saturating_sub(longest + self.uncertainty() + self.lead),
+            latest: end.saturating_sub(shortest + self.uncertainty() + self.lead) + late,
+            deadline: Some(self.leisure()),
+            transmits: false,
+        }
+    }
+
+    /// The ends of the node's attempts that are withdrawn.
+    #[must_use]
+    pub fn withdrawn(&self) -> Option<Timetable> {
+        let own = self.network.messages.iter();
+        let own = own.filter(|m| self.is_own(m) && m.window.kind == WindowKind::Arbitrating);
+        let jobs: Vec<Job> = own
+            .flat_map(|message| {
+                self.begins(message.window).map(|begin| {
+                    self.last_moment(message.window, begin, message.length, self.leisure())
+                })
+            })
+            .collect();
+        (!jobs.is_empty())
+            .then(|| self.in_window(0, 0, one_in_each_window(jobs, self.basic_cycle())))
+    }
+
+    /// Time from an edge to the earliest end of a frame of another node that
+    /// begins after it.
+    fn until_next_frame(&self, edge: Picoseconds) -> Option<Picoseconds> {
+        let length = self.cycles() * self.basic_cycle();
+        let others = self.network.messages.iter().filter(|m| !self.is_own(m));
+        others
+            .flat_map(|message| {
+                let window = message.window;
+                let first = (SHORTEST_BITS + 8 * u64::from(message.shortest)) * self.bit();
+                self.begins(window).map(move |begin| {
+                    let start = begin + u64::from(window.start_us) * MICROSECOND;
+                    let end = begin + u64::from(window.end_us()) * MICROSECOND;
+                    // In an arbitrating window a frame may begin at any time.
+                    let last = if window.kind == WindowKind::Arbitrating {
+                        end.saturating_sub(first)
+                    } else {
+                        start
+                    };
+                    let edge = edge % length;
+                    let wait = if edge <= start {
+                        start - edge
+                    } else if edge <= last {
+                        0
+                    } else {
+                        start + length - edge
+                    };
+                    wait + first
+                })
+            })
+            .min()
+            .map(|time| time.saturating_sub(self.uncertainty()))
     }
 
     /// A release at this time of every basic cycle.
@@ -271,24 +453,36 @@ impl<'a> Bus<'a> {
                     earliest: instant,
                     latest: instant,
                     deadline: None,
+                    transmits: false,
                 }
             })
         });
         self.table(0, jobs.collect())
     }
 
-    /// The node's own event messages being put in line.
+    /// The node's own event messages being put in line during their window; else
+    /// they wait for its begin.
     #[must_use]
-    pub fn events_queued(&self) -> Vec<Sporadic> {
-        let own = self.network.messages.iter().filter(|m| self.is_own(m));
-        own.filter_map(|message| match message.send_type {
-            SendType::Event { interval_ms } if message.window.kind == WindowKind::Arbitrating => {
-                let interval = u64::from(interval_ms.max(1)) * 1000 * MICROSECOND;
-                Some(Sporadic::every(interval))
+    pub fn events_queued(&self) -> Option<Timetable> {
+        let mut jobs = Vec::new();
+        for message in self.network.messages.iter().filter(|m| self.is_own(m)) {
+            let window = message.window;
+            if window.kind != WindowKind::Arbitrating {
+                continue;
             }
-            _ => None,
-        })
-        .collect()
+            for begin in self.begins(window) {
+                let job = Job {
+                    label: format!("{} is put in line", message.name),
+                    earliest: (begin + u64::from(window.start_us) * MICROSECOND)
+                        .saturating_sub(self.lead),
+                    latest: begin + u64::from(window.end_us()) * MICROSECOND,
+                    deadline: Some(self.leisure()),
+                    transmits: false,
+                };
+                jobs.extend(std::iter::repeat_n(job, self.events_in_cycle(message)));
+            }
+        }
+        (!jobs.is_empty()).then(|| self.in_window(0, 0, jobs))
     }
 
     /// When the window of the node's own `message` begins at the latest for it
@@ -301,4 +495,19 @@ impl<'a> Bus<'a> {
             .find(|m| m.name == message)?;
         Some((u64::from(message.window.start_us) * MICROSECOND).saturating_sub(self.lead))
     }
+}
+
+/// Of the windows of several messages that coincide, one.
+fn one_in_each_window(mut jobs: Vec<Job>, cycle: Picoseconds) -> Vec<Job> {
+    jobs.sort_by_key(|job| job.earliest);
+    let mut merged: Vec<Job> = Vec::new();
+    for job in jobs {
+        match merged.last_mut() {
+            Some(last) if last.earliest / cycle == job.earliest / cycle => {
+                last.latest = last.latest.max(job.latest);
+            }
+            _ => merged.push(job),
+        }
+    }
+    merged
 }

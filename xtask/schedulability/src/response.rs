@@ -11,6 +11,7 @@
 //! uses picoseconds); the recurrences do not care which.
 
 use crate::arrivals::{Arrivals, Job};
+use crate::phases;
 
 /// One task as the analysis sees it. All times in one unit.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -51,6 +52,24 @@ pub struct Response {
     pub jobs: Vec<u64>,
     /// The job with the least room.
     pub critical: Critical,
+    /// Of each job of the time table: earliest and latest release, worst response.
+    pub by_job: Vec<(u64, u64, u64)>,
+}
+
+impl Response {
+    /// Worst response of the jobs that may release one of `caused`: those that
+    /// stand where it stands in the table, or all where none does.
+    fn of_cause(&self, caused: &Arrivals) -> u64 {
+        let jobs = || caused.timed.iter().flat_map(|table| &table.jobs);
+        let causes = |&&(earliest, latest, _): &&(u64, u64, u64)| {
+            jobs().any(|job| job.earliest <= latest && earliest <= job.latest)
+        };
+        let matched = self.by_job.iter().filter(causes);
+        matched
+            .map(|(.., response)| *response)
+            .max()
+            .unwrap_or(self.worst)
+    }
 }
 
 /// The job of a task that comes closest to its deadline, or misses it most.
@@ -198,6 +217,7 @@ pub fn response(tasks: &[Task], index: usize) -> Result<Response, Unbounded> {
         worst: critical.response,
         jobs,
         critical,
+        by_job: Vec::new(),
     })
 }
 
@@ -232,7 +252,7 @@ pub fn analyse(tasks: &[Task]) -> Vec<Result<Response, Unbounded>> {
                     None => Ok(0),
                     Some(cause) if set[cause].priority < level => Ok(set[cause].deadline),
                     Some(cause) => match &results[cause] {
-                        Ok(cause) => Ok(cause.worst),
+                        Ok(cause) => Ok(cause.of_cause(&set[index].arrivals)),
                         Err(_) => Err(Unbounded::Cause),
                     },
                 };
@@ -284,14 +304,23 @@ fn with_table(
     whole: &Response,
 ) -> Option<Response> {
     let task = &tasks[index];
-    let table = task.arrivals.timed.as_ref()?;
     let mut all: Vec<Critical> = Vec::new();
+    let mut by_job = Vec::new();
     if !task.arrivals.sporadic.is_empty() {
-        all.push(response(tasks, index).ok()?.critical);
+        let any = response(tasks, index).ok()?.critical;
+        all.push(
+            phases::of_any(tasks, index)
+                .filter(|better| better.response < any.response)
+                .unwrap_or(any),
+        );
     }
-    for job in &table.jobs {
+    let tables = task.arrivals.timed.iter();
+    for (table, job) in tables.flat_map(|table| table.jobs.iter().map(move |job| (table, job))) {
         let critical = of_job(tasks, index, job, known)?;
-        all.push(if critical.response <= whole.worst {
+        let critical = phases::of_job(tasks, index, table, job)
+            .filter(|better| better.response < critical.response)
+            .unwrap_or(critical);
+        let critical = if critical.response <= whole.worst {
             critical
         } else {
             Critical {
@@ -299,7 +328,9 @@ fn with_table(
                 delayed_by: whole.critical.delayed_by.clone(),
                 ..critical
             }
-        });
+        };
+        by_job.push((job.earliest, job.latest, critical.response));
+        all.push(critical);
     }
     let worst = all.iter().map(|critical| critical.response).max()?;
     let critical = all
@@ -309,6 +340,7 @@ fn with_table(
         worst,
         jobs: vec![worst],
         critical,
+        by_job,
     })
 }
 
@@ -320,7 +352,7 @@ fn of_job(tasks: &[Task], index: usize, job: &Job, known: &[Option<u64>]) -> Opt
     let delaying: Vec<(usize, &Task, u64)> = tasks
         .iter()
         .enumerate()
-        .filter(|(_, t)| t.priority >= task.priority && !(t.off_bus && job.transmits()))
+        .filter(|(_, t)| t.priority >= task.priority && !(t.off_bus && job.transmits))
         .map(|(other, t)| Some((other, t, known[other]?)))
         .collect::<Option<_>>()?;
     let count = |other: usize, t: &Task, bound: u64, window: u64| {
@@ -331,11 +363,12 @@ fn of_job(tasks: &[Task], index: usize, job: &Job, known: &[Option<u64>]) -> Opt
             .iter()
             .map(|stream| stream.count(window + bound))
             .sum();
-        let timed = t
+        let timed: u64 = t
             .arrivals
             .timed
-            .as_ref()
-            .map_or(0, |table| table.around(job, task.jitter, bound, window));
+            .iter()
+            .map(|table| table.around(job, task.jitter, bound, window))
+            .sum();
         match sporadic + timed {
             // One may be running; whatever comes then is served by this job.
             own if other == index && task.coalesces => own.min(1),
@@ -374,9 +407,9 @@ const MAX_JOBS: usize = 100_000;
 /// Steps of one fixed-point search beyond which the analysis gives up.
 const MAX_STEPS: usize = 1_000_000;
 /// Responses beyond this (in picoseconds a quarter of an hour) count as none.
-const HORIZON: u64 = 1_000_000_000_000_000;
+pub(crate) const HORIZON: u64 = 1_000_000_000_000_000;
 
-fn least_fixed_point(start: u64, next: impl Fn(u64) -> Option<u64>) -> Option<u64> {
+pub(crate) fn least_fixed_point(start: u64, next: impl Fn(u64) -> Option<u64>) -> Option<u64> {
     let mut window = start.max(1);
     for _ in 0..MAX_STEPS {
         let wider = next(window)?;

@@ -8,6 +8,8 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
+use crate::arrivals::Kind;
+
 /// The task table.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -80,6 +82,12 @@ pub struct TaskTable {
     /// Messages of other nodes whose arrival releases it.
     #[serde(default)]
     pub receives: Several<String>,
+    /// How long after these messages were taken it is released.
+    #[serde(default)]
+    pub delay_us: u64,
+    /// Functions that its jobs of a kind never call: their bound is another.
+    #[serde(default)]
+    pub never: BTreeMap<Kind, Vec<String>>,
     /// Times of the basic cycle at which it is released, in microseconds.
     #[serde(default)]
     pub at_us: Several<u64>,
@@ -156,8 +164,9 @@ pub enum By {
     /// Before the window is closed in which the frame ended, and before the
     /// three-deep receive FIFO overruns: the fourth frame ends.
     WindowEnd,
-    /// Before the end of the next frame that another node may send; where a
-    /// window of the node's own begins, before the transmit enable window ends.
+    /// At an edge of a window, before the end of the next frame that another node
+    /// may begin; where a window of the node's own begins, before the transmit
+    /// enable window ends; else before the receive FIFO overruns.
     Window,
     /// Before the window of this message begins, counted from the task's time
     /// of the basic cycle.

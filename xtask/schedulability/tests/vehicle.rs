@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use network_model::Network;
+use schedulability::arrivals::{Job, Kind};
 use schedulability::execution::{Execution, Handler, Section};
 use schedulability::model::NodeModel;
 use schedulability::node::{Observed, Seen, schedule};
@@ -150,12 +151,17 @@ fn releases_come_from_the_network_file() {
             .unwrap()
     };
     // One reference, eleven windows less its own, and five events of others.
-    let table = find("can_rx").arrivals.timed.iter().next().unwrap();
-    let (single, events): (Vec<_>, Vec<_>) = table
-        .jobs
-        .iter()
-        .partition(|job| job.latest - job.earliest < 1_000_000_000);
-    assert_eq!((single.len(), events.len()), (11, 5));
+    let jobs = |task: &str, kind: Kind| -> Vec<Job> {
+        let tables = find(task).arrivals.timed.iter();
+        let of_kind = tables.filter(|table| table.kind == kind);
+        of_kind.flat_map(|table| table.jobs.clone()).collect()
+    };
+    let references = jobs("can_rx", Kind::Reference);
+    let single = jobs("can_rx", Kind::Exclusive);
+    let events = jobs("can_rx", Kind::Arbitrating);
+    assert_eq!((references.len(), single.len(), events.len()), (1, 10, 5));
+    // The three-deep FIFO holds events of two bytes or more.
+    assert!(events.iter().all(|job| job.deadline.is_some()));
     let command = single.iter().find(|job| job.label == "Command").unwrap();
     // Window at 7 ms; 43 bits and eight bytes less 20 us at the earliest; 64 us
     // of transmit enable, 135 bits and 20 us at the latest.
@@ -167,21 +173,44 @@ fn releases_come_from_the_network_file() {
         command.latest,
         7_000_000_000 + 64_000_000 + 135 * 4_000_000 + 20_000_000
     );
-    // Its own window has the transmit enable window for a deadline.
-    let timer = find("window_timer").arrivals.timed.iter().next().unwrap();
-    let own: Vec<_> = timer
-        .jobs
-        .iter()
-        .filter(|job| job.deadline.is_some())
-        .collect();
+    // Its own window has the transmit enable window for a deadline, and the lead
+    // less a bit.
+    let edges = jobs("window_timer", Kind::Exclusive);
+    let own: Vec<_> = edges.iter().filter(|job| job.transmits).collect();
     assert_eq!(own.len(), 1);
     assert_eq!(
         (own[0].label.as_str(), own[0].earliest),
-        ("SteeringPot", 5_988_000_000)
+        ("SteeringPot", 5_991_000_000)
     );
-    assert_eq!(own[0].deadline, Some(64_000_000));
-    // 1000 us less 64, 540, 20 and the lead of 12.
-    assert_eq!(time(find("can_rx").deadline), "364.00 us");
+    assert_eq!(own[0].deadline, Some((64 + 9 - 4) * 1_000_000));
+    // Another edge, before the frame of the window that begins there may end.
+    let heading = edges.iter().find(|job| job.earliest == 4_991_000_000);
+    let first = 43 + 8 * 4;
+    assert_eq!(
+        heading.unwrap().deadline,
+        Some((first * 4 - 20) * 1_000_000 + 9_000_000)
+    );
+    // Event messages: its own, lost against five others, withdrawn, put in line.
+    let events = jobs("window_timer", Kind::Arbitrating);
+    let count = |what: &str| {
+        events
+            .iter()
+            .filter(|job| job.label.starts_with(what))
+            .count()
+    };
+    assert_eq!(
+        [
+            "sent",
+            "lost against",
+            "last moment",
+            "SteeringStatus is",
+            "arbitrating"
+        ]
+        .map(count),
+        [1, 5, 2, 1, 1]
+    );
+    // 1000 us less 64, 540, 20 and the lead of 9.
+    assert_eq!(time(find("can_rx").deadline), "367.00 us");
 }
 
 #[test]
@@ -196,7 +225,7 @@ fn a_vehicle_of_ten_microseconds_holds() {
     // Only what the table says may coincide delays the own window.
     let timer = task(&report.nodes[3], "window_timer");
     assert_eq!(timer.job.as_deref(), Some("SteeringPot"));
-    assert!(timer.response.unwrap() < 64_000_000, "{timer:?}");
+    assert!(timer.response.unwrap() < 69_000_000, "{timer:?}");
     let chains = &report.chains;
     assert_eq!(chains.len(), 2);
     // Just too late for a window, one cycle; the command three windows later.
@@ -315,7 +344,7 @@ fn table_and_source_must_fit() {
     let error = NodeModel::new("drive", &app, &of_drive, &network(), "tasks.toml").unwrap_err();
     assert_eq!(
         error.to_string(),
-        "tasks.toml: task actuate of drive: no other node sends a message Order"
+        "tasks.toml: task window_timer of drive: no other node sends a message Order"
     );
 }
 

@@ -211,6 +211,8 @@ pub struct Analysis<'a> {
     targets: Targets,
     returning: Returning,
     graphs: HashMap<u32, Rc<Graph>>,
+    /// Functions that are not entered.
+    never: BTreeSet<u32>,
     lasting: Rc<Words>,
     known: HashMap<(u32, Entry), Bound>,
 }
@@ -226,6 +228,7 @@ impl<'a> Analysis<'a> {
             targets: Targets::new(),
             returning: Returning::default(),
             graphs: HashMap::new(),
+            never: BTreeSet::new(),
             lasting: Rc::default(),
             known: HashMap::new(),
         }
@@ -282,6 +285,15 @@ impl<'a> Analysis<'a> {
             Some(bound) => bound.clone(),
             None => self.run_with(entry, kind, &[]),
         }
+    }
+
+    /// Bounds the code at `entry` for executions that never enter any of these
+    /// functions.
+    pub fn run_without(&mut self, entry: u32, kind: Entry, never: &BTreeSet<u32>) -> Bound {
+        self.never.clone_from(never);
+        let bound = self.run_with(entry, kind, &[]);
+        self.never.clear();
+        bound
     }
 
     /// Bounds the code at `entry` when it is entered with these words in core
@@ -1138,6 +1150,9 @@ impl<'a> Run<'_, 'a> {
         back: u32,
         state: State,
     ) -> Option<State> {
+        if self.analysis.never.contains(&target) {
+            return None;
+        }
         let name = self.analysis.image.name(target);
         if is_panic(&name) {
             self.panics.insert(PanicSite {

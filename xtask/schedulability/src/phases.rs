@@ -1,0 +1,247 @@
+//! Busy periods by where in the cycle of the bus they begin.
+//!
+//! A busy period of a priority begins at an instant before which nothing of it
+//! or above was left to do, with a release. What delays a job was released in
+//! the job's busy period, so only what the time table lets come between the
+//! begin of that and the job's end counts; and jobs that the table keeps apart
+//! never fall into one busy period, however long another one is.
+//!
+//! A job that has begun is delayed by what is more urgent alone: what is as urgent
+//! as it counts only if it may be released before the job begins.
+//!
+//! Jobs that another one brings about do not delay that one.
+//!
+//! It is enough to look at busy periods that begin with the latest release of a
+//! job of the table: one that begins earlier, with no such instant between, has
+//! no release that the later one has not.
+
+use crate::arrivals::{Job, Timetable};
+use crate::response::{Critical, HORIZON, Task, least_fixed_point};
+
+/// A job in a busy period, from the begin of that.
+#[derive(Clone, Copy)]
+struct Busy {
+    begin: u64,
+    /// The job begins.
+    starts: u64,
+    /// The job is done.
+    ends: u64,
+}
+
+/// The job that is looked at, and what may delay it.
+struct Look<'a> {
+    tasks: &'a [Task],
+    index: usize,
+    /// Its longest time.
+    cost: u64,
+    /// Where it stands in the table, if it does.
+    job: Option<(&'a Timetable, &'a Job)>,
+}
+
+/// Bound of one job of the table; `None` where the tables have no common cycle
+/// or a busy period does not end.
+pub(crate) fn of_job(
+    tasks: &[Task],
+    index: usize,
+    table: &Timetable,
+    job: &Job,
+) -> Option<Critical> {
+    let cycle = common_cycle(tasks)?.cast_signed();
+    let task = &tasks[index];
+    let look = Look {
+        tasks,
+        index,
+        cost: table.cost.unwrap_or(task.cost),
+        job: Some((table, job)),
+    };
+    let jitter = task.jitter.cast_signed();
+    let (earliest, latest) = (job.earliest.cast_signed(), job.latest.cast_signed());
+    let mut worst: Option<(u64, Busy)> = None;
+    for begin in look.begins() {
+        let busy = look.busy(begin)?;
+        // Returns of the job that may be released before it begins.
+        let begin = begin.cast_signed();
+        let starts = begin.checked_add_unsigned(busy.starts)?;
+        let ends = begin.checked_add_unsigned(busy.ends)?;
+        let first = (begin - latest - jitter + cycle - 1).div_euclid(cycle);
+        let last = (starts - earliest).div_euclid(cycle);
+        for turn in first..=last {
+            let nominal = (earliest + turn * cycle).max(begin - jitter);
+            let response = u64::try_from(ends - nominal).ok()?;
+            if worst.is_none_or(|(most, _)| response > most) {
+                worst = Some((response, busy));
+            }
+        }
+    }
+    let (response, busy) = worst?;
+    Some(look.critical(response, busy))
+}
+
+/// Bound of a job that may be released at any time.
+pub(crate) fn of_any(tasks: &[Task], index: usize) -> Option<Critical> {
+    common_cycle(tasks)?;
+    let task = &tasks[index];
+    let look = Look {
+        tasks,
+        index,
+        cost: task.cost,
+        job: None,
+    };
+    let mut longest: Option<Busy> = None;
+    for begin in look.begins() {
+        let busy = look.busy(begin)?;
+        if longest.is_none_or(|longest| busy.ends > longest.ends) {
+            longest = Some(busy);
+        }
+    }
+    let busy = longest?;
+    let response = busy.ends.checked_add(task.jitter)?;
+    Some(look.critical(response, busy))
+}
+
+/// The cycle of all tables, if it is one.
+fn common_cycle(tasks: &[Task]) -> Option<u64> {
+    let mut cycles = tasks
+        .iter()
+        .flat_map(|task| &task.arrivals.timed)
+        .map(|table| table.cycle);
+    let first = cycles.next()?;
+    (first > 0 && cycles.all(|cycle| cycle == first)).then_some(first)
+}
+
+impl<'a> Look<'a> {
+    fn task(&self) -> &'a Task {
+        &self.tasks[self.index]
+    }
+
+    /// What is as urgent as the task, or more, itself included.
+    fn delaying(&self) -> impl Iterator<Item = (usize, &'a Task)> {
+        let urgent = self.task().priority;
+        let transmits = self.job.is_some_and(|(_, job)| job.transmits);
+        self.tasks
+            .iter()
+            .enumerate()
+            .filter(move |(_, t)| t.priority >= urgent && !(t.off_bus && transmits))
+    }
+
+    /// The parts of a task's time table whose jobs may delay the job.
+    fn tables(&self, of: &'a Task) -> impl Iterator<Item = &'a Timetable> {
+        let job = self.job;
+        of.arrivals
+            .timed
+            .iter()
+            .filter(move |table| job.is_none_or(|(_, job)| !table.begun_at.contains(&job.earliest)))
+    }
+
+    /// Where a busy period may begin that is as long as any.
+    fn begins(&self) -> Vec<u64> {
+        let mut begins: Vec<u64> = self
+            .delaying()
+            .flat_map(|(_, task)| {
+                let jobs = self.tables(task).flat_map(|table| &table.jobs);
+                jobs.map(|job| job.latest + task.jitter)
+            })
+            .collect();
+        begins.sort_unstable();
+        begins.dedup();
+        begins
+    }
+
+    /// The window in which a release of `other` is in time to delay the job.
+    fn window(&self, other: &Task, busy: Busy) -> u64 {
+        if other.priority > self.task().priority {
+            busy.ends
+        } else {
+            // The instant at which the job begins is still in time.
+            busy.starts + 1
+        }
+    }
+
+    /// Time that the delaying jobs take, and the blocking.
+    fn demand(&self, busy: Busy) -> Option<u64> {
+        let mut sum = self.task().blocking;
+        for (_, other) in self.delaying() {
+            let window = self.window(other, busy);
+            let preemption = if other.priority > self.task().priority {
+                other.preemption
+            } else {
+                0
+            };
+            let sporadic = other.arrivals.sporadic.iter();
+            let jobs: u64 = sporadic
+                .map(|stream| stream.count(window + other.jitter))
+                .sum();
+            sum = sum.checked_add(jobs.checked_mul(other.cost.checked_add(preemption)?)?)?;
+            for table in self.tables(other) {
+                let jobs = table.from(busy.begin, window, other.jitter);
+                let each = table.cost.unwrap_or(other.cost).checked_add(preemption)?;
+                sum = sum.checked_add(jobs.checked_mul(each)?)?;
+            }
+        }
+        let own = if self.is_among(busy) { self.cost } else { 0 };
+        Some(sum.saturating_sub(own))
+    }
+
+    /// Whether the job itself is among the releases that count.
+    fn is_among(&self, busy: Busy) -> bool {
+        self.job.is_none_or(|(table, job)| {
+            let task = self.task();
+            table.holds(job, busy.begin, self.window(task, busy), task.jitter)
+        })
+    }
+
+    fn busy(&self, begin: u64) -> Option<Busy> {
+        let starts = least_fixed_point(self.task().blocking, |at| {
+            self.demand(Busy {
+                begin,
+                starts: at,
+                ends: at + 1,
+            })
+            .filter(|at| *at < HORIZON)
+        })?;
+        let ends = least_fixed_point(starts + self.cost, |at| {
+            let busy = Busy {
+                begin,
+                starts,
+                ends: at,
+            };
+            Some(self.demand(busy)?.checked_add(self.cost)?).filter(|at| *at < HORIZON)
+        })?;
+        Some(Busy {
+            begin,
+            starts,
+            ends,
+        })
+    }
+
+    fn critical(&self, response: u64, busy: Busy) -> Critical {
+        let task = self.task();
+        let jobs = |index: usize, other: &'a Task| {
+            let window = self.window(other, busy);
+            let sporadic = other.arrivals.sporadic.iter();
+            let sporadic = sporadic.map(|stream| stream.count(window + other.jitter));
+            let timed = self.tables(other);
+            let timed = timed.map(|table| table.from(busy.begin, window, other.jitter));
+            let jobs: u64 = sporadic.chain(timed).sum();
+            if index == self.index && self.is_among(busy) {
+                jobs.saturating_sub(1)
+            } else {
+                jobs
+            }
+        };
+        Critical {
+            job: self.job.map(|(_, job)| job.label.clone()),
+            response,
+            deadline: self
+                .job
+                .and_then(|(_, job)| job.deadline)
+                .unwrap_or(task.deadline),
+            jitter: task.jitter,
+            delayed_by: self
+                .delaying()
+                .map(|(index, other)| (index, jobs(index, other)))
+                .filter(|(_, jobs)| *jobs > 0)
+                .collect(),
+        }
+    }
+}
