@@ -188,7 +188,7 @@ fn releases_come_from_the_network_file() {
     let first = 43 + 8 * 4;
     assert_eq!(
         heading.unwrap().deadline,
-        Some((first * 4 - 20) * 1_000_000 + 9_000_000)
+        Some((first * 4 - 20) * 1_000_000)
     );
     // Event messages: its own, lost against five others, withdrawn, put in line.
     let events = jobs("window_timer", Kind::Arbitrating);
