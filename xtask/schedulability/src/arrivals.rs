@@ -75,6 +75,19 @@ pub enum Kind {
     Arbitrating,
 }
 
+impl Kind {
+    /// In words.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Any => "anything",
+            Self::Reference => "a reference message",
+            Self::Exclusive => "an exclusive window",
+            Self::Arbitrating => "an arbitrating window",
+        }
+    }
+}
+
 /// Releases that come back in every cycle; any of them may stay away.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Timetable {

@@ -15,7 +15,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
             time(u64::from(network.transmit_enable_bits) * u64::from(network.bit_time_ns()) * 1000),
             network.sync_uncertainty_us
         ),
-        "A word of memory in which start-up leaves an address, and which no store of any handler can reach, keeps it: an unknown index stays within its array, a pointer of which nothing is known (in a software task's future or the timer queue) leads to no such word, and DMA writes to buffers only.".to_owned(),
+        "A word of memory in which start-up leaves an address, and which no store of any handler can reach, keeps it: an unknown index stays within its array, a pointer of which nothing is known (in a software task's future or the timer queue) leads to no such word, and DMA writes only to variables whose address a peripheral was told.".to_owned(),
         "Flash: a fetch pays its wait states unless its line is proven to be in the fetch buffer; no hit in a cache is claimed. Data in SRAM is reached without wait.".to_owned(),
         "DMA never holds the core off the bus matrix for longer than the wait states charged; a debugger is not connected.".to_owned(),
         "An interrupt that is pending twice runs once, and its handler serves all there is; those of the bus do one thing each and come again while there is more."
@@ -35,6 +35,25 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
     if tasks.any(|task| task.dispatched) {
         all.push("Executor and timer queue of the software tasks call only functions whose address stands in the image; a task waits for one instant at a time.".to_owned());
     }
+    let mut never: BTreeMap<String, Vec<&str>> = BTreeMap::new();
+    for (model, _) in &models.nodes {
+        for task in &model.tasks {
+            for (kind, functions) in &task.never {
+                let what = format!(
+                    "A job of {} for {} never calls {}.",
+                    task.name,
+                    kind.name(),
+                    functions.join(" or ")
+                );
+                never.entry(what).or_default().push(&model.name);
+            }
+        }
+    }
+    all.extend(
+        never
+            .into_iter()
+            .map(|(what, nodes)| format!("{} On {}.", what, nodes.join(", "))),
+    );
     for (model, table) in &models.nodes {
         all.push(format!(
             "{} runs at {} MHz and begins to transmit {} before the mark.",

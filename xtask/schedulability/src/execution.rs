@@ -13,7 +13,7 @@ use crate::wcet::analysis::{Analysis, Bound, Entry, Problem};
 use crate::wcet::annotation::Annotations;
 use crate::wcet::image::Image;
 use crate::wcet::ipet;
-use crate::wcet::lasting::Strangers;
+use crate::wcet::lasting::{Strangers, Words};
 use crate::wcet::timing::Timing;
 use crate::wcet::watch::Watch;
 
@@ -70,6 +70,9 @@ pub struct Execution {
     pub stack_unknown: BTreeSet<String>,
     /// Where the start-up and idle code could not be followed.
     pub idle_problems: BTreeSet<Problem>,
+    /// Words that start-up leaves in memory for good, as far as the bounds rest on
+    /// them.
+    pub lasting: Words,
 }
 
 impl Execution {
@@ -90,13 +93,17 @@ impl Execution {
         };
         let mut analysis = Analysis::new(image, annotations, part);
         let main = image.symbol("main");
+        let mut lasting = Words::new();
         if let Some(main) = main {
             progress("what start-up sets");
-            analysis.learn(main, &image.handlers(), Strangers::Spare);
+            lasting.clone_from(analysis.learn(main, &image.handlers(), Strangers::Spare));
         }
         let mut stacks = Stacks::new(image);
         let exceptions = [Timing::zero_wait(), part].map(|timing| timing.exceptions());
-        let mut execution = Self::default();
+        let mut execution = Self {
+            lasting,
+            ..Self::default()
+        };
         let mut levels: BTreeMap<u32, (u32, bool)> = BTreeMap::new();
         for task in &node.tasks {
             if execution.handlers.contains_key(&task.interrupt) {

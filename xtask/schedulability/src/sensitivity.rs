@@ -9,7 +9,11 @@ use crate::response::{Task, analyse};
 pub fn slack(tasks: &[Task], index: usize, step: u64) -> Option<u64> {
     let fits = |extra: u64| {
         let mut longer = tasks.to_vec();
-        longer[index].cost = longer[index].cost.saturating_add(extra);
+        let task = &mut longer[index];
+        task.cost = task.cost.saturating_add(extra);
+        for table in &mut task.arrivals.timed {
+            table.cost = table.cost.map(|cost| cost.saturating_add(extra));
+        }
         analyse(&longer)
             .iter()
             .all(|result| matches!(result, Ok(response) if response.critical.meets()))

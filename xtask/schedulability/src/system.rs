@@ -129,6 +129,14 @@ impl Programs {
             .filter_map(|(name, handler)| Some((name.as_str(), handler.watch.as_ref()?)))
     }
 
+    /// Words that a node's memory must hold from its start-up on: address and word.
+    pub fn lasting(&self, node: &str) -> impl Iterator<Item = (u32, u32)> {
+        let all = self.models.nodes.iter().zip(&self.executions);
+        all.filter(move |((model, _), _)| model.name == node)
+            .flat_map(|(_, execution)| &execution.lasting)
+            .map(|(address, word)| (*address, *word))
+    }
+
     /// The answers, with what was seen of each node.
     ///
     /// # Errors

@@ -54,6 +54,12 @@ pub(super) fn observe(
                 progress(&format!("{now:.0} of {end:.0} s simulated"));
             }
         });
+        for node in world::Node::ALL {
+            let mcu = &*vehicle.node_mut(node);
+            hold(node.name(), programs.lasting(node.name()), |at| {
+                word(mcu, at)
+            })?;
+        }
         Ok((vehicle.finish(), findings))
     };
     let outcomes = thread::scope(|scope| {
@@ -67,6 +73,30 @@ pub(super) fn observe(
         note(&mut all, model, &outcome, images)?;
     }
     Ok(all)
+}
+
+/// Whether a node's memory, read word by word, holds at the end of the run what
+/// start-up left in it for good, on which the bounds rest.
+///
+/// # Errors
+/// The sentence that says which word changed.
+fn hold(
+    node: &str,
+    mut lasting: impl Iterator<Item = (u32, u32)>,
+    read: impl Fn(u32) -> Option<u32>,
+) -> Result<(), Failure> {
+    match lasting.find(|&(address, word)| read(address) != Some(word)) {
+        None => Ok(()),
+        Some((address, word)) => Err(Failure::Failed(format!(
+            "{node} is not as analysed: the word at {address:#010x}, which start-up leaves at {word:#010x} for good, holds {:#010x} at the end of the run",
+            read(address).unwrap_or_default()
+        ))),
+    }
+}
+
+fn word(mcu: &Mcu, address: u32) -> Option<u32> {
+    let bytes = mcu.memory(address, 4)?;
+    Some(u32::from_le_bytes(bytes.try_into().ok()?))
 }
 
 /// Follows a core from now on: each of its handlers must keep to the watch that
@@ -147,6 +177,26 @@ fn read(images: &[Image]) -> Result<Images, Failure> {
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn a_word_that_changed_is_told() {
+        let lasting = [(0x2000_0000, 7), (0x2000_0004, 0x2000_0100)];
+        let read = |last: u32| {
+            move |at: u32| {
+                [Some(7), Some(last)]
+                    .get((at as usize & 0xff) / 4)
+                    .copied()?
+            }
+        };
+        assert!(super::hold("gps", lasting.into_iter(), read(0x2000_0100)).is_ok());
+        let changed = super::hold("gps", lasting.into_iter(), read(9)).unwrap_err();
+        assert_eq!(
+            changed.to_string(),
+            "gps is not as analysed: the word at 0x20000004, which start-up leaves at 0x20000100 for good, holds 0x00000009 at the end of the run"
+        );
+        // Outside all memory.
+        assert!(super::hold("gps", [(0x40, 1)].into_iter(), |_| None).is_err());
+    }
+
     #[test]
     fn the_scenario_is_one() {
         super::scenario().unwrap();

@@ -52,6 +52,13 @@ pub struct Executor<'a> {
     pub memory: Memory,
 }
 
+/// Where the parts have their peripherals.
+const PERIPHERALS: Range = Range::between(0x4000_0000, 0x5fff_ffff);
+/// The most RAM that a part has: behind its own bus, and in general.
+const FITTED: [Range; 2] = [
+    Range::between(0x1000_0000, 0x1000_ffff),
+    Range::between(0x2000_0000, 0x2002_ffff),
+];
 /// Constants joined for a load with several possible addresses.
 const MAX_LOADS: u64 = 4096;
 
@@ -969,8 +976,26 @@ impl Executor<'_> {
         }
     }
 
+    /// What a peripheral is told the address of, it may write to.
+    fn lend(&mut self, address: &Value, value: &Value) {
+        let told = address
+            .as_constant()
+            .is_some_and(|at| PERIPHERALS.contains(at));
+        let Some(lent) = value.as_constant().filter(|_| told) else {
+            return;
+        };
+        match self.image.variables().around(lent) {
+            Some(variable) => _ = self.memory.written.insert(variable),
+            None if FITTED.iter().any(|ram| ram.contains(lent)) => {
+                self.memory.written.insert(EVERYWHERE);
+            }
+            None => {}
+        }
+    }
+
     fn store(&mut self, state: &mut State, address: &Value, size: u32, value: &Value) {
         self.note(state, address, size, value);
+        self.lend(address, value);
         if let Some(at) = address.as_constant()
             && STACK.contains(at)
         {

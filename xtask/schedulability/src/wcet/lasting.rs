@@ -11,9 +11,8 @@
 //! none is. Then nothing contradicts the words that are left: the first store
 //! that changed one would have to come from a state in which all still hold.
 //!
-//! Only words that hold an address are kept. A transfer by DMA could change
-//! one of them only in a buffer of bytes or samples, and into these start-up
-//! puts no address. A store whose distance from the beginning of a static
+//! Only words that hold an address are kept, and none of a variable whose address
+//! a peripheral is told: DMA may write there. A store whose distance from the beginning of a static
 //! variable is unknown stays within that variable, as the language demands of
 //! all pointer arithmetic; any other store of unknown address leaves nothing.
 
