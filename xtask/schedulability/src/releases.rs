@@ -14,9 +14,8 @@ use crate::results::{MICROSECOND, Picoseconds};
 /// Bits of a data frame with an 11-bit identifier before its data are counted,
 /// without stuffing, up to the last bit but one, where a receiver takes it.
 const SHORTEST_BITS: u64 = 43;
-/// Bits until arbitration is lost for the first time: the start of frame and the
-/// bits of the identifier in which the network's event messages are alike.
-const ARBITRATION_BITS: u64 = 8;
+/// Bits before arbitration can be lost: the start of frame.
+const ARBITRATION_BITS: u64 = 1;
 /// The rest of the frame and the interframe space.
 const REST_BITS: u64 = 4;
 /// Bits between two frames.
@@ -203,10 +202,10 @@ impl<'a> Bus<'a> {
             for begin in self.begins(window) {
                 let job = Job {
                     label: format!("{what} {}", message.name),
-                    earliest: begin
+                    earliest: (begin
                         + u64::from(window.start_us) * MICROSECOND
-                        + ARBITRATION_BITS * self.bit()
-                        - self.uncertainty(),
+                        + ARBITRATION_BITS * self.bit())
+                    .saturating_sub(self.uncertainty()),
                     latest: begin + u64::from(window.end_us()) * MICROSECOND + self.uncertainty(),
                     deadline: Some(self.leisure()),
                     transmits: false,
