@@ -142,11 +142,37 @@ fn image(program: &str) -> PathBuf {
     target.join("release").join(program)
 }
 
+fn workspace() -> &'static Path {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.parent().unwrap_or(here)
+}
+
+/// What the image's line tables are read against: the package, or the workspace when the
+/// package lies in it.
+fn root() -> &'static Path {
+    if package().starts_with(workspace()) {
+        workspace()
+    } else {
+        package()
+    }
+}
+
+/// A sentence with the places in it as from the package.
+fn from_package(sentence: &str) -> String {
+    let inside = package().strip_prefix(root()).unwrap_or(package());
+    let sentence = sentence.replace(&format!("{}/", package().display()), "");
+    if inside.as_os_str().is_empty() {
+        sentence
+    } else {
+        sentence.replace(&format!("{}/", inside.display()), "")
+    }
+}
+
 fn inputs(program: &str) -> Inputs {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let source = package().join(format!("src/bin/{program}.rs"));
     Inputs {
-        root: package().to_owned(),
+        root: root().to_owned(),
         table: here.join("tests/node/tasks.toml"),
         // It has no part in this network, and the network none in its answer.
         network: here.join("../firmware/network/uagv.dbc"),
@@ -192,7 +218,7 @@ fn observed(program: &str, programs: &Programs) -> Observed {
 /// A sentence with its times and counts left out, which are the compiler's.
 fn said(program: &str) -> String {
     let sentence = answer(program).unwrap().first_miss().unwrap_or_default();
-    let sentence = sentence.replace(&format!("{}/", package().display()), "");
+    let sentence = from_package(&sentence);
     let mut text = String::new();
     for word in sentence.split(' ') {
         let number = word.trim_start_matches('(');
@@ -267,7 +293,7 @@ fn each_way_of_breaking_it_has_its_sentence() {
 fn a_priority_unsaid_is_wrong_input() {
     let error = answer("unsaid").unwrap_err();
     assert_eq!(
-        error.to_string(),
+        from_package(&error.to_string()),
         "src/bin/unsaid.rs:44: task filter does not say its priority: write `priority = N`"
     );
 }

@@ -153,8 +153,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 self.open_own(entry, (id, len, retry_late), start.unwrap_or(now), now)
             }
             Role::Exclusive { .. } => None,
-            Role::Arbitrating if self.queue.is_empty() => None,
-            Role::Arbitrating => self.transmit_event(now),
+            Role::Arbitrating if EVENTS && !self.queue.is_empty() => self.transmit_event(now),
+            Role::Arbitrating => None,
         }
     }
 
