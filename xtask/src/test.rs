@@ -208,7 +208,7 @@ fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
     ]
 }
 
-/// Fault sequences of the step: what two cores do in a minute or two. A night's worth is
+/// Fault sequences of the step: what two cores do in some five minutes. A night's worth is
 /// `cargo xtask sim --faults` with its own number.
 pub(crate) const FAULTS: u64 = 200;
 
