@@ -5,7 +5,7 @@
 //! - [`dma`]: memory that a DMA controller and the processor share;
 //! - [`fault`]: the record of the last fault, which outlives a reset;
 //! - [`clock`]: what a board found out about its clocks;
-//! - [`tick`]: the priority of SysTick.
+//! - `tick`, on a target only: the priority of SysTick.
 //!
 //! The board crates put their peripherals behind the small traits of this crate;
 //! the nodes see one interface for both boards.
