@@ -88,6 +88,8 @@ impl<const W: usize> Counts<W> {
     }
 
     /// Notes whether the message of a window was there.
+    // In every place that calls it, it would be a tenth of a small image.
+    #[inline(never)]
     pub fn note(&mut self, window: u16, own: bool, seen: bool) {
         let Some(status) = self.windows.get_mut(usize::from(window)) else {
             return;

@@ -310,7 +310,8 @@ fn the_swap_is_seen_without_an_image() {
         .iter()
         .map(|(node, (source, _))| (node.as_str(), source.as_path()));
     let models = Models::read(&root, &table, &network, sources).unwrap();
-    let text = priorities::show(models.nodes.iter().map(|(node, _)| (node, None)));
+    let shown = priorities::show(models.nodes.iter().map(|(node, _)| (node, None)));
+    let text = from_package(&shown);
     for wanted in [
         "sample has the shorter deadline but a lower priority than report",
         "to change, src/bin/swapped.rs:37: sample: `priority = 3` instead of 1",

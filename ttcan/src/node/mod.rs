@@ -267,7 +267,6 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
             self.abort_due = true;
         }
         self.silence_due = false;
-        self.events_due = false;
         self.advanced = now;
         self.severe = None;
         self.sync = SyncState::Synchronising;
@@ -288,6 +287,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         self.entry_due = None;
         self.withdraw_due = None;
         if EVENTS {
+            self.events_due = false;
             self.queue.clear();
         }
         if self.clock.at(now).is_some() {
@@ -584,7 +584,9 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         self.marked = false;
         self.silence_due = true;
         self.abort_due = false;
-        self.events_due = false;
+        if EVENTS {
+            self.events_due = false;
+        }
         self.pending = Pending::None;
         self.inside = false;
         self.entry_due = None;

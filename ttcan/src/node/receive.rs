@@ -63,8 +63,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         bump(counter, 1);
     }
 
-    // A function of its own in the image: the bound of a message is without it.
-    #[inline(never)]
+    // A function of its own in the image: the bound of a message is without it. In the
+    // smallest ones it is better off in its caller.
+    #[cfg_attr(feature = "global-time", inline(never))]
     fn take_reference(&mut self, frame: &Frame, rank: u8, end: Stamp) -> Reception {
         let network = self.schedule.network;
         let format = &network.reference_format;

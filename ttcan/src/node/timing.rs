@@ -16,13 +16,12 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// up window by window; otherwise the cost is constant.
     #[must_use]
     pub fn poll(&mut self, now: Stamp) -> Option<Action> {
-        while self.is_due(now) {
+        loop {
             let action = self.advance(now);
-            if action.is_some() {
+            if action.is_some() || !due(self.next_deadline(), now) {
                 return action;
             }
         }
-        None
     }
 
     /// One step of [`Node::poll`], for owners who must answer for the time that
@@ -31,8 +30,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// [`Node::next_deadline`] tells: with a timer that fires at once when its
     /// deadline has passed, every step is an interrupt of its own.
     #[must_use]
-    // Apart from its caller in the image, where its cost is looked for.
-    #[inline(never)]
+    // Apart from its caller in the image, where its cost is looked for; the smallest images
+    // have no room for that.
+    #[cfg_attr(feature = "global-time", inline(never))]
     pub fn advance(&mut self, now: Stamp) -> Option<Action> {
         self.advanced = now;
         if self.silence_due {
@@ -140,8 +140,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         };
         self.inside = true;
         self.seen = false;
-        self.events_held = false;
-        self.arbitrating = matches!(entry.role, Role::Arbitrating);
+        if EVENTS {
+            self.events_held = false;
+            self.arbitrating = matches!(entry.role, Role::Arbitrating);
+        }
         let start = self.entry_due.replace(self.instant(entry.end));
         match entry.role {
             Role::Exclusive {
@@ -443,8 +445,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
     }
 
-    // Apart from its caller in the image, so that the bound above finds it.
-    #[inline(never)]
+    // Apart from its caller in the image, so that the bound above finds it; the smallest
+    // images have no room for that.
+    #[cfg_attr(feature = "global-time", inline(never))]
     fn pass_late(&mut self, start: Stamp) {
         // What could be sent then is past by a frame's length now.
         let late = start.after(self.bits(u32::from(u8::MAX)));

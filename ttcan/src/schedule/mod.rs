@@ -189,7 +189,7 @@ impl<'s> ScheduleView<'s> {
         let (mut from, mut to) = (0, self.known.len());
         // loop-bound: 6 halvings of up to 64 identifiers
         while from < to {
-            let middle = from.midpoint(to);
+            let middle = from + (to - from) / 2;
             let known = self.known.get(middle)?;
             if known.id == id {
                 return Some(known);

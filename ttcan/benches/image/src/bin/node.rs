@@ -81,8 +81,8 @@ fn transmitted(node: &mut Node, outcome: TransmitOutcome, stamp: Stamp) {
 }
 
 #[inline(never)]
-fn poll(node: &mut Node, now: Stamp) -> Option<Action> {
-    node.poll(now)
+fn advance(node: &mut Node, now: Stamp) -> Option<Action> {
+    node.advance(now)
 }
 
 #[inline(never)]
@@ -105,7 +105,7 @@ static RECEIVE: fn(&mut Node, &Frame, Stamp) -> Reception = receive;
 #[used]
 static TRANSMITTED: fn(&mut Node, TransmitOutcome, Stamp) = transmitted;
 #[used]
-static POLL: fn(&mut Node, Stamp) -> Option<Action> = poll;
+static ADVANCE: fn(&mut Node, Stamp) -> Option<Action> = advance;
 #[used]
 static DEADLINE: fn(&Node) -> Option<Stamp> = deadline;
 #[used]
