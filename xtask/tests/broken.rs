@@ -10,9 +10,9 @@ use schedulability::node::{Observed, Seen};
 use schedulability::priorities;
 use schedulability::results::Report;
 use schedulability::system::{InputError, Inputs, Models, Programs};
-use schedulability::wcet::image::Image;
 use twin::mcu::{Board, Mcu};
 use twin::part::Part;
+use wcet::image::Image;
 use xtask::schedulability::{follow, observe};
 
 /// A change of the source: what it replaces, and by what.

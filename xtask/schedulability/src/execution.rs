@@ -6,16 +6,16 @@ use std::sync::Arc;
 use crate::arrivals::Kind;
 use crate::model::NodeModel;
 use crate::results::Picoseconds;
-use crate::stack::{FRAME, FRAME_FPU, Stacks};
 use crate::system::InputError;
 use crate::table::{NodeTable, Part};
-use crate::wcet::analysis::{Analysis, Bound, Entry, Problem};
-use crate::wcet::annotation::Annotations;
-use crate::wcet::image::Image;
-use crate::wcet::ipet;
-use crate::wcet::lasting::{Strangers, Words};
-use crate::wcet::timing::Timing;
-use crate::wcet::watch::Watch;
+use wcet::analysis::{Analysis, Bound, Entry, Problem};
+use wcet::annotation::Annotations;
+use wcet::image::Image;
+use wcet::ipet;
+use wcet::lasting::{Strangers, Words};
+use wcet::stack::{FRAME, FRAME_FPU, Stacks};
+use wcet::timing::Timing;
+use wcet::watch::Watch;
 
 /// One handler.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::wcet::analysis::Problem;
+use wcet::analysis::Problem;
 
 /// Picoseconds.
 pub type Picoseconds = u64;

@@ -12,10 +12,10 @@ use crate::node::{Observed, schedule};
 use crate::results::{MICROSECOND, Report};
 use crate::table::{NodeTable, Table};
 use crate::tasks::App;
-use crate::wcet::annotation::Annotations;
-use crate::wcet::image::Image;
-use crate::wcet::watch::Watch;
 use crate::{bus, chains};
+use wcet::annotation::Annotations;
+use wcet::image::Image;
+use wcet::watch::Watch;
 
 /// What to analyse.
 #[derive(Debug, Clone)]

@@ -14,8 +14,8 @@ use schedulability::results::{NodeReport, Report, TaskReport, time};
 use schedulability::system::Models;
 use schedulability::table::{NodeTable, Table};
 use schedulability::tasks::App;
-use schedulability::wcet::analysis::Problem;
 use schedulability::{bus, chains, report};
+use wcet::analysis::Problem;
 
 const NODES: [&str; 4] = ["controller", "drive", "gps", "steering"];
 

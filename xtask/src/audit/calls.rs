@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use schedulability::wcet::{
+use wcet::{
     image::Image,
     instruction::{Flow, Instruction, decode},
     software,

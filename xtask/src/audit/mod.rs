@@ -10,7 +10,8 @@ mod stack;
 
 use std::{fs, path::Path};
 
-use schedulability::{tasks::App, wcet::image::Image};
+use schedulability::tasks::App;
+use wcet::image::Image;
 
 use crate::Failure;
 

@@ -1,6 +1,6 @@
 //! Reachable panics, and what is left of their messages.
 
-use schedulability::wcet::{graph::is_panic, image::Image};
+use wcet::{graph::is_panic, image::Image};
 
 use super::calls::Calls;
 

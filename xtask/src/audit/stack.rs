@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use schedulability::{
+use schedulability::tasks::{App, TIMER};
+use wcet::{
+    image::Image,
     stack::{FRAME_FPU, Stacks},
-    tasks::{App, TIMER},
-    wcet::image::Image,
 };
 
 use super::calls::Calls;

@@ -3,19 +3,17 @@
 
 use std::{sync::Arc, thread};
 
-use schedulability::{
-    kernels::{INPUT, NAMES, find, input},
-    results::KernelReport,
-    wcet::{
-        analysis::{Analysis, Entry},
-        annotation::Annotations,
-        image::Image,
-        timing::Timing,
-    },
-};
+use schedulability::results::KernelReport;
 use twin::{
     mcu::{Board, FlashTiming, Mcu},
     part::Part,
+};
+use wcet::{
+    analysis::{Analysis, Entry},
+    annotation::Annotations,
+    image::Image,
+    kernels::{INPUT, NAMES, find, input},
+    timing::Timing,
 };
 use world::random::{Purpose, Stream};
 
@@ -23,7 +21,7 @@ use super::{Builder, LEAST, Profile, cycles::BUDGET};
 use crate::Failure;
 
 /// Their package, from the root of the workspace.
-const PACKAGE: &str = "xtask/schedulability/kernels/Cargo.toml";
+const PACKAGE: &str = "xtask/wcet/kernels/Cargo.toml";
 /// Runs of each, under each timing.
 const RUNS: u64 = 200;
 /// What stands in front of them: stack pointer and reset vector, and from 0x200 on a

@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use schedulability::wcet::watch::{Activation, Refuted, Watch};
 use twin::mcu::{Seen, Trace};
+use wcet::watch::{Activation, Refuted, Watch};
 
 /// What was found of one handler.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -11,9 +11,9 @@ use std::{
 use schedulability::{
     node::{Observed, Seen},
     system::Programs,
-    wcet::{self, watch::Watch},
 };
 use twin::{Images, Outcome, Vehicle, mcu::FlashTiming, mcu::Mcu};
+use wcet::watch::Watch;
 use world::{Scenario, time::seconds};
 
 use super::follow::{Findings, Follower, lock};

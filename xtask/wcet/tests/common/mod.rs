@@ -6,8 +6,8 @@ use std::sync::{Arc, OnceLock};
 
 use rsemu::core::space::{AddressSpace, RamStore, Region};
 use rsemu::cpu::arm::v7m::{ArmV7m, Config};
-use schedulability::kernels::{self, INPUT};
-use schedulability::wcet::image::Image;
+use wcet::image::Image;
+use wcet::kernels::{self, INPUT};
 
 const STACK: u32 = 0x2000_8000;
 const FLASH: u32 = 0x0800_0000;

@@ -65,7 +65,7 @@ fn short(file: &str) -> &str {
         }
     }
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/");
-    let workspace = root.trim_end_matches("xtask/schedulability/");
+    let workspace = root.trim_end_matches("xtask/wcet/");
     file.strip_prefix(workspace).unwrap_or(file)
 }
 

@@ -11,12 +11,12 @@ use std::collections::HashMap;
 use common::{Emulator, image_path, kernel};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use schedulability::kernels::{self, INPUT};
-use schedulability::wcet::analysis::{Analysis, Bound, Entry};
-use schedulability::wcet::annotation::Annotations;
-use schedulability::wcet::image::Image;
-use schedulability::wcet::timing::Timing;
-use schedulability::wcet::watch::{Refuted, Watch};
+use wcet::analysis::{Analysis, Bound, Entry};
+use wcet::annotation::Annotations;
+use wcet::image::Image;
+use wcet::kernels::{self, INPUT};
+use wcet::timing::Timing;
+use wcet::watch::{Refuted, Watch};
 
 /// Runs of each kernel: the full check takes ten thousand.
 fn runs() -> u64 {

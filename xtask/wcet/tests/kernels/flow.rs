@@ -3,14 +3,14 @@
 use std::collections::BTreeSet;
 
 use crate::common::{image_path, kernel};
-use schedulability::kernels::INPUT;
-use schedulability::stack::Stacks;
-use schedulability::wcet::analysis::{Analysis, Entry};
-use schedulability::wcet::annotation::Annotations;
-use schedulability::wcet::graph::{Graph, Returning, Targets};
-use schedulability::wcet::image::Image;
-use schedulability::wcet::ipet;
-use schedulability::wcet::timing::Timing;
+use wcet::analysis::{Analysis, Entry};
+use wcet::annotation::Annotations;
+use wcet::graph::{Graph, Returning, Targets};
+use wcet::image::Image;
+use wcet::ipet;
+use wcet::kernels::INPUT;
+use wcet::stack::Stacks;
+use wcet::timing::Timing;
 
 fn image() -> Image {
     Image::read(image_path()).unwrap()

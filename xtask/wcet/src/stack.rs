@@ -5,10 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use rsemu::cpu::arm::v7m::fpisa::FpInsn;
 use rsemu::cpu::arm::v7m::isa::{DpOp, Insn, Operand};
 
-use crate::wcet::graph::{Graph, Returning, Targets};
-use crate::wcet::image::Image;
-use crate::wcet::instruction::{Flow, Instruction};
-use crate::wcet::software;
+use crate::graph::{Graph, Returning, Targets};
+use crate::image::Image;
+use crate::instruction::{Flow, Instruction};
+use crate::software;
 
 /// Bytes of an exception frame without and with floating-point registers,
 /// each with the word that may align it.
@@ -91,7 +91,7 @@ impl<'a> Stacks<'a> {
                 let callees: Vec<u32> = match instruction.flow() {
                     Flow::Call { target } => vec![target],
                     Flow::Jump { target } | Flow::Branch { target, .. }
-                        if crate::wcet::graph::leaves(self.image, entry, target) =>
+                        if crate::graph::leaves(self.image, entry, target) =>
                     {
                         vec![target]
                     }

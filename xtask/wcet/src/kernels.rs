@@ -3,7 +3,7 @@
 //! They are in `kernels/`, built apart; tests and benchmarks run them on an emulated
 //! core and hold what they see against their bounds.
 
-use crate::wcet::image::Image;
+use crate::image::Image;
 
 /// Words of input that every kernel gets.
 pub const WORDS: usize = 64;

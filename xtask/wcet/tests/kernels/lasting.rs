@@ -1,11 +1,11 @@
 //! Words that start-up sets for good.
 
 use crate::common::{image_path, kernel};
-use schedulability::wcet::analysis::{Analysis, Bound, Entry};
-use schedulability::wcet::annotation::Annotations;
-use schedulability::wcet::image::Image;
-use schedulability::wcet::lasting::Strangers::{self, Change, Spare};
-use schedulability::wcet::timing::Timing;
+use wcet::analysis::{Analysis, Bound, Entry};
+use wcet::annotation::Annotations;
+use wcet::image::Image;
+use wcet::lasting::Strangers::{self, Change, Spare};
+use wcet::timing::Timing;
 
 /// How many words last beside these handlers, and the bound of the first.
 fn learn(handlers: &[&str], strangers: Strangers) -> (usize, Bound) {
