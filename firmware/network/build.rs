@@ -4,7 +4,7 @@ use std::{env, error::Error, fs, path::Path, process::ExitCode};
 
 use network_model::{Network, generate};
 
-const FILE: &str = "uagv.dbc";
+const FILE: &str = "../vehicles/uagv/network.dbc";
 
 fn main() -> ExitCode {
     match run() {

@@ -186,7 +186,7 @@ pub struct Bench {
 /// Options of `schedule`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    cargo xtask schedule firmware/network/uagv.dbc          the matrix that the file has, checked\n  \
+    cargo xtask schedule firmware/vehicles/uagv/network.dbc          the matrix that the file has, checked\n  \
     cargo xtask schedule my.dbc --method least-jitter       another one, on the terminal\n  \
     cargo xtask schedule my.dbc --method power-of-two --write\n\n\
     Methods:\n  \
@@ -243,7 +243,7 @@ pub enum Method {
     cargo xtask schedulability --explain steering.can_rx   where its time goes, by source line\n  \
     cargo xtask schedulability --json                everything for programs, times in ps\n\n\
     Exit code 0: every deadline holds; 1: not, and the first miss is named; 2: wrong input.\n\
-    What the sources cannot say (how often, by when) stands in firmware/tasks.toml.")]
+    What the sources cannot say (how often, by when) stands in firmware/vehicles/uagv/tasks.toml.")]
 pub struct Schedulability {
     /// Nodes to analyse [default: all]
     #[arg(value_enum, value_name = "NODE")]

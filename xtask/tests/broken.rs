@@ -175,7 +175,7 @@ fn inputs(program: &str) -> Inputs {
         root: root().to_owned(),
         table: here.join("tests/node/tasks.toml"),
         // It has no part in this network, and the network none in its answer.
-        network: here.join("../firmware/network/uagv.dbc"),
+        network: here.join("../firmware/vehicles/uagv/network.dbc"),
         nodes: BTreeMap::from([("node".to_owned(), (source, image(program)))]),
     }
 }

@@ -55,7 +55,8 @@ fn close(a: f64, b: f64) -> bool {
 
 #[test]
 fn the_model_reads_and_writes_what_cantools_does() {
-    let network = Network::parse(include_str!("../uagv.dbc")).expect("the file is right");
+    let network =
+        Network::parse(include_str!("../../vehicles/uagv/network.dbc")).expect("the file is right");
     let mut seen = 0;
     for vector in vectors() {
         let message = network.message(vector.id).expect("in the file");

@@ -15,7 +15,8 @@ use network_model::Network;
 use proptest::{collection::vec, prelude::*};
 
 static NETWORK: LazyLock<Network> = LazyLock::new(|| {
-    Network::parse(include_str!("../uagv.dbc")).expect("the network file is right")
+    Network::parse(include_str!("../../vehicles/uagv/network.dbc"))
+        .expect("the network file is right")
 });
 
 /// One message from numbers as random as `seeds`: each signal somewhere in its

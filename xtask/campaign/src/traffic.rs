@@ -7,7 +7,7 @@ use twin::{Outcome, Vehicle};
 use world::Node;
 
 /// The network file that the images are built with.
-const FILE: &str = include_str!("../../../firmware/network/uagv.dbc");
+const FILE: &str = include_str!("../../../firmware/vehicles/uagv/network.dbc");
 
 /// A frame on the bus, from its start to its end or to the error that ended it.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -20,7 +20,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         "DMA never holds the core off the bus matrix for longer than the wait states charged; a debugger is not connected.".to_owned(),
         "An interrupt that is pending twice runs once, and its handler serves all there is; those of the bus do one thing each and come again while there is more."
             .to_owned(),
-        "An event message is sent at most once in each of its intervals; a task is not released more often than firmware/tasks.toml says.".to_owned(),
+        "An event message is sent at most once in each of its intervals; a task is not released more often than firmware/vehicles/uagv/tasks.toml says.".to_owned(),
     ];
     let bus = models.table.bus;
     all.push(if bus.error_burst == 0 && bus.error_interval_ms == 0 {

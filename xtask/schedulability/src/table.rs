@@ -1,6 +1,6 @@
 //! The task table: what the sources cannot say.
 //!
-//! One file for all nodes, `firmware/tasks.toml`: for each task what releases it
+//! One file for all nodes, `firmware/vehicles/uagv/tasks.toml`: for each task what releases it
 //! and by when it must be done, and the chains of tasks and messages that have a
 //! deadline of their own.
 

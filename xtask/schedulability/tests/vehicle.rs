@@ -32,11 +32,11 @@ fn source(node: &str) -> String {
 }
 
 fn table() -> Table {
-    Table::parse("tasks.toml", &text("firmware/tasks.toml")).unwrap()
+    Table::parse("tasks.toml", &text("firmware/vehicles/uagv/tasks.toml")).unwrap()
 }
 
 fn network() -> Network {
-    Network::parse(&text("firmware/network/uagv.dbc")).unwrap()
+    Network::parse(&text("firmware/vehicles/uagv/network.dbc")).unwrap()
 }
 
 /// The model of `node` from this source.
@@ -129,8 +129,8 @@ fn the_table_fits_the_sources() {
         .collect();
     let models = Models::read(
         &root,
-        &root.join("firmware/tasks.toml"),
-        &root.join("firmware/network/uagv.dbc"),
+        &root.join("firmware/vehicles/uagv/tasks.toml"),
+        &root.join("firmware/vehicles/uagv/network.dbc"),
         sources.iter().map(|(node, path)| (*node, path.as_path())),
     )
     .unwrap();
@@ -318,7 +318,7 @@ fn table_and_source_must_fit() {
     let refused = |from: &str, to: &str| {
         Table::parse(
             "tasks.toml",
-            &text("firmware/tasks.toml").replacen(from, to, 1),
+            &text("firmware/vehicles/uagv/tasks.toml").replacen(from, to, 1),
         )
         .unwrap_err()
     };
@@ -335,8 +335,8 @@ fn table_and_source_must_fit() {
         "{word}"
     );
     let mut of_drive = table().node["drive"].clone();
-    let actuate =
-        text("firmware/tasks.toml").replace("receives = \"Command\"", "receives = \"Order\"");
+    let actuate = text("firmware/vehicles/uagv/tasks.toml")
+        .replace("receives = \"Command\"", "receives = \"Order\"");
     of_drive
         .task
         .clone_from(&Table::parse("tasks.toml", &actuate).unwrap().node["drive"].task);

@@ -5,7 +5,7 @@ use world::{
     time::seconds,
 };
 
-/// Identifier of the command (`firmware/network/uagv.dbc`); its first two bytes are the
+/// Identifier of the command (`firmware/vehicles/uagv/network.dbc`); its first two bytes are the
 /// steering rate, little-endian.
 const COMMAND: u16 = 300;
 

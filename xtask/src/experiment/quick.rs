@@ -22,6 +22,7 @@ use network::{
     Message, matrix,
     messages::{Command, Mode, Position, Velocity},
 };
+use world::time::Span as _;
 use world::{
     Analog, Effect, Node, Port, Scenario, SimDuration, SimTime, World,
     report::{FrameRecord, ModeChange, Run},

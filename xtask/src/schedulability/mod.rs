@@ -21,9 +21,9 @@ use crate::{
 use progress::Display;
 
 /// The task table, from the root of the workspace.
-const TABLE: &str = "firmware/tasks.toml";
+const TABLE: &str = "firmware/vehicles/uagv/tasks.toml";
 /// The network file.
-const NETWORK: &str = "firmware/network/uagv.dbc";
+const NETWORK: &str = "firmware/vehicles/uagv/network.dbc";
 
 /// Runs `schedulability`.
 ///

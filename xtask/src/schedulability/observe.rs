@@ -7,6 +7,7 @@ use std::{
     sync::{Arc, Mutex},
     thread,
 };
+use world::time::Span as _;
 
 use schedulability::{
     node::{Observed, Seen},

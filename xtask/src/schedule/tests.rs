@@ -69,7 +69,10 @@ fn unscheduled() -> String {
 }
 
 fn vehicle() -> String {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware/network/uagv.dbc");
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../firmware/vehicles/uagv/network.dbc"
+    );
     fs::read_to_string(path).unwrap()
 }
 

@@ -11,7 +11,7 @@ use world::{
 use crate::{Failure, Workspace};
 
 /// The network file, from the root of the workspace.
-const FILE: &str = "firmware/network/uagv.dbc";
+const FILE: &str = "firmware/vehicles/uagv/network.dbc";
 
 /// The system matrix as the report wants it.
 pub struct Matrix {

@@ -12,6 +12,7 @@ use std::{
     io::{IsTerminal, Write},
     time::{Duration, Instant},
 };
+use world::time::Span as _;
 
 use campaign::agreement::{self, Agreement};
 use twin::{Images, Outcome, Progress, Vehicle};

@@ -13,6 +13,7 @@ use can_bus::{
 use embedded_can::StandardId;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use world::time::Span as _;
 use world::{Analog, Effect, Input, Node, Output, Port, Scenario, World};
 
 /// The ELF files of the four nodes.

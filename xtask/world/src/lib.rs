@@ -21,7 +21,7 @@ pub mod report;
 pub mod scenario;
 pub mod syren;
 pub mod time;
-pub mod units;
+pub use vehicle_model::units;
 pub mod vehicle;
 mod world;
 

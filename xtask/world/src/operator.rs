@@ -2,6 +2,7 @@
 
 use crate::node::Input;
 use crate::scenario::{Button, ButtonPress, Scenario};
+use crate::time::Span as _;
 use crate::time::{SimTime, at};
 
 /// A level that changes.

@@ -50,3 +50,16 @@ pub fn at(span: SimDuration) -> SimTime {
 pub fn after(time: SimTime, span: SimDuration) -> SimTime {
     SimTime::from_ticks(time.as_ticks() + span.as_ticks())
 }
+
+/// A quantity of time as a span of simulated time.
+pub trait Span {
+    /// The span; negative times give zero.
+    #[must_use]
+    fn span(self) -> SimDuration;
+}
+
+impl Span for crate::units::Time {
+    fn span(self) -> SimDuration {
+        from_seconds(self.get())
+    }
+}

@@ -16,6 +16,7 @@ use crate::receiver::{Fix, Receiver};
 use crate::record::{Counters, EffortChange, StateSample};
 use crate::scenario::{BusEvent, Scenario};
 use crate::syren::{Reception, STOP, Syren};
+use crate::time::Span as _;
 use crate::time::{PER_SECOND, START, SimDuration, SimTime, after, at, from_seconds};
 use crate::units::Quantity;
 use crate::vehicle::{Motor, State, Vehicle};

@@ -3,7 +3,7 @@
 use network_model::{Assignment, Network, Window, WindowKind, generate};
 use proptest::prelude::*;
 
-const VEHICLE: &str = include_str!("../../uagv.dbc");
+const VEHICLE: &str = include_str!("../../../vehicles/uagv/network.dbc");
 
 fn vehicle() -> Network {
     Network::parse(VEHICLE).unwrap()

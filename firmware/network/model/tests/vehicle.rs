@@ -3,7 +3,7 @@
 use network_model::{Condition, Network, SendType, WindowKind};
 
 fn network() -> Network {
-    Network::parse(include_str!("../../uagv.dbc")).expect("the file is right")
+    Network::parse(include_str!("../../../vehicles/uagv/network.dbc")).expect("the file is right")
 }
 
 /// Position and heading stay off the bus while the solution is not fixed.

@@ -47,7 +47,7 @@ def order(text):
     return order
 
 
-FILE = pathlib.Path(__file__).resolve().parents[2] / "uagv.dbc"
+FILE = pathlib.Path(__file__).resolve().parents[3] / "vehicles/uagv/network.dbc"
 ORDER = order(FILE.read_text())
 
 database = cantools.database.load_file(FILE, strict=True)

@@ -15,6 +15,7 @@ use libm::{cos, exp, round, sin, sqrt};
 pub use parameters::{Base, Fix, FixChange, Parameters, StreamFault, StreamFaultKind};
 
 use crate::random::{Purpose, Stream};
+use crate::time::Span as _;
 use crate::time::{PER_SECOND, SimDuration, SimTime, after, from_seconds, seconds};
 use crate::vehicle::Motion;
 use earth::Geodetic;

@@ -9,6 +9,7 @@ use super::summary::{
     BusFigures, IdFigures, TakeoverFigures, WindowFigures, micros_between, rounded,
 };
 use super::{Due, FrameRecord, Run, Window, WindowKind};
+use crate::time::Span as _;
 use crate::time::{SimTime, after, at, since, span_seconds};
 
 /// Bits of the intermission after a frame (ISO 11898-1).

@@ -5,6 +5,7 @@ use super::summary::{AutonomousRun, StopFigures, rounded};
 use crate::node::Node;
 use crate::receiver::Fix;
 use crate::record::StateSample;
+use crate::time::Span as _;
 use crate::time::{SimTime, at, seconds};
 
 /// The cross-track error that counts as settled, metres.

@@ -7,8 +7,6 @@ use core::marker::PhantomData;
 
 use serde::de::{Deserialize, Deserializer, Error, Visitor};
 
-use crate::time::SimDuration;
-
 /// A kind of quantity: its name and the units it may be written in.
 pub trait Kind {
     /// What it is called, with its article.
@@ -44,6 +42,8 @@ kinds! {
     LengthKind, Length: "a length", "m" = 1.0 / 1.0, "cm" = 1.0 / 1e2, "mm" = 1.0 / 1e3;
     /// A speed, in metres per second.
     SpeedKind, Speed: "a speed", "m/s" = 1.0 / 1.0, "cm/s" = 1.0 / 1e2, "mm/s" = 1.0 / 1e3, "km/h" = 1.0 / 3.6;
+    /// An acceleration, in metres per second squared.
+    AccelerationKind, Acceleration: "an acceleration", "m/s2" = 1.0 / 1.0;
     /// An angle, in radians.
     AngleKind, Angle: "an angle", "deg" = DEGREE / 1.0, "rad" = 1.0 / 1.0;
     /// An angular rate, in radians per second.
@@ -83,14 +83,6 @@ impl<K> Quantity<K> {
     }
 }
 
-impl Time {
-    /// The span in simulated time; negative times give zero.
-    #[must_use]
-    pub fn span(self) -> SimDuration {
-        crate::time::from_seconds(self.value)
-    }
-}
-
 impl Angle {
     /// The angle of `degrees`.
     #[must_use]
@@ -104,6 +96,12 @@ impl Rate {
     #[must_use]
     pub const fn degrees(degrees: f64) -> Self {
         Self::new(degrees * DEGREE)
+    }
+}
+
+impl<K> Default for Quantity<K> {
+    fn default() -> Self {
+        Self::new(0.0)
     }
 }
 
@@ -236,10 +234,7 @@ mod tests {
             "180 deg".parse::<Angle>().unwrap().get(),
             core::f64::consts::PI
         );
-        assert_eq!(
-            "10 ms".parse::<Time>().unwrap().span().as_ticks(),
-            10_000_000_000
-        );
+        assert_eq!("10 ms".parse::<Time>().unwrap().get(), 0.01);
         assert_eq!("10 %".parse::<Ratio>().unwrap().get(), 0.1);
         assert_eq!("100 us".parse::<Time>().unwrap().get(), 100e-6);
     }

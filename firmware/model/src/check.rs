@@ -1,0 +1,260 @@
+//! What a manifest must hold beyond its form.
+
+use std::collections::BTreeSet;
+use std::fmt::Display;
+
+use network_model::Network;
+
+use crate::manifest::{Device, Machine, Manifest, Node, Receiver};
+use crate::units::{Kind, Quantity};
+
+/// Boards that an image can be built for.
+pub const BOARDS: [&str; 2] = ["f446", "f303"];
+
+/// Farthest that an intact steering can be from straight ahead, degrees: beyond it the
+/// potentiometer's reading is not believed.
+pub const MECHANICAL_RANGE: f64 = 35.0;
+
+/// Full scale of the boards' converters, counts.
+pub const FULL_SCALE: f64 = 4095.0;
+
+/// Checks a manifest, also against its network.
+///
+/// # Errors
+/// The field at fault, what it says and what is accepted.
+pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
+    nodes(&manifest.nodes, network)?;
+    devices(manifest)?;
+    if let Some(mode) = &manifest.mode {
+        mode_signal(mode, network)?;
+    }
+    if let Some(receiver) = &manifest.receiver {
+        self::receiver(receiver)?;
+    }
+    match &manifest.machine {
+        Some(machine) => {
+            self::machine(machine)?;
+            waypoints(manifest)
+        }
+        None => Ok(()),
+    }
+}
+
+fn nodes(nodes: &[Node], network: &Network) -> Result<(), String> {
+    let mut names = BTreeSet::new();
+    for node in nodes {
+        let name = &node.name;
+        if !names.insert(name) {
+            return Err(format!("node {name:?} stands twice"));
+        }
+        if !BOARDS.contains(&node.board.as_str()) {
+            return Err(format!(
+                "node {name:?}: there is no board {:?}: {} are accepted",
+                node.board,
+                BOARDS.join(" and ")
+            ));
+        }
+        if !network.nodes.iter().any(|other| other.name == *name) {
+            return Err(format!("node {name:?} is not in the network file"));
+        }
+    }
+    // A network file may also name programs that only listen.
+    let mut senders = network.messages.iter().map(|message| &message.sender);
+    match senders.find(|sender| !names.contains(sender)) {
+        Some(sender) => Err(format!(
+            "the network file has messages of a node {sender:?} that the manifest does not have"
+        )),
+        None => Ok(()),
+    }
+}
+
+fn devices(manifest: &Manifest) -> Result<(), String> {
+    let mut seen = BTreeSet::new();
+    for node in &manifest.nodes {
+        for (connector, &device) in &node.wiring {
+            let at = format!("node {:?}, connector {connector:?}", node.name);
+            if device.connector() != connector {
+                return Err(format!(
+                    "{at}: a {} goes to the connector {:?}",
+                    device.name(),
+                    device.connector()
+                ));
+            }
+            let many = matches!(device, Device::BenchMotor | Device::Knob);
+            if !seen.insert(device) && !many {
+                return Err(format!("{at}: there is a second {}", device.name()));
+            }
+            if device.needs_machine() && manifest.machine.is_none() {
+                return Err(format!(
+                    "{at}: a {} needs a [machine], which the manifest does not have",
+                    device.name()
+                ));
+            }
+        }
+    }
+    if seen.contains(&Device::SatelliteReceiver) && manifest.receiver.is_none() {
+        return Err("[receiver] is missing: a satellite-receiver is wired".into());
+    }
+    Ok(())
+}
+
+fn mode_signal(mode: &crate::manifest::ModeSignal, network: &Network) -> Result<(), String> {
+    let message = network
+        .messages
+        .iter()
+        .find(|message| message.name == mode.message)
+        .ok_or_else(|| format!("mode.message: there is no message {:?}", mode.message))?;
+    let signal = message
+        .signals
+        .iter()
+        .find(|signal| signal.name == mode.signal)
+        .ok_or_else(|| {
+            format!(
+                "mode.signal: message {:?} has no signal {:?}",
+                mode.message, mode.signal
+            )
+        })?;
+    let table = network
+        .value_tables
+        .iter()
+        .find(|table| Some(&table.name) == signal.values.as_ref());
+    let known = table.is_some_and(|table| {
+        let mut values = table.values.iter();
+        values.any(|value| value.name == mode.autonomous)
+    });
+    if known {
+        Ok(())
+    } else {
+        Err(format!(
+            "mode.autonomous: signal {:?} has no value {:?}",
+            mode.signal, mode.autonomous
+        ))
+    }
+}
+
+fn receiver(receiver: &Receiver) -> Result<(), String> {
+    within("receiver.latency", receiver.latency, 0.0, 0.25)?;
+    above("receiver.burst", receiver.burst, 0.09)?;
+    within("receiver.period", receiver.period, 0.05, 1.0)
+}
+
+fn machine(machine: &Machine) -> Result<(), String> {
+    let degrees = |value: f64| value.to_radians();
+    within(
+        "machine.rear_to_antenna",
+        machine.rear_to_antenna,
+        -10.0,
+        10.0,
+    )?;
+    let wheelbase = machine.rear_to_antenna.get() + machine.antenna_to_front.get();
+    if !(0.1..=10.0).contains(&wheelbase) {
+        return Err(format!(
+            "machine.antenna_to_front: the wheelbase, rear_to_antenna and antenna_to_front \
+             together, is {wheelbase:.3} m: 0.1 to 10 m is accepted"
+        ));
+    }
+    within("machine.antenna_right", machine.antenna_right, -5.0, 5.0)?;
+    within("machine.antenna_height", machine.antenna_height, 0.0, 10.0)?;
+    let limits = &machine.limits;
+    above(
+        "machine.limits.steering_angle",
+        limits.steering_angle,
+        degrees(60.0),
+    )?;
+    above(
+        "machine.limits.steering_rate",
+        limits.steering_rate,
+        degrees(180.0),
+    )?;
+    above("machine.limits.speed", limits.speed, 10.0)?;
+    above("machine.limits.acceleration", limits.acceleration, 20.0)?;
+    above("machine.cruise", machine.cruise, limits.speed.get())?;
+    potentiometer(machine)?;
+    for (name, direction) in [
+        ("right", machine.steering.right),
+        ("left", machine.steering.left),
+    ] {
+        let field = |what: &str| format!("machine.steering.{name}.{what}");
+        within(&field("dead_band"), direction.dead_band, 0.0, 0.5)?;
+        within(
+            &field("full_rate"),
+            direction.full_rate,
+            degrees(1.0),
+            degrees(180.0),
+        )?;
+    }
+    within("machine.drive.dead_band", machine.drive.dead_band, 0.0, 0.5)?;
+    above("machine.drive.full_speed", machine.drive.full_speed, 10.0)
+}
+
+fn potentiometer(machine: &Machine) -> Result<(), String> {
+    let pot = &machine.potentiometer;
+    within("machine.potentiometer.centre", pot.centre, 0.0, FULL_SCALE)?;
+    let slope = pot.slope.get().to_radians();
+    if !(-80.0..=80.0).contains(&slope) {
+        return Err(format!(
+            "machine.potentiometer.slope is {slope} counts/deg: -80 to 80 counts/deg is accepted"
+        ));
+    }
+    let range = (slope * MECHANICAL_RANGE).abs();
+    let centre = pot.centre.get();
+    if range < MECHANICAL_RANGE || centre < range || centre + range > FULL_SCALE {
+        return Err(format!(
+            "machine.potentiometer: {centre} counts straight ahead and {slope} counts for a \
+             degree do not cover {MECHANICAL_RANGE} degrees to each side"
+        ));
+    }
+    Ok(())
+}
+
+fn waypoints(manifest: &Manifest) -> Result<(), String> {
+    let [first, .., last] = manifest.waypoints.as_slice() else {
+        return Err("waypoint: a machine needs two waypoints at least".into());
+    };
+    for (index, point) in manifest.waypoints.iter().enumerate() {
+        within(&format!("waypoint[{index}].north"), point.north, -1e4, 1e4)?;
+        within(&format!("waypoint[{index}].east"), point.east, -1e4, 1e4)?;
+    }
+    let length = (last.north.get() - first.north.get()).hypot(last.east.get() - first.east.get());
+    if length < 1.0 {
+        return Err(format!(
+            "waypoint: the run is {length:.3} m long: 1 m or more is accepted"
+        ));
+    }
+    Ok(())
+}
+
+fn within<K: Kind>(field: &str, value: Quantity<K>, least: f64, most: f64) -> Result<(), String> {
+    refuse(
+        (least..=most).contains(&value.get()),
+        field,
+        value,
+        format_args!(
+            "{} to {}",
+            Quantity::<K>::new(least),
+            Quantity::<K>::new(most)
+        ),
+    )
+}
+
+fn above<K: Kind>(field: &str, value: Quantity<K>, most: f64) -> Result<(), String> {
+    refuse(
+        value.get() > 0.0 && value.get() <= most,
+        field,
+        value,
+        format_args!("above 0 to {}", Quantity::<K>::new(most)),
+    )
+}
+
+fn refuse<K: Kind>(
+    accepted: bool,
+    field: &str,
+    value: Quantity<K>,
+    range: impl Display,
+) -> Result<(), String> {
+    if accepted {
+        Ok(())
+    } else {
+        Err(format!("{field} is {value}: {range} is accepted"))
+    }
+}

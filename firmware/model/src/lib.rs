@@ -1,0 +1,23 @@
+//! Reads the folder of a vehicle: `vehicle.toml` (the manifest) and `network.dbc` (messages
+//! and system matrix), checked against each other.
+//!
+//! Build scripts make constants of it for the images; the virtual vehicle, the analysis and
+//! the commands read it as it is.
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `vehicle.toml` | nodes, wiring, machine, run: [`manifest`] |
+//! | `network.dbc` | messages, signals, windows: `network-model` |
+//! | `tasks.toml` | what releases each task and by when it must be done: `schedulability` |
+//! | `nodes/NAME.rs` | the RTIC application of each node |
+//! | `scenarios/*.toml` | what happens around the nodes in a run: `world` |
+
+pub mod check;
+mod error;
+pub mod manifest;
+pub mod units;
+mod vehicle;
+
+pub use error::VehicleError;
+pub use manifest::{Device, Machine, Manifest, Node, Remote};
+pub use vehicle::{NodeIndex, Vehicle};

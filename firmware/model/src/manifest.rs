@@ -1,0 +1,319 @@
+//! The manifest of a vehicle, `vehicle.toml`: its nodes, what is wired to them, and the
+//! numbers of its machine.
+//!
+//! Quantities are strings with a unit (`"0.255 m"`). An unknown field is refused.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::units::{Acceleration, Angle, Count, CountSlope, Length, Rate, Ratio, Speed, Time};
+
+/// What `vehicle.toml` says.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// The vehicle in one line, for lists.
+    pub summary: String,
+    /// The boards on the bus, in the order in which reports list them.
+    #[serde(rename = "node")]
+    pub nodes: Vec<Node>,
+    /// Where the mode of the vehicle is on the bus; `None` when it has no modes.
+    pub mode: Option<ModeSignal>,
+    /// What the operator holds. Default: a momentary remote control.
+    #[serde(default)]
+    pub operator: Operator,
+    /// The machine that the nodes move; `None` for boards without one.
+    pub machine: Option<Machine>,
+    /// The satellite receiver; needed when one is wired.
+    pub receiver: Option<Receiver>,
+    /// The points of the run, two at least when there is a machine.
+    #[serde(default, rename = "waypoint")]
+    pub waypoints: Vec<Waypoint>,
+}
+
+/// A node: a board on the bus with its image.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Node {
+    /// Its name, also of its image, of its source file and of its node in the network file.
+    pub name: String,
+    /// The sled that it runs on, by its short name: `f446` or `f303`.
+    pub board: String,
+    /// What is at each connector of the sled; a connector that is left out is open.
+    #[serde(default)]
+    pub wiring: BTreeMap<String, Device>,
+}
+
+impl Node {
+    /// The connector that `device` is wired to.
+    #[must_use]
+    pub fn connector(&self, device: Device) -> Option<&str> {
+        let mut wires = self.wiring.iter();
+        wires
+            .find(|(_, wired)| **wired == device)
+            .map(|(connector, _)| connector.as_str())
+    }
+}
+
+/// Something that is wired to a connector.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Device {
+    /// An RTK receiver that speaks SBP on a serial line.
+    SatelliteReceiver,
+    /// A serial display that acknowledges each command.
+    Display,
+    /// A joystick of two potentiometers.
+    Joystick,
+    /// Remote control (A to D), switch of the joystick, emergency-stop loop.
+    OperatorSwitches,
+    /// A motor driver on simplified serial, and the relay in its motor's lead, that turn
+    /// the machine's steering actuator.
+    SteeringMotor,
+    /// The same for the machine's drive motor.
+    DriveMotor,
+    /// The same with a motor that moves no machine.
+    BenchMotor,
+    /// The potentiometer of the machine's steering.
+    SteeringPotentiometer,
+    /// A potentiometer that a person turns.
+    Knob,
+}
+
+impl Device {
+    /// All devices.
+    pub const ALL: [Self; 9] = [
+        Self::SatelliteReceiver,
+        Self::Display,
+        Self::Joystick,
+        Self::OperatorSwitches,
+        Self::SteeringMotor,
+        Self::DriveMotor,
+        Self::BenchMotor,
+        Self::SteeringPotentiometer,
+        Self::Knob,
+    ];
+
+    /// Its name in a manifest.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SatelliteReceiver => "satellite-receiver",
+            Self::Display => "display",
+            Self::Joystick => "joystick",
+            Self::OperatorSwitches => "operator-switches",
+            Self::SteeringMotor => "steering-motor",
+            Self::DriveMotor => "drive-motor",
+            Self::BenchMotor => "bench-motor",
+            Self::SteeringPotentiometer => "steering-potentiometer",
+            Self::Knob => "knob",
+        }
+    }
+
+    /// The connector of a sled that it fits.
+    #[must_use]
+    pub const fn connector(self) -> &'static str {
+        match self {
+            Self::SatelliteReceiver => "receiver",
+            Self::Display => "display",
+            Self::Joystick => "joystick",
+            Self::OperatorSwitches => "inputs",
+            Self::SteeringMotor | Self::DriveMotor | Self::BenchMotor => "motor",
+            Self::SteeringPotentiometer | Self::Knob => "pot",
+        }
+    }
+
+    /// Whether it is a motor driver.
+    #[must_use]
+    pub const fn is_motor(self) -> bool {
+        matches!(
+            self,
+            Self::SteeringMotor | Self::DriveMotor | Self::BenchMotor
+        )
+    }
+
+    /// Whether it is part of a machine and makes no sense without one.
+    #[must_use]
+    pub const fn needs_machine(self) -> bool {
+        matches!(
+            self,
+            Self::SatelliteReceiver
+                | Self::SteeringMotor
+                | Self::DriveMotor
+                | Self::SteeringPotentiometer
+        )
+    }
+}
+
+/// Where the mode of the vehicle is on the bus.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModeSignal {
+    /// The message.
+    pub message: String,
+    /// Its signal, which has a value table.
+    pub signal: String,
+    /// The value in which the vehicle drives by itself.
+    pub autonomous: String,
+}
+
+/// What the operator holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Operator {
+    /// The remote control's receiver.
+    pub remote: Remote,
+}
+
+/// How a remote control's receiver shows a press.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Remote {
+    /// Its output is high while the button is pressed.
+    #[default]
+    Momentary,
+    /// Each press changes its output.
+    Toggle,
+}
+
+/// A vehicle with a steered front axle and a driven rear axle.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    /// `L1`: rear axle to antenna, positive ahead, -10 to 10 m.
+    pub rear_to_antenna: Length,
+    /// `L2`: antenna to front axle; `L1 + L2` is the wheelbase, above 0 to 10 m.
+    pub antenna_to_front: Length,
+    /// Antenna beside the centre line, right positive, -5 to 5 m. Default 0 m.
+    #[serde(default)]
+    pub antenna_right: Length,
+    /// Antenna above the ground, 0 to 10 m. Default 0 m.
+    #[serde(default)]
+    pub antenna_height: Length,
+    /// Speed of an autonomous run, above 0 to the speed limit.
+    pub cruise: Speed,
+    /// What the actuators may be asked for.
+    pub limits: Limits,
+    /// The potentiometer of the steering.
+    pub potentiometer: Potentiometer,
+    /// The steering actuator.
+    pub steering: Steering,
+    /// The drive motor.
+    pub drive: Drive,
+    /// The motor drivers.
+    pub motor_driver: MotorDriver,
+    /// Weights of the steering's regulators.
+    pub weights: Weights,
+}
+
+/// What the actuators may be asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limits {
+    /// To either side, above 0 to 60 deg.
+    pub steering_angle: Angle,
+    /// Above 0 to 180 deg/s.
+    pub steering_rate: Rate,
+    /// Forwards and backwards, above 0 to 10 m/s.
+    pub speed: Speed,
+    /// Growth of the drive speed, above 0 to 20 m/s2.
+    pub acceleration: Acceleration,
+}
+
+/// A potentiometer with a straight line between angle and reading.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Potentiometer {
+    /// Reading straight ahead, 0 to 4095 counts.
+    pub centre: Count,
+    /// Reading for an angle to the right, -80 to 80 counts/deg.
+    pub slope: CountSlope,
+}
+
+/// The steering actuator on its motor driver.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Steering {
+    /// To the right.
+    pub right: Direction,
+    /// To the left.
+    pub left: Direction,
+}
+
+/// One direction of the steering actuator: a straight line beyond a dead band.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Direction {
+    /// Share of the full effort that moves nothing, 0 to 50 %.
+    pub dead_band: Ratio,
+    /// Rate at full effort, 1 to 180 deg/s.
+    pub full_rate: Rate,
+}
+
+/// The drive motor on its motor driver, alike in both directions.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Drive {
+    /// Share of the full effort that moves nothing, 0 to 50 %.
+    pub dead_band: Ratio,
+    /// Speed at full effort, above 0 to 10 m/s.
+    pub full_speed: Speed,
+}
+
+/// The motor drivers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotorDriver {
+    /// Whether the byte 255 turns a motor forwards, or to the right.
+    pub full_byte_is_forward: bool,
+}
+
+/// Weights of the steering's two regulators.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Weights {
+    /// Of the one that brings the vehicle onto its path.
+    pub firm: RegulatorWeights,
+    /// Of the one that keeps it there.
+    pub gentle: RegulatorWeights,
+}
+
+/// Weights of a linear-quadratic regulator on the steering's states (m, m s, rad) and on
+/// its input, the steering rate (rad/s).
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RegulatorWeights {
+    /// Integral of the cross-track error.
+    pub integral: f64,
+    /// Cross-track error.
+    pub cross_track: f64,
+    /// Heading error.
+    pub heading: f64,
+    /// Steering angle.
+    pub steering_angle: f64,
+    /// Steering rate.
+    pub steering_rate: f64,
+}
+
+/// The satellite receiver.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Receiver {
+    /// From a measurement to the first byte of its burst, 0 to 250 ms.
+    pub latency: Time,
+    /// Length of the burst, above 0 to 90 ms.
+    pub burst: Time,
+    /// Time between two measurements, 50 ms to 1 s.
+    pub period: Time,
+}
+
+/// A point in the base station's frame, -10 to 10 km.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Waypoint {
+    /// Northing.
+    pub north: Length,
+    /// Easting.
+    pub east: Length,
+}

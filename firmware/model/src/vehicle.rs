@@ -1,0 +1,192 @@
+//! A vehicle as its folder describes it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use network_model::Network;
+
+use crate::check;
+use crate::error::VehicleError;
+use crate::manifest::{Device, Manifest, Node};
+
+/// Name of the manifest in a vehicle's folder.
+const MANIFEST: &str = "vehicle.toml";
+/// Name of the network file in it.
+const NETWORK: &str = "network.dbc";
+
+/// The place of a node in [`Manifest::nodes`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct NodeIndex(pub usize);
+
+/// A vehicle, read and checked.
+#[derive(Clone, Debug)]
+pub struct Vehicle {
+    name: String,
+    folder: PathBuf,
+    manifest: Manifest,
+    network: Network,
+}
+
+impl Vehicle {
+    /// Names of the vehicles below `vehicles`, in alphabetical order: every folder with a
+    /// manifest.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub fn names(vehicles: &Path) -> Result<Vec<String>, VehicleError> {
+        let unreadable = |error| VehicleError::Unreadable {
+            file: vehicles.into(),
+            error,
+        };
+        let entries = fs::read_dir(vehicles).map_err(unreadable)?;
+        let folders = entries.flatten().map(|entry| entry.path());
+        let mut names: Vec<String> = folders
+            .filter(|folder| folder.join(MANIFEST).is_file())
+            .filter_map(|folder| Some(folder.file_name()?.to_str()?.to_owned()))
+            .collect();
+        names.sort();
+        Ok(names)
+    }
+
+    /// Reads the vehicle `name` below `vehicles`.
+    ///
+    /// # Errors
+    /// There is none of that name, or its folder is wrong.
+    pub fn find(vehicles: &Path, name: &str) -> Result<Self, VehicleError> {
+        let known = Self::names(vehicles)?;
+        if !known.iter().any(|other| other == name) {
+            return Err(VehicleError::Unknown {
+                name: name.into(),
+                known,
+            });
+        }
+        Self::read(&vehicles.join(name))
+    }
+
+    /// Reads the vehicle of a folder; the folder's name is the vehicle's.
+    ///
+    /// # Errors
+    /// A file is missing, or what it says makes no sense.
+    pub fn read(folder: &Path) -> Result<Self, VehicleError> {
+        let text = |file: &str| {
+            let file = folder.join(file);
+            fs::read_to_string(&file).map_err(|error| VehicleError::Unreadable { file, error })
+        };
+        let name = folder.file_name().unwrap_or_default().to_string_lossy();
+        Self::parse(&name, folder, &text(MANIFEST)?, &text(NETWORK)?)
+    }
+
+    /// Makes a vehicle of the texts of its two files; `folder` names them in errors.
+    ///
+    /// # Errors
+    /// What they say makes no sense.
+    pub fn parse(
+        name: &str,
+        folder: &Path,
+        manifest: &str,
+        network: &str,
+    ) -> Result<Self, VehicleError> {
+        let wrong = |what: String| VehicleError::Manifest {
+            file: folder.join(MANIFEST),
+            what,
+        };
+        let syntax =
+            toml::Deserializer::parse(manifest).map_err(|error| wrong(one_line(&error)))?;
+        let manifest: Manifest = serde_path_to_error::deserialize(syntax).map_err(|error| {
+            let path = error.path().to_string();
+            let what = one_line(error.inner());
+            wrong(if path == "." {
+                what
+            } else {
+                format!("{path}: {what}")
+            })
+        })?;
+        let network = Network::parse(network).map_err(|error| VehicleError::Network {
+            file: folder.join(NETWORK),
+            what: error.to_string().replace('\n', "; "),
+        })?;
+        check::check(&manifest, &network).map_err(wrong)?;
+        Ok(Self {
+            name: name.into(),
+            folder: folder.into(),
+            manifest,
+            network,
+        })
+    }
+
+    /// Its name: the name of its folder.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its folder.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// What its manifest says.
+    #[must_use]
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// What its network file says.
+    #[must_use]
+    pub fn network(&self) -> &Network {
+        &self.network
+    }
+
+    /// Path of its network file.
+    #[must_use]
+    pub fn network_file(&self) -> PathBuf {
+        self.folder.join(NETWORK)
+    }
+
+    /// Path of its task table.
+    #[must_use]
+    pub fn task_table(&self) -> PathBuf {
+        self.folder.join("tasks.toml")
+    }
+
+    /// Path of a node's source.
+    #[must_use]
+    pub fn source(&self, node: NodeIndex) -> PathBuf {
+        self.folder
+            .join("nodes")
+            .join(format!("{}.rs", self.node(node).name))
+    }
+
+    /// Its nodes' places, in order.
+    pub fn nodes(&self) -> impl ExactSizeIterator<Item = NodeIndex> + use<> {
+        (0..self.manifest.nodes.len()).map(NodeIndex)
+    }
+
+    /// A node.
+    ///
+    /// # Panics
+    /// When the place is another vehicle's and beyond the end of this one's nodes.
+    #[must_use]
+    pub fn node(&self, index: NodeIndex) -> &Node {
+        &self.manifest.nodes[index.0]
+    }
+
+    /// The place of the node of that name.
+    #[must_use]
+    pub fn find_node(&self, name: &str) -> Option<NodeIndex> {
+        self.nodes().find(|&node| self.node(node).name == name)
+    }
+
+    /// The node that a device is wired to.
+    #[must_use]
+    pub fn node_of(&self, device: Device) -> Option<NodeIndex> {
+        self.nodes()
+            .find(|&node| self.node(node).connector(device).is_some())
+    }
+}
+
+/// What a parser of TOML says, without the lines that it draws.
+fn one_line(error: &toml::de::Error) -> String {
+    error.message().replace('\n', "; ")
+}

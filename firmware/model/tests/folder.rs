@@ -1,0 +1,115 @@
+//! The folders of the vehicles that come along, and what is refused.
+
+use std::path::{Path, PathBuf};
+
+use vehicle_model::{Device, Vehicle};
+
+fn vehicles() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../vehicles")
+}
+
+fn refusal(from: &str, to: &str) -> String {
+    let folder = vehicles().join("uagv");
+    let manifest = std::fs::read_to_string(folder.join("vehicle.toml")).unwrap();
+    let network = std::fs::read_to_string(folder.join("network.dbc")).unwrap();
+    assert!(manifest.contains(from), "{from}");
+    let changed = manifest.replacen(from, to, 1);
+    Vehicle::parse("uagv", Path::new("uagv"), &changed, &network)
+        .unwrap_err()
+        .to_string()
+}
+
+#[test]
+fn every_vehicle_that_comes_along_is_sound() {
+    let names = Vehicle::names(&vehicles()).unwrap();
+    assert!(names.contains(&"uagv".to_owned()));
+    for name in names {
+        let vehicle = Vehicle::find(&vehicles(), &name).unwrap();
+        assert_eq!(vehicle.name(), name);
+        for node in vehicle.nodes() {
+            assert_eq!(vehicle.find_node(&vehicle.node(node).name), Some(node));
+        }
+    }
+}
+
+#[test]
+fn devices_are_found_at_their_nodes() {
+    let uagv = Vehicle::find(&vehicles(), "uagv").unwrap();
+    let node = uagv.node_of(Device::SteeringMotor).unwrap();
+    assert_eq!(uagv.node(node).name, "steering");
+    assert_eq!(
+        uagv.node(node).connector(Device::SteeringMotor),
+        Some("motor")
+    );
+    assert_eq!(uagv.node_of(Device::Knob), None);
+}
+
+#[test]
+fn an_unknown_vehicle_is_told_with_those_there_are() {
+    let error = Vehicle::find(&vehicles(), "tractor").unwrap_err();
+    let sentence = error.to_string();
+    assert!(sentence.starts_with("there is no vehicle \"tractor\": there are "));
+    assert!(sentence.contains("uagv"), "{sentence}");
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_in_one_sentence() {
+    for (from, to, sentence) in [
+        (
+            "cruise = \"1 m/s\"",
+            "cruise = \"3 m/s\"",
+            "machine.cruise is 3 m/s: above 0 to 2 m/s is accepted",
+        ),
+        (
+            "cruise = \"1 m/s\"",
+            "cruise = \"1 m\"",
+            "machine.cruise: \"1 m\" is not a speed: write a number, a blank and the unit m/s, \
+             cm/s, mm/s or km/h, such as \"1 m/s\"",
+        ),
+        (
+            "cruise = \"1 m/s\"",
+            "speed = \"1 m/s\"",
+            "machine.speed: unknown field `speed`",
+        ),
+        (
+            "slope = \"40 counts/deg\"",
+            "slope = \"60 counts/deg\"",
+            "machine.potentiometer: 2048 counts straight ahead and 60 counts for a degree do \
+             not cover 35 degrees to each side",
+        ),
+        (
+            "board = \"f446\"",
+            "board = \"f407\"",
+            "node \"gps\": there is no board \"f407\": f446 and f303 are accepted",
+        ),
+        (
+            "name = \"gps\"",
+            "name = \"receiver\"",
+            "node \"receiver\" is not in the network file",
+        ),
+        (
+            "motor = \"drive-motor\"",
+            "motor = \"steering-motor\"",
+            "node \"drive\", connector \"motor\": there is a second steering-motor",
+        ),
+        (
+            "motor = \"drive-motor\"",
+            "motor = \"display\"",
+            "node \"drive\", connector \"motor\": a display goes to the connector \"display\"",
+        ),
+        (
+            "autonomous = \"AutonomousRun\"",
+            "autonomous = \"Run\"",
+            "mode.autonomous: signal \"Mode\" has no value \"Run\"",
+        ),
+        (
+            "north = \"243 m\"",
+            "north = \"0.5 m\"",
+            "waypoint: the run is 0.500 m long: 1 m or more is accepted",
+        ),
+    ] {
+        let said = refusal(from, to);
+        assert!(said.contains(sentence), "{said}");
+        assert!(!said.contains('\n'), "{said}");
+    }
+}
