@@ -6,10 +6,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
+use schedulability::models::{InputError, Models};
 use schedulability::node::{Observed, Seen};
 use schedulability::priorities;
 use schedulability::results::Report;
-use schedulability::system::{InputError, Inputs, Models, Programs};
+use schedulability::system::{Inputs, Programs};
 use twin::mcu::{Board, Mcu};
 use twin::part::Part;
 use wcet::image::Image;

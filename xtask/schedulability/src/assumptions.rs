@@ -1,40 +1,77 @@
-//! What the answers rest on.
+//! Assumptions on which the answers rest, as sentences for the report.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use crate::results::{MICROSECOND, NodeReport, time};
-use crate::system::Models;
+use crate::models::Models;
+use crate::results::NodeReport;
+use crate::units::{MICROSECOND, time};
 
-/// One sentence each.
+/// Assumptions that hold for every vehicle.
+const ALWAYS: [&str; 5] = [
+    "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word; and DMA writes only to variables whose address was given to a peripheral.",
+    "Flash: a fetch pays its wait states unless its line is proven to be in the fetch buffer; no cache hit is assumed. SRAM is read and written without wait states.",
+    "DMA never delays the core on the bus matrix for longer than the wait states charged. No debugger is connected.",
+    "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left.",
+    "An event message is sent at most once in each of its intervals. A task is not released more often than the task table says.",
+];
+
+/// All assumptions behind the answers for `nodes`, one sentence or a few for each.
 #[must_use]
 pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
     let network = &models.network;
-    let mut all = vec![
-        format!(
-            "Every frame is in its window: it begins at most {} after the window's mark, and two clocks differ by at most {} us.",
-            time(u64::from(network.transmit_enable_bits) * u64::from(network.bit_time_ns()) * 1000),
-            network.sync_uncertainty_us
-        ),
-        "A word of memory in which start-up leaves an address, and which no store of any handler can reach, keeps it: an unknown index stays within its array, a pointer of which nothing is known (in a software task's future or the timer queue) leads to no such word, and DMA writes only to variables whose address a peripheral was told.".to_owned(),
-        "Flash: a fetch pays its wait states unless its line is proven to be in the fetch buffer; no hit in a cache is claimed. Data in SRAM is reached without wait.".to_owned(),
-        "DMA never holds the core off the bus matrix for longer than the wait states charged; a debugger is not connected.".to_owned(),
-        "An interrupt that is pending twice runs once, and its handler serves all there is; those of the bus do one thing each and come again while there is more."
-            .to_owned(),
-        "An event message is sent at most once in each of its intervals; a task is not released more often than firmware/vehicles/uagv/tasks.toml says.".to_owned(),
-    ];
-    let bus = models.table.bus;
-    all.push(if bus.error_burst == 0 && bus.error_interval_ms == 0 {
-        "No frame is disturbed: an exclusive window has no repeat, and a disturbed frame is a lost one.".to_owned()
-    } else {
-        format!(
-            "In arbitrating windows {} frames are disturbed at once and one more every {} ms; in an exclusive window a disturbed frame is a lost one.",
-            bus.error_burst, bus.error_interval_ms
-        )
-    });
+    let mut all = vec![format!(
+        "Every frame is in its window: it begins at most {} after the window's mark, and two clocks differ by at most {} us.",
+        time(u64::from(network.transmit_enable_bits) * u64::from(network.bit_time_ns()) * 1000),
+        network.sync_uncertainty_us
+    )];
+    all.extend(ALWAYS.map(str::to_owned));
+    all.push(errors(models));
     let mut tasks = models.nodes.iter().flat_map(|(model, _)| &model.tasks);
     if tasks.any(|task| task.dispatched) {
-        all.push("Executor and timer queue of the software tasks call only functions whose address stands in the image; a task waits for one instant at a time.".to_owned());
+        all.push("The executor and the timer queue of the software tasks call only functions whose address stands in the image. A software task waits for one instant at a time.".to_owned());
     }
+    all.extend(never_called(models));
+    for (model, table) in &models.nodes {
+        all.push(format!(
+            "{} runs at {} MHz and starts a transmission {} before its time mark.",
+            model.name,
+            table.core_hz as f64 / 1e6,
+            time(table.transmit_lead_us * MICROSECOND)
+        ));
+    }
+    let tasks = nodes.iter().flat_map(|node| &node.tasks);
+    let annotated: BTreeMap<&str, u64> = tasks
+        .clone()
+        .flat_map(|task| &task.annotated)
+        .map(|(place, bound)| (place.as_str(), *bound))
+        .collect();
+    all.extend(annotated.into_iter().map(|(place, bound)| {
+        format!("The loop at {place} takes at most {bound} turns, as its annotation says.")
+    }));
+    let panics: usize = tasks.map(|task| task.panics.len()).sum();
+    if panics > 0 {
+        all.push(format!(
+            "The image does not prove {panics} panics impossible. A path is charged up to its panic, after which the motors are stopped."
+        ));
+    }
+    all
+}
+
+/// How many disturbed frames are allowed for.
+fn errors(models: &Models) -> String {
+    let bus = models.table.bus;
+    if bus.error_burst == 0 && bus.error_interval_ms == 0 {
+        "No frame is disturbed. A frame in an exclusive window is not repeated: if it is disturbed, it is lost.".to_owned()
+    } else {
+        format!(
+            "In arbitrating windows, {} frames may be disturbed at once and one more every {} ms. A disturbed frame in an exclusive window is lost.",
+            bus.error_burst, bus.error_interval_ms
+        )
+    }
+}
+
+/// What the table says that certain jobs never call; equal sentences of several nodes are one.
+fn never_called(models: &Models) -> BTreeSet<String> {
     let mut never: BTreeMap<String, Vec<&str>> = BTreeMap::new();
     for (model, _) in &models.nodes {
         for task in &model.tasks {
@@ -49,36 +86,8 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
             }
         }
     }
-    all.extend(
-        never
-            .into_iter()
-            .map(|(what, nodes)| format!("{} On {}.", what, nodes.join(", "))),
-    );
-    for (model, table) in &models.nodes {
-        all.push(format!(
-            "{} runs at {} MHz and begins to transmit {} before the mark.",
-            model.name,
-            table.core_hz as f64 / 1e6,
-            time(table.transmit_lead_us * MICROSECOND)
-        ));
-    }
-    let mut annotated: BTreeMap<&str, u64> = BTreeMap::new();
-    let mut panics = 0;
-    for task in nodes.iter().flat_map(|node| &node.tasks) {
-        panics += task.panics.len();
-        for (place, bound) in &task.annotated {
-            annotated.insert(place, *bound);
-        }
-    }
-    for (place, bound) in annotated {
-        all.push(format!(
-            "The loop at {place} takes at most {bound} turns, as its annotation says."
-        ));
-    }
-    if panics > 0 {
-        all.push(format!(
-            "{panics} places may panic as far as the image tells; a path counts up to its panic, after which the motors are stopped."
-        ));
-    }
-    all
+    never
+        .into_iter()
+        .map(|(what, nodes)| format!("{what} This holds on {}.", nodes.join(", ")))
+        .collect()
 }

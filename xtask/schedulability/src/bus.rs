@@ -3,8 +3,9 @@
 use network_model::{Message, Network, SendType, WindowKind, worst_case_bits};
 
 use crate::can;
-use crate::results::{MICROSECOND, MessageReport};
+use crate::results::MessageReport;
 use crate::table::BusTable;
+use crate::units::MICROSECOND;
 
 /// The answers for all messages, in order of the cycle.
 ///

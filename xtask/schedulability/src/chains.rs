@@ -1,26 +1,48 @@
-//! Times from end to end, across tasks and messages.
+//! End-to-end times across tasks and messages.
 //!
-//! A chain is followed with two clocks: how long ago its first event was, and
-//! where in the basic cycle the last step ends at the latest. The second is
-//! known from the first window or time mark on; before that, a step that must
-//! wait for the cycle may have just missed it.
+//! Two clocks follow a chain: the time since its first event, and the phase, which is the
+//! latest instant of the basic cycle at which the last step ends. The phase is known from the
+//! first window or time mark on. Before that, a step that waits for an instant of the cycle
+//! may have just missed it and is charged a whole cycle.
 
-use crate::results::{
-    ChainReport, MICROSECOND, MessageReport, NodeReport, Picoseconds, StepReport,
-};
-use crate::system::InputError;
+use crate::results::{ChainReport, MessageReport, NodeReport, StepReport};
 use crate::table::{Chain, Step};
+use crate::units::{MICROSECOND, Picoseconds};
 
-/// Follows a chain; `None` when one of its nodes is not among `nodes`.
+/// A chain names something that does not exist.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("chain `{chain}`: {fault}")]
+pub struct ChainError {
+    /// The chain.
+    pub chain: String,
+    /// What is wrong with one of its steps.
+    pub fault: StepFault,
+}
+
+/// What can be wrong with a step of a chain.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum StepFault {
+    /// Its task has no node.
+    #[error("`{0}` is not of the form node.task")]
+    Form(String),
+    /// There is no such task.
+    #[error("there is no task {0}")]
+    NoTask(String),
+    /// There is no such message.
+    #[error("there is no message {0}")]
+    NoMessage(String),
+}
+
+/// The end-to-end time of a chain; `None` if one of its nodes is not among `nodes`.
 ///
 /// # Errors
-/// A step names a task or a message that is nowhere.
+/// A step names a task or a message that does not exist.
 pub fn follow(
     chain: &Chain,
     nodes: &[NodeReport],
     messages: &[MessageReport],
     cycle: Picoseconds,
-) -> Result<Option<ChainReport>, InputError> {
+) -> Result<Option<ChainReport>, ChainError> {
     let mut clock = Clock {
         cycle,
         total: Some(0),
@@ -28,12 +50,15 @@ pub fn follow(
     };
     let mut steps = Vec::new();
     for step in &chain.steps {
-        let wrong = |what: String| InputError(format!("chain `{}`: {what}", chain.name));
+        let wrong = |fault: StepFault| ChainError {
+            chain: chain.name.clone(),
+            fault,
+        };
         clock.pass(step.wait_us * MICROSECOND);
         let name = if let Some(task) = &step.task {
             let (node, name) = task
                 .split_once('.')
-                .ok_or_else(|| wrong(format!("`{task}` is not of the form node.task")))?;
+                .ok_or_else(|| wrong(StepFault::Form(task.clone())))?;
             let Some(node) = nodes.iter().find(|n| n.name == node) else {
                 return Ok(None);
             };
@@ -41,7 +66,7 @@ pub fn follow(
                 .tasks
                 .iter()
                 .find(|t| t.name == name)
-                .ok_or_else(|| wrong(format!("there is no task {task}")))?;
+                .ok_or_else(|| wrong(StepFault::NoTask(task.clone())))?;
             clock.task(
                 step,
                 task_report.response.filter(|_| task_report.is_bounded()),
@@ -51,7 +76,7 @@ pub fn follow(
             let report = messages
                 .iter()
                 .find(|m| m.name == *message)
-                .ok_or_else(|| wrong(format!("there is no message {message}")))?;
+                .ok_or_else(|| wrong(StepFault::NoMessage(message.clone())))?;
             clock.message(report);
             message.clone()
         } else {
@@ -71,11 +96,13 @@ pub fn follow(
     }))
 }
 
+/// The two clocks; see the module.
 struct Clock {
+    /// Length of the basic cycle.
     cycle: Picoseconds,
-    /// Since the first event.
+    /// Longest time since the first event; `None` once a step has no bound.
     total: Option<Picoseconds>,
-    /// In the basic cycle.
+    /// Latest instant of the basic cycle, if it is known.
     phase: Option<Picoseconds>,
 }
 
@@ -85,12 +112,12 @@ impl Clock {
         self.phase = self.phase.map(|phase| phase + time);
     }
 
-    /// Waits for this instant of the basic cycle.
+    /// Waits for the instant `at` of the basic cycle.
     fn until(&mut self, at: Picoseconds) {
         let wait = match self.phase {
-            // Both lie in the cycle: the next one may be a cycle away.
+            // The next such instant, which may be up to a cycle away.
             Some(phase) => (at + self.cycle - phase % self.cycle) % self.cycle,
-            // Just missed.
+            // The phase is unknown, so the instant may have just passed.
             None => self.cycle,
         };
         self.pass(wait);
@@ -109,7 +136,8 @@ impl Clock {
 
     fn message(&mut self, message: &MessageReport) {
         if message.arbitrating {
-            // Its window may have just begun without it.
+            // An event message may be enqueued just after its window has begun, and then
+            // waits for the next one.
             self.phase = None;
         }
         self.until(message.start);

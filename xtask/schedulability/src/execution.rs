@@ -5,8 +5,6 @@ use std::sync::Arc;
 
 use crate::arrivals::Kind;
 use crate::model::NodeModel;
-use crate::results::Picoseconds;
-use crate::system::InputError;
 use crate::table::{NodeTable, Part};
 use wcet::analysis::{Analysis, Bound, Entry, Problem};
 use wcet::annotation::Annotations;
@@ -75,6 +73,31 @@ pub struct Execution {
     pub lasting: Words,
 }
 
+/// An image does not fit the model of its node.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ExecutionError {
+    /// It has no handler for an interrupt of the model.
+    #[error("the image of {node} has no handler {interrupt}: is it built from this source?")]
+    NoHandler {
+        /// The node.
+        node: String,
+        /// The interrupt.
+        interrupt: String,
+    },
+    /// It has no such function as the task table excludes.
+    #[error(
+        "the image of {node} has no function {function}, which the task table lists under `never` of {task}"
+    )]
+    NoFunction {
+        /// The node.
+        node: String,
+        /// The task.
+        task: String,
+        /// The function.
+        function: String,
+    },
+}
+
 impl Execution {
     /// Analyses the handlers of `node`, its start-up and its idle code.
     ///
@@ -86,7 +109,7 @@ impl Execution {
         image: &Image,
         annotations: &Annotations,
         progress: &dyn Fn(&str),
-    ) -> Result<Self, InputError> {
+    ) -> Result<Self, ExecutionError> {
         let part = match table.part {
             Part::F446 => Timing::f446(),
             Part::F303 => Timing::f303(),
@@ -110,12 +133,12 @@ impl Execution {
                 continue;
             }
             progress(&task.name);
-            let entry = image.symbol(&task.interrupt).ok_or_else(|| {
-                InputError(format!(
-                    "the image of {} has no handler {}: is it built from this source?",
-                    node.name, task.interrupt
-                ))
-            })?;
+            let entry = image
+                .symbol(&task.interrupt)
+                .ok_or_else(|| ExecutionError::NoHandler {
+                    node: node.name.clone(),
+                    interrupt: task.interrupt.clone(),
+                })?;
             let bound = analysis.run(entry, Entry::Handler);
             execution.add_sections(&bound, &task.interrupt, task.priority, image);
             let depth = stacks.depth(entry);
@@ -142,12 +165,13 @@ impl Execution {
                 let never = names
                     .iter()
                     .map(|name| {
-                        image.function_ending(name).ok_or_else(|| {
-                            InputError(format!(
-                                "the image of {} has no function {name}, which a job of {} is said never to call",
-                                node.name, task.name
-                            ))
-                        })
+                        image
+                            .function_ending(name)
+                            .ok_or_else(|| ExecutionError::NoFunction {
+                                node: node.name.clone(),
+                                task: task.name.clone(),
+                                function: name.clone(),
+                            })
                     })
                     .collect::<Result<BTreeSet<u32>, _>>()?;
                 let without = analysis.run_without(entry, Entry::Handler, &never);
@@ -223,9 +247,3 @@ impl Execution {
 
 /// Priorities of both parts.
 const PRIORITIES: u32 = 16;
-
-/// `cycles` of a core at `hz`, rounded up.
-#[must_use]
-pub fn picoseconds(cycles: u64, hz: u64) -> Picoseconds {
-    (u128::from(cycles) * 1_000_000_000_000).div_ceil(u128::from(hz.max(1))) as u64
-}

@@ -1,4 +1,4 @@
-//! The tasks of a node: source, task table and network file put together.
+//! The task model of a node, built from its source, the task table and the network file.
 
 use std::collections::BTreeMap;
 
@@ -6,12 +6,11 @@ use network_model::Network;
 
 use crate::arrivals::{Arrivals, Kind, Sporadic, Timetable};
 use crate::releases::Bus;
-use crate::results::{MICROSECOND, Picoseconds};
-use crate::system::InputError;
 use crate::table::{BusEvent, By, NodeTable, TaskTable};
 use crate::tasks::{App, TIMER};
+use crate::units::{MICROSECOND, Picoseconds};
 
-/// A task without its cost.
+/// A task, without its execution time.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TaskModel {
     /// Its name.
@@ -24,50 +23,110 @@ pub struct TaskModel {
     pub line: Option<u32>,
     /// Shared resources that it locks.
     pub locks: Vec<String>,
-    /// When it may be released.
+    /// When its jobs may be released.
     pub arrivals: Arrivals,
-    /// Its deadline, of releases that have none of their own.
+    /// Its deadline, for jobs that have none of their own.
     pub deadline: Picoseconds,
-    /// How much later than its nominal instant it may be released.
+    /// Release jitter: how much later than its nominal instant a job may be released.
     pub jitter: Picoseconds,
-    /// The task that releases it.
+    /// The task that releases this one.
     pub after: Option<String>,
-    /// Whether it is released only while the node is off the bus.
+    /// True if it is released only while the node is off the bus.
     pub off_bus: bool,
-    /// Whether a release is no job of its own while another one is pending: an
-    /// interrupt of its own runs it, and its handler serves all there is. Those
-    /// of the bus do one thing and come again.
+    /// True if releases merge: the interrupt has one pending bit, so a release while one is
+    /// pending adds no job. Bus handlers are the exception: each job serves one event and is
+    /// released again for the next.
     pub coalesces: bool,
-    /// Whether a dispatcher runs it.
+    /// True for a software task, which a dispatcher runs.
     pub dispatched: bool,
     /// Functions that jobs of a kind never call.
     pub never: BTreeMap<Kind, Vec<String>>,
 }
 
-/// A node without its costs.
+/// A node, without its execution times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NodeModel {
     /// Its name.
     pub name: String,
-    /// Its source.
+    /// Path of its source, for messages.
     pub source: String,
     /// Its tasks.
     pub tasks: Vec<TaskModel>,
 }
 
+/// Where a source and the task table do not fit together.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{file}: {}", .fault.sentence(.node))]
+pub struct ModelError {
+    /// The task table.
+    pub file: String,
+    /// The node.
+    pub node: String,
+    /// What is wrong.
+    pub fault: ModelFault,
+}
+
+/// How a source and the task table can fail to fit together.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ModelFault {
+    /// The table has a task that the source does not declare.
+    Undeclared(String),
+    /// The source declares a task that the table does not have.
+    Unspecified(String),
+    /// The table's entry of a task is wrong.
+    Task {
+        /// The task.
+        task: String,
+        /// What is wrong.
+        fault: TaskFault,
+    },
+}
+
+impl ModelFault {
+    fn sentence(&self, node: &str) -> String {
+        match self {
+            Self::Undeclared(task) => format!("{node} has no task {task}"),
+            Self::Unspecified(task) => {
+                format!("task {task} of {node} has no inter-arrival time and deadline")
+            }
+            Self::Task { task, fault } => format!("task {task} of {node}: {fault}"),
+        }
+    }
+}
+
+/// What can be wrong with the table's entry of a task.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum TaskFault {
+    /// `after` names no task.
+    #[error("`after` names {0}, which is no task")]
+    After(String),
+    /// `receives` names a message that no other node sends.
+    #[error("no other node sends a message {0}")]
+    NotReceived(String),
+    /// `by` names a message that this node does not send.
+    #[error("it sends no message {0}")]
+    NotSent(String),
+    /// It is released too late for the message that it has to prepare.
+    #[error("it is released after the window of {0} has begun")]
+    TooLate(String),
+    /// It has no deadline.
+    #[error("it has no deadline")]
+    NoDeadline,
+}
+
 impl NodeModel {
-    /// Puts the model of `name` together; `file` names the task table in errors.
+    /// Builds the model of node `name`. `file` names the task table in error messages.
     ///
     /// # Errors
-    /// A task is in one of the two and not in the other, or the table names
-    /// something that is nowhere.
+    /// A task is in the source or in the table but not in both, or the table names something
+    /// that does not exist.
     pub fn new(
         name: &str,
         app: &App,
         table: &NodeTable,
         network: &Network,
         file: &str,
-    ) -> Result<Self, InputError> {
+    ) -> Result<Self, ModelError> {
         let mut declared: Vec<(&str, &str, u32)> = app
             .tasks
             .iter()
@@ -79,21 +138,30 @@ impl NodeModel {
         if app.has_timer() {
             declared.push((TIMER, TIMER, app.timer_priority()));
         }
+        let wrong = |fault: ModelFault| ModelError {
+            file: file.to_owned(),
+            node: name.to_owned(),
+            fault,
+        };
         let is_declared = |task: &str| declared.iter().any(|(name, ..)| *name == task);
         if let Some(extra) = table.task.keys().find(|task| !is_declared(task)) {
-            return Err(InputError(format!("{file}: {name} has no task {extra}")));
+            return Err(wrong(ModelFault::Undeclared(extra.clone())));
         }
         let bus = Bus::new(network, name, table.transmit_lead_us * MICROSECOND);
         let mut tasks = Vec::new();
         for &(task, interrupt, priority) in &declared {
-            let entry = table.task.get(task).ok_or_else(|| {
-                InputError(format!(
-                    "{file}: task {task} of {name} has no inter-arrival time and deadline"
-                ))
-            })?;
-            let wrong = |what: String| InputError(format!("{file}: task {task} of {name}: {what}"));
+            let entry = table
+                .task
+                .get(task)
+                .ok_or_else(|| wrong(ModelFault::Unspecified(task.to_owned())))?;
+            let of_task = |fault: TaskFault| {
+                wrong(ModelFault::Task {
+                    task: task.to_owned(),
+                    fault,
+                })
+            };
             if let Some(after) = entry.after.as_deref().filter(|after| !is_declared(after)) {
-                return Err(wrong(format!("`after` names {after}, which is no task")));
+                return Err(of_task(TaskFault::After(after.to_owned())));
             }
             let of_app = app.tasks.iter().find(|of_app| of_app.name == task);
             tasks.push(TaskModel {
@@ -102,8 +170,8 @@ impl NodeModel {
                 priority,
                 line: of_app.map(|of_app| of_app.line),
                 locks: of_app.map_or_else(Vec::new, |of_app| of_app.locks.clone()),
-                arrivals: arrivals(entry, bus).map_err(wrong)?,
-                deadline: deadline(entry, bus).map_err(wrong)?,
+                arrivals: arrivals(entry, bus).map_err(of_task)?,
+                deadline: deadline(entry, bus).map_err(of_task)?,
                 jitter: entry.jitter_us * MICROSECOND,
                 after: entry.after.clone(),
                 off_bus: entry.off_bus,
@@ -122,7 +190,8 @@ impl NodeModel {
     }
 }
 
-fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, String> {
+/// When the jobs of a task may be released.
+fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, TaskFault> {
     let mut all = Arrivals {
         sporadic: entry
             .every_us
@@ -148,7 +217,7 @@ fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, String> {
             }
             BusEvent::WindowEdge => {
                 tables.extend(bus.window_edges());
-                // What follows the end of an attempt to send an event message: the next.
+                // When an attempt to send an event message ends, the next attempt follows.
                 tables.extend(bus.attempts());
                 tables.extend(bus.withdrawn());
             }
@@ -158,12 +227,13 @@ fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, String> {
     for message in entry.receives.as_slice() {
         let mut table = bus
             .message(message)
-            .ok_or_else(|| format!("no other node sends a message {message}"))?;
+            .ok_or_else(|| TaskFault::NotReceived(message.clone()))?;
         if entry.delay_us > 0 {
-            // The message has been taken by its deadline when the delay begins.
+            // The delay begins when the message has been handled: between its reception and
+            // the deadline for handling it.
             for job in &mut table.jobs {
                 job.earliest += entry.delay_us * MICROSECOND;
-                job.latest += entry.delay_us * MICROSECOND + bus.leisure();
+                job.latest += entry.delay_us * MICROSECOND + bus.fifo_margin();
             }
         }
         tables.push(table);
@@ -175,19 +245,20 @@ fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, String> {
     Ok(all)
 }
 
-fn deadline(entry: &TaskTable, bus: Bus<'_>) -> Result<Picoseconds, String> {
+/// The deadline of a task.
+fn deadline(entry: &TaskTable, bus: Bus<'_>) -> Result<Picoseconds, TaskFault> {
     match (&entry.by, entry.deadline_us) {
         (Some(By::WindowEnd), _) => Ok(bus.after_frame().min(3 * bus.spacing(false))),
-        (Some(By::Window), _) => Ok(bus.leisure()),
+        (Some(By::Window), _) => Ok(bus.fifo_margin()),
         (Some(By::Message(message)), _) => {
             let due = bus
                 .due(message)
-                .ok_or_else(|| format!("it sends no message {message}"))?;
+                .ok_or_else(|| TaskFault::NotSent(message.clone()))?;
             let released = entry.at_us.as_slice().iter().max().copied().unwrap_or(0) * MICROSECOND;
             due.checked_sub(released)
-                .ok_or_else(|| format!("it is released after the window of {message} has begun"))
+                .ok_or_else(|| TaskFault::TooLate(message.clone()))
         }
         (None, Some(us)) => Ok(us * MICROSECOND),
-        (None, None) => Err("it has no deadline".to_owned()),
+        (None, None) => Err(TaskFault::NoDeadline),
     }
 }

@@ -3,12 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::arrivals::Arrivals;
-use crate::execution::{Execution, Handler, picoseconds};
+use crate::execution::{Execution, Handler};
 use crate::model::{NodeModel, TaskModel};
 use crate::response::{self, CriticalSection, Task};
-use crate::results::{MICROSECOND, NodeReport, Picoseconds, TaskReport};
+use crate::results::{NodeReport, TaskReport};
 use crate::sensitivity::slack;
 use crate::table::NodeTable;
+use crate::units::{MICROSECOND, Picoseconds, picoseconds};
 
 /// What was seen of a node's handlers, by interrupt.
 pub type Observed = BTreeMap<String, Seen>;

@@ -1,7 +1,8 @@
-//! Deadline-monotonic priorities, and where the sources differ.
+//! Deadline-monotonic priorities, and where the sources deviate from them.
 //!
-//! With deadlines not beyond the periods, no other static order schedules a
-//! set that this one does not (Leung and Whitehead 1982), blocking aside.
+//! With deadlines no longer than the periods and without blocking, the deadline-monotonic
+//! order is optimal: if any static order schedules a task set, this one does (Leung and
+//! Whitehead 1982).
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -9,9 +10,11 @@ use std::fmt::Write as _;
 use serde_json::{Value, json};
 
 use crate::model::{NodeModel, TaskModel};
-use crate::results::{NodeReport, Picoseconds, time};
+use crate::report::{Align, columns};
+use crate::results::NodeReport;
+use crate::units::{Picoseconds, time};
 
-/// The shortest deadline of a task: its own, or that of one of its releases.
+/// The shortest deadline of a task: its own, or that of one of its jobs in the time table.
 fn shortest(task: &TaskModel) -> Picoseconds {
     let timed = task.arrivals.timed.iter().flat_map(|table| &table.jobs);
     timed
@@ -21,12 +24,12 @@ fn shortest(task: &TaskModel) -> Picoseconds {
         .unwrap_or(task.deadline)
 }
 
-/// The proposed priority of each task of a node: the shortest deadline is the
-/// most urgent, tasks with equal deadlines and tasks that one handler runs
-/// share a priority, the least is 1.
+/// The proposed priority of each task of a node. The task with the shortest deadline is the
+/// most urgent. Tasks with equal deadlines share a priority, and so do tasks that share a
+/// handler. The lowest priority is 1.
 #[must_use]
 pub fn propose(node: &NodeModel) -> BTreeMap<String, u32> {
-    // What one handler runs has one priority: its most urgent task's.
+    // A handler has one priority: that of its most urgent task.
     let mut of_handler: BTreeMap<&str, u64> = BTreeMap::new();
     for task in &node.tasks {
         let deadline = of_handler.entry(&task.interrupt).or_insert(u64::MAX);
@@ -45,8 +48,8 @@ pub fn propose(node: &NodeModel) -> BTreeMap<String, u32> {
         .collect()
 }
 
-/// Pairs of tasks, the first with the shorter deadline, whose priorities in
-/// the source stand the other way round.
+/// Pairs of tasks of which the first has the shorter deadline but the lower priority in the
+/// source.
 #[must_use]
 pub fn inversions(node: &NodeModel) -> Vec<(String, String)> {
     let mut pairs = Vec::new();
@@ -60,20 +63,20 @@ pub fn inversions(node: &NodeModel) -> Vec<(String, String)> {
     pairs
 }
 
-/// A priority to write instead of the source's.
+/// A proposed change of a priority in the source.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Change<'n> {
     /// The task.
     pub task: &'n TaskModel,
     /// Its new priority.
     pub to: u32,
-    /// Resources that it locks and whose ceiling rises: name, from, to. Who
-    /// locks them from below blocks more.
+    /// Resources that it locks and whose ceiling rises: name, old and new ceiling. Tasks of
+    /// lower priority that lock them block more tasks than before.
     pub ceilings: Vec<(&'n str, u32, u32)>,
 }
 
-/// What to change for a deadline-monotonic order, and no more: each task is
-/// raised to the most urgent of those with longer deadlines.
+/// The least changes that remove every inversion: each task is raised to the highest priority
+/// among the tasks with longer deadlines.
 #[must_use]
 pub fn changes(node: &NodeModel) -> Vec<Change<'_>> {
     let ceiling = |resource: &str| {
@@ -107,17 +110,20 @@ impl std::fmt::Display for Change<'_> {
             task.name, task.priority
         )?;
         for (index, (resource, from, to)) in self.ceilings.iter().enumerate() {
-            let word = if index == 0 { ", which lifts" } else { " and" };
+            let word = if index == 0 { ", which raises" } else { " and" };
             write!(f, "{word} the ceiling of {resource} from {from} to {to}")?;
         }
         Ok(())
     }
 }
 
-/// What is proven of the order in the source, a sentence each.
+/// What is proven for the order in the source, as sentences.
 fn proof(node: &NodeModel, report: &NodeReport) -> Vec<String> {
     if report.first_miss().is_none() {
-        return vec!["as it is, every deadline of the node is proven all the same".to_owned()];
+        return vec![
+            "with the priorities of the source, every deadline of the node is proven too"
+                .to_owned(),
+        ];
     }
     let mut urgent: Vec<String> = inversions(node).into_iter().map(|pair| pair.0).collect();
     urgent.dedup();
@@ -126,17 +132,48 @@ fn proof(node: &NodeModel, report: &NodeReport) -> Vec<String> {
         .filter(|answer| urgent.contains(&answer.name))
         .map(|answer| match (answer.miss(&node.name), answer.response) {
             (None, Some(response)) => format!(
-                "as it is, {} is proven to respond within {} all the same",
+                "with the priorities of the source, {} is proven to respond within {} too",
                 answer.name,
                 time(response)
             ),
-            (miss, _) => format!("as it is, {}", miss.unwrap_or_default()),
+            (miss, _) => format!(
+                "with the priorities of the source, {}",
+                miss.unwrap_or_default()
+            ),
         })
         .collect()
 }
 
-/// The proposal for people; with the answer for a node, whether its source's
-/// order holds too.
+/// The tasks of a node with their deadlines and priorities, one a line.
+fn order(node: &NodeModel, report: Option<&NodeReport>) -> String {
+    let proposed = propose(node);
+    let rows = node.tasks.iter().map(|task| {
+        let mut answers = report.iter().flat_map(|report| &report.tasks);
+        let answer = answers.find(|answer| answer.name == task.name);
+        let response = answer.and_then(|answer| answer.response);
+        let cells = [
+            task.name.clone(),
+            time(shortest(task)),
+            response.map_or_else(|| "-".to_owned(), time),
+            task.priority.to_string(),
+            proposed[&task.name].to_string(),
+        ];
+        (true, cells)
+    });
+    columns(
+        [
+            ("task", Align::Left),
+            ("deadline", Align::Right),
+            ("response", Align::Right),
+            ("source", Align::Right),
+            ("proposed", Align::Right),
+        ],
+        rows,
+    )
+}
+
+/// The proposal as text. With the report of a node, it also says whether the order in the
+/// source meets the deadlines.
 #[must_use]
 pub fn show<'a>(
     nodes: impl IntoIterator<Item = (&'a NodeModel, Option<&'a NodeReport>)>,
@@ -144,27 +181,7 @@ pub fn show<'a>(
     let mut text = String::new();
     for (node, report) in nodes {
         let _ = writeln!(text, "{}", node.name);
-        let mut row = |[name, deadline, response, source, proposed]: [&str; 5]| {
-            let _ = write!(text, "  {name:16} {deadline:>12}");
-            if report.is_some() {
-                let _ = write!(text, " {response:>12}");
-            }
-            let _ = writeln!(text, " {source:>7} {proposed:>9}");
-        };
-        row(["task", "deadline", "response", "source", "proposed"]);
-        let proposed = propose(node);
-        for task in &node.tasks {
-            let mut answers = report.iter().flat_map(|report| &report.tasks);
-            let answer = answers.find(|answer| answer.name == task.name);
-            let response = answer.and_then(|answer| answer.response);
-            row([
-                &task.name,
-                &time(shortest(task)),
-                &response.map_or_else(|| "-".to_owned(), time),
-                &task.priority.to_string(),
-                &proposed[&task.name].to_string(),
-            ]);
-        }
+        text.push_str(&order(node, report));
         let inversions = inversions(node);
         if inversions.is_empty() {
             let _ = writeln!(text, "  the source is deadline-monotonic");
@@ -191,7 +208,7 @@ pub fn show<'a>(
     text
 }
 
-/// The proposal for programs; times in picoseconds.
+/// The proposal as JSON; times in picoseconds.
 #[must_use]
 pub fn json<'a>(nodes: impl IntoIterator<Item = (&'a NodeModel, Option<&'a NodeReport>)>) -> Value {
     let node = |(node, report): (&NodeModel, Option<&NodeReport>)| {
@@ -300,10 +317,10 @@ mod tests {
             lines,
             [
                 "fast: `priority = 4` instead of 2",
-                "urgent: `priority = 4` instead of 1, which lifts the ceiling of state from 1 to 4"
+                "urgent: `priority = 4` instead of 1, which raises the ceiling of state from 1 to 4"
             ]
         );
-        // Having made them, there is nothing left to say.
+        // With the changes made, no inversion is left.
         let mut changed = node.clone();
         for change in changes(&node) {
             let tasks = &mut changed.tasks;

@@ -9,7 +9,7 @@
 use network_model::{Message, Network, SendType, Window, WindowKind, worst_case_bits};
 
 use crate::arrivals::{Job, Kind, Timetable};
-use crate::results::{MICROSECOND, Picoseconds};
+use crate::units::{MICROSECOND, Picoseconds};
 
 /// Bits of a data frame with an 11-bit identifier before its data are counted,
 /// without stuffing, up to the last bit but one, where a receiver takes it.
@@ -173,7 +173,7 @@ impl<'a> Bus<'a> {
     /// Time that nothing of the schedule waits for what an arbitrating window
     /// brings: until the receive FIFO of three frames overruns.
     #[must_use]
-    pub fn leisure(&self) -> Picoseconds {
+    pub fn fifo_margin(&self) -> Picoseconds {
         3 * self.spacing(false)
     }
 
@@ -207,7 +207,7 @@ impl<'a> Bus<'a> {
                         + ARBITRATION_BITS * self.bit())
                     .saturating_sub(self.uncertainty()),
                     latest: begin + u64::from(window.end_us()) * MICROSECOND + self.uncertainty(),
-                    deadline: Some(self.leisure()),
+                    deadline: Some(self.fifo_margin()),
                     transmits: false,
                 };
                 jobs.extend(std::iter::repeat_n(job, self.events_in_cycle(message)));
@@ -245,7 +245,7 @@ impl<'a> Bus<'a> {
                         WindowKind::Arbitrating => end + self.uncertainty(),
                         _ => start + self.transmit_enable() + last + self.uncertainty(),
                     },
-                    deadline: (window.kind == WindowKind::Arbitrating).then(|| self.leisure()),
+                    deadline: (window.kind == WindowKind::Arbitrating).then(|| self.fifo_margin()),
                     transmits: false,
                 };
                 match window.kind {
@@ -387,7 +387,7 @@ impl<'a> Bus<'a> {
             label: "last moment for event messages".to_owned(),
             earliest: end.saturating_sub(longest + self.uncertainty() + self.lead),
             latest: end.saturating_sub(shortest + self.uncertainty() + self.lead) + late,
-            deadline: Some(self.leisure()),
+            deadline: Some(self.fifo_margin()),
             transmits: false,
         }
     }
@@ -400,7 +400,7 @@ impl<'a> Bus<'a> {
         let jobs: Vec<Job> = own
             .flat_map(|message| {
                 self.begins(message.window).map(|begin| {
-                    self.last_moment(message.window, begin, message.length, self.leisure())
+                    self.last_moment(message.window, begin, message.length, self.fifo_margin())
                 })
             })
             .collect();
@@ -475,7 +475,7 @@ impl<'a> Bus<'a> {
                     earliest: (begin + u64::from(window.start_us) * MICROSECOND)
                         .saturating_sub(self.lead),
                     latest: begin + u64::from(window.end_us()) * MICROSECOND,
-                    deadline: Some(self.leisure()),
+                    deadline: Some(self.fifo_margin()),
                     transmits: false,
                 };
                 jobs.extend(std::iter::repeat_n(job, self.events_in_cycle(message)));

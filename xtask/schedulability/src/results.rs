@@ -4,20 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use wcet::analysis::Problem;
 
-/// Picoseconds.
-pub type Picoseconds = u64;
-/// Picoseconds in a microsecond.
-pub const MICROSECOND: Picoseconds = 1_000_000;
-
-/// A time for people.
-#[must_use]
-pub fn time(ps: Picoseconds) -> String {
-    if ps >= 10_000 * MICROSECOND {
-        format!("{:.2} ms", ps as f64 / 1e9)
-    } else {
-        format!("{:.2} us", ps as f64 / 1e6)
-    }
-}
+use crate::units::{Picoseconds, picoseconds, time};
 
 /// The answer for one task.
 #[derive(Debug, Clone, PartialEq)]
@@ -209,6 +196,12 @@ pub struct NodeReport {
 }
 
 impl NodeReport {
+    /// How long `cycles` of its core take.
+    #[must_use]
+    pub fn time(&self, cycles: u64) -> Picoseconds {
+        picoseconds(cycles, self.core_hz)
+    }
+
     /// The first thing that does not hold, in one sentence.
     #[must_use]
     pub fn first_miss(&self) -> Option<String> {

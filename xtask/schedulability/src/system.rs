@@ -1,17 +1,16 @@
-//! From sources, images and tables to answers.
+//! The whole analysis: from sources, images and tables to the report.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
-
-use network_model::Network;
 
 use crate::execution::Execution;
 use crate::model::NodeModel;
+use crate::models::{InputError, Models};
 use crate::node::{Observed, schedule};
-use crate::results::{MICROSECOND, Report};
-use crate::table::{NodeTable, Table};
-use crate::tasks::App;
+use crate::results::Report;
+use crate::table::NodeTable;
+use crate::units::MICROSECOND;
 use crate::{bus, chains};
 use wcet::annotation::Annotations;
 use wcet::image::Image;
@@ -20,7 +19,7 @@ use wcet::watch::Watch;
 /// What to analyse.
 #[derive(Debug, Clone)]
 pub struct Inputs {
-    /// Folder that relative source paths of the images start from.
+    /// Folder to which source paths in the images are relative.
     pub root: PathBuf,
     /// The task table.
     pub table: PathBuf,
@@ -30,72 +29,8 @@ pub struct Inputs {
     pub nodes: BTreeMap<String, (PathBuf, PathBuf)>,
 }
 
-/// The inputs are wrong: one sentence.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct InputError(pub String);
-
-/// Table, network and tasks of the nodes: what needs no image.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Models {
-    /// The task table.
-    pub table: Table,
-    /// The network.
-    pub network: Network,
-    /// Tasks by node, with the node's part of the table.
-    pub nodes: Vec<(NodeModel, NodeTable)>,
-}
-
-impl Models {
-    /// Reads the sources of these nodes, each by its name in the table; `root`
-    /// is left off the paths in errors.
-    ///
-    /// # Errors
-    /// Something cannot be read, or does not fit the others.
-    pub fn read<'a>(
-        root: &Path,
-        table: &Path,
-        network: &Path,
-        sources: impl IntoIterator<Item = (&'a str, &'a Path)>,
-    ) -> Result<Self, InputError> {
-        let name = |path: &Path| {
-            let short = path.strip_prefix(root).unwrap_or(path);
-            short.display().to_string()
-        };
-        let file = name(table);
-        let parsed = Table::parse(&file, &read(table, &file)?).map_err(InputError)?;
-        let network_name = name(network);
-        let network = Network::parse(&read(network, &network_name)?).map_err(|problems| {
-            InputError(format!("{network_name}: {problems}").replace('\n', "; "))
-        })?;
-        let mut nodes = Vec::new();
-        for (node, source) in sources {
-            let of_node = parsed
-                .node
-                .get(node)
-                .ok_or_else(|| InputError(format!("{file} has no node {node}")))?;
-            let source_name = name(source);
-            let app = App::parse(&source_name, &read(source, &source_name)?)
-                .map_err(|error| InputError(error.to_string()))?;
-            let mut model = NodeModel::new(node, &app, of_node, &network, &file)?;
-            model.source = source_name;
-            nodes.push((model, of_node.clone()));
-        }
-        Ok(Self {
-            table: parsed,
-            network,
-            nodes,
-        })
-    }
-}
-
-fn read(path: &Path, name: &str) -> Result<String, InputError> {
-    std::fs::read_to_string(path)
-        .map_err(|error| InputError(format!("cannot read {name}: {error}")))
-}
-
-/// What sources, tables and images say; what is missing for the answers is what
-/// was seen in runs.
+/// Everything that follows from sources, tables and images. Only the observations of runs are
+/// missing for the report.
 #[derive(Debug)]
 pub struct Programs {
     models: Models,
@@ -103,8 +38,8 @@ pub struct Programs {
 }
 
 impl Programs {
-    /// Reads everything and bounds the execution times; `progress` is told what
-    /// is under way, from any thread.
+    /// Reads everything and bounds the execution times. `progress` is called with the current
+    /// step, from any thread.
     ///
     /// # Errors
     /// An input is missing or wrong.
@@ -121,7 +56,7 @@ impl Programs {
         Ok(Self { models, executions })
     }
 
-    /// What a run of a node's handlers must keep to.
+    /// What runs of a node's handlers are checked against: interrupt and watch.
     pub fn watches(&self, node: &str) -> impl Iterator<Item = (&str, &Arc<Watch>)> {
         let all = self.models.nodes.iter().zip(&self.executions);
         all.filter(move |((model, _), _)| model.name == node)
@@ -129,7 +64,7 @@ impl Programs {
             .filter_map(|(name, handler)| Some((name.as_str(), handler.watch.as_ref()?)))
     }
 
-    /// Words that a node's memory must hold from its start-up on: address and word.
+    /// Words that a node's memory keeps from start-up on: address and word.
     pub fn lasting(&self, node: &str) -> impl Iterator<Item = (u32, u32)> {
         let all = self.models.nodes.iter().zip(&self.executions);
         all.filter(move |((model, _), _)| model.name == node)
@@ -137,11 +72,11 @@ impl Programs {
             .map(|(address, word)| (*address, *word))
     }
 
-    /// The answers, with what was seen of each node.
+    /// The report, with the observations of each node.
     ///
     /// # Errors
-    /// A chain of the table names something that is nowhere; that something is
-    /// not schedulable is an answer, not an error.
+    /// A chain of the table names something that does not exist. A missed deadline is an
+    /// answer, not an error.
     pub fn report(
         &self,
         observed: &BTreeMap<String, Observed>,
@@ -170,7 +105,7 @@ impl Programs {
     }
 }
 
-/// What `work` makes of each, as many at once as there are processors.
+/// Applies `work` to each element, on as many threads as there are processors.
 fn side_by_side<T: Sync, R: Send>(all: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
     let next = Mutex::new(0..all.len());
     let done = Mutex::new(BTreeMap::new());
@@ -191,6 +126,7 @@ fn side_by_side<T: Sync, R: Send>(all: &[T], work: impl Fn(&T) -> R + Sync) -> V
     done.into_values().collect()
 }
 
+/// Bounds the execution times of one node.
 fn execution(
     inputs: &Inputs,
     model: &NodeModel,
@@ -198,14 +134,14 @@ fn execution(
     progress: &(dyn Fn(&str) + Sync),
 ) -> Result<Execution, InputError> {
     let Some((_, elf)) = inputs.nodes.get(&model.name) else {
-        return Err(InputError(format!("there is no image of {}", model.name)));
+        return Err(InputError::NoImage(model.name.clone()));
     };
-    let image = Image::read(elf).map_err(|error| InputError(error.to_string()))?;
+    let image = Image::read(elf)?;
     let annotations = Annotations::new(&inputs.root);
-    let told = |task: &str| progress(&format!("{}.{task}", model.name));
-    let execution = Execution::of(model, table, &image, &annotations, &told)?;
-    match annotations.misplaced().first() {
-        Some(misplaced) => Err(InputError(misplaced.to_string())),
+    let of_node = |task: &str| progress(&format!("{}.{task}", model.name));
+    let execution = Execution::of(model, table, &image, &annotations, &of_node)?;
+    match annotations.misplaced().into_iter().next() {
+        Some(misplaced) => Err(misplaced.into()),
         None => Ok(execution),
     }
 }

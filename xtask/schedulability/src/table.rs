@@ -1,8 +1,8 @@
-//! The task table: what the sources cannot say.
+//! The task table: facts about tasks that the sources do not contain.
 //!
-//! One file for all nodes, `firmware/vehicles/uagv/tasks.toml`: for each task what releases it
-//! and by when it must be done, and the chains of tasks and messages that have a
-//! deadline of their own.
+//! One file for all nodes of a vehicle, `tasks.toml` in its folder. It says for each task what releases it and
+//! what its deadline is. It also lists the chains of tasks and messages that have an
+//! end-to-end deadline.
 
 use std::collections::BTreeMap;
 
@@ -19,20 +19,76 @@ pub struct Table {
     /// Chains across nodes.
     #[serde(default)]
     pub chain: Vec<Chain>,
-    /// Errors on the bus that the analysis allows for.
+    /// Bus errors that the analysis allows for.
     #[serde(default)]
     pub bus: BusTable,
-    /// Nodes and chains that are not proven yet: they make the command fail, but
-    /// not continuous integration.
+    /// Nodes and chains that are not proven yet. The command fails because of them;
+    /// continuous integration does not.
     #[serde(default)]
     pub unproven: Vec<String>,
+}
+
+/// What is wrong with the task table, and where.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{file}{}: {fault}", .line.map_or_else(String::new, |line| format!(":{line}")))]
+pub struct TableError {
+    /// The file.
+    pub file: String,
+    /// Line, if it is known.
+    pub line: Option<usize>,
+    /// What is wrong.
+    pub fault: TableFault,
+}
+
+/// What can be wrong with the task table.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum TableFault {
+    /// It does not have the expected form; the parser's message.
+    #[error("{0}")]
+    Toml(String),
+    /// The core of a node has no rate.
+    #[error("core_hz of {0} is zero")]
+    ZeroRate(String),
+    /// The entry of a task is wrong.
+    #[error("task {task} of {node} {fault}")]
+    Task {
+        /// The task.
+        task: String,
+        /// Its node.
+        node: String,
+        /// What is wrong.
+        fault: TaskFault,
+    },
+    /// `unproven` names something unknown.
+    #[error("`unproven` names {0}, which is neither a node nor a chain")]
+    Unproven(String),
+    /// A step of a chain names none or several of the three.
+    #[error("each step of chain `{0}` is either a `task`, a `message` or `other`")]
+    Step(String),
+}
+
+/// What can be wrong with the entry of a task; each message follows the task's name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum TaskFault {
+    /// Nothing releases it.
+    #[error("does not say what releases it: `every_us` above zero, `on`, `receives` or `at_us`")]
+    NoRelease,
+    /// `at_most` allows nothing.
+    #[error("has `at_most` with a zero")]
+    ZeroLimit,
+    /// It has no deadline or two.
+    #[error("needs either `deadline_us` or `by`")]
+    Deadline,
+    /// Its deadline counts from an instant of the cycle that is not given.
+    #[error("has a deadline by a message but no instant of the basic cycle: `at_us`")]
+    NoInstant,
 }
 
 /// Rate of errors on the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BusTable {
-    /// Errors that may come at once.
+    /// Errors that may occur back to back.
     #[serde(default)]
     pub error_burst: u64,
     /// Least time between further errors, in milliseconds; zero for none.
@@ -44,19 +100,19 @@ pub struct BusTable {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NodeTable {
-    /// The part and its flash.
+    /// The microcontroller, which determines the flash timing.
     pub part: Part,
     /// Lowest rate at which the core runs, in Hz.
     pub core_hz: u64,
     /// Bytes set aside for the stack.
     pub stack: u32,
-    /// How long before its mark the node begins a transmission, microseconds.
+    /// How long before its time mark the node starts a transmission, in microseconds.
     pub transmit_lead_us: u64,
     /// Tasks by name; `SysTick` for the timer of the software tasks.
     pub task: BTreeMap<String, TaskTable>,
 }
 
-/// Parts that the flash timing is known of.
+/// Microcontrollers whose flash timing is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Part {
@@ -70,52 +126,54 @@ pub enum Part {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TaskTable {
-    /// Least time between two releases, in microseconds; several when there are
-    /// several causes.
+    /// Least time between two releases, in microseconds; one value for each independent
+    /// cause.
     #[serde(default)]
     pub every_us: Several<u64>,
-    /// Fewer in a longer time than `every_us` alone would allow.
+    /// A limit over a longer time, below what `every_us` alone allows.
     pub at_most: Option<AtMost>,
-    /// What on the bus releases it.
+    /// Bus events that release it.
     #[serde(default)]
     pub on: Several<BusEvent>,
-    /// Messages of other nodes whose arrival releases it.
+    /// Messages of other nodes whose reception releases it.
     #[serde(default)]
     pub receives: Several<String>,
-    /// How long after these messages were taken it is released.
+    /// Delay from the handling of these messages to its release, in microseconds.
     #[serde(default)]
     pub delay_us: u64,
-    /// Functions that its jobs of a kind never call: their bound is another.
+    /// Functions that its jobs of a kind never call. Those jobs get a bound of their own,
+    /// without the functions.
     #[serde(default)]
     pub never: BTreeMap<Kind, Vec<String>>,
-    /// Times of the basic cycle at which it is released, in microseconds.
+    /// Instants of the basic cycle at which it is released, in microseconds.
     #[serde(default)]
     pub at_us: Several<u64>,
-    /// The task that releases it: its response is this one's jitter.
+    /// The task that releases this one. Its response time is this one's release jitter.
     pub after: Option<String>,
-    /// Whether it is released only while the node is off the bus.
+    /// True if it is released only while the node is off the bus.
     #[serde(default)]
     pub off_bus: bool,
-    /// Deadline after the release, in microseconds; or `by`.
+    /// Deadline after the release, in microseconds. Either this or `by` is given.
     pub deadline_us: Option<u64>,
-    /// Deadline that the network file gives.
+    /// Deadline that follows from the network file.
     pub by: Option<By>,
-    /// How much later than its nominal instant it may be released.
+    /// Release jitter: how much later than its nominal instant it may be released, in
+    /// microseconds.
     #[serde(default)]
     pub jitter_us: u64,
 }
 
-/// A limit to the releases in a longer time.
+/// A limit to the releases over a longer time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AtMost {
-    /// So many releases.
+    /// Number of releases.
     pub jobs: u64,
-    /// In any window of so many microseconds.
+    /// Length of the window, in microseconds.
     pub in_us: u64,
 }
 
-/// One or a list.
+/// One value or a list.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(untagged)]
 pub enum Several<T> {
@@ -141,39 +199,38 @@ impl<T> Several<T> {
     }
 }
 
-/// What on the bus releases a task; when that may be follows from the network
-/// file.
+/// A bus event that releases a task. The network file says when it may occur.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BusEvent {
-    /// Every frame of another node.
+    /// The end of every frame of another node.
     FrameReceived,
-    /// Every frame of the node's own.
+    /// The end of every frame of this node.
     FrameSent,
-    /// Every begin and end of a window, and the end of the transmit enable
-    /// window of the node's own.
+    /// Every begin and end of a window, and the end of the transmit enable window in this
+    /// node's windows.
     WindowEdge,
-    /// Every event message that the node itself puts in line.
+    /// Every event message that this node enqueues.
     EventQueued,
 }
 
-/// A deadline that the network file gives.
+/// A deadline that follows from the network file.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum By {
-    /// Before the window is closed in which the frame ended, and before the
-    /// three-deep receive FIFO overruns: the fourth frame ends.
+    /// The end of the window in which the frame ended, or the overrun of the three-deep
+    /// receive FIFO (the end of the fourth frame), whichever is earlier.
     WindowEnd,
-    /// At an edge of a window, before the end of the next frame that another node
-    /// may begin; where a window of the node's own begins, before the transmit
-    /// enable window ends; else before the receive FIFO overruns.
+    /// At a window edge: the end of the next frame that another node may send. Where one of
+    /// this node's windows begins: the end of the transmit enable window. Otherwise: the
+    /// overrun of the receive FIFO.
     Window,
-    /// Before the window of this message begins, counted from the task's time
-    /// of the basic cycle.
+    /// The begin of this message's window, counted from the task's release in the basic
+    /// cycle.
     Message(String),
 }
 
-/// A chain of tasks and messages with a deadline from end to end.
+/// A chain of tasks and messages with an end-to-end deadline.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Chain {
@@ -193,12 +250,12 @@ pub struct Step {
     pub task: Option<String>,
     /// A message of the network file.
     pub message: Option<String>,
-    /// Something that the analysis does not know (a byte on a wire, a poll).
+    /// Something outside the analysis (a byte on a wire, a poll).
     pub other: Option<String>,
-    /// The task is released at this time of the basic cycle.
+    /// The task is released at this instant of the basic cycle, in microseconds.
     pub at_us: Option<u64>,
-    /// Longest wait before the step, beyond what the analysis knows (a poll,
-    /// a filter, a byte on a wire), in microseconds.
+    /// Longest wait before the step that the analysis does not cover (a poll, a filter, a
+    /// byte on a wire), in microseconds.
     #[serde(default)]
     pub wait_us: u64,
 }
@@ -207,70 +264,77 @@ impl Table {
     /// Reads the table.
     ///
     /// # Errors
-    /// One sentence that says where and what.
-    pub fn parse(file: &str, text: &str) -> Result<Self, String> {
+    /// The text is no TOML, or says something impossible.
+    pub fn parse(file: &str, text: &str) -> Result<Self, TableError> {
+        Self::checked(text).map_err(|(line, fault)| TableError {
+            file: file.to_owned(),
+            line,
+            fault,
+        })
+    }
+
+    fn checked(text: &str) -> Result<Self, (Option<usize>, TableFault)> {
         let table: Self = toml::from_str(text).map_err(|error| {
             let line = error
                 .span()
                 .map(|span| 1 + text[..span.start].matches('\n').count());
-            match line {
-                Some(line) => format!("{file}:{line}: {}", one_line(&error)),
-                None => format!("{file}: {}", one_line(&error)),
-            }
+            (line, TableFault::Toml(one_line(&error)))
         })?;
-        for (node, of_node) in &table.node {
+        table.check().map_err(|fault| (None, fault))?;
+        Ok(table)
+    }
+
+    fn check(&self) -> Result<(), TableFault> {
+        for (node, of_node) in &self.node {
             if of_node.core_hz == 0 {
-                return Err(format!("{file}: core_hz of {node} is zero"));
+                return Err(TableFault::ZeroRate(node.clone()));
             }
             for (name, task) in &of_node.task {
-                task.check()
-                    .map_err(|what| format!("{file}: task {name} of {node} {what}"))?;
+                task.check().map_err(|fault| TableFault::Task {
+                    task: name.clone(),
+                    node: node.clone(),
+                    fault,
+                })?;
             }
         }
-        if let Some(unknown) = table.unproven.iter().find(|name| {
-            !table.node.contains_key(*name) && !table.chain.iter().any(|c| c.name == **name)
-        }) {
-            return Err(format!(
-                "{file}: `unproven` names {unknown}, which is neither a node nor a chain"
-            ));
+        let is_known = |name: &String| {
+            self.node.contains_key(name) || self.chain.iter().any(|chain| chain.name == *name)
+        };
+        if let Some(unknown) = self.unproven.iter().find(|name| !is_known(name)) {
+            return Err(TableFault::Unproven(unknown.clone()));
         }
-        for chain in &table.chain {
+        for chain in &self.chain {
             for step in &chain.steps {
                 let kinds = [&step.task, &step.message, &step.other];
                 if kinds.into_iter().flatten().count() != 1 {
-                    return Err(format!(
-                        "{file}: each step of chain `{}` is either a `task`, a `message` or `other`",
-                        chain.name
-                    ));
+                    return Err(TableFault::Step(chain.name.clone()));
                 }
             }
         }
-        Ok(table)
+        Ok(())
     }
 }
 
 impl TaskTable {
-    fn check(&self) -> Result<(), &'static str> {
+    fn check(&self) -> Result<(), TaskFault> {
         let releases = self.every_us.as_slice().len()
             + self.on.as_slice().len()
             + self.receives.as_slice().len()
             + self.at_us.as_slice().len();
         if releases == 0 || self.every_us.as_slice().contains(&0) {
-            return Err(
-                "does not say what releases it: `every_us` above zero, `on`, `receives` or `at_us`",
-            );
+            return Err(TaskFault::NoRelease);
         }
         if self
             .at_most
             .is_some_and(|most| most.jobs == 0 || most.in_us == 0)
         {
-            return Err("has `at_most` with a zero");
+            return Err(TaskFault::ZeroLimit);
         }
         if self.deadline_us.is_some() == self.by.is_some() {
-            return Err("needs either `deadline_us` or `by`");
+            return Err(TaskFault::Deadline);
         }
         if matches!(self.by, Some(By::Message(_))) && self.at_us.as_slice().is_empty() {
-            return Err("has a deadline by a message but no time of the basic cycle: `at_us`");
+            return Err(TaskFault::NoInstant);
         }
         Ok(())
     }

@@ -8,12 +8,13 @@ use network_model::Network;
 use schedulability::arrivals::{Job, Kind};
 use schedulability::execution::{Execution, Handler, Section};
 use schedulability::model::NodeModel;
+use schedulability::models::Models;
 use schedulability::node::{Observed, Seen, schedule};
 use schedulability::priorities;
-use schedulability::results::{NodeReport, Report, TaskReport, time};
-use schedulability::system::Models;
+use schedulability::results::{NodeReport, Report, TaskReport};
 use schedulability::table::{NodeTable, Table};
 use schedulability::tasks::App;
+use schedulability::units::time;
 use schedulability::{bus, chains, report};
 use wcet::analysis::Problem;
 
@@ -321,6 +322,7 @@ fn table_and_source_must_fit() {
             &text("firmware/vehicles/uagv/tasks.toml").replacen(from, to, 1),
         )
         .unwrap_err()
+        .to_string()
     };
     let both = refused("deadline_us = 5000", "deadline_us = 5000\nby = \"window\"");
     assert!(
@@ -407,7 +409,7 @@ fn what_is_not_proven_yet_is_accepted_unless_it_is_unsound() {
     let wrong = report.regressions(&drive);
     assert!(wrong[0].ends_with("the bound is unsound"), "{wrong:?}");
     let error = Table::parse("tasks.toml", "unproven = [\"rudder\"]\n[node]\n").unwrap_err();
-    assert!(error.contains("rudder"), "{error}");
+    assert!(error.to_string().contains("rudder"), "{error}");
 }
 
 #[test]

@@ -8,9 +8,10 @@ mod progress;
 use std::{collections::BTreeMap, fs, path::PathBuf, sync::Mutex};
 
 use schedulability::{
+    models::{InputError, Models},
     priorities, report,
     results::{NodeReport, Report, TaskReport},
-    system::{InputError, Inputs, Models, Programs},
+    system::{Inputs, Programs},
 };
 
 use crate::{

@@ -7,7 +7,7 @@ use std::path::Path;
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
 
 /// Why a file is no image of this target.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ImageError {
     /// The file cannot be read.
     #[error("cannot read {path}: {reason}")]

@@ -1,14 +1,18 @@
-//! Where a task's longest time goes.
+//! Where the execution time of a task goes.
 
 use std::fmt::Write as _;
 
-use crate::results::{NodeReport, TaskReport, time};
+use crate::results::{NodeReport, TaskReport};
+use crate::units::time;
+
+use super::columns::Align::{Left, Right};
+use super::columns::columns;
 
 /// Lines of the path that are shown.
 const LINES: usize = 40;
 
-/// The worst path of a task, the costliest source lines first, and what its
-/// response consists of.
+/// The worst-case path of a task, the costliest source lines first, and the composition of
+/// its response time.
 #[must_use]
 pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
     let mut text = String::new();
@@ -44,18 +48,7 @@ pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
         );
     }
     if !task.path.is_empty() {
-        let _ = writeln!(
-            text,
-            "  {:>9} {:>7}  where (cycles as flashed, executions)",
-            "cycles", "times"
-        );
-    }
-    for (cycles, times, place) in task.path.iter().take(LINES) {
-        let _ = writeln!(text, "  {cycles:>9} {times:>7}  {place}");
-    }
-    if let Some(rest) = task.path.get(LINES..).filter(|rest| !rest.is_empty()) {
-        let cycles: u64 = rest.iter().map(|(cycles, ..)| cycles).sum();
-        let _ = writeln!(text, "  {cycles:>9}          in {} more places", rest.len());
+        text.push_str(&path(task));
     }
     for (place, bound) in &task.annotated {
         let _ = writeln!(text, "  loop bound {bound} from {place}");
@@ -64,4 +57,25 @@ pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
         let _ = writeln!(text, "  may panic: {panic}");
     }
     text
+}
+
+/// The source lines of the path; those beyond [`LINES`] in one row.
+fn path(task: &TaskReport) -> String {
+    let shown = task.path.iter().take(LINES);
+    let shown =
+        shown.map(|(cycles, times, place)| [cycles.to_string(), times.to_string(), place.clone()]);
+    let rest = task.path.get(LINES..).filter(|rest| !rest.is_empty());
+    let rest = rest.map(|rest| {
+        let cycles: u64 = rest.iter().map(|(cycles, ..)| cycles).sum();
+        let places = format!("in {} more places", rest.len());
+        [cycles.to_string(), String::new(), places]
+    });
+    columns(
+        [
+            ("cycles", Right),
+            ("times", Right),
+            ("where (cycles as flashed, executions)", Left),
+        ],
+        shown.chain(rest).map(|cells| (true, cells)),
+    )
 }

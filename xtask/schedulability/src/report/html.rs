@@ -1,21 +1,16 @@
-//! A page that needs nothing else.
+//! The report as one page that loads nothing else.
 
-use std::fmt::Write as _;
+use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
-use crate::results::{NodeReport, Report, time};
+use crate::results::{ChainReport, MessageReport, NodeReport, Report};
+use crate::units::time;
 
+use super::cells::{HEADINGS, LEGEND, or_dash, row};
+use super::explain::explain;
+use super::summary::{followed, verdict};
 use super::timeline::timeline;
-use super::{HEADINGS, LEGEND, explain, followed, or_dash, row, verdict};
 
-pub(super) fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
-}
-
-const HEAD: &str = "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\">\n\
-    <meta name=\"viewport\" content=\"width=device-width\">\n<title>Schedulability</title>\n<style>\n\
+const STYLE: &str = "\
     body{font:14px/1.45 system-ui,sans-serif;margin:2em auto;padding:0 1em;max-width:90em;color:#222}\n\
     h1{font-size:1.5em}h2{font-size:1.15em;margin:1.6em 0 .3em}\n\
     table{border-collapse:collapse;margin:.4em 0 1em;font-variant-numeric:tabular-nums}\n\
@@ -24,100 +19,86 @@ const HEAD: &str = "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\">\
     .good{background:#e3f4e1;padding:.5em}.miss{background:#fbdcdc}p.miss{padding:.5em}\n\
     .chart{background:#fafafa;border:1px solid #ddd}.scroll{overflow-x:auto}pre{overflow:auto}\n\
     @media(prefers-color-scheme:dark){body{background:#111;color:#ddd}.miss{background:#522}\
-    .good{background:#243}.chart{background:#1a1a1a}td,th{border-color:#444}svg text{fill:#ddd}}\n\
-    </style>\n<h1>Schedulability</h1>\n";
+    .good{background:#243}.chart{background:#1a1a1a}td,th{border-color:#444}svg text{fill:#ddd}}\n";
 
-/// Tables, one basic cycle drawn for each node and the bus, and the worst path
-/// of each task.
+/// Tables, one basic cycle drawn for each node and the bus, and the worst-case path of each
+/// task.
 #[must_use]
 pub fn html(report: &Report) -> String {
-    let mut page = HEAD.to_owned();
     let class = if report.schedulable() { "good" } else { "miss" };
-    let _ = writeln!(
-        page,
-        "<p class=\"{class}\">{}</p>",
-        escape(&verdict(report))
-    );
-    page.push_str(&timeline(report));
-    for node in &report.nodes {
-        of_node(&mut page, node);
-    }
-    let _ = writeln!(page, "<p>{}</p>", escape(LEGEND));
-    if let Some(followed) = followed(report) {
-        let _ = writeln!(page, "<p>{}</p>", escape(&followed));
-    }
-    bus(&mut page, report);
-    chains(&mut page, report);
-    page.push_str("<h2>Assumptions</h2>\n<ul>\n");
-    for assumption in &report.assumptions {
-        let _ = writeln!(page, "<li>{}", escape(assumption));
-    }
-    page.push_str("</ul>\n</html>\n");
-    page
+    let page = markup! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width";
+                title { "Schedulability" }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                h1 { "Schedulability" }
+                p class=(class) { (verdict(report)) }
+                (timeline(report))
+                @for node in &report.nodes { (of_node(node)) }
+                p { (LEGEND) }
+                @if let Some(followed) = followed(report) { p { (followed) } }
+                h2 { "Bus" }
+                (bus(&report.messages))
+                @for chain in &report.chains { (of_chain(chain)) }
+                h2 { "Assumptions" }
+                ul { @for assumption in &report.assumptions { li { (assumption) } } }
+            }
+        }
+    };
+    page.into_string()
 }
 
+/// A table; rows whose first part is false are marked.
 fn rows<const N: usize>(
-    page: &mut String,
     head: [&str; N],
     body: impl IntoIterator<Item = (bool, [String; N])>,
-) {
-    page.push_str("<table><tr>");
-    for heading in head {
-        let _ = write!(page, "<th>{}", escape(heading));
-    }
-    page.push_str("</tr>\n");
-    for (meets, cells) in body {
-        page.push_str(if meets { "<tr>" } else { "<tr class=\"miss\">" });
-        for cell in cells {
-            let _ = write!(page, "<td>{}", escape(&cell));
+) -> Markup {
+    markup! {
+        table {
+            tr { @for heading in head { th { (heading) } } }
+            @for (meets, cells) in body {
+                tr class=[(!meets).then_some("miss")] { @for cell in cells { td { (cell) } } }
+            }
         }
-        page.push_str("</tr>\n");
     }
-    page.push_str("</table>\n");
 }
 
-fn of_node(page: &mut String, node: &NodeReport) {
-    let _ = writeln!(
-        page,
-        "<h2>{}</h2>\n<p>Processor {:.1} %, stack {} of {} bytes.</p>",
-        escape(&node.name),
-        node.utilisation_permille as f64 / 10.0,
-        node.stack,
-        node.stack_size
-    );
-    let tasks = node.tasks.iter();
-    rows(
-        page,
-        HEADINGS,
-        tasks.map(|task| (task.meets(), row(task, |cycles| node.time(cycles)))),
-    );
-    for miss in node.tasks.iter().filter_map(|task| task.miss(&node.name)) {
-        let _ = writeln!(page, "<p class=\"miss\">{}</p>", escape(&miss));
-    }
-    for problem in &node.idle_problems {
-        let _ = writeln!(
-            page,
-            "<p class=\"miss\">Start-up and idle: {}</p>",
-            escape(&problem.to_string())
-        );
-    }
-    if !node.stack_unknown.is_empty() {
-        page.push_str("<p>The stack figure is without:</p>\n<ul>\n");
-        for unknown in &node.stack_unknown {
-            let _ = writeln!(page, "<li>{}", escape(unknown));
+fn of_node(node: &NodeReport) -> Markup {
+    let tasks = node
+        .tasks
+        .iter()
+        .map(|task| (task.meets(), row(node, task)));
+    markup! {
+        h2 { (node.name) }
+        p {
+            "Processor " (format!("{:.1}", node.utilisation_permille as f64 / 10.0))
+            " %, stack " (node.stack) " of " (node.stack_size) " bytes."
         }
-        page.push_str("</ul>\n");
+        (rows(HEADINGS.map(|(heading, _)| heading), tasks))
+        @for miss in node.tasks.iter().filter_map(|task| task.miss(&node.name)) {
+            p.miss { (miss) }
+        }
+        @for problem in &node.idle_problems {
+            p.miss { "Start-up and idle: " (problem.to_string()) }
+        }
+        @if !node.stack_unknown.is_empty() {
+            p { "The stack figure does not include:" }
+            ul { @for unknown in &node.stack_unknown { li { (unknown) } } }
+        }
+        details {
+            summary { "Worst-case paths" }
+            pre { @for task in &node.tasks { (explain(node, task)) } }
+        }
     }
-    page.push_str("<details><summary>Worst paths</summary>\n<pre>");
-    for task in &node.tasks {
-        page.push_str(&escape(&explain(node, task)));
-    }
-    page.push_str("</pre></details>\n");
 }
 
-fn bus(page: &mut String, report: &Report) {
-    page.push_str("<h2>Bus</h2>\n");
-    let messages = report.messages.iter().map(|message| {
+fn bus(messages: &[MessageReport]) -> Markup {
+    let messages = messages.iter().map(|message| {
         let cells = [
             message.name.clone(),
             message.id.to_string(),
@@ -129,7 +110,6 @@ fn bus(page: &mut String, report: &Report) {
         (message.meets(), cells)
     });
     rows(
-        page,
         [
             "message",
             "identifier",
@@ -139,23 +119,19 @@ fn bus(page: &mut String, report: &Report) {
             "window",
         ],
         messages,
-    );
+    )
 }
 
-fn chains(page: &mut String, report: &Report) {
-    for chain in &report.chains {
-        let _ = writeln!(
-            page,
-            "<h2>From end to end: {}</h2>\n<p{}>{} of {}</p>",
-            escape(&chain.name),
-            if chain.meets() { "" } else { " class=\"miss\"" },
-            or_dash(chain.latency),
-            time(chain.deadline)
-        );
-        let steps = chain.steps.iter().map(|step| {
-            let cells = [step.name.clone(), or_dash(step.done), or_dash(step.phase)];
-            (step.done.is_some(), cells)
-        });
-        rows(page, ["step", "done after", "in the cycle at"], steps);
+fn of_chain(chain: &ChainReport) -> Markup {
+    let steps = chain.steps.iter().map(|step| {
+        let cells = [step.name.clone(), or_dash(step.done), or_dash(step.phase)];
+        (step.done.is_some(), cells)
+    });
+    markup! {
+        h2 { "End to end: " (chain.name) }
+        p class=[(!chain.meets()).then_some("miss")] {
+            (or_dash(chain.latency)) " of " (time(chain.deadline))
+        }
+        (rows(["step", "done after", "in the cycle at"], steps))
     }
 }

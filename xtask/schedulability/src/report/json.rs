@@ -1,13 +1,15 @@
-//! The answers for programs.
+//! The report for programs.
 
 use serde_json::{Value, json};
 
 use crate::results::{NodeReport, Report, TaskReport};
 
-/// Everything; times in picoseconds.
+use super::summary::median_ratio;
+
+/// The whole report; times in picoseconds.
 #[must_use]
 pub fn json(report: &Report) -> Value {
-    let median = |model, tasks, kernels| super::median_ratio(report, model, tasks, kernels);
+    let median = |model, tasks, kernels| median_ratio(report, model, tasks, kernels);
     json!({
         "schedulable": report.schedulable(),
         "first_miss": report.first_miss(),

@@ -1,13 +1,16 @@
-//! The table for a terminal.
+//! The report for a terminal.
 
 use std::fmt::Write as _;
 
-use crate::execution::picoseconds;
-use crate::results::{NodeReport, Report, time};
+use crate::results::{NodeReport, Report};
+use crate::units::time;
 
-use super::{HEADINGS, LEGEND, followed, or_dash, row, tightness, verdict};
+use super::cells::{HEADINGS, LEGEND, or_dash, row};
+use super::columns::Align::{Left, Right};
+use super::columns::columns;
+use super::summary::{followed, tightness, verdict};
 
-/// Everything, as text.
+/// The whole report as text.
 #[must_use]
 pub fn table(report: &Report) -> String {
     let mut text = String::new();
@@ -40,36 +43,11 @@ fn of_node(text: &mut String, node: &NodeReport) {
         node.stack,
         node.stack_size
     );
-    let rows: Vec<(bool, [String; 13])> = node
-        .tasks
-        .iter()
-        .map(|task| (task.meets(), row(task, |cycles| node.time(cycles))))
-        .collect();
-    let width = |column: usize| {
-        let cells = rows.iter().map(|(_, row)| row[column].len());
-        cells
-            .chain([HEADINGS[column].len()])
-            .max()
-            .unwrap_or_default()
-    };
-    let widths: Vec<usize> = (0..HEADINGS.len()).map(width).collect();
-    let mut line = |mark: &str, cells: &[&str]| {
-        let _ = write!(text, "{mark}");
-        for (column, (cell, width)) in cells.iter().zip(&widths).enumerate() {
-            let _ = match column {
-                0 | 2 => write!(text, " {cell:width$}"),
-                _ => write!(text, " {cell:>width$}"),
-            };
-        }
-        let end = text.trim_end().len();
-        text.truncate(end);
-        text.push('\n');
-    };
-    line(" ", &HEADINGS);
-    for (meets, row) in &rows {
-        let cells: Vec<&str> = row.iter().map(String::as_str).collect();
-        line(if *meets { " " } else { "!" }, &cells);
-    }
+    let rows = node.tasks.iter();
+    text.push_str(&columns(
+        HEADINGS,
+        rows.map(|task| (task.meets(), row(node, task))),
+    ));
     for task in &node.tasks {
         if let Some(miss) = task.miss(&node.name) {
             let _ = writeln!(text, "  ! {miss}");
@@ -85,25 +63,31 @@ fn of_node(text: &mut String, node: &NodeReport) {
 
 fn bus(text: &mut String, report: &Report) {
     let _ = writeln!(text, "bus");
-    let _ = writeln!(
-        text,
-        "  {:20} {:>5} {:>11} {:>11} {:>11} {:>11}",
-        "message", "id", "window at", "needs", "has", "left"
-    );
-    for message in &report.messages {
-        let _ = writeln!(
-            text,
-            "{} {:20} {:>5} {:>11} {:>11} {:>11} {:>11}{}",
-            if message.meets() { " " } else { "!" },
-            message.name,
-            message.id,
+    let rows = report.messages.iter().map(|message| {
+        let left = message.need.and_then(|need| message.room.checked_sub(need));
+        let cells = [
+            message.name.clone(),
+            message.id.to_string(),
             time(message.start),
             or_dash(message.need),
             time(message.room),
-            or_dash(message.need.and_then(|need| message.room.checked_sub(need))),
-            if message.arbitrating { "  shared" } else { "" }
-        );
-    }
+            or_dash(left),
+            if message.arbitrating { "shared" } else { "" }.to_owned(),
+        ];
+        (message.meets(), cells)
+    });
+    text.push_str(&columns(
+        [
+            ("message", Left),
+            ("id", Right),
+            ("window at", Right),
+            ("needs", Right),
+            ("has", Right),
+            ("left", Right),
+            ("", Left),
+        ],
+        rows,
+    ));
 }
 
 fn chains(text: &mut String, report: &Report) {
@@ -116,24 +100,17 @@ fn chains(text: &mut String, report: &Report) {
             or_dash(chain.latency),
             time(chain.deadline)
         );
-        for step in &chain.steps {
-            let phase = step.phase.map_or_else(String::new, |phase| {
-                format!("  at {} of the cycle", time(phase))
-            });
-            let _ = writeln!(
-                text,
-                "    {:36} done after {:>11}{phase}",
-                step.name,
-                or_dash(step.done)
-            );
-        }
-    }
-}
-
-impl NodeReport {
-    /// `cycles` of its core.
-    #[must_use]
-    pub fn time(&self, cycles: u64) -> u64 {
-        picoseconds(cycles, self.core_hz)
+        let rows = chain.steps.iter().map(|step| {
+            let cells = [step.name.clone(), or_dash(step.done), or_dash(step.phase)];
+            (step.done.is_some(), cells)
+        });
+        text.push_str(&columns(
+            [
+                ("step", Left),
+                ("done after", Right),
+                ("in the cycle at", Right),
+            ],
+            rows,
+        ));
     }
 }

@@ -1,23 +1,27 @@
 //! One basic cycle as a picture.
 
-use std::fmt::Write as _;
+use maud::{Markup, html};
 
-use crate::results::{Picoseconds, Report, TaskReport, time};
+use crate::results::{MessageReport, Report, TaskReport};
+use crate::units::{Picoseconds, time};
 
-use super::html::escape;
-
+/// Width of the labels.
 const LEFT: f64 = 170.0;
-/// Wide enough to tell windows of a hundredth of the cycle apart; the page scrolls.
+/// Width of the cycle. Windows of a hundredth of it can be told apart; the page scrolls.
 const WIDTH: f64 = 4000.0;
+/// Height of a row.
 const ROW: f64 = 15.0;
-/// Marks on the axis.
+/// Parts into which the axis is divided.
 const PARTS: u64 = 50;
-/// Releases of one task that are drawn.
+/// Most releases of one task that are drawn.
 const MOST: u64 = 250;
 
+/// The picture so far.
 struct Chart {
-    rows: String,
+    shapes: Vec<Markup>,
+    /// Top of the current row.
     y: f64,
+    /// Length of the cycle.
     cycle: f64,
 }
 
@@ -27,65 +31,22 @@ impl Chart {
     }
 
     fn label(&mut self, text: &str, bold: bool) {
-        let _ = writeln!(
-            self.rows,
-            "<text x=\"4\" y=\"{:.0}\" font-size=\"11\"{}>{}</text>",
-            self.y + 11.0,
-            if bold { " font-weight=\"bold\"" } else { "" },
-            escape(text)
-        );
+        self.shapes.push(html! {
+            text x="4" y=(format!("{:.0}", self.y + 11.0)) font-size="11"
+                font-weight=[bold.then_some("bold")] { (text) }
+        });
     }
 
     fn bar(&mut self, from: Picoseconds, to: Picoseconds, colour: &str, height: f64, what: &str) {
         let (left, right) = (self.x(from), self.x(to).min(LEFT + WIDTH));
-        let _ = writeln!(
-            self.rows,
-            "<rect x=\"{left:.2}\" y=\"{:.1}\" width=\"{:.2}\" height=\"{height:.1}\" fill=\"{colour}\"><title>{}</title></rect>",
-            self.y + (12.0 - height) / 2.0,
-            (right - left).max(0.6),
-            escape(what)
-        );
+        self.shapes.push(html! {
+            rect x=(format!("{left:.2}")) y=(format!("{:.1}", self.y + (12.0 - height) / 2.0))
+                width=(format!("{:.2}", (right - left).max(0.6)))
+                height=(format!("{height:.1}")) fill=(colour) { title { (what) } }
+        });
     }
 
-    fn task(&mut self, task: &TaskReport, cycle: Picoseconds) {
-        self.label(&format!("  {}", task.name), false);
-        let colour = if task.meets() { "#5a8f00" } else { "#dc322f" };
-        let done = task.response.unwrap_or(task.cost);
-        let what = format!(
-            "{}: up to {}, done {} after its release",
-            task.name,
-            time(task.cost),
-            time(done)
-        );
-        let mut releases = task.releases.clone();
-        if releases.is_empty() {
-            // No place in the cycle: shown as often as it may come.
-            let every = task.period.max(1);
-            releases.extend((0..MOST).map(|n| (n * every, n * every)));
-            releases.retain(|(at, _)| *at < cycle);
-        }
-        for (earliest, latest) in releases {
-            let first = earliest % cycle.max(1);
-            let last = first + (latest - earliest);
-            self.bar(first, last + done, "#8886", 4.0, &what);
-            self.bar(last, last + task.cost, colour, 11.0, &what);
-        }
-        self.y += ROW;
-    }
-}
-
-/// Windows and longest frames on the bus; for every task each release that it
-/// may have in the cycle: from its earliest instant to its worst end (thin) and
-/// its longest job at the latest release (thick).
-pub(super) fn timeline(report: &Report) -> String {
-    let cycle = report.basic_cycle.max(1);
-    let mut chart = Chart {
-        rows: String::new(),
-        y: 20.0,
-        cycle: cycle as f64,
-    };
-    chart.label("bus", true);
-    for message in &report.messages {
+    fn message(&mut self, message: &MessageReport) {
         let what = format!(
             "{} at {}, needs {} of {}",
             message.name,
@@ -101,9 +62,63 @@ pub(super) fn timeline(report: &Report) -> String {
             "#268bd2"
         };
         let end = message.start + message.room;
-        chart.bar(message.start, end, "#8884", 12.0, &what);
+        self.bar(message.start, end, "#8884", 12.0, &what);
         let need = message.need.unwrap_or(message.room).min(message.room);
-        chart.bar(message.start, message.start + need, colour, 8.0, &what);
+        self.bar(message.start, message.start + need, colour, 8.0, &what);
+    }
+
+    fn task(&mut self, task: &TaskReport, cycle: Picoseconds) {
+        self.label(&format!("  {}", task.name), false);
+        let colour = if task.meets() { "#5a8f00" } else { "#dc322f" };
+        let done = task.response.unwrap_or(task.cost);
+        let what = format!(
+            "{}: takes up to {}, done {} after its release",
+            task.name,
+            time(task.cost),
+            time(done)
+        );
+        let mut releases = task.releases.clone();
+        if releases.is_empty() {
+            // It has no fixed instant in the cycle: drawn at its highest rate.
+            let every = task.period.max(1);
+            releases.extend((0..MOST).map(|n| (n * every, n * every)));
+            releases.retain(|(at, _)| *at < cycle);
+        }
+        for (earliest, latest) in releases {
+            let first = earliest % cycle.max(1);
+            let last = first + (latest - earliest);
+            self.bar(first, last + done, "#8886", 4.0, &what);
+            self.bar(last, last + task.cost, colour, 11.0, &what);
+        }
+        self.y += ROW;
+    }
+
+    fn axis(&self, cycle: Picoseconds) -> Markup {
+        html! {
+            @for instant in (0..=PARTS).map(|part| cycle / PARTS * part) {
+                @let at = format!("{:.1}", self.x(instant));
+                line x1=(at) x2=(at) y1="16" y2=(format!("{:.0}", self.y)) stroke="#8884" {}
+                text x=(at) y="12" font-size="10" text-anchor="middle" {
+                    (instant / 1_000_000_000) " ms"
+                }
+            }
+        }
+    }
+}
+
+/// Draws the windows of the bus with their longest frames, and below them every release that
+/// each task may have in the cycle. A thin bar runs from the earliest release to the worst
+/// end; a thick one shows the longest job after the latest release.
+pub(super) fn timeline(report: &Report) -> Markup {
+    let cycle = report.basic_cycle.max(1);
+    let mut chart = Chart {
+        shapes: Vec::new(),
+        y: 20.0,
+        cycle: cycle as f64,
+    };
+    chart.label("bus", true);
+    for message in &report.messages {
+        chart.message(message);
     }
     chart.y += ROW * 1.5;
     for node in &report.nodes {
@@ -114,21 +129,14 @@ pub(super) fn timeline(report: &Report) -> String {
         }
         chart.y += ROW / 2.0;
     }
-    let bottom = chart.y;
-    let mut axis = String::new();
-    for part in 0..=PARTS {
-        let instant = cycle / PARTS * part;
-        let at = chart.x(instant);
-        let _ = writeln!(
-            axis,
-            "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"16\" y2=\"{bottom:.0}\" stroke=\"#8884\"/><text x=\"{at:.1}\" y=\"12\" font-size=\"10\" text-anchor=\"middle\">{} ms</text>",
-            instant / 1_000_000_000
-        );
+    html! {
+        h2 { "One basic cycle" }
+        div.scroll {
+            svg.chart width=(format!("{:.0}", LEFT + WIDTH + 40.0))
+                height=(format!("{:.0}", chart.y + 10.0)) role="img" aria-label="timeline" {
+                (chart.axis(cycle))
+                @for shape in &chart.shapes { (shape) }
+            }
+        }
     }
-    format!(
-        "<h2>One basic cycle</h2>\n<div class=\"scroll\"><svg class=\"chart\" width=\"{:.0}\" height=\"{:.0}\" role=\"img\" aria-label=\"timeline\">\n{axis}{}</svg></div>\n",
-        LEFT + WIDTH + 40.0,
-        bottom + 10.0,
-        chart.rows
-    )
 }

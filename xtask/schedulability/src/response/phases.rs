@@ -1,46 +1,52 @@
-//! Busy periods by where in the cycle of the bus they begin.
+//! Response times by where in the bus's cycle the busy period begins.
 //!
-//! A busy period of a priority begins at an instant before which nothing of it
-//! or above was left to do, with a release. What delays a job was released in
-//! the job's busy period, so only what the time table lets come between the
-//! begin of that and the job's end counts; and jobs that the table keeps apart
-//! never fall into one busy period, however long another one is.
+//! A busy period of a priority begins with a release, at an instant at which no job of that
+//! priority or above is pending. Every job that delays a given job was released in the same
+//! busy period. So only jobs count that the time table allows between the begin of the busy
+//! period and the given job's end; jobs that the table keeps apart never share a busy
+//! period, however long it is.
 //!
-//! A job that has begun is delayed by what is more urgent alone: what is as urgent
-//! as it counts only if it may be released before the job begins.
+//! Once a job has started, only higher priorities delay it. A job of equal priority counts
+//! only if it may be released before the given job starts.
 //!
-//! Jobs that another one brings about do not delay that one.
+//! A job cannot be delayed by jobs that only exist because it ran.
 //!
-//! It is enough to look at busy periods that begin with the latest release of a
-//! job of the table: one that begins earlier, with no such instant between, has
-//! no release that the later one has not.
+//! It suffices to examine the busy periods that begin with the latest release of a job of
+//! the table. Take a busy period that begins at another instant, and the next such latest
+//! release after it: no job of the table has its latest release in between, so every table
+//! job that may be released in the first busy period may also be released in the second.
 
 use crate::arrivals::{Job, Timetable};
-use crate::response::{Critical, HORIZON, Task, least_fixed_point};
 
-/// A job in a busy period, from the begin of that.
+use super::bound::Critical;
+use super::fixed_point::{HORIZON, least_fixed_point};
+use super::task::Task;
+
+/// A job in its busy period. `starts` and `ends` count from `begin`.
 #[derive(Clone, Copy)]
 struct Busy {
+    /// Begin of the busy period in the bus's cycle.
     begin: u64,
-    /// The job begins.
+    /// When the job starts.
     starts: u64,
-    /// The job is done.
+    /// When the job has completed.
     ends: u64,
 }
 
-/// The job that is looked at, and what may delay it.
+/// The job under analysis, and the task set that may delay it.
 struct Look<'a> {
     tasks: &'a [Task],
     index: usize,
-    /// Its longest time.
+    /// Its worst-case execution time.
     cost: u64,
-    /// Where it stands in the table, if it does.
+    /// The job and its part of the time table; `None` for a job that may be released at any
+    /// time.
     job: Option<(&'a Timetable, &'a Job)>,
 }
 
-/// Bound of one job of the table; `None` where the tables have no common cycle
-/// or a busy period does not end.
-pub(crate) fn of_job(
+/// Bound of one job of the table; `None` if the tables have no common cycle or a busy
+/// period does not end.
+pub(super) fn of_job(
     tasks: &[Task],
     index: usize,
     table: &Timetable,
@@ -59,7 +65,8 @@ pub(crate) fn of_job(
     let mut worst: Option<(u64, Busy)> = None;
     for begin in look.begins() {
         let busy = look.busy(begin)?;
-        // Returns of the job that may be released before it begins.
+        // Repetitions of the job, one in each cycle, that may be released between the begin
+        // of the busy period and the start of the job.
         let begin = begin.cast_signed();
         let starts = begin.checked_add_unsigned(busy.starts)?;
         let ends = begin.checked_add_unsigned(busy.ends)?;
@@ -78,7 +85,7 @@ pub(crate) fn of_job(
 }
 
 /// Bound of a job that may be released at any time.
-pub(crate) fn of_any(tasks: &[Task], index: usize) -> Option<Critical> {
+pub(super) fn of_any(tasks: &[Task], index: usize) -> Option<Critical> {
     common_cycle(tasks)?;
     let task = &tasks[index];
     let look = Look {
@@ -99,7 +106,7 @@ pub(crate) fn of_any(tasks: &[Task], index: usize) -> Option<Critical> {
     Some(look.critical(response, busy))
 }
 
-/// The cycle of all tables, if it is one.
+/// The cycle that all tables share, if they do.
 fn common_cycle(tasks: &[Task]) -> Option<u64> {
     let mut cycles = tasks
         .iter()
@@ -114,7 +121,7 @@ impl<'a> Look<'a> {
         &self.tasks[self.index]
     }
 
-    /// What is as urgent as the task, or more, itself included.
+    /// Tasks of equal or higher priority, the task itself included.
     fn delaying(&self) -> impl Iterator<Item = (usize, &'a Task)> {
         let urgent = self.task().priority;
         let transmits = self.job.is_some_and(|(_, job)| job.transmits);
@@ -124,7 +131,8 @@ impl<'a> Look<'a> {
             .filter(move |(_, t)| t.priority >= urgent && !(t.off_bus && transmits))
     }
 
-    /// The parts of a task's time table whose jobs may delay the job.
+    /// The parts of a task's time table whose jobs may delay the job: not those that the job
+    /// itself releases.
     fn tables(&self, of: &'a Task) -> impl Iterator<Item = &'a Timetable> {
         let job = self.job;
         of.arrivals
@@ -133,7 +141,7 @@ impl<'a> Look<'a> {
             .filter(move |table| job.is_none_or(|(_, job)| !table.begun_at.contains(&job.earliest)))
     }
 
-    /// Where a busy period may begin that is as long as any.
+    /// Where the busy periods begin that have to be examined; see the module.
     fn begins(&self) -> Vec<u64> {
         let mut begins: Vec<u64> = self
             .delaying()
@@ -147,17 +155,18 @@ impl<'a> Look<'a> {
         begins
     }
 
-    /// The window in which a release of `other` is in time to delay the job.
+    /// The window from the begin of the busy period in which a release of `other` may still
+    /// delay the job.
     fn window(&self, other: &Task, busy: Busy) -> u64 {
         if other.priority > self.task().priority {
             busy.ends
         } else {
-            // The instant at which the job begins is still in time.
+            // A release at the very instant at which the job starts still counts.
             busy.starts + 1
         }
     }
 
-    /// Time that the delaying jobs take, and the blocking.
+    /// Time that the delaying jobs take, plus the blocking.
     fn demand(&self, busy: Busy) -> Option<u64> {
         let mut sum = self.task().blocking;
         for (_, other) in self.delaying() {
@@ -182,7 +191,7 @@ impl<'a> Look<'a> {
         Some(sum.saturating_sub(own))
     }
 
-    /// Whether the job itself is among the releases that count.
+    /// Whether the window also holds a release of the job itself, which is no interference.
     fn is_among(&self, busy: Busy) -> bool {
         self.job.is_none_or(|(table, job)| {
             let task = self.task();
@@ -190,6 +199,7 @@ impl<'a> Look<'a> {
         })
     }
 
+    /// The job's busy period that begins at `begin`; `None` if it does not end.
     fn busy(&self, begin: u64) -> Option<Busy> {
         let starts = least_fixed_point(self.task().blocking, |at| {
             self.demand(Busy {
@@ -214,6 +224,7 @@ impl<'a> Look<'a> {
         })
     }
 
+    /// The answer for a response found in `busy`.
     fn critical(&self, response: u64, busy: Busy) -> Critical {
         let task = self.task();
         let jobs = |index: usize, other: &'a Task| {

@@ -1,0 +1,129 @@
+//! Task table, network file and the sources of all nodes, read and put together.
+
+use std::path::Path;
+
+use network_model::Network;
+
+use crate::chains::ChainError;
+use crate::execution::ExecutionError;
+use crate::model::{ModelError, NodeModel};
+use crate::table::{NodeTable, Table, TableError};
+use crate::tasks::{App, SourceError};
+use wcet::annotation::Misplaced;
+use wcet::image::ImageError;
+
+/// What is wrong with the inputs. Each message is one sentence.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum InputError {
+    /// A file cannot be read.
+    #[error("cannot read {file}: {reason}")]
+    Unreadable {
+        /// The file.
+        file: String,
+        /// The system's reason.
+        reason: String,
+    },
+    /// The network file is wrong.
+    #[error("{file}: {problems}")]
+    Network {
+        /// The file.
+        file: String,
+        /// What is wrong, separated by semicolons.
+        problems: String,
+    },
+    /// The task table has no such node.
+    #[error("{file} has no node {node}")]
+    NoNode {
+        /// The task table.
+        file: String,
+        /// The node.
+        node: String,
+    },
+    /// There is no image of a node.
+    #[error("there is no image of {0}")]
+    NoImage(String),
+    /// The task table is wrong.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// A source is wrong.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// A source and the task table do not fit together.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// An image is wrong.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// An image does not fit its model.
+    #[error(transparent)]
+    Execution(#[from] ExecutionError),
+    /// A source has an annotation that belongs to no loop.
+    #[error(transparent)]
+    Annotation(#[from] Misplaced),
+    /// A chain names something that does not exist.
+    #[error(transparent)]
+    Chain(#[from] ChainError),
+}
+
+/// Everything that can be read without an image: table, network and the nodes' tasks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Models {
+    /// The task table.
+    pub table: Table,
+    /// The network.
+    pub network: Network,
+    /// The tasks of each node, with the node's part of the table.
+    pub nodes: Vec<(NodeModel, NodeTable)>,
+}
+
+impl Models {
+    /// Reads the sources of these nodes, each by its name in the table. Error messages show
+    /// paths relative to `root`.
+    ///
+    /// # Errors
+    /// A file cannot be read, or the files do not fit together.
+    pub fn read<'a>(
+        root: &Path,
+        table: &Path,
+        network: &Path,
+        sources: impl IntoIterator<Item = (&'a str, &'a Path)>,
+    ) -> Result<Self, InputError> {
+        let name = |path: &Path| {
+            let short = path.strip_prefix(root).unwrap_or(path);
+            short.display().to_string()
+        };
+        let file = name(table);
+        let parsed = Table::parse(&file, &read(table, &file)?)?;
+        let network_name = name(network);
+        let network = Network::parse(&read(network, &network_name)?).map_err(|problems| {
+            InputError::Network {
+                file: network_name,
+                problems: problems.to_string().replace('\n', "; "),
+            }
+        })?;
+        let mut nodes = Vec::new();
+        for (node, source) in sources {
+            let of_node = parsed.node.get(node).ok_or_else(|| InputError::NoNode {
+                file: file.clone(),
+                node: node.to_owned(),
+            })?;
+            let source_name = name(source);
+            let app = App::parse(&source_name, &read(source, &source_name)?)?;
+            let mut model = NodeModel::new(node, &app, of_node, &network, &file)?;
+            model.source = source_name;
+            nodes.push((model, of_node.clone()));
+        }
+        Ok(Self {
+            table: parsed,
+            network,
+            nodes,
+        })
+    }
+}
+
+fn read(path: &Path, name: &str) -> Result<String, InputError> {
+    std::fs::read_to_string(path).map_err(|error| InputError::Unreadable {
+        file: name.to_owned(),
+        reason: error.to_string(),
+    })
+}

@@ -1,0 +1,88 @@
+//! What the response-time analysis gives: a bound, or the reason why there is none.
+
+use crate::arrivals::Arrivals;
+
+/// Worst response of one job of the time table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct JobResponse {
+    /// Earliest release of the job.
+    pub earliest: u64,
+    /// Latest release of the job.
+    pub latest: u64,
+    /// Its worst response time.
+    pub response: u64,
+}
+
+/// Result of the analysis of one task.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Response {
+    /// Worst response time, measured from the nominal release time: jitter is included.
+    pub worst: u64,
+    /// Response times of the jobs of the longest busy period, in order.
+    pub jobs: Vec<u64>,
+    /// The job with the least slack.
+    pub critical: Critical,
+    /// Worst response of each job of the time table.
+    pub by_job: Vec<JobResponse>,
+}
+
+impl Response {
+    /// Worst response of those jobs that may release one of `caused`: the jobs whose release
+    /// interval overlaps one of `caused` in the table, or all jobs if none overlaps.
+    pub(super) fn of_cause(&self, caused: &Arrivals) -> u64 {
+        let jobs = || caused.timed.iter().flat_map(|table| &table.jobs);
+        let causes = |cause: &&JobResponse| {
+            jobs().any(|job| job.earliest <= cause.latest && cause.earliest <= job.latest)
+        };
+        let matched = self.by_job.iter().filter(causes);
+        matched.map(|job| job.response).max().unwrap_or(self.worst)
+    }
+}
+
+/// The job of a task that comes closest to its deadline, or misses it by the most.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Critical {
+    /// What releases it, where the time table says so.
+    pub job: Option<String>,
+    /// Its worst response time.
+    pub response: u64,
+    /// Its deadline.
+    pub deadline: u64,
+    /// Release jitter, which `response` includes.
+    pub jitter: u64,
+    /// Interference that `response` includes: the index of a task, and how many of its jobs.
+    pub delayed_by: Vec<(usize, u64)>,
+}
+
+impl Critical {
+    /// Whether every deadline of the task holds.
+    #[must_use]
+    pub fn meets(&self) -> bool {
+        self.response <= self.deadline
+    }
+
+    pub(super) fn has_less_slack_than(&self, other: &Self) -> bool {
+        let slack = |c: &Self| i128::from(c.deadline) - i128::from(c.response);
+        slack(self) < slack(other)
+    }
+}
+
+/// Why no response time exists.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Unbounded {
+    /// The task and everything of its priority or above demand more than the processor has.
+    #[error("the processor is overloaded: the demand at this priority is {permille} per mille")]
+    Overload {
+        /// Demand in thousandths of the processor, rounded up.
+        permille: u64,
+    },
+    /// The busy period did not end within the range of the analysis.
+    #[error("the busy period does not end within the range of the analysis")]
+    Diverges,
+    /// A task of the set has a period of zero.
+    #[error("a task has a minimum inter-arrival time of zero")]
+    ZeroPeriod,
+    /// The task that releases this one has no bound itself.
+    #[error("the task that releases it has no response time")]
+    Cause,
+}

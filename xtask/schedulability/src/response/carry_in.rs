@@ -1,0 +1,86 @@
+//! Response times of single jobs of the time table, by what can still be running when they
+//! are released.
+
+use crate::arrivals::Job;
+
+use super::bound::Critical;
+use super::fixed_point::{HORIZON, least_fixed_point};
+use super::task::Task;
+
+/// A task that may delay the job under analysis.
+struct Delaying<'a> {
+    index: usize,
+    task: &'a Task,
+    /// Its worst response time, as known so far.
+    response: u64,
+}
+
+/// Bound of one job of the time table of `tasks[index]`.
+///
+/// A job of another task delays this one only if it is released within the other task's
+/// worst response time before this job's release, or between this job's release and its
+/// end: any job released earlier has completed by then.
+///
+/// `known` holds a valid response bound for each task; `None` if one is missing that is
+/// needed here, or if the response does not end.
+pub(super) fn of_job(
+    tasks: &[Task],
+    index: usize,
+    job: &Job,
+    known: &[Option<u64>],
+) -> Option<Critical> {
+    let task = &tasks[index];
+    let delaying: Vec<Delaying<'_>> = tasks
+        .iter()
+        .enumerate()
+        .filter(|(_, t)| t.priority >= task.priority && !(t.off_bus && job.transmits))
+        .map(|(index, task)| {
+            Some(Delaying {
+                index,
+                task,
+                response: known[index]?,
+            })
+        })
+        .collect::<Option<_>>()?;
+    let count = |other: &Delaying<'_>, window: u64| {
+        // The bound counts from the nominal release, so jitter is already in it.
+        let streams = other.task.arrivals.sporadic.iter();
+        let sporadic: u64 = streams
+            .map(|stream| stream.count(window + other.response))
+            .sum();
+        let tables = other.task.arrivals.timed.iter();
+        let timed: u64 = tables
+            .map(|table| table.around(job, task.jitter, other.response, window))
+            .sum();
+        match sporadic + timed {
+            // One job may be running. Releases merge, so this job serves all later ones.
+            own if other.index == index && task.coalesces => own.min(1),
+            jobs => jobs,
+        }
+    };
+    let own = task.cost.checked_add(task.blocking)?;
+    let finish = least_fixed_point(own, |window| {
+        delaying
+            .iter()
+            .try_fold(own, |sum, other| {
+                let each = if other.index == index {
+                    other.task.cost
+                } else {
+                    other.task.cost.checked_add(other.task.preemption)?
+                };
+                sum.checked_add(count(other, window).checked_mul(each)?)
+            })
+            .filter(|window| *window < HORIZON)
+    })?;
+    Some(Critical {
+        job: Some(job.label.clone()),
+        response: finish + task.jitter,
+        deadline: job.deadline.unwrap_or(task.deadline),
+        jitter: task.jitter,
+        delayed_by: delaying
+            .iter()
+            .map(|other| (other.index, count(other, finish)))
+            .filter(|(_, jobs)| *jobs > 0)
+            .collect(),
+    })
+}
