@@ -3,7 +3,11 @@
 
 use std::{env, fs, path::Path};
 
+use control::controller::Settings;
 use toml::{Table, Value};
+
+#[path = "src/vehicle.rs"]
+mod description;
 
 fn main() {
     if env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none") {
@@ -18,7 +22,8 @@ fn main() {
     }
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed={VEHICLE}");
-    match vehicle() {
+    println!("cargo:rerun-if-changed=src/vehicle.rs");
+    match vehicle().and_then(|constants| Ok(constants + &settings()?)) {
         Ok(constants) => {
             let folder = env::var_os("OUT_DIR").expect("cargo names the folder for what is made");
             fs::write(Path::new(&folder).join("vehicle.rs"), constants)
@@ -29,6 +34,17 @@ fn main() {
             std::process::exit(1);
         }
     }
+}
+
+/// The settings of the control law, derived from the vehicle's description.
+fn settings() -> Result<String, String> {
+    let settings =
+        Settings::for_vehicle(&description::VEHICLE).map_err(|refusal| refusal.to_string())?;
+    Ok(format!(
+        "/// Settings of the control law for [`VEHICLE`].\n\
+         pub const SETTINGS: ::control::controller::Settings<f32> = {};\n",
+        control::vehicle::source(&settings)
+    ))
 }
 
 /// The vehicle file, beside this program.

@@ -1,6 +1,7 @@
 //! Calibrations of the steering (thesis 5.2.6): potentiometer counts to
 //! steering angle, steering rate to actuator effort.
 
+use crate::model::{Antenna, Geometry};
 use crate::scalar::Scalar;
 
 /// The straight line from potentiometer counts to steering angle (thesis
@@ -300,17 +301,25 @@ impl<T: Scalar> Default for CircleFit<T> {
     }
 }
 
-/// Steering angle (rad, not negative) with which a vehicle drives a circle on
-/// which its antenna runs at `radius` (m). `None` when the antenna's lever
-/// alone is that long.
+/// Steering angle (rad) with which a vehicle drives a circle on which its
+/// antenna runs at `radius` (m). Both are positive for a turn to the right.
+/// `None` when no such circle exists because the antenna's lever alone is
+/// that long.
 #[must_use]
-pub fn angle_on_circle<T: Scalar>(geometry: &crate::model::Geometry<T>, radius: T) -> Option<T> {
+pub fn angle_on_circle<T: Scalar>(
+    geometry: &Geometry<T>,
+    antenna: &Antenna<T>,
+    radius: T,
+) -> Option<T> {
     let rear = radius * radius - geometry.l1 * geometry.l1;
-    if rear > T::zero() {
-        Some(geometry.wheelbase().angle_of(rear.root()))
-    } else {
-        None
+    let left = radius < T::zero();
+    // An antenna on the inside of the turn runs nearer to the centre.
+    let beside = if left { -antenna.right } else { antenna.right };
+    if !(rear > T::zero() && rear.root() + beside > T::zero()) {
+        return None;
     }
+    let angle = geometry.wheelbase().angle_of(rear.root() + beside);
+    Some(if left { -angle } else { angle })
 }
 
 impl<T: Scalar> Potentiometer<T> {

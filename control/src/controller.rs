@@ -5,12 +5,13 @@
 //! hold, safety filter. Its loops have fixed bounds and it cannot panic.
 
 use crate::estimator::{
-    Estimate, Estimator, EstimatorError, EstimatorSettings, Observation, Update,
+    Estimate, Estimator, EstimatorError, EstimatorSettings, Noise, Observation, Update,
 };
 use crate::feedback::{LimitError, Limits};
-use crate::guidance::{Deviation, Guidance, GuidanceError, GuidanceSettings};
+use crate::guidance::{Brake, Deviation, Guidance, GuidanceError, GuidanceSettings};
 use crate::hold::{Hold, HoldSettings};
 use crate::line::Line;
+use crate::model::{Antenna, Geometry};
 use crate::path::{Path, Place, Progress};
 use crate::position::{Position, Velocity};
 use crate::safety::{Command, SafetyFilter, Slew, Verdict};
@@ -21,7 +22,7 @@ use crate::schedule::GainSchedule;
 pub type SteeringGains<T> = GainSchedule<T, 4, 9>;
 
 /// Everything about a vehicle that the controller needs to know.
-/// [`crate::uagv::settings`] is an example.
+/// `Settings::for_vehicle` derives it from a [`crate::vehicle::Description`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings<T> {
     /// The vehicle and its sensors, for the estimator.
@@ -86,10 +87,77 @@ impl core::fmt::Display for SettingsError {
 impl core::error::Error for SettingsError {}
 
 impl<T: Scalar> Settings<T> {
-    /// The UAGV at 10 Hz and 1 m/s: [`crate::uagv::settings`].
+    /// The same settings in another precision.
     #[must_use]
-    pub fn uagv() -> Self {
-        crate::uagv::settings()
+    pub fn cast<U: Scalar>(&self) -> Settings<U> {
+        let lit = |value: T| U::lit(value.as_f64());
+        let limits = |limits: &Limits<T>| Limits {
+            steering_angle: lit(limits.steering_angle),
+            steering_rate: lit(limits.steering_rate),
+            speed: lit(limits.speed),
+        };
+        let (estimator, noise) = (&self.estimator, &self.estimator.noise);
+        let guidance = &self.guidance;
+        Settings {
+            estimator: EstimatorSettings {
+                geometry: Geometry {
+                    l1: lit(estimator.geometry.l1),
+                    l2: lit(estimator.geometry.l2),
+                },
+                antenna: Antenna {
+                    right: lit(estimator.antenna.right),
+                    height: lit(estimator.antenna.height),
+                },
+                noise: Noise {
+                    position: lit(noise.position),
+                    velocity: lit(noise.velocity),
+                    steering: lit(noise.steering),
+                    slip: lit(noise.slip),
+                    heading: lit(noise.heading),
+                    actuator: lit(noise.actuator),
+                    actuator_share: lit(noise.actuator_share),
+                    heading_bias: lit(noise.heading_bias),
+                    steering_bias: lit(noise.steering_bias),
+                    first_heading_bias: lit(noise.first_heading_bias),
+                    first_steering_bias: lit(noise.first_steering_bias),
+                },
+                gps_delay: lit(estimator.gps_delay),
+                drive_lag: lit(estimator.drive_lag),
+                rear_slip: lit(estimator.rear_slip),
+                standstill: lit(estimator.standstill),
+            },
+            limits: limits(&self.limits),
+            slew: Slew {
+                steering: lit(self.slew.steering),
+                speed: lit(self.slew.speed),
+            },
+            firm: self.firm.cast(),
+            gentle: self.gentle.cast(),
+            guidance: GuidanceSettings {
+                wheelbase: lit(guidance.wheelbase),
+                limits: limits(&guidance.limits),
+                swing: lit(guidance.swing),
+                lead: lit(guidance.lead),
+                foresight: lit(guidance.foresight),
+                brake: Brake {
+                    regulating: lit(guidance.brake.regulating),
+                    approaching: lit(guidance.brake.approaching),
+                },
+                near: lit(guidance.near),
+                aligned: lit(guidance.aligned),
+                integral_limit: lit(guidance.integral_limit),
+                integral_zone: lit(guidance.integral_zone),
+            },
+            hold: HoldSettings {
+                begin: lit(self.hold.begin),
+                end: lit(self.hold.end),
+                slowest: lit(self.hold.slowest),
+            },
+            cruise: lit(self.cruise),
+            lost: lit(self.lost),
+            stale_after: lit(self.stale_after),
+            controlled_point: lit(self.controlled_point),
+        }
     }
 
     /// Checks that every setting is usable.
@@ -328,15 +396,17 @@ impl<T: Scalar> Controller<T> {
     fn locate(&self, estimate: &Estimate<T>, place: &Place<T>) -> Tracking<T> {
         let heading_error = wrap_angle(estimate.heading - place.bearing);
         let ahead = self.settings.controlled_point;
-        let (course, _) = heading_error.sine_cosine();
-        let (body, _) = (heading_error + self.crab).sine_cosine();
-        // The estimator takes the body to point along the course, so its rear
-        // axle is off by what the antenna's lever makes of the crab angle.
+        let (course, along_course) = heading_error.sine_cosine();
+        let (body, along_body) = (heading_error + self.crab).sine_cosine();
+        // The estimator assumes that the body points along the course. The
+        // crab angle turns the antenna's lever, which shifts the rear axle.
         let l1 = self.settings.estimator.geometry.l1;
+        let right = self.settings.estimator.antenna.right;
+        let shift = l1 * (course - body) + right * (along_course - along_body);
         Tracking {
             segment: self.progress.segment,
             along: place.along,
-            cross_track: place.cross_track + l1 * (course - body) + ahead * body,
+            cross_track: place.cross_track + shift + ahead * body,
             heading: estimate.heading,
             heading_error,
             steering_angle: estimate.steering_angle,

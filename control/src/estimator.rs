@@ -20,7 +20,7 @@
 //!   and its variance grows by what slip and steering noise add.
 
 use crate::linear::is_finite;
-use crate::model::{Geometry, GeometryError};
+use crate::model::{Antenna, Geometry, GeometryError};
 use crate::position::{Position, Velocity};
 use crate::scalar::{Scalar, clamp_symmetric, wrap_angle};
 use nalgebra::{SMatrix, SVector};
@@ -69,8 +69,10 @@ pub struct Noise<T> {
 /// Everything the estimator needs to know about a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EstimatorSettings<T> {
-    /// Axles and antenna.
+    /// Axles and the antenna's place along the vehicle.
     pub geometry: Geometry<T>,
+    /// The antenna's place beside the centre line.
+    pub antenna: Antenna<T>,
     /// Noise of sensors and model.
     pub noise: Noise<T>,
     /// Age of GPS data when they are used, s, not negative.
@@ -120,46 +122,15 @@ impl core::fmt::Display for EstimatorError {
 impl core::error::Error for EstimatorError {}
 
 impl<T: Scalar> EstimatorSettings<T> {
-    /// The UAGV with an RTK-fixed receiver: 1 cm and 3 cm/s of noise.
-    ///
-    /// GPS data are 55 ms old when the control step uses them: 40 ms in the
-    /// receiver, 3 ms on its serial line, 5 ms until the basic cycle that
-    /// begins behind each burst, 6 ms until its control step. The age matters
-    /// in turns: 80 ms too much make the vehicle believe that it has turned by
-    /// 1.5 degrees more than it has, and shoot 5 cm past the path.
-    ///
-    /// The tyres are those of a cornering coefficient of 4 per radian.
-    #[must_use]
-    pub fn uagv() -> Self {
-        let degrees = |value: f64| T::lit(value * core::f64::consts::PI / 180.0);
-        Self {
-            geometry: Geometry::uagv(),
-            noise: Noise {
-                position: T::lit(0.01),
-                velocity: T::lit(0.03),
-                steering: degrees(0.1),
-                slip: T::lit(0.002),
-                heading: degrees(0.1),
-                actuator: degrees(0.3),
-                actuator_share: T::lit(0.2),
-                heading_bias: degrees(0.01),
-                steering_bias: degrees(0.02),
-                first_heading_bias: degrees(1.0),
-                first_steering_bias: degrees(2.0),
-            },
-            gps_delay: T::lit(0.055),
-            drive_lag: T::lit(0.3),
-            rear_slip: T::lit(0.25 / 9.81),
-            standstill: T::lit(0.2),
-        }
-    }
-
     /// Checks that every setting is usable.
     ///
     /// # Errors
     /// [`EstimatorError`] names the group at fault.
     pub fn check(&self) -> Result<(), EstimatorError> {
         self.geometry.check().map_err(EstimatorError::Geometry)?;
+        if !(self.antenna.right.is_finite() && self.antenna.height.is_finite()) {
+            return Err(EstimatorError::Geometry(GeometryError::NotFinite));
+        }
         let positive = |value: T| value.is_finite() && value > T::zero();
         let noise = &self.noise;
         let levels = [
@@ -547,7 +518,9 @@ impl<T: Scalar> Estimator<T> {
         let backward = self.speed < T::zero();
         let lead = self.antenna_lead(self.state[STEERING]);
         let (_, cosine) = lead.sine_cosine();
-        let measured = if backward { -size } else { size } * cosine;
+        let forward = if backward { -size } else { size } * cosine;
+        // An antenna inside the turn is slower than the rear axle.
+        let measured = forward * self.forward_ratio(self.state[STEERING]);
         let late = self.settings.gps_delay / (self.settings.drive_lag + self.settings.gps_delay);
         let expected = self.speed - (seen.speed - self.speed) * late;
         self.speed += (measured - expected) * T::lit(0.4);
@@ -565,9 +538,20 @@ impl<T: Scalar> Estimator<T> {
     }
 
     /// Angle by which the antenna's course leads the rear axle's in a turn.
+    ///
+    /// With the yaw rate w = V tan(angle) / L, the antenna moves forward at
+    /// V - w right and sideways at w l1.
     fn antenna_lead(&self, steering_angle: T) -> T {
         let geometry = &self.settings.geometry;
-        (geometry.l1 * steering_angle.tangent()).angle_of(geometry.wheelbase())
+        let tangent = steering_angle.tangent();
+        let forward = geometry.wheelbase() - self.settings.antenna.right * tangent;
+        (geometry.l1 * tangent).angle_of(forward)
+    }
+
+    /// Forward speed of the rear axle as a multiple of the antenna's.
+    fn forward_ratio(&self, steering_angle: T) -> T {
+        let length = self.settings.geometry.wheelbase();
+        length / (length - self.settings.antenna.right * steering_angle.tangent())
     }
 
     /// By how much the rear axle's slip grows while the steering turns by
@@ -607,8 +591,9 @@ impl<T: Scalar> Estimator<T> {
         let (sine_way, cosine_way) = (heading + turn * T::lit(0.5)).sine_cosine();
         let (north, east) = position.metres_from::<T>(self.origin);
         let l1 = self.settings.geometry.l1;
-        self.state[NORTH] = north - l1 * cosine + then.way * cosine_way;
-        self.state[EAST] = east - l1 * sine + then.way * sine_way;
+        let right = self.settings.antenna.right;
+        self.state[NORTH] = north - (l1 * cosine - right * sine) + then.way * cosine_way;
+        self.state[EAST] = east - (l1 * sine + right * cosine) + then.way * sine_way;
         self.state[HEADING] = wrap_angle(heading + turn);
 
         let noise = self.settings.noise;
@@ -621,7 +606,7 @@ impl<T: Scalar> Estimator<T> {
         }
         let bias = p[(HEADING_BIAS, HEADING_BIAS)];
         let heading_variance = variance + bias;
-        let lever = l1 + then.way.abs();
+        let lever = l1.abs() + right.abs() + then.way.abs();
         let position_variance = noise.position * noise.position + lever * lever * heading_variance;
         p[(NORTH, NORTH)] = position_variance;
         p[(EAST, EAST)] = position_variance;
@@ -638,24 +623,27 @@ impl<T: Scalar> Estimator<T> {
         let noise = self.settings.noise.position;
         let variance = noise * noise;
         let l1 = self.settings.geometry.l1;
+        let right = self.settings.antenna.right;
         let gate = T::lit(GATE);
 
         let (rows, innovations) = {
             let then = self.delayed(seen);
             let (sine, cosine) = then.heading.sine_cosine();
+            let lever_north = l1 * cosine - right * sine;
+            let lever_east = l1 * sine + right * cosine;
             let (sine_way, cosine_way) = then.middle.sine_cosine();
             let half = T::lit(0.5);
             let mut rows = [SVector::<T, STATES>::zeros(), SVector::zeros()];
             let [row_north, row_east] = &mut rows;
             row_north[NORTH] = T::one();
-            row_north[HEADING] = then.way * sine_way - l1 * sine;
-            row_north[STEERING] = (l1 * sine - then.way * sine_way * half) * then.gain;
+            row_north[HEADING] = then.way * sine_way - lever_east;
+            row_north[STEERING] = (lever_east - then.way * sine_way * half) * then.gain;
             row_east[EAST] = T::one();
-            row_east[HEADING] = l1 * cosine - then.way * cosine_way;
-            row_east[STEERING] = (then.way * cosine_way * half - l1 * cosine) * then.gain;
+            row_east[HEADING] = lever_north - then.way * cosine_way;
+            row_east[STEERING] = (then.way * cosine_way * half - lever_north) * then.gain;
             let innovations = [
-                north - (self.state[NORTH] - then.way * cosine_way + l1 * cosine),
-                east - (self.state[EAST] - then.way * sine_way + l1 * sine),
+                north - (self.state[NORTH] - then.way * cosine_way + lever_north),
+                east - (self.state[EAST] - then.way * sine_way + lever_east),
             ];
             (rows, innovations)
         };

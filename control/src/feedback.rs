@@ -38,17 +38,6 @@ impl core::fmt::Display for LimitError {
 impl core::error::Error for LimitError {}
 
 impl<T: Scalar> Limits<T> {
-    /// The UAGV: 25 degrees, 25 degrees a second, 2 m/s (thesis 5.3).
-    #[must_use]
-    pub fn uagv() -> Self {
-        let degrees = T::lit(25.0 * core::f64::consts::PI / 180.0);
-        Self {
-            steering_angle: degrees,
-            steering_rate: degrees,
-            speed: T::lit(2.0),
-        }
-    }
-
     /// Checks that every limit is a positive number.
     ///
     /// # Errors

@@ -103,28 +103,6 @@ impl core::fmt::Display for GuidanceError {
 impl core::error::Error for GuidanceError {}
 
 impl<T: Scalar> GuidanceSettings<T> {
-    /// The UAGV at 10 Hz. Shares, lead and zones were found by a search over
-    /// simulated runs (1 m off, and 5 m off facing 45, 90 and 135 degrees away;
-    /// unloaded and loaded) for short settling and few steering movements.
-    #[must_use]
-    pub fn uagv() -> Self {
-        Self {
-            wheelbase: T::lit(0.255 + 0.845),
-            limits: Limits::uagv(),
-            swing: T::lit(0.80),
-            lead: T::lit(0.485),
-            foresight: T::one(),
-            brake: Brake {
-                regulating: T::one(),
-                approaching: T::lit(0.73),
-            },
-            near: T::lit(0.0155),
-            aligned: T::lit(0.043),
-            integral_limit: T::lit(0.05),
-            integral_zone: T::lit(0.07),
-        }
-    }
-
     /// Checks that every setting is usable.
     ///
     /// # Errors

@@ -40,4 +40,4 @@ pub mod row;
 pub mod safety;
 pub mod scalar;
 pub mod schedule;
-pub mod uagv;
+pub mod vehicle;

@@ -32,6 +32,18 @@ pub struct Geometry<T> {
     pub l2: T,
 }
 
+/// Where the antenna sits apart from its place along the vehicle, which
+/// [`Geometry::l1`] gives.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Antenna<T> {
+    /// Distance to the right of the centre line, m; negative to the left.
+    pub right: T,
+    /// Height above the ground, m. Roll and pitch move a high antenna
+    /// sideways; correcting that takes an inertial sensor, so no arithmetic
+    /// uses the height yet.
+    pub height: T,
+}
+
 /// What is wrong with a vehicle's geometry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GeometryError {
@@ -53,15 +65,6 @@ impl core::fmt::Display for GeometryError {
 impl core::error::Error for GeometryError {}
 
 impl<T: Scalar> Geometry<T> {
-    /// The UAGV: L1 = 0.255 m, L2 = 0.845 m (thesis 7.2.4).
-    #[must_use]
-    pub fn uagv() -> Self {
-        Self {
-            l1: T::lit(0.255),
-            l2: T::lit(0.845),
-        }
-    }
-
     /// Distance between the axles, L1 + L2, m.
     #[must_use]
     pub fn wheelbase(&self) -> T {

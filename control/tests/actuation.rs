@@ -1,12 +1,14 @@
 //! What stands between law and actuator: calibrations and their fits, hold,
 //! limits, safety filter, row following, number type.
 
+#[path = "common/example.rs"]
+mod example;
+
 use control::calibration::{
     Actuator, ActuatorFit, CircleFit, Direction, FitError, LineFit, Potentiometer, angle_on_circle,
 };
-use control::feedback::Limits;
 use control::hold::{Hold, HoldSettings};
-use control::model::Geometry;
+use control::model::Antenna;
 use control::row::{
     ConditionalHold, EmptyRange, IntegralState, ProportionalIntegral, RowFollower, ScalarKalman,
     VarianceError, differential,
@@ -21,7 +23,7 @@ fn filter() -> SafetyFilter<f32> {
         steering: 5.0,
         speed: 1.0,
     };
-    SafetyFilter::new(Limits::uagv(), slew, 0.25)
+    SafetyFilter::new(example::settings().limits, slew, 0.25)
 }
 
 fn any_number() -> impl Strategy<Value = f32> {
@@ -42,7 +44,7 @@ proptest! {
          proptest::option::of(any_number()), any_number()), 1..60)
     ) {
         let mut filter = filter();
-        let limits = Limits::<f32>::uagv();
+        let limits = example::settings::<f32>().limits;
         for (proposed, age, angle, dt) in history {
             let last = filter.last();
             let proposed = proposed.map(|(steering_rate, speed)| Command { steering_rate, speed });
@@ -180,8 +182,17 @@ fn potentiometer_and_its_fit() {
     assert!((found.centre - pot.centre).abs() < 1e-6);
     assert!((found.counts_per_radian - pot.counts_per_radian).abs() < 1e-6);
     // On a circle of radius R the rear axle turns by atan(L / sqrt(R^2 - L1^2)).
-    let angle = angle_on_circle(&Geometry::<f64>::uagv(), 5.0).unwrap();
-    assert!((angle - (1.1_f64 / (25.0_f64 - 0.255 * 0.255).sqrt()).atan()).abs() < 1e-12);
+    let vehicle = &example::VEHICLE;
+    let circle = |right, radius| {
+        let antenna = Antenna { right, height: 0.0 };
+        angle_on_circle(&vehicle.geometry, &antenna, radius)
+    };
+    let rear = (25.0_f64 - 0.255 * 0.255).sqrt();
+    assert!((circle(0.0, 5.0).unwrap() - (1.1 / rear).atan()).abs() < 1e-12);
+    // An antenna 0.3 m to the right is inside a turn to the right.
+    assert!((circle(0.3, 5.0).unwrap() - (1.1 / (rear + 0.3)).atan()).abs() < 1e-12);
+    assert!((circle(0.3, -5.0).unwrap() + (1.1 / (rear - 0.3)).atan()).abs() < 1e-12);
+    assert_eq!(circle(0.0, 0.2), None);
 }
 
 #[test]

@@ -10,7 +10,7 @@ mod common;
 use common::{Conditions, Heard, L1, LIMIT, Plant, Run, run, tightest};
 use control::controller::{Controller, Outcome, Sample, Settings};
 use control::dubins::{Pose, shortest_to_line};
-use control::feedback::{Limits, state_feedback};
+use control::feedback::state_feedback;
 use control::line::Line;
 use control::path::Path;
 use control::position::Position;
@@ -45,7 +45,7 @@ fn sample<T: Scalar>(heard: &Heard, applied: Command<f64>) -> Sample<T> {
 fn furrow(conditions: Conditions, cruise: f32, seed: u64, seconds: f64) -> Run {
     let settings = Settings {
         cruise,
-        ..control::uagv::settings::<f32>()
+        ..common::example::settings::<f32>()
     };
     let mut controller = Controller::new(settings, line()).unwrap();
     run(conditions, seed, seconds, |heard, applied| {
@@ -56,7 +56,7 @@ fn furrow(conditions: Conditions, cruise: f32, seed: u64, seconds: f64) -> Run {
 /// The thesis's: states straight from the sensors, u = -K x, limits (7.3).
 fn thesis(conditions: Conditions, seed: u64, seconds: f64) -> Run {
     let line = line::<f64>();
-    let limits = Limits::<f64>::uagv();
+    let limits = common::example::settings::<f64>().limits;
     let gain = [0.888_975, 2.040_970, 2.198_963];
     run(conditions, seed, seconds, |heard, _| {
         let (north, east) = heard.velocity.metres_per_second::<f64>();
@@ -295,7 +295,7 @@ fn slow_and_fast() {
 #[test]
 fn a_stuck_actuator_winds_nothing_up() {
     for seed in 0..SEEDS {
-        let mut controller = Controller::new(control::uagv::settings::<f32>(), line()).unwrap();
+        let mut controller = Controller::new(common::example::settings::<f32>(), line()).unwrap();
         let mut plant = Plant::new(Conditions::default(), seed);
         let mut applied = Command {
             steering_rate: 0.0,
@@ -333,7 +333,7 @@ fn a_stuck_actuator_winds_nothing_up() {
 #[test]
 fn the_estimate_keeps_through_circles() {
     for seed in 0..SEEDS {
-        let mut controller = Controller::new(control::uagv::settings::<f32>(), line()).unwrap();
+        let mut controller = Controller::new(common::example::settings::<f32>(), line()).unwrap();
         let mut plant = Plant::new(
             Conditions {
                 speed: 1.0,
@@ -375,7 +375,7 @@ fn outages_are_bridged_with_honest_variance() {
     let mut inside = 0;
     let mut total = 0;
     for seed in 0..40 {
-        let mut controller = Controller::new(control::uagv::settings::<f32>(), line()).unwrap();
+        let mut controller = Controller::new(common::example::settings::<f32>(), line()).unwrap();
         let mut plant = Plant::new(
             Conditions {
                 speed: 1.0,
@@ -451,7 +451,7 @@ fn headland_turns() {
                 Position::new(40_000, 2 * apart),
             ),
         ];
-        let mut controller = Controller::new(control::uagv::settings::<f32>(), line()).unwrap();
+        let mut controller = Controller::new(common::example::settings::<f32>(), line()).unwrap();
         controller.follow(Path::passes(&passes, 2.9).unwrap());
         let mut plant = Plant::new(
             Conditions {
@@ -516,7 +516,7 @@ fn the_hitch_can_be_held_instead_of_the_antenna() {
     let offset_of_hitch = |point: f64, tell: bool| {
         let settings = Settings {
             controlled_point: point as f32,
-            ..control::uagv::settings::<f32>()
+            ..common::example::settings::<f32>()
         };
         let mut controller = Controller::new(settings, line()).unwrap();
         let mut plant = Plant::new(conditions, 5);
@@ -562,8 +562,8 @@ fn single_and_double_precision_agree() {
             heading: 2.0,
             ..Conditions::loaded()
         };
-        let mut single = Controller::new(control::uagv::settings::<f32>(), line()).unwrap();
-        let mut double = Controller::new(control::uagv::settings::<f64>(), line()).unwrap();
+        let mut single = Controller::new(common::example::settings::<f32>(), line()).unwrap();
+        let mut double = Controller::new(common::example::settings::<f64>(), line()).unwrap();
         run(conditions, seed, 200.0, |heard, applied| {
             let a = single.step(&sample::<f32>(heard, applied));
             let b = double.step(&sample::<f64>(heard, applied));

@@ -1,11 +1,13 @@
 //! Kalman filters, the bias-augmented model, and the estimator's corners.
 
+#[path = "common/example.rs"]
+mod example;
+
 use control::analysis::{controllability_rank, observability_rank, poles, simulate, step_response};
 use control::design::with_integral;
 use control::discretise::zero_order_hold;
 use control::estimator::{Estimator, EstimatorError, EstimatorSettings, Observation, Update};
 use control::kalman::{Kalman, KalmanError, steady_state, with_biases};
-use control::model::Geometry;
 use control::position::{Position, Velocity};
 use nalgebra::{Matrix1, SMatrix, SVector};
 
@@ -14,7 +16,7 @@ use nalgebra::{Matrix1, SMatrix, SVector};
 #[test]
 fn ranks_of_the_steering_models() {
     for speed in [0.25, 1.0, 2.0] {
-        let model = Geometry::<f64>::uagv().steering_model(speed);
+        let model = example::VEHICLE.geometry.steering_model(speed);
         assert_eq!(controllability_rank(&model.a, &model.b), 3);
         let (augmented, shows) = with_biases(&model);
         assert_eq!(observability_rank(&augmented.a, &shows), 5);
@@ -26,7 +28,7 @@ fn ranks_of_the_steering_models() {
         rest.fixed_view_mut::<3, 3>(0, 1).fill_with_identity();
         assert_eq!(observability_rank(&integral.a, &rest), 3);
     }
-    let standing = Geometry::<f64>::uagv().steering_model(0.0);
+    let standing = example::VEHICLE.geometry.steering_model(0.0);
     assert_eq!(controllability_rank(&standing.a, &standing.b), 1);
     let (augmented, shows) = with_biases(&standing);
     assert_eq!(observability_rank(&augmented.a, &shows), 3);
@@ -47,7 +49,7 @@ fn steady_gain_of_a_random_walk() {
 /// its estimate at the biases.
 #[test]
 fn time_varying_filter_converges_to_the_steady_one() {
-    let (model, h) = with_biases(&Geometry::<f64>::uagv().steering_model(1.0));
+    let (model, h) = with_biases(&example::VEHICLE.geometry.steering_model(1.0));
     let sampled = zero_order_hold(&model, 0.1).unwrap();
     let q =
         SMatrix::<f64, 5, 5>::from_diagonal(&SVector::<f64, 5>::new(1e-6, 1e-6, 1e-5, 1e-8, 1e-8));
@@ -95,7 +97,7 @@ fn filters_that_cannot_be_are_named() {
 /// The thesis's Figure 7.9 loop: Euler at V = 2 with K = [5, 4, 3] diverges.
 #[test]
 fn the_printed_gain_diverges_at_two_metres_a_second() {
-    let model = Geometry::<f64>::uagv().steering_model(2.0);
+    let model = example::VEHICLE.geometry.steering_model(2.0);
     let f = SMatrix::<f64, 3, 3>::identity() + model.a * 0.1;
     let closed = f - model.b * 0.1 * SMatrix::<f64, 1, 3>::new(5.0, 4.0, 3.0);
     let largest = poles(&closed)
@@ -108,7 +110,7 @@ fn the_printed_gain_diverges_at_two_metres_a_second() {
 
 #[test]
 fn simulations_follow_the_model() {
-    let model = Geometry::<f64>::uagv().steering_model_sampled(1.0, 0.1);
+    let model = example::VEHICLE.geometry.steering_model_sampled(1.0, 0.1);
     let steps: Vec<_> = step_response(&model, 0).take(11).collect();
     // A steering rate of one for a second.
     assert!((steps[10][2] - 1.0).abs() < 1e-12);
@@ -134,7 +136,7 @@ fn standing() -> Observation<f32> {
 #[test]
 fn biases_are_frozen_at_standstill() {
     let mut estimator =
-        Estimator::<f32>::new(EstimatorSettings::uagv(), Position::new(0, 0)).unwrap();
+        Estimator::<f32>::new(example::settings().estimator, Position::new(0, 0)).unwrap();
     // Learn something first.
     for step in 0..200 {
         estimator.step(&Observation {
@@ -170,7 +172,7 @@ fn biases_are_frozen_at_standstill() {
 #[test]
 fn no_heading_without_motion_and_none_from_bad_input() {
     let mut estimator =
-        Estimator::<f32>::new(EstimatorSettings::uagv(), Position::new(0, 0)).unwrap();
+        Estimator::<f32>::new(example::settings().estimator, Position::new(0, 0)).unwrap();
     for _ in 0..50 {
         assert_eq!(estimator.step(&standing()), Update::NoHeading);
     }
@@ -206,7 +208,7 @@ fn no_heading_without_motion_and_none_from_bad_input() {
 #[test]
 fn outliers_and_jumps() {
     let mut estimator =
-        Estimator::<f32>::new(EstimatorSettings::uagv(), Position::new(0, 0)).unwrap();
+        Estimator::<f32>::new(example::settings().estimator, Position::new(0, 0)).unwrap();
     let mut drive = |step: i32, east: i32| {
         let update = estimator.step(&Observation {
             position: Some(Position::new(step * 100, east)),
@@ -233,7 +235,7 @@ fn outliers_and_jumps() {
 
 #[test]
 fn unusable_settings_are_named() {
-    let good = EstimatorSettings::<f64>::uagv();
+    let good = example::settings::<f64>().estimator;
     let origin = Position::new(0, 0);
     let mut bad = good;
     bad.noise.position = 0.0;

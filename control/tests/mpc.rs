@@ -5,8 +5,7 @@ mod common;
 
 use common::{Conditions, Run, run};
 use control::controller::{Controller, Sample};
-use control::estimator::{Estimator, EstimatorSettings, Observation};
-use control::feedback::Limits;
+use control::estimator::{Estimator, Observation};
 use control::line::Line;
 use control::lqr::dlqr;
 use control::model::Geometry;
@@ -27,7 +26,14 @@ fn without_limits_it_is_the_regulator() {
     let model = rear().steering_model_sampled(1.0, 0.3);
     let q = SMatrix::<f64, 3, 3>::from_diagonal(&SVector::<f64, 3>::new(84.0, 25.0, 0.13));
     let gain = dlqr(&model, &q, &Matrix1::new(1.0)).unwrap().gain;
-    let mut mpc = Mpc::<f64, 10>::design(&rear(), Limits::uagv(), &WEIGHTS, 1.0, 0.3).unwrap();
+    let mut mpc = Mpc::<f64, 10>::design(
+        &rear(),
+        common::example::settings().limits,
+        &WEIGHTS,
+        1.0,
+        0.3,
+    )
+    .unwrap();
     let state = SVector::<f64, 3>::new(0.01, -0.01, 0.005);
     let rate = mpc.solve(&state, 3000);
     assert!((rate + (gain * state)[0]).abs() < 1e-6);
@@ -38,7 +44,7 @@ fn without_limits_it_is_the_regulator() {
 #[test]
 fn plans_are_feasible_and_best() {
     let model = rear().steering_model_sampled(1.0, 0.3);
-    let limits = Limits::<f64>::uagv();
+    let limits = common::example::settings::<f64>().limits;
     let q = SMatrix::<f64, 3, 3>::from_diagonal(&SVector::<f64, 3>::new(84.0, 25.0, 0.13));
     let terminal = dlqr(&model, &q, &Matrix1::new(1.0)).unwrap().cost;
     let cost = |start: SVector<f64, 3>, plan: &SVector<f64, 10>| {
@@ -76,7 +82,7 @@ fn plans_are_feasible_and_best() {
 
 fn law(conditions: Conditions, seed: u64) -> Run {
     let line = Line::<f32>::new(Position::new(0, 0), Position::new(500_000, 0)).unwrap();
-    let mut controller = Controller::new(control::uagv::settings::<f32>(), line).unwrap();
+    let mut controller = Controller::new(common::example::settings::<f32>(), line).unwrap();
     run(conditions, seed, 60.0, |heard, applied| {
         let outcome = controller.step(&Sample {
             position: Some(heard.position),
@@ -99,8 +105,16 @@ fn law(conditions: Conditions, seed: u64) -> Run {
 /// The same estimator, the predictive controller behind it.
 fn predictive(conditions: Conditions, seed: u64, iterations: u32) -> Run {
     let origin = Position::new(0, 0);
-    let mut estimator = Estimator::new(EstimatorSettings::<f64>::uagv(), origin).unwrap();
-    let mut mpc = Mpc::<f64, 10>::design(&rear(), Limits::uagv(), &WEIGHTS, 1.0, 0.3).unwrap();
+    let mut estimator =
+        Estimator::new(common::example::settings::<f64>().estimator, origin).unwrap();
+    let mut mpc = Mpc::<f64, 10>::design(
+        &rear(),
+        common::example::settings().limits,
+        &WEIGHTS,
+        1.0,
+        0.3,
+    )
+    .unwrap();
     run(conditions, seed, 60.0, |heard, applied| {
         estimator.step(&Observation {
             position: Some(heard.position),
@@ -117,7 +131,7 @@ fn predictive(conditions: Conditions, seed: u64, iterations: u32) -> Run {
         } else {
             0.0
         };
-        let limits = Limits::<f64>::uagv();
+        let limits = common::example::settings::<f64>().limits;
         Command {
             steering_rate: limits.steering_rate(rate, heard.steering_angle, 0.1),
             speed: 1.0,

@@ -1,5 +1,8 @@
 //! Settings that no vehicle has are refused by name.
 
+#[path = "common/example.rs"]
+mod example;
+
 use control::controller::{Controller, Settings, SettingsError};
 use control::design::{DesignError, SteeringWeights, steering_gains};
 use control::estimator::EstimatorError;
@@ -7,12 +10,12 @@ use control::feedback::LimitError;
 use control::guidance::GuidanceError;
 use control::line::Line;
 use control::lqr::RegulatorError;
-use control::model::{Geometry, GeometryError};
+use control::model::GeometryError;
 use control::position::Position;
 
 fn refusal(change: impl FnOnce(&mut Settings<f64>)) -> Option<SettingsError> {
     let line = Line::new(Position::new(0, 0), Position::new(1000, 0)).unwrap();
-    let mut settings = Settings::uagv();
+    let mut settings = example::settings();
     change(&mut settings);
     Controller::new(settings, line).err()
 }
@@ -44,7 +47,7 @@ fn each_group_is_named() {
 
 #[test]
 fn designs_say_at_which_speed_they_fail() {
-    let vehicle = Geometry::<f64>::uagv();
+    let vehicle = example::VEHICLE.geometry;
     let weights = SteeringWeights {
         integral: 1.0,
         cross_track: 1.0,

@@ -1,5 +1,8 @@
 //! The steering model against its known answers.
 
+#[path = "common/example.rs"]
+mod example;
+
 use control::discretise::{DiscretiseError, zero_order_hold};
 use control::lqr::{RegulatorError, dlqr};
 use control::model::{Geometry, GeometryError};
@@ -9,8 +12,8 @@ use proptest::prelude::*;
 /// The gain that MATLAB's and python-control's `dlqr` give for the UAGV at
 /// 1 m/s, Q = I, R = 1, 10 Hz.
 #[test]
-fn regulator_of_the_uagv_at_one_metre_a_second() {
-    let model = Geometry::<f64>::uagv().steering_model_sampled(1.0, 0.1);
+fn regulator_at_one_metre_a_second() {
+    let model = example::VEHICLE.geometry.steering_model_sampled(1.0, 0.1);
     let regulator = dlqr(&model, &SMatrix::identity(), &Matrix1::new(1.0)).unwrap();
     let known = [
         0.888_975_001_406_838,
@@ -25,7 +28,10 @@ fn regulator_of_the_uagv_at_one_metre_a_second() {
 /// The same design in single precision stays within single precision.
 #[test]
 fn regulator_in_single_precision() {
-    let model = Geometry::<f32>::uagv().steering_model_sampled(1.0, 0.1);
+    let model = example::settings::<f32>()
+        .estimator
+        .geometry
+        .steering_model_sampled(1.0, 0.1);
     let regulator = dlqr(&model, &SMatrix::identity(), &Matrix1::new(1.0_f32)).unwrap();
     let known = [0.888_975_f32, 2.040_97, 2.198_963];
     for (found, known) in regulator.gain.iter().zip(known) {
@@ -82,7 +88,7 @@ fn hold_of_a_first_order_lag() {
 
 #[test]
 fn unusable_designs_are_named() {
-    let vehicle = Geometry::<f64>::uagv();
+    let vehicle = example::VEHICLE.geometry;
     assert_eq!(
         Geometry { l1: 0.5, l2: -0.5 }.check(),
         Err(GeometryError::NoWheelbase)

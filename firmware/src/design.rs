@@ -5,6 +5,8 @@ use control::position::Position;
 use fugit::MillisDurationU32;
 use ttcan::Micros;
 
+pub use crate::vehicle::VEHICLE;
+
 /// One degree in radians.
 const DEGREE: f32 = core::f32::consts::PI / 180.0;
 
@@ -20,7 +22,8 @@ pub const STEERING_RATE_LIMIT: f32 = 25.0 * DEGREE;
 /// Largest speed, m/s (thesis 5.3).
 pub const SPEED_LIMIT: f32 = 2.0;
 
-// POTENTIOMETER and STEERING_ACTUATOR, from `vehicle.toml`.
+// POTENTIOMETER and STEERING_ACTUATOR, from `vehicle.toml`, and SETTINGS, the controller's,
+// derived from `VEHICLE`.
 include!(concat!(env!("OUT_DIR"), "/vehicle.rs"));
 
 /// How far ahead of the end stops the steering node begins to slow its actuator: it never

@@ -1,6 +1,7 @@
 //! What the nodes of the vehicle share. The four applications in `src/bin` compose it.
 //!
-//! - [`design`]: every constant, with unit, source and arithmetic;
+//! - [`design`]: every constant, with unit, source and arithmetic; [`vehicle`]: the vehicle
+//!   as its controller knows it;
 //! - [`convert`]: where raw codes and physical units meet;
 //! - [`link`]: protocol stack, CAN port and window timer as one value;
 //! - [`e2e`]: the protection of actuator commands; [`actuator`]: what they may do;
@@ -29,6 +30,7 @@ pub mod navigation;
 pub mod pilot;
 pub mod sbp;
 pub mod text;
+pub mod vehicle;
 
 #[cfg(feature = "f303")]
 pub use sled_f303 as board;

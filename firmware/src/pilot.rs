@@ -1,6 +1,6 @@
 //! The controller's step: mode, states, control law, and the messages that come of them.
 
-use control::controller::{Sample, Settings, SettingsError, Tracking};
+use control::controller::{Sample, SettingsError, Tracking};
 use control::line::{Line, LineError};
 use control::mode::{Conditions, Mode, ModeMachine, Request, Source};
 use control::position;
@@ -157,7 +157,7 @@ impl Pilot {
     /// Which of the design's constants is unusable.
     pub fn new() -> Result<Self, DesignError> {
         let line = Line::new(design::WAYPOINT_A, design::WAYPOINT_B).map_err(DesignError::Line)?;
-        let mut settings = Settings::uagv();
+        let mut settings = design::SETTINGS;
         settings.estimator.gps_delay = design::RECEIVER_AGE.ticks() as f32 * 1e-6;
         let controller = Law::new(settings, line).map_err(DesignError::Settings)?;
         Ok(Self {

@@ -1,7 +1,20 @@
-//! Hands the linker script over.
+//! Hands the linker script over and writes the example's settings as a constant.
+
+use control::vehicle::source;
+
+#[path = "../../tests/common/example.rs"]
+mod example;
 
 fn main() {
-    let here = std::env::var("CARGO_MANIFEST_DIR").expect("cargo names the package's folder");
+    let variable = |name| std::env::var(name).expect("cargo sets its variables");
+    let here = variable("CARGO_MANIFEST_DIR");
     println!("cargo:rerun-if-changed=image.x");
+    println!("cargo:rerun-if-changed=../../tests/common/example.rs");
     println!("cargo:rustc-link-arg-bins=-T{here}/image.x");
+    let settings = format!(
+        "const SETTINGS: Settings<f32> = {};",
+        source(&example::settings())
+    );
+    std::fs::write(variable("OUT_DIR") + "/settings.rs", settings)
+        .expect("cargo's folder can be written");
 }

@@ -3,9 +3,12 @@
 
 #![allow(dead_code, reason = "each test uses its part")]
 
+pub mod example;
+
 use control::calibration::{Actuator, Direction};
 use control::position::{Position, Velocity};
 use control::safety::Command;
+use control::vehicle::Description;
 use std::collections::VecDeque;
 
 /// SplitMix64 and Box-Muller: small, seeded, the same everywhere.
@@ -95,30 +98,32 @@ impl Conditions {
     }
 }
 
-pub const WHEELBASE: f64 = 1.1;
-pub const L1: f64 = 0.255;
-pub const LIMIT: f64 = 25.0 * std::f64::consts::PI / 180.0;
+/// Of the example: antenna ahead of the rear axle, m; largest steering angle, rad.
+pub const L1: f64 = example::VEHICLE.geometry.l1;
+pub const LIMIT: f64 = example::VEHICLE.limits.steering_angle;
 /// Radius of the tightest turn, m.
 pub fn tightest() -> f64 {
-    WHEELBASE / LIMIT.tan()
+    (L1 + example::VEHICLE.geometry.l2) / LIMIT.tan()
 }
 
-/// The actuator's calibration as the steering node has it.
-pub fn actuator() -> Actuator<f64> {
+/// The actuator's calibration as the steering node of `vehicle` has it.
+pub fn actuator(vehicle: &Description) -> Actuator<f64> {
+    let full_rate = vehicle.limits.steering_rate;
     Actuator {
         positive: Direction {
             dead_band: 0.10,
-            full_rate: LIMIT,
+            full_rate,
         },
         negative: Direction {
             dead_band: 0.12,
-            full_rate: LIMIT,
+            full_rate,
         },
     }
 }
 
 /// The vehicle itself.
 pub struct Plant {
+    pub vehicle: Description,
     pub conditions: Conditions,
     pub time: f64,
     /// Rear axle, m.
@@ -142,17 +147,23 @@ pub struct Heard {
 
 const STEP: f64 = 0.001;
 const GRAVITY: f64 = 9.81;
-/// Slip angle of a tyre for a lateral force of the weight it carries, rad: a
-/// cornering coefficient of 4 (Wong, Theory of Ground Vehicles).
-const SLIP: f64 = 0.25;
 
 impl Plant {
+    /// The example.
     pub fn new(conditions: Conditions, seed: u64) -> Self {
+        Self::of(example::VEHICLE, conditions, seed)
+    }
+
+    /// Any vehicle. It starts with the point of its centre line beside the
+    /// antenna at the origin, moved by the offset.
+    pub fn of(vehicle: Description, conditions: Conditions, seed: u64) -> Self {
+        let l1 = vehicle.geometry.l1;
         Self {
+            vehicle,
             conditions,
             time: 0.0,
-            north: -L1 * conditions.heading.cos(),
-            east: conditions.offset - L1 * conditions.heading.sin(),
+            north: -l1 * conditions.heading.cos(),
+            east: conditions.offset - l1 * conditions.heading.sin(),
             heading: conditions.heading,
             steering: 0.0,
             speed: conditions.speed,
@@ -164,7 +175,17 @@ impl Plant {
 
     /// The antenna, m north and east.
     pub fn antenna(&self) -> (f64, f64) {
-        self.point(L1)
+        let (north, east) = self.controlled();
+        let right = self.vehicle.antenna.right;
+        (
+            north - right * self.heading.sin(),
+            east + right * self.heading.cos(),
+        )
+    }
+
+    /// The point of the centre line beside the antenna, m north and east.
+    pub fn controlled(&self) -> (f64, f64) {
+        self.point(self.vehicle.geometry.l1)
     }
 
     /// A point `ahead` metres ahead of the rear axle.
@@ -178,21 +199,26 @@ impl Plant {
     /// Drives for `seconds` under `command`.
     pub fn drive(&mut self, command: Command<f64>, seconds: f64) {
         // The driver takes one byte.
-        let effort = (actuator().effort(command.steering_rate) * 127.0).round() / 127.0;
-        let rate = actuator().rate(effort) * self.conditions.actuator;
+        let actuator = actuator(&self.vehicle);
+        let effort = (actuator.effort(command.steering_rate) * 127.0).round() / 127.0;
+        let rate = actuator.rate(effort) * self.conditions.actuator;
+        let limit = self.vehicle.limits.steering_angle;
+        let l1 = self.vehicle.geometry.l1;
+        let right = self.vehicle.antenna.right;
+        let wheelbase = self.vehicle.geometry.wheelbase();
         for _ in 0..(seconds / STEP).round() as usize {
-            self.steering = (self.steering + rate * STEP).clamp(-LIMIT, LIMIT);
-            self.speed += (command.speed - self.speed) * STEP / 0.3;
+            self.steering = (self.steering + rate * STEP).clamp(-limit, limit);
+            self.speed += (command.speed - self.speed) * STEP / self.vehicle.drive_lag;
             // Both axles slip alike: by the force they carry, which turns the
             // course but, in the first order, not the vehicle.
-            let turn = self.speed * self.steering.tan() / WHEELBASE;
+            let turn = self.speed * self.steering.tan() / wheelbase;
             let downhill = GRAVITY * self.conditions.slope.sin() * self.heading.cos();
-            self.crab = SLIP * (downhill - self.speed * turn) / GRAVITY;
+            self.crab = (downhill - self.speed * turn) / (GRAVITY * self.vehicle.cornering);
             let course = self.heading + self.crab;
             let (north, east) = (self.speed * course.cos(), self.speed * course.sin());
             let velocity = (
-                north - L1 * turn * self.heading.sin(),
-                east + L1 * turn * self.heading.cos(),
+                north - turn * (l1 * self.heading.sin() + right * self.heading.cos()),
+                east + turn * (l1 * self.heading.cos() - right * self.heading.sin()),
             );
             self.north += north * STEP;
             self.east += east * STEP;
@@ -251,24 +277,27 @@ impl Plant {
 /// Figures of one run.
 #[derive(Clone, Debug, Default)]
 pub struct Run {
-    /// Cross-track error of the antenna each 0.1 s, m.
+    /// Cross-track error of the controlled point in each period (of 0.1 s in
+    /// the example), m.
     pub errors: Vec<f64>,
     /// Steering rate commands, rad/s.
     pub commands: Vec<f64>,
     /// Steering angle, rad.
     pub steering: Vec<f64>,
+    /// Time between two of these, s.
+    pub period: f64,
 }
 
 impl Run {
     /// Time from which the error stays within 5 cm, s.
     pub fn settled(&self) -> f64 {
         let last = self.errors.iter().rposition(|error| error.abs() > 0.05);
-        last.map_or(0.0, |last| (last + 1) as f64 * 0.1)
+        last.map_or(0.0, |last| (last + 1) as f64 * self.period)
     }
 
     /// Mean and standard deviation of the error from `after` seconds on, m.
     pub fn error(&self, after: f64) -> (f64, f64) {
-        let steady = &self.errors[(after * 10.0) as usize..];
+        let steady = &self.errors[(after / self.period) as usize..];
         let count = steady.len() as f64;
         let mean = steady.iter().sum::<f64>() / count;
         let square = steady.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / count;
@@ -278,7 +307,7 @@ impl Run {
     /// Changes of the command's sign for each second from `after` seconds on;
     /// zeros between are passed over.
     pub fn sign_changes(&self, after: f64) -> f64 {
-        let steady = &self.commands[(after * 10.0) as usize..];
+        let steady = &self.commands[(after / self.period) as usize..];
         let mut last = 0.0;
         let mut changes = 0;
         for &command in steady.iter().filter(|command| **command != 0.0) {
@@ -287,33 +316,46 @@ impl Run {
             }
             last = command;
         }
-        f64::from(changes) / (steady.len() as f64 * 0.1)
+        f64::from(changes) / (steady.len() as f64 * self.period)
     }
 }
 
-/// Runs `law` in closed loop for `seconds`.
+/// Runs `law` on the example in closed loop for `seconds`.
 pub fn run(
     conditions: Conditions,
     seed: u64,
     seconds: f64,
+    law: impl FnMut(&Heard, Command<f64>) -> Command<f64>,
+) -> Run {
+    run_plant(Plant::new(conditions, seed), seconds, law)
+}
+
+/// Runs `law` in closed loop for `seconds`.
+pub fn run_plant(
+    mut plant: Plant,
+    seconds: f64,
     mut law: impl FnMut(&Heard, Command<f64>) -> Command<f64>,
 ) -> Run {
-    let mut plant = Plant::new(conditions, seed);
+    let conditions = plant.conditions;
+    let period = plant.vehicle.period;
     let mut command = Command {
         steering_rate: 0.0,
         speed: conditions.speed,
     };
-    let mut run = Run::default();
-    for _ in 0..(seconds * 10.0).round() as usize {
+    let mut run = Run {
+        period,
+        ..Run::default()
+    };
+    for _ in 0..(seconds / period).round() as usize {
         let heard = plant.hear();
         command = law(&heard, command);
         // Message 300 carries hundredths of a degree a second.
         command.steering_rate = (command.steering_rate.to_degrees() * 100.0).round() / 100.0;
         command.steering_rate = command.steering_rate.to_radians();
-        run.errors.push(plant.antenna().1);
+        run.errors.push(plant.controlled().1);
         run.commands.push(command.steering_rate);
         run.steering.push(plant.steering);
-        plant.drive(command, 0.1);
+        plant.drive(command, period);
     }
     run
 }

@@ -5,11 +5,8 @@
 //! potentiometer runs at a rate, and the steering node's own arithmetic says which effort
 //! the command became.
 
-use control::{
-    calibration::{
-        Actuator, ActuatorFit, CircleFit, FitError, LineFit, Potentiometer, angle_on_circle,
-    },
-    model::Geometry,
+use control::calibration::{
+    Actuator, ActuatorFit, CircleFit, FitError, LineFit, Potentiometer, angle_on_circle,
 };
 use firmware::{actuator::steering_effort, convert, design};
 use network::messages::Command;
@@ -233,16 +230,17 @@ fn circle(recording: &Recording, held: &[(f64, u16)], from: f64, until: f64) -> 
             step.sin().atan2(step.cos())
         })
         .sum();
-    let angle = angle_on_circle(&Geometry::uagv(), found.radius)?;
     if turned.abs() < ARC {
         return None;
     }
+    let radius = found.radius.copysign(turned);
+    let angle = angle_on_circle(&design::VEHICLE.geometry, &design::VEHICLE.antenna, radius)?;
     let counts = held.iter().filter(|(time, _)| *time >= from);
     let counts: Vec<f64> = counts.map(|(_, count)| f64::from(*count)).collect();
     Some(Circle {
         from,
-        radius: found.radius.copysign(turned),
-        angle: angle.to_degrees().copysign(turned),
+        radius,
+        angle: angle.to_degrees(),
         counts: counts.iter().sum::<f64>() / counts.len().max(1) as f64,
     })
 }

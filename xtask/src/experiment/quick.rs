@@ -53,7 +53,7 @@ impl Law for PlainController<f32> {
 /// The settings with which the firmware drives.
 #[must_use]
 pub fn settings() -> Settings<f32> {
-    let mut settings = Settings::uagv();
+    let mut settings = design::SETTINGS;
     settings.estimator.gps_delay = design::RECEIVER_AGE.ticks() as f32 * 1e-6;
     settings
 }

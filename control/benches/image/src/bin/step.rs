@@ -19,6 +19,9 @@ use control::safety::{Command, SafetyFilter};
 use control::scalar::Scalar;
 use nalgebra::SVector;
 
+// SETTINGS, the example vehicle's.
+include!(concat!(env!("OUT_DIR"), "/settings.rs"));
+
 /// Time between two steps, s.
 const PERIOD: f32 = 0.1;
 
@@ -41,7 +44,7 @@ pub struct Kernel {
 impl Kernel {
     /// `steps` steps after a start 1 m beside the line.
     fn after(steps: u32) -> Option<Self> {
-        let settings = Settings::uagv();
+        let settings = SETTINGS;
         let line = Line::new(Position::new(0, 0), Position::new(243_000, 0)).ok()?;
         let mut sample = Sample {
             position: None,

@@ -1,0 +1,558 @@
+//! From a plain description of a vehicle to every setting of its controller.
+//!
+//! A [`Description`] holds what can be measured or read in data sheets:
+//! lengths, limits, speeds, noise. [`Settings::for_vehicle`] derives all else
+//! in double precision. That takes Riccati equations, so it runs on the host:
+//! a build script writes the result as a constant with [`source`], and the
+//! target carries numbers only.
+
+use crate::controller::{Settings, SteeringGains};
+use crate::design::{DesignError, SteeringWeights, steering_gains};
+use crate::estimator::{EstimatorSettings, Noise};
+use crate::feedback::Limits;
+use crate::guidance::{Brake, GuidanceSettings};
+use crate::hold::HoldSettings;
+use crate::model::{Antenna, Geometry};
+use crate::safety::Slew;
+use crate::scalar::Scalar;
+
+/// Standard gravity, m/s^2.
+const GRAVITY: f64 = 9.81;
+
+/// `value` degrees in radians.
+#[must_use]
+pub const fn degrees(value: f64) -> f64 {
+    value * core::f64::consts::PI / 180.0
+}
+
+/// What is known of a vehicle.
+///
+/// Each field says in brackets what [`Description::check`] accepts. The
+/// closed-loop test over random vehicles covers these ranges.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Description {
+    /// Axles and the antenna's place along the vehicle. The wheelbase is
+    /// L1 + L2 (0.4 to 4 m); the antenna is at most a fifth of a
+    /// wheelbase behind and two wheelbases ahead of the rear axle.
+    pub geometry: Geometry<f64>,
+    /// The antenna's place beside the centre line (either side, at most half
+    /// the radius of the tightest turn) and its height (0 to 5 m).
+    pub antenna: Antenna<f64>,
+    /// Mechanical limits: steering angle (15 to 45 degrees), steering rate (10
+    /// to 60 degrees/s), top speed (`cruise` to 10 m/s).
+    pub limits: Limits<f64>,
+    /// Speed of an autonomous run, m/s (0.3 to 3).
+    pub cruise: f64,
+    /// Period of the control step, s (0.05 to 0.1). A position arrives in each.
+    pub period: f64,
+    /// What the sensors are worth.
+    pub sensors: Sensors,
+    /// Time constant from commanded to real speed, s (0.05 to 1).
+    pub drive_lag: f64,
+    /// Cornering coefficient of the tyres, 1/rad (2 to 20): lateral force as a
+    /// share of the load for each radian of slip (J. Y. Wong, Theory of Ground
+    /// Vehicles, 1.4).
+    pub cornering: f64,
+    /// How well the sensors are aligned.
+    pub misalignment: Misalignment,
+    /// Weights of the regulators. `None` takes [`Weights::for_vehicle`].
+    pub weights: Option<Weights>,
+}
+
+/// Standard deviations and age of measurements.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensors {
+    /// Position, per axis, m (0.002 to 0.03).
+    pub position: f64,
+    /// Velocity, per axis, m/s (0.005 to 0.04).
+    pub velocity: f64,
+    /// Steering angle, rad (0.01 to 0.2 degrees).
+    pub steering: f64,
+    /// Age of position and velocity when the control step uses them, s (0 to
+    /// 0.1).
+    pub age: f64,
+}
+
+/// Constant errors of angles to expect after mounting and calibration. The
+/// estimator finds their true values while the vehicle drives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Misalignment {
+    /// Of the course against the direction of travel, rad (0.1 to 5 degrees).
+    pub heading: f64,
+    /// Of the measured steering angle, rad (0.1 to 5 degrees).
+    pub steering: f64,
+}
+
+/// Weights of the two regulators of [`crate::guidance`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weights {
+    /// Of the one that brings the vehicle onto the path.
+    pub firm: SteeringWeights<f64>,
+    /// Of the one that keeps it there.
+    pub gentle: SteeringWeights<f64>,
+}
+
+/// A number of a description.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// L1 + L2, m.
+    Wheelbase,
+    /// L1, m.
+    AntennaAhead,
+    /// [`Antenna::right`], m.
+    AntennaRight,
+    /// [`Antenna::height`], m.
+    AntennaHeight,
+    /// [`Limits::steering_angle`], rad.
+    SteeringAngle,
+    /// [`Limits::steering_rate`], rad/s.
+    SteeringRate,
+    /// [`Description::cruise`], m/s.
+    Cruise,
+    /// [`Limits::speed`], m/s.
+    TopSpeed,
+    /// [`Description::period`], s.
+    Period,
+    /// [`Sensors::position`], m.
+    PositionNoise,
+    /// [`Sensors::velocity`], m/s.
+    VelocityNoise,
+    /// [`Sensors::steering`], rad.
+    SteeringNoise,
+    /// [`Sensors::age`], s.
+    Age,
+    /// [`Description::drive_lag`], s.
+    DriveLag,
+    /// [`Description::cornering`], 1/rad.
+    Cornering,
+    /// [`Misalignment::heading`], rad.
+    HeadingMisalignment,
+    /// [`Misalignment::steering`], rad.
+    SteeringMisalignment,
+}
+
+impl Quantity {
+    /// Name, unit, and how many of that unit make the SI unit.
+    const fn words(self) -> (&'static str, &'static str, f64) {
+        const DEGREES: f64 = 180.0 / core::f64::consts::PI;
+        match self {
+            Self::Wheelbase => ("wheelbase L1 + L2", "m", 1.0),
+            Self::AntennaAhead => ("antenna's distance L1 ahead of the rear axle", "m", 1.0),
+            Self::AntennaRight => ("antenna's distance right of the centre line", "m", 1.0),
+            Self::AntennaHeight => ("antenna's height", "m", 1.0),
+            Self::SteeringAngle => ("steering angle limit", "degrees", DEGREES),
+            Self::SteeringRate => ("steering rate limit", "degrees/s", DEGREES),
+            Self::Cruise => ("cruise speed", "m/s", 1.0),
+            Self::TopSpeed => ("top speed", "m/s", 1.0),
+            Self::Period => ("control period", "s", 1.0),
+            Self::PositionNoise => ("position noise", "m", 1.0),
+            Self::VelocityNoise => ("velocity noise", "m/s", 1.0),
+            Self::SteeringNoise => ("steering angle noise", "degrees", DEGREES),
+            Self::Age => ("receiver's age", "s", 1.0),
+            Self::DriveLag => ("drive's time constant", "s", 1.0),
+            Self::Cornering => ("cornering coefficient", "1/rad", 1.0),
+            Self::HeadingMisalignment => ("heading misalignment", "degrees", DEGREES),
+            Self::SteeringMisalignment => ("steering misalignment", "degrees", DEGREES),
+        }
+    }
+}
+
+/// Why a description is refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Refusal {
+    /// A number is outside the accepted range. All three are in the SI unit.
+    Number {
+        /// Which one.
+        what: Quantity,
+        /// Its value.
+        value: f64,
+        /// The least that is accepted.
+        least: f64,
+        /// The most that is accepted.
+        most: f64,
+    },
+    /// The given weights make no regulator.
+    Design(DesignError<f64>),
+}
+
+impl core::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Number {
+                what,
+                value,
+                least,
+                most,
+            } => {
+                let (name, unit, factor) = what.words();
+                // Rounded to six decimal places, without trailing zeros.
+                let shown = |value: f64| libm::round(value * factor * 1e6) / 1e6;
+                write!(
+                    f,
+                    "the {name} is {} {unit}: {} to {} {unit} is accepted",
+                    shown(*value),
+                    shown(*least),
+                    shown(*most)
+                )
+            }
+            Self::Design(error) => write!(f, "the regulators' weights: {error}"),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
+
+impl Description {
+    /// Checks that the controller is proven for such a vehicle.
+    ///
+    /// # Errors
+    /// [`Refusal`] names the number and what is accepted.
+    pub fn check(&self) -> Result<(), Refusal> {
+        let accept = |what, value: f64, least: f64, most: f64| {
+            // Half a part in a billion forgives the rounding of conversions.
+            let slack = 5e-10 * (least.abs() + most.abs());
+            if value >= least - slack && value <= most + slack {
+                Ok(())
+            } else {
+                Err(Refusal::Number {
+                    what,
+                    value,
+                    least,
+                    most,
+                })
+            }
+        };
+        let length = self.geometry.wheelbase();
+        let limits = &self.limits;
+        let sensors = &self.sensors;
+        accept(Quantity::Wheelbase, length, 0.4, 4.0)?;
+        accept(
+            Quantity::AntennaAhead,
+            self.geometry.l1,
+            -0.2 * length,
+            2.0 * length,
+        )?;
+        accept(
+            Quantity::SteeringAngle,
+            limits.steering_angle,
+            degrees(15.0),
+            degrees(45.0),
+        )?;
+        accept(
+            Quantity::SteeringRate,
+            limits.steering_rate,
+            degrees(10.0),
+            degrees(60.0),
+        )?;
+        let beside = 0.5 * length / libm::tan(limits.steering_angle);
+        accept(Quantity::AntennaRight, self.antenna.right, -beside, beside)?;
+        accept(Quantity::AntennaHeight, self.antenna.height, 0.0, 5.0)?;
+        accept(Quantity::Cruise, self.cruise, 0.3, 3.0)?;
+        accept(Quantity::TopSpeed, limits.speed, self.cruise, 10.0)?;
+        accept(Quantity::Period, self.period, 0.05, 0.1)?;
+        accept(Quantity::PositionNoise, sensors.position, 0.002, 0.03)?;
+        accept(Quantity::VelocityNoise, sensors.velocity, 0.005, 0.04)?;
+        accept(
+            Quantity::SteeringNoise,
+            sensors.steering,
+            degrees(0.01),
+            degrees(0.2),
+        )?;
+        accept(Quantity::Age, sensors.age, 0.0, 0.1)?;
+        accept(Quantity::DriveLag, self.drive_lag, 0.05, 1.0)?;
+        accept(Quantity::Cornering, self.cornering, 2.0, 20.0)?;
+        let (least, most) = (degrees(0.1), degrees(5.0));
+        accept(
+            Quantity::HeadingMisalignment,
+            self.misalignment.heading,
+            least,
+            most,
+        )?;
+        accept(
+            Quantity::SteeringMisalignment,
+            self.misalignment.steering,
+            least,
+            most,
+        )
+    }
+
+    /// Steering angle up to which the law plans, rad: the mechanical limit, or
+    /// less for a vehicle that is fast for its steering.
+    ///
+    /// Two things bound it. While the steering travels to the angle of a swing
+    /// the vehicle must not turn by more than about half a radian
+    /// ([`SLOWNESS`]): beyond that the law's arcs no longer resemble the
+    /// vehicle's. And a swing must not ask the tyres for more lateral
+    /// acceleration than [`LATERAL`], to which their slip grows linearly.
+    fn planned_angle(&self) -> f64 {
+        let length = self.geometry.wheelbase();
+        let sound = |angle: f64| {
+            let swing = SWING * angle;
+            let curvature = libm::tan(swing) / length;
+            let way = self.cruise * swing / self.limits.steering_rate;
+            way * curvature <= SLOWNESS && self.cruise * self.cruise * curvature <= LATERAL
+        };
+        let (mut least, mut most) = (0.0, self.limits.steering_angle);
+        if sound(most) {
+            return most;
+        }
+        // 50 halvings reach the precision of the numbers.
+        for _ in 0..50 {
+            let middle = 0.5 * (least + most);
+            if sound(middle) {
+                least = middle;
+            } else {
+                most = middle;
+            }
+        }
+        least
+    }
+
+    fn guidance(&self) -> GuidanceSettings<f64> {
+        let angle = self.planned_angle();
+        GuidanceSettings {
+            wheelbase: self.geometry.wheelbase(),
+            limits: Limits {
+                steering_angle: angle,
+                ..self.limits
+            },
+            swing: SWING,
+            // The heading follows a steering angle that grows steadily as if
+            // the angle stood there from half the time on. The command of a
+            // step acts over the following period, and the steering arrives
+            // exponentially at its end: 0.85 of a period in sum.
+            lead: SWING * angle / self.limits.steering_rate / 2.0 + 0.85 * self.period,
+            foresight: 1.0,
+            brake: Brake {
+                regulating: 1.0,
+                approaching: 0.73,
+            },
+            // Where a deviation may be noise, the gentle regulator works: 1.55
+            // standard deviations of a position, and 1.43 of a course.
+            near: 1.55 * self.sensors.position,
+            aligned: 43.0 / 30.0 * self.sensors.velocity / self.cruise,
+            // What remains between the regulators' grip and the noise is the
+            // integral's; larger errors are approaches.
+            integral_limit: 5.0 * self.sensors.position,
+            integral_zone: 7.0 * self.sensors.position,
+        }
+    }
+
+    fn noise(&self) -> Noise<f64> {
+        let way = libm::sqrt(self.cruise);
+        Noise {
+            position: self.sensors.position,
+            velocity: self.sensors.velocity,
+            steering: self.sensors.steering,
+            // Slip and uneven ground act with the way driven: 2 mm and 0.1
+            // degrees for the first metre, growing with the root of the way.
+            slip: 0.002 * way,
+            heading: degrees(0.1) * way,
+            // Linkage and dead band: 1.2 % of the travel in a second.
+            actuator: 0.012 * self.limits.steering_rate,
+            actuator_share: 0.2,
+            // A misalignment changes by a hundredth of itself in a second.
+            heading_bias: 0.01 * self.misalignment.heading,
+            steering_bias: 0.01 * self.misalignment.steering,
+            first_heading_bias: self.misalignment.heading,
+            first_steering_bias: self.misalignment.steering,
+        }
+    }
+
+    /// Gains at the rear axle for `weights`.
+    fn gains(&self, weights: &SteeringWeights<f64>) -> Result<SteeringGains<f64>, Refusal> {
+        let rear = Geometry {
+            l1: 0.0,
+            l2: self.geometry.wheelbase(),
+        };
+        // Nine rows from standstill to top speed.
+        let spacing = self.limits.speed / 8.0;
+        let mut schedule = steering_gains(&rear, weights, self.period, spacing, spacing)
+            .map_err(Refusal::Design)?;
+        for gain in schedule.gains.iter_mut().flatten() {
+            *gain = nine_digits(*gain);
+        }
+        Ok(schedule)
+    }
+
+    fn settings(&self) -> Result<Settings<f64>, Refusal> {
+        self.check()?;
+        let weights = match self.weights {
+            Some(weights) => weights,
+            None => Weights::for_vehicle(self),
+        };
+        Ok(Settings {
+            estimator: EstimatorSettings {
+                geometry: self.geometry,
+                antenna: self.antenna,
+                noise: self.noise(),
+                gps_delay: self.sensors.age,
+                drive_lag: self.drive_lag,
+                // A tyre slips by the lateral force over its coefficient; that
+                // force is the acceleration's share of gravity.
+                rear_slip: 1.0 / self.cornering / GRAVITY,
+                // Slower than this, the noise turns the velocity vector by
+                // more than 0.15 rad.
+                standstill: self.sensors.velocity / 0.15,
+            },
+            limits: self.limits,
+            slew: Slew {
+                // From full rate one way to the other in a period.
+                steering: 2.0 * self.limits.steering_rate / self.period,
+                // From rest to top speed in a period: the drive's own lag is
+                // gentler.
+                speed: self.limits.speed / self.period,
+            },
+            firm: self.gains(&weights.firm)?,
+            gentle: self.gains(&weights.gentle)?,
+            guidance: self.guidance(),
+            hold: HoldSettings {
+                // Noise alone must not begin a movement: three deviations. A
+                // movement ends when no more than two remain.
+                begin: 3.0 * self.sensors.steering,
+                end: 2.0 * self.sensors.steering,
+                // The slowest movement that a period shows over the noise.
+                slowest: self.sensors.steering / self.period,
+            },
+            cruise: self.cruise,
+            // Thirty deviations of a fixed position: dead reckoning has failed.
+            lost: 30.0 * self.sensors.position,
+            stale_after: 5.0 * self.period,
+            controlled_point: self.geometry.l1,
+        })
+    }
+}
+
+/// `value` rounded to nine significant digits, all that single precision can
+/// tell apart: the last bits of an iterative solution do not reach an image.
+fn nine_digits(value: f64) -> f64 {
+    if value == 0.0 {
+        return value;
+    }
+    let scale = libm::pow(10.0, 8.0 - libm::floor(libm::log10(value.abs())));
+    libm::round(value * scale) / scale
+}
+
+/// Share of the planned steering angle that a swing onto the path uses.
+const SWING: f64 = 0.80;
+/// Largest turn during the travel of the steering to a swing's angle, rad.
+const SLOWNESS: f64 = 0.5;
+/// Largest lateral acceleration of a swing, m/s^2: a quarter of gravity.
+const LATERAL: f64 = 0.25 * GRAVITY;
+
+/// One regulator without dimensions.
+struct Shape {
+    /// Cross-track error that is worth the full steering rate, in standard
+    /// deviations of a position.
+    error: f64,
+    /// Fastest natural frequency, in radians for each period and age of the
+    /// data.
+    fastest: f64,
+    /// Weights of integral, heading and steering angle relative to that of the
+    /// cross-track error, in units of the natural frequency.
+    integral: f64,
+    heading: f64,
+    steering_angle: f64,
+}
+
+/// Found by a search over simulated runs (1 m off, and 5 m off facing 45, 90
+/// and 135 degrees away; unloaded and loaded) for short settling.
+const FIRM: Shape = Shape {
+    error: 4.76,
+    fastest: 0.4,
+    integral: 0.0173,
+    heading: 1.23,
+    steering_angle: 0.0319,
+};
+
+/// Found by the same search for few steering movements on the path.
+const GENTLE: Shape = Shape {
+    error: 63.6,
+    fastest: 0.3,
+    integral: 0.0277,
+    heading: 1.99,
+    steering_angle: 4.58,
+};
+
+impl Shape {
+    /// The weights for a vehicle.
+    ///
+    /// The steering model is a chain of three integrators whose product of
+    /// gains is V^2 / L. Weighing only the cross-track error, with r / y for a
+    /// full steering rate r and an error y, the optimal poles lie on a circle
+    /// of radius w, the cube root of (r / y) (V^2 / L) (Butterworth's
+    /// pattern). With time in units of 1 / w, a cross-track error of y goes
+    /// with a heading of y w / V and a steering angle of y w^2 L / V^2: that
+    /// makes the other weights numbers without dimensions, the same for every
+    /// vehicle.
+    fn weights(&self, vehicle: &Description) -> SteeringWeights<f64> {
+        let (speed, length) = (vehicle.cruise, vehicle.geometry.wheelbase());
+        let chain = speed * speed / length;
+        let asked = vehicle.limits.steering_rate / (self.error * vehicle.sensors.position);
+        // A loop much faster than its data are old would not be the model's.
+        let fastest = self.fastest / (vehicle.period + vehicle.sensors.age);
+        let natural = libm::cbrt(asked * chain);
+        let natural = natural.min(fastest);
+        let gain = natural * natural * natural / chain;
+        let cross_track = gain * gain;
+        let square = |value: f64| value * value;
+        SteeringWeights {
+            integral: self.integral * cross_track * square(natural),
+            cross_track,
+            heading: self.heading * cross_track * square(speed / natural),
+            steering_angle: self.steering_angle * cross_track * square(chain / square(natural)),
+            steering_rate: 1.0,
+        }
+    }
+}
+
+impl Weights {
+    /// Weights for a vehicle at its cruise speed.
+    ///
+    /// An error of 4.8 standard deviations of a position is worth the full
+    /// steering rate to the firm regulator, one of 64 to the gentle one.
+    /// Neither is faster than the age of its data permits.
+    #[must_use]
+    pub fn for_vehicle(vehicle: &Description) -> Self {
+        Self {
+            firm: FIRM.weights(vehicle),
+            gentle: GENTLE.weights(vehicle),
+        }
+    }
+}
+
+impl<T: Scalar> Settings<T> {
+    /// Every setting of the controller of `vehicle`, derived in double
+    /// precision.
+    ///
+    /// # Errors
+    /// [`Refusal`] names the number that makes no sound vehicle, and what is
+    /// accepted.
+    pub fn for_vehicle(vehicle: &Description) -> Result<Self, Refusal> {
+        vehicle.settings().map(|settings| settings.cast())
+    }
+}
+
+/// `settings` as a Rust expression for the output of a build script. It names
+/// every type by its path in this crate and restores each number exactly.
+#[must_use]
+pub fn source(settings: &Settings<f32>) -> impl core::fmt::Display + '_ {
+    Source(settings)
+}
+
+/// The derived `Debug` of settings is Rust, given the names of the types.
+struct Source<'a>(&'a Settings<f32>);
+
+impl core::fmt::Display for Source<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(
+            "{\n\
+             use ::control::{\n\
+             controller::Settings, estimator::{EstimatorSettings, Noise}, feedback::Limits,\n\
+             guidance::{Brake, GuidanceSettings}, hold::HoldSettings,\n\
+             model::{Antenna, Geometry}, safety::Slew, schedule::GainSchedule,\n\
+             };\n",
+        )?;
+        write!(f, "{:#?}\n}}", self.0)
+    }
+}

@@ -1,0 +1,247 @@
+//! Any sound vehicle comes onto its line and stays there with the settings
+//! derived from its description.
+
+mod common;
+
+use common::{Conditions, Noise, Plant, Run, run_plant};
+use control::controller::{Controller, Sample, Settings};
+use control::dubins::{Pose, shortest_to_line};
+use control::feedback::Limits;
+use control::line::Line;
+use control::model::{Antenna, Geometry};
+use control::position::Position;
+use control::safety::Command;
+use control::scalar::Scalar;
+use control::vehicle::{Description, Weights, degrees, source};
+
+/// Random vehicles that drive.
+const VEHICLES: u64 = 400;
+
+fn line() -> Line<f32> {
+    Line::new(Position::new(0, 0), Position::new(5_000_000, 0)).unwrap()
+}
+
+fn cast<T: Scalar, U: Scalar>(command: Command<T>) -> Command<U> {
+    Command {
+        steering_rate: U::lit(command.steering_rate.as_f64()),
+        speed: U::lit(command.speed.as_f64()),
+    }
+}
+
+/// A vehicle from anywhere in the accepted ranges.
+fn random(noise: &mut Noise) -> Description {
+    let mut between = |least: f64, most: f64| least + (most - least) * noise.uniform();
+    // Lengths and speeds by their ratio: half of them in the lower decade.
+    let wheelbase = 0.4 * 10.0_f64.powf(between(0.0, 1.0));
+    let cruise = 0.3 * 10.0_f64.powf(between(0.0, 1.0));
+    let steering_angle = degrees(between(15.0, 45.0));
+    let l1 = wheelbase * between(-0.2, 2.0);
+    let beside = 0.5 * wheelbase / steering_angle.tan();
+    Description {
+        geometry: Geometry {
+            l1,
+            l2: wheelbase - l1,
+        },
+        antenna: Antenna {
+            right: between(-beside, beside),
+            height: 2.0,
+        },
+        limits: Limits {
+            steering_angle,
+            steering_rate: degrees(between(10.0, 60.0)),
+            speed: cruise * between(1.0, 2.0),
+        },
+        cruise,
+        period: [0.1, 0.05][usize::from(between(0.0, 1.0) > 0.7)],
+        drive_lag: between(0.1, 0.6),
+        weights: None,
+        ..common::example::VEHICLE
+    }
+}
+
+fn drive(vehicle: Description, conditions: Conditions, seed: u64, seconds: f64) -> Run {
+    let settings = Settings::<f32>::for_vehicle(&vehicle).unwrap();
+    let mut controller = Controller::new(settings, line()).unwrap();
+    let plant = Plant::of(vehicle, conditions, seed);
+    run_plant(plant, seconds, |heard, applied| {
+        cast(
+            controller
+                .step(&Sample {
+                    position: Some(heard.position),
+                    velocity: Some(heard.velocity),
+                    steering_angle: Some(heard.steering_angle as f32),
+                    applied: cast(applied),
+                    engaged: true,
+                    dt: vehicle.period as f32,
+                })
+                .command,
+        )
+    })
+}
+
+/// From 1 m off, any vehicle comes within 5 cm of the line and stays there.
+///
+/// The time allowed is twice what the geometry takes (the shortest path onto
+/// the line at the radius of a swing, and the travel of the steering: over,
+/// back through straight ahead to the other side, and back) and 8 s for the
+/// estimator to find heading and biases.
+#[test]
+fn any_sound_vehicle_settles() {
+    for seed in 0..VEHICLES {
+        let vehicle = random(&mut Noise::new(seed + 1));
+        let settings = Settings::<f64>::for_vehicle(&vehicle).unwrap();
+        let swing = settings.guidance.swing * settings.guidance.limits.steering_angle;
+        let start = Pose {
+            north: -vehicle.geometry.l1,
+            east: 1.0,
+            heading: 0.0,
+        };
+        let radius = vehicle.geometry.wheelbase() / swing.tan();
+        let way = shortest_to_line(start, radius).unwrap().length();
+        let travel = 4.0 * swing / vehicle.limits.steering_rate;
+        let allowed = 2.0 * (way / vehicle.cruise + travel) + 8.0;
+        let run = drive(vehicle, Conditions::default(), seed, allowed + 60.0);
+        let settled = run.settled();
+        assert!(
+            settled <= allowed,
+            "seed {seed}: {settled} s of {allowed} s, {vehicle:?}"
+        );
+        // A minute on the line: noise and the steering's hold move the vehicle
+        // by less than 5 cm (that is what settled means), on average by half of
+        // that, and the steering reverses less than every second.
+        let (mean, deviation) = run.error(allowed);
+        assert!(
+            mean.abs() < 0.01 && deviation < 0.025,
+            "seed {seed}: mean {mean} m, deviation {deviation} m, {vehicle:?}"
+        );
+        let changes = run.sign_changes(allowed);
+        assert!(
+            changes < 1.0,
+            "seed {seed}: {changes} reversals a second, {vehicle:?}"
+        );
+    }
+}
+
+/// Also from 5 m off and facing away.
+#[test]
+fn any_sound_vehicle_turns_around() {
+    for seed in 0..VEHICLES / 4 {
+        let vehicle = random(&mut Noise::new(seed + 1001));
+        let settings = Settings::<f64>::for_vehicle(&vehicle).unwrap();
+        let swing = settings.guidance.swing * settings.guidance.limits.steering_angle;
+        let heading = degrees(135.0);
+        let start = Pose {
+            north: -vehicle.geometry.l1 * heading.cos(),
+            east: 5.0 - vehicle.geometry.l1 * heading.sin(),
+            heading,
+        };
+        let radius = vehicle.geometry.wheelbase() / swing.tan();
+        let way = shortest_to_line(start, radius).unwrap().length();
+        let travel = 4.0 * swing / vehicle.limits.steering_rate;
+        let allowed = 2.0 * (way / vehicle.cruise + travel) + 8.0;
+        let conditions = Conditions {
+            offset: 5.0,
+            heading,
+            ..Conditions::default()
+        };
+        let settled = drive(vehicle, conditions, seed, allowed + 20.0).settled();
+        assert!(
+            settled <= allowed,
+            "seed {seed}: {settled} s of {allowed} s, {vehicle:?}"
+        );
+    }
+}
+
+/// Each number that makes no sound vehicle is named with what is accepted.
+#[test]
+fn unsound_vehicles_are_refused() {
+    let refusal = |change: fn(&mut Description)| {
+        let mut vehicle = common::example::VEHICLE;
+        change(&mut vehicle);
+        Settings::<f32>::for_vehicle(&vehicle)
+            .err()
+            .map(|refusal| refusal.to_string())
+    };
+    assert_eq!(refusal(|_| ()), None);
+    let cases: [(fn(&mut Description), &str); 10] = [
+        (
+            |v| v.geometry.l2 = 9.0,
+            "the wheelbase L1 + L2 is 9.255 m: 0.4 to 4 m is accepted",
+        ),
+        (
+            |v| v.geometry.l1 = f64::NAN,
+            "the wheelbase L1 + L2 is NaN m: 0.4 to 4 m is accepted",
+        ),
+        (
+            |v| (v.geometry.l1, v.geometry.l2) = (-0.5, 1.5),
+            "the antenna's distance L1 ahead of the rear axle is -0.5 m: \
+             -0.2 to 2 m is accepted",
+        ),
+        (
+            |v| v.antenna.right = -2.0,
+            "the antenna's distance right of the centre line is -2 m: \
+             -1.179479 to 1.179479 m is accepted",
+        ),
+        (
+            |v| v.limits.steering_angle = degrees(60.0),
+            "the steering angle limit is 60 degrees: 15 to 45 degrees is accepted",
+        ),
+        (
+            |v| v.limits.steering_rate = 0.0,
+            "the steering rate limit is 0 degrees/s: 10 to 60 degrees/s is accepted",
+        ),
+        (
+            |v| v.cruise = 3.5,
+            "the cruise speed is 3.5 m/s: 0.3 to 3 m/s is accepted",
+        ),
+        (
+            |v| v.limits.speed = 0.5,
+            "the top speed is 0.5 m/s: 1 to 10 m/s is accepted",
+        ),
+        (
+            |v| v.sensors.age = -0.01,
+            "the receiver's age is -0.01 s: 0 to 0.1 s is accepted",
+        ),
+        (
+            |v| v.weights.as_mut().unwrap().firm.cross_track = -1.0,
+            "the regulators' weights: at 0.25 m/s: the state weight Q is not \
+             symmetric and positive semidefinite",
+        ),
+    ];
+    for (change, sentence) in cases {
+        assert_eq!(refusal(change).as_deref(), Some(sentence));
+    }
+}
+
+/// The weights that the example's were searched for are what its description
+/// gives, to 1 %.
+#[test]
+fn derived_weights_are_those_found_by_search() {
+    let vehicle = common::example::VEHICLE;
+    let derived = Weights::for_vehicle(&vehicle);
+    let found = vehicle.weights.unwrap();
+    for (derived, found) in [(derived.firm, found.firm), (derived.gentle, found.gentle)] {
+        let pairs = [
+            (derived.integral, found.integral),
+            (derived.cross_track, found.cross_track),
+            (derived.heading, found.heading),
+            (derived.steering_angle, found.steering_angle),
+        ];
+        for (derived, found) in pairs {
+            assert!((derived / found - 1.0).abs() < 0.01, "{derived}, {found}");
+        }
+    }
+}
+
+/// What a build script writes is the settings again.
+#[test]
+fn the_source_restores_every_number() {
+    const SETTINGS: Settings<f32> = include!("fixtures/settings.rs");
+    let settings = common::example::settings::<f32>();
+    assert_eq!(
+        source(&settings).to_string() + "\n",
+        include_str!("fixtures/settings.rs"),
+        "the example's settings, formatted by `control::vehicle::source`"
+    );
+    assert_eq!(SETTINGS, settings);
+}
