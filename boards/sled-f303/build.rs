@@ -1,11 +1,12 @@
-//! Puts the memory layout where the linker looks for it.
+//! Writes the memory layout where the linker looks for it.
 
 use std::{env, error::Error, fs, path::PathBuf};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let out = PathBuf::from(env::var("OUT_DIR")?);
-    fs::copy("memory.x", out.join("memory.x"))?;
+    let script = parts::SLED_F303.linker_script().to_string();
+    fs::write(out.join("memory.x"), script)?;
     println!("cargo:rustc-link-search={}", out.display());
-    println!("cargo:rerun-if-changed=memory.x");
+    println!("cargo:rerun-if-changed=build.rs");
     Ok(())
 }

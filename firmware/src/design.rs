@@ -128,22 +128,6 @@ pub const HOUSEKEEPING_PERIOD: MillisDurationU32 = MillisDurationU32::millis(10)
 /// How long an event message may wait for its window: ten basic cycles.
 pub const EVENT_LIFETIME: Micros = Micros::secs(1);
 
-/// Ticks from a bus interrupt to the stamp in its task: entry of 12 cycles and the task's
-/// first instructions, at 180 MHz (F446) some 40 cycles or 0.2 us.
-pub const STAMP_TICKS_F446: u32 = 4;
-/// The same at 72 MHz (F303): some 45 cycles or 0.6 us.
-pub const STAMP_TICKS_F303: u32 = 11;
-
-/// How long before its time mark a transmission is begun, ticks: what the window task needs
-/// from the compare to the transmit request, some 3 us on the F446, and 2 us, half a bit.
-///
-/// All bits on the bus follow the edges of the reference, and a window's mark is a whole
-/// number of bits behind its start of frame. A request within the last bit before the mark
-/// starts the frame on the mark; one just after it a whole bit late.
-pub const TRANSMIT_LEAD_F446: u32 = 90;
-/// The same for the F303, which needs some 7 us.
-pub const TRANSMIT_LEAD_F303: u32 = 162;
-
 /// Rate error between two crystals that the schedule follows, ppm: two of 50 ppm, doubled.
 pub const DRIFT_LIMIT_PPM: u16 = 200;
 /// The same for a node on its RC oscillator, which is good for about 1 %.

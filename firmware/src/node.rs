@@ -103,14 +103,10 @@ pub fn link(
     clock: board::time::Clock,
     alarms: board::time::Alarms,
 ) -> Result<BoardLink, ConfigError> {
-    #[cfg(feature = "f446")]
-    let (stamp, lead) = (design::STAMP_TICKS_F446, design::TRANSMIT_LEAD_F446);
-    #[cfg(feature = "f303")]
-    let (stamp, lead) = (design::STAMP_TICKS_F303, design::TRANSMIT_LEAD_F303);
     let bit = 1_000_000 * clocks.ticks_per_us / board::BIT_RATE;
     let config = NodeConfig {
-        latency: StampLatency::bxcan(bit, stamp),
-        transmit_lead: lead,
+        latency: StampLatency::bxcan(bit, board::FACTS.stamp_ticks),
+        transmit_lead: board::FACTS.transmit_lead_ticks,
         drift_limit_ppm: match clocks.oscillator {
             Oscillator::External => design::DRIFT_LIMIT_PPM,
             Oscillator::Internal => design::DRIFT_LIMIT_PPM_INTERNAL,

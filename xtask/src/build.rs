@@ -7,8 +7,10 @@ use std::{
 
 use serde_json::Value;
 
+use parts::Sled;
+
 use crate::{
-    Board, Failure, Node, Workspace, audit,
+    Failure, Node, Workspace, audit,
     cli::Build,
     size::{self, Usage},
     target::{self, Target},
@@ -84,7 +86,7 @@ pub fn check(workspace: &Workspace, images: &[Image]) -> Result<Checked, Failure
 pub fn images(workspace: &Workspace, nodes: &[Node]) -> Result<Vec<Image>, Failure> {
     let target = target::ensure(workspace)?;
     let mut images = Vec::new();
-    for board in Board::ALL {
+    for board in Sled::ALL {
         let nodes: Vec<Node> = Node::ALL
             .into_iter()
             .filter(|node| node.board() == board && nodes.contains(node))
@@ -98,10 +100,10 @@ pub fn images(workspace: &Workspace, nodes: &[Node]) -> Result<Vec<Image>, Failu
 }
 
 /// The cargo command that builds the images of one board.
-pub fn command(workspace: &Workspace, target: &Target, board: Board, nodes: &[Node]) -> Command {
+pub fn command(workspace: &Workspace, target: &Target, board: &Sled, nodes: &[Node]) -> Command {
     let mut cargo = target.cargo(workspace, "build");
     cargo.args(["--release", "--package", "firmware"]);
-    cargo.args(["--features", board.name()]);
+    cargo.args(["--features", board.name]);
     for node in nodes {
         cargo.args(["--bin", node.name()]);
     }
@@ -115,7 +117,7 @@ pub fn command(workspace: &Workspace, target: &Target, board: Board, nodes: &[No
 /// It does not succeed.
 pub(crate) fn finish(
     mut cargo: Command,
-    board: Board,
+    board: &Sled,
     nodes: &[Node],
 ) -> Result<Vec<Image>, Failure> {
     let names: Vec<&str> = nodes.iter().map(|node| node.name()).collect();
@@ -128,7 +130,7 @@ pub(crate) fn finish(
     if !output.status.success() {
         return Err(Failure::Failed(format!(
             "{names} for {} did not build",
-            board.name()
+            board.name
         )));
     }
     let messages = String::from_utf8_lossy(&output.stdout);

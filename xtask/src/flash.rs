@@ -36,7 +36,7 @@ pub fn run(workspace: &Workspace, options: &Flash) -> Result<(), Failure> {
 fn commands(workspace: &Workspace, node: Node, image: &Path) -> [Command; 2] {
     let probe = |command: &str| {
         let mut probe = workspace.program("probe-rs");
-        probe.args([command, "--chip", node.board().chip()]);
+        probe.args([command, "--chip", node.board().part.chip]);
         probe
     };
     let mut download = probe("download");

@@ -25,7 +25,7 @@ mod node;
 mod workspace;
 
 pub use failure::Failure;
-pub use node::{Board, Budget, Node, Region};
+pub use node::Node;
 pub use workspace::Workspace;
 
 use std::{ffi::OsString, process::ExitCode};

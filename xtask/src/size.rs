@@ -9,7 +9,9 @@ use object::{
 };
 use serde::Serialize;
 
-use crate::{Board, Failure, Node, Region};
+use parts::{Memory, Sled};
+
+use crate::{Failure, Node};
 
 /// Bytes that an image takes of its board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -30,14 +32,14 @@ pub struct Usage {
 ///
 /// The file cannot be read, is no ELF file of 32 bits, or holds something that
 /// lies in none of the board's memories.
-pub fn measure(path: &Path, board: Board) -> Result<Usage, Failure> {
+pub fn measure(path: &Path, board: &Sled) -> Result<Usage, Failure> {
     let name = path.display();
     let data = fs::read(path)
         .map_err(|error| Failure::Failed(format!("{name} cannot be read: {error}")))?;
     usage(&data, board).map_err(|what| Failure::Failed(format!("{name}: {what}")))
 }
 
-fn usage(data: &[u8], board: Board) -> Result<Usage, String> {
+fn usage(data: &[u8], board: &Sled) -> Result<Usage, String> {
     let file = ElfFile::<FileHeader32<LittleEndian>>::parse(data)
         .map_err(|error| format!("not an image: {error}"))?;
     let endian = file.endian();
@@ -49,10 +51,10 @@ fn usage(data: &[u8], board: Board) -> Result<Usage, String> {
             continue;
         }
         let address = u64::from(segment.p_paddr(endian));
-        if !fits(&board.flash(), address, size) {
+        if !fits(&board.part.flash, address, size) {
             return Err(format!(
                 "{size} bytes at {address:#010x} are outside the flash of {}",
-                board.name()
+                board.name
             ));
         }
         flash += size;
@@ -65,13 +67,13 @@ fn usage(data: &[u8], board: Board) -> Result<Usage, String> {
         if !header.sh_flags(endian).contains(SHF_ALLOC) || size == 0 {
             continue;
         }
-        if board.ram().iter().any(|ram| fits(ram, address, size)) {
+        if board.part.ram.iter().any(|ram| fits(ram, address, size)) {
             statics += size;
-        } else if !fits(&board.flash(), address, size) {
+        } else if !fits(&board.part.flash, address, size) {
             return Err(format!(
                 "section {} at {address:#010x} is in no memory of {}",
                 section.name().unwrap_or("without a name"),
-                board.name()
+                board.name
             ));
         }
     }
@@ -86,10 +88,10 @@ fn usage(data: &[u8], board: Board) -> Result<Usage, String> {
     let (top, bottom) = (symbol("_stack_start")?, symbol("_stack_end")?);
     let stack = top.checked_sub(bottom);
     let stack = stack.ok_or("the stack's top is below its end")?;
-    if !board.ram().iter().any(|ram| fits(ram, bottom, stack)) {
+    if !board.part.ram.iter().any(|ram| fits(ram, bottom, stack)) {
         return Err(format!(
             "the stack at {bottom:#010x} is in no RAM of {}",
-            board.name()
+            board.name
         ));
     }
     Ok(Usage {
@@ -100,17 +102,11 @@ fn usage(data: &[u8], board: Board) -> Result<Usage, String> {
     })
 }
 
-fn fits(region: &Region, address: u64, size: u64) -> bool {
-    let within = |offset: u64| {
-        offset
-            .checked_add(size)
-            .is_some_and(|end| end <= region.size)
+fn fits(memory: &Memory, address: u64, size: u64) -> bool {
+    let (Ok(address), Ok(size)) = (u32::try_from(address), u32::try_from(size)) else {
+        return false;
     };
-    address.checked_sub(region.origin).is_some_and(within)
-}
-
-fn ram(board: Board) -> u64 {
-    board.ram().iter().map(|region| region.size).sum()
+    memory.holds(address, size)
 }
 
 /// The sizes as a table for people: used, of how much, budget.
@@ -129,15 +125,15 @@ pub fn table(sizes: &[(Node, Usage)]) -> String {
     let mut rows = vec![heading.map(String::from)];
     for (node, usage) in sizes {
         let board = node.board();
-        let budget = board.budget();
-        let free = ram(board).saturating_sub(usage.statics + usage.stack);
+        let budget = board.budget;
+        let free = u64::from(board.part.ram_bytes()).saturating_sub(usage.statics + usage.stack);
         rows.push([
             node.name().into(),
-            board.name().into(),
-            share(usage.flash, board.flash().size),
-            kib(budget.flash),
-            share(usage.statics, ram(board)),
-            kib(budget.statics),
+            board.name.into(),
+            share(usage.flash, board.part.flash.size.into()),
+            kib(budget.flash.into()),
+            share(usage.statics, board.part.ram_bytes().into()),
+            kib(budget.statics.into()),
             share(usage.deepest, usage.stack),
             kib(free),
         ]);
@@ -173,11 +169,11 @@ struct Row {
     board: &'static str,
     #[serde(flatten)]
     usage: Usage,
-    flash_size: u64,
-    flash_budget: u64,
-    ram_size: u64,
-    statics_budget: u64,
-    stack_budget: u64,
+    flash_size: u32,
+    flash_budget: u32,
+    ram_size: u32,
+    statics_budget: u32,
+    stack_budget: u32,
 }
 
 /// The sizes for programs: a JSON array, all numbers in bytes.
@@ -186,14 +182,14 @@ pub fn json(sizes: &[(Node, Usage)]) -> String {
         .iter()
         .map(|(node, usage)| {
             let board = node.board();
-            let budget = board.budget();
+            let budget = board.budget;
             Row {
                 node: node.name(),
-                board: board.name(),
+                board: board.name,
                 usage: *usage,
-                flash_size: board.flash().size,
+                flash_size: board.part.flash.size,
                 flash_budget: budget.flash,
-                ram_size: ram(board),
+                ram_size: board.part.ram_bytes(),
                 statics_budget: budget.statics,
                 stack_budget: budget.stack,
             }
@@ -207,11 +203,11 @@ pub fn json(sizes: &[(Node, Usage)]) -> String {
 pub fn excess(sizes: &[(Node, Usage)]) -> Vec<String> {
     let mut excess = Vec::new();
     for (node, usage) in sizes {
-        let budget = node.board().budget();
+        let budget = node.board().budget;
         let name = node.name();
         for (what, used, allowed) in [
-            ("flash", usage.flash, budget.flash),
-            ("static RAM", usage.statics, budget.statics),
+            ("flash", usage.flash, u64::from(budget.flash)),
+            ("static RAM", usage.statics, u64::from(budget.statics)),
         ] {
             if used > allowed {
                 excess.push(format!(
@@ -226,7 +222,7 @@ pub fn excess(sizes: &[(Node, Usage)]) -> Vec<String> {
                 usage.deepest, usage.stack
             ));
         }
-        if usage.stack < budget.stack {
+        if usage.stack < u64::from(budget.stack) {
             excess.push(format!(
                 "{name} leaves {} bytes for the stack, its budget is {}",
                 usage.stack, budget.stack
@@ -327,31 +323,31 @@ mod tests {
             stack: 0x1000,
             deepest: 0,
         };
-        assert_eq!(usage(&Elf::f303().bytes(), Board::F303), Ok(expected));
+        assert_eq!(usage(&Elf::f303().bytes(), Sled::F303), Ok(expected));
     }
 
     #[test]
     fn what_lies_outside_the_memories_is_refused() {
         let mut elf = Elf::f303();
         elf.segments[1] = (0x0800_FFF8, 0x10);
-        let refusal = usage(&elf.bytes(), Board::F303).unwrap_err();
+        let refusal = usage(&elf.bytes(), Sled::F303).unwrap_err();
         assert!(refusal.contains("outside the flash of f303"), "{refusal}");
 
         let mut elf = Elf::f303();
         elf.sections[3] = (0x2000_2FF0, 0x20, false);
-        let refusal = usage(&elf.bytes(), Board::F303).unwrap_err();
+        let refusal = usage(&elf.bytes(), Sled::F303).unwrap_err();
         assert!(refusal.contains("0x20002ff0 is in no memory"), "{refusal}");
 
         let mut elf = Elf::f303();
         elf.stack = (0x2002_1000, 0x2002_0000);
-        let refusal = usage(&elf.bytes(), Board::F446).unwrap_err();
+        let refusal = usage(&elf.bytes(), Sled::F446).unwrap_err();
         assert!(refusal.contains("stack at 0x20020000"), "{refusal}");
     }
 
     #[test]
     fn a_file_that_is_no_image_is_refused() {
-        assert!(usage(b"not an image", Board::F446).is_err());
-        let failure = measure(Path::new("no/such/image"), Board::F446).unwrap_err();
+        assert!(usage(b"not an image", Sled::F446).is_err());
+        let failure = measure(Path::new("no/such/image"), Sled::F446).unwrap_err();
         assert!(
             failure
                 .to_string()
@@ -361,17 +357,17 @@ mod tests {
 
     #[test]
     fn more_than_the_budget_is_named() {
-        let budget = Board::F303.budget();
+        let budget = Sled::F303.budget;
         let usage = Usage {
-            flash: budget.flash,
-            statics: budget.statics,
-            stack: budget.stack,
-            deepest: budget.stack,
+            flash: budget.flash.into(),
+            statics: budget.statics.into(),
+            stack: budget.stack.into(),
+            deepest: budget.stack.into(),
         };
         assert_eq!(excess(&[(Node::Drive, usage)]), Vec::<String>::new());
         let over = Usage {
-            flash: budget.flash + 3,
-            stack: budget.stack - 1,
+            flash: usage.flash + 3,
+            stack: usage.stack - 1,
             deepest: 100,
             ..usage
         };

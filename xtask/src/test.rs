@@ -11,8 +11,10 @@ use world::{
     time::from_seconds,
 };
 
+use parts::Sled;
+
 use crate::{
-    Board, Failure, Node, Workspace, build,
+    Failure, Node, Workspace, build,
     cli::Test,
     schedulability, sim, size,
     target::{self, Target},
@@ -163,11 +165,11 @@ fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
     documentation.env("RUSTDOCFLAGS", "--deny warnings");
 
     let on_target = |command: &str, rest: &[&str]| -> Vec<Command> {
-        let boards = Board::ALL.into_iter();
-        let command = |board: Board| {
+        let boards = Sled::ALL.into_iter();
+        let command = |board: &Sled| {
             let mut cargo = target.cargo(workspace, command);
-            cargo.args(["--package", "firmware", "--features", board.name()]);
-            cargo.args(["--package", &format!("sled-{}", board.name())]);
+            cargo.args(["--package", "firmware", "--features", board.name]);
+            cargo.args(["--package", board.package]);
             cargo.args(rest);
             cargo.env("RUSTDOCFLAGS", "--deny warnings");
             cargo

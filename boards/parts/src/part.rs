@@ -117,7 +117,7 @@ pub struct SystemPage {
 /// A microcontroller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Part {
-    /// Short name: the firmware's feature and the column `board` of tables.
+    /// Short name.
     pub name: &'static str,
     /// Name in text for people.
     pub title: &'static str,

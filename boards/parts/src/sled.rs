@@ -144,8 +144,10 @@ pub struct Budget {
 /// A board: a Nucleo board on a CAN sled (thesis 5.2.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Sled {
-    /// Name of the board and of its crate.
+    /// Name in manifests and tables; the firmware's feature of this name selects the board.
     pub name: &'static str,
+    /// Name of the board's crate.
+    pub package: &'static str,
     /// The Nucleo board.
     pub title: &'static str,
     /// The microcontroller.
@@ -193,7 +195,8 @@ const fn signal(name: &'static str, port: char, number: u8, role: Role, alternat
 /// - Stamp: some 40 cycles of 180 MHz, or 0.2 us.
 /// - Transmit lead: the window task takes some 3 us, half a bit is 2 us: 5 us.
 pub static SLED_F446: Sled = Sled {
-    name: "sled-f446",
+    name: "f446",
+    package: "sled-f446",
     title: "Nucleo-F446RE",
     part: &F446,
     external_hz: 8_000_000,
@@ -280,7 +283,8 @@ const CLOCKS_F446: Clocks = Clocks {
 /// - Stamp: some 45 cycles of 72 MHz, or 0.6 us.
 /// - Transmit lead: the window task takes some 7 us, half a bit is 2 us: 9 us.
 pub static SLED_F303: Sled = Sled {
-    name: "sled-f303",
+    name: "f303",
+    package: "sled-f303",
     title: "Nucleo-F303K8",
     part: &F303,
     external_hz: 8_000_000,
@@ -368,6 +372,24 @@ impl Sled {
         self.connectors.iter().find(|place| place.name == name)
     }
 
+    /// The pin of line `signal` of `connector`, for use in constants.
+    #[must_use]
+    pub const fn pin(&self, connector: &str, signal: &str) -> Option<Pin> {
+        let mut place = 0;
+        while place < self.connectors.len() {
+            let of = &self.connectors[place];
+            let mut line = 0;
+            while line < of.signals.len() {
+                if same(of.name, connector) && same(of.signals[line].name, signal) {
+                    return Some(of.signals[line].pin);
+                }
+                line += 1;
+            }
+            place += 1;
+        }
+        None
+    }
+
     /// All lines of all connectors.
     pub fn signals(&self) -> impl Iterator<Item = &'static Signal> + use<> {
         self.connectors.iter().flat_map(|place| place.signals)
@@ -436,6 +458,22 @@ impl fmt::Display for LinkerScript<'_> {
     }
 }
 
+/// String equality for constants.
+const fn same(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    if a.len() != b.len() {
+        return false;
+    }
+    let mut index = 0;
+    while index < a.len() {
+        if a[index] != b[index] {
+            return false;
+        }
+        index += 1;
+    }
+    true
+}
+
 /// True if the frequencies are within what the part allows and the time base counts whole
 /// ticks.
 const fn sound(part: &Part, clocks: &Clocks) -> bool {
@@ -485,7 +523,7 @@ mod tests {
             assert_eq!(Sled::carrying(sled.part), Some(sled));
             assert_eq!(Part::named(sled.part.name), Some(sled.part));
         }
-        assert_eq!(Sled::named("sled"), None);
+        assert_eq!(Sled::named("sled-f446"), None);
     }
 
     #[test]
@@ -494,6 +532,9 @@ mod tests {
             let pins: BTreeSet<_> = sled.signals().map(|signal| signal.pin).collect();
             assert_eq!(pins.len(), sled.signals().count(), "{}", sled.name);
             for signal in sled.signals() {
+                let connector = sled.connectors.iter().find(|c| c.signals.contains(signal));
+                let pin = sled.pin(connector.unwrap().name, signal.name);
+                assert_eq!(pin, Some(signal.pin));
                 if !matches!(signal.role, Role::Input | Role::Output) {
                     assert_eq!(sled.wired_as(signal.role), Some(signal));
                 }

@@ -26,6 +26,23 @@ pub struct Clocks {
     pub ticks_per_us: u32,
 }
 
+impl Clocks {
+    /// The clocks of a board that made them from `oscillator`.
+    pub const fn of(sled: &parts::Sled, oscillator: Oscillator) -> Self {
+        let clocks = match oscillator {
+            Oscillator::External => &sled.external,
+            Oscillator::Internal => &sled.internal,
+        };
+        Self {
+            oscillator,
+            core: clocks.core,
+            apb1: clocks.apb1,
+            apb2: clocks.apb2,
+            ticks_per_us: clocks.ticks_per_us,
+        }
+    }
+}
+
 /// Why the microcontroller started (RM0390 6.3.21, RM0316 9.4.10).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ResetCause {

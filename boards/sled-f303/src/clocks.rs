@@ -6,33 +6,42 @@
 //! the program asks the hardware and not the builder.
 
 use crate::pac;
+use parts::SLED_F303;
 use sled_common::clock::{Clocks, Oscillator, ResetCause};
 
 /// With the external clock.
-pub const EXTERNAL: Clocks = Clocks {
-    oscillator: Oscillator::External,
-    core: 72_000_000,
-    apb1: 36_000_000,
-    apb2: 72_000_000,
-    ticks_per_us: 18,
-};
+pub const EXTERNAL: Clocks = Clocks::of(&SLED_F303, Oscillator::External);
 
 /// With the RC oscillator.
-pub const INTERNAL: Clocks = Clocks {
-    oscillator: Oscillator::Internal,
-    core: 64_000_000,
-    apb1: 32_000_000,
-    apb2: 64_000_000,
-    ticks_per_us: 16,
-};
+pub const INTERNAL: Clocks = Clocks::of(&SLED_F303, Oscillator::Internal);
+
+/// Multipliers of the PLL: of the external clock, and of half the RC oscillator.
+const TIMES_EXTERNAL: u32 = 9;
+const TIMES_INTERNAL: u32 = 16;
+/// Dividers of the peripheral buses.
+const APB1_DIVIDER: u32 = 2;
+const APB2_DIVIDER: u32 = 1;
+
+const fn is_made_here(clocks: &Clocks, core: u32) -> bool {
+    clocks.core == core
+        && clocks.apb1 == core / APB1_DIVIDER
+        && clocks.apb2 == core / APB2_DIVIDER
+        && matches!(SLED_F303.part.flash_access.wait_states(core), Some(2))
+}
+const _: () = assert!(
+    is_made_here(&EXTERNAL, SLED_F303.external_hz * TIMES_EXTERNAL)
+        && is_made_here(&INTERNAL, SLED_F303.part.hsi.hz / 2 * TIMES_INTERNAL),
+    "multipliers, dividers and wait states below make the clocks of the crate parts"
+);
 
 /// Polls that the external clock is given, about 10 cycles of the 8 MHz HSI each: 25 ms.
 /// The debugger's clock is there before the reset line is released.
 const HSE_POLLS: u32 = 20_000;
 
 /// Multiplier code of CFGR.PLLMUL: code = factor - 2 (RM0316 9.4.2).
-const PLL_TIMES_9: u8 = 9 - 2;
-const PLL_TIMES_16: u8 = 16 - 2;
+const fn pllmul(factor: u32) -> u8 {
+    (factor - 2) as u8
+}
 
 /// Starts the clock tree and reports which one it became.
 pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Clocks {
@@ -56,10 +65,10 @@ pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Clocks {
         w.ppre2().div1();
         if external {
             w.pllsrc().hse_div_prediv();
-            w.pllmul().bits(PLL_TIMES_9)
+            w.pllmul().bits(const { pllmul(TIMES_EXTERNAL) })
         } else {
             w.pllsrc().hsi_div2();
-            w.pllmul().bits(PLL_TIMES_16)
+            w.pllmul().bits(const { pllmul(TIMES_INTERNAL) })
         }
     });
     rcc.cr.modify(|_, w| w.pllon().set_bit());

@@ -35,6 +35,7 @@
 
 #![no_std]
 
+mod agreement;
 mod bus;
 pub mod clocks;
 pub mod console;
@@ -46,6 +47,7 @@ pub mod watchdog;
 
 pub use bus::{BIT_RATE, CanPort, EXTERNAL_TIMING, INTERNAL_TIMING};
 pub use motor::stop as stop_actuator;
+pub use parts::SLED_F303 as FACTS;
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
 pub use sled_common::{can, clock, dma, fault, lines};

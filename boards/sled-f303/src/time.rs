@@ -6,17 +6,12 @@
 //! oscillator 64 MHz / 4 = 16 MHz, 64 ticks. The counter wraps after four minutes;
 //! whoever subtracts stamps does it modulo 2^32.
 
-use crate::{clocks, pac};
-use sled_common::clock::Clocks;
+use crate::pac;
 
-const PRESCALER: u32 = 4;
-
-const fn counts_whole_ticks(clocks: Clocks) -> bool {
-    2 * clocks.apb1 == PRESCALER * clocks.ticks_per_us * 1_000_000
-}
+const PRESCALER: u32 = parts::SLED_F303.external.time_base_prescaler();
 const _: () = assert!(
-    counts_whole_ticks(clocks::EXTERNAL) && counts_whole_ticks(clocks::INTERNAL),
-    "the time base must count whole ticks"
+    PRESCALER == parts::SLED_F303.internal.time_base_prescaler(),
+    "one prescaler serves both oscillators"
 );
 
 /// Reads the counter; freely copied, it changes nothing.

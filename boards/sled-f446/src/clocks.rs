@@ -4,16 +4,44 @@
 //! 90 MHz. Voltage scale 1 with over-drive, five flash wait states (2.7-3.6 V).
 
 use crate::pac;
+use parts::{SLED_F446, Sled};
 use sled_common::clock::{Clocks, Oscillator, ResetCause};
 
 /// Core clock, Hz.
-pub const CORE_HZ: u32 = 180_000_000;
+pub const CORE_HZ: u32 = SLED_F446.external.core;
 /// APB1 clock, Hz: CAN, USART2, USART3.
-pub const APB1_HZ: u32 = 45_000_000;
+pub const APB1_HZ: u32 = SLED_F446.external.apb1;
 /// APB2 clock, Hz: USART1, ADC.
-pub const APB2_HZ: u32 = 90_000_000;
-/// Timers on APB1 run at twice its clock when it is divided (RM0390 6.2).
-pub const APB1_TIMER_HZ: u32 = 2 * APB1_HZ;
+pub const APB2_HZ: u32 = SLED_F446.external.apb2;
+/// Clock of the timers on APB1, Hz.
+pub const APB1_TIMER_HZ: u32 = SLED_F446.external.apb1_timers();
+
+/// Input frequency of the PLL: 2 MHz, which RM0390 6.3.2 recommends against jitter.
+const PLL_INPUT_HZ: u32 = 2_000_000;
+/// Multiplier and output divider of the PLL, dividers of the peripheral buses.
+const PLL_N: u16 = 180;
+const PLL_P: u32 = 2;
+const APB1_DIVIDER: u32 = 4;
+const APB2_DIVIDER: u32 = 2;
+/// Dividers of the PLL's input for the two oscillators.
+const PLL_M_EXTERNAL: u8 = (SLED_F446.external_hz / PLL_INPUT_HZ) as u8;
+const PLL_M_INTERNAL: u8 = (SLED_F446.part.hsi.hz / PLL_INPUT_HZ) as u8;
+
+const fn is_made_here(sled: &Sled) -> bool {
+    let core = PLL_INPUT_HZ * PLL_N as u32 / PLL_P;
+    sled.external.core == core
+        && sled.internal.core == core
+        && sled.external.apb1 == core / APB1_DIVIDER
+        && sled.external.apb2 == core / APB2_DIVIDER
+        && sled.internal.apb1 == sled.external.apb1
+        && sled.internal.apb2 == sled.external.apb2
+        && PLL_M_EXTERNAL as u32 * PLL_INPUT_HZ == sled.external_hz
+        && PLL_M_INTERNAL as u32 * PLL_INPUT_HZ == sled.part.hsi.hz
+}
+const _: () = assert!(
+    is_made_here(&SLED_F446) && matches!(SLED_F446.part.flash_access.wait_states(CORE_HZ), Some(5)),
+    "dividers and wait states below make the clocks of the crate parts"
+);
 
 /// Polls that the external clock is given, about 10 cycles of the 16 MHz HSI each:
 /// 25 ms. The debugger's clock is there before the reset line is released.
@@ -36,7 +64,11 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Clocks {
         rcc.cr().modify(|_, w| w.hseon().clear_bit());
     }
 
-    let input_divider = if external { 4 } else { 8 };
+    let input_divider = if external {
+        PLL_M_EXTERNAL
+    } else {
+        PLL_M_INTERNAL
+    };
     rcc.pllcfgr().write(|w| {
         w.pllsrc().bit(external);
         w.pllp().div2();
@@ -44,7 +76,7 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Clocks {
         // 2..15, 2..7); Q and R feed nothing that is used.
         unsafe {
             w.pllm().bits(input_divider);
-            w.plln().bits(180);
+            w.plln().bits(PLL_N);
             w.pllq().bits(8);
             w.pllr().bits(2)
         }
@@ -74,17 +106,12 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Clocks {
     });
     while !rcc.cfgr().read().sws().is_pll() {}
 
-    Clocks {
-        oscillator: if external {
-            Oscillator::External
-        } else {
-            Oscillator::Internal
-        },
-        core: CORE_HZ,
-        apb1: APB1_HZ,
-        apb2: APB2_HZ,
-        ticks_per_us: crate::time::TICKS_PER_US,
-    }
+    let oscillator = if external {
+        Oscillator::External
+    } else {
+        Oscillator::Internal
+    };
+    Clocks::of(&SLED_F446, oscillator)
 }
 
 /// Reads why the microcontroller started, and clears the flags for the next time.

@@ -34,6 +34,7 @@
 
 #![no_std]
 
+mod agreement;
 mod bus;
 pub mod clocks;
 pub mod console;
@@ -46,6 +47,7 @@ pub mod time;
 pub mod watchdog;
 
 pub use bus::{BIT_RATE, BIT_TIMING, CanPort};
+pub use parts::SLED_F446 as FACTS;
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
 pub use sled_common::{can, clock, dma, fault, lines};

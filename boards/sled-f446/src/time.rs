@@ -4,16 +4,9 @@
 //! 90 MHz / 5 = 18 MHz: one CAN bit of 4 us is 72 ticks, and both kinds of sled count
 //! alike. The counter wraps after 238 s; whoever subtracts stamps does it modulo 2^32.
 
-use crate::{clocks::APB1_TIMER_HZ, pac};
+use crate::pac;
 
-/// Ticks per microsecond.
-pub const TICKS_PER_US: u32 = 18;
-
-const PRESCALER: u32 = APB1_TIMER_HZ / (TICKS_PER_US * 1_000_000);
-const _: () = assert!(
-    PRESCALER * TICKS_PER_US * 1_000_000 == APB1_TIMER_HZ,
-    "the time base must count whole ticks"
-);
+const PRESCALER: u32 = parts::SLED_F446.external.time_base_prescaler();
 
 /// Reads the counter; freely copied, it changes nothing.
 #[derive(Clone, Copy)]

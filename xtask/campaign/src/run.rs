@@ -5,7 +5,7 @@ use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
 
-use twin::part::Part;
+use parts::Sled;
 use twin::{Images, Vehicle, VehicleError};
 use world::{Node, SimDuration, SimTime};
 
@@ -158,13 +158,11 @@ fn stop_clock(vehicle: &mut Vehicle, node: Node) {
 /// Stalls a core in its next interrupt. A node without one in 30 ms stands still already.
 ///
 /// # Panics
-/// Never: both parts have RAM at the lower end of their call stacks.
+/// Never: a board carries each part, and its stack lies in RAM.
 pub fn stall(vehicle: &mut Vehicle, node: Node) {
     // A branch to itself where the call stack would end: no program comes that far.
-    let trap = match vehicle.node(node).part() {
-        Part::F446 => 0x2000_0000,
-        Part::F303 => 0x1000_0000,
-    };
+    let sled = Sled::carrying(vehicle.node(node).part()).expect("a board carries each part");
+    let trap = sled.stack.base;
     let written = vehicle.node_mut(node).set_memory(trap, &[0xFE, 0xE7]);
     assert!(written, "{trap:#x} is RAM");
     let end = vehicle.now() + SimDuration::from_ticks(30_000_000_000);

@@ -59,11 +59,12 @@ mod tester;
 mod time;
 pub mod wire;
 
-pub use bus::{Bus, NodeId, Part};
+pub use bus::{Bus, NodeId};
 pub use bxcan::IrqLines;
 pub use confinement::{ErrorCounters, ErrorKind, ErrorState};
 pub use disturbance::{Disturbance, FrameSelect, SeenBy};
 pub use frame::Frame;
+pub use parts::Part;
 pub use record::{Record, RecordKind};
 pub use tester::{Reception, Retry, Tester};
 pub use time::{BitSegments, ClockRate, SimDuration, SimTime};

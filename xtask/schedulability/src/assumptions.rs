@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::models::Models;
 use crate::results::NodeReport;
-use crate::units::{MICROSECOND, time};
+use crate::units::time;
 
 /// Assumptions that hold for every vehicle.
 const ALWAYS: [&str; 5] = [
@@ -35,8 +35,8 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         all.push(format!(
             "{} runs at {} MHz and starts a transmission {} before its time mark.",
             model.name,
-            table.core_hz as f64 / 1e6,
-            time(table.transmit_lead_us * MICROSECOND)
+            table.core_hz() as f64 / 1e6,
+            time(table.board.transmit_lead_ps())
         ));
     }
     let tasks = nodes.iter().flat_map(|node| &node.tasks);

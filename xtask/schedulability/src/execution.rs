@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::arrivals::Kind;
 use crate::model::NodeModel;
-use crate::table::{NodeTable, Part};
+use crate::table::NodeTable;
 use wcet::analysis::{Analysis, Bound, Entry, Problem};
 use wcet::annotation::Annotations;
 use wcet::image::Image;
@@ -110,10 +110,7 @@ impl Execution {
         annotations: &Annotations,
         progress: &dyn Fn(&str),
     ) -> Result<Self, ExecutionError> {
-        let part = match table.part {
-            Part::F446 => Timing::f446(),
-            Part::F303 => Timing::f303(),
-        };
+        let part = Timing::flashed(table.board);
         let mut analysis = Analysis::new(image, annotations, part);
         let main = image.symbol("main");
         let mut lasting = Words::new();

@@ -147,7 +147,7 @@ impl NodeModel {
         if let Some(extra) = table.task.keys().find(|task| !is_declared(task)) {
             return Err(wrong(ModelFault::Undeclared(extra.clone())));
         }
-        let bus = Bus::new(network, name, table.transmit_lead_us * MICROSECOND);
+        let bus = Bus::new(network, name, table.board.transmit_lead_ps());
         let mut tasks = Vec::new();
         for &(task, interrupt, priority) in &declared {
             let entry = table

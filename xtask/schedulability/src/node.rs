@@ -49,7 +49,7 @@ pub fn schedule(
     execution: &Execution,
     observed: Option<&Observed>,
 ) -> NodeReport {
-    let time = |cycles: u64| picoseconds(cycles, table.core_hz);
+    let time = |cycles: u64| picoseconds(cycles, table.core_hz());
     let sections: Vec<CriticalSection> = execution
         .sections
         .iter()
@@ -184,10 +184,10 @@ pub fn schedule(
     }
     NodeReport {
         name: model.name.clone(),
-        core_hz: table.core_hz,
+        core_hz: table.core_hz(),
         tasks,
         stack: execution.stack,
-        stack_size: table.stack,
+        stack_size: table.board.stack.size,
         stack_unknown: execution.stack_unknown.clone(),
         utilisation_permille: response::utilisation_permille(&set),
         idle_problems: execution.idle_problems.clone(),

@@ -6,7 +6,9 @@
 
 use std::collections::BTreeMap;
 
+use parts::Sled;
 use serde::Deserialize;
+use serde::de::{Deserializer, Error};
 
 use crate::arrivals::Kind;
 
@@ -46,9 +48,6 @@ pub enum TableFault {
     /// It does not have the expected form; the parser's message.
     #[error("{0}")]
     Toml(String),
-    /// The core of a node has no rate.
-    #[error("core_hz of {0} is zero")]
-    ZeroRate(String),
     /// The entry of a task is wrong.
     #[error("task {task} of {node} {fault}")]
     Task {
@@ -100,26 +99,43 @@ pub struct BusTable {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NodeTable {
-    /// The microcontroller, which determines the flash timing.
-    pub part: Part,
-    /// Lowest rate at which the core runs, in Hz.
-    pub core_hz: u64,
-    /// Bytes set aside for the stack.
-    pub stack: u32,
-    /// How long before its time mark the node starts a transmission, in microseconds.
-    pub transmit_lead_us: u64,
+    /// The board, whose clocks, stack and transmit lead come from [`parts`].
+    #[serde(deserialize_with = "board")]
+    pub board: &'static Sled,
+    /// The clocks that the program runs on.
+    #[serde(default)]
+    pub clocks: Clocks,
     /// Tasks by name; `SysTick` for the timer of the software tasks.
     pub task: BTreeMap<String, TaskTable>,
 }
 
-/// Microcontrollers whose flash timing is known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+/// The clocks that a program runs on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Part {
-    /// STM32F446 at 180 MHz.
-    F446,
-    /// STM32F303x8 at 72 MHz.
-    F303,
+pub enum Clocks {
+    /// Those that the board makes from its external clock.
+    #[default]
+    External,
+    /// The internal oscillator of the part, as after a reset: the program starts no others.
+    Reset,
+}
+
+impl NodeTable {
+    /// Core clock, Hz.
+    pub const fn core_hz(&self) -> u64 {
+        match self.clocks {
+            Clocks::External => self.board.external.core as u64,
+            Clocks::Reset => self.board.part.hsi.hz as u64,
+        }
+    }
+}
+
+fn board<'de, D: Deserializer<'de>>(from: D) -> Result<&'static Sled, D::Error> {
+    let name = String::deserialize(from)?;
+    Sled::named(&name).ok_or_else(|| {
+        let known = Sled::ALL.map(|sled| sled.name).join(", ");
+        D::Error::custom(format!("there is no board {name}: {known} are known"))
+    })
 }
 
 /// One task.
@@ -286,9 +302,6 @@ impl Table {
 
     fn check(&self) -> Result<(), TableFault> {
         for (node, of_node) in &self.node {
-            if of_node.core_hz == 0 {
-                return Err(TableFault::ZeroRate(node.clone()));
-            }
             for (name, task) in &of_node.task {
                 task.check().map_err(|fault| TableFault::Task {
                     task: name.clone(),

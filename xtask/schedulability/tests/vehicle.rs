@@ -54,7 +54,7 @@ fn model(node: &str, source: &str) -> Result<(NodeModel, NodeTable), String> {
 fn execution(model: &NodeModel, table: &NodeTable, us: u64) -> Execution {
     let handlers = model.tasks.iter().map(|task| {
         let tenths = if task.name == "display_rx" { 2 } else { 10 };
-        let cycles = tenths * us * table.core_hz / 10_000_000;
+        let cycles = tenths * us * table.core_hz() / 10_000_000;
         let handler = Handler {
             cycles: [cycles; 2],
             overhead: [22, 24],
@@ -75,7 +75,7 @@ fn section(holder: &str, ceiling: u32, us: u64, table: &NodeTable) -> Section {
         holder: holder.to_owned(),
         priority: 1,
         ceiling,
-        cycles: us * table.core_hz / 1_000_000,
+        cycles: us * table.core_hz() / 1_000_000,
         place: "link.rs:7".to_owned(),
     }
 }

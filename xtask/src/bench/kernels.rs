@@ -52,7 +52,7 @@ pub fn measure(builder: &Builder) -> Result<Vec<KernelReport>, Failure> {
     let failed = |what: String| Failure::Failed(format!("the kernels: {what}"));
     let image = Image::read(&path).map_err(|error| failed(error.to_string()))?;
     let annotations = Annotations::new(builder.workspace.root());
-    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     let mut kernels = Vec::new();
     for name in NAMES {
         let entry = find(&image, name).ok_or_else(|| failed(format!("there is no {name}")))?;
@@ -103,7 +103,7 @@ struct Memory {
 
 impl Memory {
     fn new(image: &Image) -> Self {
-        let base = Part::F446.flash().base;
+        let base = Part::F446.flash.base;
         let mut flash = vec![0xFF; 256 * 1024];
         let mut ram = Vec::new();
         let words = |words: &[u32]| -> Vec<u8> {

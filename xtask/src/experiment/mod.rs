@@ -26,8 +26,10 @@ use world::{
     report::{OutputFolder, Run},
 };
 
+use parts::Sled;
+
 use crate::{
-    Board, Failure, Node, Workspace, build,
+    Failure, Node, Workspace, build,
     cli::Sim,
     sim::{self, bus::Log, matrix::Matrix},
     target,
@@ -137,9 +139,9 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
 fn plain_controller(workspace: &Workspace) -> Result<Vec<u8>, Failure> {
     let target = target::ensure(workspace)?;
     let nodes = [Node::Controller];
-    let mut cargo = build::command(workspace, &target, Board::F446, &nodes);
+    let mut cargo = build::command(workspace, &target, Sled::F446, &nodes);
     cargo.args(["--features", "thesis-law"]);
-    let images = build::finish(cargo, Board::F446, &nodes)?;
+    let images = build::finish(cargo, Sled::F446, &nodes)?;
     let path = images
         .into_iter()
         .map(|image| image.path)

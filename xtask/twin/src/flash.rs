@@ -11,7 +11,7 @@
 //! delay each other.
 
 use crate::clock::Cycles;
-use crate::part::Part;
+use crate::part::{Family, Part};
 use rsemu::core::error::BusError;
 use rsemu::core::space::{AccessConstraints, AccessPurpose, MemAttrs, MemOps, MemResult};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
@@ -61,16 +61,16 @@ struct Control {
 }
 
 impl Control {
-    fn from_acr(part: Part, acr: u32) -> Self {
+    fn from_acr(family: Family, acr: u32) -> Self {
         let bit = |n: u32| acr >> n & 1 != 0;
-        match part {
-            Part::F446 => Self {
+        match family {
+            Family::F4 => Self {
                 wait_states: u64::from(acr & 0xF),
                 prefetch: bit(8),
                 instruction_cache: bit(9),
                 data_cache: bit(10),
             },
-            Part::F303 => Self {
+            Family::F3 => Self {
                 wait_states: u64::from(acr & 7),
                 prefetch: bit(4),
                 ..Self::default()
@@ -94,17 +94,13 @@ struct Accelerator {
 }
 
 impl Accelerator {
-    fn new(part: Part) -> Self {
-        let (instructions, constants) = match part {
-            Part::F446 => (64, 8),
-            Part::F303 => (0, 0),
-        };
+    fn new(part: &Part) -> Self {
         Self {
             control: Control::default(),
             current: NONE,
             next_ready: 0,
-            instructions: Lines::new(instructions),
-            constants: Lines::new(constants),
+            instructions: Lines::new(part.flash_access.instruction_lines),
+            constants: Lines::new(part.flash_access.data_lines),
         }
     }
 
@@ -143,7 +139,7 @@ impl Accelerator {
 /// The flash on the core's bus, with the time it takes.
 #[derive(Debug)]
 pub(crate) struct TimedFlash {
-    part: Part,
+    part: &'static Part,
     image: Arc<[u8]>,
     line_bytes: u32,
     accelerator: Mutex<Accelerator>,
@@ -156,14 +152,11 @@ pub(crate) struct TimedFlash {
 }
 
 impl TimedFlash {
-    pub(crate) fn new(part: Part, image: Arc<[u8]>) -> Self {
+    pub(crate) fn new(part: &'static Part, image: Arc<[u8]>) -> Self {
         Self {
             part,
             image,
-            line_bytes: match part {
-                Part::F446 => 16,
-                Part::F303 => 8,
-            },
+            line_bytes: part.flash_access.line_bytes,
             accelerator: Mutex::new(Accelerator::new(part)),
             current: AtomicU32::new(NONE),
             acr: AtomicU32::new(0),
@@ -193,7 +186,7 @@ impl TimedFlash {
         if self.acr.swap(acr, Ordering::Relaxed) != acr {
             let mut accelerator = crate::peripheral::lock(&self.accelerator);
             *accelerator = Accelerator::new(self.part);
-            accelerator.control = Control::from_acr(self.part, acr);
+            accelerator.control = Control::from_acr(self.part.family, acr);
             self.current.store(NONE, Ordering::Relaxed);
         }
     }
@@ -244,7 +237,7 @@ mod tests {
 
     fn f446(acr: u32) -> Accelerator {
         let mut accelerator = Accelerator::new(Part::F446);
-        accelerator.control = Control::from_acr(Part::F446, acr);
+        accelerator.control = Control::from_acr(Part::F446.family, acr);
         accelerator
     }
 
@@ -303,7 +296,7 @@ mod tests {
     #[test]
     fn the_f303_keeps_nothing_but_reads_ahead() {
         let mut flash = Accelerator::new(Part::F303);
-        flash.control = Control::from_acr(Part::F303, 0x32);
+        flash.control = Control::from_acr(Part::F303.family, 0x32);
         assert_eq!(flash.fetch(1, 0), 2);
         assert_eq!(flash.fetch(2, 5), 0);
         assert_eq!(flash.fetch(1, 10), 2);

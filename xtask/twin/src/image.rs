@@ -17,21 +17,21 @@ pub enum ImageError {
     #[error("the program is for {0:?}, not for an ARM microcontroller")]
     Architecture(object::Architecture),
     /// A segment lies outside of the part's memories.
-    #[error("the segment at {address:#010x} of {size} bytes lies outside of the {part:?}'s flash")]
+    #[error("the segment at {address:#010x} of {size} bytes lies outside of the {}'s flash", part.title)]
     Outside {
         /// Load address.
         address: u64,
         /// Size in bytes.
         size: u64,
         /// The part.
-        part: Part,
+        part: &'static Part,
     },
 }
 
 /// A program as it stands in flash, with the names of its functions.
 #[derive(Clone, Debug)]
 pub struct Image {
-    part: Part,
+    part: &'static Part,
     flash: Vec<u8>,
     functions: BTreeMap<u32, String>,
     symbols: BTreeMap<String, u32>,
@@ -42,7 +42,7 @@ impl Image {
     ///
     /// # Errors
     /// When it is no ELF file, for another processor, or does not fit into the flash.
-    pub fn from_elf(part: Part, elf: &[u8]) -> Result<Self, ImageError> {
+    pub fn from_elf(part: &'static Part, elf: &[u8]) -> Result<Self, ImageError> {
         let file = object::File::parse(elf)?;
         if file.architecture() != object::Architecture::Arm {
             return Err(ImageError::Architecture(file.architecture()));
@@ -76,16 +76,16 @@ impl Image {
     ///
     /// # Errors
     /// When it is larger than the flash.
-    pub fn from_code(part: Part, code: &[u8]) -> Result<Self, ImageError> {
+    pub fn from_code(part: &'static Part, code: &[u8]) -> Result<Self, ImageError> {
         let mut image = Self::empty(part);
-        image.place(part.flash().base, code)?;
+        image.place(part.flash.base, code)?;
         Ok(image)
     }
 
-    fn empty(part: Part) -> Self {
+    fn empty(part: &'static Part) -> Self {
         Self {
             part,
-            flash: vec![0xFF; part.flash().size as usize],
+            flash: vec![0xFF; part.flash.size as usize],
             functions: BTreeMap::new(),
             symbols: BTreeMap::new(),
         }
@@ -97,7 +97,7 @@ impl Image {
             size: bytes.len() as u64,
             part: self.part,
         };
-        let offset = address.checked_sub(self.part.flash().base);
+        let offset = address.checked_sub(self.part.flash.base);
         let place = offset.and_then(|offset| {
             let start = offset as usize;
             self.flash.get_mut(start..start + bytes.len())
@@ -108,7 +108,7 @@ impl Image {
 
     /// The part it is for.
     #[must_use]
-    pub fn part(&self) -> Part {
+    pub fn part(&self) -> &'static Part {
         self.part
     }
 

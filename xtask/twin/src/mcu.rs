@@ -136,15 +136,15 @@ impl Mcu {
     ) -> Result<Self, rsemu::Error> {
         let part = image.part();
         let link = bus.map(|bus| {
-            let rate = ClockRate::new(part.hsi_hz() as u32).with_offset_ppb(board.rc_ppb);
+            let rate = ClockRate::new(part.hsi.hz).with_offset_ppb(board.rc_ppb);
             CanLink {
-                node: lock(bus).add_bxcan(part.can_part(), rate),
+                node: lock(bus).add_bxcan(part, rate),
                 bus: Arc::clone(bus),
             }
         });
         let node = link.as_ref().map(|link| link.node);
         let memories: Vec<_> = part
-            .memories()
+            .ram
             .iter()
             .map(|memory| Ram {
                 base: memory.base,
@@ -172,10 +172,9 @@ impl Mcu {
         )?;
         let shared = Arc::new(Shared::new(peripherals));
         let space = address_space(&image, flash.as_ref(), &memories, &shared)?;
-        // Four bits of priority on both parts.
         let config = Config::CORTEX_M4F
-            .with_priority_bits(4)
-            .with_reset_vtor(part.flash().base);
+            .with_priority_bits(part.priority_bits)
+            .with_reset_vtor(part.flash.base);
         let core = ArmV7m::new(config);
         core.attach_space(Arc::new(space));
         Ok(Self {
@@ -738,7 +737,7 @@ impl Mcu {
     /// Reads memory (RAM or flash); `None` outside.
     #[must_use]
     pub fn memory(&self, address: u32, size: usize) -> Option<Vec<u8>> {
-        let flash = self.image.part().flash();
+        let flash = self.image.part().flash;
         if flash.contains(address) {
             let start = (address - flash.base) as usize;
             return Some(self.image.flash().get(start..start + size)?.to_vec());
@@ -762,7 +761,7 @@ impl Mcu {
 
     /// The part.
     #[must_use]
-    pub fn part(&self) -> Part {
+    pub fn part(&self) -> &'static Part {
         self.image.part()
     }
 }
@@ -788,13 +787,13 @@ fn address_space(
     {
         let mut map = space.topology();
         let region = Arc::new(match timed {
-            Some(timed) => Region::io("flash", u64::from(part.flash().size), timed.clone()),
+            Some(timed) => Region::io("flash", u64::from(part.flash.size), timed.clone()),
             None => {
                 let flash = Arc::new(RomStore::from_slice(image.flash()));
                 Region::rom("flash", flash, RomWrite::Fault)
             }
         });
-        map.map(Arc::clone(&region), u64::from(part.flash().base))?;
+        map.map(Arc::clone(&region), u64::from(part.flash.base))?;
         // The boot pins alias the flash at zero.
         map.map(region, 0)?;
         for ram in memories {
@@ -803,16 +802,16 @@ fn address_space(
                 u64::from(ram.base),
             )?;
         }
-        let (page, identifier, size) = part.system_page();
+        let page = part.system_page;
         let mut system = vec![0xFF; 0xC00];
-        let at = (identifier - page) as usize;
+        let at = (page.unique_id - page.base) as usize;
         system[at..at + 12].copy_from_slice(b"furrow-twin\0");
-        let at = (size - page) as usize;
-        system[at..at + 2].copy_from_slice(&((part.flash().size / 1024) as u16).to_le_bytes());
+        let at = (page.flash_kib - page.base) as usize;
+        system[at..at + 2].copy_from_slice(&((part.flash.size / 1024) as u16).to_le_bytes());
         let system = Arc::new(RomStore::from_slice(&system));
         map.map(
             Region::rom("system", system, RomWrite::Fault),
-            u64::from(page),
+            u64::from(page.base),
         )?;
         for (base, size) in [(0x4000_0000_u32, 0x2000_0000_u64), (0xE004_2000, 0x400)] {
             let window = Window {

@@ -1,37 +1,11 @@
-//! What distinguishes one microcontroller from the other: memories, where each
-//! peripheral answers, which clock gate it hangs on, which interrupt and which DMA
-//! request line is its own.
+//! What the model knows of each part: where each peripheral answers, which clock gate is in
+//! front of it, where its DMA request lines arrive. Memories, clocks, interrupts and pins
+//! come from the crate [`parts`].
 //!
-//! STM32F446RE: RM0390 rev 6, memory map 2.2, vector table 10.1.3, DMA requests 9.3.4.
-//! STM32F303K8: RM0316 rev 8, memory map 3.2, vector table 14.1.3, DMA requests 13.4.7.
+//! STM32F446RE: RM0390 rev 6, memory map 2.2, DMA requests 9.3.4.
+//! STM32F303K8: RM0316 rev 8, memory map 3.2, DMA requests 13.4.7.
 
-/// One of the two microcontrollers of the vehicle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Part {
-    /// STM32F446RE: 512 KiB flash, 128 KiB RAM, up to 180 MHz.
-    F446,
-    /// STM32F303K8: 64 KiB flash, 12 KiB RAM and 4 KiB core-coupled memory, 72 MHz.
-    F303,
-}
-
-/// A stretch of memory.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Memory {
-    /// First address.
-    pub base: u32,
-    /// Size in bytes.
-    pub size: u32,
-    /// Whether the DMA controllers reach it.
-    pub dma: bool,
-}
-
-impl Memory {
-    /// Whether `address` lies inside.
-    #[must_use]
-    pub const fn contains(self, address: u32) -> bool {
-        address >= self.base && address - self.base < self.size
-    }
-}
+pub use parts::{Family, Memory, Part, Pin};
 
 /// A peripheral that is modelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -196,189 +170,27 @@ static F303_ROUTES: [Route; 7] = [
     route(Request::UsartTransmit(1), 0, 6, 0),
 ];
 
-/// A pin: port letter and number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Pin {
-    /// `'A'` and so on.
-    pub port: char,
-    /// 0..=15.
-    pub number: u8,
+/// What the model knows of a part beyond [`parts`]: where its peripherals answer and
+/// where their DMA requests arrive.
+pub(crate) trait Layout {
+    /// The peripherals that are modelled.
+    fn slots(&self) -> &'static [Slot];
+    /// Their DMA requests.
+    fn routes(&self) -> &'static [Route];
 }
 
-impl Pin {
-    /// The pin `number` of port `port` ('A'..='H').
-    #[must_use]
-    pub const fn new(port: char, number: u8) -> Self {
-        Self { port, number }
-    }
-
-    pub(crate) fn port_index(self) -> usize {
-        (self.port as usize).wrapping_sub('A' as usize)
-    }
-}
-
-impl std::fmt::Display for Pin {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "P{}{}", self.port, self.number)
-    }
-}
-
-/// The pins that a sled wires to a peripheral, and the alternate function that puts the
-/// peripheral there (data sheets, tables of alternate functions).
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Wired {
-    pub transmit: Pin,
-    pub receive: Pin,
-    pub function: u8,
-}
-
-const fn wired(transmit: Pin, receive: Pin, function: u8) -> Wired {
-    Wired {
-        transmit,
-        receive,
-        function,
-    }
-}
-
-impl Part {
-    /// Flash memory.
-    #[must_use]
-    pub const fn flash(self) -> Memory {
-        Memory {
-            base: 0x0800_0000,
-            size: match self {
-                Self::F446 => 512 * 1024,
-                Self::F303 => 64 * 1024,
-            },
-            dma: true,
+impl Layout for Part {
+    fn slots(&self) -> &'static [Slot] {
+        match self.family {
+            Family::F4 => &F446_SLOTS,
+            Family::F3 => &F303_SLOTS,
         }
     }
 
-    /// Memories that can be written: RAM and, on the F303, the core-coupled memory.
-    #[must_use]
-    pub const fn memories(self) -> &'static [Memory] {
-        match self {
-            Self::F446 => &[Memory {
-                base: 0x2000_0000,
-                size: 128 * 1024,
-                dma: true,
-            }],
-            Self::F303 => &[
-                Memory {
-                    base: 0x2000_0000,
-                    size: 12 * 1024,
-                    dma: true,
-                },
-                Memory {
-                    base: 0x1000_0000,
-                    size: 4 * 1024,
-                    dma: false,
-                },
-            ],
-        }
-    }
-
-    /// The read-only system page that holds the unique identifier and the flash size:
-    /// its base, the address of the identifier, the address of the size in KiB.
-    pub(crate) const fn system_page(self) -> (u32, u32, u32) {
-        match self {
-            Self::F446 => (0x1FFF_7800, 0x1FFF_7A10, 0x1FFF_7A22),
-            Self::F303 => (0x1FFF_F400, 0x1FFF_F7AC, 0x1FFF_F7CC),
-        }
-    }
-
-    /// DBGMCU_IDCODE: device identifier and a revision.
-    pub(crate) const fn idcode(self) -> u32 {
-        match self {
-            Self::F446 => 0x1000_0421,
-            Self::F303 => 0x1000_0438,
-        }
-    }
-
-    pub(crate) fn slots(self) -> &'static [Slot] {
-        match self {
-            Self::F446 => &F446_SLOTS,
-            Self::F303 => &F303_SLOTS,
-        }
-    }
-
-    pub(crate) fn routes(self) -> &'static [Route] {
-        match self {
-            Self::F446 => &F446_ROUTES,
-            Self::F303 => &F303_ROUTES,
-        }
-    }
-
-    /// Pins of USART 0.. (USART1..) on the sled.
-    pub(crate) const fn usart_pins(self, index: usize) -> Option<Wired> {
-        match (self, index) {
-            (_, 0) => Some(wired(Pin::new('A', 9), Pin::new('A', 10), 7)),
-            (Self::F446, 1) => Some(wired(Pin::new('A', 2), Pin::new('A', 3), 7)),
-            (Self::F303, 1) => Some(wired(Pin::new('A', 2), Pin::new('A', 15), 7)),
-            (Self::F446, 2) => Some(wired(Pin::new('C', 10), Pin::new('C', 11), 7)),
-            _ => None,
-        }
-    }
-
-    /// Pins of the CAN transceiver on the sled.
-    pub(crate) const fn can_pins(self) -> Wired {
-        match self {
-            Self::F446 => wired(Pin::new('B', 9), Pin::new('B', 8), 9),
-            Self::F303 => wired(Pin::new('A', 12), Pin::new('A', 11), 9),
-        }
-    }
-
-    /// The part as the CAN model knows it.
-    pub(crate) const fn can_part(self) -> can_bus::Part {
-        match self {
-            Self::F446 => can_bus::Part::F446,
-            Self::F303 => can_bus::Part::F303,
-        }
-    }
-
-    /// Rate of the internal RC oscillator, Hz.
-    pub(crate) const fn hsi_hz(self) -> u64 {
-        match self {
-            Self::F446 => 16_000_000,
-            Self::F303 => 8_000_000,
-        }
-    }
-
-    /// Rate of the low-speed RC oscillator that drives the watchdog, Hz.
-    pub(crate) const fn lsi_hz(self) -> u64 {
-        match self {
-            Self::F446 => 32_000,
-            Self::F303 => 40_000,
-        }
-    }
-
-    /// Interrupt of a timer by its index.
-    pub(crate) const fn tim_irq(index: usize) -> u16 {
-        28 + index as u16
-    }
-
-    /// Interrupt of a USART by its index.
-    pub(crate) const fn usart_irq(index: usize) -> u16 {
-        37 + index as u16
-    }
-
-    /// Interrupt of the ADC.
-    pub(crate) const fn adc_irq() -> u16 {
-        18
-    }
-
-    /// First of the four interrupts of the CAN controller: TX, RX0, RX1, SCE.
-    pub(crate) const fn can_irq() -> u16 {
-        19
-    }
-
-    /// Interrupt of stream or channel `unit` of DMA `controller`.
-    pub(crate) const fn dma_irq(self, controller: usize, unit: usize) -> u16 {
-        match (self, controller, unit) {
-            (Self::F446, 0, 7) => 47,
-            (Self::F446, 1, 0..=4) => 56 + unit as u16,
-            (Self::F446, 1, _) => 68 + unit as u16 - 5,
-            _ => 11 + unit as u16,
+    fn routes(&self) -> &'static [Route] {
+        match self.family {
+            Family::F4 => &F446_ROUTES,
+            Family::F3 => &F303_ROUTES,
         }
     }
 }

@@ -42,7 +42,7 @@ impl Images {
 
 /// The microcontroller on a node's sled.
 #[must_use]
-pub const fn part_of(node: Node) -> Part {
+pub const fn part_of(node: Node) -> &'static Part {
     match node {
         Node::Gps | Node::Controller => Part::F446,
         Node::Steering | Node::Drive => Part::F303,

@@ -6,6 +6,7 @@
 //! set summary"), with the flash of the part at its clock and no benefit of
 //! any cache or prefetch.
 
+use parts::Sled;
 use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn, UnaryOp};
 use rsemu::cpu::arm::v7m::isa::{BarrierOp, Insn};
 
@@ -62,35 +63,24 @@ impl Timing {
         }
     }
 
-    /// STM32F446 at 180 MHz: 5 wait states, 128-bit lines (RM0390, 3.4.1),
-    /// APB1 at a quarter and APB2 at half the core clock. A bridge access
-    /// takes at most three periods of its bus (two of the transfer, one of
-    /// synchronisation).
+    /// A board on its external clock: flash wait states and line length of its part at
+    /// the core's clock. A peripheral access takes at most three periods of its bus: two of
+    /// the transfer, one of synchronisation. RAM waits one cycle for a DMA transfer.
     #[must_use]
-    pub const fn f446() -> Self {
+    pub const fn flashed(sled: &Sled) -> Self {
+        let (flash, clocks) = (&sled.part.flash_access, &sled.external);
+        let waits = match flash.wait_states(clocks.core) {
+            Some(states) => states as u64,
+            None => unreachable!(),
+        };
         Self {
             waits: Some(Waits {
-                flash: 5,
+                flash: waits,
                 ram: 1,
-                slow_peripheral: 12,
-                fast_peripheral: 6,
+                slow_peripheral: 3 * (clocks.core / clocks.apb1) as u64,
+                fast_peripheral: 3 * (clocks.core / clocks.apb2) as u64,
             }),
-            line: 16,
-        }
-    }
-
-    /// STM32F303x8 at 72 MHz: 2 wait states, 64-bit fetches (RM0316, 4.2.2),
-    /// APB1 at half, APB2 at the full core clock.
-    #[must_use]
-    pub const fn f303() -> Self {
-        Self {
-            waits: Some(Waits {
-                flash: 2,
-                ram: 1,
-                slow_peripheral: 6,
-                fast_peripheral: 3,
-            }),
-            line: 8,
+            line: flash.line_bytes,
         }
     }
 

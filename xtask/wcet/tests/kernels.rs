@@ -60,7 +60,7 @@ fn check_path(
 fn bounds_hold_on_the_emulator() {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     let emulator = Emulator::new(&image);
     let mut ratios = Vec::new();
     let mut unbounded = Vec::new();
@@ -121,7 +121,7 @@ fn bounds_hold_on_the_emulator() {
 fn programs_without_bound_are_refused() {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     for (name, sentence) in [
         (
             "broken::endless_wait",
@@ -145,7 +145,7 @@ fn programs_without_bound_are_refused() {
 fn a_false_annotation_is_found_out() {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     let name = "broken::annotated_too_low";
     let bound = analyse(&mut analysis, name);
     assert!(bound.problems.is_empty(), "{:?}", bound.problems);
@@ -181,7 +181,7 @@ fn a_false_annotation_is_found_out() {
 fn a_path_outside_of_the_graph_is_found_out() {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     let name = "arrays::binary_search";
     let bound = analyse(&mut analysis, name);
     let entry = kernel(&image, name);

@@ -8,7 +8,6 @@ mod segment;
 
 use std::collections::VecDeque;
 
-use crate::Frame;
 use crate::bxcan::{BxCan, FilterBanks, IrqLines, LineStatus, WireStatus};
 use crate::confinement::{ErrorCounters, ErrorState};
 use crate::disturbance::{Active, Disturbance};
@@ -17,6 +16,7 @@ use crate::record::Record;
 use crate::tester::{Retry, Tester};
 use crate::time::{BitTime, ClockRate, Ps, SimTime, instant};
 use crate::wire::Level;
+use crate::{Frame, Part};
 use node::{Action, Device, Node};
 use segment::Segment;
 
@@ -30,15 +30,6 @@ impl NodeId {
     pub const fn index(self) -> usize {
         self.0
     }
-}
-
-/// A part with bxCAN.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// STM32F303: one controller, 14 filter banks.
-    F303,
-    /// STM32F446: CAN1 of a pair, 28 filter banks divided by CAN2SB.
-    F446,
 }
 
 /// Bit time of a bus on which no node has a clock.
@@ -100,8 +91,9 @@ impl Bus {
 
     /// Adds the only controller of an F303 or CAN1 of an F446, in reset state; `clock` is its
     /// APB1 clock.
-    pub fn add_bxcan(&mut self, part: Part, clock: ClockRate) -> NodeId {
-        self.filters.push(FilterBanks::new(part == Part::F446));
+    pub fn add_bxcan(&mut self, part: &Part, clock: ClockRate) -> NodeId {
+        self.filters
+            .push(FilterBanks::new(part.can_controllers > 1));
         self.add_controller(false, self.filters.len() - 1, clock)
     }
 

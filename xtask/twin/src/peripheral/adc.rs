@@ -7,7 +7,7 @@
 //! not modelled: their registers read back what was written.
 
 use crate::clock::{Cycles, NEVER};
-use crate::part::Part;
+use crate::part::Family;
 
 /// Start-up of the F303's voltage regulator: 10 us (data sheet, T_ADCVREG_STUP). Earlier
 /// enabling or calibration is outside the specification and is not carried out.
@@ -28,7 +28,7 @@ struct Sequence {
 
 #[derive(Debug)]
 pub(crate) struct Adc {
-    part: Part,
+    family: Family,
     registers: [u32; 0xC0 / 4],
     common: u32,
     /// Core cycles in a cycle of the converter's clock.
@@ -55,14 +55,14 @@ pub(crate) struct Adc {
 }
 
 impl Adc {
-    pub(crate) fn new(part: Part) -> Self {
+    pub(crate) fn new(family: Family) -> Self {
         let mut registers = [0; 0xC0 / 4];
-        if part == Part::F303 {
+        if family == Family::F3 {
             // ADVREGEN "10": off.
             registers[0x08 / 4] = 0b10 << 28;
         }
         Self {
-            part,
+            family,
             registers,
             common: 0,
             clock: 1,
@@ -87,7 +87,7 @@ impl Adc {
     pub(crate) fn reset(&mut self) {
         let inputs = self.inputs;
         let clock = self.clock;
-        *self = Self::new(self.part);
+        *self = Self::new(self.family);
         self.inputs = inputs;
         self.clock = clock;
     }
@@ -100,9 +100,9 @@ impl Adc {
 
     /// Core cycles in a cycle of APB2 and of the F303's own ADC clock.
     pub(crate) fn set_clock(&mut self, apb2: u64, asynchronous: u64) {
-        self.clock = match self.part {
-            Part::F446 => apb2 * 2 * (u64::from(self.common >> 16 & 3) + 1),
-            Part::F303 => match self.common >> 16 & 3 {
+        self.clock = match self.family {
+            Family::F4 => apb2 * 2 * (u64::from(self.common >> 16 & 3) + 1),
+            Family::F3 => match self.common >> 16 & 3 {
                 0 => asynchronous,
                 1 => 1,
                 2 => 2,
@@ -132,12 +132,12 @@ impl Adc {
 
     /// Control register that holds the trigger selection and its value.
     fn trigger_control(&self) -> (u32, u32) {
-        match self.part {
-            Part::F446 => {
+        match self.family {
+            Family::F4 => {
                 let cr2 = self.get(0x08);
                 (cr2 >> 28 & 3, cr2 >> 24 & 0xF)
             }
-            Part::F303 => {
+            Family::F3 => {
                 let cfgr = self.get(0x0C);
                 (cfgr >> 10 & 3, cfgr >> 6 & 0xF)
             }
@@ -146,25 +146,25 @@ impl Adc {
 
     /// Selection code of TIM3's TRGO (RM0390 table 69, RM0316 table 86).
     const fn tim3_code(&self) -> u32 {
-        match self.part {
-            Part::F446 => 0b1000,
-            Part::F303 => 0b0100,
+        match self.family {
+            Family::F4 => 0b1000,
+            Family::F3 => 0b0100,
         }
     }
 
     fn on(&self) -> bool {
-        match self.part {
-            Part::F446 => self.get(0x08) & 1 != 0,
-            Part::F303 => self.enabled,
+        match self.family {
+            Family::F4 => self.get(0x08) & 1 != 0,
+            Family::F3 => self.enabled,
         }
     }
 
     /// A rising edge of TIM3's TRGO.
     pub(crate) fn tim3_trigger(&mut self, now: Cycles) {
         let (edge, code) = self.trigger_control();
-        let listens = match self.part {
-            Part::F446 => true,
-            Part::F303 => self.armed,
+        let listens = match self.family {
+            Family::F4 => true,
+            Family::F3 => self.armed,
         };
         if edge & 1 != 0 && code == self.tim3_code() && listens {
             self.start(now);
@@ -179,20 +179,20 @@ impl Adc {
     }
 
     fn length(&self) -> usize {
-        match self.part {
-            Part::F446 if self.get(0x04) & 1 << 8 == 0 => 1,
-            Part::F446 => (self.get(0x2C) >> 20 & 0xF) as usize + 1,
-            Part::F303 => (self.get(0x30) & 0xF) as usize + 1,
+        match self.family {
+            Family::F4 if self.get(0x04) & 1 << 8 == 0 => 1,
+            Family::F4 => (self.get(0x2C) >> 20 & 0xF) as usize + 1,
+            Family::F3 => (self.get(0x30) & 0xF) as usize + 1,
         }
     }
 
     fn channel(&self, rank: usize) -> usize {
-        let channel = match self.part {
-            Part::F446 => {
+        let channel = match self.family {
+            Family::F4 => {
                 let register = [0x34, 0x30, 0x2C][rank / 6];
                 self.get(register) >> (5 * (rank % 6))
             }
-            Part::F303 => {
+            Family::F3 => {
                 // Rank 1 sits at bit 6 of SQR1; five to a register from there on.
                 let position = rank + 1;
                 self.get(0x30 + 4 * (position / 5) as u32) >> (6 * (position % 5))
@@ -203,8 +203,8 @@ impl Adc {
 
     /// Sampling time in halves of the converter's clock.
     fn sampling_halves(&self, channel: usize) -> u64 {
-        match self.part {
-            Part::F446 => {
+        match self.family {
+            Family::F4 => {
                 let (register, index) = if channel < 10 {
                     (0x10, channel)
                 } else {
@@ -213,7 +213,7 @@ impl Adc {
                 [6, 30, 56, 112, 168, 224, 288, 960]
                     [(self.get(register) >> (3 * index) & 7) as usize]
             }
-            Part::F303 => {
+            Family::F3 => {
                 let (register, index) = if channel < 10 {
                     (0x14, channel)
                 } else {
@@ -226,9 +226,9 @@ impl Adc {
 
     fn convert(&mut self, rank: usize, now: Cycles) {
         // Twelve cycles for twelve bits, twelve and a half on the F303.
-        let conversion = match self.part {
-            Part::F446 => 24,
-            Part::F303 => 25,
+        let conversion = match self.family {
+            Family::F4 => 24,
+            Family::F3 => 25,
         };
         let halves = self.sampling_halves(self.channel(rank));
         let sample = now + (halves * self.clock).div_ceil(2);
@@ -266,30 +266,30 @@ impl Adc {
     }
 
     fn dma_enabled(&self) -> bool {
-        match self.part {
-            Part::F446 => self.get(0x08) & 1 << 8 != 0,
-            Part::F303 => self.get(0x0C) & 1 != 0,
+        match self.family {
+            Family::F4 => self.get(0x08) & 1 << 8 != 0,
+            Family::F3 => self.get(0x0C) & 1 != 0,
         }
     }
 
     /// Requests go on after the DMA controller's buffer is full: DDS, DMACFG.
     fn dma_continues(&self) -> bool {
-        match self.part {
-            Part::F446 => self.get(0x08) & 1 << 9 != 0,
-            Part::F303 => self.get(0x0C) & 1 << 1 != 0,
+        match self.family {
+            Family::F4 => self.get(0x08) & 1 << 9 != 0,
+            Family::F3 => self.get(0x0C) & 1 << 1 != 0,
         }
     }
 
     fn finish(&mut self, rank: usize, value: u16, now: Cycles) {
         let last = rank + 1 >= self.length();
-        let unread = match self.part {
-            Part::F446 => self.request,
-            Part::F303 => self.end_of_conversion,
+        let unread = match self.family {
+            Family::F4 => self.request,
+            Family::F3 => self.end_of_conversion,
         };
-        let keep = match self.part {
-            Part::F446 => true,
+        let keep = match self.family {
+            Family::F4 => true,
             // OVRMOD: overwrite.
-            Part::F303 => self.get(0x0C) & 1 << 12 == 0,
+            Family::F3 => self.get(0x0C) & 1 << 12 == 0,
         };
         if unread {
             self.overrun = true;
@@ -298,7 +298,7 @@ impl Adc {
             self.data = u32::from(value);
         }
         // EOC at the end of each conversion, or of the sequence (RM0390 13.8.2).
-        let each = self.part == Part::F303 || self.get(0x08) & 1 << 10 != 0;
+        let each = self.family == Family::F3 || self.get(0x08) & 1 << 10 != 0;
         if each || last {
             self.end_of_conversion = true;
         }
@@ -307,11 +307,11 @@ impl Adc {
         }
         if last {
             self.end_of_sequence = true;
-            let continuous = match self.part {
-                Part::F446 => self.get(0x08) & 1 << 1 != 0,
-                Part::F303 => self.get(0x0C) & 1 << 13 != 0,
+            let continuous = match self.family {
+                Family::F4 => self.get(0x08) & 1 << 1 != 0,
+                Family::F3 => self.get(0x0C) & 1 << 13 != 0,
             };
-            let stopped = self.part == Part::F446 && self.overrun && self.dma_enabled();
+            let stopped = self.family == Family::F4 && self.overrun && self.dma_enabled();
             if continuous && !stopped {
                 self.convert(0, now);
             } else if self.trigger_control().0 == 0 {
@@ -334,12 +334,12 @@ impl Adc {
     }
 
     pub(crate) fn interrupt(&self) -> bool {
-        match self.part {
-            Part::F446 => {
+        match self.family {
+            Family::F4 => {
                 let cr1 = self.get(0x04);
                 cr1 & 1 << 5 != 0 && self.end_of_conversion || cr1 & 1 << 26 != 0 && self.overrun
             }
-            Part::F303 => {
+            Family::F3 => {
                 let enable = self.get(0x04);
                 enable & 1 != 0 && self.ready
                     || enable & 1 << 2 != 0 && self.end_of_conversion
@@ -356,8 +356,8 @@ impl Adc {
     }
 
     pub(crate) fn read(&mut self, offset: u32, now: Cycles) -> Option<u32> {
-        match self.part {
-            Part::F446 => match offset {
+        match self.family {
+            Family::F4 => match offset {
                 0x00 => Some(
                     u32::from(self.end_of_conversion) << 1
                         | u32::from(self.started) << 4
@@ -370,7 +370,7 @@ impl Adc {
                 0x308 => Some(self.data),
                 _ => None,
             },
-            Part::F303 => match offset {
+            Family::F3 => match offset {
                 0x00 => Some(
                     u32::from(self.ready)
                         | u32::from(self.end_of_conversion) << 2
@@ -404,14 +404,14 @@ impl Adc {
         now: Cycles,
         cycles_of: impl Fn(u64) -> Cycles,
     ) {
-        match (self.part, offset) {
-            (Part::F446, 0x00) => {
+        match (self.family, offset) {
+            (Family::F4, 0x00) => {
                 self.end_of_conversion &= value & 1 << 1 != 0;
                 self.started &= value & 1 << 4 != 0;
                 self.overrun &= value & 1 << 5 != 0;
             }
-            (Part::F446, 0x04 | 0x0C..=0x48) => self.registers[(offset / 4) as usize] = value,
-            (Part::F446, 0x08) => {
+            (Family::F4, 0x04 | 0x0C..=0x48) => self.registers[(offset / 4) as usize] = value,
+            (Family::F4, 0x08) => {
                 self.registers[2] = value & !(1 << 30 | 1 << 22);
                 if value & 1 == 0 {
                     self.sequence = None;
@@ -424,15 +424,15 @@ impl Adc {
                     self.start(now);
                 }
             }
-            (Part::F446, 0x304) | (Part::F303, 0x308) => self.common = value,
-            (Part::F303, 0x00) => {
+            (Family::F4, 0x304) | (Family::F3, 0x308) => self.common = value,
+            (Family::F3, 0x00) => {
                 self.ready &= value & 1 == 0;
                 self.end_of_conversion &= value & 1 << 2 == 0;
                 self.end_of_sequence &= value & 1 << 3 == 0;
                 self.overrun &= value & 1 << 4 == 0;
             }
-            (Part::F303, 0x08) => self.write_control(value, now, cycles_of),
-            (Part::F303, 0x04 | 0x0C..=0x3C | 0x44..=0xB4) => {
+            (Family::F3, 0x08) => self.write_control(value, now, cycles_of),
+            (Family::F3, 0x04 | 0x0C..=0x3C | 0x44..=0xB4) => {
                 self.registers[(offset / 4) as usize] = value;
                 if !self.dma_enabled() {
                     self.dma_done = false;
@@ -488,7 +488,7 @@ impl Adc {
 #[cfg(test)]
 mod tests {
     use super::Adc;
-    use crate::part::Part;
+    use crate::part::Family;
 
     fn run(adc: &mut Adc, until: u64) {
         while adc.next_event() <= until {
@@ -503,7 +503,7 @@ mod tests {
 
     /// Two channels by scan on TIM3's TRGO, 22.5 MHz (90 MHz / 4), core at 180 MHz.
     fn scanning() -> Adc {
-        let mut adc = Adc::new(Part::F446);
+        let mut adc = Adc::new(Family::F4);
         adc.write(0x304, 1 << 16, 0, no_delay);
         adc.set_clock(2, 1);
         adc.set_input(0, 1111);
@@ -561,7 +561,7 @@ mod tests {
 
     #[test]
     fn the_f303_wants_its_regulator_calibration_and_start() {
-        let mut adc = Adc::new(Part::F303);
+        let mut adc = Adc::new(Family::F3);
         let ps = |ps: u64| ps * 72 / 1_000_000;
         adc.write(0x308, 1 << 16, 0, ps);
         adc.set_clock(1, 1);

@@ -5,7 +5,7 @@
 //! The stream FIFO, bursts and the peripheral flow controller are not modelled: a stream
 //! works in direct mode whatever its FIFO register says.
 
-use crate::part::Part;
+use crate::part::Family;
 
 /// What a unit is set to move next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,20 +40,20 @@ struct Unit {
 /// [`Dma::interrupt`].
 #[derive(Debug)]
 pub(crate) struct Dma {
-    part: Part,
+    family: Family,
     units: Vec<Unit>,
 }
 
 const F4_FLAG_SHIFT: [u32; 4] = [0, 6, 16, 22];
 
 impl Dma {
-    pub(crate) fn new(part: Part) -> Self {
-        let units = match part {
-            Part::F446 => 8,
-            Part::F303 => 7,
+    pub(crate) fn new(family: Family) -> Self {
+        let units = match family {
+            Family::F4 => 8,
+            Family::F3 => 7,
         };
         Self {
-            part,
+            family,
             units: vec![Unit::default(); units],
         }
     }
@@ -65,24 +65,24 @@ impl Dma {
     /// Whether the unit is enabled and listens to `selector` (CHSEL; ignored on channels).
     pub(crate) fn listens(&self, unit: usize, selector: u32) -> bool {
         let control = self.units[unit].control;
-        control & 1 != 0 && (self.part == Part::F303 || control >> 25 & 7 == selector)
+        control & 1 != 0 && (self.family == Family::F3 || control >> 25 & 7 == selector)
     }
 
     /// Whether the unit is enabled and copies memory to memory, without requests.
     pub(crate) fn copies(&self, unit: usize) -> bool {
         let control = self.units[unit].control;
         control & 1 != 0
-            && match self.part {
-                Part::F446 => control >> 6 & 3 == 2,
-                Part::F303 => control & 1 << 14 != 0,
+            && match self.family {
+                Family::F4 => control >> 6 & 3 == 2,
+                Family::F3 => control & 1 << 14 != 0,
             }
     }
 
     fn circular(&self, control: u32) -> bool {
-        match self.part {
+        match self.family {
             // Double buffer implies circular.
-            Part::F446 => control & (1 << 8 | 1 << 18) != 0,
-            Part::F303 => control & 1 << 5 != 0,
+            Family::F4 => control & (1 << 8 | 1 << 18) != 0,
+            Family::F3 => control & 1 << 5 != 0,
         }
     }
 
@@ -92,15 +92,15 @@ impl Dma {
         if u.control & 1 == 0 || u.left == 0 {
             return None;
         }
-        let (to_peripheral, p_size, m_size, memory) = match self.part {
-            Part::F446 => (
+        let (to_peripheral, p_size, m_size, memory) = match self.family {
+            Family::F4 => (
                 u.control >> 6 & 3 == 1,
                 1 << (u.control >> 11 & 3),
                 // Direct mode uses the peripheral's size for both (RM0390 9.3.13).
                 1 << (u.control >> 11 & 3),
                 u.memory[(u.control >> 19 & u.control >> 18 & 1) as usize],
             ),
-            Part::F303 => (
+            Family::F3 => (
                 u.control & 1 << 4 != 0,
                 1 << (u.control >> 8 & 3),
                 1 << (u.control >> 10 & 3),
@@ -129,16 +129,16 @@ impl Dma {
     /// Counts an item that was moved. True when it was the last one of the buffer.
     pub(crate) fn moved(&mut self, unit: usize) -> bool {
         let circular = self.circular(self.units[unit].control);
-        let part = self.part;
+        let family = self.family;
         let u = &mut self.units[unit];
-        let (p_inc, m_inc, p_size, m_size) = match part {
-            Part::F446 => (
+        let (p_inc, m_inc, p_size, m_size) = match family {
+            Family::F4 => (
                 u.control & 1 << 9 != 0,
                 u.control & 1 << 10 != 0,
                 1 << (u.control >> 11 & 3),
                 1 << (u.control >> 11 & 3),
             ),
-            Part::F303 => (
+            Family::F3 => (
                 u.control & 1 << 6 != 0,
                 u.control & 1 << 7 != 0,
                 1 << (u.control >> 8 & 3),
@@ -163,10 +163,10 @@ impl Dma {
             u.left = u.count;
             u.peripheral_offset = 0;
             u.memory_offset = 0;
-            if part == Part::F446 && u.control & 1 << 18 != 0 {
+            if family == Family::F4 && u.control & 1 << 18 != 0 {
                 u.control ^= 1 << 19;
             }
-        } else if part == Part::F446 {
+        } else if family == Family::F4 {
             // The hardware clears EN (RM0390 9.3.9); a channel keeps it set but waits
             // for a new CNDTR.
             u.control &= !1;
@@ -185,23 +185,23 @@ impl Dma {
     pub(crate) fn interrupt(&self, unit: usize) -> bool {
         let u = &self.units[unit];
         let enabled = |bit: u32| u.control & 1 << bit != 0;
-        match self.part {
-            Part::F446 => u.half && enabled(3) || u.complete && enabled(4) || u.error && enabled(2),
-            Part::F303 => u.half && enabled(2) || u.complete && enabled(1) || u.error && enabled(3),
+        match self.family {
+            Family::F4 => u.half && enabled(3) || u.complete && enabled(4) || u.error && enabled(2),
+            Family::F3 => u.half && enabled(2) || u.complete && enabled(1) || u.error && enabled(3),
         }
     }
 
     pub(crate) fn read(&self, offset: u32) -> Option<u32> {
-        match self.part {
-            Part::F446 => self.read_stream(offset),
-            Part::F303 => self.read_channel(offset),
+        match self.family {
+            Family::F4 => self.read_stream(offset),
+            Family::F3 => self.read_channel(offset),
         }
     }
 
     pub(crate) fn write(&mut self, offset: u32, value: u32) {
-        match self.part {
-            Part::F446 => self.write_stream(offset, value),
-            Part::F303 => self.write_channel(offset, value),
+        match self.family {
+            Family::F4 => self.write_stream(offset, value),
+            Family::F3 => self.write_channel(offset, value),
         }
     }
 
@@ -327,21 +327,21 @@ impl Dma {
     }
 
     fn control(&mut self, unit: usize, value: u32) {
-        let part = self.part;
+        let family = self.family;
         let u = &mut self.units[unit];
         let was = u.control & 1 != 0;
         // A stream is not enabled while one of its flags stands (RM0390 9.3.18).
-        let refused = part == Part::F446 && !was && (u.half || u.complete || u.error);
+        let refused = family == Family::F4 && !was && (u.half || u.complete || u.error);
         u.control = if refused { value & !1 } else { value };
         if !was && u.control & 1 != 0 {
             u.peripheral_offset = 0;
             u.memory_offset = 0;
-            if part == Part::F446 {
+            if family == Family::F4 {
                 u.count = u.left;
             }
         }
         // Switching a stream off raises its complete flag (RM0390 9.3.18).
-        if part == Part::F446 && was && u.control & 1 == 0 {
+        if family == Family::F4 && was && u.control & 1 == 0 {
             u.complete = true;
         }
     }
@@ -357,11 +357,11 @@ impl Dma {
 #[cfg(test)]
 mod tests {
     use super::{Dma, Move};
-    use crate::part::Part;
+    use crate::part::Family;
 
     #[test]
     fn a_circular_stream_flags_half_and_end_and_starts_over() {
-        let mut dma = Dma::new(Part::F446);
+        let mut dma = Dma::new(Family::F4);
         // DMA2 stream 2: 0x10 + 2 * 0x18.
         let base = 0x40;
         dma.write(base + 0x04, 4);
@@ -395,7 +395,7 @@ mod tests {
 
     #[test]
     fn a_stream_that_ends_disables_itself_and_wants_its_flags_cleared() {
-        let mut dma = Dma::new(Part::F446);
+        let mut dma = Dma::new(Family::F4);
         let base = 0x10 + 6 * 0x18;
         dma.write(base + 0x04, 1);
         dma.write(base, 1 << 6 | 1 << 10 | 4 << 25 | 1);
@@ -411,7 +411,7 @@ mod tests {
 
     #[test]
     fn a_channel_keeps_its_enable_bit_and_its_sizes_apart() {
-        let mut dma = Dma::new(Part::F303);
+        let mut dma = Dma::new(Family::F3);
         dma.write(0x08 + 4, 2);
         dma.write(0x08 + 8, 0x5000_0040);
         dma.write(0x08 + 12, 0x2000_0000);

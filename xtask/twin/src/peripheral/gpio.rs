@@ -2,7 +2,7 @@
 //!
 //! A pin that nothing outside drives follows its pull resistor, and low without one.
 
-use crate::part::Part;
+use crate::part::Family;
 use rsemu::core::device::{Device, ResetKind};
 use rsemu::core::space::MemOps;
 use rsemu::dev::stm32::gpio::{Gpio, ResetValues, Variant};
@@ -22,7 +22,7 @@ pub(crate) struct Port {
 
 impl Port {
     /// Port `index` (0 is A) with its reset values (RM0390 7.4, RM0316 11.4).
-    pub(crate) fn new(part: Part, index: usize) -> Self {
+    pub(crate) fn new(family: Family, index: usize) -> Self {
         let reset = match index {
             0 => ResetValues {
                 moder: 0xA800_0000,
@@ -42,9 +42,9 @@ impl Port {
         };
         // The F303 has the bit reset register BRR behind AFRH, as the model's newer
         // register file does; what follows BRR there is cut off by the size.
-        let (variant, size) = match part {
-            Part::F446 => (Variant::F4, 0x28),
-            Part::F303 => (Variant::U5, 0x2C),
+        let (variant, size) = match family {
+            Family::F4 => (Variant::F4, 0x28),
+            Family::F3 => (Variant::U5, 0x2C),
         };
         let model = Gpio::with_variant(reset, variant);
         let registers = super::registers_of(&model);
@@ -118,11 +118,11 @@ impl Port {
 #[cfg(test)]
 mod tests {
     use super::Port;
-    use crate::part::Part;
+    use crate::part::Family;
 
     #[test]
     fn an_open_input_follows_its_pull_resistor_and_a_driven_one_its_driver() {
-        let mut port = Port::new(Part::F446, 2);
+        let mut port = Port::new(Family::F4, 2);
         port.write(0x0C, 1 << 10);
         assert_eq!(port.read(0x10), Some(1 << 5));
         port.drive(5, Some(false));
@@ -134,19 +134,19 @@ mod tests {
 
     #[test]
     fn only_the_f303_has_a_bit_reset_register() {
-        let mut port = Port::new(Part::F303, 1);
+        let mut port = Port::new(Family::F3, 1);
         port.write(0x00, 1 << 6);
         port.write(0x18, 1 << 3);
         assert_eq!(port.levels() & 1 << 3, 1 << 3);
         port.write(0x28, 1 << 3);
         assert_eq!(port.levels() & 1 << 3, 0);
-        assert_eq!(Port::new(Part::F446, 1).read(0x28), None);
+        assert_eq!(Port::new(Family::F4, 1).read(0x28), None);
         assert_eq!(port.read(0x2C), None);
     }
 
     #[test]
     fn a_pin_is_routed_by_its_mode_and_its_function() {
-        let mut port = Port::new(Part::F446, 1);
+        let mut port = Port::new(Family::F4, 1);
         port.write(0x24, 9 << 4);
         assert!(!port.routed(9, 9));
         port.write(0x00, 2 << 18);

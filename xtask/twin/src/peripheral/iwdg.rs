@@ -2,7 +2,7 @@
 //! oscillator: a 12-bit down-counter behind a prescaler that resets the part at zero.
 
 use crate::clock::{NEVER, Ps};
-use crate::part::Part;
+use crate::part::Family;
 
 const UNLOCK: u32 = 0x5555;
 const RELOAD: u32 = 0xAAAA;
@@ -13,7 +13,7 @@ const UPDATE_CYCLES: u64 = 5;
 
 #[derive(Debug)]
 pub(crate) struct Iwdg {
-    part: Part,
+    family: Family,
     hertz: u64,
     unlocked: bool,
     running: bool,
@@ -29,9 +29,9 @@ pub(crate) struct Iwdg {
 }
 
 impl Iwdg {
-    pub(crate) fn new(part: Part, hertz: u64) -> Self {
+    pub(crate) fn new(family: Family, hertz: u64) -> Self {
         Self {
-            part,
+            family,
             hertz,
             unlocked: false,
             running: false,
@@ -105,7 +105,7 @@ impl Iwdg {
                 u32::from(self.next_prescaler.is_some())
                     | u32::from(self.next_reload.is_some()) << 1,
             ),
-            0x10 if self.part == Part::F303 => Some(self.window),
+            0x10 if self.family == Family::F3 => Some(self.window),
             _ => None,
         }
     }
@@ -134,7 +134,7 @@ impl Iwdg {
             }
             0x04 if self.unlocked => self.next_prescaler = Some((value & 7, arrival)),
             0x08 if self.unlocked => self.next_reload = Some((value & 0xFFF, arrival)),
-            0x10 if self.unlocked && self.part == Part::F303 => {
+            0x10 if self.unlocked && self.family == Family::F3 => {
                 self.window = value & 0xFFF;
                 self.count = self.reload;
                 self.since = now;
@@ -148,12 +148,12 @@ impl Iwdg {
 #[cfg(test)]
 mod tests {
     use super::Iwdg;
-    use crate::part::Part;
+    use crate::part::Family;
 
     const MS: u64 = 1_000_000_000;
 
     fn started(reload: u32) -> Iwdg {
-        let mut dog = Iwdg::new(Part::F446, 32_000);
+        let mut dog = Iwdg::new(Family::F4, 32_000);
         dog.write(0x00, 0xCCCC, 0);
         dog.write(0x00, 0x5555, 0);
         dog.write(0x04, 3, 0);
@@ -182,7 +182,7 @@ mod tests {
 
     #[test]
     fn registers_are_locked_without_the_key() {
-        let mut dog = Iwdg::new(Part::F446, 32_000);
+        let mut dog = Iwdg::new(Family::F4, 32_000);
         dog.write(0x08, 5, 0);
         assert_eq!(dog.read(0x08, MS), Some(0xFFF));
         dog.write(0x00, 0x5555, MS);
@@ -193,7 +193,7 @@ mod tests {
 
     #[test]
     fn the_f303_resets_on_a_reload_above_the_window() {
-        let mut dog = Iwdg::new(Part::F303, 40_000);
+        let mut dog = Iwdg::new(Family::F3, 40_000);
         dog.write(0x00, 0xCCCC, 0);
         dog.write(0x00, 0x5555, 0);
         dog.write(0x10, 0x800, 0);

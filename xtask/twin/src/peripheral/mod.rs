@@ -17,8 +17,9 @@ mod usart;
 pub use rcc::ResetCause;
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
-use crate::part::{Block, Part, Pin, Request, Slot, TIM3, TIMERS};
+use crate::part::{Block, Family, Layout, Part, Pin, Request, Slot, TIM3, TIMERS};
 use can_bus::{ClockRate, NodeId, SimTime};
+use parts::{Role, Signal, Sled, interrupt};
 use rsemu::core::device::Device;
 use rsemu::core::space::{MemAttrs, MemOps, RamStore, RegionKind};
 use std::collections::BTreeSet;
@@ -90,7 +91,9 @@ const BEATS: u32 = 4096;
 
 #[derive(Debug)]
 pub(crate) struct Peripherals {
-    part: Part,
+    part: &'static Part,
+    /// The board around the part, which says what its pins are wired to.
+    sled: Option<&'static Sled>,
     oscillators: Oscillators,
     clock: LocalClock,
     now: Cycles,
@@ -134,7 +137,7 @@ pub(crate) struct Nothing;
 
 impl Peripherals {
     pub(crate) fn new(
-        part: Part,
+        part: &'static Part,
         oscillators: Oscillators,
         origin: Ps,
         can: Option<CanLink>,
@@ -143,24 +146,25 @@ impl Peripherals {
     ) -> Result<Self, rsemu::Error> {
         let mut peripherals = Self {
             part,
+            sled: Sled::carrying(part),
             oscillators,
-            clock: LocalClock::new(part.hsi_hz(), oscillators.rc_ppb, origin),
+            clock: LocalClock::new(u64::from(part.hsi.hz), oscillators.rc_ppb, origin),
             now: 0,
             next: NEVER,
             watchdog_at: NEVER,
             rcc: rcc::Rcc::new(part, oscillators.hse_hz),
-            flash: system::Flash::new(part),
-            pwr: system::Pwr::new(part),
+            flash: system::Flash::new(part.family),
+            pwr: system::Pwr::new(part.family),
             debug_control: [0; 3],
-            iwdg: iwdg::Iwdg::new(part, part.lsi_hz()),
-            ports: (0..8).map(|k| gpio::Port::new(part, k)).collect(),
+            iwdg: iwdg::Iwdg::new(part.family, u64::from(part.lsi.hz)),
+            ports: (0..8).map(|k| gpio::Port::new(part.family, k)).collect(),
             timers: TIMERS
                 .into_iter()
                 .map(tim::Timer::new)
                 .collect::<Result<_, _>>()?,
-            usarts: (0..3).map(|_| usart::Usart::new(part)).collect(),
-            dmas: (0..2).map(|_| dma::Dma::new(part)).collect(),
-            adc: adc::Adc::new(part),
+            usarts: (0..3).map(|_| usart::Usart::new(part.family)).collect(),
+            dmas: (0..2).map(|_| dma::Dma::new(part.family)).collect(),
+            adc: adc::Adc::new(part.family),
             can,
             can_lines: 0,
             flash_image,
@@ -226,10 +230,10 @@ impl Peripherals {
         self.catch_up(now);
         self.reset_request = None;
         self.rcc.reset(cause);
-        self.flash = system::Flash::new(self.part);
-        self.pwr = system::Pwr::new(self.part);
+        self.flash = system::Flash::new(self.part.family);
+        self.pwr = system::Pwr::new(self.part.family);
         self.debug_control = [0; 3];
-        self.iwdg = iwdg::Iwdg::new(self.part, self.part.lsi_hz());
+        self.iwdg = iwdg::Iwdg::new(self.part.family, u64::from(self.part.lsi.hz));
         self.watchdog_at = NEVER;
         for port in 0..self.ports.len() {
             self.ports[port].reset();
@@ -242,7 +246,7 @@ impl Peripherals {
             usart.reset();
         }
         for dma in &mut self.dmas {
-            *dma = dma::Dma::new(self.part);
+            *dma = dma::Dma::new(self.part.family);
         }
         self.adc.reset();
         if let Some(link) = &self.can {
@@ -314,22 +318,25 @@ impl Peripherals {
             lines[usize::from(irq / 32)] |= u32::from(level) << (irq % 32);
         };
         for (k, timer) in self.timers.iter().enumerate() {
-            raise(Part::tim_irq(k), timer.interrupt());
+            raise(interrupt::TIM2 + k as u16, timer.interrupt());
         }
         for (k, usart) in self.usarts.iter().enumerate() {
-            raise(Part::usart_irq(k), usart.interrupt());
+            raise(interrupt::USART1 + k as u16, usart.interrupt());
         }
         for (controller, dma) in self.dmas.iter().enumerate() {
-            if controller == 1 && self.part == Part::F303 {
+            if controller == 1 && self.part.family == Family::F3 {
                 break;
             }
             for unit in 0..dma.units() {
-                raise(self.part.dma_irq(controller, unit), dma.interrupt(unit));
+                raise(
+                    interrupt::dma(self.part.family, controller, unit),
+                    dma.interrupt(unit),
+                );
             }
         }
-        raise(Part::adc_irq(), self.adc.interrupt());
+        raise(interrupt::ADC, self.adc.interrupt());
         for k in 0..4 {
-            raise(Part::can_irq() + k, self.can_lines >> k & 1 != 0);
+            raise(interrupt::CAN + k, self.can_lines >> k & 1 != 0);
         }
         self.lines = lines;
     }
@@ -340,10 +347,8 @@ impl Peripherals {
             if bytes.is_empty() {
                 continue;
             }
-            let wired = self.part.usart_pins(k).is_some_and(|pins| {
-                self.ports[pins.transmit.port_index()].routed(pins.transmit.number, pins.function)
-            });
-            if !wired {
+            let role = Role::UsartTransmit(k as u8 + 1);
+            if !routed(&self.ports, self.sled, role) {
                 continue;
             }
             let hertz = self.clock.hertz();
@@ -392,13 +397,13 @@ impl Peripherals {
             self.timers[k].set_clock(now, clocked, tree.timer1);
         }
         for k in 0..self.usarts.len() {
-            let divider = match (self.part, k) {
-                (Part::F446, 0) => tree.apb2,
+            let divider = match (self.part.family, k) {
+                (Family::F4, 0) => tree.apb2,
                 // USART1's own clock selection (RM0316 9.4.13).
-                (Part::F303, 0) => match self.rcc.cfgr3() & 3 {
+                (Family::F3, 0) => match self.rcc.cfgr3() & 3 {
                     0 => tree.apb1,
                     1 => 1,
-                    _ => (tree.hclk / self.part.hsi_hz()).max(1),
+                    _ => (tree.hclk / u64::from(self.part.hsi.hz)).max(1),
                 },
                 _ => tree.apb1,
             };
@@ -459,10 +464,9 @@ impl Peripherals {
 
     fn connect_can(&mut self) {
         let Some(link) = &self.can else { return };
-        let pins = self.part.can_pins();
-        let routed = [pins.transmit, pins.receive]
-            .iter()
-            .all(|pin| self.ports[pin.port_index()].routed(pin.number, pins.function));
+        let routed = [Role::CanTransmit(1), Role::CanReceive(1)]
+            .into_iter()
+            .all(|role| routed(&self.ports, self.sled, role));
         lock(&link.bus).set_connected(link.node, routed, self.time());
     }
 
@@ -475,7 +479,7 @@ impl Peripherals {
             | u32::from(lines.rx1) << 2
             | u32::from(lines.sce) << 3;
         for k in 0..4 {
-            let irq = Part::can_irq() + k;
+            let irq = interrupt::CAN + k;
             let bit = 1 << (irq % 32);
             let word = &mut self.lines[usize::from(irq / 32)];
             *word = *word & !bit | if self.can_lines >> k & 1 != 0 { bit } else { 0 };
@@ -510,10 +514,7 @@ impl Peripherals {
     /// A byte begins to arrive at `start` at USART `usart` (1..) with `baud` bit/s.
     pub(crate) fn feed_uart(&mut self, usart: u8, byte: u8, start: Ps, baud: u32) {
         let index = usize::from(usart).wrapping_sub(1);
-        let wired = self.part.usart_pins(index).is_some_and(|pins| {
-            self.ports[pins.receive.port_index()].routed(pins.receive.number, pins.function)
-        });
-        if !wired || baud == 0 {
+        if !routed(&self.ports, self.sled, Role::UsartReceive(usart)) || baud == 0 {
             return;
         }
         let second = 1_000_000_000_000 * 256 / u64::from(baud);
@@ -552,7 +553,7 @@ impl Peripherals {
             Block::Pwr => self.pwr.read(offset, now),
             Block::Iwdg => self.iwdg.read(offset, self.clock.time(now)),
             Block::Dbgmcu => match offset {
-                0 => Some(self.part.idcode()),
+                0 => Some(self.part.idcode),
                 4..=12 => Some(self.debug_control[(offset / 4 - 1) as usize]),
                 _ => None,
             },
@@ -665,7 +666,7 @@ impl Peripherals {
             }
             Block::Tim(k) => self.timers[k].reset(),
             Block::Usart(k) => self.usarts[k].reset(),
-            Block::Dma(k) => self.dmas[k] = dma::Dma::new(self.part),
+            Block::Dma(k) => self.dmas[k] = dma::Dma::new(self.part.family),
             Block::Adc => self.adc.reset(),
             Block::Can => {
                 if let Some(link) = &self.can {
@@ -673,7 +674,7 @@ impl Peripherals {
                 }
                 self.read_can_lines();
             }
-            Block::Pwr => self.pwr = system::Pwr::new(self.part),
+            Block::Pwr => self.pwr = system::Pwr::new(self.part.family),
             Block::Rcc | Block::Flash | Block::Iwdg | Block::Dbgmcu => {}
         }
     }
@@ -747,7 +748,7 @@ impl Peripherals {
             store.read_at(offset, wanted).map_err(|_| Nothing)?;
             return Ok(u32::from_le_bytes(bytes));
         }
-        let flash = self.part.flash();
+        let flash = self.part.flash;
         if flash.contains(address) {
             let start = (address - flash.base) as usize;
             let source = self
@@ -802,4 +803,13 @@ pub(crate) fn read_word(registers: &dyn MemOps, offset: u32) -> Option<u32> {
 pub(crate) fn write_word(registers: &dyn MemOps, offset: u32, value: u32) {
     // A refused write is one to a register that does not exist.
     let _ = registers.write(u64::from(offset), &value.to_le_bytes(), MemAttrs::DEFAULT);
+}
+
+/// True if the program has connected the peripheral of this role to the pin that the board
+/// wires it to.
+fn routed(ports: &[gpio::Port], sled: Option<&Sled>, role: Role) -> bool {
+    let signal: Option<&Signal> = sled.and_then(|sled| sled.wired_as(role));
+    signal.is_some_and(|signal| {
+        ports[signal.pin.port_index()].routed(signal.pin.number, signal.alternate)
+    })
 }

@@ -7,7 +7,7 @@
 //! what was written.
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
-use crate::part::Part;
+use crate::part::{Family, Part};
 
 const CR: u32 = 0x00;
 
@@ -67,7 +67,7 @@ enum Source {
 
 #[derive(Debug)]
 pub(crate) struct Rcc {
-    part: Part,
+    part: &'static Part,
     registers: [u32; 0x98 / 4],
     /// External clock at OSC_IN, if there is one, Hz.
     hse_hz: Option<u64>,
@@ -81,7 +81,7 @@ pub(crate) struct Rcc {
 }
 
 impl Rcc {
-    pub(crate) fn new(part: Part, hse_hz: Option<u64>) -> Self {
+    pub(crate) fn new(part: &'static Part, hse_hz: Option<u64>) -> Self {
         let mut rcc = Self {
             part,
             registers: [0; 0x98 / 4],
@@ -103,18 +103,18 @@ impl Rcc {
         self.registers = [0; 0x98 / 4];
         // HSION, HSITRIM 16.
         self.registers[0] = 1 | 16 << 3;
-        match self.part {
-            Part::F446 => {
+        match self.part.family {
+            Family::F4 => {
                 *self.register(0x04) = 0x2400_3010;
                 *self.register(0x30) = 0x0010_0000;
             }
-            Part::F303 => *self.register(0x14) = 0x14,
+            Family::F3 => *self.register(0x14) = 0x14,
         }
         if cause == ResetCause::PowerOn {
             self.cause_flags = 0;
         }
         self.cause_flags |= cause.flags();
-        if self.part == Part::F303 {
+        if self.part.family == Family::F3 {
             self.cause_flags &= !(1 << 25);
         }
         self.hsi_ready = 0;
@@ -133,16 +133,16 @@ impl Rcc {
     }
 
     fn cfgr_offset(&self) -> u32 {
-        match self.part {
-            Part::F446 => 0x08,
-            Part::F303 => 0x04,
+        match self.part.family {
+            Family::F4 => 0x08,
+            Family::F3 => 0x04,
         }
     }
 
     fn csr_offset(&self) -> u32 {
-        match self.part {
-            Part::F446 => 0x74,
-            Part::F303 => 0x24,
+        match self.part.family {
+            Family::F4 => 0x74,
+            Family::F3 => 0x24,
         }
     }
 
@@ -163,9 +163,9 @@ impl Rcc {
 
     /// `None` beyond the last register.
     pub(crate) fn read(&self, offset: u32, now: Cycles) -> Option<u32> {
-        let last = match self.part {
-            Part::F446 => 0x94,
-            Part::F303 => 0x30,
+        let last = match self.part.family {
+            Family::F4 => 0x94,
+            Family::F3 => 0x30,
         };
         if offset > last {
             return None;
@@ -211,13 +211,16 @@ impl Rcc {
                 Source::Pll => 1 << 24 | before & (1 | 1 << 16) & self.pll_feed(),
             };
             value |= before & keep;
-        } else if offset == self.cfgr_offset() && self.part == Part::F303 {
+        } else if offset == self.cfgr_offset() && self.part.family == Family::F3 {
             // PLLSRC and PLLMUL are locked while the PLL is on (RM0316 9.4.2).
             let locked = 0b1_1111 << 16 | 1 << 21;
             if self.registers[0] & 1 << 24 != 0 {
                 value = value & !locked | before & locked;
             }
-        } else if offset == 0x04 && self.part == Part::F446 && self.registers[0] & 1 << 24 != 0 {
+        } else if offset == 0x04
+            && self.part.family == Family::F4
+            && self.registers[0] & 1 << 24 != 0
+        {
             // PLLCFGR as well (RM0390 6.3.2).
             value = before;
         }
@@ -272,9 +275,9 @@ impl Rcc {
     }
 
     fn pll_external(&self) -> bool {
-        match self.part {
-            Part::F446 => self.get(0x04) & 1 << 22 != 0,
-            Part::F303 => self.get(0x04) & 1 << 16 != 0,
+        match self.part.family {
+            Family::F4 => self.get(0x04) & 1 << 22 != 0,
+            Family::F3 => self.get(0x04) & 1 << 16 != 0,
         }
     }
 
@@ -338,10 +341,10 @@ impl Rcc {
         let input = if self.pll_external() {
             self.hse_hz.unwrap_or(0)
         } else {
-            self.part.hsi_hz()
+            u64::from(self.part.hsi.hz)
         };
-        match self.part {
-            Part::F446 => {
+        match self.part.family {
+            Family::F4 => {
                 let pll = self.get(0x04);
                 let m = u64::from(pll & 0x3F).max(1);
                 let n = u64::from(pll >> 6 & 0x1FF);
@@ -352,7 +355,7 @@ impl Rcc {
                 };
                 input * n / m / output
             }
-            Part::F303 => {
+            Family::F3 => {
                 let factor = (u64::from(self.get(0x04) >> 18 & 0xF) + 2).min(16);
                 if self.pll_external() {
                     input * factor / (u64::from(self.cfgr2() & 0xF) + 1)
@@ -366,14 +369,14 @@ impl Rcc {
     /// What the registers make of the oscillators.
     pub(crate) fn tree(&self) -> Tree {
         let (system, external) = match self.source() {
-            Source::Hsi => (self.part.hsi_hz(), false),
+            Source::Hsi => (u64::from(self.part.hsi.hz), false),
             Source::Hse => (self.hse_hz.unwrap_or(0), true),
             Source::Pll => (self.pll_hz(), self.pll_external()),
         };
         let cfgr = self.get(self.cfgr_offset());
-        let (ppre1, ppre2) = match self.part {
-            Part::F446 => (cfgr >> 10 & 7, cfgr >> 13 & 7),
-            Part::F303 => (cfgr >> 8 & 7, cfgr >> 11 & 7),
+        let (ppre1, ppre2) = match self.part.family {
+            Family::F4 => (cfgr >> 10 & 7, cfgr >> 13 & 7),
+            Family::F3 => (cfgr >> 8 & 7, cfgr >> 11 & 7),
         };
         let apb = |code: u32| if code < 4 { 1 } else { 2 << (code - 4) };
         let apb1 = apb(ppre1);

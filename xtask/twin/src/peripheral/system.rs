@@ -1,36 +1,36 @@
 //! Small system registers: flash interface, power control, debug identification.
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
-use crate::part::Part;
+use crate::part::Family;
 
 /// The flash interface (RM0390 3.8, RM0316 4.5): access control only. Programming and
 /// erasing are not modelled, the control registers stay locked.
 #[derive(Debug)]
 pub(crate) struct Flash {
-    part: Part,
+    family: Family,
     acr: u32,
 }
 
 impl Flash {
-    pub(crate) fn new(part: Part) -> Self {
+    pub(crate) fn new(family: Family) -> Self {
         Self {
-            part,
-            acr: match part {
-                Part::F446 => 0,
-                Part::F303 => 0x30,
+            family,
+            acr: match family {
+                Family::F4 => 0,
+                Family::F3 => 0x30,
             },
         }
     }
 
     pub(crate) fn read(&self, offset: u32) -> Option<u32> {
-        match (self.part, offset) {
+        match (self.family, offset) {
             (_, 0x00) => Some(self.acr),
             // KEYR, OPTKEYR, SR.
             (_, 0x04..=0x0C) => Some(0),
-            (Part::F446, 0x10) => Some(0x8000_0000),
-            (Part::F446, 0x14) => Some(0x0FFF_AAED),
-            (Part::F303, 0x10) => Some(0x80),
-            (Part::F303, 0x14..=0x20) => Some(0),
+            (Family::F4, 0x10) => Some(0x8000_0000),
+            (Family::F4, 0x14) => Some(0x0FFF_AAED),
+            (Family::F3, 0x10) => Some(0x80),
+            (Family::F3, 0x14..=0x20) => Some(0),
             _ => None,
         }
     }
@@ -39,10 +39,10 @@ impl Flash {
         if offset != 0 {
             return;
         }
-        self.acr = match self.part {
-            Part::F446 => value & 0x1F0F,
+        self.acr = match self.family {
+            Family::F4 => value & 0x1F0F,
             // PRFTBS follows PRFTBE.
-            Part::F303 => value & 0x1F & !(1 << 5) | (value & 1 << 4) << 1,
+            Family::F3 => value & 0x1F & !(1 << 5) | (value & 1 << 4) << 1,
         };
     }
 }
@@ -54,7 +54,7 @@ const OVERDRIVE: Ps = 45_000_000;
 /// the F303 the registers only hold what was written.
 #[derive(Debug)]
 pub(crate) struct Pwr {
-    part: Part,
+    family: Family,
     cr: u32,
     csr: u32,
     overdrive_ready: Cycles,
@@ -62,12 +62,12 @@ pub(crate) struct Pwr {
 }
 
 impl Pwr {
-    pub(crate) fn new(part: Part) -> Self {
+    pub(crate) fn new(family: Family) -> Self {
         Self {
-            part,
-            cr: match part {
-                Part::F446 => 0xC000,
-                Part::F303 => 0,
+            family,
+            cr: match family {
+                Family::F4 => 0xC000,
+                Family::F3 => 0,
             },
             csr: 0,
             overdrive_ready: NEVER,
@@ -76,15 +76,15 @@ impl Pwr {
     }
 
     pub(crate) fn read(&self, offset: u32, now: Cycles) -> Option<u32> {
-        match (self.part, offset) {
+        match (self.family, offset) {
             (_, 0x00) => Some(self.cr),
-            (Part::F446, 0x04) => Some(
+            (Family::F4, 0x04) => Some(
                 self.csr
                     | 1 << 14
                     | u32::from(now >= self.overdrive_ready) << 16
                     | u32::from(now >= self.switch_ready) << 17,
             ),
-            (Part::F303, 0x04) => Some(self.csr),
+            (Family::F3, 0x04) => Some(self.csr),
             _ => None,
         }
     }
@@ -93,7 +93,7 @@ impl Pwr {
         match offset {
             0x00 => {
                 self.cr = value;
-                if self.part == Part::F446 {
+                if self.family == Family::F4 {
                     let at = now + clock.cycles_of(OVERDRIVE);
                     let follow = |ready: &mut Cycles, on: bool| {
                         *ready = match (on, *ready) {
@@ -125,12 +125,12 @@ impl Pwr {
 mod tests {
     use super::{Flash, Pwr};
     use crate::clock::LocalClock;
-    use crate::part::Part;
+    use crate::part::Family;
 
     #[test]
     fn overdrive_reports_ready_after_its_time_and_never_without_being_asked() {
         let clock = LocalClock::new(16_000_000, 0, 0);
-        let mut pwr = Pwr::new(Part::F446);
+        let mut pwr = Pwr::new(Family::F4);
         assert_eq!(pwr.read(4, 1_000_000).unwrap() & 3 << 16, 0);
         pwr.write(0, 0xC000 | 1 << 16, 1_000_000, &clock);
         assert_eq!(pwr.read(4, 1_000_000).unwrap() & 3 << 16, 0);
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn the_f303_shows_its_prefetch_buffer_as_enabled() {
-        let mut flash = Flash::new(Part::F303);
+        let mut flash = Flash::new(Family::F3);
         assert_eq!(flash.read(0), Some(0x30));
         flash.write(0, 0x12);
         assert_eq!(flash.read(0), Some(0x32));

@@ -8,7 +8,7 @@
 //! control are not modelled.
 
 use crate::clock::{Cycles, NEVER};
-use crate::part::Part;
+use crate::part::Family;
 use std::collections::VecDeque;
 
 /// A byte that left on the transmit pin.
@@ -56,7 +56,7 @@ const TXE: u32 = 1 << 7;
 
 #[derive(Debug)]
 pub(crate) struct Usart {
-    part: Part,
+    family: Family,
     cr1: u32,
     cr2: u32,
     cr3: u32,
@@ -79,9 +79,9 @@ pub(crate) struct Usart {
 }
 
 impl Usart {
-    pub(crate) fn new(part: Part) -> Self {
+    pub(crate) fn new(family: Family) -> Self {
         Self {
-            part,
+            family,
             cr1: 0,
             cr2: 0,
             cr3: 0,
@@ -105,7 +105,7 @@ impl Usart {
         let arriving = std::mem::take(&mut self.arriving);
         let sent = std::mem::take(&mut self.sent);
         let divider = self.divider;
-        *self = Self::new(self.part);
+        *self = Self::new(self.family);
         self.arriving = arriving;
         self.sent = sent;
         self.divider = divider;
@@ -134,9 +134,9 @@ impl Usart {
     }
 
     fn enabled(&self) -> bool {
-        match self.part {
-            Part::F446 => self.cr1 & 1 << 13 != 0,
-            Part::F303 => self.cr1 & 1 != 0,
+        match self.family {
+            Family::F4 => self.cr1 & 1 << 13 != 0,
+            Family::F3 => self.cr1 & 1 != 0,
         }
     }
 
@@ -264,7 +264,7 @@ impl Usart {
         let level = |bit: u64| line.level(own * (2 * bit + 1) / 2);
         let byte = (0..8).fold(0, |byte, k| byte | u8::from(level(1 + k)) << k);
         let stop = level(self.frame_halves() / 2 - 1);
-        let overrun_detection = self.part == Part::F446 || self.cr3 & 1 << 12 == 0;
+        let overrun_detection = self.family == Family::F4 || self.cr3 & 1 << 12 == 0;
         if self.flags & RXNE != 0 && overrun_detection {
             self.flags |= ORE;
         } else {
@@ -313,7 +313,7 @@ impl Usart {
 
     fn read_data(&mut self) -> u32 {
         self.flags &= !RXNE;
-        if self.part == Part::F446 && self.status_read {
+        if self.family == Family::F4 && self.status_read {
             // The sequence of reading SR and then DR (RM0390 25.6.1).
             self.flags &= !(ORE | IDLE | FE | NF | PE);
         }
@@ -338,14 +338,14 @@ impl Usart {
             self.receiving = None;
             self.idle_at = NEVER;
         }
-        if self.part == Part::F303 && !self.enabled() {
+        if self.family == Family::F3 && !self.enabled() {
             self.flags = TXE | TC;
         }
     }
 
     pub(crate) fn read(&mut self, offset: u32) -> Option<u32> {
-        match self.part {
-            Part::F446 => Some(match offset {
+        match self.family {
+            Family::F4 => Some(match offset {
                 0x00 => {
                     self.status_read = true;
                     self.flags
@@ -358,7 +358,7 @@ impl Usart {
                 0x18 => self.other[0],
                 _ => return None,
             }),
-            Part::F303 => Some(match offset {
+            Family::F3 => Some(match offset {
                 0x00 => self.cr1,
                 0x04 => self.cr2,
                 0x08 => self.cr3,
@@ -381,19 +381,19 @@ impl Usart {
     }
 
     pub(crate) fn write(&mut self, offset: u32, value: u32, now: Cycles) {
-        match (self.part, offset) {
-            (Part::F446, 0x00) => {
+        match (self.family, offset) {
+            (Family::F4, 0x00) => {
                 // Written zeros clear; only these bits can be (RM0390 25.6.1).
                 self.flags &= value | !(RXNE | TC);
             }
-            (Part::F446, 0x04) | (Part::F303, 0x28) => self.write_data(value, now),
-            (Part::F446, 0x08) | (Part::F303, 0x0C) => self.brr = value & 0xFFFF,
-            (Part::F446, 0x0C) | (Part::F303, 0x00) => self.write_control(value, now),
-            (Part::F446, 0x10) | (Part::F303, 0x04) => self.cr2 = value,
-            (Part::F446, 0x14) | (Part::F303, 0x08) => self.cr3 = value,
-            (Part::F446, 0x18) | (Part::F303, 0x10) => self.other[0] = value,
-            (Part::F303, 0x14) => self.other[1] = value,
-            (Part::F303, 0x18) => {
+            (Family::F4, 0x04) | (Family::F3, 0x28) => self.write_data(value, now),
+            (Family::F4, 0x08) | (Family::F3, 0x0C) => self.brr = value & 0xFFFF,
+            (Family::F4, 0x0C) | (Family::F3, 0x00) => self.write_control(value, now),
+            (Family::F4, 0x10) | (Family::F3, 0x04) => self.cr2 = value,
+            (Family::F4, 0x14) | (Family::F3, 0x08) => self.cr3 = value,
+            (Family::F4, 0x18) | (Family::F3, 0x10) => self.other[0] = value,
+            (Family::F3, 0x14) => self.other[1] = value,
+            (Family::F3, 0x18) => {
                 if value & 1 << 3 != 0 {
                     self.flags &= !RXNE;
                 }
@@ -402,7 +402,7 @@ impl Usart {
                     self.flags |= TXE;
                 }
             }
-            (Part::F303, 0x20) => self.flags &= !(value & (PE | FE | NF | ORE | IDLE | TC)),
+            (Family::F3, 0x20) => self.flags &= !(value & (PE | FE | NF | ORE | IDLE | TC)),
             _ => {}
         }
     }
@@ -412,7 +412,7 @@ impl Usart {
 mod tests {
     use super::{Arriving, FE, IDLE, ORE, RXNE, TC, TXE, Usart};
     use crate::clock::NEVER;
-    use crate::part::Part;
+    use crate::part::Family;
 
     fn run(usart: &mut Usart, until: u64) {
         while usart.next_event() <= until {
@@ -423,7 +423,7 @@ mod tests {
 
     /// USART1 at 1 Mbaud from 90 MHz with the core at 180 MHz: a bit is 180 cycles.
     fn megabaud() -> Usart {
-        let mut usart = Usart::new(Part::F446);
+        let mut usart = Usart::new(Family::F4);
         usart.set_divider(2);
         usart.write(0x08, 90, 0);
         usart.write(0x0C, 1 << 13 | 1 << 3 | 1 << 2, 0);
@@ -513,7 +513,7 @@ mod tests {
 
     #[test]
     fn the_f303_clears_by_its_own_register() {
-        let mut usart = Usart::new(Part::F303);
+        let mut usart = Usart::new(Family::F3);
         usart.set_divider(2);
         usart.write(0x0C, 937, 0);
         usart.write(0x00, 1 | 1 << 2 | 1 << 3 | 1 << 4, 0);

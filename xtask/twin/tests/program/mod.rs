@@ -107,12 +107,12 @@ impl Program {
     }
 
     /// The program in the flash of a part.
-    pub fn image(&self, part: Part) -> Arc<Image> {
+    pub fn image(&self, part: &'static Part) -> Arc<Image> {
         Arc::new(Image::from_code(part, &self.code).expect("the program fits"))
     }
 
     /// A microcontroller alone that runs it.
-    pub fn start(&self, part: Part, board: &Board) -> Mcu {
+    pub fn start(&self, part: &'static Part, board: &Board) -> Mcu {
         Mcu::new(self.image(part), board, None)
     }
 }

@@ -75,7 +75,7 @@ fn nested_loops_are_found() {
 fn the_longest_path_is_no_shorter_than_the_clock() {
     let image = image();
     let annotations = annotations();
-    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     for (name, exact) in [
         ("arithmetic::polynomial_f32", true),
         ("arrays::nested", true),
@@ -105,7 +105,7 @@ fn the_longest_path_is_no_shorter_than_the_clock() {
 fn no_path_without_a_bound() {
     let image = image();
     let annotations = annotations();
-    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     let entry = kernel(&image, "broken::endless_wait");
     let bound = analysis.run_with(entry, Entry::Function, &[(0, INPUT)]);
     assert!(!bound.problems.is_empty());
@@ -118,7 +118,7 @@ fn no_path_without_a_bound() {
 fn stack_depth_covers_every_path() {
     let image = image();
     let annotations = annotations();
-    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     let mut stacks = Stacks::new(&image);
     for name in [
         "arrays::copy_all",

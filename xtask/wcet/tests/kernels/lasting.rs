@@ -11,7 +11,7 @@ use wcet::timing::Timing;
 fn learn(handlers: &[&str], strangers: Strangers) -> (usize, Bound) {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::f446());
+    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     let at = |name: &&str| kernel(&image, &format!("start::{name}"));
     let handlers: Vec<u32> = handlers.iter().map(at).collect();
     let words = analysis.learn(at(&"set_up"), &handlers, strangers).len();
