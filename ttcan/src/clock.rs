@@ -8,8 +8,8 @@
 //! stamps taken in an interrupt carry its latency as noise. Between references,
 //! and when they cease, time runs on at the last rate (holdover).
 
-use crate::parts::GLOBAL_TIME;
-use crate::{GlobalTime, Stamp};
+use crate::features::GLOBAL_TIME;
+use crate::time::{GlobalTime, Stamp};
 
 /// How far a node's global time can be relied on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -73,7 +73,7 @@ const REFUSALS: u8 = 3;
 
 impl Clock {
     /// `ticks_per_us` from 1 to 1000; `limit_ppm` up to 10 000.
-    pub fn new(ticks_per_us: u32, limit_ppm: u16) -> Self {
+    pub(crate) fn new(ticks_per_us: u32, limit_ppm: u16) -> Self {
         let ticks_per_us = ticks_per_us.max(1);
         let nominal = (1 << (GlobalTime::FRACTION_BITS + GAIN_BITS)) / ticks_per_us;
         Self {
@@ -91,16 +91,16 @@ impl Clock {
         }
     }
 
-    pub fn state(&self) -> ClockState {
+    pub(crate) fn state(&self) -> ClockState {
         self.state
     }
 
     /// Rate against the counter in 2^-32.
-    pub fn rate(&self) -> i32 {
+    pub(crate) fn rate(&self) -> i32 {
         self.rate
     }
 
-    pub fn at(&self, stamp: Stamp) -> Option<GlobalTime> {
+    pub(crate) fn at(&self, stamp: Stamp) -> Option<GlobalTime> {
         match self.state {
             _ if !GLOBAL_TIME => None,
             ClockState::Unset => None,
@@ -114,13 +114,13 @@ impl Clock {
     }
 
     /// Ticks in 2^-16 us of global time.
-    pub fn duration(&self, ticks: i32) -> i64 {
+    pub(crate) fn duration(&self, ticks: i32) -> i64 {
         let gain = if GLOBAL_TIME { self.gain } else { self.nominal };
         (i64::from(ticks) * i64::from(gain)) >> GAIN_BITS
     }
 
     /// Ticks that a time of the schedule takes on this node's counter.
-    pub fn ticks(&self, micros: u32) -> u32 {
+    pub(crate) fn ticks(&self, micros: u32) -> u32 {
         let nominal = micros.wrapping_mul(self.ticks_per_us);
         if !GLOBAL_TIME {
             return nominal;
@@ -132,7 +132,7 @@ impl Clock {
     /// How far off a time of the schedule may be on this node's counter: as much
     /// as the drift limit allows until the rate has been measured, in
     /// microseconds.
-    pub fn doubt(&self, micros: u32) -> u32 {
+    pub(crate) fn rate_error(&self, micros: u32) -> u32 {
         match self.state {
             ClockState::Locked | ClockState::Suspended => 0,
             _ => ((u64::from(micros) * u64::from(self.limit.unsigned_abs())) >> 32) as u32,
@@ -140,13 +140,13 @@ impl Clock {
     }
 
     /// Global time elapsed in whole microseconds; negative durations as 0.
-    pub fn micros(&self, ticks: i32) -> u32 {
+    pub(crate) fn micros(&self, ticks: i32) -> u32 {
         (self.duration(ticks).max(0) >> GlobalTime::FRACTION_BITS) as u32
     }
 
     /// Moves the anchor to `stamp` without changing the time, so that the
     /// counter cannot wrap round it.
-    pub fn carry(&mut self, stamp: Stamp) {
+    pub(crate) fn carry(&mut self, stamp: Stamp) {
         if !GLOBAL_TIME {
             return;
         }
@@ -156,14 +156,14 @@ impl Clock {
 
     /// Makes `stamp` stamp 0, at the time `global`.
     #[cfg(feature = "std")]
-    pub fn restart(&mut self, stamp: Stamp, global: GlobalTime) {
+    pub(crate) fn restart(&mut self, stamp: Stamp, global: GlobalTime) {
         self.carry(stamp);
         self.anchor = Stamp(0);
         self.global = global;
     }
 
     /// Sets the time by leap.
-    pub fn set(&mut self, stamp: Stamp, global: GlobalTime) {
+    pub(crate) fn set(&mut self, stamp: Stamp, global: GlobalTime) {
         self.anchor = stamp;
         self.global = global;
         self.state = ClockState::Own;
@@ -172,7 +172,12 @@ impl Clock {
 
     /// Takes the master's time `global` of the instant that the own counter
     /// stamped `stamp`; `discontinuity` says that the master's time leapt.
-    pub fn correct(&mut self, stamp: Stamp, global: GlobalTime, discontinuity: bool) -> Correction {
+    pub(crate) fn correct(
+        &mut self,
+        stamp: Stamp,
+        global: GlobalTime,
+        discontinuity: bool,
+    ) -> Correction {
         let elapsed = stamp.ticks_since(self.anchor);
         let span = self.duration(elapsed);
         let error = global.since(self.extrapolate(stamp));

@@ -1,6 +1,6 @@
 //! Classical CAN data frames.
 
-use crate::Id;
+use crate::id::Id;
 
 /// A classical CAN data frame of 0 to 8 bytes.
 ///

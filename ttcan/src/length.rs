@@ -5,7 +5,8 @@
 //! ([`INTERFRAME_BITS`]) is counted apart. The cost of [`frame_bits`] is that of
 //! one table step for every four bits of the frame.
 
-use crate::{Frame, Id};
+use crate::frame::Frame;
+use crate::id::Id;
 
 /// Bits of the interframe space that separate two frames (ISO 11898-1,
 /// intermission).

@@ -26,7 +26,7 @@
 
 #![no_std]
 #![forbid(unsafe_code)]
-// What is left out is still compiled, see `parts`.
+// What is left out is still compiled, see `features`.
 #![cfg_attr(
     not(all(
         feature = "counters",
@@ -44,13 +44,13 @@ extern crate std;
 
 mod bit_timing;
 mod clock;
-mod events;
+mod features;
 mod frame;
 mod id;
 mod length;
 mod matrix;
 mod node;
-mod parts;
+mod queue;
 mod reference;
 mod schedule;
 #[cfg(feature = "std")]

@@ -16,7 +16,9 @@
 //! The mark stands last and is left out when its sender knows none; so a frame
 //! may be shorter than the format says.
 
-use crate::{Frame, GlobalTime, Id};
+use crate::frame::Frame;
+use crate::id::Id;
+use crate::time::GlobalTime;
 
 /// Where the fields of a reference message stand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,7 +131,7 @@ pub(crate) fn from_coarse(coarse: u32, known: Option<GlobalTime>) -> GlobalTime 
 
 impl Fields {
     /// The frame of `id`, with the application's bytes from `application`.
-    pub fn encode(&self, format: &ReferenceFormat, id: Id, application: &[u8; 8]) -> Frame {
+    pub(crate) fn encode(&self, format: &ReferenceFormat, id: Id, application: &[u8; 8]) -> Frame {
         let mut data = *application;
         if let (Some(at), Some(coarse)) = (format.coarse, self.coarse) {
             put(&mut data, at, &coarse.to_be_bytes());
@@ -149,7 +151,7 @@ impl Fields {
     /// The fields of `frame`, `None` if it is too short to have them: without
     /// the control byte and all behind it only a matrix of one basic cycle gets
     /// along.
-    pub fn decode(format: &ReferenceFormat, frame: &Frame, cycles: u8) -> Option<Self> {
+    pub(crate) fn decode(format: &ReferenceFormat, frame: &Frame, cycles: u8) -> Option<Self> {
         let data = frame.data();
         let mut fields = Self::default();
         match data.get(usize::from(format.control)) {

@@ -402,24 +402,14 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         self.push(served, Event::Report(index, life, report));
     }
 
+    /// Lets the nodes that are ready to send contend for the bus, if it is idle.
     fn arbitrate(&mut self) {
         let now = self.now;
         if now < self.idle_at {
             self.push(self.idle_at, Event::Start);
             return;
         }
-        let ready = |station: &Station<W, P, Q>| match station.mailbox {
-            Some((frame, ready)) if ready <= now && station.powered && !station.silent => {
-                Some(frame)
-            }
-            _ => None,
-        };
-        let contenders: Vec<(usize, Frame)> = self
-            .stations
-            .iter()
-            .enumerate()
-            .filter_map(|(index, station)| Some((index, ready(station)?)))
-            .collect();
+        let contenders = self.contenders();
         let Some(&(sender, frame)) = contenders.iter().min_by_key(|(_, frame)| frame.id()) else {
             return;
         };
@@ -433,55 +423,83 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         if !heard || contenders.iter().any(|(_, other)| collides(other)) {
             fate = Fate::Destroyed;
         }
+        let mut winners = Vec::new();
         for &(index, other) in &contenders {
             self.stations[index].mailbox = None;
-            if other.id() != frame.id() {
+            if other.id() == frame.id() {
+                self.stations[index].transmitting = true;
+                winners.push(index);
+            } else {
                 let decided = SimTime::from_ticks(now.ticks() + 13 * self.bit);
                 self.report(index, Report::Lost, decided);
-            } else {
-                self.stations[index].transmitting = true;
             }
         }
-        let bits = u64::from(frame_bits(&frame));
-        let end = if fate == Fate::Destroyed {
-            let broken = 14 + self.below(bits - 14);
-            SimTime::from_ticks(now.ticks() + (broken + ERROR_BITS) * self.bit)
+        let sent = self.occupy(sender, frame, fate);
+        let report = if fate == Fate::Destroyed {
+            Report::Error
         } else {
-            SimTime::from_ticks(now.ticks() + bits * self.bit)
+            Report::Sent
         };
+        for index in winners {
+            self.report(index, report, sent.end);
+        }
+        self.traffic.push(sent);
+        if fate != Fate::Destroyed {
+            self.deliver(&sent);
+        }
+    }
+
+    /// The nodes that are ready to send, and their frames.
+    fn contenders(&self) -> Vec<(usize, Frame)> {
+        let ready = |station: &Station<W, P, Q>| match station.mailbox {
+            Some((frame, ready)) if ready <= self.now && station.powered && !station.silent => {
+                Some(frame)
+            }
+            _ => None,
+        };
+        self.stations
+            .iter()
+            .enumerate()
+            .filter_map(|(index, station)| Some((index, ready(station)?)))
+            .collect()
+    }
+
+    /// Occupies the bus with a frame that begins now.
+    fn occupy(&mut self, sender: usize, frame: Frame, fate: Fate) -> Traffic {
+        let start = self.now;
+        let bits = u64::from(frame_bits(&frame));
+        let taken = if fate == Fate::Destroyed {
+            14 + self.below(bits - 14) + ERROR_BITS
+        } else {
+            bits
+        };
+        let end = SimTime::from_ticks(start.ticks() + taken * self.bit);
         self.idle_at = SimTime::from_ticks(end.ticks() + u64::from(INTERFRAME_BITS) * self.bit);
         self.push(self.idle_at, Event::Start);
-        for &(index, _) in contenders.iter().filter(|(_, f)| f.id() == frame.id()) {
-            let report = if fate == Fate::Destroyed {
-                Report::Error
-            } else {
-                Report::Sent
-            };
-            self.report(index, report, end);
-        }
-        self.traffic.push(Traffic {
+        Traffic {
             sender,
             frame,
-            start: now,
+            start,
             end,
             fate,
-        });
-        if fate == Fate::Destroyed {
-            return;
         }
-        // Receivers hold a frame for valid one bit before its end.
-        let valid = SimTime::from_ticks(end.ticks() - self.bit);
-        self.frames.push((frame, valid));
+    }
+
+    /// Raises the receive interrupts of a frame.
+    fn deliver(&mut self, sent: &Traffic) {
+        // A frame is valid for its receivers one bit before its end.
+        let valid = SimTime::from_ticks(sent.end.ticks() - self.bit);
+        self.frames.push((sent.frame, valid));
         if self.frames.len() > 8 {
             self.frames.remove(0);
         }
         for index in 0..self.stations.len() {
             let station = &self.stations[index];
-            if index == sender
+            if index == sent.sender
                 || station.transmitting
                 || !station.powered
                 || station.silent
-                || fate == Fate::MissedBy(index)
+                || sent.fate == Fate::MissedBy(index)
             {
                 continue;
             }

@@ -1,5 +1,8 @@
 //! What a node learns from comparing the bus with the schedule.
 
+use crate::features::PEERS;
+use crate::matrix::NodeId;
+
 /// Error level of a node (ISO 11898-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ErrorLevel {
@@ -70,7 +73,7 @@ pub(crate) struct Counts<const W: usize> {
 }
 
 impl<const W: usize> Counts<W> {
-    pub const fn new(exclusive: u16) -> Self {
+    pub(crate) const fn new(exclusive: u16) -> Self {
         Self {
             windows: [WindowStatus {
                 status_count: 0,
@@ -83,14 +86,12 @@ impl<const W: usize> Counts<W> {
         }
     }
 
-    pub fn get(&self, window: u16) -> Option<WindowStatus> {
+    pub(crate) fn get(&self, window: u16) -> Option<WindowStatus> {
         self.windows.get(usize::from(window)).copied()
     }
 
     /// Notes whether the message of a window was there.
-    // In every place that calls it, it would be a tenth of a small image.
-    #[inline(never)]
-    pub fn note(&mut self, window: u16, own: bool, seen: bool) {
+    fn note(&mut self, window: u16, own: bool, seen: bool) {
         let Some(status) = self.windows.get_mut(usize::from(window)) else {
             return;
         };
@@ -106,16 +107,9 @@ impl<const W: usize> Counts<W> {
         self.moved(before, after, own);
     }
 
-    /// Takes back that the message of a window was noted as missing.
-    pub fn take_back(&mut self, window: u16) {
-        // Once for the miss, and once for having been there.
-        self.note(window, false, true);
-        self.note(window, false, true);
-    }
-
     /// Cuts runs of missed messages off at `many`.
     #[cfg(feature = "std")]
-    pub fn cut(&mut self, many: u8) {
+    pub(crate) fn cut(&mut self, many: u8) {
         for window in &mut self.windows {
             window.missed = window.missed.min(many);
         }
@@ -145,14 +139,14 @@ impl<const W: usize> Counts<W> {
     }
 
     /// Whether counts are more than 2 apart or a receive count is full.
-    pub fn warns(&self) -> bool {
+    pub(crate) fn warns(&self) -> bool {
         // From the lowest to the highest count that a window has.
         let span = self.present >> (self.present.trailing_zeros() & 7);
         span > 0b111 || self.others_full > 0
     }
 
     /// Whether a transmit count is full.
-    pub fn fails(&self) -> bool {
+    pub(crate) fn fails(&self) -> bool {
         self.own_full > 0
     }
 }
@@ -178,17 +172,17 @@ const MOST_ASTRAY: u8 = 16;
 const FORGIVEN: u16 = 4;
 
 impl Peer {
-    pub fn seen(&mut self) {
+    pub(crate) fn seen(&mut self) {
         self.heard = true;
         self.empty = 0;
         self.astray = self.astray.saturating_sub(1);
     }
 
-    pub fn missing(&mut self) {
+    pub(crate) fn missing(&mut self) {
         self.empty = self.empty.saturating_add(1);
     }
 
-    pub fn astray(&mut self, cycle: u32) {
+    pub(crate) fn misplaced(&mut self, cycle: u32) {
         if self.cycle != cycle {
             self.cycle = cycle;
             self.in_cycle = 0;
@@ -201,7 +195,7 @@ impl Peer {
     /// Makes the basic cycle numbered `cycle` number 0, and forgets what has
     /// no influence any more.
     #[cfg(feature = "std")]
-    pub fn normalise(&mut self, cycle: u32, in_two_cycles: u16) {
+    pub(crate) fn normalise(&mut self, cycle: u32, in_two_cycles: u16) {
         self.empty = self.empty.min(in_two_cycles.max(2));
         let age = cycle.wrapping_sub(self.cycle);
         if age > 1 || self.in_cycle == 0 {
@@ -215,7 +209,7 @@ impl Peer {
 
     /// `cycle` is the running number of the basic cycle, `in_two_cycles` the
     /// number of windows that the peer has in two of them.
-    pub fn health(&self, cycle: u32, in_two_cycles: u16) -> Health {
+    pub(crate) fn health(&self, cycle: u32, in_two_cycles: u16) -> Health {
         let recent = self.cycle == cycle || self.cycle.wrapping_add(1) == cycle;
         if !self.heard && self.empty == 0 {
             Health::Unknown
@@ -229,6 +223,192 @@ impl Peer {
             Health::Healthy
         } else {
             Health::Unknown
+        }
+    }
+}
+
+/// References that did not come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Missing {
+    /// So many in a row since the last reference, or since the start.
+    InRow(u8),
+    /// The initial watch trigger has passed: there was none since the start.
+    Initial,
+}
+
+/// How the transmissions of this node compare with the schedule of a whole
+/// matrix.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Balance {
+    Even,
+    /// Fewer than scheduled in the matrix before.
+    Underflow,
+    /// More than scheduled in the current matrix.
+    Overflow,
+}
+
+/// Transmissions of this node in the current matrix.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Budget {
+    /// Own windows that were used.
+    served: u16,
+    /// Whether the node was in schedule from the beginning of the matrix.
+    whole: bool,
+    balance: Balance,
+}
+
+impl Budget {
+    const NEW: Self = Self {
+        served: 0,
+        whole: false,
+        balance: Balance::Even,
+    };
+}
+
+/// What a node learns about the network and itself, and its error level.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Supervision<const W: usize, const P: usize> {
+    counts: Counts<W>,
+    peers: [Peer; P],
+    budget: Budget,
+    pub(crate) missing: Missing,
+    level: ErrorLevel,
+}
+
+impl<const W: usize, const P: usize> Supervision<W, P> {
+    /// Nothing known of `exclusive` exclusive windows.
+    pub(crate) fn new(exclusive: u16) -> Self {
+        Self {
+            counts: Counts::new(exclusive),
+            peers: [Peer::default(); P],
+            budget: Budget::NEW,
+            missing: Missing::InRow(0),
+            level: ErrorLevel::None,
+        }
+    }
+
+    /// Begins everything anew.
+    pub(crate) fn reset(&mut self, exclusive: u16) {
+        // Part by part: as a whole it would take its size on the stack once more.
+        self.peers = [Peer::default(); P];
+        self.missing = Missing::InRow(0);
+        self.level = ErrorLevel::None;
+        self.clear(exclusive);
+    }
+
+    /// Begins status counts and budget anew. S3 stays.
+    pub(crate) fn clear(&mut self, exclusive: u16) {
+        self.counts = Counts::new(exclusive);
+        self.budget = Budget::NEW;
+        self.assess();
+    }
+
+    /// Enters S3.
+    pub(crate) fn stop(&mut self, cause: Severe) {
+        self.level = ErrorLevel::Severe(cause);
+    }
+
+    pub(crate) const fn level(&self) -> ErrorLevel {
+        self.level
+    }
+
+    pub(crate) fn window(&self, window: u16) -> Option<WindowStatus> {
+        self.counts.get(window)
+    }
+
+    pub(crate) fn peer(&mut self, node: NodeId) -> Option<&mut Peer> {
+        if PEERS {
+            self.peers.get_mut(usize::from(node.0))
+        } else {
+            None
+        }
+    }
+
+    /// Health of a node; see [`Peer::health`].
+    #[cfg(feature = "peers")]
+    pub(crate) fn health(&self, node: NodeId, cycle: u32, in_two_cycles: u16) -> Health {
+        self.peers
+            .get(usize::from(node.0))
+            .map_or(Health::Unknown, |peer| peer.health(cycle, in_two_cycles))
+    }
+
+    /// Notes whether the message of an exclusive window was seen (or sent, if
+    /// the window is this node's own).
+    // In every place that calls it, it would be a tenth of a small image.
+    #[inline(never)]
+    pub(crate) fn note(&mut self, window: u16, own: bool, seen: bool) {
+        self.counts.note(window, own, seen);
+        self.assess();
+    }
+
+    /// Takes back that the message of another node's window was noted as
+    /// missing: once for the miss, and once because it was seen.
+    pub(crate) fn take_back(&mut self, window: u16) {
+        self.note(window, false, true);
+        self.note(window, false, true);
+    }
+
+    /// Begins a matrix, with `scheduled` own windows in each. `false` if fewer
+    /// than that were used in the whole of the matrix before.
+    pub(crate) fn begin_matrix(&mut self, scheduled: u16, in_schedule: bool) -> bool {
+        let short = self.budget.whole && self.budget.served < scheduled;
+        self.budget = Budget {
+            served: 0,
+            whole: in_schedule,
+            balance: if short {
+                Balance::Underflow
+            } else {
+                Balance::Even
+            },
+        };
+        self.assess();
+        !short
+    }
+
+    /// Counts a transmission in an own window. `false` if it exceeds the
+    /// `scheduled` ones of a matrix.
+    pub(crate) fn spend(&mut self, scheduled: u16) -> bool {
+        self.skip();
+        if self.budget.served > scheduled {
+            self.budget.balance = Balance::Overflow;
+            self.assess();
+            return false;
+        }
+        true
+    }
+
+    /// Counts an own window that is left empty on purpose as used.
+    pub(crate) fn skip(&mut self) {
+        self.budget.served = self.budget.served.saturating_add(1);
+    }
+
+    /// Finds the error level from what is known. S3 stays.
+    fn assess(&mut self) {
+        if let ErrorLevel::Severe(_) = self.level {
+            return;
+        }
+        self.level = if self.budget.balance == Balance::Overflow || self.counts.fails() {
+            ErrorLevel::Error
+        } else if self.budget.balance == Balance::Underflow || self.counts.warns() {
+            ErrorLevel::Warning
+        } else {
+            ErrorLevel::None
+        };
+    }
+
+    /// Forgets what has no influence any more, and numbers the basic cycle
+    /// `cycle` 0. `missed` cuts off runs of missed messages; `in_two_cycles`
+    /// tells how many windows a node has in two basic cycles.
+    #[cfg(feature = "std")]
+    pub(crate) fn normalise(
+        &mut self,
+        missed: u8,
+        cycle: u32,
+        in_two_cycles: impl Fn(NodeId) -> u16,
+    ) {
+        self.counts.cut(missed);
+        for (index, peer) in self.peers.iter_mut().enumerate() {
+            peer.normalise(cycle, in_two_cycles(NodeId(index as u16)));
         }
     }
 }

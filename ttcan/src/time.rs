@@ -24,6 +24,11 @@ impl Stamp {
         Self(self.0.wrapping_add(ticks))
     }
 
+    /// The stamp `ticks` before this one.
+    pub const fn before(self, ticks: u32) -> Self {
+        Self(self.0.wrapping_sub(ticks))
+    }
+
     /// Ticks from `earlier` to this stamp; negative when this one is the
     /// earlier.
     pub const fn ticks_since(self, earlier: Self) -> i32 {

@@ -1,6 +1,7 @@
 //! The fuzz targets' functions over random bytes, and what more they show.
 
 #[path = "../fuzz/src/lib.rs"]
+#[expect(unreachable_pub, reason = "a library of its own in `fuzz/`")]
 mod fuzz;
 
 use fuzz::Said;

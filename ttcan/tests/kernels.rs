@@ -1,6 +1,7 @@
 //! The benchmark's kernels do what they say.
 
 #[path = "../benches/kernels.rs"]
+#[expect(unreachable_pub, reason = "the benchmark's programs share the file")]
 mod kernels;
 
 use kernels::{Event, few, many};

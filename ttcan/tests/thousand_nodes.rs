@@ -1,6 +1,7 @@
 //! A thousand nodes: the example, as a test.
 
 #[path = "../examples/thousand_nodes.rs"]
+#[expect(unreachable_pub, reason = "a program of its own in `examples/`")]
 mod example;
 
 #[test]

@@ -163,7 +163,15 @@ impl MatrixError<'_> {
             Some(other) => other,
             None => "another",
         };
-        match self.problem {
+        self.problem.describe(&mut message, other);
+        message
+    }
+}
+
+impl Problem {
+    /// Writes what is wrong, in conflict with `other` if with any.
+    const fn describe(self, message: &mut Message, other: &str) {
+        match self {
             Problem::CycleCount { cycles } => message
                 .number(cycles)
                 .text(" basic cycles, but the count must be 1, 2, 4, 8, 16, 32 or 64"),
@@ -236,7 +244,6 @@ impl MatrixError<'_> {
                 .text(other)
                 .text("` give one identifier two senders, lengths or kinds"),
         };
-        message
     }
 }
 

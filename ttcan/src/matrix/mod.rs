@@ -11,7 +11,10 @@ mod validate;
 
 pub use error::{MatrixError, Message, Problem};
 
-use crate::{Id, Micros, ReferenceFormat, length};
+use crate::id::Id;
+use crate::length;
+use crate::reference::ReferenceFormat;
+use crate::time::Micros;
 
 /// A node of the network, numbered densely from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

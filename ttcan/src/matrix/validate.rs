@@ -1,7 +1,9 @@
 //! The rules of a matrix.
 
 use super::{Event, MatrixConfig, MatrixError, Problem, Window, WindowKind, bits_to_micros};
-use crate::{Id, Micros, length};
+use crate::id::Id;
+use crate::length;
+use crate::time::Micros;
 
 /// Range of the reference trigger offset in network time units (ISO 11898-4):
 /// a master may send its reference this much early.

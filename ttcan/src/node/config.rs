@@ -1,6 +1,7 @@
 //! What one node knows of itself.
 
-use crate::{Micros, NodeId};
+use crate::matrix::NodeId;
+use crate::time::Micros;
 
 /// From the end of the last bit of a frame's end of frame to the stamp that the
 /// node takes of it, in ticks; negative when the stamp comes earlier.

@@ -1,17 +1,24 @@
-//! Own transmissions and their ends.
+//! Own messages in exclusive windows, and the ends of all transmissions.
 
-use super::{Node, Pending, SyncState, TransmitOutcome, bump};
-use crate::parts::{EVENTS, GLOBAL_TIME, MASTER};
-use crate::{ClockState, Frame, Stamp, length};
+use super::agenda::Order;
+use super::counters::bump;
+use super::position::CurrentWindow;
+use super::transmission::{OwnMessage, Pending};
+use super::{Action, Grant, Node, SyncState, TransmitOutcome};
+use crate::features::{EVENTS, MASTER};
+use crate::queue::Item;
+use crate::schedule::Entry;
+use crate::supervision::ErrorLevel;
+use crate::time::Stamp;
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
-    /// The transmission that the node asked for last has ended; `stamp` was
-    /// taken at its end (of no importance for [`TransmitOutcome::Empty`] and
-    /// [`TransmitOutcome::Aborted`]). Call [`Node::poll`] afterwards.
+    /// The transmission that the node asked for last has ended. `stamp` was
+    /// taken at its end; it does not matter for [`TransmitOutcome::Empty`] and
+    /// [`TransmitOutcome::Aborted`]. Call [`Node::poll`] afterwards.
     pub fn handle_transmit(&mut self, outcome: TransmitOutcome, stamp: Stamp) {
-        let pending = core::mem::replace(&mut self.pending, Pending::None);
+        let pending = core::mem::replace(&mut self.transmission.pending, Pending::None);
         if pending != Pending::None {
-            self.withdraw_due = None;
+            self.agenda.withdrawal = None;
         }
         self.count_failure(outcome);
         match pending {
@@ -20,96 +27,40 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             Pending::None => {
                 bump(&mut self.counters.stray_reports, 1);
             }
-            Pending::Reference {
-                frame,
-                cycle,
-                next_is_gap,
-                discontinuity,
-                asked,
-            } => {
+            Pending::Reference(own) => {
                 if MASTER {
-                    self.end_reference(
-                        outcome,
-                        stamp,
-                        (&frame, cycle, next_is_gap, discontinuity, asked),
-                    );
+                    self.end_reference(outcome, stamp, &own);
                 }
             }
-            Pending::Window {
-                window,
-                id,
-                len,
-                retry_late,
-            } => match outcome {
+            Pending::Window(own) => match outcome {
                 TransmitOutcome::Sent => {
                     bump(&mut self.counters.sent, 1);
-                    self.counts.note(window, true, true);
-                    self.assess();
+                    self.supervision.note(own.window, true, true);
                 }
                 TransmitOutcome::Empty => {
                     bump(&mut self.counters.left_empty, 1);
                 }
                 TransmitOutcome::ArbitrationLost
                 | TransmitOutcome::Error
-                | TransmitOutcome::Aborted => self.fail_own(window, id, len, retry_late, stamp),
+                | TransmitOutcome::Aborted => self.fail_own(&own, stamp),
             },
             Pending::Event { .. } if !EVENTS => {}
             Pending::Event { place } => match outcome {
                 TransmitOutcome::Sent => {
                     bump(&mut self.counters.events_sent, 1);
-                    self.queue.remove(place);
+                    self.transmission.queue.remove(place);
                 }
                 // A late message that its owner does not want to send any more.
-                TransmitOutcome::Empty => self.queue.remove(place),
+                TransmitOutcome::Empty => self.transmission.queue.remove(place),
                 TransmitOutcome::ArbitrationLost | TransmitOutcome::Error => {}
-                TransmitOutcome::Aborted => self.events_held = true,
+                TransmitOutcome::Aborted => {
+                    if self.position.window == CurrentWindow::Arbitrating {
+                        self.position.window = CurrentWindow::ArbitratingHeld;
+                    }
+                }
             },
         }
-        self.attend_events();
-    }
-
-    // A function of its own in the image: the bound of a message is without it.
-    #[inline(never)]
-    fn end_reference(
-        &mut self,
-        outcome: TransmitOutcome,
-        stamp: Stamp,
-        (frame, cycle, next_is_gap, discontinuity, asked): (&Frame, u8, bool, bool, Stamp),
-    ) {
-        match outcome {
-            TransmitOutcome::Sent => {
-                let length = self.bits(length::frame_bits(frame)).cast_signed();
-                let latency = self.config.latency.transmit;
-                let start = stamp.offset(length.wrapping_add(latency).wrapping_neg());
-                if discontinuity {
-                    self.leap = false;
-                }
-                if next_is_gap {
-                    self.gap_wanted = false;
-                }
-                self.lead(start, asked, cycle, next_is_gap);
-            }
-            TransmitOutcome::ArbitrationLost => {
-                self.reference_lost = true;
-                self.asked = Some(asked);
-            }
-            TransmitOutcome::Error | TransmitOutcome::Aborted | TransmitOutcome::Empty => {
-                self.counters.repeated_references =
-                    self.counters.repeated_references.wrapping_add(1);
-                // At once, unless the controller did not even take it.
-                self.reference_due = Some(match outcome {
-                    TransmitOutcome::Error => stamp,
-                    _ => stamp.after(self.clock.ticks(self.schedule.network.transmit_enable)),
-                });
-                // An error this early destroyed a frame that began on time:
-                // no other reference was on the bus.
-                let id = self.schedule.network.reference;
-                let shortest = self.bits(length::shortest_bits(id, 1));
-                let on_time = outcome == TransmitOutcome::Error
-                    && stamp.ticks_since(asked) < shortest.cast_signed();
-                self.asked = if on_time { None } else { Some(asked) };
-            }
-        }
+        self.schedule_event();
     }
 
     fn count_failure(&mut self, outcome: TransmitOutcome) {
@@ -122,32 +73,67 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         bump(counter, 1);
     }
 
-    /// The own reference was sent, with its start of frame at `start` after it
-    /// was asked for at `asked`.
-    fn lead(&mut self, start: Stamp, asked: Stamp, cycle: u8, next_is_gap: bool) {
-        // Others disagree on where the basic cycle is; believe them for a while.
-        self.doubts = if self.doubtful {
-            self.doubts.saturating_add(1)
-        } else {
-            0
-        };
-        let disputed = (1..=self.config.watch).contains(&self.doubts);
-        let consecutive = self.is_consecutive(start, cycle) && !disputed;
-        if GLOBAL_TIME && matches!(self.clock.state(), ClockState::Unset) {
-            self.clock.set(start, Default::default());
-        } else {
-            self.clock.carry(start);
+    /// Begins an own window, whose time mark was at `start`.
+    pub(super) fn open_own(
+        &mut self,
+        entry: &Entry,
+        own: OwnMessage,
+        start: Stamp,
+        now: Stamp,
+    ) -> Option<Action> {
+        if self.sync != SyncState::InSchedule {
+            return None;
         }
-        // The bus was taken when it should have been idle: perhaps by another
-        // master's reference that this node alone did not receive, and this is
-        // not the basic cycle that the others are in. The next reference tells.
-        let enabled = self.clock.ticks(self.schedule.network.transmit_enable);
-        let expected = asked.after(self.config.transmit_lead).after(enabled);
-        if start.reached(expected) {
-            self.sync = SyncState::Synchronising;
-            self.begin_cycle(start, cycle, next_is_gap, self.rank(), false);
-        } else {
-            self.begin_cycle(start, cycle, next_is_gap, self.rank(), consecutive);
+        if self.supervision.level() >= ErrorLevel::Error {
+            bump(&mut self.counters.suppressed, 1);
+            return None;
         }
+        if self.rate_error(entry.start) > self.setup.network().uncertainty {
+            self.supervision.skip();
+            bump(&mut self.counters.unmeasured, 1);
+            return None;
+        }
+        let enabled = self.clock.ticks(self.setup.network().transmit_enable);
+        let withdraw = start.after(enabled);
+        if !self.transmission.is_idle() || now.reached(withdraw) {
+            bump(&mut self.counters.skipped, 1);
+            self.fail_own(&own, now);
+            return None;
+        }
+        let scheduled = self.setup.schedule.windows_of(self.setup.config.node);
+        if !self.supervision.spend(scheduled) {
+            bump(&mut self.counters.transmit_overflows, 1);
+            return None;
+        }
+        self.transmission.pending = Pending::Window(own);
+        self.agenda.withdrawal = Some(withdraw);
+        Some(Action::Transmit(Grant {
+            window: own.window,
+            id: own.id,
+            len: own.len,
+            late: false,
+        }))
+    }
+
+    /// Notes that an own message was not sent in its window.
+    fn fail_own(&mut self, own: &OwnMessage, now: Stamp) {
+        self.supervision.note(own.window, true, false);
+        if EVENTS && own.retry_late {
+            let item = Item::Late {
+                window: own.window,
+                id: own.id,
+                len: own.len,
+            };
+            // Worth sending until its next window at the most.
+            let lifetime = self.clock.ticks(self.setup.network().basic_cycle);
+            self.enqueue(item, now.after(lifetime), now);
+        }
+    }
+
+    /// Gives up the pending transmission: the owner is to withdraw it.
+    pub(super) fn give_up_pending(&mut self) {
+        self.transmission.pending = Pending::None;
+        self.agenda.withdrawal = None;
+        self.agenda.order = Order::Abort;
     }
 }

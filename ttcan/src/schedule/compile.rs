@@ -1,7 +1,8 @@
 //! From a checked matrix to the tables of a schedule.
 
 use super::{Entry, Known, Network, Role};
-use crate::{Id, NodeId, SystemMatrix, WindowKind};
+use crate::id::Id;
+use crate::matrix::{NodeId, SystemMatrix, WindowKind};
 
 pub(super) const NO_ENTRY: Entry = Entry {
     start: 0,

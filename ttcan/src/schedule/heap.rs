@@ -4,7 +4,7 @@ use std::vec;
 use std::vec::Vec;
 
 use super::{Entry, Known, Network, ScheduleView, WrongSize, compile};
-use crate::SystemMatrix;
+use crate::matrix::SystemMatrix;
 
 /// The compiled schedule of a matrix, in vectors: for hosts that read the
 /// matrix from a file.

@@ -11,7 +11,9 @@ mod heap;
 #[cfg(feature = "std")]
 pub use heap::HeapSchedule;
 
-use crate::{Id, NodeId, ReferenceFormat, SystemMatrix, matrix};
+use crate::id::Id;
+use crate::matrix::{self, NodeId, SystemMatrix};
+use crate::reference::ReferenceFormat;
 
 /// One window in one distinct basic cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -33,7 +33,12 @@ pub(super) struct Placed {
 }
 
 impl Frame {
-    pub fn new(network: &MatrixConfig, wishes: &Wishes, basic_cycle: u32, cycles: u32) -> Self {
+    pub(super) fn new(
+        network: &MatrixConfig,
+        wishes: &Wishes,
+        basic_cycle: u32,
+        cycles: u32,
+    ) -> Self {
         let grain = wishes.grain.ticks().max(1);
         let bits = worst_case_bits(network.reference, network.reference_format.longest());
         let reference = bits_to_micros(bits + INTERFRAME_BITS, network.bit_rate);
@@ -57,7 +62,7 @@ impl Frame {
     }
 
     /// Share of time that references and the margins round them take.
-    pub fn reserved_per_mille(&self) -> u32 {
+    pub(super) fn reserved_per_mille(&self) -> u32 {
         let usable = self.last.saturating_sub(self.first);
         (u64::from(self.basic_cycle.saturating_sub(usable)) * 1000
             / u64::from(self.basic_cycle.max(1))) as u32
@@ -89,7 +94,7 @@ impl Frame {
 
     /// Arbitrating windows of the share that is wanted: first where all cycles
     /// have room, then cycle by cycle.
-    pub fn arbitrating(
+    pub(super) fn arbitrating(
         &self,
         placed: &Placed,
         wishes: &Wishes,
@@ -177,7 +182,7 @@ impl Frame {
 impl Placed {
     /// The windows of all messages, with as few of them as repeat factors
     /// allow.
-    pub fn windows(&self, frame: &Frame) -> Vec<PlannedWindow> {
+    pub(super) fn windows(&self, frame: &Frame) -> Vec<PlannedWindow> {
         let mut windows = Vec::new();
         let mut left: Vec<(usize, u32, u32, u32)> = self
             .taken

@@ -7,23 +7,23 @@ use ttcan::{
     SystemMatrix, Window, WindowKind,
 };
 
-pub const GPS: NodeId = NodeId(0);
-pub const CONTROLLER: NodeId = NodeId(1);
-pub const STEERING: NodeId = NodeId(2);
-pub const DRIVE: NodeId = NodeId(3);
+pub(crate) const GPS: NodeId = NodeId(0);
+pub(crate) const CONTROLLER: NodeId = NodeId(1);
+pub(crate) const STEERING: NodeId = NodeId(2);
+pub(crate) const DRIVE: NodeId = NodeId(3);
 
-pub const FORMAT: ReferenceFormat = ReferenceFormat::new(1, Some(1), 5, Some(6));
+pub(crate) const FORMAT: ReferenceFormat = ReferenceFormat::new(1, Some(1), 5, Some(6));
 
-pub const BIT_NANOS: u64 = 4000;
+pub(crate) const BIT_NANOS: u64 = 4000;
 
-pub const ALARM: Id = Id::constant::<0x20>();
-pub const BUTTON: Id = Id::constant::<0x21>();
+pub(crate) const ALARM: Id = Id::constant::<0x20>();
+pub(crate) const BUTTON: Id = Id::constant::<0x21>();
 
 const fn millis(at: u32) -> Micros {
     Micros::millis(at)
 }
 
-pub const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
+pub(crate) const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
     bit_rate: 250_000,
     basic_cycle: millis(100),
     cycles: 1,
@@ -93,12 +93,12 @@ pub const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
 
 ttcan::schedule!(pub static SCHEDULE = MATRIX);
 
-pub type Uagv = Node<'static, { MATRIX.window_count() }, { MATRIX.node_count() }, 4>;
-pub type UagvBus<A> = Bus<'static, A, { MATRIX.window_count() }, { MATRIX.node_count() }, 4>;
+pub(crate) type Uagv = Node<'static, { MATRIX.window_count() }, { MATRIX.node_count() }, 4>;
+pub(crate) type UagvBus<A> = Bus<'static, A, { MATRIX.window_count() }, { MATRIX.node_count() }, 4>;
 
-pub const TICKS_PER_US: u32 = 18;
+pub(crate) const TICKS_PER_US: u32 = 18;
 
-pub fn config(node: NodeId) -> NodeConfig {
+pub(crate) fn config(node: NodeId) -> NodeConfig {
     NodeConfig {
         latency: StampLatency::bxcan(4 * TICKS_PER_US, 6),
         transmit_lead: 3 * TICKS_PER_US,
@@ -106,12 +106,12 @@ pub fn config(node: NodeId) -> NodeConfig {
     }
 }
 
-pub fn uagv(node: NodeId) -> Uagv {
+pub(crate) fn uagv(node: NodeId) -> Uagv {
     Uagv::new(SCHEDULE.view(), config(node)).expect("the configuration is sound")
 }
 
 /// A crystal off by `ppb`, with interrupts served within 0.2 to 0.8 us.
-pub fn crystal(ppb: i32, phase: u32) -> Crystal {
+pub(crate) fn crystal(ppb: i32, phase: u32) -> Crystal {
     Crystal {
         ticks_per_us: TICKS_PER_US,
         ppb,
@@ -122,7 +122,7 @@ pub fn crystal(ppb: i32, phase: u32) -> Crystal {
 
 /// The four nodes, without power, on crystals up to 50 ppm off whose counters
 /// wrap soon.
-pub fn vehicle<A: Application>(application: A, seed: u64) -> UagvBus<A> {
+pub(crate) fn vehicle<A: Application>(application: A, seed: u64) -> UagvBus<A> {
     let mut bus = Bus::new(250_000, application, seed);
     let ppm = [31_000, -50_000, 50_000, -12_345];
     for node in 0..4 {
@@ -132,17 +132,17 @@ pub fn vehicle<A: Application>(application: A, seed: u64) -> UagvBus<A> {
     bus
 }
 
-pub fn seconds(nanos: u64) -> f64 {
+pub(crate) fn seconds(nanos: u64) -> f64 {
     nanos as f64 * 1e-9
 }
 
-pub fn at(millis: u64) -> SimTime {
+pub(crate) fn at(millis: u64) -> SimTime {
     SimTime::from_ticks(millis * 1_000_000)
 }
 
 /// Says what is wrong with a frame of a matrix's exclusive windows, whose
 /// cycle began with a start of frame at `mark`.
-pub fn misplaced(
+pub(crate) fn misplaced(
     matrix: &SystemMatrix,
     cycle: u8,
     mark: SimTime,
@@ -183,13 +183,13 @@ pub fn misplaced(
     ))
 }
 
-pub fn is_reference(sent: &Traffic) -> bool {
+pub(crate) fn is_reference(sent: &Traffic) -> bool {
     sent.frame.id().raw() >> 3 == MATRIX.config().reference.raw() >> 3
 }
 
 /// Every frame of `traffic` that is no reference must lie in a window of its
 /// own; times are counted from the last delivered reference.
-pub fn assert_in_place(traffic: &[Traffic]) {
+pub(crate) fn assert_in_place(traffic: &[Traffic]) {
     let mut mark = None;
     for sent in traffic {
         if is_reference(sent) {

@@ -1,15 +1,15 @@
-//! The optional parts of a node, as constants: what is left out is still compiled
-//! and checked, and then removed as code that is never reached.
+//! The crate's optional features as constants. Code of a feature that is off is
+//! still compiled and checked; the optimiser then removes it as unreachable.
 
-/// Counters of what happened.
+/// Counters of everything that happens.
 pub(crate) const COUNTERS: bool = cfg!(feature = "counters");
-/// Event messages and late messages.
+/// Sending of event messages and late messages.
 pub(crate) const EVENTS: bool = cfg!(feature = "events");
-/// Event-synchronised cycles.
+/// Event-synchronised cycles (gaps).
 pub(crate) const GAPS: bool = cfg!(feature = "gaps");
-/// Global time and rate correction.
+/// Level 2: global time and rate correction.
 pub(crate) const GLOBAL_TIME: bool = cfg!(feature = "global-time");
 /// The role of a potential time master.
 pub(crate) const MASTER: bool = cfg!(feature = "master");
-/// Failure classes of other nodes.
+/// Health of the other nodes.
 pub(crate) const PEERS: bool = cfg!(feature = "peers");

@@ -1,6 +1,8 @@
 //! Messages that wait for an arbitrating window.
 
-use crate::{Frame, Id, Stamp};
+use crate::frame::Frame;
+use crate::id::Id;
+use crate::time::Stamp;
 
 /// What is to be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -15,14 +17,14 @@ pub(crate) enum Item {
 }
 
 impl Item {
-    pub fn id(&self) -> Id {
+    pub(crate) fn id(&self) -> Id {
         match self {
             Self::Event(frame) => frame.id(),
             Self::Late { id, .. } => *id,
         }
     }
 
-    pub fn len(&self) -> u8 {
+    pub(crate) fn len(&self) -> u8 {
         match self {
             Self::Event(frame) => frame.len(),
             Self::Late { len, .. } => *len,
@@ -62,7 +64,7 @@ pub(crate) struct Queue<const Q: usize> {
 }
 
 impl<const Q: usize> Queue<Q> {
-    pub const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self {
             places: [None; Q],
             count: 0,
@@ -71,11 +73,11 @@ impl<const Q: usize> Queue<Q> {
         }
     }
 
-    pub const fn is_empty(&self) -> bool {
+    pub(crate) const fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    pub const fn len(&self) -> usize {
+    pub(crate) const fn len(&self) -> usize {
         self.count
     }
 
@@ -84,7 +86,7 @@ impl<const Q: usize> Queue<Q> {
     /// and that at `kept` until its report.
     // Its loops stay apart from the caller's in the image, where their bounds are looked for.
     #[inline(never)]
-    pub fn insert(
+    pub(crate) fn insert(
         &mut self,
         item: Item,
         expires: Stamp,
@@ -123,7 +125,7 @@ impl<const Q: usize> Queue<Q> {
     }
 
     /// The place of the most urgent message, and whether it has expired by `now`.
-    pub fn first(&self, now: Stamp) -> Option<(u8, bool)> {
+    pub(crate) fn first(&self, now: Stamp) -> Option<(u8, bool)> {
         let at = self.first?;
         let waiting = self.places.get(usize::from(at))?.as_ref()?;
         Some((at, now.reached(waiting.expires)))
@@ -142,7 +144,7 @@ impl<const Q: usize> Queue<Q> {
     }
 
     /// The message at a place.
-    pub fn get(&self, place: u8) -> Option<&Item> {
+    pub(crate) fn get(&self, place: u8) -> Option<&Item> {
         self.places
             .get(usize::from(place))?
             .as_ref()
@@ -151,7 +153,7 @@ impl<const Q: usize> Queue<Q> {
 
     /// Removes the message at a place.
     #[inline(never)]
-    pub fn remove(&mut self, place: u8) {
+    pub(crate) fn remove(&mut self, place: u8) {
         if let Some(place) = self.places.get_mut(usize::from(place))
             && place.is_some()
         {
@@ -161,14 +163,14 @@ impl<const Q: usize> Queue<Q> {
         }
     }
 
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         *self = Self::new();
     }
 
     /// Moves all deadlines so that `now` becomes stamp 0, and makes queues equal
     /// that hold the same messages. Returns where what was at `place` is then.
     #[cfg(feature = "std")]
-    pub fn shift(&mut self, now: Stamp, place: u8) -> u8 {
+    pub(crate) fn shift(&mut self, now: Stamp, place: u8) -> u8 {
         let turn = |waiting: &Option<Waiting>| waiting.as_ref().map(|waiting| waiting.turn);
         let followed = self.places.get(usize::from(place)).and_then(turn);
         self.places.sort_by(|one, other| match (one, other) {

@@ -1,0 +1,268 @@
+//! A potential time master: its references, and what its application asks.
+
+use super::counters::bump;
+use super::master_role::{Attempt, Progress};
+use super::transmission::{OwnReference, Pending};
+use super::{Action, Node, SyncState, TransmitOutcome};
+#[cfg(feature = "master")]
+use super::{MasterState, NotInCharge};
+use crate::clock::ClockState;
+use crate::features::GLOBAL_TIME;
+use crate::length;
+use crate::reference::{Fields, mark_of};
+#[cfg(all(feature = "master", feature = "global-time"))]
+use crate::time::GlobalTime;
+use crate::time::Stamp;
+
+#[cfg(feature = "master")]
+impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
+    /// Largest change of a basic cycle by [`Node::trim_cycle`], in microseconds:
+    /// half of the default reference trigger offset between two ranks.
+    pub const LARGEST_TRIM: i8 = 8;
+
+    /// Sets the bytes that the application sends in front of its references, from
+    /// the next one on. Bytes beyond those that the format leaves to the
+    /// application are ignored.
+    pub fn set_reference_payload(&mut self, bytes: &[u8]) {
+        let room = usize::from(self.setup.network().reference_format.application());
+        for (to, from) in self.master.payload.iter_mut().take(room).zip(bytes) {
+            *to = *from;
+        }
+    }
+
+    /// Makes the next reference announce a gap (Next_is_Gap). The schedule then
+    /// stops at the end of that basic cycle until [`Node::end_gap`].
+    ///
+    /// # Errors
+    /// This node is not the current time master.
+    #[cfg(feature = "gaps")]
+    pub fn request_gap(&mut self) -> Result<(), NotInCharge> {
+        self.in_charge()?;
+        self.master.gap_wanted = true;
+        Ok(())
+    }
+
+    /// The event that ends a gap: the reference is sent at once, or as soon as
+    /// the basic cycle before the gap is over. Also cancels a requested gap that
+    /// is not announced yet.
+    ///
+    /// # Errors
+    /// This node is not the current time master.
+    #[cfg(feature = "gaps")]
+    pub fn end_gap(&mut self, now: Stamp) -> Result<(), NotInCharge> {
+        self.in_charge()?;
+        self.master.gap_wanted = false;
+        if self.cycle.next_is_gap() && self.transmission.is_idle() {
+            let earliest = self.reference_instant(0);
+            let due = if now.reached(earliest) { now } else { earliest };
+            self.agenda.reference = Some(due);
+        }
+        Ok(())
+    }
+
+    /// Makes the basic cycle after the current one longer by `micros`, or shorter
+    /// if negative. The current time master can thereby follow an event that
+    /// recurs at the rate of its basic cycles, such as the measurements of a
+    /// satellite receiver. Global time is not affected.
+    ///
+    /// The change is limited to [`Node::LARGEST_TRIM`] either way, so that no
+    /// backup takes over and no windows overlap.
+    ///
+    /// # Errors
+    /// This node is not the current time master.
+    pub fn trim_cycle(&mut self, micros: i8) -> Result<(), NotInCharge> {
+        self.in_charge()?;
+        self.master.trim = micros.clamp(-Self::LARGEST_TRIM, Self::LARGEST_TRIM);
+        Ok(())
+    }
+
+    /// Sets the global time of the instant `stamp`. The next reference announces
+    /// a discontinuity to all nodes. A potential master may do this before the
+    /// first reference, too.
+    ///
+    /// # Errors
+    /// Another node is the time master.
+    #[cfg(feature = "global-time")]
+    pub fn set_global_time(&mut self, stamp: Stamp, time: GlobalTime) -> Result<(), NotInCharge> {
+        let no_master = !self.cycle.has_begun() && self.setup.rank().is_some();
+        if !no_master {
+            self.in_charge()?;
+        }
+        self.clock.set(stamp, time);
+        self.master.discontinuity = true;
+        Ok(())
+    }
+
+    fn in_charge(&self) -> Result<(), NotInCharge> {
+        if self.master.state == MasterState::Current {
+            Ok(())
+        } else {
+            Err(NotInCharge)
+        }
+    }
+}
+
+impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
+    // Not inlined, so that the task table can exclude it (`never`) from the bound of windows.
+    #[inline(never)]
+    pub(super) fn transmit_reference(&mut self, now: Stamp) -> Action {
+        self.agenda.reference = None;
+        let network = self.setup.network();
+        if GLOBAL_TIME && self.clock.at(now).is_none() {
+            self.clock.set(now, Default::default());
+        }
+        let start = now.after(self.setup.config.transmit_lead);
+        let begun = self.cycle.has_begun();
+        let fields = Fields {
+            next_is_gap: self.master.gap_wanted,
+            discontinuity: self.master.discontinuity,
+            cycle: if begun {
+                self.setup.cycle_after(self.cycle.number)
+            } else {
+                0
+            },
+            coarse: self.clock.at(start).map(|time| time.as_millis()),
+            mark: if begun {
+                self.clock.at(self.cycle.mark).map(mark_of)
+            } else {
+                None
+            },
+        };
+        let rank = self.setup.rank().unwrap_or(0);
+        let id = network.reference.offset(rank).unwrap_or(network.reference);
+        let frame = fields.encode(&network.reference_format, id, &self.master.payload);
+        self.transmission.pending = Pending::Reference(OwnReference {
+            frame,
+            cycle: fields.cycle,
+            next_is_gap: fields.next_is_gap,
+            discontinuity: fields.discontinuity,
+            asked: self.master.attempt.progress.asked().unwrap_or(now),
+        });
+        Action::TransmitReference(frame)
+    }
+
+    // Not inlined, so that the task table can exclude it (`never`) from the bound of other
+    // transmissions.
+    #[inline(never)]
+    pub(super) fn end_reference(
+        &mut self,
+        outcome: TransmitOutcome,
+        stamp: Stamp,
+        own: &OwnReference,
+    ) {
+        match outcome {
+            TransmitOutcome::Sent => {
+                let length = self
+                    .setup
+                    .bits(length::frame_bits(&own.frame))
+                    .cast_signed();
+                let latency = self.setup.config.latency.transmit;
+                let start = stamp.offset(length.wrapping_add(latency).wrapping_neg());
+                if own.discontinuity {
+                    self.master.discontinuity = false;
+                }
+                if own.next_is_gap {
+                    self.master.gap_wanted = false;
+                }
+                self.lead(start, own);
+            }
+            TransmitOutcome::ArbitrationLost => {
+                self.master.attempt.progress = Progress::Lost(own.asked);
+            }
+            TransmitOutcome::Error | TransmitOutcome::Aborted | TransmitOutcome::Empty => {
+                bump(&mut self.counters.repeated_references, 1);
+                self.master.attempt.missed_while_pending = false;
+                // Again at once, unless the controller did not even take it.
+                self.agenda.reference = Some(match outcome {
+                    TransmitOutcome::Error => stamp,
+                    _ => stamp.after(self.clock.ticks(self.setup.network().transmit_enable)),
+                });
+                // If the error came earlier than the shortest reference ends,
+                // the destroyed frame was this one and had begun on time. No
+                // other master's reference was on the bus then.
+                let id = self.setup.network().reference;
+                let shortest = self.setup.bits(length::shortest_bits(id, 1));
+                let on_time = outcome == TransmitOutcome::Error
+                    && stamp.ticks_since(own.asked) < shortest.cast_signed();
+                self.master.attempt.progress = if on_time {
+                    Progress::None
+                } else {
+                    Progress::Repeated(own.asked)
+                };
+            }
+        }
+    }
+
+    /// Begins the basic cycle of this node's reference, whose start of frame was
+    /// at `start`.
+    fn lead(&mut self, start: Stamp, own: &OwnReference) {
+        // The other nodes disagree on where the basic cycle is. This node yields
+        // for some basic cycles, and finds the schedule anew from references.
+        let disputed = self.master.is_disputed(self.setup.config.watch);
+        let consecutive = self.is_consecutive(start, own.cycle) && !disputed;
+        if GLOBAL_TIME && matches!(self.clock.state(), ClockState::Unset) {
+            self.clock.set(start, Default::default());
+        } else {
+            self.clock.carry(start);
+        }
+        // A late start means that the bus was taken when it should have been
+        // idle, perhaps by the reference of another master that only this node
+        // did not receive. The other nodes are then in another basic cycle. The
+        // next reference tells.
+        let enabled = self.clock.ticks(self.setup.network().transmit_enable);
+        let lead = self.setup.config.transmit_lead;
+        let latest = own.asked.after(lead).after(enabled);
+        let late = start.reached(latest);
+        if late {
+            self.sync = SyncState::Synchronising;
+        }
+        let rank = self.setup.rank().unwrap_or(0);
+        self.begin_cycle(
+            start,
+            own.cycle,
+            own.next_is_gap,
+            rank,
+            consecutive && !late,
+        );
+    }
+
+    /// Takes the master state and the time of the next own reference from the
+    /// reference of the current basic cycle. `before` is the master of the one
+    /// before.
+    pub(super) fn choose_role(&mut self, before: Option<u8>) {
+        let (Some(own), Some(sender)) = (self.setup.rank(), self.cycle.master) else {
+            self.agenda.reference = None;
+            return;
+        };
+        let initial = self.setup.initial_offset();
+        self.master.follow(own, sender, before, initial);
+        let offset = self.master.offset;
+        self.agenda.reference = Some(if self.cycle.next_is_gap() {
+            let gap = self.setup.config.longest_gap.ticks();
+            self.instant(gap.wrapping_add_signed(i32::from(offset)))
+        } else {
+            let instant = self.reference_instant(offset);
+            let network = self.setup.network();
+            match self.rate_error(network.basic_cycle) {
+                error if error <= network.uncertainty => instant,
+                // Not before the master's reference, even if the own counter is
+                // as fast as the drift limit allows.
+                error => instant.after(self.clock.ticks(error)),
+            }
+        });
+    }
+
+    /// Asks for the own reference again at `now` if it lost arbitration and no
+    /// frame was received since.
+    pub(super) fn repeat_lost_reference(&mut self, now: Stamp) {
+        if let Progress::Lost(asked) = self.master.attempt.progress {
+            self.master.attempt.progress = Progress::Repeated(asked);
+            self.agenda.reference = Some(now);
+        }
+    }
+
+    /// Forgets the attempts of the basic cycle before.
+    pub(super) fn forget_attempt(&mut self) {
+        self.master.attempt = Attempt::NONE;
+    }
+}

@@ -1,0 +1,178 @@
+//! References of other masters, and the beginning of a basic cycle.
+
+use super::counters::bump;
+use super::{Fault, Node, Reception, SyncState};
+use crate::clock::{ClockState, Correction};
+use crate::features::{GAPS, GLOBAL_TIME, MASTER};
+use crate::frame::Frame;
+use crate::length;
+use crate::reference::{Fields, from_coarse, nearest};
+use crate::supervision::Missing;
+use crate::time::{GlobalTime, Stamp};
+
+/// What a node does with a reference of another master.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Judgement {
+    /// It begins the next basic cycle.
+    Next,
+    /// It begins a basic cycle, and the schedule must be found anew from it.
+    Restart,
+    Refused,
+}
+
+impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
+    // Not inlined, so that the task table can exclude it (`never`) from the bound of messages.
+    // The smallest images have no room for that.
+    #[cfg_attr(feature = "global-time", inline(never))]
+    pub(super) fn take_reference(&mut self, frame: &Frame, rank: u8, end: Stamp) -> Reception {
+        let network = self.setup.network();
+        let format = &network.reference_format;
+        let Some(fields) = Fields::decode(format, frame, network.cycles) else {
+            return Reception::Fault(Fault::MalformedReference);
+        };
+        let start = end.before(self.setup.bits(length::frame_bits(frame)));
+        let judgement = self.judge_reference(rank, fields.cycle, start);
+        if judgement == Judgement::Refused {
+            return Reception::Fault(Fault::UntimelyReference);
+        }
+        let consecutive = judgement == Judgement::Next && self.is_consecutive(start, fields.cycle);
+        if GLOBAL_TIME {
+            self.take_time(&fields, start, consecutive);
+        }
+        if judgement == Judgement::Restart {
+            self.sync = SyncState::Synchronising;
+        }
+        if self.cycle.master.is_some_and(|master| master != rank) {
+            bump(&mut self.counters.master_changes, 1);
+        }
+        self.begin_cycle(start, fields.cycle, fields.next_is_gap, rank, consecutive);
+        if let Some(master) = network.masters.get(usize::from(rank)).copied().flatten()
+            && let Some(peer) = self.supervision.peer(master)
+        {
+            peer.seen();
+        }
+        Reception::Reference {
+            cycle: fields.cycle,
+            rank,
+        }
+    }
+
+    /// Judges a reference of the master of this rank, whose start of frame was at
+    /// `start`.
+    fn judge_reference(&self, rank: u8, cycle: u8, start: Stamp) -> Judgement {
+        let Some(master) = self.cycle.master else {
+            return Judgement::Next;
+        };
+        let network = self.setup.network();
+        let elapsed = start.ticks_since(self.cycle.mark);
+        let early = self.setup.schedule.reference_early();
+        let earliest = self.clock.ticks(network.basic_cycle.saturating_sub(early));
+        if elapsed >= earliest.cast_signed() {
+            return Judgement::Next;
+        }
+        if rank > master {
+            // The better-ranked master is in charge. The other one will receive
+            // its reference within a basic cycle, and follow it.
+            return Judgement::Refused;
+        }
+        // The same master repeats its reference: it saw an error in one that this
+        // node received.
+        let soon = self.clock.ticks(4 * network.reference_length);
+        let repeated = rank == master
+            && cycle == self.cycle.number
+            && (0..soon.cast_signed()).contains(&elapsed);
+        if repeated {
+            Judgement::Next
+        } else {
+            Judgement::Restart
+        }
+    }
+
+    /// Whether a reference directly follows the last one.
+    pub(super) fn is_consecutive(&self, start: Stamp, cycle: u8) -> bool {
+        let elapsed = start.ticks_since(self.cycle.mark);
+        let basic_cycle = self.clock.ticks(self.setup.network().basic_cycle);
+        let expected = (basic_cycle / 2).cast_signed()..(basic_cycle / 2 * 3).cast_signed();
+        self.cycle.has_begun()
+            && cycle == self.setup.cycle_after(self.cycle.number)
+            && (self.cycle.next_is_gap() || expected.contains(&elapsed))
+    }
+
+    /// Takes global time from the coarse time of a reference, and its mark of the
+    /// reference before.
+    fn take_time(&mut self, fields: &Fields, start: Stamp, consecutive: bool) {
+        let (Some(coarse), Some(mark), true) = (fields.coarse, fields.mark, consecutive) else {
+            // Time runs on at the last rate.
+            self.clock.carry(self.cycle.mark);
+            return;
+        };
+        let previous = self.cycle.mark;
+        let between = self.clock.duration(start.ticks_since(previous));
+        let known = match self.clock.state() {
+            ClockState::Own => None,
+            _ => self.clock.at(start),
+        };
+        // The coarse time is rounded down to 1 ms, and the reference may have
+        // waited for the bus: it started up to 1 ms and a frame later than the
+        // coarse time says. A quarter of a millisecond is added to stay within
+        // the range in which the mark is unambiguous.
+        let planned = from_coarse(coarse, known).offset(250 << GlobalTime::FRACTION_BITS);
+        let time = nearest(planned.offset(-between), mark);
+        match self.clock.correct(previous, time, fields.discontinuity) {
+            Correction::Applied => {}
+            Correction::Stepped => {
+                bump(&mut self.counters.time_steps, 1);
+            }
+            Correction::Suspended => {
+                bump(&mut self.counters.drift_refused, 1);
+            }
+        }
+    }
+
+    /// Begins the basic cycle of an accepted reference.
+    pub(super) fn begin_cycle(
+        &mut self,
+        mark: Stamp,
+        cycle: u8,
+        next_is_gap: bool,
+        master: u8,
+        consecutive: bool,
+    ) {
+        bump(&mut self.counters.references, 1);
+        if self.cycle.has_begun() && cycle != self.setup.cycle_after(self.cycle.number) {
+            bump(&mut self.counters.cycle_count_errors, 1);
+        }
+        if !self.transmission.is_idle() {
+            self.give_up_pending();
+        }
+        if self.sync == SyncState::Synchronising && consecutive {
+            self.sync = SyncState::InSchedule;
+        }
+        let before = self.cycle.begin(mark, master, cycle, next_is_gap);
+        self.supervision.missing = Missing::InRow(0);
+        if MASTER {
+            self.forget_attempt();
+        }
+        if cycle == 0 {
+            self.begin_matrix();
+        }
+        self.begin_entries();
+        self.choose_role(before);
+        let wait = if GAPS && next_is_gap {
+            let gap = self.setup.config.longest_gap.ticks();
+            self.clock.ticks(gap).wrapping_add(self.missing_after(0))
+        } else {
+            self.missing_after(1)
+        };
+        self.agenda.missing_reference = Some(mark.after(wait));
+    }
+
+    /// Checks the transmission budget of the matrix that is over.
+    fn begin_matrix(&mut self) {
+        let scheduled = self.setup.schedule.windows_of(self.setup.config.node);
+        let in_schedule = self.sync == SyncState::InSchedule;
+        if !self.supervision.begin_matrix(scheduled, in_schedule) {
+            bump(&mut self.counters.transmit_underflows, 1);
+        }
+    }
+}

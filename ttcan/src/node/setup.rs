@@ -1,0 +1,92 @@
+//! What a node is made from. It never changes.
+
+use super::config::{ConfigError, NodeConfig};
+use crate::features::MASTER;
+use crate::schedule::{Network, ScheduleView};
+
+/// Largest distance of a deadline from now, in ticks. Stamps compare correctly
+/// up to 2^31 ticks; half of that leaves room for late calls.
+pub(super) const LONGEST_TICKS: u32 = 1 << 30;
+
+/// What a node is made from.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Setup<'s> {
+    pub(super) schedule: ScheduleView<'s>,
+    pub(super) config: NodeConfig,
+    /// Rank among the potential masters.
+    rank: Option<u8>,
+    /// Length of a bit in 1/256 tick.
+    bit: u32,
+}
+
+impl<'s> Setup<'s> {
+    /// Checks the configuration against the schedule.
+    pub(super) fn new(schedule: ScheduleView<'s>, config: NodeConfig) -> Result<Self, ConfigError> {
+        let network = schedule.network;
+        if config.ticks_per_us == 0 || config.ticks_per_us > 1000 {
+            return Err(ConfigError::Ticks);
+        }
+        let ticks = |micros: u32| micros.saturating_mul(config.ticks_per_us);
+        let cycle = ticks(network.basic_cycle);
+        let watchdog = config.application_watchdog.map_or(0, |time| time.ticks());
+        let watch = cycle.saturating_mul(u32::from(config.watch) + 2);
+        let longest = watch
+            .max(ticks(config.longest_gap.ticks()))
+            .max(ticks(watchdog));
+        if longest > LONGEST_TICKS {
+            return Err(ConfigError::TooLong);
+        }
+        let latency = config.latency;
+        let longest = latency
+            .receive
+            .unsigned_abs()
+            .max(latency.transmit.unsigned_abs())
+            .max(config.transmit_lead);
+        if longest > cycle / 2 {
+            return Err(ConfigError::Latency);
+        }
+        if config.reference_offset.is_some_and(|offset| offset > 127) {
+            return Err(ConfigError::ReferenceOffset);
+        }
+        if config.watch == 0 {
+            return Err(ConfigError::Watch);
+        }
+        let rank = schedule.rank_of(config.node).filter(|_| config.may_lead);
+        if rank.is_some() && !MASTER {
+            return Err(ConfigError::Master);
+        }
+        let bit = (u64::from(network.bit) * u64::from(config.ticks_per_us)) >> 8;
+        Ok(Self {
+            schedule,
+            config,
+            rank,
+            bit: bit as u32,
+        })
+    }
+
+    pub(super) fn network(&self) -> &'s Network {
+        self.schedule.network
+    }
+
+    /// Rank of this node as a potential master.
+    pub(super) fn rank(&self) -> Option<u8> {
+        if MASTER { self.rank } else { None }
+    }
+
+    /// Reference trigger offset of a backup behind better-ranked masters, in
+    /// microseconds.
+    pub(super) fn initial_offset(&self) -> i8 {
+        let by_rank = self.rank().unwrap_or(0).saturating_mul(16);
+        self.config.reference_offset.unwrap_or(by_rank).min(127) as i8
+    }
+
+    /// Ticks that `bits` bit times take.
+    pub(super) fn bits(&self, bits: u32) -> u32 {
+        self.bit.wrapping_mul(bits) >> 8
+    }
+
+    /// Cycle count of the basic cycle after number `cycle`.
+    pub(super) fn cycle_after(&self, cycle: u8) -> u8 {
+        cycle.wrapping_add(1) & self.network().cycles.wrapping_sub(1)
+    }
+}

@@ -1,0 +1,61 @@
+//! The transmission that was asked for, and the messages that wait for one.
+
+use crate::frame::Frame;
+use crate::id::Id;
+use crate::queue::Queue;
+use crate::time::Stamp;
+
+/// Own transmissions.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Transmission<const Q: usize> {
+    pub(super) pending: Pending,
+    /// Event and late messages for arbitrating windows.
+    pub(super) queue: Queue<Q>,
+}
+
+/// The transmission that the owner was asked for and has not reported yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Pending {
+    None,
+    Reference(OwnReference),
+    Window(OwnMessage),
+    Event {
+        /// Place of the message in the queue.
+        place: u8,
+    },
+}
+
+/// A reference message of this node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct OwnReference {
+    pub(super) frame: Frame,
+    pub(super) cycle: u8,
+    pub(super) next_is_gap: bool,
+    pub(super) discontinuity: bool,
+    /// When it was first asked for.
+    pub(super) asked: Stamp,
+}
+
+/// A message of this node in its exclusive window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct OwnMessage {
+    /// Index of the window in the matrix.
+    pub(super) window: u16,
+    pub(super) id: Id,
+    pub(super) len: u8,
+    pub(super) retry_late: bool,
+}
+
+impl<const Q: usize> Transmission<Q> {
+    pub(super) const fn new() -> Self {
+        Self {
+            pending: Pending::None,
+            queue: Queue::new(),
+        }
+    }
+
+    /// Whether no transmission is pending.
+    pub(super) fn is_idle(&self) -> bool {
+        self.pending == Pending::None
+    }
+}
