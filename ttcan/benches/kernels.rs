@@ -1,9 +1,9 @@
-//! What a node does for one frame, as calls that a benchmark on the target can
-//! time: the same network with 8 and with 512 windows, whose costs must not
-//! differ. No standard library, no harness: include this file as a module.
+//! The events of a node as functions that a benchmark on the target can time. The
+//! network has 8 or 512 windows, and both must cost the same. The file needs no
+//! standard library and no harness; programs include it as a module.
 //!
-//! A kernel is set up right before the event that is timed; the event is one
-//! call of [`Kernel::run`].
+//! A kernel is a node right before the event. [`Kernel::run`] is the event that is
+//! timed.
 
 use ttcan::{
     Action, Frame, Id, MatrixConfig, Micros, Node, NodeConfig, NodeId, ReferenceFormat, Schedule,
@@ -18,7 +18,7 @@ const CYCLE: u32 = 10_000;
 const CYCLES: u8 = 64;
 const IN_CYCLE: usize = 8;
 
-/// The `index`-th of eight windows in a cycle, alternating between the nodes.
+/// The `index`-th of eight windows in a basic cycle. The nodes send in turn.
 const fn window(index: usize, cycle: u8, repeat: u8) -> Window<'static> {
     let id = match Id::standard(16 + index as u16 + cycle as u16 * 8) {
         Some(id) => id,
@@ -85,9 +85,9 @@ static MANY_SCHEDULE: Schedule<
     { MANY_MATRIX.node_count() },
 > = Schedule::constant(&MANY_MATRIX);
 
-/// A listening node of the network of 8 windows.
+/// A node of the network with 8 windows.
 pub type Few = Node<'static, 8, 2, 4>;
-/// A listening node of the network of 512 windows.
+/// A node of the network with 512 windows.
 pub type Many = Node<'static, 512, 2, 4>;
 
 /// The event that is timed.
@@ -95,13 +95,13 @@ pub type Many = Node<'static, 512, 2, 4>;
 pub enum Event {
     /// A message of another node, received in its window.
     ReceiveMessage,
-    /// The reference message received, with the correction of global time.
+    /// A reference message, received, with the correction of global time.
     ReceiveReference,
-    /// The timer at the beginning of an own window.
+    /// The timer interrupt at the beginning of an own window.
     TransmitWindow,
 }
 
-/// A node on the brink of an event.
+/// A node right before an event.
 pub struct Kernel<N> {
     node: N,
     event: Event,
@@ -109,12 +109,12 @@ pub struct Kernel<N> {
     stamp: Stamp,
 }
 
-/// With 8 windows.
+/// A kernel with 8 windows.
 pub fn few(event: Event) -> Option<Kernel<Few>> {
     prepare(FEW_SCHEDULE.view(), event)
 }
 
-/// With 512 windows.
+/// A kernel with 512 windows.
 pub fn many(event: Event) -> Option<Kernel<Many>> {
     prepare(MANY_SCHEDULE.view(), event)
 }
@@ -126,7 +126,7 @@ fn reference(cycle: u8, previous: u32) -> Frame {
     Frame::from_parts(Id::constant::<0>(), 7, [a, b, c, d, cycle, high, low, 0])
 }
 
-/// `None` when the node would not have it: the benchmark is wrong then.
+/// Prepares a kernel. `None` means that the benchmark itself is wrong.
 fn prepare<const W: usize>(
     schedule: ScheduleView<'static>,
     event: Event,
@@ -181,7 +181,8 @@ fn prepare<const W: usize>(
     }
 }
 
-/// Lets the node do all that is due, as if each transmission succeeded.
+/// Lets the node do everything that is due until `until`. Each transmission
+/// succeeds.
 fn drain<const W: usize>(node: &mut Node<'static, W, 2, 4>, until: Stamp) {
     while let Some(deadline) = node.next_deadline() {
         if !until.reached(deadline) {
@@ -196,8 +197,8 @@ fn drain<const W: usize>(node: &mut Node<'static, W, 2, 4>, until: Stamp) {
 }
 
 impl<const W: usize> Kernel<Node<'static, W, 2, 4>> {
-    /// The event, up to the point where the owner can sleep again; whether it
-    /// went as it should.
+    /// Runs the event up to the point where the owner can sleep again. Returns
+    /// whether the result is as expected.
     #[inline(never)]
     pub fn run(&mut self) -> bool {
         let good = match self.event {

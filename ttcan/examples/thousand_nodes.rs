@@ -1,5 +1,5 @@
-//! A thousand nodes on one bus of 1 Mbit/s: each sends once in a matrix of 64
-//! basic cycles, and all watch all others. Prints what a frame costs the host.
+//! A thousand nodes on one bus of 1 Mbit/s. Each sends one message in a matrix of 64
+//! basic cycles and supervises all others. Prints the host's time for a frame.
 
 use std::time::Instant;
 
@@ -20,7 +20,7 @@ pub fn main() {
         id: Id::standard(16 + number).expect("11 bits hold them"),
         len: 8,
         sender: NodeId(number),
-        // One message sets the basic cycle.
+        // The shortest period gives the basic cycle.
         period: if number == 0 { CYCLE } else { CYCLE * 64 },
         deadline: CYCLE,
     };

@@ -1,7 +1,7 @@
 //! Bit timing of bxCAN, computed and checked at compile time.
 
-/// Settings of bxCAN's bit timing register (RM0390, CAN_BTR), as the numbers
-/// that they mean: the register holds each less one.
+/// Settings of bxCAN's bit timing register (RM0390, CAN_BTR). The register holds
+/// each value less one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BitTiming {
     /// Clock cycles in a time quantum, 1..=1024.
@@ -14,7 +14,7 @@ pub struct BitTiming {
     pub jump_width: u8,
 }
 
-/// No setting of bxCAN gives the bit rate exactly with a sample point of 70 to
+/// No setting of bxCAN gives exactly this bit rate with a sample point of 70 to
 /// 80 %.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoBitTiming;
@@ -28,10 +28,13 @@ impl core::fmt::Display for NoBitTiming {
 impl core::error::Error for NoBitTiming {}
 
 impl BitTiming {
-    /// The timing for `bit_rate` bit/s from a peripheral clock of `clock` Hz:
-    /// exact bit rate, sample point within 70 to 80 % and as near to 75 % as
-    /// can be, then as many time quanta as can be. The jump width is the largest
-    /// that segment 2 allows.
+    /// The timing for `bit_rate` bit/s from a peripheral clock of `clock` Hz. The
+    /// bit rate is exact. The sample point is within 70 to 80 % and as near to 75 %
+    /// as possible. Among equal sample points, the setting with the most time
+    /// quanta is taken. The jump width is the largest that segment 2 allows.
+    ///
+    /// # Errors
+    /// No setting gives this bit rate and sample point.
     pub const fn bxcan(clock: u32, bit_rate: u32) -> Result<Self, NoBitTiming> {
         if bit_rate == 0 || !clock.is_multiple_of(bit_rate) {
             return Err(NoBitTiming);
@@ -39,7 +42,7 @@ impl BitTiming {
         let cycles = clock / bit_rate;
         let mut best = None;
         let mut best_error = u32::MAX;
-        // From the finest quantum on, so that an equally good coarser one loses.
+        // Most quanta first, so that an equally good setting with fewer loses.
         let mut quanta = 25;
         while quanta >= 4 {
             let prescaler = cycles / quanta;
@@ -69,7 +72,7 @@ impl BitTiming {
         }
     }
 
-    /// [`BitTiming::bxcan`] for constants: fails the build when there is none.
+    /// [`BitTiming::bxcan`] for constants: the build fails if there is none.
     ///
     /// ```
     /// const TIMING: ttcan::BitTiming = ttcan::BitTiming::constant::<45_000_000, 250_000>();
@@ -102,8 +105,8 @@ impl BitTiming {
         clock / (self.prescaler as u32 * self.quanta())
     }
 
-    /// The value of CAN_BTR (RM0390) in normal mode: neither silent nor loop
-    /// back.
+    /// The value of CAN_BTR (RM0390) in normal mode, without silent and loop back
+    /// mode.
     pub const fn register(&self) -> u32 {
         (self.jump_width as u32 - 1) << 24
             | (self.segment_2 as u32 - 1) << 20

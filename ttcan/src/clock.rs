@@ -1,12 +1,13 @@
 //! Global time on a node: offset and rate against its own counter.
 //!
-//! Each reference message carries the global time of the one before (see
-//! [`ReferenceFormat`](crate::ReferenceFormat)), so a node has a pair of local
-//! stamp and global time for every basic cycle. The first pair sets the offset,
-//! the second the rate (ISO 11898-4: change of the master's mark over change of
-//! the local mark); after that an alpha-beta filter corrects both, because
-//! stamps taken in an interrupt carry its latency as noise. Between references,
-//! and when they cease, time runs on at the last rate (holdover).
+//! Each reference message carries the global time of the reference before (see
+//! [`ReferenceFormat`](crate::ReferenceFormat)). A node therefore has a pair of
+//! local stamp and global time for every basic cycle. The first pair sets the
+//! offset. The second sets the rate (ISO 11898-4: change of the master's mark
+//! over change of the local mark). After that an alpha-beta filter corrects both,
+//! because stamps that are taken in an interrupt carry its latency as noise.
+//! Between references, and when they cease, time runs on at the last rate
+//! (holdover).
 
 use crate::features::GLOBAL_TIME;
 use crate::time::{GlobalTime, Stamp};
@@ -16,59 +17,64 @@ use crate::time::{GlobalTime, Stamp};
 pub enum ClockState {
     /// No global time is known.
     Unset,
-    /// The time is this node's own: nobody has given it another.
+    /// The time is this node's own; it has received none.
     Own,
     /// The offset is known, the rate not yet.
     Offset,
     /// Offset and rate follow the master.
     Locked,
-    /// The last correction asked for more drift than the limit: it was not
-    /// made, time runs on at the rate before.
+    /// The last correction required more drift than the limit. It was not made,
+    /// and time runs on at the rate before.
     Suspended,
 }
 
-/// What became of a pair of stamp and global time.
+/// Result of a correction by a pair of stamp and global time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Correction {
+    /// The time was set.
     Stepped,
+    /// Offset and rate were corrected.
     Applied,
+    /// It required more drift than the limit and was not made.
     Suspended,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Clock {
     ticks_per_us: u32,
-    /// 2^-16 us in a tick, as a number of 15 fractional bits (7e-9 of
-    /// resolution at 16 ticks in a microsecond); nominal and corrected by the
-    /// rate.
+    /// Nominal length of a tick in 2^-16 us, with 15 fractional bits (a
+    /// resolution of 7e-9 at 16 ticks per microsecond).
     nominal: u32,
+    /// The same, corrected by the rate.
     gain: u32,
-    /// Global time gains this much on the counter, in 2^-32.
+    /// Rate of global time against the counter less 1, in 2^-32.
     rate: i32,
+    /// Largest rate, in 2^-32.
     limit: i32,
+    /// A recent stamp, and the global time at it.
     anchor: Stamp,
     global: GlobalTime,
     state: ClockState,
-    /// Corrections that were refused in a row.
+    /// Corrections refused in a row.
     refused: u8,
-    /// Corrections by which the gains are chosen.
+    /// How long the filter has followed without a large error; see [`GAINS`].
     settled: u8,
 }
 
-/// Fractional bits of the gain: products with 32 bits of ticks fit in 64.
+/// Fractional bits of the gain. Its product with 32 bits of ticks fits in 64.
 const GAIN_BITS: u32 = 15;
-/// An error of more than this in one cycle is no noise of an interrupt: it is
-/// corrected by no more at once (2 us in 2^-16 us).
+/// Largest correction in one cycle: 2 us in 2^-16 us. A larger error is not the
+/// noise of an interrupt.
 const LARGEST_STEP: i64 = 2 << GlobalTime::FRACTION_BITS;
-/// Filter gains as shifts, for the offset and the rate, and the number of good
-/// corrections from which on they hold: fast at first, then averaging over more
+/// Gains of the filter: the number of good corrections from which they apply, and
+/// the shifts for offset and rate. It is fast at first and then averages over more
 /// and more stamps.
 const GAINS: [(u8, u32, u32); 3] = [(0, 1, 3), (6, 2, 5), (16, 3, 7)];
-/// Good corrections that count at most, and how many of them a bad one undoes.
+/// Largest count of good corrections, and how many of them a bad one undoes.
 const SETTLED: u8 = 24;
 const UNSETTLED: u8 = 4;
-/// Corrections refused in a row after which the master is believed: it was
-/// changed for one whose time is another.
+/// After this many refused corrections in a row the time of the master is taken:
+/// another master may have another time.
 const REFUSALS: u8 = 3;
 
 impl Clock {
@@ -95,7 +101,7 @@ impl Clock {
         self.state
     }
 
-    /// Rate against the counter in 2^-32.
+    /// Rate against the counter less 1, in 2^-32.
     pub(crate) fn rate(&self) -> i32 {
         self.rate
     }
@@ -129,9 +135,8 @@ impl Clock {
         nominal.wrapping_sub(correction as u32)
     }
 
-    /// How far off a time of the schedule may be on this node's counter: as much
-    /// as the drift limit allows until the rate has been measured, in
-    /// microseconds.
+    /// Largest error of a time of the schedule on this node's counter, in
+    /// microseconds: what the drift limit allows until the rate is measured.
     pub(crate) fn rate_error(&self, micros: u32) -> u32 {
         match self.state {
             ClockState::Locked | ClockState::Suspended => 0,
@@ -139,13 +144,13 @@ impl Clock {
         }
     }
 
-    /// Global time elapsed in whole microseconds; negative durations as 0.
+    /// Ticks in whole microseconds of global time; 0 for negative ticks.
     pub(crate) fn micros(&self, ticks: i32) -> u32 {
         (self.duration(ticks).max(0) >> GlobalTime::FRACTION_BITS) as u32
     }
 
-    /// Moves the anchor to `stamp` without changing the time, so that the
-    /// counter cannot wrap round it.
+    /// Moves the anchor to `stamp` without changing the time. The counter must not
+    /// run half its range away from the anchor.
     pub(crate) fn carry(&mut self, stamp: Stamp) {
         if !GLOBAL_TIME {
             return;
@@ -154,7 +159,7 @@ impl Clock {
         self.anchor = stamp;
     }
 
-    /// Makes `stamp` stamp 0, at the time `global`.
+    /// Renumbers stamps so that `stamp` becomes 0, and sets the time at it.
     #[cfg(feature = "std")]
     pub(crate) fn restart(&mut self, stamp: Stamp, global: GlobalTime) {
         self.carry(stamp);
@@ -162,7 +167,7 @@ impl Clock {
         self.global = global;
     }
 
-    /// Sets the time by leap.
+    /// Sets the time at `stamp`.
     pub(crate) fn set(&mut self, stamp: Stamp, global: GlobalTime) {
         self.anchor = stamp;
         self.global = global;
@@ -170,8 +175,8 @@ impl Clock {
         self.refused = 0;
     }
 
-    /// Takes the master's time `global` of the instant that the own counter
-    /// stamped `stamp`; `discontinuity` says that the master's time leapt.
+    /// Corrects the clock: the master's time was `global` at `stamp`.
+    /// `discontinuity` tells that the master's time was set.
     pub(crate) fn correct(
         &mut self,
         stamp: Stamp,
@@ -187,14 +192,15 @@ impl Clock {
             return Correction::Stepped;
         }
         if elapsed <= 0 {
-            // The pair of a reference that this node sent itself tells no rate.
+            // This node sent the reference itself, so the pair has no rate.
             if error.abs() <= LARGEST_STEP {
                 return Correction::Applied;
             }
             self.leap(stamp, global, true);
             return Correction::Stepped;
         }
-        // 2 us for the noise of two stamps, and the limit over the time between.
+        // 2 us for the noise of two stamps, and the drift limit times the time
+        // between them.
         let allowed = (((span >> 8) * i64::from(self.limit)) >> 24) + LARGEST_STEP;
         if error.abs() > allowed {
             self.refused = self.refused.saturating_add(1);
@@ -210,7 +216,7 @@ impl Clock {
             self.set_rate(self.rate.saturating_add(rate_of(error, span)));
             self.global = global;
         } else {
-            // Large errors mean that the crystals, or the master, changed.
+            // A large error means that a crystal's rate or the master changed.
             self.settled = if error.abs() < LARGEST_STEP {
                 (self.settled + 1).min(SETTLED)
             } else {
@@ -243,15 +249,15 @@ impl Clock {
     }
 
     fn set_rate(&mut self, rate: i32) {
-        // Not `clamp`, which panics on limits out of order.
+        // Not `clamp`, which panics if its limits are out of order.
         self.rate = rate.min(self.limit).max(self.limit.wrapping_neg());
         let correction = (i64::from(self.nominal) * i64::from(self.rate)) >> 32;
         self.gain = self.nominal.wrapping_add_signed(correction as i32);
     }
 }
 
-/// `error` over `span` in 2^-32, both in 2^-16 us; long division in steps that
-/// 32-bit hardware does. Errors count up to 32 ms.
+/// `error` over `span` in 2^-32, both in 2^-16 us, by long division in steps of
+/// 32 bits. Larger errors count as 32 ms.
 #[inline(never)]
 fn rate_of(error: i64, span: i64) -> i32 {
     let span = (span >> GlobalTime::FRACTION_BITS).clamp(1, 1 << 27) as u32;

@@ -4,8 +4,8 @@ use crate::id::Id;
 
 /// A classical CAN data frame of 0 to 8 bytes.
 ///
-/// Remote frames have no place in a time-triggered schedule; hand none to a
-/// node.
+/// A time-triggered schedule has no windows for remote frames: do not pass them
+/// to a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Frame {
     id: Id,
@@ -40,9 +40,8 @@ impl Frame {
         })
     }
 
-    /// A frame from a buffer as CAN controllers hold it: the first `len` bytes
-    /// of `data` count, and a data length code above 8 means 8 bytes
-    /// (ISO 11898-1).
+    /// A frame from the buffer of a CAN controller: the first `len` bytes of `data`.
+    /// A data length code above 8 means 8 bytes (ISO 11898-1).
     pub const fn from_parts(id: Id, len: u8, data: [u8; 8]) -> Self {
         Self {
             id,
@@ -71,7 +70,7 @@ impl Frame {
         self.data.get(..usize::from(self.len)).unwrap_or(&self.data)
     }
 
-    /// The whole buffer; bytes from [`Frame::len`] on mean nothing.
+    /// The whole buffer; bytes from [`Frame::len`] on have no meaning.
     pub const fn buffer(&self) -> [u8; 8] {
         self.data
     }

@@ -2,15 +2,15 @@
 
 /// A CAN identifier: 11 bits (base format) or 29 bits (extended format).
 ///
-/// `Ord` is the order of arbitration: the smaller identifier wins the bus. A
-/// base identifier wins against an extended one with the same 11 leading bits
-/// (ISO 11898-1: the RTR bit of the former meets the recessive SRR bit of the
-/// latter).
+/// `Ord` is the order of arbitration: the smaller identifier wins the bus. A base
+/// identifier wins against an extended one with the same 11 leading bits, because
+/// its dominant RTR bit meets the recessive SRR bit of the extended one
+/// (ISO 11898-1).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Id(u32);
 
-/// Kept in bit 0, below the 29 identifier bits, so that the derived order is
-/// the order of arbitration.
+/// Marks an extended identifier in bit 0, below the 29 identifier bits, so that the
+/// derived order is the order of arbitration.
 const EXTENDED: u32 = 1;
 
 impl Id {
@@ -37,7 +37,7 @@ impl Id {
         }
     }
 
-    /// An 11-bit identifier known at compile time, which fails the build above
+    /// An 11-bit identifier as a constant. The build fails above
     /// [`Id::MAX_STANDARD`].
     ///
     /// ```
@@ -53,7 +53,7 @@ impl Id {
         }
     }
 
-    /// The identifier's number, without its format.
+    /// The identifier's number, the same for both formats.
     pub const fn raw(self) -> u32 {
         if self.is_extended() {
             self.0 >> 1
@@ -67,8 +67,8 @@ impl Id {
         self.0 & EXTENDED != 0
     }
 
-    /// The identifier of the same format `steps` above this one, `None` past
-    /// the end of the range.
+    /// The identifier of the same format `steps` above this one, `None` past the
+    /// largest one.
     pub const fn offset(self, steps: u8) -> Option<Self> {
         let raw = self.raw() + steps as u32;
         if self.is_extended() {

@@ -1,9 +1,9 @@
 //! How long a frame occupies the bus.
 //!
-//! Lengths are in bit times. [`frame_bits`] counts from the start of frame to
-//! the last bit of the end of frame, stuff bits included; the interframe space
-//! ([`INTERFRAME_BITS`]) is counted apart. The cost of [`frame_bits`] is that of
-//! one table step for every four bits of the frame.
+//! Lengths are in bit times. [`frame_bits`] counts from the start of frame to the
+//! last bit of the end of frame, stuff bits included. The interframe space
+//! ([`INTERFRAME_BITS`]) is not included. [`frame_bits`] does one table look-up for
+//! every four bits of the frame.
 
 use crate::frame::Frame;
 use crate::id::Id;
@@ -37,7 +37,7 @@ pub const fn shortest_bits(id: Id, len: u8) -> u32 {
     stuffable_bits(id.is_extended(), len) + TAIL_BITS
 }
 
-/// Longest that a frame of this format and `len` data bytes can be, with every
+/// Length of the longest frame of this format and `len` data bytes, with every
 /// possible stuff bit (Davis et al. 2007, equation 1, less the interframe
 /// space): 52 + 10 len for base frames and 77 + 10 len for extended ones.
 ///
@@ -50,7 +50,7 @@ pub const fn worst_case_bits(id: Id, len: u8) -> u32 {
     stuffable + (stuffable - 1) / 4 + TAIL_BITS
 }
 
-/// One nibble of the CRC-15, by the four leading bits of the register.
+/// CRC-15 of one nibble, indexed by the four leading bits of the register.
 const CRC: [u16; 16] = {
     let mut table = [0; 16];
     let mut nibble = 0;
@@ -71,10 +71,11 @@ const CRC: [u16; 16] = {
     table
 };
 
-/// Stuffing state after a bit: the last bit (1 bit), length of its run less one
-/// (2 bits; a fifth equal bit is always followed by a stuff bit, which starts a
-/// run of its own).
+/// State of bit stuffing: the last bit in bit 2, the length of its run less one in
+/// bits 1..0. Two bits are enough, because a stuff bit follows the fifth equal bit
+/// and starts a new run.
 type Run = u8;
+/// Set in a new state if a stuff bit was inserted.
 const STUFFED: u8 = 8;
 
 const fn stuff_bit(run: Run, bit: u8) -> u8 {
@@ -87,7 +88,8 @@ const fn stuff_bit(run: Run, bit: u8) -> u8 {
     }
 }
 
-/// State and stuff bits (at most one) after four bits, by state and nibble.
+/// New state after four bits, with [`STUFFED`] if a stuff bit was inserted (at most
+/// one is). Indexed by state and nibble.
 const STUFF: [u8; 128] = {
     let mut table = [0; 128];
     let mut at = 0;
@@ -107,7 +109,7 @@ const STUFF: [u8; 128] = {
     table
 };
 
-/// Runs over a frame's bits, counting stuff bits and computing its CRC.
+/// Goes through the bits of a frame, counts stuff bits and computes the CRC.
 struct Line {
     crc: u16,
     run: Run,
@@ -115,7 +117,7 @@ struct Line {
 }
 
 impl Line {
-    // Inlined into each loop, unrolled, it would be most of a small image.
+    // Not inlined: unrolled in each loop, it would be most of a small image.
     #[inline(never)]
     const fn nibble(&mut self, nibble: u8) {
         let nibble = nibble & 15;
@@ -129,7 +131,7 @@ impl Line {
         self.run = next & 7;
     }
 
-    /// The `count` low bits of `bits`, a multiple of four.
+    /// Goes through the `count` low bits of `bits`. `count` is a multiple of 4.
     const fn bits(&mut self, bits: u32, count: u32) {
         let mut left = count;
         while left >= 4 {
@@ -144,8 +146,7 @@ impl Line {
 pub const fn frame_bits(frame: &Frame) -> u32 {
     let mut line = Line {
         crc: 0,
-        // The bus idles recessive, but no run reaches into the dominant start
-        // of frame.
+        // The idle bus is recessive. The dominant start of frame begins a run.
         run: 4,
         stuffed: 0,
     };
@@ -160,8 +161,8 @@ pub const fn frame_bits(frame: &Frame) -> u32 {
     } else {
         raw << 7 | len as u32
     };
-    // All but the three leading bits is a whole number of nibbles. Those three
-    // cannot complete a run of five, and the start of frame is 0.
+    // The three leading bits go first, so that whole nibbles remain. Three bits
+    // cannot complete a run of five.
     let mut bit = STANDARD_HEADER_BITS;
     while bit > STANDARD_HEADER_BITS - 3 {
         bit -= 1;

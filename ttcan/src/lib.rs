@@ -1,24 +1,25 @@
 //! Time-triggered CAN (ISO 11898-4) in software, for CAN controllers without
 //! time-trigger hardware.
 //!
-//! The protocol is a pure state machine: a [`Node`] is told of frames and of
-//! the passing of time and says what to send; it touches no hardware, reads no
-//! clock, allocates nothing and cannot panic. The same value runs in firmware,
-//! in a simulation of a thousand nodes and under a model checker.
+//! The protocol is a pure state machine. A [`Node`] is told of frames and of the
+//! passing of time, and says what to send. It touches no hardware, reads no clock,
+//! allocates nothing and cannot panic. The same code runs in firmware, in a
+//! simulation of a thousand nodes and under a model checker.
 //!
 //! * [`SystemMatrix`]: the windows of the network, checked at compile time.
 //! * [`Schedule`]: the matrix compiled to a table, by [`schedule!`].
-//! * [`Node`]: one node that keeps the schedule.
-//! * [`frame_bits`], [`worst_case_bits`], [`BitTiming`]: the bus underneath.
+//! * [`Node`]: one node that follows the schedule.
+//! * [`frame_bits`], [`worst_case_bits`], [`BitTiming`]: lengths of frames and bit
+//!   timing of the controller.
 //!
-//! Features, all on by default, that a node which does not need them can do
-//! without: `master` (the role of a potential time master), `global-time` (level
-//! 2), `events` (sending event and late messages), `gaps` (event-synchronised
-//! cycles), `peers` (failure classes of other nodes),
-//! `counters` (of everything that happens).
+//! Features make a node smaller where they are off; all are on by default:
+//! `master` (the role of a potential time master), `global-time` (level 2),
+//! `events` (sending event and late messages), `gaps` (event-synchronised cycles),
+//! `peers` (failure classes of other nodes), `counters` (of everything that
+//! happens).
 //!
-//! With the feature `std`, for hosts only: `simulation`, an in-memory bus, and
-//! `synthesis`, from messages to a matrix.
+//! The feature `std` is for hosts only: `simulation`, an in-memory bus, and
+//! `synthesis`, which makes a matrix from messages.
 //!
 //! ```
 #![doc = include_str!("../examples/two_nodes.rs")]
@@ -26,7 +27,7 @@
 
 #![no_std]
 #![forbid(unsafe_code)]
-// What is left out is still compiled, see `features`.
+// Code of a feature that is off is still compiled, see `features`.
 #![cfg_attr(
     not(all(
         feature = "counters",

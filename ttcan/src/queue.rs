@@ -1,10 +1,10 @@
-//! Messages that wait for an arbitrating window.
+//! The queue of messages that wait for an arbitrating window.
 
 use crate::frame::Frame;
 use crate::id::Id;
 use crate::time::Stamp;
 
-/// What is to be sent.
+/// A message in the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Item {
     Event(Frame),
@@ -34,9 +34,9 @@ impl Item {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Waiting {
-    /// The item's, where it is found quickly.
+    /// Identifier of the item, copied for quick comparison.
     id: Id,
-    /// Running number.
+    /// Running number, for the order among equal identifiers.
     turn: u32,
     expires: Stamp,
     item: Item,
@@ -52,9 +52,10 @@ impl Waiting {
     }
 }
 
-/// Up to `Q` messages, taken by identifier, and those of one identifier in the
-/// order in which they came. They stay where they were put; which is the first
-/// is found when one is removed, where time is not short.
+/// A priority queue of up to `Q` messages: the lowest identifier first, equal
+/// identifiers in the order in which they were inserted. Messages stay in their
+/// places. The first one is searched when one is removed, because there is time
+/// then; an insertion only compares with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Queue<const Q: usize> {
     places: [Option<Waiting>; Q],
@@ -81,10 +82,11 @@ impl<const Q: usize> Queue<Q> {
         self.count
     }
 
-    /// How many messages made room because they had expired by `now`; `None`
-    /// when there is no room. The first message keeps its place until its turn,
-    /// and that at `kept` until its report.
-    // Its loops stay apart from the caller's in the image, where their bounds are looked for.
+    /// Inserts a message, in the place of one that expired by `now` if need be.
+    /// Returns how many messages expired, or `None` if there is no room. The first
+    /// message keeps its place until its turn, and the one at `kept` until its
+    /// transmission is reported.
+    // Not inlined, so that the analysis finds the bounds of its loops.
     #[inline(never)]
     pub(crate) fn insert(
         &mut self,
@@ -124,7 +126,7 @@ impl<const Q: usize> Queue<Q> {
         None
     }
 
-    /// The place of the most urgent message, and whether it has expired by `now`.
+    /// The place of the first message, and whether it has expired by `now`.
     pub(crate) fn first(&self, now: Stamp) -> Option<(u8, bool)> {
         let at = self.first?;
         let waiting = self.places.get(usize::from(at))?.as_ref()?;
@@ -167,8 +169,9 @@ impl<const Q: usize> Queue<Q> {
         *self = Self::new();
     }
 
-    /// Moves all deadlines so that `now` becomes stamp 0, and makes queues equal
-    /// that hold the same messages. Returns where what was at `place` is then.
+    /// Moves all deadlines so that `now` becomes stamp 0, and sorts the messages so
+    /// that queues with the same messages are equal. Returns the new place of the
+    /// message at `place`.
     #[cfg(feature = "std")]
     pub(crate) fn shift(&mut self, now: Stamp, place: u8) -> u8 {
         let turn = |waiting: &Option<Waiting>| waiting.as_ref().map(|waiting| waiting.turn);

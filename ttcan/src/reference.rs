@@ -1,20 +1,20 @@
 //! What a reference message carries.
 //!
-//! ISO 11898-4 gives the level 1 reference one byte (next-is-gap and the cycle
-//! count) and the level 2 reference the master's reference mark, which its
-//! hardware inserts while the frame is on the bus. Without such hardware the
-//! mark can only follow one message later, so it is here the global time of the
-//! *previous* reference's start of frame:
+//! In ISO 11898-4 the level 1 reference has one byte (Next_is_Gap and the cycle
+//! count). The level 2 reference also has the master's reference mark
+//! (Master_Ref_Mark), which hardware inserts while the frame is on the bus.
+//! Without such hardware the mark can only follow in the next reference. Here it
+//! is the global time of the *previous* reference's start of frame:
 //!
 //! | field | width | contents |
 //! | --- | --- | --- |
-//! | application | up to the first field | anything |
-//! | coarse | 4 bytes, big-endian | global time at which this reference is meant to start, in ms |
-//! | control | 1 byte | bit 7 next-is-gap, bit 6 discontinuity, bits 5..0 cycle count |
+//! | application | up to the first field | bytes of the application |
+//! | coarse | 4 bytes, big-endian | planned start of this reference in global time, in ms |
+//! | control | 1 byte | bit 7 Next_is_Gap, bit 6 discontinuity, bits 5..0 cycle count |
 //! | mark | 2 bytes, big-endian | global time of the previous reference's start of frame in 1/32 us, modulo 2048 us |
 //!
-//! The mark stands last and is left out when its sender knows none; so a frame
-//! may be shorter than the format says.
+//! The mark stands last. A sender that knows none leaves it out, so a frame may be
+//! shorter than the format says.
 
 use crate::frame::Frame;
 use crate::id::Id;
@@ -32,14 +32,15 @@ pub struct ReferenceFormat {
 impl ReferenceFormat {
     /// ISO 11898-4 level 1: the control byte alone.
     pub const LEVEL_1: Self = Self::new(0, None, 0, None);
-    /// Level 2 with nothing of an application's: coarse, control, mark.
+    /// Level 2 without bytes of the application: coarse, control, mark.
     pub const LEVEL_2: Self = Self::new(0, Some(0), 4, Some(5));
 
-    /// A format with `application` bytes of the application's in front and the
-    /// fields at these positions. Level 2 (global time) needs both `coarse` and
-    /// `mark`.
+    /// A format with `application` bytes of the application in front, and the
+    /// fields at these byte positions. Level 2 (global time) needs both `coarse`
+    /// and `mark`.
     ///
-    /// Fields that overlap or pass byte 7 are found when the matrix is checked.
+    /// [`SystemMatrix::new`](crate::SystemMatrix::new) refuses fields that overlap
+    /// or exceed byte 7.
     pub const fn new(application: u8, coarse: Option<u8>, control: u8, mark: Option<u8>) -> Self {
         Self {
             application,
@@ -66,7 +67,7 @@ impl ReferenceFormat {
         }
     }
 
-    /// Number of bytes with all fields.
+    /// Number of data bytes of a reference with all fields.
     pub const fn longest(&self) -> u8 {
         match self.mark {
             Some(mark) => mark.saturating_add(2),
@@ -74,12 +75,12 @@ impl ReferenceFormat {
         }
     }
 
-    /// Whether references carry what level 2 needs.
+    /// Whether references carry the fields of level 2.
     pub(crate) const fn tells_time(&self) -> bool {
         self.coarse.is_some() && self.mark.is_some()
     }
 
-    /// Number of bytes in front that are the application's.
+    /// Number of bytes in front for the application.
     pub const fn application(&self) -> u8 {
         self.application
     }
@@ -107,17 +108,17 @@ pub(crate) const fn mark_of(time: GlobalTime) -> u16 {
     (time.raw() >> MARK_SHIFT) as u16
 }
 
-/// The global time nearest to `estimate` that has this mark; right if the
-/// estimate is less than 1024 us off.
+/// The global time nearest to `estimate` that has this mark. It is the right one if
+/// the error of the estimate is less than 1024 us.
 pub(crate) const fn nearest(estimate: GlobalTime, mark: u16) -> GlobalTime {
     let ahead = mark.wrapping_sub(mark_of(estimate)).cast_signed();
     let below = estimate.raw() & ((1 << MARK_SHIFT) - 1);
     estimate.offset(((ahead as i64) << MARK_SHIFT) - below as i64)
 }
 
-/// The time of a coarse time: the one nearest to `known`, if that is given, of
-/// all those since the epoch that are whole multiples of 2^32 ms apart (for 4
-/// years).
+/// Global time from a coarse time, which wraps every 2^32 ms (49 days). Of the
+/// possible times the one nearest to `known` is taken, up to 4 years after the
+/// epoch; without `known`, the first.
 pub(crate) fn from_coarse(coarse: u32, known: Option<GlobalTime>) -> GlobalTime {
     let time = GlobalTime::from_micros(u64::from(coarse) * 1000);
     let Some(known) = known else {
@@ -130,7 +131,7 @@ pub(crate) fn from_coarse(coarse: u32, known: Option<GlobalTime>) -> GlobalTime 
 }
 
 impl Fields {
-    /// The frame of `id`, with the application's bytes from `application`.
+    /// The frame with identifier `id` and the application's bytes.
     pub(crate) fn encode(&self, format: &ReferenceFormat, id: Id, application: &[u8; 8]) -> Frame {
         let mut data = *application;
         if let (Some(at), Some(coarse)) = (format.coarse, self.coarse) {
@@ -148,9 +149,8 @@ impl Fields {
         Frame::from_parts(id, len, data)
     }
 
-    /// The fields of `frame`, `None` if it is too short to have them: without
-    /// the control byte and all behind it only a matrix of one basic cycle gets
-    /// along.
+    /// The fields of `frame`, `None` if it does not have them. In a matrix of one
+    /// basic cycle, the control byte and all fields behind it may be missing.
     pub(crate) fn decode(format: &ReferenceFormat, frame: &Frame, cycles: u8) -> Option<Self> {
         let data = frame.data();
         let mut fields = Self::default();

@@ -1,9 +1,9 @@
-//! An in-memory CAN bus with nodes on crystals of their own.
+//! An in-memory CAN bus. Each node has an oscillator of its own.
 //!
-//! Event-driven, in nanoseconds of true time: frames have their exact stuffed
-//! length, requests of several nodes are arbitrated, interrupts are served with
-//! a random latency, and frames can be destroyed or missed. The same seed gives
-//! the same run.
+//! The simulation is event-driven, in nanoseconds of true time. Frames have their
+//! exact stuffed length, nodes contend by arbitration, interrupts are served with a
+//! random latency, and frames can be destroyed or missed. The same seed gives the
+//! same run.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -17,14 +17,14 @@ use crate::{
 pub type SimTime = fugit::TimerInstantU64<1_000_000_000>;
 
 const NANOS_PER_MICRO: u64 = 1000;
-/// Bits of an error frame and the interframe space behind it: six of each flag
-/// and eight of delimiter at the least.
+/// Bits of an error frame: a flag of at least six bits, another node's flag that
+/// overlaps it, and a delimiter of eight bits.
 const ERROR_BITS: u64 = 17;
 
 /// A node's oscillator and interrupt latency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Crystal {
-    /// Nominal ticks in a microsecond.
+    /// Nominal ticks per microsecond.
     pub ticks_per_us: u32,
     /// Deviation from the nominal rate in parts per billion.
     pub ppb: i32,
@@ -57,7 +57,7 @@ impl Crystal {
         Stamp(self.phase.wrapping_add(ticks as u32))
     }
 
-    /// The time at which the counter reaches `stamp`, `now` if it has.
+    /// The time at which the counter reaches `stamp`; `now` if it has already.
     fn time_of(&self, stamp: Stamp, now: SimTime) -> SimTime {
         let ticks = stamp.ticks_since(self.stamp(now)).max(0).unsigned_abs();
         let nanos = (u128::from(ticks) * 1_000_000_000_000).div_ceil(self.rate());
@@ -72,11 +72,11 @@ pub enum Fate {
     Delivered,
     /// An error frame destroys it for all.
     Destroyed,
-    /// This node alone does not get it, by its index.
+    /// All nodes but this one receive it, by its index.
     MissedBy(usize),
 }
 
-/// A frame that was on the bus.
+/// A frame on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Traffic {
     /// Index of the sender.
@@ -91,10 +91,9 @@ pub struct Traffic {
     pub fate: Fate,
 }
 
-/// What the bus asks of the applications.
+/// The applications of the nodes, as the bus calls them.
 pub trait Application {
-    /// The data of a granted window, `None` to leave it empty. Nothing but zeros
-    /// by default.
+    /// The data for a granted window, `None` to leave it empty. Zeros by default.
     fn payload(&mut self, _node: usize, _grant: &Grant) -> Option<[u8; 8]> {
         Some([0; 8])
     }
@@ -108,7 +107,7 @@ pub trait Application {
     }
 }
 
-/// Zeros in every window, and no fault.
+/// Sends zeros in every window, without faults.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Quiet;
 
@@ -116,11 +115,13 @@ impl Application for Quiet {}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Event {
-    /// A node's interrupt; the number tells a superseded timer.
+    /// The receive interrupt of a node in this life; see [`Station::life`].
     Receive(usize, u32),
+    /// The transmit interrupt of a node in this life.
     Report(usize, u32, Report),
+    /// The timer interrupt of a node, unless the timer was set again since.
     Timer(usize, u32),
-    /// The bus may be free for a start of frame.
+    /// The bus may be idle, so that a frame can begin.
     Start,
 }
 
@@ -140,8 +141,9 @@ struct Station<'s, const W: usize, const P: usize, const Q: usize> {
     transmitting: bool,
     powered: bool,
     silent: bool,
-    /// Counts power-ups, so that nothing of an earlier life arrives.
+    /// Number of starts, so that no event from before a start takes effect.
     life: u32,
+    /// Number of times the timer was set.
     timer: u32,
 }
 
@@ -158,7 +160,7 @@ pub struct Bus<'s, A, const W: usize, const P: usize, const Q: usize> {
     sequence: u64,
     frames: Vec<(Frame, SimTime)>,
     random: u64,
-    /// Every frame that was on the bus so far.
+    /// Every frame on the bus so far.
     pub traffic: Vec<Traffic>,
 }
 
@@ -179,7 +181,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         }
     }
 
-    /// Adds a node, without power; returns its index.
+    /// Adds a node without power. Returns its index.
     pub fn add(&mut self, node: Node<'s, W, P, Q>, crystal: Crystal) -> usize {
         self.stations.push(Station {
             node,
@@ -202,7 +204,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
     /// The node of this index.
     ///
     /// # Panics
-    /// When there is none.
+    /// There is no such node.
     pub fn node(&self, index: usize) -> &Node<'s, W, P, Q> {
         &self.stations[index].node
     }
@@ -217,7 +219,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         self.stations[index].crystal.stamp(self.now)
     }
 
-    /// Changes a node's rate from now on; its counter goes on without a leap.
+    /// Changes a node's rate from now on. Its counter continues without a step.
     pub fn drift(&mut self, index: usize, ppb: i32) {
         let now = self.now;
         let station = &mut self.stations[index];
@@ -231,7 +233,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         self.arm(index);
     }
 
-    /// Power on and [`Node::start`], also after silence.
+    /// Switches a node on and calls [`Node::start`], also after S3.
     pub fn start(&mut self, index: usize) {
         let station = &mut self.stations[index];
         station.powered = true;
@@ -242,8 +244,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         self.serve(index);
     }
 
-    /// Power off, in the middle of anything; `node` is what the node is when it
-    /// is powered on again.
+    /// Switches a node off, at any time. `node` is its state after the next start.
     pub fn crash(&mut self, index: usize, node: Node<'s, W, P, Q>) {
         let station = &mut self.stations[index];
         station.powered = false;
@@ -254,7 +255,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         station.node = node;
     }
 
-    /// Lets a node's application do something and serves the node.
+    /// Lets the application use the node, and then serves the node.
     pub fn with<R>(
         &mut self,
         index: usize,
@@ -266,7 +267,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         result
     }
 
-    /// Sends a frame past the node, as a defective one would.
+    /// Sends a frame without the node's knowledge, as a defective node would.
     pub fn inject(&mut self, index: usize, frame: Frame) {
         self.stations[index].mailbox = Some((frame, self.now));
         self.push(self.now, Event::Start);
@@ -336,7 +337,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         }
     }
 
-    /// Does what the node asks for and sets its timer.
+    /// Carries out the actions of a node and sets its timer.
     fn serve(&mut self, index: usize) {
         let now = self.now;
         let stamp = self.stations[index].crystal.stamp(now);
@@ -370,7 +371,8 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         self.arm(index);
     }
 
-    /// A controller begins at the next boundary of its own bits.
+    /// Requests a transmission. The controller is ready at the next boundary of its
+    /// own bits.
     fn request(&mut self, index: usize, frame: Frame) {
         let ready = self.now.ticks() + self.below(self.bit);
         let ready = SimTime::from_ticks(ready);
@@ -525,7 +527,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
     }
 }
 
-/// Frames of an identifier in a bus's traffic that were not destroyed.
+/// The frames with this identifier that were not destroyed.
 pub fn delivered(traffic: &[Traffic], id: Id) -> impl Iterator<Item = &Traffic> {
     traffic
         .iter()

@@ -14,14 +14,15 @@ pub enum ErrorLevel {
     /// S2, error: a transmit count of 7, or more transmissions in a matrix than
     /// scheduled. Only references are sent.
     Error,
-    /// S3, severe error: nothing at all is sent, no acknowledgement either.
+    /// S3, severe error: the controller sends no dominant bit, not even an
+    /// acknowledgement.
     Severe(Severe),
 }
 
-/// What brought a node to S3.
+/// Cause of S3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Severe {
-    /// The watch trigger: references ceased.
+    /// The watch trigger (Watch_Trigger): references ceased.
     Watch,
     /// The controller went bus-off.
     BusOff,
@@ -32,43 +33,46 @@ pub enum Severe {
 /// State of one window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct WindowStatus {
-    /// ISO's message status count, 0 to 7: up by one for each time that the
-    /// message was not seen (or not sent) in its exclusive window, down by one
-    /// for each time that it was.
+    /// Message status count (ISO 11898-4), 0 to 7. It goes up by one each time the
+    /// message was not seen (or not sent, in an own window), and down by one each
+    /// time it was.
     pub status_count: u8,
-    /// How often in a row the message was not seen (or not sent).
+    /// Windows in a row in which the message was not seen (or not sent).
     pub missed: u8,
 }
 
-/// A peer's failure class (thesis 4.3.7), judged from the schedule alone.
+/// Failure class of another node (thesis 4.3.7), judged by the schedule alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum Health {
-    /// Not one of its messages has been seen since this node is in schedule.
+    /// None of its messages was seen since the start.
     #[default]
     Unknown,
-    /// Its messages come in their windows.
+    /// Its messages are in their windows.
     Healthy,
     /// All its windows of two basic cycles stayed empty.
     Dead,
-    /// Its messages come, but outside their windows.
+    /// Its messages are outside their windows.
     Lost,
-    /// More of its messages come outside their windows in one basic cycle than
-    /// it has windows in two.
+    /// In one basic cycle, more of its messages are outside their windows than it
+    /// has windows in two.
     Babbling,
 }
 
 /// Highest message status count.
 const FULL: u8 = 7;
 
-/// Message status counts of all windows, with what the error levels ask of
-/// them kept up to date, so that no check looks at all windows.
+/// Message status counts of all windows. What the error levels depend on is kept up
+/// to date with each change, so that no check loops over all windows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Counts<const W: usize> {
     windows: [WindowStatus; W],
-    /// Exclusive windows at each count, and a bit for each count that has any.
+    /// Number of exclusive windows at each count.
     at: [u16; FULL as usize + 1],
+    /// A bit for each count that a window has.
     present: u8,
+    /// Own windows at the highest count.
     own_full: u16,
+    /// Windows of other nodes at the highest count.
     others_full: u16,
 }
 
@@ -90,7 +94,7 @@ impl<const W: usize> Counts<W> {
         self.windows.get(usize::from(window)).copied()
     }
 
-    /// Notes whether the message of a window was there.
+    /// Changes the count of a window whose message was seen, or not.
     fn note(&mut self, window: u16, own: bool, seen: bool) {
         let Some(status) = self.windows.get_mut(usize::from(window)) else {
             return;
@@ -107,7 +111,7 @@ impl<const W: usize> Counts<W> {
         self.moved(before, after, own);
     }
 
-    /// Cuts runs of missed messages off at `many`.
+    /// Limits runs of missed messages to `many`.
     #[cfg(feature = "std")]
     pub(crate) fn cut(&mut self, many: u8) {
         for window in &mut self.windows {
@@ -151,24 +155,27 @@ impl<const W: usize> Counts<W> {
     }
 }
 
-/// What is known of a peer.
+/// What a node knows about another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub(crate) struct Peer {
     heard: bool,
-    /// Empty windows of the peer in a row.
+    /// Empty windows of the node in a row.
     empty: u16,
-    /// Up by two for each message out of place, down by one for each in place.
+    /// Goes up by two for each message outside its window, down by one for each
+    /// message in its window.
     astray: u8,
-    /// Messages out of place in the basic cycle numbered `cycle`.
+    /// Messages outside their windows in basic cycle `cycle`.
     in_cycle: u16,
+    /// Running number of the basic cycle with the last such message.
     cycle: u32,
 }
 
-/// From this on a peer counts as lost: two messages out of place without one
-/// in place between.
+/// Value of [`Peer::astray`] from which a node counts as lost: two messages outside
+/// their windows without one in its window between them.
 const LOST: u8 = 4;
+/// Highest value of [`Peer::astray`].
 const MOST_ASTRAY: u8 = 16;
-/// Frames out of place in a basic cycle that are never babbling.
+/// So many messages outside their windows in a basic cycle are never babbling.
 const FORGIVEN: u16 = 4;
 
 impl Peer {
@@ -192,8 +199,8 @@ impl Peer {
         self.astray = (self.astray + 2).min(MOST_ASTRAY);
     }
 
-    /// Makes the basic cycle numbered `cycle` number 0, and forgets what has
-    /// no influence any more.
+    /// Renumbers basic cycles so that `cycle` becomes 0, and forgets what has no
+    /// influence any more.
     #[cfg(feature = "std")]
     pub(crate) fn normalise(&mut self, cycle: u32, in_two_cycles: u16) {
         self.empty = self.empty.min(in_two_cycles.max(2));
@@ -207,8 +214,8 @@ impl Peer {
         }
     }
 
-    /// `cycle` is the running number of the basic cycle, `in_two_cycles` the
-    /// number of windows that the peer has in two of them.
+    /// `cycle` is the running number of the current basic cycle, `in_two_cycles`
+    /// the number of windows that the node has in two of them.
     pub(crate) fn health(&self, cycle: u32, in_two_cycles: u16) -> Health {
         let recent = self.cycle == cycle || self.cycle.wrapping_add(1) == cycle;
         if !self.heard && self.empty == 0 {

@@ -1,12 +1,13 @@
-//! The two times of a node: stamps of its own counter, and global time.
+//! The two times of a node: local time (stamps of its own counter) and global
+//! time.
 
 /// Microseconds, the network time unit of every schedule.
 pub type Micros = fugit::MicrosDurationU32;
 
 /// A reading of the node's own free-running 32-bit counter.
 ///
-/// The counter wraps; two stamps compare correctly when they are less than half
-/// its range apart (119 s at 18 MHz).
+/// The counter wraps. Two stamps compare correctly if they are less than half its
+/// range apart (119 s at 18 MHz).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Stamp(
     /// The counter's value in ticks.
@@ -29,8 +30,8 @@ impl Stamp {
         Self(self.0.wrapping_sub(ticks))
     }
 
-    /// Ticks from `earlier` to this stamp; negative when this one is the
-    /// earlier.
+    /// Ticks from `earlier` to this stamp; negative if this stamp is before
+    /// `earlier`.
     pub const fn ticks_since(self, earlier: Self) -> i32 {
         self.0.wrapping_sub(earlier.0).cast_signed()
     }
@@ -41,8 +42,8 @@ impl Stamp {
     }
 }
 
-/// Time that all nodes agree on, in 2^-16 us since an epoch of the time
-/// master's choice; wraps after almost nine years.
+/// Time that all nodes agree on, in 2^-16 us since an epoch that the time master
+/// chooses. It wraps after almost nine years.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct GlobalTime(u64);
 
@@ -73,7 +74,8 @@ impl GlobalTime {
     /// Whole milliseconds since the epoch, as the reference message carries
     /// them (wraps after 49 days).
     pub const fn as_millis(self) -> u32 {
-        // Long division by hand: a 64-bit one is a library call on the targets.
+        // Long division by hand, because a 64-bit division is a library call on
+        // the targets.
         let micros = self.as_micros();
         let (high, low) = ((micros >> 32) as u32, micros as u32);
         let upper = ((high % 1000) << 16) | (low >> 16);
@@ -86,8 +88,8 @@ impl GlobalTime {
         Self(self.0.wrapping_add_signed(raw))
     }
 
-    /// 2^-16 us from `earlier` to this time; negative when this one is the
-    /// earlier.
+    /// Time from `earlier` to this one in 2^-16 us; negative if this one is before
+    /// `earlier`.
     pub const fn since(self, earlier: Self) -> i64 {
         self.0.wrapping_sub(earlier.0).cast_signed()
     }

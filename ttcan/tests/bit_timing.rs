@@ -1,4 +1,4 @@
-//! Bit timings of the clocks that the boards run at, and of all others.
+//! Bit timings for the clocks of the boards, and for many others.
 
 use proptest::prelude::*;
 use ttcan::{BitTiming, NoBitTiming};
@@ -45,7 +45,7 @@ proptest! {
         clock in 1_000_000u32..200_000_000,
         rate in prop::sample::select(vec![10_000, 50_000, 125_000, 250_000, 500_000, 1_000_000]),
     ) {
-        // Only multiples have an exact timing.
+        // Only a clock that is a multiple of the bit rate has an exact timing.
         let clock = clock / rate * rate;
         if let Ok(timing) = BitTiming::bxcan(clock, rate) {
             let bit = u32::from(timing.prescaler) * timing.quanta();

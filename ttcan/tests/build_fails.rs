@@ -1,11 +1,11 @@
-//! A bad matrix fails the build, and the compiler's message names the window.
+//! An invalid matrix fails the build, and the compiler's message names the window.
 
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// A good matrix, and what makes it bad: name, text replaced, replacement, what
-/// the compiler says.
+/// Changes that make a valid matrix invalid: name, text to replace, replacement,
+/// message of the compiler.
 const GOOD: &str = r#"
 use ttcan::{Id, MatrixConfig, Micros, NodeId, ReferenceFormat, SystemMatrix, Window};
 

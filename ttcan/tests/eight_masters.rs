@@ -1,4 +1,4 @@
-//! As many potential masters as a reference message has ranks.
+//! Eight potential masters: all ranks that a reference message has.
 
 mod support;
 
@@ -54,7 +54,7 @@ ttcan::schedule!(static SCHEDULE = MATRIX);
 type Master = Node<'static, 8, 8, 1>;
 type Masters = Bus<'static, Quiet, 8, 8, 1>;
 
-/// A master, or with number 8 a node that only listens.
+/// A potential master, or for number 8 a node that only listens.
 fn master(number: usize) -> Master {
     let config = NodeConfig {
         latency: StampLatency::bxcan(4 * TICKS_PER_US, 6),
@@ -96,10 +96,10 @@ proptest! {
         for (node, ppb) in crystals.iter().enumerate() {
             bus.add(master(node), crystal(*ppb, (node as u32).wrapping_mul(1_234_567_890)));
         }
-        // Somebody acknowledges the last one's references.
+        // The listening node acknowledges the references of the last master.
         bus.add(master(8), crystal(0, 0));
         bus.start(8);
-        // Power comes up in any order.
+        // The nodes start in a random order.
         for (node, pause) in order.into_iter().zip(pauses) {
             bus.start(node);
             bus.run_millis(pause);
@@ -110,7 +110,7 @@ proptest! {
         for node in 0..8 {
             prop_assert_eq!(bus.node(node).status().sync, SyncState::InSchedule);
         }
-        // One after the other dies: the next in rank takes over.
+        // The masters die one after the other; the next rank takes over.
         for dead in 0..7 {
             bus.crash(dead, master(dead));
             now += 5 * CYCLE + 7;
@@ -120,14 +120,15 @@ proptest! {
             let last = all.iter().rfind(|(rank, _)| *rank == dead).unwrap().1;
             let next = all.iter().find(|(_, start)| *start > last).unwrap();
             prop_assert_eq!(next.0, dead + 1);
-            // Its own offset, and clocks that are 20 us apart.
+            // The new master's offset, and 20 us between the clocks.
             let bound = CYCLE * 1_000_000 + (16 * (dead as u64 + 1) + 20) * 1000;
             prop_assert!(next.1 - last <= bound, "{} ns", next.1 - last);
             for node in dead + 1..8 {
                 prop_assert_eq!(bus.node(node).counters().missed_references, 0);
             }
         }
-        // All come back, and the best of them leads, without a gap.
+        // All start again. The best-ranked one becomes master, and no reference is
+        // missing.
         let from = references(&bus).len();
         for node in (0..7).rev() {
             bus.start(node);

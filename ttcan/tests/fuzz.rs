@@ -1,4 +1,4 @@
-//! The fuzz targets' functions over random bytes, and what more they show.
+//! The functions of the fuzz targets with random bytes, and further properties.
 
 #[path = "../fuzz/src/lib.rs"]
 #[expect(unreachable_pub, reason = "a library of its own in `fuzz/`")]
@@ -48,7 +48,7 @@ proptest! {
         fuzz::operations(&bytes, 0);
     }
 
-    /// The counter may stand anywhere, and wrap at any moment.
+    /// The counter may have any value at the start, and wrap at any moment.
     #[test]
     fn a_node_does_not_see_its_counter_wrap(
         bytes in prop::collection::vec(any::<u8>(), 0..1500),

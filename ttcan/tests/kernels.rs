@@ -1,4 +1,4 @@
-//! The benchmark's kernels do what they say.
+//! The kernels of the benchmark run the events that they are named for.
 
 #[path = "../benches/kernels.rs"]
 #[expect(unreachable_pub, reason = "the benchmark's programs share the file")]

@@ -1,10 +1,10 @@
-//! Frame lengths against known answers and a bit-by-bit construction.
+//! Frame lengths compared with known lengths and with a bit-by-bit construction.
 
 use proptest::prelude::*;
 use ttcan::{Frame, INTERFRAME_BITS, Id, frame_bits, shortest_bits, worst_case_bits};
 
-/// The frame's bits from start of frame to the CRC's last one, unstuffed, built
-/// as ISO 11898-1 draws them.
+/// The bits of a frame from the start of frame to the end of the CRC, without stuff
+/// bits, as ISO 11898-1 defines them.
 fn raw_bits(frame: &Frame) -> Vec<bool> {
     let mut bits = vec![false];
     let mut push = |value: u32, count: u32| {
@@ -63,7 +63,7 @@ fn any_id() -> impl Strategy<Value = Id> {
     ]
 }
 
-/// Bytes with long runs, which random ones seldom have.
+/// Bytes with long runs of equal bits, which random bytes rarely have.
 fn any_data() -> impl Strategy<Value = Vec<u8>> {
     let byte = prop_oneof![Just(0), Just(0xFF), Just(0x0F), Just(0xF0), any::<u8>()];
     prop::collection::vec(byte, 0..=8)
@@ -92,7 +92,7 @@ fn worst_cases_are_the_published_ones() {
     }
 }
 
-/// The same function serves constants.
+/// The function can be called in constants.
 #[test]
 fn lengths_count_in_constants() {
     const FRAME: Frame = Frame::from_parts(Id::constant::<0>(), 8, [0; 8]);

@@ -1,5 +1,5 @@
-//! Each rule of a matrix, and the sentence that its breach fails the build
-//! with.
+//! Each check of a matrix, and the sentence with which a violation fails the
+//! build.
 
 use ttcan::{Event, Id, MatrixConfig, Micros, NodeId, ReferenceFormat, SystemMatrix, Window};
 

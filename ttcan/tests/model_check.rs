@@ -1,18 +1,17 @@
-//! Explores every behaviour of three real nodes, two of them potential masters,
-//! on a bus that loses frames, with nodes that crash and start again and
-//! counters that drift.
+//! Explores every behaviour of three nodes, two of them potential masters, on a bus
+//! that loses frames, with nodes that crash and start again and counters that drift.
 //!
-//! Time is discrete, in microseconds of a 1 Mbit/s bus, one bit and one tick
-//! each. From event to event everything is determined but for
+//! Time is discrete. One step is 1 us, which is one bit at 1 Mbit/s and one tick of
+//! the counters. The model chooses freely
 //!
-//! * the fate of each frame that begins: delivered, destroyed for all, or missed
-//!   by one receiver alone (which CAN's acknowledgement does not notice);
-//! * crashes, at any event, and starts, at any event or quarter of a cycle;
-//! * the drift of each node against true time, up to the synchronisation
-//!   uncertainty in a basic cycle.
+//! * the fate of each frame that begins: delivered, destroyed for all, or missed by
+//!   one receiver only (the acknowledgement of CAN does not show that);
+//! * crashes, at any event, and starts, at any event or quarter of a basic cycle;
+//! * the drift of each node against true time, up to the synchronisation uncertainty
+//!   in a basic cycle.
 //!
-//! The numbers of losses and crashes are bounded; starts from power-off in any
-//! order come on top.
+//! Everything else is determined. The numbers of losses and crashes are bounded.
+//! One check begins with all nodes off, and starts them in any order.
 
 use std::io::Write;
 use std::time::Instant;
@@ -26,16 +25,16 @@ use ttcan::{
 
 const CYCLE: u32 = 1000;
 const UNCERTAINTY: u32 = 10;
-/// A node's drift in a basic cycle; two nodes differ by twice as much.
+/// Drift of a node in a basic cycle. Two nodes differ by up to twice as much.
 const DRIFT: i32 = 5;
-/// Bits of an error flag, its delimiter and the superposition of flags.
+/// Bits of an error frame: superposed flags and delimiter.
 const ERROR_BITS: u32 = 17;
 /// Bits of a frame before an error destroys it.
 const BROKEN_AFTER: u32 = 30;
 
-/// Cycles after the last fault within which all powered nodes are in schedule
-/// under the best-ranked master: a start, the second reference, and the
-/// better-ranked master's return.
+/// Basic cycles after the last fault within which all powered nodes are in schedule
+/// under the best-ranked master. This includes a start, the second reference, and
+/// the time until the better-ranked master has taken over.
 const RECOVERY: u32 = 4;
 
 const fn micros(at: u32) -> Micros {
@@ -123,15 +122,15 @@ struct OnBus {
     age: u32,
 }
 
-/// What must never happen.
+/// A state that must never be reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Violation {
-    /// A message outside its windows, as counted from the reference that the
-    /// nodes in schedule hold.
+    /// A message outside its windows, by the reference that the nodes in schedule
+    /// follow.
     Misplaced,
     /// Two messages at once.
     Contention,
-    /// A frame of a healthy node that another one in schedule finds misplaced.
+    /// A node in schedule calls a frame of a healthy node misplaced.
     Suspected,
 }
 
@@ -140,7 +139,7 @@ struct State {
     stations: [Station; 3],
     on_bus: Option<OnBus>,
     interframe: u32,
-    /// Time since the last valid reference began, if it matters.
+    /// Time since the last valid reference began, while a node follows it.
     cycle_time: Option<u32>,
     cycle: u8,
     losses: u8,
@@ -152,7 +151,7 @@ struct State {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Step {
-    /// On to the next event; a frame that begins there has this fate.
+    /// Time passes up to the next event. A frame that begins there has this fate.
     Next(Fate),
     Crash(usize),
     Start(usize),
@@ -167,7 +166,7 @@ struct Network {
 }
 
 impl State {
-    /// One line of a counterexample.
+    /// The state as one line of a counterexample.
     fn print(&self, step: Option<&Step>) {
         print!("{:?} cycle {} ", self.cycle_time, self.cycle);
         for station in &self.stations {
@@ -209,7 +208,7 @@ impl State {
                             .handle_transmit(TransmitOutcome::Aborted, Stamp(0));
                     }
                 }
-                // The application starts its node again after every severe error.
+                // The application restarts its node after every severe error.
                 Action::Silence => {
                     station.mailbox = None;
                     station.node.start(Stamp(0));
@@ -218,7 +217,7 @@ impl State {
         }
     }
 
-    /// Lets `time` pass, no longer than until the next event.
+    /// Lets `time` pass, which is not longer than until the next event.
     fn pass(&mut self, time: u32) {
         for station in self.stations.iter_mut().filter(|station| station.powered) {
             station.node = station.node.normalised(Stamp(time));
@@ -249,7 +248,7 @@ impl State {
             .iter()
             .any(|station| station.mailbox.is_some());
         let idle = (self.on_bus.is_none() && waiting).then_some(self.interframe);
-        // So that a start can fall into any quarter of a cycle.
+        // A start can happen in any quarter of a basic cycle.
         let off = self.stations.iter().any(|station| !station.powered);
         let quarter = off.then_some(CYCLE / 4);
         timers.chain(bus).chain(idle).chain(quarter).min()
@@ -293,8 +292,8 @@ impl State {
                 }
             }
         }
-        // A master that is out of step may send a reference in the middle of
-        // another's cycle; if no node in schedule takes it, that cycle goes on.
+        // A master that is not synchronised may send a reference in the middle of a
+        // basic cycle. If no node in schedule accepts it, the basic cycle goes on.
         if begins_cycle {
             self.cycle_time = Some(ended.age);
             self.cycle = ended.frame.data()[0] & 0x3F;
@@ -341,7 +340,7 @@ impl State {
         true
     }
 
-    /// A message that begins now must lie in a window of its own.
+    /// Checks that a message that begins now is in one of its windows.
     fn check_place(&mut self, frame: &Frame) {
         let in_place = self.cycle_time.is_some_and(|from| {
             let until = from + frame_bits(frame);
@@ -362,7 +361,8 @@ impl State {
         }
     }
 
-    /// Applies the drift of a cycle where one has begun or gone by.
+    /// Applies the drift of a basic cycle to nodes for which one has begun or
+    /// passed.
     fn drift(&mut self) {
         for station in self.stations.iter_mut().filter(|station| station.powered) {
             let counters = station.node.counters();
@@ -382,8 +382,8 @@ impl State {
             .count()
     }
 
-    /// All powered nodes in schedule under the best-ranked master; nothing is
-    /// asked of a node alone or of nodes without a master.
+    /// Whether all powered nodes are in schedule under the best-ranked master. Always
+    /// true for a single node, and for nodes without a master.
     fn is_settled(&self) -> bool {
         let Some(best) = (0..2).find(|index| self.stations[*index].powered) else {
             return true;
@@ -538,7 +538,7 @@ impl Model for Network {
 fn check(name: &str, model: Network) {
     let begun = Instant::now();
     let checker = model.checker().threads(2).spawn_bfs().join();
-    // Past the test harness, which shows nothing of a test that passes.
+    // Not through the test harness, which hides the output of tests that pass.
     let _ = writeln!(
         std::io::stderr(),
         "{name}: {} states, {} of them different, depth {}, {:.1} s",
@@ -590,9 +590,9 @@ fn a_crash_and_a_loss() {
     );
 }
 
-/// Two losses, among them the worst: a backup that alone misses two references
-/// running. (Were there no third node whose messages tell it so, it would take
-/// itself for alone, and send.)
+/// Two losses. In the worst case only a backup misses two references in a row. (It
+/// would then act as the only master if no messages of a third node told it that
+/// the schedule goes on.)
 #[test]
 fn losses() {
     check(

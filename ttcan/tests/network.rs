@@ -1,4 +1,4 @@
-//! Four nodes on a bus: schedule, time, masters, faults.
+//! Four nodes on a bus: schedule, global time, masters, faults.
 
 mod support;
 
@@ -133,7 +133,7 @@ fn the_backup_takes_over_and_the_master_returns_without_a_gap() {
         let gap = (pair[1].start.ticks() - pair[0].start.ticks()) as f64 / 1000.0;
         assert!((99_800.0..100_150.0).contains(&gap), "{gap} us");
     }
-    // No window of a healthy node was lost.
+    // No healthy node missed a window.
     for id in [206, 300, 450, 210] {
         let id = Id::standard(id).unwrap();
         let frames: Vec<_> = delivered(&bus.traffic, id).collect();
@@ -208,7 +208,7 @@ fn when_references_cease_all_stop_and_can_start_again() {
             ErrorLevel::Severe(Severe::Watch)
         );
     }
-    // What was left of the cycle under way, and nothing after it.
+    // The rest of the current basic cycle, and nothing after it.
     assert!(
         bus.traffic.len() <= before + 2,
         "{:?}",
@@ -223,7 +223,7 @@ fn when_references_cease_all_stop_and_can_start_again() {
     }
 }
 
-/// Loses or destroys frames by the numbers of their deliveries.
+/// Loses or destroys frames, chosen by their running number.
 struct Faulty {
     destroyed: fn(&Frame, SimTime) -> Fate,
 }
@@ -326,8 +326,8 @@ fn a_late_message_uses_the_arbitrating_window_when_it_may() {
         }
     }
     let mut bus = vehicle(Faulty { destroyed: fate }, 11);
-    // The phase of the cycle is the master's start; keep its windows early in
-    // each 100 ms of true time.
+    // Basic cycles begin with the master's start. Its windows are early in each
+    // 100 ms of true time.
     power_on(&mut bus);
     bus.run_until(at(3000));
     assert_in_place(&bus.traffic);
@@ -366,7 +366,8 @@ fn events_go_by_priority_within_their_lifetime() {
         .filter(|sent| [ALARM, BUTTON].contains(&sent.frame.id()))
         .map(|sent| sent.frame.id().raw())
         .collect();
-    // 3 ms take four frames of at most 540 us; the lower identifier goes first.
+    // There is room for four frames of at most 540 us in 3 ms. The lower identifier
+    // is sent first.
     assert_eq!(events, [0x20, 0x20, 0x20, 0x21]);
     assert_eq!(bus.node(3).counters().events_expired, 1);
     assert_eq!(bus.node(3).counters().events_refused, 1);
@@ -378,7 +379,7 @@ fn a_lost_node_and_a_babbling_one_are_told_apart() {
     let mut bus = vehicle(Quiet, 13);
     power_on(&mut bus);
     bus.run_until(at(1050));
-    // The speed message 20 ms late in each cycle.
+    // The speed message is 20 ms late in each basic cycle.
     bus.crash(3, uagv(DRIVE));
     let speed = Frame::new(Id::standard(210).unwrap(), &[0; 4]).unwrap();
     for cycle in 0..4 {
@@ -417,7 +418,7 @@ fn foreign_and_wrong_frames_are_counted_and_survived() {
     bus.application.0.clear();
     let reference = bus.node(0).reference_mark().unwrap();
     let into = bus.stamp(0).ticks_since(reference) as u64 / 18_000;
-    // 500 us into the speed window of the node that leaves it empty.
+    // 500 us after the beginning of the speed window, which its node leaves empty.
     bus.run_millis(100 - into + 9);
     let id = |raw| Id::standard(raw).unwrap();
     bus.inject(0, Frame::new(id(210), &[0; 3]).unwrap());
@@ -534,8 +535,8 @@ fn time_holds_over_a_missing_master() {
     };
     let before = steering(&bus) - own(&bus);
     bus.crash(1, uagv(CONTROLLER));
-    // The other nodes go on; without references, time runs on at the rate that
-    // was found: 81 ppm apart would be 24 us here.
+    // Without references, the time of the other nodes runs on at the measured rate.
+    // Without that rate, 81 ppm would make 24 us here.
     let rate = bus.node(2).rate();
     assert!(
         (-90 * 4295..-70 * 4295).contains(&rate)
@@ -565,7 +566,7 @@ fn drift_beyond_the_limit_is_refused_and_reported() {
 
 #[test]
 fn two_masters_that_met_settle_within_a_cycle() {
-    // The controller hears nothing for a while and makes its own references.
+    // The controller receives nothing for a while and sends references itself.
     struct Deaf;
     impl Application for Deaf {
         fn fate(&mut self, _: usize, _: &Frame, now: SimTime) -> Fate {
@@ -647,8 +648,8 @@ fn a_master_trims_its_cycle_and_the_others_follow() {
         .filter(|sent| is_reference(sent))
         .map(|sent| sent.start.ticks())
         .collect();
-    // From the second on every cycle is 8 us longer than 100 ms of the master's
-    // crystal, which is 31 ppm fast; single ones by a bit more or less.
+    // From the second one on, every basic cycle is 8 us longer than 100 ms of the
+    // master's crystal, which is 31 ppm fast; give or take a bit time.
     let gaps: Vec<f64> = starts
         .windows(2)
         .skip(2)
@@ -668,7 +669,7 @@ fn a_master_trims_its_cycle_and_the_others_follow() {
 #[test]
 fn a_mailbox_that_is_taken_does_not_keep_the_node_busy() {
     use ttcan::{Action, Stamp, TransmitOutcome};
-    // A master alone, whose controller refuses every request.
+    // A single master whose controller refuses every request.
     let mut node = uagv(GPS);
     node.start(Stamp(0));
     let mut requests = 0;
@@ -680,7 +681,8 @@ fn a_mailbox_that_is_taken_does_not_keep_the_node_busy() {
             }
         }
     }
-    // One each 16 bit times, from the end of the first silent cycle on.
+    // One request every 16 bit times, from the end of the first silent basic cycle
+    // on.
     assert!((4000..5000).contains(&requests), "{requests}");
 
     // An event message is tried once in each arbitrating window.
@@ -737,7 +739,7 @@ fn nodes_agree_while_their_crystals_warm_up() {
     power_on(&mut bus);
     bus.run_until(at(1300));
     let mut worst = 0f64;
-    // Up to 0.2 ppm in a second, in different directions.
+    // The rates change by up to 0.2 ppm per second, in different directions.
     for step in 0..300 {
         for (node, start) in [31_000, -50_000, 50_000, -12_345].into_iter().enumerate() {
             let slope = [20, -20, 15, -10][node];
@@ -749,8 +751,8 @@ fn nodes_agree_while_their_crystals_warm_up() {
     assert!(worst <= 2.0, "{worst} us");
 }
 
-/// A node on an RC oscillator, 3000 ppm off: until it has measured its rate it
-/// cannot tell well enough when its window begins.
+/// A node on an RC oscillator that is 3000 ppm off. Until it has measured its rate,
+/// the beginning of its window is too uncertain.
 #[test]
 fn a_node_on_an_rc_oscillator_waits_until_it_knows_its_rate() {
     for ppb in [3_000_000, -3_000_000, 9_000_000] {
@@ -778,7 +780,7 @@ fn a_node_on_an_rc_oscillator_waits_until_it_knows_its_rate() {
                 bus.start(3);
             }
             for _ in 0..30 {
-                // Something to send in every arbitrating window.
+                // Enqueues an event message for every arbitrating window.
                 bus.with(3, |node, now| {
                     let frame = Frame::new(ALARM, &[1]).unwrap();
                     let _ = node.queue_event(frame, now, Micros::millis(90));
@@ -804,7 +806,7 @@ fn a_node_on_an_rc_oscillator_waits_until_it_knows_its_rate() {
                 );
             }
             assert!(mine(ALARM).count() > 8);
-            // Only the cycle in which the rate is measured is lost.
+            // Only the window of the basic cycle that measures the rate is lost.
             let sent = mine(Id::constant::<210>()).count() as u32;
             let status = bus.node(3).counters();
             assert!(sent + 2 >= status.references - 1, "{sent}: {status:?}");

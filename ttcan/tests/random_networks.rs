@@ -1,5 +1,5 @@
-//! Random matrices, random crystals and random faults: the schedule is kept
-//! while they last, and found again after them.
+//! Random matrices, crystals and faults: nodes send only in their windows while
+//! there are faults, and are in schedule again after them.
 
 use proptest::prelude::*;
 use ttcan::simulation::{Application, Bus, Crystal, Fate, SimTime};
@@ -32,9 +32,9 @@ struct Drawn {
     messages: Vec<(u8, u32, u16)>,
     ppm: Vec<i32>,
     seed: u64,
-    /// One frame in so many is destroyed while there are faults.
+    /// One of this many frames is destroyed while there are faults.
     destroyed: u64,
-    /// Node and milliseconds of crashes and of starts again.
+    /// Crashes: node, time in ms, and ms until it starts again.
     crashes: Vec<(usize, u64, u64)>,
 }
 
@@ -81,8 +81,8 @@ fn at(millis: u64) -> SimTime {
     SimTime::from_ticks(millis * 1_000_000)
 }
 
-/// A frame of a message must lie in one of its windows, counted from the last
-/// delivered reference.
+/// Whether a frame is in one of its windows, counted from the last delivered
+/// reference.
 fn in_place(matrix: &SystemMatrix, cycle: u8, from: u64, until: u64, id: Id, node: u16) -> bool {
     let uncertainty = u64::from(NETWORK.sync_uncertainty.ticks()) * 1000;
     matrix.config().windows.iter().any(|window| {
@@ -152,7 +152,7 @@ fn simulate<'s>(schedule: &'s HeapSchedule, drawn: &Drawn) -> Bus<'s, Faults, 64
         }
     }
     bus.run_until(at(2200));
-    // The application's answer to a severe error, or to too many of its own.
+    // The application restarts its node after a severe error, and clears others.
     for index in 0..usize::from(NODES) {
         let status = bus.node(index).status();
         if status.sync == SyncState::Off {

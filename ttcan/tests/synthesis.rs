@@ -1,4 +1,4 @@
-//! Schedule synthesis: what comes out is a matrix, and keeps its promises.
+//! Schedule synthesis: every plan is a valid matrix and keeps periods and shares.
 
 use proptest::prelude::*;
 use ttcan::synthesis::{Infeasible, Message, Plan, Wishes, least_jitter, power_of_two};
@@ -28,7 +28,7 @@ fn message(name: &str, number: u16, len: u8, period: u32) -> Message {
     }
 }
 
-/// The plan as a checked matrix, and each message's starts in one matrix.
+/// Checks the plan as a matrix. Returns the starts of each message in it.
 fn verify(plan: &Plan, messages: &[Message]) -> Vec<Vec<u32>> {
     let windows: Vec<Window> = plan.windows(messages);
     let config = MatrixConfig {
@@ -60,8 +60,8 @@ fn verify(plan: &Plan, messages: &[Message]) -> Vec<Vec<u32>> {
         .collect()
 }
 
-/// Every gap between transmissions, round the end of the matrix, is the period
-/// to within the jitter.
+/// Checks that every time between two transmissions differs from the period by at
+/// most the jitter, also across the end of the matrix.
 fn assert_periodic(plan: &Plan, starts: &[Vec<u32>]) {
     let matrix = plan.basic_cycle.ticks() * u32::from(plan.cycles);
     for (index, starts) in starts.iter().enumerate() {
@@ -76,7 +76,8 @@ fn assert_periodic(plan: &Plan, starts: &[Vec<u32>]) {
     }
 }
 
-/// The example of thesis Figure 4.10: three frequencies, powers of two apart.
+/// The example of thesis Figure 4.10: three frequencies with ratios of powers of
+/// two.
 fn figure_4_10() -> Vec<Message> {
     vec![
         message("A", 0, 8, 10),
@@ -147,7 +148,7 @@ fn shares_are_kept() {
 
 #[test]
 fn the_message_that_does_not_fit_is_named() {
-    // 10 ms hold the reference and thirteen windows of eight bytes at most.
+    // There is room for the reference and thirteen windows of eight bytes in 10 ms.
     let mut messages: Vec<Message> = (0..13)
         .map(|number| message("small", number, 8, 10))
         .collect();
@@ -155,8 +156,8 @@ fn the_message_that_does_not_fit_is_named() {
     messages.push(message("one too many", 13, 8, 20));
     messages.push(message("two too many", 14, 8, 20));
     messages.push(message("three too many", 15, 8, 20));
-    // With basic cycles of 20 ms the second method would save a reference, and
-    // find room.
+    // With basic cycles of 20 ms the second method would need one reference less,
+    // and would have room.
     let short = Wishes {
         longest_cycle: Micros::millis(10),
         ..Wishes::NONE
@@ -213,7 +214,7 @@ proptest! {
         ].into_iter().flatten() {
             let starts = verify(&plan, &messages);
             assert_periodic(&plan, &starts);
-            // Shares are in whole windows, and rounded down.
+            // Shares consist of whole windows, and are rounded down.
             prop_assert!(plan.share_per_mille(true) + 1 >= u32::from(arbitrating));
             for (index, message) in messages.iter().enumerate() {
                 prop_assert!(plan.periods[index] <= message.period);

@@ -1,4 +1,4 @@
-//! A thousand nodes: the example, as a test.
+//! Runs the example with a thousand nodes.
 
 #[path = "../examples/thousand_nodes.rs"]
 #[expect(unreachable_pub, reason = "a program of its own in `examples/`")]

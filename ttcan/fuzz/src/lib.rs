@@ -1,5 +1,5 @@
-//! What the fuzz targets do with bytes. The same functions run from the crate's
-//! tests over random bytes, so that they hold on every toolchain.
+//! The fuzz targets as functions of the fuzzer's bytes. The tests of the crate call
+//! them with random bytes, because a fuzzer needs a nightly toolchain.
 
 use ttcan::{
     Action, ErrorLevel, Event, Frame, GlobalTime, Id, MatrixConfig, Micros, Node, NodeConfig,
@@ -72,7 +72,7 @@ ttcan::schedule!(static SCHEDULE = MATRIX);
 
 type Stack = Node<'static, { MATRIX.window_count() }, { MATRIX.node_count() }, 3>;
 
-/// Bytes, and zeros when they are used up.
+/// A source of bytes, which gives zeros when it is used up.
 struct Bytes<'a>(&'a [u8]);
 
 impl Bytes<'_> {
@@ -97,7 +97,7 @@ impl Bytes<'_> {
     }
 }
 
-/// Lengths of arbitrary frames are within their bounds.
+/// Checks that the length of an arbitrary frame is within its bounds.
 pub fn frames(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
     let id = if bytes.next() & 1 == 0 {
@@ -118,19 +118,19 @@ pub fn frames(bytes: &[u8]) {
     );
 }
 
-/// What a node said.
+/// What a node reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Said {
     /// An action to carry out.
     Action(Action),
-    /// What became of a frame.
+    /// How a frame was taken.
     Reception(Reception),
     /// Ticks until the next deadline.
     Deadline(Option<i32>),
 }
 
-/// Drives a node with arbitrary operations at arbitrary times, its counter
-/// starting at `origin`, and checks what must hold whatever happens.
+/// Calls a node with arbitrary operations at arbitrary times, and checks what must
+/// always hold. The node's counter starts at `origin`.
 pub fn operations(bytes: &[u8], origin: u32) -> Vec<Said> {
     let mut bytes = Bytes(bytes);
     let config = NodeConfig {
@@ -150,7 +150,7 @@ pub fn operations(bytes: &[u8], origin: u32) -> Vec<Said> {
         said: Vec::new(),
     };
     driver.start();
-    // Long inputs repeat themselves.
+    // Longer inputs bring nothing new.
     for _ in 0..512 {
         if bytes.0.is_empty() {
             break;
@@ -164,7 +164,7 @@ pub fn operations(bytes: &[u8], origin: u32) -> Vec<Said> {
 struct Driver {
     node: Stack,
     now: Stamp,
-    /// A transmission was asked for, and neither reported nor withdrawn.
+    /// A transmission was asked for and is neither reported nor withdrawn.
     open: bool,
     silent: bool,
     said: Vec<Said>,

@@ -1,4 +1,4 @@
-//! Why a matrix is refused, in words that also a `const` can print.
+//! Why a matrix is refused, as a sentence that can be made in a `const`.
 
 /// What is wrong with a matrix. Times are in microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,8 +24,8 @@ pub enum Problem {
         /// The number of bit times given.
         bits: u32,
     },
-    /// There is no potential master, or more of them than identifiers up to
-    /// the next multiple of 8 (at most 8).
+    /// There is no potential master, or more of them than the lowest three bits of
+    /// the reference identifier leave room for.
     MasterCount {
         /// Number of masters given.
         masters: u32,
@@ -39,9 +39,10 @@ pub enum Problem {
     },
     /// The reference format's fields overlap or pass the end of the frame.
     ReferenceFormat,
-    /// There are more nodes, windows or event messages than 65 534.
+    /// There are more than 65 534 nodes, windows or event messages.
     TooLarge,
-    /// The repeat factor is no power of two of at most the number of cycles.
+    /// The repeat factor is not a power of two, or exceeds the number of basic
+    /// cycles.
     RepeatFactor {
         /// The factor given.
         repeat: u32,
@@ -55,21 +56,21 @@ pub enum Problem {
     OutOfOrder,
     /// The window begins before the previous one of the same basic cycle ends.
     Overlap {
-        /// A basic cycle in which it does.
+        /// The first basic cycle in which it does.
         cycle: u32,
     },
     /// The window begins while the reference message may be on the bus.
     InReference {
-        /// The first cycle time possible.
+        /// The earliest possible start, as a cycle time.
         earliest: u32,
     },
     /// The window ends when the next reference message may already begin.
     PastEnd {
-        /// The last cycle time possible.
+        /// The latest possible end, as a cycle time.
         latest: u32,
     },
-    /// The longest frame, the transmit enable window and the uncertainty of the
-    /// nodes' times do not fit into the window.
+    /// The window is shorter than the longest frame, the transmit enable window and
+    /// the uncertainty together.
     DoesNotFit {
         /// The time needed.
         needed: u32,
@@ -81,23 +82,22 @@ pub enum Problem {
         /// Number of bytes given.
         len: u32,
     },
-    /// A merged arbitrating window is not followed, without a break and in
-    /// every of its cycles, by another arbitrating window.
+    /// A merged window is not directly followed by another arbitrating window in
+    /// each of its basic cycles.
     NotClosed,
-    /// The identifier belongs to the reference message.
+    /// The identifier is one of the reference message.
     ReferenceId,
-    /// The identifier has two senders, or is both scheduled and an event, or
-    /// has two lengths.
+    /// The identifier has two senders or two lengths, or belongs to a scheduled
+    /// message and an event message.
     TwoRoles,
 }
 
 /// A matrix was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MatrixError<'a> {
-    /// The window or event message that the problem is in, if it is in one.
+    /// The window or event message with the problem, if it is in one.
     pub name: Option<&'a str>,
-    /// The window or event message that it is in conflict with, if there is
-    /// one.
+    /// The window or event message that it conflicts with, if there is one.
     pub other: Option<&'a str>,
     /// What is wrong.
     pub problem: Problem,
@@ -116,7 +116,7 @@ impl Message {
         let (text, _) = self.bytes.split_at(self.len);
         match core::str::from_utf8(text) {
             Ok(text) => text,
-            // Only a name cut off inside a character gets here.
+            // A name was cut off inside a character.
             Err(_) => "the system matrix is not valid",
         }
     }
@@ -169,7 +169,7 @@ impl MatrixError<'_> {
 }
 
 impl Problem {
-    /// Writes what is wrong, in conflict with `other` if with any.
+    /// Writes what is wrong; `other` is the window that it conflicts with.
     const fn describe(self, message: &mut Message, other: &str) {
         match self {
             Problem::CycleCount { cycles } => message

@@ -1,10 +1,10 @@
-//! The system matrix: who may send what when.
+//! The system matrix: which node may send which message when.
 //!
-//! A matrix is a power of two of basic cycles, each of them begun by a
-//! reference message. A window names the time marks, counted from the start of
-//! frame of the reference, between which a frame may be on the bus, and the
-//! cycles in which it does so by a repeat factor and an offset. What no window
-//! covers is free: any frame there is an error.
+//! A matrix has a power of two of basic cycles. A reference message begins each of
+//! them. A window has two time marks (cycle times, counted from the start of frame
+//! of the reference) between which a frame may be on the bus. A repeat factor and an
+//! offset tell in which basic cycles the window exists. Time that no window covers
+//! is free: any frame there is an error.
 
 mod error;
 mod validate;
@@ -16,14 +16,14 @@ use crate::length;
 use crate::reference::ReferenceFormat;
 use crate::time::Micros;
 
-/// A node of the network, numbered densely from 0.
+/// A node of the network. Nodes are numbered from 0 without gaps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct NodeId(
     /// The node's number.
     pub u16,
 );
 
-/// What a window is for.
+/// The kind of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WindowKind {
     /// One message of one sender.
@@ -34,33 +34,33 @@ pub enum WindowKind {
         len: u8,
         /// The only node that may send in this window.
         sender: NodeId,
-        /// Whether a message that was not sent here may use the next
-        /// arbitrating window (thesis 4.3.6.1).
+        /// Whether a message that was not sent in this window may be sent in the
+        /// next arbitrating one (thesis 4.3.6.1).
         retry_late: bool,
     },
-    /// Event messages of any sender, by CAN arbitration.
+    /// Event messages of all senders; arbitration decides.
     Arbitrating {
-        /// Whether the window and the next one form one window, in which a
-        /// frame may cross the mark between the two.
+        /// Whether this window and the next one form one window. A frame may
+        /// cross the time mark between the two.
         merged_with_next: bool,
     },
-    /// Nothing: margin for later messages.
+    /// No message: room for future ones.
     Free,
 }
 
 /// A window of the system matrix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window<'a> {
-    /// Name for people, as configuration errors print it.
+    /// Name in configuration errors.
     pub name: &'a str,
     /// Cycle time at which the window begins.
     pub start: Micros,
-    /// How long it lasts.
+    /// Length.
     pub length: Micros,
-    /// What it is for.
+    /// Kind.
     pub kind: WindowKind,
-    /// Repeat factor: the window exists in every `repeat`-th basic cycle (1, 2,
-    /// 4, .. 64, at most the number of cycles).
+    /// Repeat factor: the window exists in every `repeat`-th basic cycle. 1, 2, 4,
+    /// .. 64, at most the number of basic cycles.
     pub repeat: u8,
     /// The first basic cycle in which the window exists, below `repeat`.
     pub offset: u8,
@@ -93,7 +93,7 @@ impl<'a> Window<'a> {
         Self::new(name, start, length, kind)
     }
 
-    /// A window that is kept free in every basic cycle.
+    /// A free window in every basic cycle.
     pub const fn free(name: &'a str, start: Micros, length: Micros) -> Self {
         Self::new(name, start, length, WindowKind::Free)
     }
@@ -118,9 +118,9 @@ impl<'a> Window<'a> {
         self
     }
 
-    /// This exclusive window with leave to send its message in an arbitrating
-    /// window when it could not be sent here; nothing on windows of another
-    /// kind.
+    /// This exclusive window, with permission to send its message in an arbitrating
+    /// window if it could not be sent in this one. Windows of another kind do not
+    /// change.
     pub const fn retry_late(mut self) -> Self {
         if let WindowKind::Exclusive {
             ref mut retry_late, ..
@@ -131,8 +131,8 @@ impl<'a> Window<'a> {
         self
     }
 
-    /// This arbitrating window merged with the next one; nothing on windows of
-    /// another kind.
+    /// This arbitrating window, merged with the next one. Windows of another kind do
+    /// not change.
     pub const fn merged(mut self) -> Self {
         if let WindowKind::Arbitrating {
             ref mut merged_with_next,
@@ -145,7 +145,7 @@ impl<'a> Window<'a> {
 
     /// Whether the window exists in basic cycle `cycle`.
     pub const fn is_in(&self, cycle: u8) -> bool {
-        // Repeat factors are powers of two, which spares a division.
+        // The repeat factor is a power of two, so no division is needed.
         cycle & self.repeat.wrapping_sub(1) == self.offset
     }
 
@@ -157,9 +157,9 @@ impl<'a> Window<'a> {
 /// A message that its sender may send in arbitrating windows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event<'a> {
-    /// Name for people, as configuration errors print it.
+    /// Name in configuration errors.
     pub name: &'a str,
-    /// Identifier, and so priority.
+    /// Identifier, which is also the priority.
     pub id: Id,
     /// Largest number of data bytes, 0 to 8.
     pub len: u8,
@@ -179,31 +179,30 @@ impl<'a> Event<'a> {
     }
 }
 
-/// Everything that all nodes of a network know in common, not yet checked.
+/// What all nodes of a network have in common, before the check.
 #[derive(Clone, Copy, Debug)]
 pub struct MatrixConfig<'a> {
     /// Bit rate of the bus in bit/s.
     pub bit_rate: u32,
     /// Time from one reference message to the next.
     pub basic_cycle: Micros,
-    /// Basic cycles in the matrix: 1, 2, 4, .. 64.
+    /// Number of basic cycles in the matrix: 1, 2, 4, .. 64.
     pub cycles: u8,
-    /// Identifier of the reference message of the best-ranked master. Rank `r`
-    /// sends the identifier `r` above; all share the bits above the lowest
-    /// three, which name the reference message (ISO 11898-4).
+    /// Identifier of the reference message of the best-ranked master. The master of
+    /// rank `r` adds `r` to it. All references share the bits above the lowest three
+    /// (ISO 11898-4).
     pub reference: Id,
-    /// What the reference message carries.
+    /// Fields of the reference message.
     pub reference_format: ReferenceFormat,
     /// The potential time masters, best rank first: one to eight.
     pub masters: &'a [NodeId],
-    /// How long after its time mark a frame may still begin in an exclusive
-    /// window, in bit times: 1 to 16.
+    /// Transmit enable window (Tx_Enable_Window): how long after its time mark a
+    /// frame may still begin in an exclusive window, in bit times, 1 to 16.
     pub transmit_enable_bits: u8,
-    /// Largest difference between what two nodes in schedule hold for the same
-    /// cycle time.
+    /// Largest difference between the cycle times of two nodes in schedule.
     pub sync_uncertainty: Micros,
-    /// The windows by start; windows with the same start must be in different
-    /// cycles.
+    /// The windows, sorted by start. Windows of the same basic cycle must not
+    /// overlap.
     pub windows: &'a [Window<'a>],
     /// The messages that may be sent in arbitrating windows.
     pub events: &'a [Event<'a>],
@@ -244,8 +243,7 @@ impl<'a> SystemMatrix<'a> {
     /// Checks `config`.
     ///
     /// # Errors
-    /// The first problem found, with the window it is in; see [`Problem`] for
-    /// what is checked.
+    /// The first problem found, and its window. [`Problem`] lists the checks.
     pub const fn new(config: MatrixConfig<'a>) -> Result<Self, MatrixError<'a>> {
         match validate::check(&config) {
             Ok(()) => Ok(Self { config }),
@@ -299,7 +297,7 @@ impl<'a> SystemMatrix<'a> {
         }
     }
 
-    /// What was checked.
+    /// The checked configuration.
     pub const fn config(&self) -> &MatrixConfig<'a> {
         &self.config
     }
@@ -332,8 +330,8 @@ impl<'a> SystemMatrix<'a> {
         count
     }
 
-    /// Number of identifiers that a node of this network can expect besides the
-    /// reference message's.
+    /// Number of exclusive windows and event messages: the entries of the table of
+    /// identifiers.
     pub const fn id_count(&self) -> usize {
         let mut count = self.config.events.len();
         let mut at = 0;
@@ -346,8 +344,8 @@ impl<'a> SystemMatrix<'a> {
         count
     }
 
-    /// Basic cycles after which the order of windows repeats: the largest
-    /// repeat factor.
+    /// Number of basic cycles after which the windows repeat: the largest repeat
+    /// factor.
     pub(crate) const fn distinct_cycles(&self) -> u8 {
         let mut most = 1;
         let mut at = 0;
@@ -391,7 +389,7 @@ impl<'a> SystemMatrix<'a> {
         count
     }
 
-    /// Longest time that `bits` bit times take, in microseconds rounded up.
+    /// Time that `bits` bit times take, in microseconds rounded up.
     pub(crate) const fn bits_to_micros(&self, bits: u32) -> u32 {
         bits_to_micros(bits, self.config.bit_rate)
     }
@@ -410,7 +408,8 @@ const fn max(a: usize, b: usize) -> usize {
     if a > b { a } else { b }
 }
 
-/// `bit_rate` is not zero in a checked matrix; 0 gives the longest time.
+/// Time that `bits` bit times take, in microseconds rounded up. The bit rate of a
+/// checked matrix is not 0; for 0 the result is the longest time.
 pub(crate) const fn bits_to_micros(bits: u32, bit_rate: u32) -> u32 {
     if bit_rate == 0 {
         return u32::MAX;

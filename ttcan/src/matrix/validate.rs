@@ -1,4 +1,4 @@
-//! The rules of a matrix.
+//! The checks of a matrix.
 
 use super::{Event, MatrixConfig, MatrixError, Problem, Window, WindowKind, bits_to_micros};
 use crate::id::Id;
@@ -143,8 +143,8 @@ const fn check_window<'a>(config: &MatrixConfig<'a>, at: usize) -> Checked<'a> {
     if window.start.ticks() < earliest {
         return refuse(window, Problem::InReference { earliest });
     }
-    // A master may be early by the reference trigger offset, and a node's clock
-    // by the uncertainty.
+    // With several masters, a reference may be early by the reference trigger
+    // offset. A node's clock may be wrong by the uncertainty.
     let early = if config.masters.len() > 1 {
         REFERENCE_OFFSET_LIMIT
     } else {
@@ -169,16 +169,16 @@ const fn check_window<'a>(config: &MatrixConfig<'a>, at: usize) -> Checked<'a> {
             }
             fits(config, window, id, len)
         }
-        // The shortest frame that could be sent must fit, or the window is of
-        // no use.
+        // A window in which not even the shortest frame fits is of no use.
         WindowKind::Arbitrating { .. } => fits(config, window, Id::constant::<0>(), 0),
         WindowKind::Free => Ok(()),
     }
 }
 
-/// A sender's mark may be early by the uncertainty and late by as much, against
-/// the marks of the node before and after it; half of the sum stands on each
-/// side of the window.
+/// Checks that a message fits in its window. The clocks of two nodes differ by at
+/// most the uncertainty. The sender of this window may therefore begin that much
+/// later, as seen by the sender of the next window, so the uncertainty is added
+/// once.
 const fn fits<'a>(config: &MatrixConfig, window: &Window<'a>, id: Id, len: u8) -> Checked<'a> {
     let bits = length::worst_case_bits(id, len)
         + length::INTERFRAME_BITS
@@ -200,8 +200,8 @@ pub(crate) const fn needed_micros(bits: u32, bit_rate: u32, uncertainty: Micros)
     bits_to_micros(bits, bit_rate).saturating_add(uncertainty.ticks())
 }
 
-/// Overlaps and merged windows, cycle by cycle: with the windows sorted by
-/// start, each has only its predecessor in the same cycle to look at.
+/// Checks overlaps and merged windows in each basic cycle. The windows are sorted by
+/// start, so each is compared only with the one before in the same basic cycle.
 const fn check_cycles<'a>(config: &MatrixConfig<'a>) -> Checked<'a> {
     let mut cycle = 0;
     while cycle < config.cycles {
@@ -251,7 +251,7 @@ const fn continues(before: &Window, window: &Window) -> bool {
     matches!(window.kind, WindowKind::Arbitrating { .. }) && window.start.ticks() == before.end()
 }
 
-/// Each identifier has one sender, one length and one kind.
+/// Checks that each identifier has one sender, one length and one kind.
 const fn check_ids<'a>(config: &MatrixConfig<'a>) -> Checked<'a> {
     let mut at = 0;
     while at < config.windows.len() {
@@ -330,8 +330,8 @@ const fn check_event<'a>(config: &MatrixConfig<'a>, at: usize) -> Checked<'a> {
     Ok(())
 }
 
-/// Whether `id` differs from the reference message's in the three lowest bits
-/// at most.
+/// Whether `id` is an identifier of the reference message: it differs at most in the
+/// three lowest bits.
 const fn is_reference(config: &MatrixConfig, id: Id) -> bool {
     id.is_extended() == config.reference.is_extended()
         && id.raw() >> 3 == config.reference.raw() >> 3

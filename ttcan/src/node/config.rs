@@ -1,28 +1,28 @@
-//! What one node knows of itself.
+//! The configuration of one node.
 
 use crate::matrix::NodeId;
 use crate::time::Micros;
 
-/// From the end of the last bit of a frame's end of frame to the stamp that the
-/// node takes of it, in ticks; negative when the stamp comes earlier.
+/// Time from the end of a frame (the last bit of its end of frame) to the node's
+/// stamp of it, in ticks. Negative if the stamp is earlier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct StampLatency {
-    /// Of a received frame.
+    /// For a received frame.
     pub receive: i32,
-    /// Of a frame that the node sent.
+    /// For a frame that the node sent.
     pub transmit: i32,
 }
 
 impl StampLatency {
-    /// End of frame and stamp coincide.
+    /// The stamp is taken exactly at the end of the frame.
     pub const NONE: Self = Self {
         receive: 0,
         transmit: 0,
     };
 
-    /// For bxCAN: a frame is valid for its receivers one bit before its end,
-    /// for its transmitter at its end (ISO 11898-1), and each stamp is taken
-    /// `interrupt` ticks after that. `bit` is the length of a bit in ticks.
+    /// For bxCAN. A frame becomes valid for its receivers one bit before its end,
+    /// and for its transmitter at its end (ISO 11898-1). Each stamp is taken
+    /// `interrupt` ticks later. `bit` is the length of a bit in ticks.
     pub const fn bxcan(bit: u32, interrupt: u32) -> Self {
         Self {
             receive: interrupt.cast_signed().wrapping_sub(bit.cast_signed()),
@@ -36,48 +36,47 @@ impl StampLatency {
 pub struct NodeConfig {
     /// Which node this is.
     pub node: NodeId,
-    /// Ticks of the stamps' counter in a microsecond, 1 to 1000.
+    /// Ticks of the node's counter per microsecond, 1 to 1000.
     pub ticks_per_us: u32,
-    /// When stamps are taken.
+    /// Latency of the stamps.
     pub latency: StampLatency,
-    /// How much before its time mark a transmission is asked for, in ticks: the
-    /// time from the timer's compare to the start of frame on an idle bus.
+    /// How long before its time mark a transmission is asked for, in ticks: the time
+    /// from the timer's compare to the start of frame on an idle bus.
     pub transmit_lead: u32,
-    /// Initial reference trigger offset in microseconds, 0 to 127: how much
-    /// later than the end of the basic cycle this potential master sends the
-    /// reference when a better-ranked master does not. Backups need values that
-    /// grow with the rank by more than the time to notice a start of frame.
-    /// `None` stands for 16 us for each rank.
+    /// Initial reference trigger offset (Initial_Ref_Offset) in microseconds, 0 to
+    /// 127: how long after the end of the basic cycle this potential master sends
+    /// the reference if no better-ranked master does. The offset must grow with the
+    /// rank, by more than the time to notice a start of frame. `None` means 16 us
+    /// times the rank.
     pub reference_offset: Option<u8>,
-    /// References that may be missing in a row before the watch trigger: from
-    /// this many on, S3. The thesis stops actuators at two (6.2.4.4).
+    /// Missing references in a row that lead to the watch trigger (Watch_Trigger)
+    /// and S3, at least 1. Actuators stop at two (thesis 6.2.4.4).
     pub watch: u8,
-    /// Longest gap, from the reference that announces it, after which a time
+    /// Longest gap, counted from the reference that announces it. After it a time
     /// master starts the next basic cycle without the event.
     pub longest_gap: Micros,
     /// Longest time between two calls of
-    /// [`Node::feed_watchdog`](crate::Node::feed_watchdog), if the application
-    /// is to be watched.
+    /// [`Node::feed_watchdog`](crate::Node::feed_watchdog); `None` without an
+    /// application watchdog.
     pub application_watchdog: Option<Micros>,
-    /// Largest rate between this node's counter and global time that is
-    /// followed, in parts per million, up to 10 000.
+    /// Largest drift between this node's counter and global time that is corrected,
+    /// in parts per million, up to 10 000.
     pub drift_limit_ppm: u16,
-    /// Whether the node takes the place among the potential masters that the
-    /// matrix gives it. One whose clock the others could not follow had better
-    /// not.
+    /// Whether the node acts as a potential master if the matrix lists it as one.
+    /// Not advisable with a clock that drifts more than the limit of other nodes.
     pub may_lead: bool,
 }
 
 impl core::hash::Hash for NodeConfig {
-    /// The node stands for the rest.
+    /// Hashes the node only: it tells the configurations of a network apart.
     fn hash<H: core::hash::Hasher>(&self, state: &mut H) {
         self.node.hash(state);
     }
 }
 
 impl NodeConfig {
-    /// The usual configuration: no latency, reference trigger offset by rank,
-    /// watch at four missing references, gaps of ten seconds at most, no
+    /// The default configuration: no latency, reference trigger offset by rank,
+    /// watch trigger at four missing references, gaps of up to ten seconds, no
     /// application watchdog, drift up to 200 ppm.
     pub const fn new(node: NodeId, ticks_per_us: u32) -> Self {
         Self {
@@ -95,15 +94,15 @@ impl NodeConfig {
     }
 }
 
-/// A node cannot be made of this schedule and configuration.
+/// Why a node cannot be made from a schedule and a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ConfigError {
-    /// The node's sizes in its type are less than those of the schedule.
+    /// The node's type has less room than the schedule needs.
     Size,
     /// `ticks_per_us` is not within 1 to 1000.
     Ticks,
-    /// The counter would wrap within the watch, gap or watchdog time: that time
-    /// in ticks must not exceed 2^30.
+    /// The watch, gap or watchdog time is longer than 2^30 ticks, so that the
+    /// counter could wrap within it.
     TooLong,
     /// The latencies or the lead are longer than a basic cycle.
     Latency,

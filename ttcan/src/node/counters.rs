@@ -9,25 +9,25 @@ pub(super) fn bump(counter: &mut u32, by: u32) {
     }
 }
 
-/// One counter for each way in which a frame was lost or a rule broken, and for
+/// One counter for each way in which a frame is lost or a rule is broken, and for
 /// each kind of success. They wrap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Counters {
-    /// References taken, own ones included.
+    /// References accepted, own ones included.
     pub references: u32,
-    /// References that did not come in time.
+    /// Missing references.
     pub missed_references: u32,
-    /// References sent again because an error destroyed them.
+    /// Own references asked for again after an error or an abort.
     pub repeated_references: u32,
-    /// References without the fields they need.
+    /// References without the required fields.
     pub malformed_references: u32,
-    /// References of a rank that nobody has, or of this node's own.
+    /// References with a rank that no master has, or with this node's own.
     pub unknown_masters: u32,
-    /// References in the middle of another master's basic cycle.
+    /// References in the middle of a better-ranked master's basic cycle.
     pub untimely_references: u32,
-    /// References whose cycle count does not follow the one before.
+    /// References whose cycle count does not follow that of the one before.
     pub cycle_count_errors: u32,
-    /// References by another master than the one before.
+    /// References of another master than the one before.
     pub master_changes: u32,
     /// Scheduled messages received in their windows.
     pub scheduled: u32,
@@ -35,15 +35,15 @@ pub struct Counters {
     pub missed_messages: u32,
     /// Event and late messages received.
     pub events: u32,
-    /// Known messages out of place.
+    /// Known messages outside their windows.
     pub misplaced: u32,
-    /// Messages of identifiers that the network does not have.
+    /// Messages with identifiers that the network does not have.
     pub foreign: u32,
     /// Messages of the wrong length.
     pub wrong_length: u32,
-    /// Frames while no schedule was kept.
+    /// Frames received while not in schedule.
     pub not_in_schedule: u32,
-    /// Stamps that preceded the one before.
+    /// Received frames whose stamp was before that of the last one.
     pub stamps_backwards: u32,
     /// Frames that the controller lost because its receive buffer was full.
     pub overruns: u32,
@@ -51,34 +51,35 @@ pub struct Counters {
     pub sent: u32,
     /// Own windows that the application left empty.
     pub left_empty: u32,
-    /// Own windows passed because the node was asked too late, or the
-    /// controller was still busy.
+    /// Own windows skipped because the owner asked too late, or another
+    /// transmission was still pending.
     pub skipped: u32,
-    /// Own windows passed because of the error level.
+    /// Own windows skipped because of the error level.
     pub suppressed: u32,
-    /// Own windows passed because the rate of the own clock was not known well
-    /// enough to tell when they begin.
+    /// Own windows skipped because the rate of the node's clock was not measured
+    /// yet, so that their beginning was uncertain.
     pub unmeasured: u32,
     /// Own transmissions that lost arbitration.
     pub arbitration_lost: u32,
     /// Own transmissions that an error destroyed.
     pub transmit_errors: u32,
-    /// Own transmissions that did not begin within the transmit enable window.
+    /// Own transmissions that were withdrawn, usually because they did not begin
+    /// within the transmit enable window (Tx_Enable_Window).
     pub aborted: u32,
     /// Event and late messages sent.
     pub events_sent: u32,
-    /// Event and late messages dropped because they were not sent in time.
+    /// Event and late messages dropped because they expired.
     pub events_expired: u32,
     /// Event and late messages refused because the queue was full.
     pub events_refused: u32,
-    /// Reports of transmissions that this node had not asked for.
+    /// Reports of transmissions that this node did not ask for.
     pub stray_reports: u32,
     /// Matrices with more transmissions than scheduled.
     pub transmit_overflows: u32,
     /// Matrices with fewer transmissions than scheduled.
     pub transmit_underflows: u32,
-    /// Leaps of global time, announced or not.
+    /// Steps of global time, announced or not.
     pub time_steps: u32,
-    /// Corrections of global time refused by the drift limit.
+    /// Corrections of global time refused because of the drift limit.
     pub drift_refused: u32,
 }

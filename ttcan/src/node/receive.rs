@@ -108,8 +108,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
     /// The latest instant at which a frame can have begun, and the entry of the
     /// schedule in which it lies then. Up to 24 stuff bits may have made the frame
-    /// longer and its start earlier, but they do not move it to another window,
-    /// and counting them costs more than the rest of the reception.
+    /// longer, so that it began earlier. They are not counted, because they are
+    /// not needed to tell windows apart.
     fn locate(&mut self, frame: &Frame, end: Stamp) -> (Stamp, Option<Entry>) {
         let shortest = self
             .setup

@@ -1,4 +1,4 @@
-//! What a node tells its application.
+//! What a node reports to its owner, and what it asks of it.
 
 use crate::clock::ClockState;
 use crate::frame::Frame;
@@ -12,9 +12,9 @@ pub enum SyncState {
     Off,
     /// Waiting for the second of two consecutive references.
     Synchronising,
-    /// Keeping the schedule.
+    /// Following the schedule.
     InSchedule,
-    /// Keeping the schedule, which is suspended until an event.
+    /// Following the schedule, which is suspended until an event.
     InGap,
 }
 
@@ -23,11 +23,11 @@ pub enum SyncState {
 pub enum MasterState {
     /// Not started, or stopped by S3.
     Off,
-    /// No potential master, or none that has seen a reference yet.
+    /// Not a potential master, or no reference was seen yet.
     Follower,
-    /// A potential master while another one is in charge.
+    /// A potential master; another one sends the references.
     Backup,
-    /// The time master in charge.
+    /// The time master that sends the references.
     Current,
 }
 
@@ -42,27 +42,27 @@ pub struct Status {
     pub error_level: ErrorLevel,
     /// References missing in a row.
     pub missed_references: u8,
-    /// The basic cycle under way.
+    /// Cycle count of the current basic cycle, 0 before the first one.
     pub cycle: u8,
     /// Rank of the master whose reference began it.
     pub master_rank: Option<u8>,
-    /// Whether the initial watch trigger has passed: no reference was ever
-    /// seen.
+    /// Whether the initial watch trigger (Init_Watch_Trigger) has passed: no
+    /// reference was seen since the start.
     pub initial_watch: bool,
-    /// How far the global time can be relied on.
+    /// How reliable the global time is.
     pub clock: ClockState,
-    /// Actual reference trigger offset in microseconds, -127 to 127.
+    /// Current reference trigger offset in microseconds, -127 to 127.
     pub reference_offset: i8,
 }
 
-/// What became of a received frame.
+/// How a received frame was taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reception {
     /// A reference; a basic cycle has begun.
     Reference {
-        /// Its number.
+        /// Its cycle count.
         cycle: u8,
-        /// The rank of the master.
+        /// Rank of the master.
         rank: u8,
     },
     /// A message in its exclusive window.
@@ -77,33 +77,33 @@ pub enum Reception {
         /// Index of one of its windows in the matrix.
         window: u16,
     },
-    /// Anything else; do not use the frame's data.
+    /// Any other frame; do not use its data.
     Fault(Fault),
 }
 
 /// Why a received frame is not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// This node keeps no schedule (yet).
+    /// This node is not in schedule.
     NotInSchedule,
-    /// The identifier is known, but its place is elsewhere.
+    /// The identifier is known, but the frame is not in its window.
     Misplaced,
     /// No node of the network sends this identifier.
     Foreign,
-    /// The length is not the one of the message.
+    /// The message has another length in the matrix.
     Length,
-    /// A reference without the fields it needs, or of a cycle that does not
-    /// exist.
+    /// A reference without the required fields, or with a cycle count that the
+    /// matrix does not have.
     MalformedReference,
-    /// A reference with a rank that nobody or this node itself has.
+    /// A reference with a rank that no master has, or with this node's own rank.
     UnknownMaster,
-    /// A reference in the middle of a basic cycle of a better or equal master.
+    /// A reference in the middle of a basic cycle of a better-ranked master.
     UntimelyReference,
-    /// The stamp precedes the one before.
+    /// The stamp is before that of the last received frame.
     StampBackwards,
 }
 
-/// Leave to send a scheduled message now.
+/// Permission to send a scheduled message now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Grant {
     /// Index of the window in the matrix.
@@ -112,25 +112,24 @@ pub struct Grant {
     pub id: Id,
     /// Number of data bytes to send.
     pub len: u8,
-    /// Whether this is an arbitrating window in which the message may be sent
-    /// late.
+    /// Whether the message is late, and sent in an arbitrating window.
     pub late: bool,
 }
 
-/// What the node's owner is to do now.
+/// What the owner of the node is to do now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Send this reference message, once.
+    /// Send this reference message once, without automatic retransmission.
     TransmitReference(Frame),
     /// Send the message of this window, once, or report
     /// [`TransmitOutcome::Empty`].
     Transmit(Grant),
     /// Send this event message, once.
     TransmitEvent(Frame),
-    /// Withdraw the frame last asked for unless it is on the bus already.
+    /// Withdraw the frame that was asked for last, unless it is on the bus already.
     Abort,
-    /// Withdraw everything and put the controller where it sends no dominant
-    /// bit, not even acknowledgements, until the node is started again.
+    /// Withdraw everything. The controller must send no dominant bit, not even
+    /// acknowledgements, until the node is started again.
     Silence,
 }
 
@@ -139,17 +138,17 @@ pub enum Action {
 pub enum TransmitOutcome {
     /// The frame was sent and acknowledged.
     Sent,
-    /// Another frame won the bus.
+    /// It lost arbitration to another frame.
     ArbitrationLost,
     /// An error destroyed the frame.
     Error,
-    /// It was withdrawn before it began.
+    /// The frame was withdrawn before it began.
     Aborted,
-    /// The application had nothing to send in its window, which is no error.
+    /// The application had nothing to send in its window. This is not an error.
     Empty,
 }
 
-/// An event message was not queued.
+/// Why an event message was not enqueued.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QueueError {
     /// The queue is full.

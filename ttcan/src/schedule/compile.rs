@@ -1,4 +1,4 @@
-//! From a checked matrix to the tables of a schedule.
+//! Compiles a checked matrix to the tables of a schedule.
 
 use super::{Entry, Known, Network, Role};
 use crate::id::Id;
@@ -20,7 +20,7 @@ pub(super) const NO_MESSAGE: Known = Known {
     window: 0,
 };
 
-/// Everything but the tables.
+/// The parameters of the schedule.
 pub(super) const fn network(matrix: &SystemMatrix) -> Network {
     let config = matrix.config();
     let mut masters = [None; 8];
@@ -46,7 +46,7 @@ pub(super) const fn network(matrix: &SystemMatrix) -> Network {
     }
 }
 
-/// Length of a bit in 2^-16 us; a checked bit rate is not 0.
+/// Length of a bit in 2^-16 us. The bit rate of a checked matrix is not 0.
 const fn bit_length(bit_rate: u32) -> u32 {
     let micros = 1_000_000u64 << 16;
     let rate = if bit_rate == 0 { 1 } else { bit_rate as u64 };
@@ -58,9 +58,8 @@ const fn bit_length(bit_rate: u32) -> u32 {
     }
 }
 
-/// Fills `entries`, which has the matrix's
-/// [`entry_count`](SystemMatrix::entry_count), and the first entry of each
-/// cycle.
+/// Fills `entries`, whose length is the matrix's
+/// [`entry_count`](SystemMatrix::entry_count), and [`Network::first`].
 pub(super) const fn entries(matrix: &SystemMatrix, network: &mut Network, entries: &mut [Entry]) {
     let windows = matrix.config().windows;
     let distinct = matrix.distinct_cycles();
@@ -114,8 +113,8 @@ pub(super) const fn entries(matrix: &SystemMatrix, network: &mut Network, entrie
     network.first[distinct as usize] = next as u16;
 }
 
-/// Fills `known`, which has the matrix's [`id_count`](SystemMatrix::id_count),
-/// sorted by identifier, and `windows_of`, which has one place for each node.
+/// Fills `known`, whose length is the matrix's [`id_count`](SystemMatrix::id_count),
+/// sorted by identifier, and `windows_of`, which has one element for each node.
 pub(super) const fn known(
     matrix: &SystemMatrix,
     network: &mut Network,
@@ -167,7 +166,7 @@ pub(super) const fn known(
     }
 }
 
-/// Inserts into the `count` sorted identifiers.
+/// Inserts a message into the first `count` ones, which are sorted by identifier.
 const fn insert(known: &mut [Known], count: usize, message: Known) {
     let mut at = count;
     while at > 0 && known[at - 1].id.priority() > message.id.priority() {

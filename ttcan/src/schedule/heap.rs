@@ -1,4 +1,4 @@
-//! Schedules of matrices that are known at run time only.
+//! Schedules of matrices that are known only at run time.
 
 use std::vec;
 use std::vec::Vec;
@@ -6,8 +6,8 @@ use std::vec::Vec;
 use super::{Entry, Known, Network, ScheduleView, WrongSize, compile};
 use crate::matrix::SystemMatrix;
 
-/// The compiled schedule of a matrix, in vectors: for hosts that read the
-/// matrix from a file.
+/// The compiled schedule of a matrix on the heap, for hosts that read the matrix
+/// from a file.
 #[derive(Clone, Debug)]
 pub struct HeapSchedule {
     network: Network,
@@ -42,7 +42,7 @@ impl HeapSchedule {
         Ok(schedule)
     }
 
-    /// The schedule as a node takes it.
+    /// A reference to the schedule, for nodes.
     pub fn view(&self) -> ScheduleView<'_> {
         ScheduleView {
             network: &self.network,

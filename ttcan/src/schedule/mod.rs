@@ -1,8 +1,8 @@
-//! The compiled schedule: the matrix as nodes read it.
+//! The compiled schedule: the matrix as a table that nodes read.
 //!
-//! The windows of each distinct basic cycle stand in a row, so a node only ever
-//! steps to the next entry; the first entry of a cycle comes from a table by
-//! the cycle count. Neither step depends on how many windows there are.
+//! The table has the windows of each distinct basic cycle in order, so that a node
+//! only steps to the next entry. A second table gives the first entry for each
+//! cycle count. The cost of both steps does not depend on the number of windows.
 
 mod compile;
 #[cfg(feature = "std")]
@@ -18,11 +18,12 @@ use crate::reference::ReferenceFormat;
 /// One window in one distinct basic cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Entry {
-    /// Cycle times in microseconds.
+    /// Time marks at which the window begins and ends: cycle times in
+    /// microseconds.
     pub start: u32,
     pub end: u32,
-    /// Index in [`MatrixConfig::windows`](crate::MatrixConfig::windows); the
-    /// first one's for merged windows.
+    /// Index in [`MatrixConfig::windows`](crate::MatrixConfig::windows); that of the
+    /// first window if several are merged.
     pub window: u16,
     pub role: Role,
 }
@@ -38,7 +39,7 @@ pub(crate) enum Role {
     Arbitrating,
 }
 
-/// A known identifier and its sender, for frames out of place.
+/// A message of the network, for frames that are not in their window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Known {
     pub id: Id,
@@ -50,7 +51,7 @@ pub(crate) struct Known {
     pub window: u16,
 }
 
-/// What a schedule holds besides its tables. Times in microseconds.
+/// The parameters of a schedule, without its tables. Times are in microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Network {
     /// Length of a bit in 2^-16 us, rounded.
@@ -67,13 +68,14 @@ pub(crate) struct Network {
     pub window_count: usize,
     /// Number of exclusive windows.
     pub exclusive_count: u16,
-    /// First entry of each distinct cycle, and one past the last cycle's last.
+    /// Index of the first entry of each distinct basic cycle, and one past the last
+    /// entry of the last one.
     pub first: [u16; 65],
     pub distinct_mask: u8,
 }
 
-/// The compiled schedule of a matrix, common to all its nodes: `N` entries, `I`
-/// identifiers, `P` nodes. [`schedule!`](crate::schedule) finds the numbers.
+/// The compiled schedule of a matrix, the same for all its nodes: `N` entries, `I`
+/// identifiers, `P` nodes. [`schedule!`](crate::schedule) computes the numbers.
 #[derive(Clone, Debug)]
 pub struct Schedule<const N: usize, const I: usize, const P: usize> {
     network: Network,
@@ -84,7 +86,7 @@ pub struct Schedule<const N: usize, const I: usize, const P: usize> {
     windows_of: [u16; P],
 }
 
-/// A compiled schedule without its sizes in the type, as a node holds it.
+/// A reference to a compiled schedule, without its sizes in the type.
 #[derive(Clone, Copy, Debug)]
 pub struct ScheduleView<'s> {
     pub(crate) network: &'s Network,
@@ -93,7 +95,7 @@ pub struct ScheduleView<'s> {
     windows_of: &'s [u16],
 }
 
-/// The sizes given for a schedule are not those of its matrix.
+/// The sizes given for a schedule do not fit its matrix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WrongSize;
 
@@ -110,6 +112,9 @@ impl<const N: usize, const I: usize, const P: usize> Schedule<N, I, P> {
     /// [`entry_count`](SystemMatrix::entry_count),
     /// [`id_count`](SystemMatrix::id_count) and
     /// [`node_count`](SystemMatrix::node_count).
+    ///
+    /// # Errors
+    /// The sizes are others, or there are 65 535 entries or more.
     pub const fn new(matrix: &SystemMatrix) -> Result<Self, WrongSize> {
         if N != matrix.entry_count()
             || I != matrix.id_count()
@@ -137,7 +142,7 @@ impl<const N: usize, const I: usize, const P: usize> Schedule<N, I, P> {
     /// [`Schedule::new`] for constants.
     ///
     /// # Panics
-    /// When the sizes are wrong: in a `const` this fails the build.
+    /// The sizes are wrong. In a `const` this fails the build.
     pub const fn constant(matrix: &SystemMatrix) -> Self {
         match Self::new(matrix) {
             Ok(schedule) => schedule,
@@ -145,7 +150,7 @@ impl<const N: usize, const I: usize, const P: usize> Schedule<N, I, P> {
         }
     }
 
-    /// The schedule as a node takes it.
+    /// A reference to the schedule, for nodes.
     pub const fn view(&self) -> ScheduleView<'_> {
         ScheduleView {
             network: &self.network,
@@ -156,7 +161,7 @@ impl<const N: usize, const I: usize, const P: usize> Schedule<N, I, P> {
     }
 }
 
-/// Two views are equal when they are of one schedule.
+/// Two views are equal if they refer to the same schedule.
 impl PartialEq for ScheduleView<'_> {
     fn eq(&self, other: &Self) -> bool {
         core::ptr::eq(self.network, other.network)
@@ -184,12 +189,11 @@ impl<'s> ScheduleView<'s> {
         }
     }
 
-    /// Looks up an identifier that did not stand where it should; takes as many
-    /// steps as the logarithm of the number of identifiers.
+    /// Looks up the message with an identifier, by binary search.
     #[inline(never)]
     pub(crate) fn known(&self, id: Id) -> Option<&Known> {
         let (mut from, mut to) = (0, self.known.len());
-        // loop-bound: 6 halvings of up to 64 identifiers
+        // loop-bound: 6. It halves a table of up to 64 identifiers.
         while from < to {
             let middle = from + (to - from) / 2;
             let known = self.known.get(middle)?;
@@ -237,8 +241,8 @@ impl<'s> ScheduleView<'s> {
         Some(rank as u8)
     }
 
-    /// The rank that an identifier of the reference message stands for:
-    /// `None` if it is no reference, `Some(None)` if nobody has the rank.
+    /// The rank that an identifier of the reference message has: `None` if it is not
+    /// one of a reference, `Some(None)` if no potential master has the rank.
     pub(crate) fn reference_rank(&self, id: Id) -> Option<Option<u8>> {
         let reference = self.network.reference;
         if id.is_extended() != reference.is_extended() || id.raw() >> 3 != reference.raw() >> 3 {
@@ -253,15 +257,14 @@ impl<'s> ScheduleView<'s> {
         }))
     }
 
-    /// How much earlier than the basic cycle's end a reference is still the
-    /// next one, in microseconds.
+    /// How long before the end of a basic cycle a reference counts as the next one,
+    /// in microseconds.
     pub(crate) fn reference_early(&self) -> u32 {
         matrix::REFERENCE_OFFSET_LIMIT + self.network.uncertainty + self.network.reference_length
     }
 }
 
-/// Compiles the constant matrix `$matrix` into a static schedule of the right
-/// sizes.
+/// Compiles the constant matrix `$matrix` into a static schedule.
 ///
 /// ```
 /// # use ttcan::{Id, MatrixConfig, Micros, NodeId, ReferenceFormat, SystemMatrix, Window};

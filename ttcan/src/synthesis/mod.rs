@@ -1,9 +1,9 @@
-//! From a list of messages to a system matrix.
+//! Makes a system matrix from a list of messages.
 //!
-//! [`power_of_two`] is the thesis's method (4.3.6.3): every period becomes a
-//! power of two times the shortest one, which becomes the basic cycle.
-//! [`least_jitter`] keeps every period as it is and looks for the number of
-//! basic cycles and the phases at which messages stray least from it.
+//! [`power_of_two`] is the thesis's method (4.3.6.3): the shortest period becomes the
+//! basic cycle, and every other period a power of two times it. [`least_jitter`]
+//! keeps every period, and searches the number of basic cycles and the phases with
+//! the least jitter.
 //!
 //! Both are for hosts and need the feature `std`.
 
@@ -17,10 +17,10 @@ use crate::{
     INTERFRAME_BITS, Id, MatrixConfig, Micros, NodeId, Window, WindowKind, worst_case_bits,
 };
 
-/// A periodic message that wants exclusive windows.
+/// A periodic message that needs exclusive windows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
-    /// Name for people.
+    /// Name in errors and window names.
     pub name: String,
     /// Identifier.
     pub id: Id,
@@ -28,29 +28,28 @@ pub struct Message {
     pub len: u8,
     /// The node that sends it.
     pub sender: NodeId,
-    /// Longest time from one transmission to the next, jitter apart.
+    /// Longest time from one transmission to the next, without jitter.
     pub period: Micros,
-    /// Longest time from the instant at which the message is due until its
-    /// window is over.
+    /// Longest time from the release of the message to the end of its window.
     pub deadline: Micros,
 }
 
-/// What the matrix must be like.
+/// Requirements for the matrix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wishes {
-    /// Starts and lengths of windows are multiples of this.
+    /// Starts and lengths of windows are multiples of this time.
     pub grain: Micros,
-    /// Share of all time for arbitrating windows, in thousandths.
+    /// Required share of time for arbitrating windows, in thousandths.
     pub arbitrating_per_mille: u16,
-    /// Share of all time that stays free, in thousandths.
+    /// Required share of free time, in thousandths.
     pub free_per_mille: u16,
-    /// Longest basic cycle to consider; the reference comes once in each.
+    /// Longest basic cycle.
     pub longest_cycle: Micros,
 }
 
 impl Wishes {
-    /// Windows to the microsecond, no share for anything else, basic cycles of
-    /// at most a second.
+    /// Windows in whole microseconds, no required shares, basic cycles of at most a
+    /// second.
     pub const NONE: Self = Self {
         grain: Micros::micros(1),
         arbitrating_per_mille: 0,
@@ -59,14 +58,14 @@ impl Wishes {
     };
 }
 
-/// A window of the plan.
+/// A window of a plan.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlannedWindow {
     /// Index of the message, `None` for an arbitrating window.
     pub message: Option<usize>,
     /// Cycle time at which it begins.
     pub start: Micros,
-    /// How long it lasts.
+    /// Length.
     pub length: Micros,
     /// Repeat factor.
     pub repeat: u8,
@@ -74,24 +73,24 @@ pub struct PlannedWindow {
     pub offset: u8,
 }
 
-/// A matrix that holds all messages.
+/// A matrix with windows for all messages.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
     /// Length of a basic cycle.
     pub basic_cycle: Micros,
     /// Number of basic cycles.
     pub cycles: u8,
-    /// The windows by start.
+    /// The windows, sorted by start.
     pub windows: Vec<PlannedWindow>,
-    /// Largest difference between a message's times and a regular period, for
-    /// each message.
+    /// Jitter of each message: largest deviation of its windows from a regular
+    /// period.
     pub jitter: Vec<Micros>,
-    /// The period that each message really gets, at most the one asked for.
+    /// The period of each message in the plan, at most the required one.
     pub periods: Vec<Micros>,
 }
 
 impl Plan {
-    /// The windows as a matrix takes them.
+    /// The windows for [`MatrixConfig::windows`].
     pub fn windows<'a>(&self, messages: &'a [Message]) -> Vec<Window<'a>> {
         let window = |planned: &PlannedWindow| {
             let message = planned.message.and_then(|index| messages.get(index));
@@ -118,7 +117,8 @@ impl Plan {
         self.windows.iter().map(window).collect()
     }
 
-    /// Share of all time that windows of this kind take, in thousandths.
+    /// Share of time that arbitrating (or else exclusive) windows take, in
+    /// thousandths.
     pub fn share_per_mille(&self, arbitrating: bool) -> u32 {
         let taken: u64 = self
             .windows
@@ -133,19 +133,19 @@ impl Plan {
     }
 }
 
-/// Why there is no matrix.
+/// Why there is no plan.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Infeasible {
-    /// The message finds no place besides those that are harder to place.
+    /// There is no room for the message among those that were placed before.
     NoRoom {
         /// Name of the message.
         message: String,
     },
-    /// The message's longest frame takes longer than its deadline or period.
+    /// The window of the message is longer than its deadline or period.
     TooShort {
         /// Name of the message.
         message: String,
-        /// Time that its window takes.
+        /// Length of its window.
         needed: Micros,
     },
     /// The message is longer than 8 bytes, or its period is 0.
@@ -153,9 +153,10 @@ pub enum Infeasible {
         /// Name of the message.
         message: String,
     },
-    /// No 1 to 64 equal basic cycles hold all periods a whole number of times.
+    /// No matrix of up to 64 basic cycles holds every period a whole number of
+    /// times.
     NoCommonCycle {
-        /// Name of the message whose period does not go with the others'.
+        /// Name of the message whose period does not fit the others.
         message: String,
     },
     /// Too little time is left for arbitrating windows.
@@ -208,12 +209,12 @@ impl core::fmt::Display for Infeasible {
 
 impl core::error::Error for Infeasible {}
 
-/// The thesis's method (4.3.6.3): the shortest period is the basic cycle, and
-/// every other one is shortened to a power of two times it. Messages then come
-/// without any jitter. Windows are packed towards the beginning of the cycle.
+/// The thesis's method (4.3.6.3): the shortest period is the basic cycle, and every
+/// other period is shortened to a power of two times it. The messages then have no
+/// jitter. Windows are placed as early in the basic cycle as possible.
 ///
-/// `network` gives bit rate, reference and uncertainty; its basic cycle, number
-/// of cycles and windows are of no importance.
+/// `network` gives bit rate, reference, masters, transmit enable window and
+/// uncertainty. Its basic cycle, number of cycles and windows are not used.
 ///
 /// # Errors
 /// The message, or the share, that does not fit.
@@ -243,11 +244,11 @@ pub fn power_of_two(
     finish(&frame, placed, &periods, wishes, network)
 }
 
-/// Looks for the number of basic cycles, and the phases of all messages, with
-/// the least jitter; every message keeps its own period.
+/// Searches the number of basic cycles, and the phases of all messages, with the
+/// least jitter. Every message keeps its period.
 ///
-/// The periods must have a common multiple of at most 64 basic cycles that each
-/// last no longer than [`Wishes::longest_cycle`].
+/// The least common multiple of the periods must be at most 64 times
+/// [`Wishes::longest_cycle`].
 ///
 /// # Errors
 /// The message, or the share, that does not fit.
@@ -281,7 +282,7 @@ pub fn least_jitter(
         }
         let frame = place::Frame::new(network, wishes, basic_cycle as u32, cycles as u32);
         let mut order = place::by_period(&periods, &lengths);
-        // The message that fared worst gets to choose first the next time.
+        // The message with the most jitter is placed first the next time.
         for _ in 0..=messages.len().min(16) {
             let tried = place::place(&frame, messages, &periods, &lengths, &order, true)
                 .and_then(|placed| finish(&frame, placed, &periods, wishes, network));
@@ -317,7 +318,8 @@ pub fn least_jitter(
     })
 }
 
-/// Jitter first, then the bus load by references and the size of the table.
+/// Plans are compared by jitter, then by the number of references, then by the size
+/// of the table.
 fn cost(plan: &Plan) -> (u64, u8, usize) {
     let jitter = plan
         .jitter
@@ -327,7 +329,7 @@ fn cost(plan: &Plan) -> (u64, u8, usize) {
     (jitter, plan.cycles, plan.windows.len())
 }
 
-/// The window length of each message.
+/// The window length of each message, in microseconds.
 fn check(
     network: &MatrixConfig,
     messages: &[Message],
@@ -361,7 +363,7 @@ fn check(
         .collect()
 }
 
-/// Adds arbitrating windows and checks the free share.
+/// Adds arbitrating windows and checks the share of free time.
 fn finish(
     frame: &place::Frame,
     placed: place::Placed,

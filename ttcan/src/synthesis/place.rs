@@ -1,4 +1,4 @@
-//! Places messages on the time line of a whole matrix.
+//! Places messages in the time of a whole matrix.
 
 use std::vec;
 use std::vec::Vec;
@@ -12,12 +12,12 @@ pub(super) struct Frame {
     pub basic_cycle: u32,
     pub cycles: u32,
     grain: u32,
-    /// Cycle times between which windows may lie.
+    /// First and last cycle time for windows.
     first: u32,
     last: u32,
 }
 
-/// A taken part of the matrix's time line.
+/// A window that was placed. Times count from the beginning of the matrix.
 #[derive(Clone, Copy)]
 struct Taken {
     start: u32,
@@ -25,7 +25,7 @@ struct Taken {
     message: usize,
 }
 
-/// Where all messages ended up.
+/// The windows of all messages, and the jitter of each.
 pub(super) struct Placed {
     /// Sorted by start.
     taken: Vec<Taken>,
@@ -61,14 +61,14 @@ impl Frame {
         self.basic_cycle.saturating_mul(self.cycles)
     }
 
-    /// Share of time that references and the margins round them take.
+    /// Share of time for references and the margins around them, in thousandths.
     pub(super) fn reserved_per_mille(&self) -> u32 {
         let usable = self.last.saturating_sub(self.first);
         (u64::from(self.basic_cycle.saturating_sub(usable)) * 1000
             / u64::from(self.basic_cycle.max(1))) as u32
     }
 
-    /// The earliest start from `time` on of a window of `length`, at most
+    /// The earliest possible start of a window of `length` from `time` on, at most
     /// `slack` later and before the end of the matrix.
     fn earliest(&self, taken: &[Taken], time: u32, length: u32, slack: u32) -> Option<u32> {
         let mut start = time;
@@ -92,8 +92,8 @@ impl Frame {
         }
     }
 
-    /// Arbitrating windows of the share that is wanted: first where all cycles
-    /// have room, then cycle by cycle.
+    /// Arbitrating windows for the required share of time: first where all basic
+    /// cycles have room, then in single basic cycles.
     pub(super) fn arbitrating(
         &self,
         placed: &Placed,
@@ -135,7 +135,7 @@ impl Frame {
         add(&everywhere, 1, 0, &mut got);
         let common: Vec<(u32, u32)> = everywhere;
         if got * 1000 < wanted && self.cycles > 1 {
-            // What the common windows took, besides each cycle's own.
+            // The common windows are taken in each basic cycle, too.
             let shared: Vec<(u32, u32)> = self
                 .gaps(&common)
                 .into_iter()
@@ -154,7 +154,7 @@ impl Frame {
         Ok(windows)
     }
 
-    /// Taken cycle times of one basic cycle.
+    /// Cycle times of the windows in one basic cycle.
     fn busy(&self, placed: &Placed, cycle: u32) -> Vec<(u32, u32)> {
         let from = cycle * self.basic_cycle;
         placed
@@ -165,7 +165,7 @@ impl Frame {
             .collect()
     }
 
-    /// What lies between sorted taken times.
+    /// The free times between sorted windows.
     fn gaps(&self, busy: &[(u32, u32)]) -> Vec<(u32, u32)> {
         let mut gaps = Vec::new();
         let mut from = self.first;
@@ -180,8 +180,7 @@ impl Frame {
 }
 
 impl Placed {
-    /// The windows of all messages, with as few of them as repeat factors
-    /// allow.
+    /// The windows of all messages, as few as repeat factors allow.
     pub(super) fn windows(&self, frame: &Frame) -> Vec<PlannedWindow> {
         let mut windows = Vec::new();
         let mut left: Vec<(usize, u32, u32, u32)> = self
@@ -227,16 +226,16 @@ impl Placed {
     }
 }
 
-/// Short periods first, long windows first among equals: they are the hardest
-/// to place.
+/// Order of placing: short periods first, and long windows first among equal
+/// periods. These are the hardest to place.
 pub(super) fn by_period(periods: &[u32], lengths: &[u32]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..periods.len()).collect();
     order.sort_by_key(|index| (periods[*index], core::cmp::Reverse(lengths[*index])));
     order
 }
 
-/// Places all messages in the given order. With `stray`, a single window may
-/// begin later than its period asks, as far as the deadline allows.
+/// Places all messages in the given order. With `stray`, a window may begin later
+/// than a regular period requires, as far as the deadline allows.
 pub(super) fn place(
     frame: &Frame,
     messages: &[Message],
@@ -269,8 +268,9 @@ pub(super) fn place(
     Ok(Placed { taken, jitter })
 }
 
-/// The starts of a message with the least jitter, and with the earliest phase
-/// among those; phases at which a window directly follows another suffice.
+/// The starts of a message with the least jitter, and that jitter; the earliest
+/// phase wins among equals. It is enough to try the phases at which a window
+/// follows directly after another one or a reference.
 fn best_phase(
     frame: &Frame,
     taken: &[Taken],

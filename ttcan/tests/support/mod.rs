@@ -1,4 +1,4 @@
-//! A network of the kind of the UAGV's and what its traffic must satisfy.
+//! A network like that of the UAGV, and checks of its traffic.
 #![allow(dead_code)] // Each test file uses its part.
 
 use ttcan::simulation::{Application, Bus, Crystal, Fate, SimTime, Traffic};
@@ -110,7 +110,7 @@ pub(crate) fn uagv(node: NodeId) -> Uagv {
     Uagv::new(SCHEDULE.view(), config(node)).expect("the configuration is sound")
 }
 
-/// A crystal off by `ppb`, with interrupts served within 0.2 to 0.8 us.
+/// A crystal with this deviation, and interrupts served after 0.2 to 0.8 us.
 pub(crate) fn crystal(ppb: i32, phase: u32) -> Crystal {
     Crystal {
         ticks_per_us: TICKS_PER_US,
@@ -120,8 +120,8 @@ pub(crate) fn crystal(ppb: i32, phase: u32) -> Crystal {
     }
 }
 
-/// The four nodes, without power, on crystals up to 50 ppm off whose counters
-/// wrap soon.
+/// The four nodes without power. Their crystals are up to 50 ppm off, and their
+/// counters wrap soon.
 pub(crate) fn vehicle<A: Application>(application: A, seed: u64) -> UagvBus<A> {
     let mut bus = Bus::new(250_000, application, seed);
     let ppm = [31_000, -50_000, 50_000, -12_345];
@@ -140,8 +140,8 @@ pub(crate) fn at(millis: u64) -> SimTime {
     SimTime::from_ticks(millis * 1_000_000)
 }
 
-/// Says what is wrong with a frame of a matrix's exclusive windows, whose
-/// cycle began with a start of frame at `mark`.
+/// What is wrong with the place of a frame, `None` if nothing is. `mark` is the
+/// start of frame of the reference that began basic cycle `cycle`.
 pub(crate) fn misplaced(
     matrix: &SystemMatrix,
     cycle: u8,
@@ -187,8 +187,8 @@ pub(crate) fn is_reference(sent: &Traffic) -> bool {
     sent.frame.id().raw() >> 3 == MATRIX.config().reference.raw() >> 3
 }
 
-/// Every frame of `traffic` that is no reference must lie in a window of its
-/// own; times are counted from the last delivered reference.
+/// Checks that every frame of `traffic`, except references, is in a window of its
+/// own. Times count from the last delivered reference.
 pub(crate) fn assert_in_place(traffic: &[Traffic]) {
     let mut mark = None;
     for sent in traffic {

@@ -1,4 +1,4 @@
-//! The events whose cycles are counted, each to be called after its preparation.
+//! The events whose cycles are counted, and the preparation of each.
 
 #![no_std]
 #![no_main]
@@ -11,9 +11,9 @@ use core::panic::PanicInfo;
 
 use kernels::{Event, Few, Kernel, Many, few, many};
 
-/// A function that makes a node and brings it to the brink of an event.
+/// Makes a node that is right before an event.
 pub type Prepare<N> = fn(&mut Option<Kernel<N>>);
-/// The event; the answer is 1 when it went as it should.
+/// Runs the event. Returns 1 if the result is as expected.
 pub type Run<N> = fn(&mut Option<Kernel<N>>) -> u32;
 
 macro_rules! prepare {
@@ -46,13 +46,13 @@ fn run_many(place: &mut Option<Kernel<Many>>) -> u32 {
     place.as_mut().is_some_and(Kernel::<Many>::run).into()
 }
 
-/// All of them, so that the linker keeps them.
+/// All functions with 8 windows, so that the linker keeps them.
 #[used]
 pub static FEW: ([Prepare<Few>; 3], Run<Few>) = (
     [prepare_few_data, prepare_few_reference, prepare_few_window],
     run_few,
 );
-/// The same with 512 windows.
+/// All functions with 512 windows.
 #[used]
 pub static MANY: ([Prepare<Many>; 3], Run<Many>) = (
     [prepare_many_data, prepare_many_reference, prepare_many_window],

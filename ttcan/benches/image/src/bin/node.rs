@@ -1,5 +1,5 @@
-//! A node of a network of seven windows with what the features of `ttcan` give
-//! it: the functions that a program's interrupts and tasks call.
+//! A node of a network with seven windows, and the functions that the interrupts and
+//! tasks of a program call. Features of `ttcan` add functions.
 
 #![no_std]
 #![no_main]
@@ -50,7 +50,7 @@ const MATRIX: SystemMatrix<'static> = SystemMatrix::constant(MatrixConfig {
 });
 
 ttcan::schedule!(
-    /// What the node keeps.
+    /// The schedule of the node.
     pub static SCHEDULE = MATRIX
 );
 
@@ -62,7 +62,7 @@ pub type Node = ttcan::Node<'static, { MATRIX.window_count() }, PEERS, EVENTS>;
 
 #[inline(never)]
 fn start(node: &mut Option<Node>, stamp: Stamp) {
-    // A backup master, or a node that only listens.
+    // A backup master, or a node that is never master.
     let me = NodeId(if cfg!(feature = "master") { 1 } else { 2 });
     *node = Node::new(SCHEDULE.view(), NodeConfig::new(me, 18)).ok();
     if let Some(node) = node {
@@ -90,7 +90,7 @@ fn deadline(node: &Node) -> Option<Stamp> {
     node.next_deadline()
 }
 
-/// What a task asks now and then.
+/// The calls of a task: watchdog and state.
 #[inline(never)]
 fn look(node: &mut Node, now: Stamp) -> (Status, u8, bool) {
     node.feed_watchdog(now);
@@ -111,7 +111,7 @@ static DEADLINE: fn(&Node) -> Option<Stamp> = deadline;
 #[used]
 static LOOK: fn(&mut Node, Stamp) -> (Status, u8, bool) = look;
 
-/// What `bench` reads: bytes of RAM.
+/// RAM of a node in bytes, read by `cargo xtask bench`.
 #[used]
 static RAM_OF_A_NODE: usize = core::mem::size_of::<Node>();
 
