@@ -155,7 +155,8 @@ fn any_sound_vehicle_turns_around() {
 /// Each number that makes no sound vehicle is named with what is accepted.
 #[test]
 fn unsound_vehicles_are_refused() {
-    let refusal = |change: fn(&mut Description)| {
+    type Change = fn(&mut Description);
+    let refusal = |change: Change| {
         let mut vehicle = common::example::VEHICLE;
         change(&mut vehicle);
         Settings::<f32>::for_vehicle(&vehicle)
@@ -163,7 +164,7 @@ fn unsound_vehicles_are_refused() {
             .map(|refusal| refusal.to_string())
     };
     assert_eq!(refusal(|_| ()), None);
-    let cases: [(fn(&mut Description), &str); 10] = [
+    let cases: [(Change, &str); 10] = [
         (
             |v| v.geometry.l2 = 9.0,
             "the wheelbase L1 + L2 is 9.255 m: 0.4 to 4 m is accepted",

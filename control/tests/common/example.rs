@@ -8,7 +8,7 @@ use control::model::{Antenna, Geometry};
 use control::scalar::Scalar;
 use control::vehicle::{Description, Misalignment, Sensors, Weights, degrees};
 
-pub const VEHICLE: Description = Description {
+pub(crate) const VEHICLE: Description = Description {
     geometry: Geometry {
         l1: 0.255,
         l2: 0.845,
@@ -56,6 +56,6 @@ pub const VEHICLE: Description = Description {
 };
 
 /// Its settings.
-pub fn settings<T: Scalar>() -> Settings<T> {
+pub(crate) fn settings<T: Scalar>() -> Settings<T> {
     Settings::for_vehicle(&VEHICLE).expect("a sound vehicle")
 }

@@ -3,7 +3,7 @@
 
 #![allow(dead_code, reason = "each test uses its part")]
 
-pub mod example;
+pub(crate) mod example;
 
 use control::calibration::{Actuator, Direction};
 use control::position::{Position, Velocity};
@@ -12,12 +12,12 @@ use control::vehicle::Description;
 use std::collections::VecDeque;
 
 /// SplitMix64 and Box-Muller: small, seeded, the same everywhere.
-pub struct Noise {
+pub(crate) struct Noise {
     state: u64,
 }
 
 impl Noise {
-    pub fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         Self {
             state: seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x1234_5678_9ABC_DEF0,
         }
@@ -32,39 +32,39 @@ impl Noise {
     }
 
     /// Uniform in (0, 1).
-    pub fn uniform(&mut self) -> f64 {
+    pub(crate) fn uniform(&mut self) -> f64 {
         ((self.next() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
     }
 
     /// Normal with mean zero and unit variance.
-    pub fn normal(&mut self) -> f64 {
+    pub(crate) fn normal(&mut self) -> f64 {
         (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
     }
 }
 
 /// What distinguishes one run from another.
 #[derive(Clone, Copy, Debug)]
-pub struct Conditions {
+pub(crate) struct Conditions {
     /// Antenna to the right of the line at the start, m.
-    pub offset: f64,
+    pub(crate) offset: f64,
     /// Heading at the start, rad.
-    pub heading: f64,
+    pub(crate) heading: f64,
     /// Speed at the start, m/s.
-    pub speed: f64,
+    pub(crate) speed: f64,
     /// Slope of the ground, falling to the right of the line, rad.
-    pub slope: f64,
+    pub(crate) slope: f64,
     /// Potentiometer reads this much too far right, rad.
-    pub steering_bias: f64,
+    pub(crate) steering_bias: f64,
     /// Velocity vector reads this much too far clockwise, rad.
-    pub heading_bias: f64,
+    pub(crate) heading_bias: f64,
     /// Actuator's rate as a share of the calibrated one.
-    pub actuator: f64,
+    pub(crate) actuator: f64,
     /// Standard deviation of the receiver's position, m.
-    pub position_noise: f64,
+    pub(crate) position_noise: f64,
     /// Standard deviation of the receiver's velocity, m/s.
-    pub velocity_noise: f64,
+    pub(crate) velocity_noise: f64,
     /// Age of GPS data on arrival, s.
-    pub delay: f64,
+    pub(crate) delay: f64,
 }
 
 impl Default for Conditions {
@@ -87,7 +87,7 @@ impl Default for Conditions {
 impl Conditions {
     /// Filled sprayer on a slope of 3 degrees, sensors misaligned: slower
     /// actuator, 2 degrees of steering bias, 1 degree of heading bias.
-    pub fn loaded() -> Self {
+    pub(crate) fn loaded() -> Self {
         Self {
             slope: 3.0_f64.to_radians(),
             steering_bias: 2.0_f64.to_radians(),
@@ -99,15 +99,15 @@ impl Conditions {
 }
 
 /// Of the example: antenna ahead of the rear axle, m; largest steering angle, rad.
-pub const L1: f64 = example::VEHICLE.geometry.l1;
-pub const LIMIT: f64 = example::VEHICLE.limits.steering_angle;
+pub(crate) const L1: f64 = example::VEHICLE.geometry.l1;
+pub(crate) const LIMIT: f64 = example::VEHICLE.limits.steering_angle;
 /// Radius of the tightest turn, m.
-pub fn tightest() -> f64 {
+pub(crate) fn tightest() -> f64 {
     (L1 + example::VEHICLE.geometry.l2) / LIMIT.tan()
 }
 
 /// The actuator's calibration as the steering node of `vehicle` has it.
-pub fn actuator(vehicle: &Description) -> Actuator<f64> {
+pub(crate) fn actuator(vehicle: &Description) -> Actuator<f64> {
     let full_rate = vehicle.limits.steering_rate;
     Actuator {
         positive: Direction {
@@ -122,27 +122,27 @@ pub fn actuator(vehicle: &Description) -> Actuator<f64> {
 }
 
 /// The vehicle itself.
-pub struct Plant {
-    pub vehicle: Description,
-    pub conditions: Conditions,
-    pub time: f64,
+pub(crate) struct Plant {
+    pub(crate) vehicle: Description,
+    pub(crate) conditions: Conditions,
+    pub(crate) time: f64,
     /// Rear axle, m.
-    pub north: f64,
-    pub east: f64,
-    pub heading: f64,
-    pub steering: f64,
-    pub speed: f64,
+    pub(crate) north: f64,
+    pub(crate) east: f64,
+    pub(crate) heading: f64,
+    pub(crate) steering: f64,
+    pub(crate) speed: f64,
     /// Course less heading, rad.
-    pub crab: f64,
+    pub(crate) crab: f64,
     noise: Noise,
     history: VecDeque<(f64, [f64; 4])>,
 }
 
 /// What the nodes hear in one cycle.
-pub struct Heard {
-    pub position: Position,
-    pub velocity: Velocity,
-    pub steering_angle: f64,
+pub(crate) struct Heard {
+    pub(crate) position: Position,
+    pub(crate) velocity: Velocity,
+    pub(crate) steering_angle: f64,
 }
 
 const STEP: f64 = 0.001;
@@ -150,13 +150,13 @@ const GRAVITY: f64 = 9.81;
 
 impl Plant {
     /// The example.
-    pub fn new(conditions: Conditions, seed: u64) -> Self {
+    pub(crate) fn new(conditions: Conditions, seed: u64) -> Self {
         Self::of(example::VEHICLE, conditions, seed)
     }
 
     /// Any vehicle. It starts with the point of its centre line beside the
     /// antenna at the origin, moved by the offset.
-    pub fn of(vehicle: Description, conditions: Conditions, seed: u64) -> Self {
+    pub(crate) fn of(vehicle: Description, conditions: Conditions, seed: u64) -> Self {
         let l1 = vehicle.geometry.l1;
         Self {
             vehicle,
@@ -174,7 +174,7 @@ impl Plant {
     }
 
     /// The antenna, m north and east.
-    pub fn antenna(&self) -> (f64, f64) {
+    pub(crate) fn antenna(&self) -> (f64, f64) {
         let (north, east) = self.controlled();
         let right = self.vehicle.antenna.right;
         (
@@ -184,12 +184,12 @@ impl Plant {
     }
 
     /// The point of the centre line beside the antenna, m north and east.
-    pub fn controlled(&self) -> (f64, f64) {
+    pub(crate) fn controlled(&self) -> (f64, f64) {
         self.point(self.vehicle.geometry.l1)
     }
 
     /// A point `ahead` metres ahead of the rear axle.
-    pub fn point(&self, ahead: f64) -> (f64, f64) {
+    pub(crate) fn point(&self, ahead: f64) -> (f64, f64) {
         (
             self.north + ahead * self.heading.cos(),
             self.east + ahead * self.heading.sin(),
@@ -197,7 +197,7 @@ impl Plant {
     }
 
     /// Drives for `seconds` under `command`.
-    pub fn drive(&mut self, command: Command<f64>, seconds: f64) {
+    pub(crate) fn drive(&mut self, command: Command<f64>, seconds: f64) {
         // The driver takes one byte.
         let actuator = actuator(&self.vehicle);
         let effort = (actuator.effort(command.steering_rate) * 127.0).round() / 127.0;
@@ -238,7 +238,7 @@ impl Plant {
     }
 
     /// What the sensors say now.
-    pub fn hear(&mut self) -> Heard {
+    pub(crate) fn hear(&mut self) -> Heard {
         let then = self.time - self.conditions.delay;
         let (north, east) = self.antenna();
         let seen = self
@@ -276,27 +276,27 @@ impl Plant {
 
 /// Figures of one run.
 #[derive(Clone, Debug, Default)]
-pub struct Run {
+pub(crate) struct Run {
     /// Cross-track error of the controlled point in each period (of 0.1 s in
     /// the example), m.
-    pub errors: Vec<f64>,
+    pub(crate) errors: Vec<f64>,
     /// Steering rate commands, rad/s.
-    pub commands: Vec<f64>,
+    pub(crate) commands: Vec<f64>,
     /// Steering angle, rad.
-    pub steering: Vec<f64>,
+    pub(crate) steering: Vec<f64>,
     /// Time between two of these, s.
-    pub period: f64,
+    pub(crate) period: f64,
 }
 
 impl Run {
     /// Time from which the error stays within 5 cm, s.
-    pub fn settled(&self) -> f64 {
+    pub(crate) fn settled(&self) -> f64 {
         let last = self.errors.iter().rposition(|error| error.abs() > 0.05);
         last.map_or(0.0, |last| (last + 1) as f64 * self.period)
     }
 
     /// Mean and standard deviation of the error from `after` seconds on, m.
-    pub fn error(&self, after: f64) -> (f64, f64) {
+    pub(crate) fn error(&self, after: f64) -> (f64, f64) {
         let steady = &self.errors[(after / self.period) as usize..];
         let count = steady.len() as f64;
         let mean = steady.iter().sum::<f64>() / count;
@@ -306,7 +306,7 @@ impl Run {
 
     /// Changes of the command's sign for each second from `after` seconds on;
     /// zeros between are passed over.
-    pub fn sign_changes(&self, after: f64) -> f64 {
+    pub(crate) fn sign_changes(&self, after: f64) -> f64 {
         let steady = &self.commands[(after / self.period) as usize..];
         let mut last = 0.0;
         let mut changes = 0;
@@ -321,7 +321,7 @@ impl Run {
 }
 
 /// Runs `law` on the example in closed loop for `seconds`.
-pub fn run(
+pub(crate) fn run(
     conditions: Conditions,
     seed: u64,
     seconds: f64,
@@ -331,7 +331,7 @@ pub fn run(
 }
 
 /// Runs `law` in closed loop for `seconds`.
-pub fn run_plant(
+pub(crate) fn run_plant(
     mut plant: Plant,
     seconds: f64,
     mut law: impl FnMut(&Heard, Command<f64>) -> Command<f64>,
