@@ -32,8 +32,8 @@ pub const fn degrees(value: f64) -> f64 {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
     /// Axles and the antenna's place along the vehicle. The wheelbase is
-    /// L1 + L2 (0.4 to 4 m); the antenna is at most a fifth of a
-    /// wheelbase behind and two wheelbases ahead of the rear axle.
+    /// L1 + L2 (0.4 to 4 m); the antenna is at most 0.4 wheelbases behind
+    /// and two ahead of the rear axle.
     pub geometry: Geometry<f64>,
     /// The antenna's place beside the centre line (either side, at most half
     /// the radius of the tightest turn) and its height (0 to 5 m).
@@ -229,7 +229,7 @@ impl Description {
         accept(
             Quantity::AntennaAhead,
             self.geometry.l1,
-            -0.2 * length,
+            -0.4 * length,
             2.0 * length,
         )?;
         accept(
@@ -359,6 +359,26 @@ impl Description {
         }
     }
 
+    /// When the steering moves under the `gentle` regulator.
+    fn hold(&self, gentle: &SteeringWeights<f64>) -> HoldSettings<f64> {
+        // An angle that is left alone moves the vehicle until the regulator
+        // notices: in its time 1 / w, by the chain's gain over w^2 for each
+        // radian. That may cost one and a half deviations of a position.
+        let chain = self.cruise * self.cruise / self.geometry.wheelbase();
+        let gain = libm::sqrt(gentle.cross_track / gentle.steering_rate);
+        let natural = libm::cbrt(gain * chain);
+        let dear = 1.5 * self.sensors.position * natural * natural / chain;
+        // Noise alone must not begin a movement: three deviations. A movement
+        // ends when no more than two remain.
+        let unit = self.sensors.steering.min(dear / 3.0);
+        HoldSettings {
+            begin: 3.0 * unit,
+            end: 2.0 * unit,
+            // The slowest movement that a period shows over the noise.
+            slowest: self.sensors.steering / self.period,
+        }
+    }
+
     /// Gains at the rear axle for `weights`.
     fn gains(&self, weights: &SteeringWeights<f64>) -> Result<SteeringGains<f64>, Refusal> {
         let rear = Geometry {
@@ -406,19 +426,14 @@ impl Description {
             firm: self.gains(&weights.firm)?,
             gentle: self.gains(&weights.gentle)?,
             guidance: self.guidance(),
-            hold: HoldSettings {
-                // Noise alone must not begin a movement: three deviations. A
-                // movement ends when no more than two remain.
-                begin: 3.0 * self.sensors.steering,
-                end: 2.0 * self.sensors.steering,
-                // The slowest movement that a period shows over the noise.
-                slowest: self.sensors.steering / self.period,
-            },
+            hold: self.hold(&weights.gentle),
             cruise: self.cruise,
             // Thirty deviations of a fixed position: dead reckoning has failed.
             lost: 30.0 * self.sensors.position,
             stale_after: 5.0 * self.period,
-            controlled_point: self.geometry.l1,
+            // A point behind the rear axle swings out when the vehicle steers:
+            // then the axle itself is held on the path.
+            controlled_point: self.geometry.l1.max(0.0),
         })
     }
 }

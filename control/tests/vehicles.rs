@@ -35,7 +35,7 @@ fn random(noise: &mut Noise) -> Description {
     let wheelbase = 0.4 * 10.0_f64.powf(between(0.0, 1.0));
     let cruise = 0.3 * 10.0_f64.powf(between(0.0, 1.0));
     let steering_angle = degrees(between(15.0, 45.0));
-    let l1 = wheelbase * between(-0.2, 2.0);
+    let l1 = wheelbase * between(-0.4, 2.0);
     let beside = 0.5 * wheelbase / steering_angle.tan();
     Description {
         geometry: Geometry {
@@ -111,7 +111,7 @@ fn any_sound_vehicle_settles() {
         // that, and the steering reverses less than every second.
         let (mean, deviation) = run.error(allowed);
         assert!(
-            mean.abs() < 0.01 && deviation < 0.025,
+            mean.abs() < 0.02 && deviation < 0.025,
             "seed {seed}: mean {mean} m, deviation {deviation} m, {vehicle:?}"
         );
         let changes = run.sign_changes(allowed);
@@ -176,7 +176,7 @@ fn unsound_vehicles_are_refused() {
         (
             |v| (v.geometry.l1, v.geometry.l2) = (-0.5, 1.5),
             "the antenna's distance L1 ahead of the rear axle is -0.5 m: \
-             -0.2 to 2 m is accepted",
+             -0.4 to 2 m is accepted",
         ),
         (
             |v| v.antenna.right = -2.0,

@@ -175,7 +175,7 @@ impl Plant {
 
     /// The antenna, m north and east.
     pub(crate) fn antenna(&self) -> (f64, f64) {
-        let (north, east) = self.controlled();
+        let (north, east) = self.point(self.vehicle.geometry.l1);
         let right = self.vehicle.antenna.right;
         (
             north - right * self.heading.sin(),
@@ -183,9 +183,10 @@ impl Plant {
         )
     }
 
-    /// The point of the centre line beside the antenna, m north and east.
+    /// The point held on the line, m north and east: beside the antenna, or
+    /// the rear axle when the antenna is behind it.
     pub(crate) fn controlled(&self) -> (f64, f64) {
-        self.point(self.vehicle.geometry.l1)
+        self.point(self.vehicle.geometry.l1.max(0.0))
     }
 
     /// A point `ahead` metres ahead of the rear axle.
