@@ -1,6 +1,5 @@
-//! Derives the controller of another vehicle: a tractor of 2.4 m wheelbase with
-//! the antenna 0.9 m ahead of the rear axle and 0.2 m to the right, 35 degrees
-//! of steering at 20 degrees a second, at 3 m/s. Run it with
+//! Derives the controller of a tractor from its description and prints the
+//! settings as a build script would write them. Run it with
 //! `cargo run -p control --example another_vehicle`.
 
 use control::controller::{Controller, Settings};

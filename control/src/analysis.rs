@@ -1,5 +1,5 @@
-//! Properties of a linear system: what its inputs reach, what its outputs
-//! show, its poles, and how it moves (thesis 7.2.2).
+//! Analysis of linear systems: controllability, observability, poles, and
+//! simulated responses (thesis 7.2.2).
 
 use crate::linear::is_finite;
 use crate::model::Discrete;
@@ -7,14 +7,14 @@ use crate::scalar::Scalar;
 use nalgebra::allocator::Allocator;
 use nalgebra::{Const, DefaultAllocator, DimDiff, DimSub, SMatrix, SVector, U1};
 
-/// Dimension of the space that the inputs reach: the rank of
-/// [B, AB, ..., A^(N-1) B] for an N x N `a` and an N x M `b`. The system is
-/// controllable when it is N.
+/// Dimension of the controllable subspace: the rank of [B, AB, ..., A^(N-1) B]
+/// for an N x N `a` and an N x M `b`. The system is controllable if the rank
+/// is N.
 ///
-/// The space is grown by orthogonal directions (Arnoldi) instead of powers of
-/// A, whose columns become parallel long before N is large. A direction counts
-/// when it stands out of the space found so far by more than 10^-9 (f64) or
-/// 10^-3 (f32) of its length.
+/// The subspace is built from orthogonal directions (Arnoldi iteration). The
+/// powers of A would not do: their columns become nearly parallel even for
+/// small N. A direction counts as new if its component orthogonal to the
+/// subspace exceeds 10^-9 (f64) or 10^-3 (f32) of its length.
 #[must_use]
 pub fn controllability_rank<T: Scalar, const N: usize, const M: usize>(
     a: &SMatrix<T, N, N>,
@@ -33,7 +33,8 @@ pub fn controllability_rank<T: Scalar, const N: usize, const M: usize>(
             return;
         }
         let mut rest = direction / length;
-        // Twice is enough (Kahan, in Parlett, The Symmetric Eigenvalue Problem).
+        // Orthogonalising twice is enough (Kahan, in Parlett, The Symmetric
+        // Eigenvalue Problem).
         for _ in 0..2 {
             for known in basis.column_iter().take(*rank) {
                 let share = known.dot(&rest);
@@ -52,7 +53,7 @@ pub fn controllability_rank<T: Scalar, const N: usize, const M: usize>(
     let mut done = 0;
     while done < rank {
         let next = a * basis.column(done);
-        // An image that is zero but for rounding is no direction.
+        // An image that is zero except for rounding adds no direction.
         if next.norm() > a.norm() * T::default_epsilon() * T::lit(100.0) {
             add(&mut basis, &mut rank, next);
         }
@@ -61,9 +62,9 @@ pub fn controllability_rank<T: Scalar, const N: usize, const M: usize>(
     rank
 }
 
-/// Dimension of the space of states that the outputs tell apart: the rank of
-/// [C; CA; ...; CA^(N-1)] for an N x N `a` and a P x N `c`. The system is
-/// observable when it is N.
+/// Dimension of the observable subspace: the rank of [C; CA; ...; CA^(N-1)]
+/// for an N x N `a` and a P x N `c`. The system is observable if the rank is
+/// N.
 #[must_use]
 pub fn observability_rank<T: Scalar, const N: usize, const P: usize>(
     a: &SMatrix<T, N, N>,
@@ -72,7 +73,7 @@ pub fn observability_rank<T: Scalar, const N: usize, const P: usize>(
     controllability_rank(&a.transpose(), &c.transpose())
 }
 
-/// A pole: a point of the complex plane.
+/// A pole in the complex plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pole<T> {
     /// Real part.
@@ -82,7 +83,8 @@ pub struct Pole<T> {
 }
 
 impl<T: Scalar> Pole<T> {
-    /// Distance from the origin; a discrete mode decays when it is below one.
+    /// Distance from the origin. A mode of a discrete system decays if it is
+    /// below one.
     #[must_use]
     pub fn magnitude(&self) -> T {
         (self.re * self.re + self.im * self.im).root()
@@ -109,8 +111,8 @@ impl core::fmt::Display for PolesError {
 
 impl core::error::Error for PolesError {}
 
-/// The poles of a system with the N x N system or transition matrix `a`: its
-/// eigenvalues, in no particular order.
+/// The poles of a system: the eigenvalues of its N x N system or transition
+/// matrix `a`, in no particular order.
 ///
 /// # Errors
 /// [`PolesError`] when `a` is not finite or the iteration does not converge.
@@ -138,9 +140,9 @@ where
     Ok(found)
 }
 
-/// The states that `model` runs through from `start`: an iterator without end
-/// over x, F x + G u, ... with u given by `input` for the number of the step
-/// and the state.
+/// Simulates `model` from the state `start`. Returns an endless iterator over
+/// the states x, F x + G u, ...; `input` gives u from the step number and the
+/// state.
 pub fn simulate<'a, T: Scalar, const N: usize, const M: usize>(
     model: &'a Discrete<T, N, M>,
     start: SVector<T, N>,
@@ -154,8 +156,9 @@ pub fn simulate<'a, T: Scalar, const N: usize, const M: usize>(
     })
 }
 
-/// The response of `model`, at rest, to a step of one on `input` (counted from
-/// zero; beyond M nothing happens): an iterator without end over its states.
+/// Response of `model`, initially at rest, to a unit step on input number
+/// `input` (from zero; a number of M or more leaves all inputs zero). Returns
+/// an endless iterator over the states.
 pub fn step_response<T: Scalar, const N: usize, const M: usize>(
     model: &Discrete<T, N, M>,
     input: usize,

@@ -1,17 +1,17 @@
-//! Calibrations of the steering (thesis 5.2.6): potentiometer counts to
-//! steering angle, steering rate to actuator effort.
+//! Calibrations of the steering (thesis 5.2.6): from potentiometer counts to
+//! steering angle, and from steering rate to actuator effort.
 
 use crate::model::{Antenna, Geometry};
 use crate::scalar::Scalar;
 
-/// The straight line from potentiometer counts to steering angle (thesis
-/// Figure 5.18).
+/// Calibration of the steering potentiometer: the steering angle is a linear
+/// function of the counts (thesis Figure 5.18).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Potentiometer<T> {
-    /// Reading with the wheels straight, counts.
+    /// Reading with the wheels straight ahead, counts.
     pub centre: T,
-    /// Counts for one radian to the right; negative when the potentiometer
-    /// runs the other way; not zero.
+    /// Counts per radian to the right. Negative if the counts fall towards the
+    /// right; never zero.
     pub counts_per_radian: T,
     /// Smallest reading of an intact potentiometer, counts.
     pub lowest: u16,
@@ -19,7 +19,8 @@ pub struct Potentiometer<T> {
     pub highest: u16,
 }
 
-/// A reading that no intact potentiometer gives: a broken or shorted wire.
+/// A reading outside the range of an intact potentiometer, as from a broken or
+/// shorted wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReadingOutOfRange {
     /// The reading, counts.
@@ -30,7 +31,7 @@ impl core::fmt::Display for ReadingOutOfRange {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(
             f,
-            "potentiometer reading {} is outside its range",
+            "potentiometer reading {} is outside the range of an intact one",
             self.counts
         )
     }
@@ -50,15 +51,15 @@ impl<T: Scalar> Potentiometer<T> {
         Ok((T::integer(i32::from(counts)) - self.centre) / self.counts_per_radian)
     }
 
-    /// The reading that a steering angle (rad) gives, counts, unrounded.
+    /// The reading for a steering angle (rad), counts, not rounded.
     #[must_use]
     pub fn counts(&self, angle: T) -> T {
         self.centre + angle * self.counts_per_radian
     }
 }
 
-/// One direction of the actuator: no motion up to a dead band, then a
-/// straight line (thesis Figure 5.20).
+/// Calibration of one direction of an actuator: no motion within the dead
+/// band, then a rate that grows linearly with the effort (thesis Figure 5.20).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Direction<T> {
     /// Effort at which motion starts, in [0, 1).
@@ -68,8 +69,8 @@ pub struct Direction<T> {
     pub full_rate: T,
 }
 
-/// The actuator's calibration: one first-order line for each sign of the
-/// commanded rate (thesis 5.2.6).
+/// Calibration of an actuator, with a line for each sign of the commanded rate
+/// (thesis 5.2.6).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Actuator<T> {
     /// Positive rates (to the right, forward).
@@ -94,8 +95,8 @@ impl<T: Scalar> Direction<T> {
 }
 
 impl<T: Scalar> Actuator<T> {
-    /// Effort in [-1, 1] that gives `rate`; the dead band is jumped over.
-    /// Zero and NaN give zero; rates beyond reach give full effort.
+    /// Effort in [-1, 1] for `rate`, with the dead band compensated. Zero and
+    /// NaN give zero. A rate above the full rate gives full effort.
     #[must_use]
     pub fn effort(&self, rate: T) -> T {
         if rate > T::zero() {
@@ -107,7 +108,7 @@ impl<T: Scalar> Actuator<T> {
         }
     }
 
-    /// Rate that an `effort` in [-1, 1] gives; zero inside the dead band.
+    /// Rate at an `effort` in [-1, 1]; zero inside the dead band.
     #[must_use]
     pub fn rate(&self, effort: T) -> T {
         if effort >= T::zero() {
@@ -118,14 +119,15 @@ impl<T: Scalar> Actuator<T> {
     }
 }
 
-/// Why a fit gives nothing.
+/// Why a fit has no result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FitError {
-    /// Too few samples; how many there were.
+    /// Too few samples: this many.
     TooFew(u32),
-    /// The samples do not spread: all at one place, or all on one line.
+    /// The samples do not determine the fit: they all lie at one point, or all
+    /// on one line.
     NoSpread,
-    /// The fit contradicts what it stands for: a rate that falls with effort,
+    /// The result describes no real device: a rate that falls with the effort,
     /// or a dead band outside [0, 1).
     Implausible,
 }
@@ -134,8 +136,10 @@ impl core::fmt::Display for FitError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::TooFew(count) => write!(f, "{count} samples are too few for a fit"),
-            Self::NoSpread => f.write_str("the samples do not spread enough for a fit"),
-            Self::Implausible => f.write_str("the fit contradicts what it stands for"),
+            Self::NoSpread => f.write_str("the samples lie too close together for a fit"),
+            Self::Implausible => f.write_str(
+                "the fit describes no real device: a wrong sign, or a dead band out of range",
+            ),
         }
     }
 }
@@ -149,14 +153,14 @@ pub struct FittedLine<T> {
     pub slope: T,
     /// y at x = 0.
     pub offset: T,
-    /// Root mean square of what remains, in units of y.
+    /// Root mean square of the residuals, in units of y.
     pub residual: T,
     /// Number of samples.
     pub count: u32,
 }
 
-/// Least squares for y = slope x + offset, sample by sample (Welford's
-/// update, so that far-off means cost no digits).
+/// Recursive least squares for y = slope x + offset. It uses Welford's update,
+/// which loses no digits when the means are large.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LineFit<T> {
     count: u32,
@@ -182,7 +186,7 @@ impl<T: Scalar> LineFit<T> {
         }
     }
 
-    /// Takes a sample; one that is not finite is left out.
+    /// Adds a sample. A sample that is not finite is ignored.
     pub fn add(&mut self, x: T, y: T) {
         if !(x.is_finite() && y.is_finite()) {
             return;
@@ -197,11 +201,11 @@ impl<T: Scalar> LineFit<T> {
         self.yy += dy * (y - self.mean_y);
     }
 
-    /// The line.
+    /// The fitted line.
     ///
     /// # Errors
-    /// [`FitError::TooFew`] below three samples, [`FitError::NoSpread`] when
-    /// all x are the same.
+    /// [`FitError::TooFew`] below three samples, [`FitError::NoSpread`] if all x
+    /// are equal.
     pub fn solve(&self) -> Result<FittedLine<T>, FitError> {
         if self.count < 3 {
             return Err(FitError::TooFew(self.count));
@@ -222,7 +226,7 @@ impl<T: Scalar> LineFit<T> {
     }
 }
 
-/// A circle driven with the steering held.
+/// A fitted circle: the track of an antenna while the steering is held.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FittedCircle<T> {
     /// Centre, in the coordinates of the samples, m.
@@ -233,9 +237,11 @@ pub struct FittedCircle<T> {
     pub radius: T,
 }
 
-/// Least squares for a circle, sample by sample (Kasa, IEEE Trans. Instrum.
-/// Meas. 25, 1976), relative to the first sample. Drive at least a third of
-/// the circle: on short arcs this fit reads the radius too small.
+/// Recursive least squares for a circle (Kasa, IEEE Trans. Instrum. Meas. 25,
+/// 1976). Positions are taken relative to the first one.
+///
+/// Drive at least a third of the circle: from a short arc this method
+/// underestimates the radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CircleFit<T> {
     count: u32,
@@ -256,7 +262,7 @@ impl<T: Scalar> CircleFit<T> {
         }
     }
 
-    /// Takes a position (m); one that is not finite is left out.
+    /// Adds a position (m). A position that is not finite is ignored.
     pub fn add(&mut self, north: T, east: T) {
         if !(north.is_finite() && east.is_finite()) {
             return;
@@ -271,11 +277,11 @@ impl<T: Scalar> CircleFit<T> {
         self.right += row * (x * x + y * y);
     }
 
-    /// The circle.
+    /// The fitted circle.
     ///
     /// # Errors
-    /// [`FitError::TooFew`] below four samples, [`FitError::NoSpread`] when
-    /// they lie on a point or a line.
+    /// [`FitError::TooFew`] below four samples, [`FitError::NoSpread`] if they
+    /// lie on one point or one line.
     pub fn solve(&self) -> Result<FittedCircle<T>, FitError> {
         if self.count < 4 {
             return Err(FitError::TooFew(self.count));
@@ -303,8 +309,8 @@ impl<T: Scalar> Default for CircleFit<T> {
 
 /// Steering angle (rad) with which a vehicle drives a circle on which its
 /// antenna runs at `radius` (m). Both are positive for a turn to the right.
-/// `None` when no such circle exists because the antenna's lever alone is
-/// that long.
+/// `None` if no such circle exists because the antenna is farther than
+/// `radius` from the rear axle.
 #[must_use]
 pub fn angle_on_circle<T: Scalar>(
     geometry: &Geometry<T>,
@@ -313,7 +319,8 @@ pub fn angle_on_circle<T: Scalar>(
 ) -> Option<T> {
     let rear = radius * radius - geometry.l1 * geometry.l1;
     let left = radius < T::zero();
-    // An antenna on the inside of the turn runs nearer to the centre.
+    // On the inside of the turn the antenna is nearer to the centre than the
+    // centre line is.
     let beside = if left { -antenna.right } else { antenna.right };
     if !(rear > T::zero() && rear.root() + beside > T::zero()) {
         return None;
@@ -323,15 +330,16 @@ pub fn angle_on_circle<T: Scalar>(
 }
 
 impl<T: Scalar> Potentiometer<T> {
-    /// The potentiometer whose readings (counts, y) were seen at steering
-    /// angles (rad, x), by least squares (thesis Figure 5.18).
+    /// Fits a potentiometer by least squares to samples of steering angle (rad,
+    /// x) and reading (counts, y) (thesis Figure 5.18). `lowest` and `highest`
+    /// bound the readings of an intact one.
     ///
     /// # Errors
-    /// [`FitError`]; [`FitError::Implausible`] when counts do not change with
+    /// [`FitError`]; [`FitError::Implausible`] if the counts do not change with
     /// the angle.
     pub fn fit(samples: &LineFit<T>, lowest: u16, highest: u16) -> Result<Self, FitError> {
         let line = samples.solve()?;
-        // A turn of the wheels by a radian moves any real potentiometer.
+        // Any real potentiometer changes by more than one count per radian.
         if !(line.slope.abs() > T::one()) {
             return Err(FitError::Implausible);
         }
@@ -344,8 +352,8 @@ impl<T: Scalar> Potentiometer<T> {
     }
 }
 
-/// Fits an [`Actuator`] to efforts and the rates that they gave, one line for
-/// each sign (thesis Figure 5.20).
+/// Fits an [`Actuator`] to samples of effort and rate, with a line for each
+/// sign (thesis Figure 5.20).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ActuatorFit<T> {
     still: T,
@@ -354,9 +362,8 @@ pub struct ActuatorFit<T> {
 }
 
 impl<T: Scalar> ActuatorFit<T> {
-    /// A fit without samples; rates not above `still` (rad/s) count as
-    /// standstill and are left out, since inside the dead band the line does
-    /// not hold.
+    /// A fit without samples. Rates up to `still` (rad/s) count as standstill
+    /// and are ignored: inside the dead band the linear model does not hold.
     #[must_use]
     pub fn new(still: T) -> Self {
         Self {
@@ -366,8 +373,9 @@ impl<T: Scalar> ActuatorFit<T> {
         }
     }
 
-    /// Takes an effort in [-1, 1] and the steady rate it gave (rad/s). Samples
-    /// at full effort are left out: the rate may have wanted more.
+    /// Adds an effort in [-1, 1] and the steady rate that it caused (rad/s).
+    /// Samples at full effort are ignored: there the commanded rate may have
+    /// been higher than the actuator can give.
     pub fn add(&mut self, effort: T, rate: T) {
         if !(effort.abs() < T::one()) {
             return;
@@ -379,11 +387,11 @@ impl<T: Scalar> ActuatorFit<T> {
         }
     }
 
-    /// The calibration.
+    /// The fitted calibration.
     ///
     /// # Errors
-    /// [`FitError`] of the direction that could not be fitted, the positive
-    /// one first.
+    /// [`FitError`] of the direction that could not be fitted; of the positive
+    /// one if both could not.
     pub fn solve(&self) -> Result<Actuator<T>, FitError> {
         Ok(Actuator {
             positive: Self::direction(&self.positive)?,

@@ -1,8 +1,8 @@
-//! One control step of the vehicle: what the buses and sensors say in, what
-//! the actuators are told out.
+//! The controller: one step turns measurements into actuator commands.
 //!
-//! The step is a fixed chain: estimator, place on the path, steering law,
-//! hold, safety filter. Its loops have fixed bounds and it cannot panic.
+//! A step runs the estimator, locates the vehicle on the path, and applies
+//! steering law, hold and safety filter, in this order. Its loops have fixed
+//! bounds and it cannot panic.
 
 use crate::estimator::{
     Estimate, Estimator, EstimatorError, EstimatorSettings, Noise, Observation, Update,
@@ -21,53 +21,55 @@ use crate::schedule::GainSchedule;
 /// Steering gains at nine speeds; each row is a [`crate::guidance::Gains`].
 pub type SteeringGains<T> = GainSchedule<T, 4, 9>;
 
-/// Everything about a vehicle that the controller needs to know.
+/// All settings of the controller.
 /// `Settings::for_vehicle` derives it from a [`crate::vehicle::Description`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings<T> {
-    /// The vehicle and its sensors, for the estimator.
+    /// Settings of the estimator: geometry, sensors and noise.
     pub estimator: EstimatorSettings<T>,
     /// Actuator limits.
     pub limits: Limits<T>,
     /// How fast commands may change.
     pub slew: Slew<T>,
-    /// Gains that bring the vehicle onto the path.
+    /// Gains of the firm regulator, which brings the vehicle onto the path.
     pub firm: SteeringGains<T>,
-    /// Gains that keep it there.
+    /// Gains of the gentle regulator, which keeps it there.
     pub gentle: SteeringGains<T>,
-    /// The steering law's own.
+    /// Settings of the steering law.
     pub guidance: GuidanceSettings<T>,
-    /// When the steering moves and when it rests.
+    /// Settings of the hold, which avoids small steering movements.
     pub hold: HoldSettings<T>,
     /// Speed of an autonomous run, m/s, not negative.
     pub cruise: T,
-    /// Standard deviation of the position beyond which the law does not
-    /// drive, m.
+    /// Standard deviation of the estimated position above which the law does
+    /// not drive, m.
     pub lost: T,
-    /// Age of the last position beyond which the law does not drive, s.
+    /// Age of the last position above which the law does not drive, s.
     pub stale_after: T,
-    /// The point held on the path: its distance ahead of the rear axle, m.
-    /// The antenna's L1, or negative for a hitch (thesis Figure 7.2).
+    /// The point of the centre line that is held on the path, as its distance
+    /// ahead of the rear axle, m. L1 holds the antenna's place, a negative value
+    /// a hitch (thesis Figure 7.2).
     pub controlled_point: T,
 }
 
 /// Which setting is unusable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SettingsError {
-    /// One of the estimator's.
+    /// A setting of the estimator.
     Estimator(EstimatorError),
     /// A limit.
     Limit(LimitError),
-    /// One of the steering law's.
+    /// A setting of the steering law.
     Guidance(GuidanceError),
     /// A gain is not finite, a gain on cross-track error, heading or steering
-    /// angle is not positive, one on the integral is negative, or a schedule's
-    /// spacing is not positive.
+    /// angle is not positive, a gain on the integral is negative, or the speed
+    /// spacing of a schedule is not positive.
     Gains,
-    /// The hold's angles are not positive and in order, or its rate is
-    /// negative.
+    /// The hold's angles are not positive, `begin` is not above `end`, or the
+    /// slowest rate is negative.
     Hold,
-    /// A slew, an age, a deviation or the cruise speed is not a usable number.
+    /// A slew rate, an age, a deviation or the cruise speed is not finite or not
+    /// positive.
     Number,
 }
 
@@ -77,9 +79,11 @@ impl core::fmt::Display for SettingsError {
             Self::Estimator(error) => error.fmt(f),
             Self::Limit(error) => error.fmt(f),
             Self::Guidance(error) => error.fmt(f),
-            Self::Gains => f.write_str("a steering gain or a schedule's spacing is unusable"),
-            Self::Hold => f.write_str("the hold's angles are not positive and in order"),
-            Self::Number => f.write_str("a slew, age, deviation or speed is not a usable number"),
+            Self::Gains => {
+                f.write_str("a steering gain or the speed spacing of a schedule is out of range")
+            }
+            Self::Hold => f.write_str("the hold's angles or its slowest rate are out of range"),
+            Self::Number => f.write_str("a slew rate, age, deviation or speed is out of range"),
         }
     }
 }
@@ -202,42 +206,43 @@ impl<T: Scalar> Settings<T> {
     }
 }
 
-/// What is known at the beginning of a control step.
+/// Inputs of a control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample<T> {
-    /// The antenna's position, when one arrived in this cycle with an
-    /// RTK-fixed solution.
+    /// The antenna's position, if one with an RTK-fixed solution arrived in this
+    /// cycle.
     pub position: Option<Position>,
-    /// The antenna's velocity, when one arrived in this cycle.
+    /// The antenna's velocity, if one arrived in this cycle.
     pub velocity: Option<Velocity>,
-    /// The steering angle from the potentiometer, rad, when a plausible
+    /// The steering angle measured by the potentiometer, rad, if a plausible
     /// reading arrived in this cycle.
     pub steering_angle: Option<T>,
-    /// What the actuators have been told since the last step, by the law or
-    /// by the joystick.
+    /// The command that has been applied to the actuators since the last step,
+    /// from the law or the joystick.
     pub applied: Command<T>,
-    /// Whether the law commands the actuators (autonomous run).
+    /// True if the law commands the actuators (autonomous run).
     pub engaged: bool,
     /// Time since the last step, s.
     pub dt: T,
 }
 
-/// Where the vehicle stands relative to its path; by default at its beginning,
-/// at rest.
+/// State of the vehicle relative to its path. The default is at rest at the
+/// path's beginning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tracking<T> {
     /// The segment of the path being followed, counted from zero.
     pub segment: usize,
     /// Distance along it, m.
     pub along: T,
-    /// Cross-track error of the controlled point, m, positive right of the
-    /// path.
+    /// Cross-track error of the controlled point, m, positive to the right of
+    /// the path.
     pub cross_track: T,
     /// Heading, rad clockwise from north, in (-pi, pi].
     pub heading: T,
     /// Heading relative to the path, rad, in (-pi, pi].
     pub heading_error: T,
-    /// Steering angle less its estimated bias, rad, positive to the right.
+    /// Steering angle, corrected by its estimated bias, rad, positive to the
+    /// right.
     pub steering_angle: T,
     /// Speed of the rear axle, m/s.
     pub speed: T,
@@ -257,23 +262,24 @@ impl<T: Scalar> Default for Tracking<T> {
     }
 }
 
-/// The outcome of a control step.
+/// Results of a control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome<T> {
-    /// For the actuators, when the law commands them; still otherwise.
+    /// Command for the actuators. Standstill unless the law commands them.
     pub command: Command<T>,
-    /// Where the vehicle is, for displays and logs; dead-reckoned when nothing
-    /// new arrived.
+    /// State relative to the path, for displays and logs; from dead reckoning if
+    /// nothing new arrived.
     pub tracking: Tracking<T>,
-    /// The path's end lies behind: the law commands standstill.
+    /// True once the end of the path has been passed. The law then commands
+    /// standstill.
     pub finished: bool,
-    /// What the estimator made of the sample.
+    /// How the estimator used the sample.
     pub update: Update,
-    /// What the safety filter did.
+    /// What the safety filter did to the command.
     pub verdict: Verdict,
 }
 
-/// The control law of a vehicle with its memory.
+/// The controller and its state.
 #[derive(Clone, Copy, Debug)]
 pub struct Controller<T> {
     settings: Settings<T>,
@@ -288,7 +294,7 @@ pub struct Controller<T> {
 }
 
 impl<T: Scalar> Controller<T> {
-    /// A controller that follows `line` and stops at its end.
+    /// A controller that follows `line` and stops the vehicle at its end.
     ///
     /// # Errors
     /// [`SettingsError`] names the setting that is unusable.
@@ -309,7 +315,7 @@ impl<T: Scalar> Controller<T> {
         })
     }
 
-    /// Follows `path` from its beginning from now on.
+    /// Follows `path` from now on, starting at its beginning.
     pub fn follow(&mut self, path: Path<T>) {
         self.estimator.rebase(path.origin());
         self.path = path;
@@ -317,17 +323,17 @@ impl<T: Scalar> Controller<T> {
         self.guidance.reset();
     }
 
-    /// Tells the angle (rad) by which the body points to the right of its
-    /// course, as on a slope, when something beside the antenna knows it. It
-    /// matters only for a controlled point away from the antenna.
+    /// Sets the crab angle (rad) by which the body points to the right of its
+    /// course, as on a side slope. A single antenna cannot measure it. It matters
+    /// only if the controlled point is not beside the antenna.
     pub fn set_crab(&mut self, crab: T) {
         if crab.is_finite() {
             self.crab = crab;
         }
     }
 
-    /// Tells how old GPS data are when they arrive, s, when something measures
-    /// it; a negative or not finite value changes nothing.
+    /// Sets the measured age of GPS data at their arrival, s. A value that is
+    /// negative or not finite is ignored.
     pub fn set_gps_delay(&mut self, delay: T) {
         self.estimator.set_gps_delay(delay);
     }
@@ -350,8 +356,8 @@ impl<T: Scalar> Controller<T> {
         &self.guidance
     }
 
-    /// One control step; call it once in each basic cycle, in every mode: the
-    /// estimator keeps running while someone else drives.
+    /// One control step. Call it once in each basic cycle and in every mode, so
+    /// that the estimator keeps running while the operator drives.
     pub fn step(&mut self, sample: &Sample<T>) -> Outcome<T> {
         let update = self.estimator.step(&Observation {
             position: sample.position,
@@ -417,7 +423,7 @@ impl<T: Scalar> Controller<T> {
     fn law(&mut self, tracking: &Tracking<T>, dt: T) -> Option<Command<T>> {
         let speed = self.settings.cruise;
         if !self.estimator.is_ready() {
-            // The heading shows itself only when the vehicle moves.
+            // Drive straight: the heading is observable only in motion.
             return Some(Command {
                 steering_rate: T::zero(),
                 speed,
@@ -432,14 +438,16 @@ impl<T: Scalar> Controller<T> {
         }
         let effectiveness = self.estimator.effectiveness();
         let deviation = self.deviation(tracking, effectiveness);
-        let wish = self.guidance.wish(
+        let target = self.guidance.target(
             &deviation,
             &self.settings.firm.at(tracking.speed),
             &self.settings.gentle.at(tracking.speed),
             dt,
         );
-        let error = wish.angle - tracking.steering_angle;
-        let rate = self.hold.rate(&self.settings.hold, error, wish.follow, dt);
+        let error = target.angle - tracking.steering_angle;
+        let rate = self
+            .hold
+            .rate(&self.settings.hold, error, target.follow, dt);
         Some(Command {
             steering_rate: rate / effectiveness,
             speed,
@@ -454,9 +462,10 @@ impl<T: Scalar> Controller<T> {
             T::zero()
         };
         let way = self.guidance.steering_way(forward, effectiveness) + T::lit(0.01);
-        // The angle follows the wish a little late.
+        // The steering angle lags behind its target.
         let ahead = along + forward * T::lit(0.25);
-        // From one lock to the other takes twice the way; either with reserve.
+        // Half the way that the steering needs, with a reserve of a quarter.
+        // From one side to the other it needs twice that way.
         let curvature = |at: T| self.path.curvature(segment, at);
         let reverses = curvature(ahead - way) * curvature(ahead + way) < T::zero();
         let half = way * T::lit(if reverses { 1.25 } else { 0.625 });

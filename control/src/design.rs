@@ -1,5 +1,5 @@
-//! From a vehicle and weights to steering gains over speed: done on the host or
-//! at build time, in double precision, then carried to the target as a table.
+//! Designs steering gains for a range of speeds. This runs on the host, in
+//! double precision; the target carries the resulting table.
 
 use crate::discretise::{DiscretiseError, zero_order_hold};
 use crate::lqr::{RegulatorError, dlqr};
@@ -8,8 +8,8 @@ use crate::scalar::Scalar;
 use crate::schedule::GainSchedule;
 use nalgebra::{SMatrix, SVector};
 
-/// What the regulator weighs: each value is the inverse square of a deviation
-/// that matters as much as any other.
+/// Weights of the steering regulator. Each is the inverse square of a
+/// deviation; deviations of that size matter equally (Bryson's rule).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SteeringWeights<T> {
     /// On the integral of the cross-track error, 1/(m s)^2; positive.
@@ -24,20 +24,20 @@ pub struct SteeringWeights<T> {
     pub steering_rate: T,
 }
 
-/// Why no schedule could be designed.
+/// Why no gain schedule could be designed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DesignError<T> {
-    /// The vehicle's geometry.
+    /// The vehicle's geometry is unusable.
     Geometry(GeometryError),
-    /// The spacing of speeds or the slowest speed is not a positive number.
+    /// The speed spacing or the slowest speed is not a positive number.
     Speed,
-    /// The period.
+    /// The model cannot be discretised at this period.
     Discretise(DiscretiseError),
-    /// No regulator at this speed (m/s).
+    /// No regulator exists at a speed.
     Regulator {
         /// The speed, m/s.
         speed: T,
-        /// What is wrong.
+        /// Why there is none.
         error: RegulatorError,
     },
 }
@@ -46,7 +46,9 @@ impl<T: core::fmt::Display> core::fmt::Display for DesignError<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Geometry(error) => error.fmt(f),
-            Self::Speed => f.write_str("a speed of the schedule is not a positive number"),
+            Self::Speed => {
+                f.write_str("the speed spacing or the slowest speed is not a positive number")
+            }
             Self::Discretise(error) => error.fmt(f),
             Self::Regulator { speed, error } => write!(f, "at {speed} m/s: {error}"),
         }
@@ -55,9 +57,9 @@ impl<T: core::fmt::Display> core::fmt::Display for DesignError<T> {
 
 impl<T: core::fmt::Display + core::fmt::Debug> core::error::Error for DesignError<T> {}
 
-/// The steering model with the integral of the cross-track error in front
-/// (thesis Figure 7.12): states integral (m s), cross-track error (m), heading
-/// error (rad), steering angle (rad).
+/// The steering model extended by the integral of the cross-track error (thesis
+/// Figure 7.12). The states are integral (m s), cross-track error (m), heading
+/// error (rad) and steering angle (rad).
 #[must_use]
 pub fn with_integral<T: Scalar>(model: &Continuous<T, 3, 1>) -> Continuous<T, 4, 1> {
     let mut a = SMatrix::<T, 4, 4>::zeros();
@@ -68,16 +70,17 @@ pub fn with_integral<T: Scalar>(model: &Continuous<T, 3, 1>) -> Continuous<T, 4,
     Continuous { a, b }
 }
 
-/// Steering gains at P speeds, `spacing` (m/s) apart from standstill upwards,
-/// for a controller that runs each `period` seconds.
+/// Designs steering gains at the P speeds 0, `spacing`, 2 `spacing`, ... (m/s)
+/// for a controller with a period of `period` seconds.
 ///
-/// `geometry.l1` is the controlled point's distance ahead of the rear axle.
-/// Row k holds [K_integral, K_cross, K_heading, K_steering] for u = -K x.
-/// Steering moves nothing while the vehicle stands, so speeds below `slowest`
-/// (m/s, positive) are designed as if at `slowest`.
+/// Row k holds [K_integral, K_cross, K_heading, K_steering] of u = -K x at the
+/// speed k `spacing`. `geometry.l1` is the distance of the controlled point
+/// ahead of the rear axle. At standstill the steering moves nothing and no gain
+/// exists, so speeds below `slowest` (m/s, positive) get the gains of
+/// `slowest`.
 ///
 /// # Errors
-/// [`DesignError`] names the speed and the condition at fault.
+/// [`DesignError`] names the speed and the input at fault.
 pub fn steering_gains<T: Scalar, const P: usize>(
     geometry: &Geometry<T>,
     weights: &SteeringWeights<T>,

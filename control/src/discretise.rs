@@ -1,20 +1,20 @@
-//! Zero-order hold: from a continuous to a sampled model (thesis equations
-//! 7.5 and 7.6).
+//! Zero-order hold: discretises a continuous model (thesis equations 7.5 and
+//! 7.6).
 
 use crate::linear::is_finite;
 use crate::model::{Continuous, Discrete};
 use crate::scalar::Scalar;
 use nalgebra::SMatrix;
 
-/// Why a system cannot be sampled.
+/// Why a model cannot be discretised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DiscretiseError {
     /// An entry of A or B is NaN or infinite.
     ModelNotFinite,
     /// The period is NaN, infinite, zero or negative.
     Period,
-    /// The exponential overflows: the period is far longer than the system's
-    /// fastest growth.
+    /// The matrix exponential overflows: the period is far longer than the time
+    /// constant of the fastest growing mode.
     Overflow,
 }
 
@@ -32,13 +32,14 @@ impl core::error::Error for DiscretiseError {}
 
 /// The exact zero-order hold of `model` over `period` seconds, for any A, B.
 ///
-/// F = exp(A T) and G = (integral of exp(A s) ds from 0 to T) B, from the
-/// Taylor series over a period halved until it is short and doubled back
-/// (scaling and squaring; Van Loan, "Computing integrals involving the matrix
-/// exponential", IEEE TAC 23(3), 1978). A singular A needs no special case.
+/// F = exp(A T) and G = (integral of exp(A s) ds from 0 to T) B. The method is
+/// scaling and squaring (Van Loan, "Computing integrals involving the matrix
+/// exponential", IEEE TAC 23(3), 1978): the period is halved until the Taylor
+/// series converges quickly, and the result is doubled as often. A singular A
+/// needs no special case.
 ///
 /// # Errors
-/// [`DiscretiseError`] when the input is not finite, the period not positive,
+/// [`DiscretiseError`] if the input is not finite, the period is not positive,
 /// or the result overflows.
 pub fn zero_order_hold<T: Scalar, const N: usize, const M: usize>(
     model: &Continuous<T, N, M>,
@@ -64,7 +65,7 @@ pub fn zero_order_hold<T: Scalar, const N: usize, const M: usize>(
     let mut f = SMatrix::<T, N, N>::identity();
     let mut integral = SMatrix::<T, N, N>::identity() * step;
     let mut term = SMatrix::<T, N, N>::identity();
-    // With a norm of 1/2 the 18th term is below 1e-21 of the first.
+    // At a norm of 1/2 or less the 18th term is below 1e-21 of the first.
     for order in 1..=18 {
         term = term * scaled / T::lit(f64::from(order));
         f += term;

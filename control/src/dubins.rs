@@ -1,14 +1,14 @@
-//! Shortest paths of a car that only drives forward and turns no tighter than
+//! Shortest paths of a car that drives only forward and turns no tighter than
 //! a given radius (L. E. Dubins, American Journal of Mathematics 79, 1957).
 //!
-//! Headland turns are built from them, and the time that the shortest one
-//! takes is the yardstick for an approach to a line. For design and tests on
-//! the host and for planning between passes, not for the control step: a
-//! search takes some hundred thousand operations.
+//! Headland turns consist of such paths. Tests measure an approach to a line
+//! against the time that the shortest path takes. [`shortest_to_line`] takes
+//! some hundred thousand operations: use it on the host or between passes, not
+//! in the control step.
 
 use crate::scalar::{Scalar, wrap_angle};
 
-/// A place and a direction in the plane.
+/// A position and a heading in the plane.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose<T> {
     /// North, m.
@@ -19,7 +19,7 @@ pub struct Pose<T> {
     pub heading: T,
 }
 
-/// What the car does in one piece of the path.
+/// The kind of one piece of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
     /// An arc to the left (anticlockwise).
@@ -31,7 +31,7 @@ pub enum Turn {
 }
 
 impl Turn {
-    /// Curvature of the piece for unit radius: -1, 0 or 1.
+    /// Curvature of the piece at unit radius: -1, 0 or 1.
     #[must_use]
     pub const fn sign(self) -> i8 {
         match self {
@@ -51,12 +51,12 @@ pub struct DubinsPath<T> {
     pub radius: T,
 }
 
-/// Why there is no path.
+/// Why no path could be computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DubinsError {
     /// The radius is not a positive number.
     Radius,
-    /// A pose has a coordinate that is not a finite number.
+    /// A coordinate or the heading of a pose is not a finite number.
     Pose,
 }
 
@@ -64,7 +64,7 @@ impl core::fmt::Display for DubinsError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::Radius => "the turning radius is not a positive number",
-            Self::Pose => "a pose has a coordinate that is not a finite number",
+            Self::Pose => "a coordinate or heading of a pose is not a finite number",
         })
     }
 }
@@ -79,7 +79,7 @@ impl<T: Scalar> DubinsPath<T> {
         first + second + third
     }
 
-    /// Where the path ends when it starts at `start`.
+    /// Pose at the end of the path if it starts at `start`.
     #[must_use]
     pub fn end(&self, start: Pose<T>) -> Pose<T> {
         self.pieces.iter().fold(start, |pose, &(turn, length)| {
@@ -95,7 +95,8 @@ pub fn advance<T: Scalar>(start: Pose<T>, curvature: T, length: T) -> Pose<T> {
     let turn = curvature * length;
     let half = turn * T::lit(0.5);
     let (sine, cosine) = (start.heading + half).sine_cosine();
-    // The chord; sin(x)/x by its series where the quotient would lose digits.
+    // Ratio of chord to arc, sin(x)/x. For small x the series is more exact
+    // than the quotient.
     let shrink = if half.abs() < T::lit(1e-2) {
         let square = half * half;
         T::one() - square / T::lit(6.0) + square * square / T::lit(120.0)
@@ -109,11 +110,11 @@ pub fn advance<T: Scalar>(start: Pose<T>, curvature: T, length: T) -> Pose<T> {
     }
 }
 
-/// The shortest path from `start` to `end` with turns of `radius` metres or
-/// wider.
+/// The shortest path from `start` to `end` with turns of at least `radius`
+/// metres.
 ///
 /// # Errors
-/// [`DubinsError`] when the radius is not positive or a pose is not finite.
+/// [`DubinsError`] if the radius is not positive or a pose is not finite.
 pub fn shortest<T: Scalar>(
     start: Pose<T>,
     end: Pose<T>,
@@ -128,9 +129,9 @@ pub fn shortest<T: Scalar>(
     if !(finite(&start) && finite(&end)) {
         return Err(DubinsError::Pose);
     }
-    // In units of the radius, with the end on the first axis (Shkel and
-    // Lumelsky, Robotics and Autonomous Systems 34, 2001). Angles here grow
-    // clockwise like headings, so their "left" is our right.
+    // Lengths are in units of the radius, and the end lies on the first axis
+    // (Shkel and Lumelsky, Robotics and Autonomous Systems 34, 2001). Our
+    // angles are clockwise positive, so the article's "left" is our right.
     let north = (end.north - start.north) / radius;
     let east = (end.east - start.east) / radius;
     let distance = (north * north + east * east).root();
@@ -155,7 +156,7 @@ pub fn shortest<T: Scalar>(
             best = Some(pieces);
         }
     }
-    // One of the first and the fourth word always exists.
+    // Two arcs to the same side, joined by a straight piece, always exist.
     let pieces = best.ok_or(DubinsError::Pose)?;
     Ok(DubinsPath {
         pieces: pieces.map(|(turn, length)| (turn, length * radius)),
@@ -163,12 +164,12 @@ pub fn shortest<T: Scalar>(
     })
 }
 
-/// The shortest path from `start` onto the line through the origin to the
-/// north, ending anywhere on it with heading north: `start.east` is the
-/// cross-track error, `start.heading` the heading error.
+/// The shortest path from `start` to any point of the northward line through
+/// the origin, arriving with heading north. `start.east` is the cross-track
+/// error, `start.heading` the heading error.
 ///
 /// # Errors
-/// [`DubinsError`] when the radius is not positive or the pose is not finite.
+/// [`DubinsError`] if the radius is not positive or the pose is not finite.
 pub fn shortest_to_line<T: Scalar>(
     start: Pose<T>,
     radius: T,
@@ -183,7 +184,8 @@ pub fn shortest_to_line<T: Scalar>(
     };
     let mut best = ending(start.north)?;
     let mut best_north = start.north;
-    // Ends farther away than this are longer than going straight there.
+    // An end point farther away than this gives a longer path than turning
+    // onto the line directly.
     let mut reach = start.east.abs() + T::lit(7.0) * radius;
     for _ in 0..12 {
         let centre = best_north;
@@ -204,7 +206,7 @@ pub fn shortest_to_line<T: Scalar>(
 /// `angle` brought into [0, 2 pi).
 fn turn_forward<T: Scalar>(angle: T) -> T {
     let wrapped = wrap_angle(angle);
-    // An angle that is zero but for rounding is no full turn.
+    // A small negative angle is zero with a rounding error, not a full turn.
     if wrapped < -T::default_epsilon() * T::lit(16.0) {
         wrapped + T::two_pi()
     } else if wrapped < T::zero() {
@@ -214,7 +216,8 @@ fn turn_forward<T: Scalar>(angle: T) -> T {
     }
 }
 
-/// Arc, straight, arc; a `right` arc turns clockwise.
+/// The path of an arc, a straight piece and an arc, if it exists; a right arc
+/// turns clockwise.
 fn csc<T: Scalar>(
     distance: T,
     alpha: T,
@@ -222,7 +225,7 @@ fn csc<T: Scalar>(
     first_right: bool,
     last_right: bool,
 ) -> Option<[(Turn, T); 3]> {
-    // Centres of the turning circles, the start at the origin.
+    // From the centre of the first turning circle to that of the last.
     let side = |right: bool| if right { T::one() } else { -T::one() };
     let (sine_a, cosine_a) = alpha.sine_cosine();
     let (sine_b, cosine_b) = beta.sine_cosine();
@@ -249,7 +252,8 @@ fn csc<T: Scalar>(
     ])
 }
 
-/// Three arcs, the middle one the other way and longer than a half circle.
+/// The path of three arcs, if it exists. The middle one turns the other way and
+/// is longer than a half circle.
 fn ccc<T: Scalar>(distance: T, alpha: T, beta: T, right: bool) -> Option<[(Turn, T); 3]> {
     let side = if right { T::one() } else { -T::one() };
     let (sine_a, cosine_a) = alpha.sine_cosine();
@@ -261,11 +265,11 @@ fn ccc<T: Scalar>(distance: T, alpha: T, beta: T, right: bool) -> Option<[(Turn,
         return None;
     }
     let span = y.angle_of(x);
-    // Angle at a centre between the way to the other outer centre and the way
-    // to the middle circle's centre.
+    // Angle at the centre of an outer circle, between the directions to the
+    // other outer centre and to the centre of the middle circle.
     let corner = (between * T::lit(0.25)).arccosine();
-    // Direction of travel where the circles touch, for the middle circle on
-    // either side; the longer middle arc is the shortest path's.
+    // The middle circle can lie on either side. `leave` and `join` are the
+    // directions of travel where the circles touch.
     let mut best: Option<[(Turn, T); 3]> = None;
     for sign in [T::one(), -T::one()] {
         let quarter = T::frac_pi_2();

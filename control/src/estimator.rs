@@ -1,23 +1,26 @@
-//! Where the vehicle is: an extended Kalman filter over position, heading,
-//! steering angle and the biases of both angle measurements.
+//! The estimator: an extended Kalman filter for position, heading, steering
+//! angle and the biases of both angle measurements.
 //!
-//! These are the five states of thesis Figure 7.11 with the cross-track
-//! distance split into north and east, so that the same filter holds off the
-//! line, facing away from it, and around headland turns; linearised about a
-//! line, the rows across it are Figure 7.11's.
+//! The states are those of thesis Figure 7.11, with the cross-track distance
+//! replaced by north and east. So the filter also works far off the line,
+//! facing away from it, and in headland turns. Linearised about a line, it is
+//! the filter of Figure 7.11.
 //!
-//! * Heading comes from the velocity vector and from how the position moves,
-//!   never from the receiver's baseline heading, which points from the base
-//!   station to the rover.
-//! * "Heading" is the direction in which the rear axle travels. On a side
-//!   slope the body points uphill of it by the crab angle; with one antenna
-//!   that angle cannot be observed, and to hold a line it need not be.
-//! * GPS data are late by a known delay: their measurement equations are
-//!   written for the pose that many seconds ago.
-//! * While the vehicle stands the biases are not observable (thesis 7.2.5
-//!   with V = 0) and stay frozen: they keep value and variance.
-//! * Without GPS data the filter dead-reckons on steering angle and speed,
-//!   and its variance grows by what slip and steering noise add.
+//! * The heading is observed through the velocity vector and the movement of
+//!   the position. The receiver's baseline heading is not used: it points from
+//!   the base station to the rover.
+//! * "Heading" means the direction of travel of the rear axle. On a side slope
+//!   the body points uphill of it by the crab angle. A single antenna cannot
+//!   observe that angle, and holding a line does not require it.
+//! * GPS data have a known age. Their measurement equations are written for the
+//!   pose at the time of measurement.
+//! * The antenna may be ahead of the rear axle, behind it or beside the centre
+//!   line. Position and velocity are corrected for this lever arm, the velocity
+//!   with the yaw rate.
+//! * At standstill the biases are not observable (thesis 7.2.5 with V = 0).
+//!   They are frozen: value and variance stay.
+//! * Without GPS data the filter continues by dead reckoning from steering
+//!   angle and speed, and its variance grows with slip and steering noise.
 
 use crate::linear::is_finite;
 use crate::model::{Antenna, Geometry, GeometryError};
@@ -35,8 +38,8 @@ const STEERING: usize = 3;
 const HEADING_BIAS: usize = 4;
 const STEERING_BIAS: usize = 5;
 
-/// How noisy the sensors are and how far the model can be trusted. All values
-/// are standard deviations and positive.
+/// Noise of the sensors and of the model. All values are standard deviations
+/// and positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise<T> {
     /// GPS position, per axis, m.
@@ -45,13 +48,12 @@ pub struct Noise<T> {
     pub velocity: T,
     /// Potentiometer, rad.
     pub steering: T,
-    /// Slip of the wheels: drift of the position, m per square root of a
-    /// second.
+    /// Drift of the position by wheel slip, m per square root of a second.
     pub slip: T,
-    /// Drift of the heading beside what the steering explains, rad per square
+    /// Drift of the heading that the steering does not explain, rad per square
     /// root of a second.
     pub heading: T,
-    /// Drift of the steering angle beside what the command explains, rad per
+    /// Drift of the steering angle that the command does not explain, rad per
     /// square root of a second.
     pub actuator: T,
     /// Error of the actuator's rate as a share of the commanded rate.
@@ -60,13 +62,13 @@ pub struct Noise<T> {
     pub heading_bias: T,
     /// Drift of the steering bias, rad per square root of a second.
     pub steering_bias: T,
-    /// Heading bias to be expected at the start, rad.
+    /// Expected size of the heading bias at the start, rad.
     pub first_heading_bias: T,
-    /// Steering bias to be expected at the start, rad.
+    /// Expected size of the steering bias at the start, rad.
     pub first_steering_bias: T,
 }
 
-/// Everything the estimator needs to know about a vehicle.
+/// All settings of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EstimatorSettings<T> {
     /// Axles and the antenna's place along the vehicle.
@@ -75,24 +77,24 @@ pub struct EstimatorSettings<T> {
     pub antenna: Antenna<T>,
     /// Noise of sensors and model.
     pub noise: Noise<T>,
-    /// Age of GPS data when they are used, s, not negative.
+    /// Age of GPS data at the step that uses them, s, not negative.
     pub gps_delay: T,
-    /// Time constant of the drive from commanded to real speed, s, positive.
+    /// Time constant from commanded to real speed, s, positive.
     pub drive_lag: T,
-    /// Slip angle of the rear tyres for a lateral acceleration, rad per m/s^2,
-    /// not negative (linear tyre: J. Y. Wong, Theory of Ground Vehicles, 1.4).
-    /// In a turn the rear axle travels towards its outside by this much; when
-    /// the steering goes back, the course follows.
+    /// Slip angle of the rear tyres per lateral acceleration, rad per m/s^2, not
+    /// negative (linear tyre: J. Y. Wong, Theory of Ground Vehicles, 1.4). In a
+    /// turn the rear axle's direction of travel points towards the outside by
+    /// this angle; it returns when the wheels straighten.
     pub rear_slip: T,
-    /// Speed below which the vehicle counts as standing and the velocity
-    /// vector says nothing about the heading, m/s, positive.
+    /// Speed up to which the vehicle counts as standing, m/s, positive. There
+    /// the velocity vector is too noisy to give a heading.
     pub standstill: T,
 }
 
-/// Which estimator setting is unusable.
+/// The setting of the estimator that is unusable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EstimatorError {
-    /// The geometry.
+    /// The geometry or the antenna's place.
     Geometry(GeometryError),
     /// A noise level is not a positive number.
     Noise,
@@ -163,7 +165,7 @@ impl<T: Scalar> EstimatorSettings<T> {
     }
 }
 
-/// What is known of the vehicle at one moment.
+/// The estimated state of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate<T> {
     /// Rear axle, m north of the frame's origin.
@@ -173,25 +175,25 @@ pub struct Estimate<T> {
     /// Direction of travel of the rear axle, rad clockwise from north, in
     /// (-pi, pi].
     pub heading: T,
-    /// True steering angle, rad, positive right: the measured one less its
-    /// bias.
+    /// Steering angle without its bias, rad, positive to the right.
     pub steering_angle: T,
-    /// How far the course of the velocity vector reads too far clockwise, rad.
+    /// Error of the measured course, rad, positive if it reads too far clockwise.
     pub heading_bias: T,
-    /// How far the potentiometer reads too far right, rad.
+    /// Error of the measured steering angle, rad, positive if it reads too far to
+    /// the right.
     pub steering_bias: T,
     /// Speed of the rear axle, m/s, negative in reverse.
     pub speed: T,
 }
 
-/// What the estimator is told in one step.
+/// Inputs of an estimator step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observation<T> {
-    /// The antenna's position, `gps_delay` old, when one arrived.
+    /// The antenna's position, `gps_delay` old, if one arrived.
     pub position: Option<Position>,
-    /// The antenna's velocity, `gps_delay` old, when one arrived.
+    /// The antenna's velocity, `gps_delay` old, if one arrived.
     pub velocity: Option<Velocity>,
-    /// The measured steering angle, rad, when one arrived.
+    /// The measured steering angle, rad, if one arrived.
     pub steering_angle: Option<T>,
     /// The steering rate commanded since the last step, rad/s.
     pub steering_rate: T,
@@ -201,29 +203,31 @@ pub struct Observation<T> {
     pub dt: T,
 }
 
-/// What came of a step of the estimator.
+/// How an estimator step used its inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Update {
-    /// The heading is not known yet: the vehicle has not moved under GPS.
+    /// The heading is not known yet: the vehicle has not moved with GPS data.
     NoHeading,
-    /// GPS data were used.
+    /// GPS data corrected the estimate.
     Corrected,
-    /// No GPS data, or none that fit: dead reckoning.
+    /// There were no GPS data, or they were rejected as outliers. The estimate
+    /// was advanced by dead reckoning.
     DeadReckoned,
-    /// The estimate did not fit the GPS data for so long that it was started
-    /// anew from them.
+    /// The GPS data contradicted the estimate for several steps. It was started
+    /// again from them.
     Restarted,
-    /// An input was not finite or the period not positive: nothing was done.
+    /// An input was not finite or the period not positive. Nothing was changed.
     BadInput,
 }
 
-/// Squared innovation, in variances, beyond which a GPS position is taken for
-/// an outlier (5 standard deviations).
+/// A GPS position is an outlier if its squared innovation exceeds this many
+/// variances (5 standard deviations).
 const GATE: f64 = 25.0;
-/// Outliers in a row after which the estimate is what is wrong.
+/// After this many outliers in a row the estimate, not the data, is taken to be
+/// wrong.
 const PATIENCE: u8 = 5;
 
-/// The filter: an estimate and its covariance.
+/// The filter: estimate and covariance.
 #[derive(Clone, Copy, Debug)]
 pub struct Estimator<T> {
     settings: EstimatorSettings<T>,
@@ -231,7 +235,7 @@ pub struct Estimator<T> {
     state: SVector<T, STATES>,
     covariance: SMatrix<T, STATES, STATES>,
     speed: T,
-    /// Real steering rate as a share of the commanded one, and its variance.
+    /// Real steering rate as a share of the commanded one, with its variance.
     effectiveness: T,
     effectiveness_variance: T,
     heading_known: bool,
@@ -239,8 +243,9 @@ pub struct Estimator<T> {
 }
 
 impl<T: Scalar> Estimator<T> {
-    /// A filter that knows nothing yet; `origin` is where its frame starts,
-    /// within some kilometres of the field.
+    /// A filter without an estimate. `origin` is the origin of its frame. Keep
+    /// it within 16 km of the field: farther away single precision loses
+    /// millimetres.
     ///
     /// # Errors
     /// [`EstimatorError`] names the setting that is unusable.
@@ -261,7 +266,7 @@ impl<T: Scalar> Estimator<T> {
         Ok(filter)
     }
 
-    /// Whether position and heading are known.
+    /// True if position and heading are known.
     #[must_use]
     pub fn is_ready(&self) -> bool {
         self.heading_known
@@ -273,15 +278,15 @@ impl<T: Scalar> Estimator<T> {
         self.origin
     }
 
-    /// Tells how old GPS data are when they arrive, s, when something measures
-    /// it; a negative or not finite value changes nothing.
+    /// Sets the measured age of GPS data at their arrival, s. A value that is
+    /// negative or not finite is ignored.
     pub fn set_gps_delay(&mut self, delay: T) {
         if delay.is_finite() && delay >= T::zero() {
             self.settings.gps_delay = delay;
         }
     }
 
-    /// Moves the frame to a new origin; the vehicle stays where it is.
+    /// Moves the origin of the frame. The vehicle keeps its place on the ground.
     pub fn rebase(&mut self, origin: Position) {
         let (north, east) = self.origin.metres_from::<T>(origin);
         self.state[NORTH] += north;
@@ -289,7 +294,7 @@ impl<T: Scalar> Estimator<T> {
         self.origin = origin;
     }
 
-    /// The present estimate; position and heading mean something only once
+    /// The current estimate. Position and heading are valid only if
     /// [`Self::is_ready`].
     #[must_use]
     pub fn estimate(&self) -> Estimate<T> {
@@ -305,7 +310,8 @@ impl<T: Scalar> Estimator<T> {
         }
     }
 
-    /// Standard deviations of the estimate's first six fields, in their units.
+    /// Standard deviations of the first six fields of [`Estimate`], in their
+    /// units.
     #[must_use]
     pub fn deviations(&self) -> [T; STATES] {
         let p = &self.covariance;
@@ -320,7 +326,7 @@ impl<T: Scalar> Estimator<T> {
     }
 
     /// Real steering rate as a share of the commanded one, in [0.3, 1.5],
-    /// learnt while the steering moves: a loaded or worn actuator is slower
+    /// estimated while the steering moves. A loaded or worn actuator is slower
     /// than its calibration.
     #[must_use]
     pub fn effectiveness(&self) -> T {
@@ -340,8 +346,8 @@ impl<T: Scalar> Estimator<T> {
         self.covariance[(NORTH, NORTH)] + self.covariance[(EAST, EAST)]
     }
 
-    /// One step: moves the estimate on by `dt`, then corrects it by what
-    /// arrived.
+    /// One step: advances the estimate by `dt`, then corrects it with the
+    /// measurements that arrived.
     pub fn step(&mut self, seen: &Observation<T>) -> Update {
         let finite = seen.dt.is_finite()
             && seen.dt > T::zero()
@@ -370,7 +376,7 @@ impl<T: Scalar> Estimator<T> {
     fn forget_angles(&mut self) {
         let noise = self.settings.noise;
         let square = |value: T| value * value;
-        // Any angle is possible until the potentiometer has spoken.
+        // Any steering angle is possible before the first measurement.
         self.covariance[(STEERING, STEERING)] = T::lit(0.25);
         self.covariance[(HEADING_BIAS, HEADING_BIAS)] = square(noise.first_heading_bias);
         self.covariance[(STEERING_BIAS, STEERING_BIAS)] = square(noise.first_steering_bias);
@@ -394,7 +400,7 @@ impl<T: Scalar> Estimator<T> {
         let turned = seen.steering_rate * self.effectiveness * dt;
         let tangent = (self.state[STEERING] + turned * half).tangent();
         let turn = way * tangent / length - self.slip_change(tangent, turned);
-        // Growth of the turn with the steering angle.
+        // Derivative of the turn with respect to the steering angle.
         let gain = way * (T::one() + tangent * tangent) / length;
         let (sine, cosine) = (self.state[HEADING] + turn * half).sine_cosine();
         self.state[NORTH] += way * cosine;
@@ -402,7 +408,7 @@ impl<T: Scalar> Estimator<T> {
         self.state[HEADING] = wrap_angle(self.state[HEADING] + turn);
         self.state[STEERING] += turned;
 
-        // P <- F P F' with F the identity but for these entries.
+        // P <- F P F', where F is the identity except for these entries.
         let north_heading = -way * sine;
         let east_heading = way * cosine;
         let north_steering = north_heading * gain * half;
@@ -433,11 +439,11 @@ impl<T: Scalar> Estimator<T> {
         }
     }
 
-    /// Corrects the effectiveness by what the potentiometer shows beside what
-    /// a movement of `asked` (rad) should have made of it.
+    /// Updates the effectiveness from the `innovation` (rad) of the measured
+    /// steering angle after a commanded movement of `asked` (rad).
     fn learn_effectiveness(&mut self, innovation: T, asked: T) {
         let noise = self.settings.noise.steering;
-        // Small movements drown in the noise of two readings.
+        // A small movement does not exceed the noise of two readings.
         if !(asked.abs() > T::lit(5.0) * noise) {
             return;
         }
@@ -445,7 +451,7 @@ impl<T: Scalar> Estimator<T> {
         let gain = asked * self.effectiveness_variance / spread;
         self.effectiveness += gain * innovation;
         self.effectiveness_variance *= T::one() - gain * asked;
-        // It changes by some percent a second.
+        // The effectiveness may change by some percent per second.
         self.effectiveness_variance += T::lit(4e-4);
         let (least, most) = (T::lit(0.3), T::lit(1.5));
         if !(self.effectiveness > least) {
@@ -509,17 +515,17 @@ impl<T: Scalar> Estimator<T> {
         }
     }
 
-    /// Corrects the speed and returns the course of the antenna with its
-    /// variance, when there is one.
+    /// Corrects the speed. Returns the antenna's course with its variance if the
+    /// vehicle is fast enough to have one.
     fn see_speed(&mut self, north: T, east: T, seen: &Observation<T>) -> Option<(T, T)> {
         let size = (north * north + east * east).root();
-        // The velocity vector has no sign of its own: it is the drive that
-        // goes forward or back.
+        // The velocity vector does not tell forward from reverse; the drive
+        // does.
         let backward = self.speed < T::zero();
         let lead = self.antenna_lead(self.state[STEERING]);
         let (_, cosine) = lead.sine_cosine();
         let forward = if backward { -size } else { size } * cosine;
-        // An antenna inside the turn is slower than the rear axle.
+        // On the inside of a turn the antenna is slower than the rear axle.
         let measured = forward * self.forward_ratio(self.state[STEERING]);
         let late = self.settings.gps_delay / (self.settings.drive_lag + self.settings.gps_delay);
         let expected = self.speed - (seen.speed - self.speed) * late;
@@ -554,15 +560,16 @@ impl<T: Scalar> Estimator<T> {
         length / (length - self.settings.antenna.right * steering_angle.tangent())
     }
 
-    /// By how much the rear axle's slip grows while the steering turns by
-    /// `turned` (rad) about an angle with this `tangent`.
+    /// Change of the rear axle's slip angle while the steering turns by `turned`
+    /// (rad) about an angle with this `tangent`.
     fn slip_change(&self, tangent: T, turned: T) -> T {
         let geometry = &self.settings.geometry;
         let curvature = (T::one() + tangent * tangent) * turned / geometry.wheelbase();
         self.settings.rear_slip * self.speed * self.speed.abs() * curvature
     }
 
-    /// The pose at the time of the GPS data, as seen from the present state.
+    /// The pose at the time when the GPS data were measured, computed back from
+    /// the current state.
     fn delayed(&self, seen: &Observation<T>) -> Delayed<T> {
         let half = T::lit(0.5);
         let delay = self.settings.gps_delay;
@@ -617,7 +624,8 @@ impl<T: Scalar> Estimator<T> {
         self.outliers = 0;
     }
 
-    /// Corrects by an antenna position; false when it is an outlier.
+    /// Corrects the estimate by an antenna position. Returns false if the
+    /// position is an outlier; the estimate is then unchanged.
     fn see_position(&mut self, position: Position, seen: &Observation<T>) -> bool {
         let (north, east) = position.metres_from::<T>(self.origin);
         let noise = self.settings.noise.position;
@@ -647,7 +655,7 @@ impl<T: Scalar> Estimator<T> {
             ];
             (rows, innovations)
         };
-        // Both axes are judged before either is used.
+        // Test both axes before using either.
         for (row, &innovation) in rows.iter().zip(&innovations) {
             let spread = row.dot(&(self.covariance * row)) + variance;
             if !(innovation * innovation <= gate * spread) {
@@ -659,7 +667,7 @@ impl<T: Scalar> Estimator<T> {
         let before = self.state;
         self.correct(&row_north, innovation_north, variance);
         let mut change = self.state - before;
-        // Due south the correction may have wrapped the heading.
+        // Near south the correction may have wrapped the heading.
         change[HEADING] = wrap_angle(change[HEADING]);
         let moved = row_east.dot(&change);
         self.correct(&row_east, innovation_east - moved, variance);
@@ -682,9 +690,9 @@ impl<T: Scalar> Estimator<T> {
         }
     }
 
-    /// The update for one scalar measurement, with the biases frozen while
-    /// the vehicle stands (a Schmidt-Kalman update: their gain is zero, their
-    /// uncertainty is still counted).
+    /// Measurement update for one scalar measurement. At standstill the biases
+    /// are frozen by a Schmidt-Kalman update: their gain is zero, but their
+    /// uncertainty still counts.
     fn correct(&mut self, row: &SVector<T, STATES>, innovation: T, variance: T) {
         let spread_by_row = self.covariance * row;
         let spread = row.dot(&spread_by_row) + variance;
@@ -717,15 +725,15 @@ impl<T: Scalar> Estimator<T> {
     }
 }
 
-/// The pose at the time of the GPS data.
+/// The pose at the time when the GPS data were measured.
 struct Delayed<T> {
-    /// Way since then, m.
+    /// Distance driven since then, m.
     way: T,
-    /// Growth of the turn since then with the steering angle.
+    /// Derivative of the turn since then with respect to the steering angle.
     gain: T,
     /// Heading then, rad.
     heading: T,
-    /// Heading halfway since then, rad.
+    /// Heading halfway between then and now, rad.
     middle: T,
     /// Steering angle then, rad.
     steering_angle: T,

@@ -1,8 +1,9 @@
-//! State feedback that knows the actuator's limits.
+//! State feedback and the limits of the actuators.
 
 use crate::scalar::{Scalar, clamp_symmetric};
 
-/// Limits of the vehicle (thesis 5.3), all positive, symmetric about zero.
+/// Limits of the vehicle's actuators (thesis 5.3). All are positive and apply
+/// to both directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits<T> {
     /// Largest steering angle, rad.
@@ -55,11 +56,12 @@ impl<T: Scalar> Limits<T> {
         }
     }
 
-    /// The steering rate nearest to `rate` (rad/s) that respects the rate
-    /// limit and keeps the steering angle, now `angle` (rad), within its
-    /// limit over the next `period` (s, positive).
+    /// The steering rate nearest to `rate` (rad/s) that respects the rate limit
+    /// and keeps the steering angle within its limit over the next `period` (s,
+    /// positive). `angle` is the current angle (rad).
     ///
-    /// From beyond the angle limit only motion back is let through.
+    /// If the angle is beyond its limit, only rates towards the centre are
+    /// allowed.
     #[must_use]
     pub fn steering_rate(&self, rate: T, angle: T, period: T) -> T {
         let rate = clamp_symmetric(rate, self.steering_rate);
@@ -77,7 +79,7 @@ impl<T: Scalar> Limits<T> {
     }
 }
 
-/// u = -K x for one input and N states, before any limit.
+/// State feedback u = -K x for one input and N states, without limits.
 #[must_use]
 pub fn state_feedback<T: Scalar, const N: usize>(gain: &[T; N], state: &[T; N]) -> T {
     gain.iter()

@@ -1,35 +1,34 @@
-//! The steering law: from where the vehicle stands to the steering angle it
-//! should have.
+//! The steering law: computes the target steering angle from the vehicle's
+//! deviation from its path.
 //!
-//! Near the path it is the linear quadratic regulator, exactly. Read as a
-//! cascade, u = -K x says: the cross-track error wants a heading, the heading
-//! wants a steering angle, the steering angle wants a rate. Far from the path
-//! each of these wishes is limited to what the vehicle can do and can stop
-//! doing in time:
+//! Near the path the law is exactly the linear quadratic regulator u = -K x,
+//! written as a cascade: the cross-track error sets a target heading, the
+//! heading error sets a target steering angle, and the steering angle error
+//! sets a steering rate. Far from the path each target is limited:
 //!
-//! * the heading to the one from which an arc at nearly full lock, begun when
-//!   the steering needs to begin, ends on the path (and never more than square
-//!   to it);
-//! * the steering angle to its limit, and to what can be taken back before
-//!   the heading is reached;
-//! * the rate to its limit.
+//! * the heading, to the one from which an arc at nearly full steering angle
+//!   still ends on the path, started early enough for the steering to travel.
+//!   It is never more than square to the path. The text calls this arc the
+//!   swing;
+//! * the steering angle, to its limit, and to the angle that can be taken back
+//!   before the target heading is reached;
+//! * the rate, to its limit.
 //!
-//! That is the structure of a proximate time-optimal servo (Workman, Kosut and
+//! This is the structure of a proximate time-optimal servo (Workman, Kosut and
 //! Franklin, "Adaptive proximate time-optimal servomechanisms", American
-//! Control Conference 1987): from anywhere the vehicle turns at full lock until
-//! it is square to the path, drives straight, and swings onto it, which is the
-//! shortest path of Dubins but for the time the steering needs. No error is
-//! large enough to ask for more than the actuator has, so nothing winds up
-//! behind a saturated actuator.
+//! Control Conference 1987). From anywhere the vehicle turns at full steering
+//! angle until it is square to the path, drives straight, and swings onto the
+//! path. Apart from the travel time of the steering, that is the shortest path
+//! of Dubins. No target exceeds what the actuator can do, so no integrator
+//! winds up.
 //!
-//! Two regulators are blended: a firm one that brings the vehicle onto the
-//! path and a gentle one that keeps it there, so that noise moves the
-//! steering little.
+//! Two regulators are blended. The firm one brings the vehicle onto the path.
+//! The gentle one keeps it there with little steering movement from noise.
 
 use crate::feedback::{LimitError, Limits};
 use crate::scalar::{Scalar, clamp_symmetric, wrap_angle};
 
-/// What the law needs to know beside the gains.
+/// Settings of the law other than the gains.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuidanceSettings<T> {
     /// Wheelbase, m, positive.
@@ -37,52 +36,54 @@ pub struct GuidanceSettings<T> {
     /// Actuator limits.
     pub limits: Limits<T>,
     /// Share of the steering angle limit that a swing onto the path uses, in
-    /// (0, 1]; the rest corrects.
+    /// (0, 1]. The rest is left for corrections.
     pub swing: T,
-    /// Time by which a swing is begun early, s: what the steering needs to
-    /// reach half its angle.
+    /// Time by which a swing starts early, s: about the time in which the
+    /// steering reaches half of the swing's angle.
     pub lead: T,
-    /// Share of the lead by which the regulator looks ahead when it asks for
-    /// half as much again as the steering rate limit, in [0, 1].
+    /// Look-ahead of the regulator, as a share of `lead`, reached when it demands
+    /// 1.5 times the rate limit. In [0, 1].
     pub foresight: T,
-    /// Rate assumed for taking back the steering angle near the path and
-    /// during a swing, as shares of the rate limit, positive.
+    /// Steering rates at which the law plans to take back a steering angle, as
+    /// shares of the rate limit, positive.
     pub brake: Brake<T>,
-    /// Cross-track error up to which only the gentle regulator works, m; the
-    /// firm one has taken over at twice that.
+    /// Cross-track error up to which only the gentle regulator acts, m. Beyond
+    /// it the firm one is blended in; from twice this error it acts alone.
     pub near: T,
-    /// The same for the heading error, rad.
+    /// The same limit for the heading error, rad.
     pub aligned: T,
-    /// Largest correction that the integral of the cross-track error may make,
-    /// as a cross-track error, m.
+    /// Largest correction by the integral of the cross-track error, expressed as
+    /// a cross-track error, m.
     pub integral_limit: T,
-    /// Cross-track error beyond which nothing is integrated, m.
+    /// Cross-track error from which on the integral is held, m.
     pub integral_zone: T,
 }
 
-/// Shares of the steering rate limit that the law plans with.
+/// Shares of the steering rate limit at which the law plans to take back a
+/// steering angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Brake<T> {
-    /// Under the regulators.
+    /// While a regulator steers, near the path.
     pub regulating: T,
-    /// During an approach, when the vehicle's motion is looked at `lead`
-    /// seconds ahead.
+    /// During an approach, where the law predicts the motion over `lead`
+    /// seconds.
     pub approaching: T,
 }
 
-/// Which setting of the law is unusable.
+/// The setting of the law that is unusable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GuidanceError {
     /// The wheelbase is not a positive number.
     Wheelbase,
-    /// A limit.
+    /// A limit of the actuators.
     Limit(LimitError),
     /// The swing's share is not in (0, 1], the foresight not in [0, 1], or a
     /// brake's share not positive.
     Share,
-    /// The lead is negative or not a number.
+    /// The lead is negative or not a finite number.
     Lead,
-    /// A zone or the integral's limit is not a positive number.
+    /// The limit of the gentle regulator or of the integral is not a positive
+    /// number.
     Zone,
 }
 
@@ -91,11 +92,11 @@ impl core::fmt::Display for GuidanceError {
         match self {
             Self::Wheelbase => f.write_str("the wheelbase is not a positive number"),
             Self::Limit(error) => error.fmt(f),
-            Self::Share => {
-                f.write_str("a share of a steering limit or of the lead is out of range")
-            }
-            Self::Lead => f.write_str("the steering's lead is negative or not a number"),
-            Self::Zone => f.write_str("a zone of the steering law is not a positive number"),
+            Self::Share => f.write_str("the swing, the foresight or a brake share is out of range"),
+            Self::Lead => f.write_str("the lead of the steering law is negative or not a number"),
+            Self::Zone => f.write_str(
+                "a cross-track or heading limit of the steering law is not a positive number",
+            ),
         }
     }
 }
@@ -142,44 +143,44 @@ impl<T: Scalar> GuidanceSettings<T> {
 /// and the steering angle (1/s), for u = -K x. The last three are positive.
 pub type Gains<T> = [T; 4];
 
-/// Where the vehicle stands relative to its path.
+/// State of the vehicle relative to its path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deviation<T> {
     /// Distance of the rear axle to the right of the path, m.
     pub cross_track: T,
-    /// Heading less the direction of the path, rad.
+    /// Heading minus the direction of the path, rad.
     pub heading: T,
     /// Steering angle, rad.
     pub steering_angle: T,
     /// Speed, m/s, not negative.
     pub speed: T,
-    /// Curvature of the path where the vehicle is, 1/m, positive right.
+    /// Curvature of the path beside the vehicle, 1/m, positive to the right.
     pub curvature: T,
-    /// Curvature to steer for, 1/m: that of the path a little ahead, smoothed
-    /// over the way the steering needs to get there.
+    /// Curvature of the path a little ahead, 1/m, averaged over the distance that
+    /// the vehicle drives while the steering travels.
     pub curvature_ahead: T,
     /// Real steering rate as a share of the commanded one, positive.
     pub effectiveness: T,
 }
 
-/// A steering angle to go to.
+/// The target of the steering.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wish<T> {
-    /// Steering angle, rad, within the limit.
+pub struct Target<T> {
+    /// Target steering angle, rad, within the limit.
     pub angle: T,
-    /// Rate for each radian still to go, 1/s.
+    /// Steering rate per radian of remaining angle, 1/s.
     pub follow: T,
 }
 
-/// A swing onto the path at one distance from it.
+/// The swing onto the path, at one distance from it.
 struct Swing<T> {
-    /// Heading towards the path, rad, positive.
+    /// Heading error towards the path, rad, positive.
     heading: T,
-    /// Growth of that heading with the distance, 1/m.
+    /// Derivative of that heading with respect to the distance, 1/m.
     bend: T,
 }
 
-/// The law and its memory: the integral and the side to which it turns.
+/// The law and its state: the integral and the direction of a turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Guidance<T> {
     settings: GuidanceSettings<T>,
@@ -199,13 +200,13 @@ fn clamp_share<T: Scalar>(value: T) -> T {
     }
 }
 
-/// Heading deviation beyond which the direction of turn, once chosen, is kept,
-/// rad (150 degrees): with the vehicle facing away both ways round are equally
-/// long, and noise must not choose anew in every step.
+/// Heading error from which on the direction of a turn is kept once chosen, rad
+/// (150 degrees). If the vehicle faces away from the path, both directions are
+/// equally long, and noise must not change the choice in every step.
 const REVERSAL: f64 = 2.618;
 
 impl<T: Scalar> Guidance<T> {
-    /// A law with an empty memory.
+    /// A law with no integral and no direction of turn.
     ///
     /// # Errors
     /// [`GuidanceError`] names the setting that is unusable.
@@ -219,21 +220,22 @@ impl<T: Scalar> Guidance<T> {
         })
     }
 
-    /// Forgets the integral and the direction of turn.
+    /// Clears the integral and the direction of turn.
     pub fn reset(&mut self) {
         self.integral = T::zero();
         self.turning = T::zero();
         self.saturated = false;
     }
 
-    /// What the integral adds to the cross-track error, m.
+    /// Correction by the integral, added to the cross-track error, m.
     #[must_use]
     pub fn integral(&self) -> T {
         self.integral
     }
 
-    /// Way over which the steering reaches a swing's angle at `speed` (m/s)
-    /// and `effectiveness`, m.
+    /// Distance that the vehicle drives at `speed` (m/s) while the steering
+    /// travels to a swing's angle, m. `effectiveness` is the real steering rate
+    /// as a share of the commanded one.
     #[must_use]
     pub fn steering_way(&self, speed: T, effectiveness: T) -> T {
         let settings = &self.settings;
@@ -241,16 +243,16 @@ impl<T: Scalar> Guidance<T> {
         speed.abs() * angle / (settings.limits.steering_rate * effectiveness)
     }
 
-    /// The steering angle wished for and the gain with which the rate follows
-    /// it, under the `firm` and the `gentle` regulator. `dt` is the time since
-    /// the last call, s.
-    pub fn wish(
+    /// The target steering angle and the gain with which the rate follows it,
+    /// from the gains of the `firm` and the `gentle` regulator. `dt` is the time
+    /// since the last call, s.
+    pub fn target(
         &mut self,
         at: &Deviation<T>,
         firm: &Gains<T>,
         gentle: &Gains<T>,
         dt: T,
-    ) -> Wish<T> {
+    ) -> Target<T> {
         let settings = self.settings;
         let share = self.firm_share(at);
         let mut gains = *gentle;
@@ -262,7 +264,7 @@ impl<T: Scalar> Guidance<T> {
         let cross = at.cross_track + self.integral;
         let feed = self.angle_for(at.curvature_ahead);
 
-        // Where the vehicle will be when the steering has had its time.
+        // Predicted deviation after the lead.
         let lead = settings.lead / at.effectiveness;
         let way = at.speed * lead;
         let turn = (at.steering_angle.tangent() / settings.wheelbase - at.curvature) * way;
@@ -283,7 +285,7 @@ impl<T: Scalar> Guidance<T> {
             } else {
                 swing.heading
             };
-            // The swing itself asks for a steering angle.
+            // Steering angle of the swing's own curvature.
             let curvature = at.curvature_ahead - swing.bend * heading_soon.sine_cosine().0;
             (
                 self.angle_for(curvature),
@@ -308,28 +310,28 @@ impl<T: Scalar> Guidance<T> {
             || limited != angle
             || wanted.abs() > allowed
             || rate.abs() > settings.limits.steering_rate;
-        Wish {
+        Target {
             angle: limited,
             follow: k_steering,
         }
     }
 
-    /// How much of the firm regulator is at work: none near the path, all away
-    /// from it, a share between.
+    /// Share of the firm regulator: 0 near the path, 1 away from it, a value in
+    /// between in the transition.
     fn firm_share(&self, at: &Deviation<T>) -> T {
         let off = at.cross_track.abs() / self.settings.near;
         let askew = at.heading.abs() / self.settings.aligned;
         clamp_share(if off > askew { off } else { askew } - T::one())
     }
 
-    /// Share of the lead by which the regulator looks ahead.
+    /// Look-ahead of the regulator, as a share of the lead.
     ///
-    /// None while the actuator keeps up, for then the gains are the optimal
-    /// ones. When `linear`, the rate that they ask for (rad/s), is more than
-    /// the actuator has, the angle comes late, and without looking ahead the
-    /// vehicle would swing from side to side at full lock for ever. The same
-    /// goes for a steering that is slow for the speed: one that needs a good
-    /// part of the turning radius to reach its angle.
+    /// It is zero while the actuator can follow: then the gains are optimal. If
+    /// `linear`, the rate that the gains demand (rad/s), exceeds the rate limit,
+    /// the steering angle comes late. Without look-ahead the vehicle would then
+    /// oscillate at full steering angle without end. The same holds for a
+    /// steering that is slow for the speed: one that travels to its angle over a
+    /// considerable part of the turning radius.
     fn anticipation(&self, at: &Deviation<T>, linear: T) -> T {
         let beyond = linear.abs() / self.settings.limits.steering_rate - T::one();
         let saturated = self.settings.foresight * clamp_share(beyond * T::lit(2.0));
@@ -345,10 +347,10 @@ impl<T: Scalar> Guidance<T> {
         (settings.swing * settings.limits.steering_angle).tangent() / settings.wheelbase
     }
 
-    /// Adds to the integral while the vehicle is near the path and nothing
-    /// saturates (anti-windup by conditional integration). It is kept as the
-    /// cross-track error that it stands for, so that a change of gains does
-    /// not move the steering.
+    /// Integrates the cross-track error while the vehicle is near the path and
+    /// nothing saturates (anti-windup by conditional integration). The integral
+    /// is stored as an equivalent cross-track error, so that a change of gains
+    /// does not move the steering.
     fn integrate(&mut self, cross: T, k_integral: T, k_cross: T, dt: T) {
         if self.saturated || !(cross.abs() < self.settings.integral_zone) {
             return;
@@ -357,24 +359,26 @@ impl<T: Scalar> Guidance<T> {
         self.integral = clamp_symmetric(sum, self.settings.integral_limit);
     }
 
-    /// Steering angle that holds a curvature (1/m), rad.
+    /// Steering angle for a curvature (1/m), rad.
     fn angle_for(&self, curvature: T) -> T {
         (curvature * self.settings.wheelbase).angle_of(T::one())
     }
 
-    /// Steering angle that can be taken back at a `share` of the rate limit
-    /// before a heading error of `error` (rad) is used up: over the time d / r
-    /// it takes, the vehicle turns by V d^2 / (2 r L).
+    /// Largest steering angle that can be taken back at a `share` of the rate
+    /// limit before the heading has turned by `error` (rad). Taking back an angle
+    /// d at the rate r takes d / r, and meanwhile the vehicle turns by
+    /// V d^2 / (2 r L).
     fn brake(&self, error: T, at: &Deviation<T>, share: T) -> T {
         let settings = &self.settings;
         let rate = settings.limits.steering_rate * at.effectiveness * share;
-        // At a crawl the heading hardly changes: no limit worth the name.
+        // Near standstill the heading hardly changes. The offset avoids a
+        // division by zero.
         let speed = at.speed + T::lit(0.05);
         (T::lit(2.0) * rate * settings.wheelbase * error.abs() / speed).root()
     }
 
-    /// `error` as a turn to make, in the direction already begun when it is
-    /// nearly half a circle.
+    /// The turn that removes the heading error `error` (rad). If it is nearly half
+    /// a circle, the direction already begun is kept.
     fn turn_towards(&mut self, error: T) -> T {
         let error = wrap_angle(error);
         let sign = if error < T::zero() {
@@ -393,21 +397,21 @@ impl<T: Scalar> Guidance<T> {
         }
     }
 
-    /// The heading towards the path from which an arc still ends on it, at
-    /// `distance` (m) from it.
+    /// The swing at `distance` (m) from the path: the heading towards the path
+    /// from which an arc still ends on it.
     fn swing(&self, distance: T, at: &Deviation<T>) -> Swing<T> {
         let square = Swing {
             heading: T::frac_pi_2(),
             bend: T::zero(),
         };
         let curvature = self.swing_curvature();
-        // Straightening out takes a way, over which the arc becomes a spiral
-        // that lands beside the arc's own end by this much (the shift of a
-        // clothoid, way^2 / (24 R)).
+        // While the steering straightens, the arc becomes a clothoid. It ends
+        // beside the arc's own end by the shift of a clothoid, way^2 / (24 R).
         let way = self.steering_way(at.speed, at.effectiveness);
         let shift = way * way * curvature / T::lit(24.0);
         if distance < T::lit(4.0) * shift {
-            // Inside the spiral the regulator is the gentler one.
+            // Within the clothoid the regulator steers: a limit of square to
+            // the path does not act.
             return square;
         }
         let versine = (distance - shift) * curvature;

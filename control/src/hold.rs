@@ -1,27 +1,27 @@
-//! Few, deliberate movements of an actuator with a dead band.
+//! The hold: few movements of an actuator with a dead band.
 //!
-//! A steering actuator that holds its angle by itself need not answer every
-//! small wish. Compensating its dead band turns noise into full-blooded
-//! commands of alternating sign (thesis Figure 7.26); so small wishes are left
-//! alone, and a movement once begun goes on until it has arrived.
+//! A steering actuator that keeps its angle by itself need not follow every
+//! small change of its target. With the dead band compensated, noise becomes
+//! large commands of alternating sign (thesis Figure 7.26). So the hold ignores
+//! small errors, and once a movement has begun, it continues to the target.
 
 use crate::scalar::Scalar;
 
-/// When to move and when to rest.
+/// Thresholds of the hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HoldSettings<T> {
-    /// Difference of wish and angle at which a movement begins, rad.
+    /// Difference of target and angle at which a movement begins, rad.
     pub begin: T,
-    /// Difference at which it ends, rad; less than `begin`.
+    /// Difference at which a movement ends, rad; less than `begin`.
     pub end: T,
-    /// Slowest rate worth commanding, rad/s.
+    /// Slowest rate to command, rad/s.
     pub slowest: T,
 }
 
-/// Rests or moves; the one bit of memory that makes the hysteresis.
+/// The state of the hysteresis: at rest or moving.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Hold {
-    /// Sign of the movement under way; zero at rest.
+    /// Sign of the current movement; zero at rest.
     direction: i8,
 }
 
@@ -32,16 +32,16 @@ impl Hold {
         Self { direction: 0 }
     }
 
-    /// Whether the actuator rests.
+    /// True if the actuator rests.
     #[must_use]
     pub const fn rests(&self) -> bool {
         self.direction == 0
     }
 
-    /// The rate (rad/s) to command when `error` (rad) is still to go and
-    /// `follow` (1/s) is the regulator's gain: zero at rest. `dt` (s) is the
-    /// time for which the command will hold; the movement is not commanded
-    /// beyond its end.
+    /// The rate (rad/s) to command, zero at rest. `error` (rad) is the remaining
+    /// angle, `follow` (1/s) the regulator's gain, and `dt` (s) the time for
+    /// which the command applies. The rate does not move beyond the target within
+    /// that time.
     pub fn rate<T: Scalar>(&mut self, settings: &HoldSettings<T>, error: T, follow: T, dt: T) -> T {
         let forward = error > T::zero();
         let sign: i8 = if forward { 1 } else { -1 };
@@ -53,7 +53,7 @@ impl Hold {
             self.direction = sign;
         } else if !(size > settings.end) || self.direction != sign {
             self.direction = 0;
-            // A wish far on the other side starts a movement at once.
+            // A target far on the other side starts a new movement at once.
             if !(size > settings.begin) {
                 return T::zero();
             }

@@ -1,5 +1,6 @@
-//! Kalman filters for linear models: with a steady gain, computed ahead, and
-//! with a gain of their own in every step (thesis 7.2.5, Figure 7.10).
+//! Kalman filters for linear models: the steady-state filter, whose gain is
+//! constant, and the time-varying filter, which computes a gain in each step
+//! (thesis 7.2.5, Figure 7.10).
 
 use crate::linear::{is_finite, is_positive, is_symmetric, solve, symmetric_part};
 use crate::lqr::{RegulatorError, dlqr};
@@ -7,7 +8,7 @@ use crate::model::{Continuous, Discrete};
 use crate::scalar::Scalar;
 use nalgebra::{SMatrix, SVector};
 
-/// Why there is no filter, or a step of it failed.
+/// Why no filter exists, or why a step of it failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KalmanError {
     /// An entry of F or H is NaN or infinite.
@@ -16,11 +17,12 @@ pub enum KalmanError {
     ProcessNoise,
     /// The measurement noise is not finite, symmetric and positive definite.
     MeasurementNoise,
-    /// A mode that does not decay is not seen by the measurements.
+    /// The system is not detectable: the measurements do not observe a mode
+    /// that does not decay.
     NotDetectable,
     /// The data are too badly conditioned for a reliable gain.
     IllConditioned,
-    /// A measurement is NaN or infinite; the filter was left as it was.
+    /// A measurement is NaN or infinite. The filter is unchanged.
     MeasurementNotFinite,
 }
 
@@ -32,7 +34,7 @@ impl core::fmt::Display for KalmanError {
             Self::MeasurementNoise => {
                 "the measurement noise is not symmetric and positive definite"
             }
-            Self::NotDetectable => "a mode that does not decay is not seen by the measurements",
+            Self::NotDetectable => "the measurements do not observe a mode that does not decay",
             Self::IllConditioned => "the data are too badly conditioned for a reliable gain",
             Self::MeasurementNotFinite => "a measurement is not a finite number",
         })
@@ -41,7 +43,7 @@ impl core::fmt::Display for KalmanError {
 
 impl core::error::Error for KalmanError {}
 
-/// A filter gain that no longer changes.
+/// A steady-state filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SteadyState<T, const N: usize, const P: usize> {
     /// Gain on the innovation, N x P, for x <- x + K (z - H x).
@@ -52,8 +54,9 @@ pub struct SteadyState<T, const N: usize, const P: usize> {
     pub corrected: SMatrix<T, N, N>,
 }
 
-/// The steady Kalman filter for x' = F x + w, z = H x + v with covariances
-/// `q` (N x N) of w and `r` (P x P) of v, by the regulator's dual.
+/// The steady-state Kalman filter for x' = F x + w, z = H x + v with covariances
+/// `q` (N x N) of w and `r` (P x P) of v. It is computed as the dual of the
+/// linear quadratic regulator.
 ///
 /// # Errors
 /// [`KalmanError`] names the matrix or the condition at fault.
@@ -93,8 +96,8 @@ pub struct Kalman<T, const N: usize> {
 }
 
 impl<T: Scalar, const N: usize> Kalman<T, N> {
-    /// Moves the estimate on by one period of `model` with input `u`; `q`
-    /// (N x N) is the process noise of that period.
+    /// Time update: advances the estimate by one period of `model` with input
+    /// `u`. `q` (N x N) is the covariance of the process noise over the period.
     pub fn predict<const M: usize>(
         &mut self,
         model: &Discrete<T, N, M>,
@@ -105,12 +108,12 @@ impl<T: Scalar, const N: usize> Kalman<T, N> {
         self.covariance = symmetric_part(&(model.f * self.covariance * model.f.transpose() + q));
     }
 
-    /// Corrects the estimate by a measurement `z` = `h` x + v, where v has
-    /// covariance `r` (P x P). The covariance is updated in Joseph's form,
-    /// which keeps it positive.
+    /// Measurement update by `z` = `h` x + v, where v has the covariance `r`
+    /// (P x P). The covariance is updated in Joseph's form, which keeps it
+    /// positive semidefinite.
     ///
     /// # Errors
-    /// [`KalmanError`]; the filter is then unchanged.
+    /// [`KalmanError`] names the input at fault. The filter is then unchanged.
     pub fn correct<const P: usize>(
         &mut self,
         z: &SVector<T, P>,
@@ -152,13 +155,13 @@ fn joseph<T: Scalar, const N: usize, const P: usize>(
     symmetric_part(&(rest * covariance * rest.transpose() + gain * r * gain.transpose()))
 }
 
-/// The steering model with constant biases of the heading and the steering
-/// angle measurement (thesis Figure 7.11): five states cross-track error (m),
-/// heading error, steering angle, heading bias, steering bias (rad), and the
-/// matrix (3 x 5) of the three measurements.
+/// The steering model extended by constant biases of the heading and steering
+/// angle measurements (thesis Figure 7.11). The five states are cross-track
+/// error (m), heading error, steering angle, heading bias and steering bias
+/// (rad). Returns the model and the 3 x 5 measurement matrix.
 ///
-/// Observable while the vehicle moves; at standstill only the sums that the
-/// sensors show are.
+/// It is observable while the vehicle moves. At standstill only the sums of an
+/// angle and its bias are observable.
 #[must_use]
 pub fn with_biases<T: Scalar>(
     model: &Continuous<T, 3, 1>,

@@ -1,9 +1,11 @@
 //! Vehicle models, control design, estimation, guidance, modes and safety
 //! limits, without the standard library.
 //!
-//! Everything is generic over [`scalar::Scalar`]: `f32` on the target, `f64`
-//! on the host. No allocation, no I/O, no unsafe code; a step of the
-//! controller cannot panic.
+//! The crate knows no particular vehicle: [`vehicle::Description`] describes
+//! one, and all settings are derived from it. The code is generic over
+//! [`scalar::Scalar`]: `f32` on the target, `f64` on the host. It uses no
+//! allocation, no I/O and no unsafe code, and a step of the controller cannot
+//! panic.
 //!
 //! Frames and signs, as in thesis 7.2.4: positions are north and east;
 //! headings and steering angles are clockwise (to the right) positive, in
@@ -12,8 +14,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
-// Conditions are written so that NaN takes the safe branch: `!(x > 0)` is not
-// `x <= 0`.
+// Conditions are written so that NaN takes the safe branch: for NaN,
+// `!(x > 0)` is true and `x <= 0` is false.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod analysis;

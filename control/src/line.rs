@@ -1,9 +1,10 @@
-//! Waypoint lines: where the vehicle stands relative to the line it follows.
+//! Lines between two waypoints, and the vehicle's position relative to them.
 
 use crate::position::Position;
 use crate::scalar::{Scalar, wrap_angle};
 
-/// The directed line through two waypoints (thesis Figure 7.7, Wa to Wb).
+/// The directed line from one waypoint through another (thesis Figure 7.7, Wa
+/// to Wb).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line<T> {
     origin: Position,
@@ -13,10 +14,10 @@ pub struct Line<T> {
     length: T,
 }
 
-/// Why two waypoints make no line.
+/// Why two waypoints define no line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LineError {
-    /// Both waypoints are the same point, so no direction is defined.
+    /// Both waypoints are the same point, so the line has no direction.
     CoincidentWaypoints(Position),
 }
 
@@ -25,7 +26,7 @@ impl core::fmt::Display for LineError {
         match self {
             Self::CoincidentWaypoints(at) => write!(
                 f,
-                "both waypoints are at north {} mm, east {} mm: no direction",
+                "both waypoints are at north {} mm, east {} mm: the line has no direction",
                 at.north, at.east
             ),
         }
@@ -34,7 +35,7 @@ impl core::fmt::Display for LineError {
 
 impl core::error::Error for LineError {}
 
-/// A point in the frame of a line.
+/// A position relative to a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinePosition<T> {
     /// Distance along the line from the first waypoint, m.
@@ -47,7 +48,7 @@ impl<T: Scalar> Line<T> {
     /// The line from `from` to `to`.
     ///
     /// # Errors
-    /// [`LineError::CoincidentWaypoints`] when both are the same point.
+    /// [`LineError::CoincidentWaypoints`] if both are the same point.
     pub fn new(from: Position, to: Position) -> Result<Self, LineError> {
         let (north, east) = to.metres_from::<T>(from);
         let length = (north * north + east * east).root();
@@ -82,8 +83,8 @@ impl<T: Scalar> Line<T> {
         self.length
     }
 
-    /// Where `position` lies in the frame of the line; outside the two
-    /// waypoints the line continues straight.
+    /// `position` relative to the line, which continues straight beyond both
+    /// waypoints.
     #[must_use]
     pub fn locate(&self, position: Position) -> LinePosition<T> {
         let (north, east) = position.metres_from::<T>(self.origin);
@@ -101,8 +102,8 @@ impl<T: Scalar> Line<T> {
         )
     }
 
-    /// Difference of `heading` (radians clockwise from north) from the line's
-    /// direction, in (-pi, pi]; positive when the vehicle points to the right.
+    /// `heading` (radians clockwise from north) minus the direction of the line,
+    /// in (-pi, pi]; positive if the vehicle points to the right of the line.
     #[must_use]
     pub fn heading_error(&self, heading: T) -> T {
         wrap_angle(heading - self.bearing)

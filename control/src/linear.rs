@@ -1,4 +1,5 @@
-//! The little linear algebra that nalgebra does not give for every static size.
+//! Linear algebra that nalgebra does not provide for matrices of any static
+//! size.
 
 use crate::scalar::Scalar;
 use nalgebra::SMatrix;
@@ -6,8 +7,8 @@ use nalgebra::SMatrix;
 /// Solves `a` X = `b` by Gaussian elimination with partial pivoting on rows
 /// scaled to unit size (Golub and Van Loan, Matrix Computations, 3.4).
 ///
-/// `a` is N x N, `b` N x M. Returns `None` when a pivot falls below N times
-/// the rounding unit, that is when `a` is singular to working precision.
+/// `a` is N x N, `b` N x M. Returns `None` if `a` is singular to working
+/// precision: a pivot falls below N times the rounding unit.
 #[must_use]
 pub fn solve<T: Scalar, const N: usize, const M: usize>(
     mut a: SMatrix<T, N, N>,
@@ -65,13 +66,14 @@ pub fn solve<T: Scalar, const N: usize, const M: usize>(
     Some(b)
 }
 
-/// Whether every entry of `matrix` is a finite number.
+/// True if every entry of `matrix` is a finite number.
 #[must_use]
 pub fn is_finite<T: Scalar, const N: usize, const M: usize>(matrix: &SMatrix<T, N, M>) -> bool {
     matrix.iter().all(|entry| entry.is_finite())
 }
 
-/// Whether `matrix` is symmetric to a relative tolerance of 1000 rounding units.
+/// True if `matrix` is symmetric to a relative tolerance of 1000 rounding
+/// units.
 #[must_use]
 pub fn is_symmetric<T: Scalar, const N: usize>(matrix: &SMatrix<T, N, N>) -> bool {
     let tolerance = matrix.amax() * T::default_epsilon() * T::lit(1000.0);
@@ -84,8 +86,9 @@ pub fn symmetric_part<T: Scalar, const N: usize>(matrix: &SMatrix<T, N, N>) -> S
     (matrix + matrix.transpose()) * T::lit(0.5)
 }
 
-/// Whether a symmetric `matrix` is positive definite (`strict`) or positive
-/// semidefinite (otherwise), by an LDL^T elimination that tolerates rounding.
+/// True if a symmetric `matrix` is positive definite (`strict`) or positive
+/// semidefinite (otherwise), decided by an LDL^T elimination that tolerates
+/// rounding.
 #[must_use]
 pub fn is_positive<T: Scalar, const N: usize>(matrix: &SMatrix<T, N, N>, strict: bool) -> bool {
     let mut a = *matrix;
@@ -99,7 +102,7 @@ pub fn is_positive<T: Scalar, const N: usize>(matrix: &SMatrix<T, N, N>, strict:
             return false;
         }
         if pivot <= tolerance {
-            // Semidefinite: a zero on the diagonal needs a zero row.
+            // In a semidefinite matrix the row of a zero diagonal entry is zero.
             let root = (tolerance * matrix.amax()).root();
             for j in k + 1..N {
                 if a[(k, j)].abs() > root {

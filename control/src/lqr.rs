@@ -5,14 +5,14 @@ use crate::model::Discrete;
 use crate::scalar::Scalar;
 use nalgebra::SMatrix;
 
-/// What a regulator design gives.
+/// A designed regulator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regulator<T, const N: usize, const M: usize> {
     /// State feedback gain for u = -K x, M x N, in units of input per unit of
     /// state.
     pub gain: SMatrix<T, M, N>,
-    /// Stabilising solution of the Riccati equation, N x N: x' S x is the
-    /// cost still to come from state x.
+    /// Stabilising solution S of the Riccati equation, N x N: x' S x is the
+    /// cost-to-go from state x.
     pub cost: SMatrix<T, N, N>,
 }
 
@@ -25,8 +25,8 @@ pub enum RegulatorError {
     StateWeight,
     /// The input weight R is not finite, symmetric and positive definite.
     InputWeight,
-    /// No stabilising solution: an unstable mode is not reached by the input,
-    /// or a mode on the unit circle is not seen by the state weight.
+    /// No stabilising solution exists: an unstable mode is not controllable, or
+    /// the state weight does not observe a mode on the unit circle.
     NotStabilisable,
     /// The data are so badly conditioned that the solution found does not
     /// satisfy the Riccati equation.
@@ -40,7 +40,7 @@ impl core::fmt::Display for RegulatorError {
             Self::StateWeight => "the state weight Q is not symmetric and positive semidefinite",
             Self::InputWeight => "the input weight R is not symmetric and positive definite",
             Self::NotStabilisable => {
-                "no stabilising gain: an unstable mode is out of the input's reach, \
+                "no stabilising gain: an unstable mode is not controllable, \
                  or a mode on the unit circle has no weight"
             }
             Self::IllConditioned => "the data are too badly conditioned for a reliable gain",
@@ -50,16 +50,17 @@ impl core::fmt::Display for RegulatorError {
 
 impl core::error::Error for RegulatorError {}
 
-/// The gain K that minimises the sum of x' Q x + u' R u for u = -K x.
+/// Designs the regulator u = -K x that minimises the sum of x' Q x + u' R u.
 ///
 /// `model` has N states and M inputs; `q` is N x N positive semidefinite,
 /// `r` M x M positive definite.
 ///
-/// Solved by the structure-preserving doubling algorithm, which converges
-/// quadratically and stays accurate for unstable and for singular F (Chu, Fan,
-/// Lin and Wang, "Structure-preserving algorithms for periodic discrete-time
-/// algebraic Riccati equations", Int. J. Control 77(8), 2004), then polished
-/// by Newton's method (Hewer, IEEE TAC 16(4), 1971).
+/// The Riccati equation is solved by the structure-preserving doubling
+/// algorithm (Chu, Fan, Lin and Wang, "Structure-preserving algorithms for
+/// periodic discrete-time algebraic Riccati equations", Int. J. Control 77(8),
+/// 2004). It converges quadratically and stays accurate for unstable and for
+/// singular F. Two steps of Newton's method refine the result (Hewer, IEEE TAC
+/// 16(4), 1971).
 ///
 /// # Errors
 /// [`RegulatorError`] names the matrix or the condition at fault.
@@ -100,7 +101,8 @@ pub fn dlqr<T: Scalar, const N: usize, const M: usize>(
     }
 }
 
-/// Fixed point of the doubling recursion: the Riccati solution.
+/// Solution of the Riccati equation: the fixed point of the doubling
+/// recursion.
 fn doubling<T: Scalar, const N: usize, const M: usize>(
     model: &Discrete<T, N, M>,
     q: &SMatrix<T, N, N>,
@@ -152,8 +154,8 @@ fn riccati_map<T: Scalar, const N: usize, const M: usize>(
     ))
 }
 
-/// The sum of (F^k)' W F^k over all k, by squaring; `None` when F is not
-/// stable.
+/// The sum of (F^k)' W F^k over all k, computed by repeated squaring; `None` if
+/// F is not stable.
 fn lyapunov_cost<T: Scalar, const N: usize>(
     f: &SMatrix<T, N, N>,
     weight: &SMatrix<T, N, N>,

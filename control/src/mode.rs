@@ -1,10 +1,10 @@
 //! Operation modes (thesis 5.2.5, Figure 5.17): who commands the actuators.
 //!
-//! Every transition stands in one table, [`next`]. Conditions of the vehicle
-//! (no fixed solution, a tripped stop loop, a fault) are looked at before any
-//! button, so that one step is enough to leave autonomous operation.
+//! The function [`next`] is the table of all transitions. It checks the
+//! vehicle's conditions (no fixed solution, an open stop loop, a fault) before
+//! any button, so the vehicle leaves autonomous operation within one step.
 
-/// What the vehicle is doing, and who commands its actuators.
+/// The operation mode, which decides who commands the actuators.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Mode {
     /// Actuators are still. The mode after start-up.
@@ -12,55 +12,50 @@ pub enum Mode {
     Idle,
     /// The joystick commands the actuators; no GPS fix is needed.
     Manual,
-    /// Everything is prepared for an autonomous run; actuators are still.
+    /// An autonomous run is prepared; actuators are still.
     AutonomousReady,
     /// The control law commands the actuators.
     AutonomousRun,
     /// Actuators are still until the operator releases the stop.
     EmergencyStop,
-    /// Actuators are still: a node reported that it cannot be trusted to
-    /// drive. Left by a release once the fault is gone.
+    /// Actuators are still because a node reported a fault. A release leaves
+    /// this mode once the fault is gone.
     Fault,
 }
 
-/// What the operator asked for in this step.
-///
-/// On the UAGV's remote: A is [`Request::Release`], B [`Request::Manual`],
-/// C [`Request::Autonomous`], D and the joystick's switch
-/// [`Request::EmergencyStop`].
+/// The operator's request in this step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Request {
-    /// Nothing was pressed.
+    /// No request.
     #[default]
     None,
-    /// Go idle; from an emergency stop or a fault: release it.
+    /// Go to idle. This also releases an emergency stop or a fault.
     Release,
     /// Drive by joystick.
     Manual,
-    /// From idle or manual: prepare an autonomous run; from ready: run;
-    /// from a run: back to ready.
+    /// From idle or manual, prepare an autonomous run. From ready, start the
+    /// run. From a run, go back to ready.
     Autonomous,
     /// Stop now.
     EmergencyStop,
 }
 
-/// The state of the vehicle that a transition depends on.
+/// Conditions of the vehicle on which transitions depend.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Conditions {
-    /// The receiver has an RTK-fixed solution and its position is fresh.
+    /// The receiver has an RTK-fixed solution and its position is recent.
     pub fixed_solution: bool,
-    /// The hard-wired emergency stop loop is open (or a stop button is held).
+    /// The hard-wired emergency stop loop is open, or a stop button is held.
     pub stop_loop_open: bool,
-    /// A node failed its checks: stale or implausible sensors, missed
-    /// messages, an actuator that does not answer.
+    /// A node reports a fault: old or implausible sensor data, missed messages,
+    /// or an actuator that does not answer.
     pub fault: bool,
 }
 
-/// The mode that follows `mode` under `request` and `conditions`: the one
-/// table of all transitions.
+/// The mode that follows `mode` under `request` and `conditions`.
 ///
-/// * An emergency stop is reached from every mode in one step.
-/// * It is left only by [`Request::Release`] with the stop loop closed.
+/// * An emergency stop takes effect from every mode in one step.
+/// * Only [`Request::Release`] with the stop loop closed leaves it.
 /// * [`Mode::AutonomousRun`] is neither entered nor kept without a fixed
 ///   solution.
 #[must_use]
@@ -78,7 +73,7 @@ pub const fn next(mode: Mode, request: Request, conditions: Conditions) -> Mode 
     }
     let fixed = conditions.fixed_solution;
     match (mode, request) {
-        // A stop or a fault holds until it is released.
+        // An emergency stop or a fault persists until it is released.
         (EmergencyStop | Fault, Request::Release) => Idle,
         (EmergencyStop, _) => EmergencyStop,
         (Fault, _) => Fault,
@@ -90,7 +85,7 @@ pub const fn next(mode: Mode, request: Request, conditions: Conditions) -> Mode 
         (AutonomousReady, Request::Autonomous) if fixed => AutonomousRun,
         (AutonomousRun, Request::Autonomous) => AutonomousReady,
 
-        // The fix is lost: leave at once.
+        // Without a fixed solution the run ends at once.
         (AutonomousRun, _) if !fixed => AutonomousReady,
 
         (unchanged, _) => unchanged,
@@ -100,7 +95,7 @@ pub const fn next(mode: Mode, request: Request, conditions: Conditions) -> Mode 
 /// Who commands the actuators.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Source {
-    /// Nobody: commands are zero.
+    /// Nobody: all commands are zero.
     Still,
     /// The joystick.
     Joystick,
@@ -130,7 +125,7 @@ impl Mode {
         }
     }
 
-    /// The number that stands for this mode on the bus (message 300, D4).
+    /// The code of this mode on the bus (message 300, D4).
     #[must_use]
     pub const fn code(self) -> u8 {
         match self {
@@ -143,7 +138,7 @@ impl Mode {
         }
     }
 
-    /// The mode with this number, if there is one.
+    /// The mode with this code, if there is one.
     #[must_use]
     pub const fn from_code(code: u8) -> Option<Self> {
         Some(match code {
@@ -157,7 +152,7 @@ impl Mode {
         })
     }
 
-    /// A word for displays and logs.
+    /// A short name for displays and logs.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -171,7 +166,7 @@ impl Mode {
     }
 }
 
-/// The mode and its memory.
+/// The mode state machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ModeMachine {
     mode: Mode,
@@ -184,13 +179,13 @@ impl ModeMachine {
         Self { mode: Mode::Idle }
     }
 
-    /// The present mode.
+    /// The current mode.
     #[must_use]
     pub const fn mode(&self) -> Mode {
         self.mode
     }
 
-    /// Takes one step through [`next`] and returns the new mode.
+    /// Makes one transition by [`next`] and returns the new mode.
     pub const fn step(&mut self, request: Request, conditions: Conditions) -> Mode {
         self.mode = next(self.mode, request, conditions);
         self.mode

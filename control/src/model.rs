@@ -23,17 +23,18 @@ pub struct Discrete<T, const N: usize, const M: usize> {
     pub g: SMatrix<T, N, M>,
 }
 
-/// Where the antenna sits between the axles (O'Connor's L1 and L2).
+/// Axles and the antenna's place along the vehicle (O'Connor's L1 and L2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Geometry<T> {
-    /// Rear axle to the controlled point (the antenna), m, positive forward.
+    /// Distance from the rear axle forward to the antenna, m; negative if the
+    /// antenna is behind it.
     pub l1: T,
-    /// Controlled point to the front axle, m.
+    /// Distance from the antenna forward to the front axle, m.
     pub l2: T,
 }
 
-/// Where the antenna sits apart from its place along the vehicle, which
-/// [`Geometry::l1`] gives.
+/// The antenna's place beside and above the vehicle. [`Geometry::l1`] gives its
+/// place along it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Antenna<T> {
     /// Distance to the right of the centre line, m; negative to the left.
@@ -44,7 +45,7 @@ pub struct Antenna<T> {
     pub height: T,
 }
 
-/// What is wrong with a vehicle's geometry.
+/// Why a geometry describes no vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GeometryError {
     /// A length is NaN or infinite.
@@ -71,10 +72,10 @@ impl<T: Scalar> Geometry<T> {
         self.l1 + self.l2
     }
 
-    /// Checks that the lengths make a vehicle.
+    /// Checks that the lengths describe a vehicle.
     ///
     /// # Errors
-    /// [`GeometryError`] says which condition fails.
+    /// [`GeometryError`] names the condition that fails.
     pub fn check(&self) -> Result<(), GeometryError> {
         if !(self.l1.is_finite() && self.l2.is_finite()) {
             Err(GeometryError::NotFinite)
@@ -85,10 +86,11 @@ impl<T: Scalar> Geometry<T> {
         }
     }
 
-    /// O'Connor's kinematic model at `speed` (m/s): states cross-track error
-    /// (m, positive right of the line), heading error (rad, clockwise) and
-    /// steering angle (rad, positive right); input steering rate (rad/s)
-    /// (thesis Figure 7.8).
+    /// O'Connor's kinematic steering model at `speed` (m/s) (thesis Figure 7.8).
+    /// The states are the cross-track error of the point L1 ahead of the rear
+    /// axle (m, positive to the right of the line), the heading error (rad,
+    /// clockwise) and the steering angle (rad, positive to the right). The input
+    /// is the steering rate (rad/s).
     #[must_use]
     pub fn steering_model(&self, speed: T) -> Continuous<T, 3, 1> {
         let length = self.wheelbase();
@@ -109,8 +111,8 @@ impl<T: Scalar> Geometry<T> {
         }
     }
 
-    /// The zero-order hold of [`Self::steering_model`] over `period` (s) in
-    /// closed form: A is nilpotent, so the exponential is a polynomial.
+    /// [`Self::steering_model`] discretised with a zero-order hold over `period`
+    /// (s), in closed form: A is nilpotent, so its exponential is a polynomial.
     #[must_use]
     pub fn steering_model_sampled(&self, speed: T, period: T) -> Discrete<T, 3, 1> {
         let length = self.wheelbase();

@@ -1,9 +1,9 @@
-//! A small model predictive controller for the steering: the regulator's cost
-//! over N moves, under the limits of steering angle and rate.
+//! A small model predictive controller for the steering. It minimises the
+//! regulator's cost over N steps under the limits of steering angle and rate.
 //!
-//! It is here to be compared with [`crate::guidance`], which drives: see
-//! `tests/mpc.rs`. Its model is linear, so it serves within some 45 degrees of
-//! the path.
+//! It exists for comparison with [`crate::guidance`], the law that drives the
+//! vehicle (`tests/mpc.rs`). Its model is linear, so it works within about 45
+//! degrees of the path's direction.
 
 use crate::feedback::{LimitError, Limits};
 use crate::linear::solve;
@@ -23,9 +23,9 @@ pub enum MpcError {
     Geometry(GeometryError),
     /// A limit.
     Limit(LimitError),
-    /// The terminal cost: the regulator of the same weights.
+    /// The regulator whose cost-to-go is the terminal cost.
     Regulator(RegulatorError),
-    /// The quadratic programme is singular.
+    /// The quadratic program is singular.
     Singular,
 }
 
@@ -35,19 +35,19 @@ impl core::fmt::Display for MpcError {
             Self::Geometry(error) => error.fmt(f),
             Self::Limit(error) => error.fmt(f),
             Self::Regulator(error) => error.fmt(f),
-            Self::Singular => f.write_str("the quadratic programme is singular"),
+            Self::Singular => f.write_str("the quadratic program is singular"),
         }
     }
 }
 
 impl core::error::Error for MpcError {}
 
-/// A designed controller with its warm start.
+/// A predictive controller and its last solution, the warm start of the next.
 ///
-/// The programme in the N steering rates is solved by the alternating
-/// direction method of multipliers, whose one matrix is inverted at design
-/// (Stellato et al., "OSQP", Mathematical Programming Computation 12, 2020);
-/// one iteration takes N^2 + 10 N multiplications or so.
+/// The quadratic program in the N steering rates is solved by the alternating
+/// direction method of multipliers (Stellato et al., "OSQP", Mathematical
+/// Programming Computation 12, 2020). Its only matrix is inverted once, in
+/// [`Self::design`]. An iteration takes about N^2 + 10 N multiplications.
 #[derive(Clone, Copy, Debug)]
 pub struct Mpc<T, const N: usize> {
     limits: Limits<T>,
@@ -62,12 +62,12 @@ pub struct Mpc<T, const N: usize> {
 }
 
 impl<T: Scalar, const N: usize> Mpc<T, N> {
-    /// A controller for the steering model of `geometry` (L1 ahead of the rear
-    /// axle is the controlled point) at `speed` (m/s), with N moves of `period`
-    /// seconds each.
+    /// Designs a controller for the steering model of `geometry` at `speed`
+    /// (m/s), with N steps of `period` seconds. The controlled point is L1 ahead
+    /// of the rear axle.
     ///
     /// # Errors
-    /// [`MpcError`] says what is unusable.
+    /// [`MpcError`] names the input that is unusable.
     pub fn design(
         geometry: &Geometry<T>,
         limits: Limits<T>,
@@ -83,7 +83,8 @@ impl<T: Scalar, const N: usize> Mpc<T, N> {
         let r = SMatrix::<T, 1, 1>::new(rate);
         let terminal = dlqr(&model, &q, &r).map_err(MpcError::Regulator)?.cost;
 
-        // Effect of each move, and of the first state, on the states to come.
+        // Effect of each steering rate, and of the initial state, on the
+        // predicted states.
         let mut quadratic = SMatrix::<T, N, N>::identity() * rate;
         let mut linear = SMatrix::<T, N, 3>::zeros();
         let mut effects = SMatrix::<T, 3, N>::zeros();
@@ -96,7 +97,7 @@ impl<T: Scalar, const N: usize> Mpc<T, N> {
             quadratic += effects.transpose() * weight * effects;
             linear += effects.transpose() * weight * transition;
         }
-        // The limits of the angles act on sums of moves.
+        // The steering angle is the sum of the rates so far, times the period.
         let mut sums = SMatrix::<T, N, N>::zeros();
         for row in 0..N {
             for column in 0..=row {
@@ -120,12 +121,13 @@ impl<T: Scalar, const N: usize> Mpc<T, N> {
         })
     }
 
-    /// The first of the best N steering rates (rad/s) from `state`
-    /// (cross-track error m, heading error rad, steering angle rad), after
-    /// `iterations` of the solver, started from the last call's solution.
+    /// The steering rate (rad/s) to command at `state` (cross-track error m,
+    /// heading error rad, steering angle rad): the first of the N optimal rates.
+    /// The solver starts from the last call's solution and runs `iterations`
+    /// iterations.
     pub fn solve(&mut self, state: &SVector<T, 3>, iterations: u32) -> T {
         let most = self.limits.steering_rate;
-        // Angles are counted in moves of a period at one radian a second.
+        // Angles are divided by the period, so that they are sums of rates.
         let start = state[2] / self.period;
         let reach = self.limits.steering_angle / self.period;
         let gradient = self.linear * state;

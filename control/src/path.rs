@@ -1,19 +1,19 @@
-//! Paths of several segments: passes over the field and the headland turns
-//! between them, in the frame of the estimator.
+//! Paths of several segments: passes across the field, joined by headland
+//! turns. Coordinates are in the estimator's frame.
 
 use crate::dubins::{DubinsError, Pose, advance, shortest};
 use crate::line::{Line, LineError};
 use crate::position::Position;
 use crate::scalar::{Scalar, wrap_angle};
 
-/// Most segments of a path: four passes with three headland turns between
-/// them need thirteen.
+/// Largest number of segments of a path. Four passes with three headland turns
+/// of three pieces each need thirteen.
 pub const CAPACITY: usize = 16;
 
 /// A straight piece or an arc.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Segment<T> {
-    /// Where it begins, m from the path's origin.
+    /// Pose at its beginning, relative to the path's origin.
     pub start: Pose<T>,
     /// Curvature, 1/m, positive to the right; zero for a straight piece.
     pub curvature: T,
@@ -21,32 +21,33 @@ pub struct Segment<T> {
     pub length: T,
 }
 
-/// Where a point stands relative to a path.
+/// Position of a point relative to a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place<T> {
     /// Distance along the segment, m; negative before its beginning.
     pub along: T,
     /// Distance to the right of the path, m.
     pub cross_track: T,
-    /// Direction of the path beside the point, rad clockwise from north.
+    /// Direction of the path at the point nearest to it, rad clockwise from
+    /// north.
     pub bearing: T,
 }
 
 /// Why a path could not be built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PathError {
-    /// There is no pass at all.
+    /// There is no pass.
     Empty,
     /// More segments than [`CAPACITY`].
     Full,
-    /// The two ends of this pass (counted from zero) coincide.
+    /// Both ends of a pass coincide.
     Pass {
-        /// Which pass.
+        /// The pass, counted from zero.
         number: usize,
-        /// What is wrong with it.
+        /// Why it defines no line.
         error: LineError,
     },
-    /// The turns between passes.
+    /// A turn between two passes could not be computed.
     Turn(DubinsError),
 }
 
@@ -64,9 +65,9 @@ impl core::fmt::Display for PathError {
 impl core::error::Error for PathError {}
 
 impl<T: Scalar> Segment<T> {
-    /// Where the point `north`, `east` (m) stands relative to this segment;
-    /// `near` is the distance along it where the point was last, which tells
-    /// the turns of an arc apart.
+    /// Position of the point `north`, `east` (m) relative to this segment.
+    /// `near` is the point's last known distance along the segment: on an arc of
+    /// more than a full circle it selects the right round.
     #[must_use]
     pub fn locate(&self, north: T, east: T, near: T) -> Place<T> {
         let (sine, cosine) = self.start.heading.sine_cosine();
@@ -80,7 +81,7 @@ impl<T: Scalar> Segment<T> {
                 bearing: self.start.heading,
             };
         }
-        // From the centre, in the frame of the segment's beginning.
+        // Relative to the arc's centre, along and across the initial heading.
         let radius = T::one() / self.curvature;
         let sign = if radius > T::zero() {
             T::one()
@@ -106,8 +107,8 @@ impl<T: Scalar> Segment<T> {
     }
 }
 
-/// Segments in driving order. The first continues straight before its
-/// beginning, the last beyond its end.
+/// Segments in driving order. The first one continues backwards beyond its
+/// beginning and the last one forwards beyond its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Path<T> {
     origin: Position,
@@ -125,9 +126,10 @@ impl<T: Scalar> Path<T> {
         path
     }
 
-    /// Passes in driving order, each from its first to its second waypoint,
-    /// joined by the shortest headland turns of `radius` metres. Choose the
-    /// radius some tenths wider than the tightest turn: the rest corrects.
+    /// A path over `passes` in driving order, each from its first to its second
+    /// waypoint, joined by the shortest headland turns of `radius` metres.
+    /// Choose the radius a few tenths of a metre wider than the tightest turn,
+    /// so that the law has some steering angle left for corrections.
     ///
     /// # Errors
     /// [`PathError`] names the pass at fault.
@@ -156,7 +158,8 @@ impl<T: Scalar> Path<T> {
                 }
             }
             path.push(line.bearing(), T::zero(), line.length())?;
-            // Roundings of the turns do not add up.
+            // Start the pass exactly, so that rounding errors of the turns do
+            // not accumulate.
             if let Some(last) = path.segments.get_mut(path.count.saturating_sub(1)) {
                 last.start = start;
             }
@@ -217,23 +220,24 @@ impl<T: Scalar> Path<T> {
         self.segments.get(..self.count).unwrap_or(&self.segments)
     }
 
-    /// Curvature of the path at `along` metres along the segment `number` (or
-    /// beyond its ends), 1/m.
+    /// Curvature (1/m) of the path at `along` metres along the segment `number`.
+    /// A distance beyond the segment's ends lies on its neighbours.
     #[must_use]
     pub fn curvature(&self, number: usize, along: T) -> T {
         let touch = T::lit(0.01);
         self.smoothed(number, along, touch).curvature
     }
 
-    /// The path at `along` metres along the segment `number`, smoothed by a
-    /// mean over `half` metres (positive) to either side: what a steering that
-    /// takes its time can follow.
+    /// Curvature and heading of the path at `along` metres along the segment
+    /// `number`, averaged over `half` metres (positive) to either side. A
+    /// steering of limited rate can follow the averaged curvature; it cannot
+    /// follow the jumps between straight pieces and arcs.
     #[must_use]
     pub fn smoothed(&self, number: usize, along: T, half: T) -> Smoothed<T> {
         let mut curvature = T::zero();
         let mut turn = T::zero();
-        // Weight of the curvature at a distance in the mean heading, less the
-        // heading here, as its integral.
+        // The mean heading relative to the heading at `along` is the curvature
+        // weighted by distance. This is the integral of that weight.
         let weight = |at: T| half * at.abs() - at * at * T::lit(0.5);
         let mut add = |begin: T, segment: &Segment<T>| {
             let from = if begin - along > -half {
@@ -279,12 +283,12 @@ impl<T: Scalar> Path<T> {
     }
 }
 
-/// A smoothed path at one place.
+/// Averaged curvature and heading at one place of a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Smoothed<T> {
     /// Mean curvature, 1/m.
     pub curvature: T,
-    /// Mean heading less the path's own, rad.
+    /// Mean heading minus the heading at the place, rad.
     pub turn: T,
 }
 
@@ -295,12 +299,12 @@ pub struct Progress<T> {
     pub segment: usize,
     /// Distance along it, m.
     pub along: T,
-    /// The path's end lies behind.
+    /// True once the end of the path has been passed.
     pub finished: bool,
 }
 
 impl<T: Scalar> Progress<T> {
-    /// At the beginning of a path.
+    /// Progress at the beginning of a path.
     #[must_use]
     pub fn start() -> Self {
         Self {
@@ -310,8 +314,9 @@ impl<T: Scalar> Progress<T> {
         }
     }
 
-    /// Moves on to where the point `north`, `east` (m) is and says where that
-    /// is.
+    /// Advances to the point `north`, `east` (m) and returns its position
+    /// relative to the segment reached. It never goes back to an earlier
+    /// segment.
     pub fn advance(&mut self, path: &Path<T>, north: T, east: T) -> Place<T> {
         let nowhere = Place {
             along: T::zero(),

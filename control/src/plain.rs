@@ -1,5 +1,6 @@
-//! The thesis's own steering law (7.3), for comparison: states straight from
-//! the sensors, u = -K x, limits. No estimator, no integrator.
+//! The steering law of the thesis (7.3), for comparison: u = -K x with states
+//! taken directly from the sensors, and limits. It has no estimator and no
+//! integrator.
 
 use crate::controller::{Outcome, Sample, Settings, SettingsError, Tracking};
 use crate::estimator::Update;
@@ -9,23 +10,23 @@ use crate::safety::{Command, SafetyFilter};
 use crate::scalar::Scalar;
 
 /// Gains on cross-track error (1/(m s)), heading error (1/s) and steering
-/// angle (1/s): the regulator with unit weights for the steering model at
-/// 1 m/s and 10 Hz. The thesis says how its gains were made (`dlqr`, 7.3) but
-/// not which ones drove.
+/// angle (1/s): the linear quadratic regulator with unit weights for the
+/// thesis's vehicle at 1 m/s and 10 Hz. The thesis says that `dlqr` computed its
+/// gains (7.3), but not which gains drove.
 pub const GAINS: [f64; 3] = [
     0.888_975_001_406_838,
     2.040_969_866_222_82,
     2.198_962_922_897_8,
 ];
 
-/// Speed below which the velocity shows no heading, m/s.
+/// Speed up to which the velocity vector is too noisy to give a heading, m/s.
 const HEADING_SPEED: f64 = 0.2;
 
-/// The law with what it must remember between samples.
+/// The law and its state.
 ///
-/// It takes the place of [`crate::controller::Controller`] without any other
-/// change to the node; of its settings only the limits, the cruise speed and
-/// the bounds of the safety filter count.
+/// It can replace [`crate::controller::Controller`] in a node. Of the settings it
+/// uses only the antenna's offset, the limits, the cruise speed and those of the
+/// safety filter.
 #[derive(Clone, Copy, Debug)]
 pub struct PlainController<T> {
     settings: Settings<T>,
@@ -36,7 +37,7 @@ pub struct PlainController<T> {
 }
 
 impl<T: Scalar> PlainController<T> {
-    /// A law that follows `line` and stops at its end.
+    /// A law that follows `line` and stops the vehicle at its end.
     ///
     /// # Errors
     /// [`SettingsError`] names the setting that is unusable.
@@ -51,13 +52,14 @@ impl<T: Scalar> PlainController<T> {
         })
     }
 
-    /// One control step: like [`crate::controller::Controller::step`].
+    /// One control step, like [`crate::controller::Controller::step`].
     pub fn step(&mut self, sample: &Sample<T>) -> Outcome<T> {
         match sample.position {
             Some(position) => {
                 let place = self.line.locate(position);
                 self.tracking.along = place.along;
-                // Along the line the antenna is this far beside the centre line.
+                // While the vehicle points along the line, the antenna is this
+                // far to the right of the centre line.
                 let right = self.settings.estimator.antenna.right;
                 self.tracking.cross_track = place.cross_track - right;
                 self.position_age = T::zero();

@@ -1,4 +1,4 @@
-//! Positions and velocities as they travel on the bus.
+//! Positions and velocities as the bus carries them.
 
 use crate::scalar::Scalar;
 
@@ -19,10 +19,11 @@ impl Position {
         Self { north, east }
     }
 
-    /// North and east components of the way from `origin` to here, in metres.
+    /// North and east distance from `origin` to this position, m.
     ///
-    /// The difference is taken between integers, so single precision loses
-    /// nothing within 16 km of `origin`; it saturates beyond 2147 km.
+    /// The integers are subtracted before the conversion, so single precision is
+    /// exact to the millimetre within 16 km of `origin`. The difference saturates
+    /// at 2147 km.
     #[must_use]
     pub fn metres_from<T: Scalar>(self, origin: Self) -> (T, T) {
         let millimetre = T::lit(1e-3);

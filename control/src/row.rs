@@ -1,16 +1,16 @@
-//! Following a crop row by two distance sensors (thesis chapter 2).
+//! Following a crop row with two distance sensors (thesis chapter 2).
 //!
-//! The sensors look 45 degrees forward to either side. Their difference,
-//! right less left, grows both when the robot stands left of the middle and
-//! when it points to the left, so one number steers it (thesis equation 2.1).
-//! The chain is the thesis's Figure 2.18: hold the last plausible reading,
-//! smooth it, take the difference, P or PI with saturation on both sides,
-//! differential steering.
+//! The sensors look 45 degrees forward to either side. The right distance minus
+//! the left one grows if the robot is left of the middle, and also if it points
+//! to the left, so this one number steers it (thesis equation 2.1). The signal
+//! chain is that of thesis Figure 2.18: hold the last plausible reading, filter
+//! it, take the difference, apply a P or PI controller with saturated input and
+//! output, and steer by different efforts of both sides.
 
 use crate::scalar::{Scalar, clamp_symmetric};
 
-/// The conditional zero-order hold: passes plausible samples on and repeats
-/// the last one in place of the others (thesis 2.2.5.3).
+/// Conditional zero-order hold: passes plausible samples and replaces all
+/// others by the last plausible one (thesis 2.2.5.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConditionalHold<T> {
     least: T,
@@ -18,7 +18,7 @@ pub struct ConditionalHold<T> {
     held: T,
 }
 
-/// A hold whose range is empty or not a number.
+/// The range of plausible samples is empty or not a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EmptyRange;
 
@@ -31,8 +31,8 @@ impl core::fmt::Display for EmptyRange {
 impl core::error::Error for EmptyRange {}
 
 impl<T: Scalar> ConditionalHold<T> {
-    /// A hold that takes samples from `least` to `most` for plausible; it
-    /// begins with the middle of that range.
+    /// A hold for which samples from `least` to `most` are plausible. Its
+    /// initial value is the middle of that range.
     ///
     /// # Errors
     /// [`EmptyRange`] unless both are finite and `least` is below `most`.
@@ -48,7 +48,7 @@ impl<T: Scalar> ConditionalHold<T> {
         }
     }
 
-    /// The sample if it is plausible, else the last one that was.
+    /// `sample` if it is plausible, otherwise the last plausible one.
     pub fn pass(&mut self, sample: T) -> T {
         if sample >= self.least && sample <= self.most {
             self.held = sample;
@@ -57,8 +57,8 @@ impl<T: Scalar> ConditionalHold<T> {
     }
 }
 
-/// The scalar Kalman filter of a quantity that stays where it is but for
-/// noise: an exponential smoother that starts fast (thesis 2.2.5.3).
+/// Scalar Kalman filter of a random walk: an exponential filter with a high
+/// gain at the start (thesis 2.2.5.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScalarKalman<T> {
     process: T,
@@ -67,7 +67,7 @@ pub struct ScalarKalman<T> {
     variance: T,
 }
 
-/// A variance that is not a positive number.
+/// The variance that is not a positive number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VarianceError {
     /// The process variance.
@@ -88,9 +88,9 @@ impl core::fmt::Display for VarianceError {
 impl core::error::Error for VarianceError {}
 
 impl<T: Scalar> ScalarKalman<T> {
-    /// A filter with the variance that the quantity gains between samples and
-    /// that of a sample, both in its unit squared. The first sample is taken
-    /// as it is.
+    /// A filter with the variance `process` that the quantity gains between two
+    /// samples and the variance `measurement` of a sample, both in its unit
+    /// squared. The first estimate equals the first sample.
     ///
     /// # Errors
     /// [`VarianceError`] names the variance that is not a positive number.
@@ -106,12 +106,12 @@ impl<T: Scalar> ScalarKalman<T> {
             process,
             measurement,
             estimate: T::zero(),
-            // So uncertain that the first sample replaces it.
+            // Large enough for the first sample to replace the estimate.
             variance: measurement * T::lit(1e9),
         })
     }
 
-    /// The estimate after `sample`; a sample that is not finite is skipped.
+    /// The estimate after `sample`. A sample that is not finite is ignored.
     pub fn step(&mut self, sample: T) -> T {
         self.variance += self.process;
         if sample.is_finite() {
@@ -133,33 +133,33 @@ impl<T: Scalar> ScalarKalman<T> {
 }
 
 /// A proportional-integral controller with saturated input and output (thesis
-/// 2.2.6.1). With an integral gain of zero it is the proportional one.
+/// 2.2.6.1). With an integral gain of zero it is a proportional controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProportionalIntegral<T> {
-    /// Output for each unit of error.
+    /// Output per unit of error.
     pub proportional: T,
-    /// Output for each unit of error and second.
+    /// Output per unit of error and second.
     pub integral: T,
-    /// Largest magnitude of the error that is looked at.
+    /// Magnitude to which the error is limited.
     pub input_limit: T,
-    /// Largest magnitude of the output.
+    /// Magnitude to which the output is limited.
     pub output_limit: T,
 }
 
-/// The sum that a [`ProportionalIntegral`] controller remembers.
+/// The integral of a [`ProportionalIntegral`] controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IntegralState<T> {
     sum: T,
 }
 
 impl<T: Scalar> IntegralState<T> {
-    /// An empty sum.
+    /// An integral of zero.
     #[must_use]
     pub fn new() -> Self {
         Self { sum: T::zero() }
     }
 
-    /// The sum, in units of output.
+    /// The integral, in units of output.
     #[must_use]
     pub fn sum(&self) -> T {
         self.sum
@@ -173,9 +173,9 @@ impl<T: Scalar> Default for IntegralState<T> {
 }
 
 impl<T: Scalar> ProportionalIntegral<T> {
-    /// The output for `error` after `dt` seconds. The sum does not grow while
-    /// the output is saturated in the direction of the error. An error that is
-    /// not finite counts as none.
+    /// The output for `error`, `dt` seconds after the last step. The integral
+    /// does not grow while the output is saturated in the direction of the error
+    /// (anti-windup). An error that is not finite counts as zero.
     pub fn step(&self, state: &mut IntegralState<T>, error: T, dt: T) -> T {
         let error = if error.is_finite() {
             clamp_symmetric(error, self.input_limit)
@@ -192,7 +192,7 @@ impl<T: Scalar> ProportionalIntegral<T> {
     }
 }
 
-/// Efforts of the two sides of a differentially steered vehicle, each in
+/// Motor efforts of both sides of a differentially steered vehicle, each in
 /// [-1, 1].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sides<T> {
@@ -202,9 +202,9 @@ pub struct Sides<T> {
     pub right: T,
 }
 
-/// Differential steering (thesis 2.2.2): `forward` effort for both sides plus
-/// and minus `turn`, positive to the right. When a side would exceed full
-/// effort both give way, so that the turn is kept at the cost of speed.
+/// Differential steering (thesis 2.2.2): the left side gets `forward` plus
+/// `turn`, the right side `forward` minus `turn`. If a side would exceed full
+/// effort, `forward` is reduced, so that the turn is kept.
 #[must_use]
 pub fn differential<T: Scalar>(forward: T, turn: T) -> Sides<T> {
     let turn = clamp_symmetric(turn, T::one());
@@ -215,7 +215,7 @@ pub fn differential<T: Scalar>(forward: T, turn: T) -> Sides<T> {
     }
 }
 
-/// The whole chain of one robot.
+/// The signal chain of a row-following robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RowFollower<T> {
     left: (ConditionalHold<T>, ScalarKalman<T>),
@@ -225,7 +225,7 @@ pub struct RowFollower<T> {
 }
 
 impl<T: Scalar> RowFollower<T> {
-    /// A follower whose two sensors share `hold` and `filter`.
+    /// A follower. Each sensor gets its own copy of `hold` and `filter`.
     #[must_use]
     pub fn new(
         hold: ConditionalHold<T>,
@@ -240,9 +240,10 @@ impl<T: Scalar> RowFollower<T> {
         }
     }
 
-    /// One step: distances to the left and the right row (in the unit of the
-    /// hold, centimetres on the thesis's bus), `forward` effort in [-1, 1],
-    /// `dt` seconds since the last step. Returns the efforts of both sides.
+    /// One step, `dt` seconds after the last one. `left` and `right` are the
+    /// distances to the rows, in the unit of the hold (the thesis's bus carries
+    /// centimetres); `forward` is an effort in [-1, 1]. Returns the efforts of
+    /// both sides.
     pub fn step(&mut self, left: T, right: T, forward: T, dt: T) -> Sides<T> {
         let left = self.left.1.step(self.left.0.pass(left));
         let right = self.right.1.step(self.right.0.pass(right));

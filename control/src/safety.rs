@@ -1,10 +1,10 @@
-//! The last word before the actuators: whatever proposes a command, only a
-//! safe one leaves.
+//! The safety filter: the last stage before the actuators. It passes only safe
+//! commands, whatever proposed them.
 
 use crate::feedback::Limits;
 use crate::scalar::{Scalar, clamp_symmetric};
 
-/// What the actuators are told.
+/// A command to the actuators.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command<T> {
     /// Steering rate, rad/s, positive to the right.
@@ -14,7 +14,7 @@ pub struct Command<T> {
 }
 
 impl<T: Scalar> Command<T> {
-    /// The safe command: wheels hold their angle, motors stop.
+    /// The safe command: the steering keeps its angle and the motors stop.
     #[must_use]
     pub fn still() -> Self {
         Self {
@@ -24,25 +24,25 @@ impl<T: Scalar> Command<T> {
     }
 }
 
-/// What the filter did to a command.
+/// What the safety filter did to a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// The command passed as it was.
+    /// The command passed unchanged.
     Passed,
-    /// The command was brought within limits or slew.
+    /// The command was reduced to the limits or the slew rates.
     Limited,
-    /// A proposed value was NaN or infinite: the safe command went out.
+    /// A proposed value was NaN or infinite. The safe command was sent.
     NotFinite,
-    /// No command, or one too old: the safe command went out.
+    /// There was no command, or it was too old. The safe command was sent.
     Stale,
-    /// The steering angle is unknown or not finite: the safe command went out.
+    /// The steering angle is unknown or not finite. The safe command was sent.
     NoSteeringAngle,
-    /// The period since the last step was not positive and finite: the safe
-    /// command went out.
+    /// The time since the last step was not positive and finite. The safe command
+    /// was sent.
     Period,
 }
 
-/// Limits, slew and freshness of commands.
+/// The safety filter: limits, slew rates and age of commands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetyFilter<T> {
     limits: Limits<T>,
@@ -51,19 +51,19 @@ pub struct SafetyFilter<T> {
     last: Command<T>,
 }
 
-/// How fast a command may change.
+/// Slew rates: how fast a command may change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slew<T> {
-    /// Largest change of the steering rate, rad/s each second.
+    /// Largest change of the steering rate, rad/s per second.
     pub steering: T,
-    /// Largest growth of the speed's magnitude, m/s each second. Slowing down
-    /// is never delayed.
+    /// Largest increase of the speed's magnitude, m/s per second. Slowing down is
+    /// never delayed.
     pub speed: T,
 }
 
 impl<T: Scalar> SafetyFilter<T> {
-    /// A filter that lets nothing but `limits` and `slew` through and treats
-    /// commands older than `stale_after` seconds as missing.
+    /// A filter that enforces `limits` and `slew` and treats commands older than
+    /// `stale_after` seconds as missing.
     #[must_use]
     pub fn new(limits: Limits<T>, slew: Slew<T>, stale_after: T) -> Self {
         Self {
@@ -74,15 +74,15 @@ impl<T: Scalar> SafetyFilter<T> {
         }
     }
 
-    /// What left the filter last.
+    /// The last command that the filter sent.
     #[must_use]
     pub fn last(&self) -> Command<T> {
         self.last
     }
 
-    /// Passes `proposed`, which is `age` seconds old, on to the actuators as
-    /// far as it is safe. `steering_angle` is the measured angle (rad), `dt`
-    /// the time since the last call (s).
+    /// Returns the safe command nearest to `proposed`, which is `age` seconds old,
+    /// and what was done to it. `steering_angle` is the measured angle (rad),
+    /// `dt` the time since the last call (s).
     pub fn step(
         &mut self,
         proposed: Option<Command<T>>,
@@ -106,7 +106,7 @@ impl<T: Scalar> SafetyFilter<T> {
         let Some(proposed) = proposed else {
             return (still, Verdict::Stale);
         };
-        // Written so that a NaN age counts as too old.
+        // Written so that an age of NaN counts as too old.
         if !(age <= self.stale_after) {
             return (still, Verdict::Stale);
         }
@@ -139,7 +139,7 @@ impl<T: Scalar> SafetyFilter<T> {
     fn speed(&self, proposed: T, dt: T) -> T {
         let wanted = clamp_symmetric(proposed, self.limits.speed);
         let last = self.last.speed;
-        // Through standstill first when the direction changes.
+        // A change of direction starts from standstill.
         let start = if wanted * last < T::zero() {
             T::zero()
         } else {

@@ -1,20 +1,20 @@
-//! The number type that everything here is generic over.
+//! The number type over which the crate is generic.
 
 use nalgebra::RealField;
 
-/// A real number: `f32` on the target, whose floating-point unit has single
-/// precision only, and `f64` on the host.
+/// A real number: `f64` on the host, and `f32` on the target, whose
+/// floating-point unit has only single precision.
 ///
-/// The functions below stand beside nalgebra's because `libm` evaluates
-/// `sinf`, `cosf` and `tanf` in double precision, which the target would have
-/// to emulate (some thousand cycles a call). The `f32` versions here stay in
-/// single precision.
+/// The functions below replace nalgebra's. Those use `libm`, which evaluates
+/// `sinf`, `cosf` and `tanf` in double precision; the target would emulate that
+/// in some thousand cycles a call. The `f32` versions here use only single
+/// precision.
 pub trait Scalar: RealField + Copy {
-    /// The nearest representable value to `value`; exact constants are folded
-    /// at compile time.
+    /// The representable value nearest to `value`. The compiler evaluates it for
+    /// constants.
     fn lit(value: f64) -> Self;
 
-    /// The nearest representable value to the integer `value`.
+    /// The representable value nearest to the integer `value`.
     fn integer(value: i32) -> Self;
 
     /// This value in double precision (exact).
@@ -22,9 +22,9 @@ pub trait Scalar: RealField + Copy {
 
     /// Sine and cosine of an angle in radians.
     ///
-    /// For `f32`: within 2 units in the last place of 1 for |angle| up to
-    /// 1000 rad; accuracy then falls with the magnitude of the angle. A
-    /// non-finite angle gives NaN.
+    /// For `f32` the error is within 2 units in the last place of 1 up to an angle
+    /// of 1000 rad, and grows with the angle beyond. An angle that is not finite
+    /// gives NaN.
     fn sine_cosine(self) -> (Self, Self);
 
     /// Angle of the vector (`x`, `y` = self) in radians, in [-pi, pi];
@@ -40,15 +40,14 @@ pub trait Scalar: RealField + Copy {
         sine / cosine
     }
 
-    /// Angle in [0, pi] whose cosine is `self`; arguments beyond [-1, 1] count
-    /// as the nearer end.
+    /// Angle in [0, pi] whose cosine is `self`. Values beyond [-1, 1] are clamped.
     fn arccosine(self) -> Self {
         let limited = clamp_symmetric(self, Self::one());
         let sine = ((Self::one() - limited) * (Self::one() + limited)).root();
         sine.angle_of(limited)
     }
 
-    /// The nearest whole number, halves to even, for magnitudes below 2^22.
+    /// The nearest whole number, with ties to even, for magnitudes below 2^22.
     fn nearest(self) -> Self;
 }
 
@@ -98,8 +97,8 @@ impl Scalar for f32 {
     }
 
     fn sine_cosine(self) -> (Self, Self) {
-        // Cody and Waite: pi/2 in three parts, the first two short enough
-        // that their products with the quadrant number are exact.
+        // Cody and Waite reduction: pi/2 is split in three parts. The first two
+        // are so short that their products with the quadrant number are exact.
         const HIGH: f32 = 1.570_312_5;
         const MIDDLE: f32 = 4.837_513e-4;
         const LOW: f32 = 7.549_79e-8;
@@ -128,15 +127,16 @@ impl Scalar for f32 {
 
     #[inline(always)]
     fn nearest(self) -> Self {
-        // Adding and removing 1.5 * 2^23 leaves the bits above the point.
+        // Adding and subtracting 1.5 * 2^23 rounds to a whole number.
         const SHIFT: f32 = 12_582_912.0;
         (self + SHIFT) - SHIFT
     }
 }
 
-/// An angle in radians brought into (-pi, pi].
+/// An angle in radians wrapped into (-pi, pi].
 ///
-/// NaN stays NaN. Exact to rounding for magnitudes below some thousand turns.
+/// NaN stays NaN. The result is exact except for rounding up to some thousand
+/// turns.
 #[must_use]
 pub fn wrap_angle<T: Scalar>(angle: T) -> T {
     let turn = T::two_pi();
@@ -150,7 +150,7 @@ pub fn wrap_angle<T: Scalar>(angle: T) -> T {
     }
 }
 
-/// `value` brought into [-`limit`, `limit`]; NaN stays NaN.
+/// `value` clamped to [-`limit`, `limit`]; NaN stays NaN.
 #[must_use]
 pub fn clamp_symmetric<T: Scalar>(value: T, limit: T) -> T {
     if value > limit {

@@ -1,21 +1,21 @@
-//! Gains that follow the speed: designed on the host or at build time, looked
-//! up on the target.
+//! Gain schedules over speed: designed on the host, looked up on the target.
 
 use crate::scalar::Scalar;
 
-/// A table of N gains at P equally spaced speeds from standstill upwards,
-/// interpolated linearly between them and held constant outside.
+/// A table of N gains at P equally spaced speeds, starting with standstill.
+/// Between two rows the gains are interpolated linearly; above the last row they
+/// are constant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GainSchedule<T, const N: usize, const P: usize> {
-    /// Speed between two rows, m/s, positive.
+    /// Difference of speed between two rows, m/s, positive.
     pub spacing: T,
-    /// Row k holds the gains at k times `spacing`.
+    /// Row k holds the gains at the speed k `spacing`.
     pub gains: [[T; N]; P],
 }
 
 impl<T: Scalar, const N: usize, const P: usize> GainSchedule<T, N, P> {
-    /// The gains at `speed` (m/s). The sign of the speed is ignored; NaN gives
-    /// the gains of standstill.
+    /// The gains at `speed` (m/s). The sign of the speed is ignored. NaN gives the
+    /// gains at standstill.
     #[must_use]
     pub fn at(&self, speed: T) -> [T; N] {
         let mut rows = self.gains.iter();
@@ -49,7 +49,7 @@ impl<T: Scalar, const N: usize, const P: usize> GainSchedule<T, N, P> {
         }
     }
 
-    /// Whether every gain is finite and the spacing a positive number.
+    /// True if every gain is finite and the spacing is a positive number.
     #[must_use]
     pub fn is_usable(&self) -> bool {
         self.spacing.is_finite()
@@ -58,8 +58,8 @@ impl<T: Scalar, const N: usize, const P: usize> GainSchedule<T, N, P> {
     }
 }
 
-/// Shown as a Rust expression with nine digits, which single precision needs
-/// to be restored exactly: a build script writes it into its output.
+/// Displays the schedule as a Rust expression, for the output of a build script.
+/// Nine significant digits restore single precision exactly.
 impl<T: Scalar, const N: usize, const P: usize> core::fmt::Display for GainSchedule<T, N, P> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         writeln!(f, "GainSchedule {{")?;

@@ -1,10 +1,46 @@
-//! From a plain description of a vehicle to every setting of its controller.
+//! Derives every setting of the controller from the description of a vehicle.
 //!
 //! A [`Description`] holds what can be measured or read in data sheets:
-//! lengths, limits, speeds, noise. [`Settings::for_vehicle`] derives all else
-//! in double precision. That takes Riccati equations, so it runs on the host:
-//! a build script writes the result as a constant with [`source`], and the
-//! target carries numbers only.
+//! lengths, limits, speeds and noise. [`Settings::for_vehicle`] derives all
+//! settings from it in double precision. It solves Riccati equations, so it
+//! runs on the host: a build script writes the result as a constant with
+//! [`source`], and the target carries only numbers.
+//!
+//! ```
+//! use control::controller::Settings;
+//! use control::feedback::Limits;
+//! use control::model::{Antenna, Geometry};
+//! use control::vehicle::{Description, Misalignment, Sensors, degrees, source};
+//!
+//! let vehicle = Description {
+//!     geometry: Geometry { l1: 0.9, l2: 1.5 },
+//!     antenna: Antenna { right: 0.2, height: 2.6 },
+//!     limits: Limits {
+//!         steering_angle: degrees(35.0),
+//!         steering_rate: degrees(20.0),
+//!         speed: 4.0,
+//!     },
+//!     cruise: 3.0,
+//!     period: 0.1,
+//!     sensors: Sensors {
+//!         position: 0.01,
+//!         velocity: 0.03,
+//!         steering: degrees(0.1),
+//!         age: 0.055,
+//!     },
+//!     drive_lag: 0.5,
+//!     cornering: 5.0,
+//!     misalignment: Misalignment {
+//!         heading: degrees(1.0),
+//!         steering: degrees(2.0),
+//!     },
+//!     weights: None,
+//! };
+//! let settings = Settings::<f32>::for_vehicle(&vehicle)?;
+//! let text = format!("const SETTINGS: Settings<f32> = {};", source(&settings));
+//! # assert!(text.contains("l1: 0.9"));
+//! # Ok::<(), control::vehicle::Refusal>(())
+//! ```
 
 use crate::controller::{Settings, SteeringGains};
 use crate::design::{DesignError, SteeringWeights, steering_gains};
@@ -25,17 +61,17 @@ pub const fn degrees(value: f64) -> f64 {
     value * core::f64::consts::PI / 180.0
 }
 
-/// What is known of a vehicle.
+/// The facts of a vehicle from which all settings are derived.
 ///
-/// Each field says in brackets what [`Description::check`] accepts. The
-/// closed-loop test over random vehicles covers these ranges.
+/// The ranges in brackets are those that [`Description::check`] accepts. A
+/// closed-loop test with random vehicles covers them (`tests/vehicles.rs`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
     /// Axles and the antenna's place along the vehicle. The wheelbase is
     /// L1 + L2 (0.4 to 4 m); the antenna is at most 0.4 wheelbases behind
     /// and two ahead of the rear axle.
     pub geometry: Geometry<f64>,
-    /// The antenna's place beside the centre line (either side, at most half
+    /// The antenna's place beside the centre line (to either side, at most half
     /// the radius of the tightest turn) and its height (0 to 5 m).
     pub antenna: Antenna<f64>,
     /// Mechanical limits: steering angle (15 to 45 degrees), steering rate (10
@@ -43,9 +79,10 @@ pub struct Description {
     pub limits: Limits<f64>,
     /// Speed of an autonomous run, m/s (0.3 to 3).
     pub cruise: f64,
-    /// Period of the control step, s (0.05 to 0.1). A position arrives in each.
+    /// Period of the control step, s (0.05 to 0.1). A position arrives in each
+    /// period.
     pub period: f64,
-    /// What the sensors are worth.
+    /// Noise and age of the measurements.
     pub sensors: Sensors,
     /// Time constant from commanded to real speed, s (0.05 to 1).
     pub drive_lag: f64,
@@ -53,7 +90,7 @@ pub struct Description {
     /// share of the load for each radian of slip (J. Y. Wong, Theory of Ground
     /// Vehicles, 1.4).
     pub cornering: f64,
-    /// How well the sensors are aligned.
+    /// Expected alignment errors of the sensors.
     pub misalignment: Misalignment,
     /// Weights of the regulators. `None` takes [`Weights::for_vehicle`].
     pub weights: Option<Weights>,
@@ -73,22 +110,22 @@ pub struct Sensors {
     pub age: f64,
 }
 
-/// Constant errors of angles to expect after mounting and calibration. The
+/// Expected size of constant angle errors after mounting and calibration. The
 /// estimator finds their true values while the vehicle drives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Misalignment {
-    /// Of the course against the direction of travel, rad (0.1 to 5 degrees).
+    /// Error of the measured course, rad (0.1 to 5 degrees).
     pub heading: f64,
-    /// Of the measured steering angle, rad (0.1 to 5 degrees).
+    /// Error of the measured steering angle, rad (0.1 to 5 degrees).
     pub steering: f64,
 }
 
 /// Weights of the two regulators of [`crate::guidance`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weights {
-    /// Of the one that brings the vehicle onto the path.
+    /// Weights of the firm regulator, which brings the vehicle onto the path.
     pub firm: SteeringWeights<f64>,
-    /// Of the one that keeps it there.
+    /// Weights of the gentle regulator, which keeps it there.
     pub gentle: SteeringWeights<f64>,
 }
 
@@ -132,7 +169,7 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// Name, unit, and how many of that unit make the SI unit.
+    /// Name, unit for display, and number of such units in the SI unit.
     const fn words(self) -> (&'static str, &'static str, f64) {
         const DEGREES: f64 = 180.0 / core::f64::consts::PI;
         match self {
@@ -162,7 +199,7 @@ impl Quantity {
 pub enum Refusal {
     /// A number is outside the accepted range. All three are in the SI unit.
     Number {
-        /// Which one.
+        /// The number.
         what: Quantity,
         /// Its value.
         value: f64,
@@ -171,7 +208,7 @@ pub enum Refusal {
         /// The most that is accepted.
         most: f64,
     },
-    /// The given weights make no regulator.
+    /// No regulator exists for the given weights.
     Design(DesignError<f64>),
 }
 
@@ -203,13 +240,15 @@ impl core::fmt::Display for Refusal {
 impl core::error::Error for Refusal {}
 
 impl Description {
-    /// Checks that the controller is proven for such a vehicle.
+    /// Checks that every number is within the range for which the controller is
+    /// tested.
     ///
     /// # Errors
-    /// [`Refusal`] names the number and what is accepted.
+    /// [`Refusal`] names the number and the accepted range.
     pub fn check(&self) -> Result<(), Refusal> {
         let accept = |what, value: f64, least: f64, most: f64| {
-            // Half a part in a billion forgives the rounding of conversions.
+            // The slack of a few parts in 10^10 allows for rounding errors of
+            // unit conversions.
             let slack = 5e-10 * (least.abs() + most.abs());
             if value >= least - slack && value <= most + slack {
                 Ok(())
@@ -276,14 +315,15 @@ impl Description {
         )
     }
 
-    /// Steering angle up to which the law plans, rad: the mechanical limit, or
+    /// Largest steering angle that the law uses, rad: the mechanical limit, or
     /// less for a vehicle that is fast for its steering.
     ///
-    /// Two things bound it. While the steering travels to the angle of a swing
-    /// the vehicle must not turn by more than about half a radian
-    /// ([`SLOWNESS`]): beyond that the law's arcs no longer resemble the
-    /// vehicle's. And a swing must not ask the tyres for more lateral
-    /// acceleration than [`LATERAL`], to which their slip grows linearly.
+    /// Two conditions bound it. First, the distance that the vehicle drives while
+    /// the steering travels to a swing's angle, times the curvature of the swing,
+    /// is at most [`SLOWNESS`]: beyond that the vehicle's track no longer
+    /// resembles the arcs that the law plans. Second, the lateral acceleration in
+    /// a swing is at most [`LATERAL`]: up to there the slip of the tyres grows
+    /// linearly with the force, as the estimator assumes.
     fn planned_angle(&self) -> f64 {
         let length = self.geometry.wheelbase();
         let sound = |angle: f64| {
@@ -317,22 +357,24 @@ impl Description {
                 ..self.limits
             },
             swing: SWING,
-            // The heading follows a steering angle that grows steadily as if
-            // the angle stood there from half the time on. The command of a
-            // step acts over the following period, and the steering arrives
-            // exponentially at its end: 0.85 of a period in sum.
+            // A steering angle that grows at a constant rate turns the vehicle
+            // as much as the full angle from half of the time on. To that half
+            // comes the dead time of the sampled loop: on average half a period
+            // until a command acts, and about a third of one because the
+            // steering approaches its target exponentially.
             lead: SWING * angle / self.limits.steering_rate / 2.0 + 0.85 * self.period,
             foresight: 1.0,
             brake: Brake {
                 regulating: 1.0,
                 approaching: 0.73,
             },
-            // Where a deviation may be noise, the gentle regulator works: 1.55
-            // standard deviations of a position, and 1.43 of a course.
+            // While a deviation may be noise, the gentle regulator steers: up
+            // to 1.55 standard deviations of a position, and 1.43 of a course.
             near: 1.55 * self.sensors.position,
             aligned: 43.0 / 30.0 * self.sensors.velocity / self.cruise,
-            // What remains between the regulators' grip and the noise is the
-            // integral's; larger errors are approaches.
+            // The integral removes the small constant error that the gentle
+            // regulator leaves. A larger error belongs to an approach and must
+            // not be integrated.
             integral_limit: 5.0 * self.sensors.position,
             integral_zone: 7.0 * self.sensors.position,
         }
@@ -344,14 +386,16 @@ impl Description {
             position: self.sensors.position,
             velocity: self.sensors.velocity,
             steering: self.sensors.steering,
-            // Slip and uneven ground act with the way driven: 2 mm and 0.1
-            // degrees for the first metre, growing with the root of the way.
+            // Slip and uneven ground act over the distance driven: 2 mm and 0.1
+            // degrees over the first metre. A random walk grows with the root
+            // of the distance, so per root of time with the root of the speed.
             slip: 0.002 * way,
             heading: degrees(0.1) * way,
-            // Linkage and dead band: 1.2 % of the travel in a second.
+            // Play and dead band of the linkage: 1.2 % of the travel in a
+            // second. The calibration of the rate is good to a fifth.
             actuator: 0.012 * self.limits.steering_rate,
             actuator_share: 0.2,
-            // A misalignment changes by a hundredth of itself in a second.
+            // A misalignment drifts by a hundredth of its size in a second.
             heading_bias: 0.01 * self.misalignment.heading,
             steering_bias: 0.01 * self.misalignment.steering,
             first_heading_bias: self.misalignment.heading,
@@ -361,20 +405,21 @@ impl Description {
 
     /// When the steering moves under the `gentle` regulator.
     fn hold(&self, gentle: &SteeringWeights<f64>) -> HoldSettings<f64> {
-        // An angle that is left alone moves the vehicle until the regulator
-        // notices: in its time 1 / w, by the chain's gain over w^2 for each
-        // radian. That may cost one and a half deviations of a position.
+        // A steering angle error that the hold ignores moves the vehicle until
+        // the regulator reacts. With the natural frequency w of the loop that
+        // takes about 1 / w and gives V^2 / (L w^2) metres per radian. The error
+        // may cost at most 1.5 standard deviations of a position.
         let chain = self.cruise * self.cruise / self.geometry.wheelbase();
         let gain = libm::sqrt(gentle.cross_track / gentle.steering_rate);
         let natural = libm::cbrt(gain * chain);
-        let dear = 1.5 * self.sensors.position * natural * natural / chain;
-        // Noise alone must not begin a movement: three deviations. A movement
-        // ends when no more than two remain.
-        let unit = self.sensors.steering.min(dear / 3.0);
+        let largest = 1.5 * self.sensors.position * natural * natural / chain;
+        // Noise alone must not begin a movement: the threshold is three standard
+        // deviations. A movement ends at two.
+        let unit = self.sensors.steering.min(largest / 3.0);
         HoldSettings {
             begin: 3.0 * unit,
             end: 2.0 * unit,
-            // The slowest movement that a period shows over the noise.
+            // A slower movement would not exceed the noise within a period.
             slowest: self.sensors.steering / self.period,
         }
     }
@@ -385,7 +430,7 @@ impl Description {
             l1: 0.0,
             l2: self.geometry.wheelbase(),
         };
-        // Nine rows from standstill to top speed.
+        // The nine rows reach from standstill to top speed.
         let spacing = self.limits.speed / 8.0;
         let mut schedule = steering_gains(&rear, weights, self.period, spacing, spacing)
             .map_err(Refusal::Design)?;
@@ -408,19 +453,20 @@ impl Description {
                 noise: self.noise(),
                 gps_delay: self.sensors.age,
                 drive_lag: self.drive_lag,
-                // A tyre slips by the lateral force over its coefficient; that
-                // force is the acceleration's share of gravity.
+                // The slip angle is the lateral force, as a share of the load,
+                // divided by the cornering coefficient. That share is the
+                // lateral acceleration divided by gravity.
                 rear_slip: 1.0 / self.cornering / GRAVITY,
-                // Slower than this, the noise turns the velocity vector by
-                // more than 0.15 rad.
+                // Below this speed the noise turns the velocity vector by more
+                // than 0.15 rad.
                 standstill: self.sensors.velocity / 0.15,
             },
             limits: self.limits,
             slew: Slew {
-                // From full rate one way to the other in a period.
+                // From full rate in one direction to the other in a period.
                 steering: 2.0 * self.limits.steering_rate / self.period,
-                // From rest to top speed in a period: the drive's own lag is
-                // gentler.
+                // From standstill to top speed in a period. The drive's own lag
+                // is slower.
                 speed: self.limits.speed / self.period,
             },
             firm: self.gains(&weights.firm)?,
@@ -428,18 +474,19 @@ impl Description {
             guidance: self.guidance(),
             hold: self.hold(&weights.gentle),
             cruise: self.cruise,
-            // Thirty deviations of a fixed position: dead reckoning has failed.
+            // At thirty times the noise of a measured position, dead reckoning
+            // has become useless.
             lost: 30.0 * self.sensors.position,
             stale_after: 5.0 * self.period,
-            // A point behind the rear axle swings out when the vehicle steers:
-            // then the axle itself is held on the path.
+            // A point behind the rear axle swings out when the vehicle steers.
+            // If the antenna is there, the axle itself is held on the path.
             controlled_point: self.geometry.l1.max(0.0),
         })
     }
 }
 
-/// `value` rounded to nine significant digits, all that single precision can
-/// tell apart: the last bits of an iterative solution do not reach an image.
+/// `value` rounded to nine significant digits, enough for single precision. So
+/// the last bits of an iterative solution do not reach an image.
 fn nine_digits(value: f64) -> f64 {
     if value == 0.0 {
         return value;
@@ -448,30 +495,34 @@ fn nine_digits(value: f64) -> f64 {
     libm::round(value * scale) / scale
 }
 
-/// Share of the planned steering angle that a swing onto the path uses.
+/// Share of [`Description::planned_angle`] that a swing onto the path uses.
 const SWING: f64 = 0.80;
-/// Largest turn during the travel of the steering to a swing's angle, rad.
+/// Largest product of the distance driven while the steering travels to a
+/// swing's angle, and the swing's curvature, rad.
 const SLOWNESS: f64 = 0.5;
 /// Largest lateral acceleration of a swing, m/s^2: a quarter of gravity.
 const LATERAL: f64 = 0.25 * GRAVITY;
 
-/// One regulator without dimensions.
+/// The tuning of a regulator in dimensionless numbers, valid for any vehicle.
 struct Shape {
-    /// Cross-track error that is worth the full steering rate, in standard
-    /// deviations of a position.
+    /// Cross-track error that weighs as much as the full steering rate, in
+    /// standard deviations of a position.
     error: f64,
-    /// Fastest natural frequency, in radians for each period and age of the
-    /// data.
+    /// Largest product of the loop's natural frequency and its delay (control
+    /// period plus age of the data), rad.
     fastest: f64,
-    /// Weights of integral, heading and steering angle relative to that of the
-    /// cross-track error, in units of the natural frequency.
+    /// Weight of the integral relative to that of the cross-track error, both in
+    /// the units of [`Self::weights`].
     integral: f64,
+    /// The same of the heading.
     heading: f64,
+    /// The same of the steering angle.
     steering_angle: f64,
 }
 
-/// Found by a search over simulated runs (1 m off, and 5 m off facing 45, 90
-/// and 135 degrees away; unloaded and loaded) for short settling.
+/// The firm regulator. A search over simulated runs (1 m off, and 5 m off facing
+/// 45, 90 and 135 degrees away; unloaded and loaded) found these numbers to give
+/// the shortest settling time.
 const FIRM: Shape = Shape {
     error: 4.76,
     fastest: 0.4,
@@ -480,7 +531,7 @@ const FIRM: Shape = Shape {
     steering_angle: 0.0319,
 };
 
-/// Found by the same search for few steering movements on the path.
+/// The gentle regulator: the same search, for few steering movements on the path.
 const GENTLE: Shape = Shape {
     error: 63.6,
     fastest: 0.3,
@@ -492,19 +543,20 @@ const GENTLE: Shape = Shape {
 impl Shape {
     /// The weights for a vehicle.
     ///
-    /// The steering model is a chain of three integrators whose product of
-    /// gains is V^2 / L. Weighing only the cross-track error, with r / y for a
-    /// full steering rate r and an error y, the optimal poles lie on a circle
-    /// of radius w, the cube root of (r / y) (V^2 / L) (Butterworth's
-    /// pattern). With time in units of 1 / w, a cross-track error of y goes
-    /// with a heading of y w / V and a steering angle of y w^2 L / V^2: that
-    /// makes the other weights numbers without dimensions, the same for every
-    /// vehicle.
+    /// The steering model is a chain of three integrators with the total gain
+    /// V^2 / L. Let a cross-track error y weigh as much as the full steering rate
+    /// r, and let nothing else have weight. Then the optimal poles lie on a circle
+    /// of radius w, the cube root of (r / y) (V^2 / L) (Butterworth pattern).
+    ///
+    /// Measured in units of 1 / w for time, y for the cross-track error, y w / V
+    /// for the heading and y w^2 L / V^2 for the steering angle, the closed loop
+    /// no longer depends on V, L, r and y. So weights in these units are the same
+    /// for every vehicle.
     fn weights(&self, vehicle: &Description) -> SteeringWeights<f64> {
         let (speed, length) = (vehicle.cruise, vehicle.geometry.wheelbase());
         let chain = speed * speed / length;
         let asked = vehicle.limits.steering_rate / (self.error * vehicle.sensors.position);
-        // A loop much faster than its data are old would not be the model's.
+        // The model has no delay, so the loop must be slow against the delay.
         let fastest = self.fastest / (vehicle.period + vehicle.sensors.age);
         let natural = libm::cbrt(asked * chain);
         let natural = natural.min(fastest);
@@ -524,9 +576,9 @@ impl Shape {
 impl Weights {
     /// Weights for a vehicle at its cruise speed.
     ///
-    /// An error of 4.8 standard deviations of a position is worth the full
-    /// steering rate to the firm regulator, one of 64 to the gentle one.
-    /// Neither is faster than the age of its data permits.
+    /// A cross-track error of 4.8 standard deviations of a position weighs as much
+    /// as the full steering rate in the firm regulator, and one of 64 in the
+    /// gentle one. Both loops are slow against their delay.
     #[must_use]
     pub fn for_vehicle(vehicle: &Description) -> Self {
         Self {
@@ -541,21 +593,20 @@ impl<T: Scalar> Settings<T> {
     /// precision.
     ///
     /// # Errors
-    /// [`Refusal`] names the number that makes no sound vehicle, and what is
-    /// accepted.
+    /// [`Refusal`] names the number that is out of range, and the accepted range.
     pub fn for_vehicle(vehicle: &Description) -> Result<Self, Refusal> {
         vehicle.settings().map(|settings| settings.cast())
     }
 }
 
-/// `settings` as a Rust expression for the output of a build script. It names
-/// every type by its path in this crate and restores each number exactly.
+/// `settings` as a Rust block expression, for the output of a build script. The
+/// block imports the types that it names, and restores each number exactly.
 #[must_use]
 pub fn source(settings: &Settings<f32>) -> impl core::fmt::Display + '_ {
     Source(settings)
 }
 
-/// The derived `Debug` of settings is Rust, given the names of the types.
+/// Displays settings by their derived `Debug`, which is a valid Rust expression.
 struct Source<'a>(&'a Settings<f32>);
 
 impl core::fmt::Display for Source<'_> {

@@ -1,5 +1,5 @@
-//! What stands between law and actuator: calibrations and their fits, hold,
-//! limits, safety filter, row following, number type.
+//! Calibrations and their fits, hold, limits, safety filter, row following and
+//! number type.
 
 #[path = "common/example.rs"]
 mod example;
@@ -36,8 +36,9 @@ fn any_number() -> impl Strategy<Value = f32> {
 }
 
 proptest! {
-    /// Whatever is proposed, what leaves is finite and within limits and slew;
-    /// without a fresh, finite command and a steering angle it is standstill.
+    /// For any proposal the filtered command is finite and within limits and slew
+    /// rates. Without a recent, finite command and a steering angle it is
+    /// standstill.
     #[test]
     fn only_safe_commands_leave(history in proptest::collection::vec(
         (proptest::option::of((any_number(), any_number())), 0.0_f32..0.5,
@@ -69,7 +70,7 @@ proptest! {
         }
     }
 
-    /// Effort and rate undo each other outside the dead band.
+    /// Outside the dead band effort and rate are inverse functions.
     #[test]
     fn calibration_is_invertible(
         dead in 0.0_f64..0.4, other in 0.0_f64..0.4, full in 0.1_f64..2.0, share in -1.0_f64..1.0,
@@ -85,7 +86,7 @@ proptest! {
         prop_assert_eq!(actuator.effort(0.0), 0.0);
     }
 
-    /// A fit finds the actuator that made the samples.
+    /// A fit finds the actuator from which the samples come.
     #[test]
     fn actuator_fit_finds_both_lines(
         dead in 0.02_f64..0.3, other in 0.02_f64..0.3, full in 0.2_f64..1.0,
@@ -106,7 +107,7 @@ proptest! {
         }
     }
 
-    /// A circle is found from points on part of it.
+    /// A fit finds the circle from points on part of it.
     #[test]
     fn circle_fit_finds_the_circle(
         north in -500.0_f64..500.0, east in -500.0_f64..500.0, radius in 2.0_f64..30.0,
@@ -122,7 +123,8 @@ proptest! {
         prop_assert!((found.north - north).hypot(found.east - east) < 1e-6);
     }
 
-    /// Differential steering keeps both sides within full effort and the turn.
+    /// Differential steering keeps both sides within full effort, and keeps the
+    /// turn.
     #[test]
     fn differential_keeps_the_turn(forward in -3.0_f32..3.0, turn in -3.0_f32..3.0) {
         let sides = differential(forward, turn);
@@ -138,8 +140,8 @@ proptest! {
         prop_assert!((f64::from(cosine) - exact.cos()).abs() < 2.5e-7);
     }
 
-    /// Interpolated gains lie between their neighbours, and on the rows at the
-    /// rows' speeds.
+    /// Interpolated gains lie between their neighbours. At the speed of a row they
+    /// equal the row.
     #[test]
     fn schedules_interpolate(speed in 0.0_f64..3.0) {
         let schedule = GainSchedule { spacing: 0.5, gains: [[1.0], [3.0], [2.0], [7.0]] };
@@ -216,8 +218,8 @@ fn fits_that_cannot_be_are_named() {
     assert_eq!(falling.solve(), Err(FitError::Implausible));
 }
 
-/// A movement once begun goes on to its end; noise below the threshold moves
-/// nothing.
+/// A movement continues to its target once begun. Noise below the threshold
+/// causes none.
 #[test]
 fn the_hold_rests_and_moves() {
     let settings = HoldSettings {
@@ -236,12 +238,12 @@ fn the_hold_rests_and_moves() {
     assert_eq!(hold.rate(&settings, 0.004, 2.0, 0.1), 0.0);
     assert!(hold.rests());
     assert!(hold.rate(&settings, -0.03, 2.0, 0.1) < 0.0);
-    // Never further than to the end of the way in one period.
+    // The rate does not move beyond the target within a period.
     assert!((hold.rate(&settings, -0.03, 100.0, 0.1) + 0.3).abs() < 1e-12);
 }
 
-/// Thesis chapter 2: gaps and leaves are held over, the robot steers towards
-/// the wider side, the integral stops at saturation.
+/// Thesis chapter 2: the hold bridges gaps and leaves, the robot steers towards
+/// the wider side, and the integral stops at saturation.
 #[test]
 fn row_following() {
     assert_eq!(ConditionalHold::new(5.0, 5.0), Err(EmptyRange));
@@ -264,7 +266,7 @@ fn row_following() {
         smooth.step(50.0);
     }
     assert!((smooth.step(50.0) - 50.0).abs() < 0.1);
-    // Steady variance of a random walk: (-q + sqrt(q^2 + 4 q r)) / 2.
+    // The steady-state variance for a random walk is (-q + sqrt(q^2 + 4 q r)) / 2.
     let steady = (-0.01 + (0.0001_f64 + 0.16).sqrt()) / 2.0;
     assert!((smooth.variance() - steady).abs() < 1e-9);
 

@@ -1,9 +1,9 @@
 //! The controller, in the target's precision, drives a simulated vehicle.
 //!
-//! Aims: mean cross-track error within 0.5 cm, standard deviation within
-//! 1.8 cm, 5 cm reached within 6 s from 1 m off, and within 1.15 times the
-//! shortest path's time from 5 m off facing away; a tenth of the steering
-//! movements of the thesis's controller.
+//! The aims are: a mean cross-track error within 0.5 cm; a standard deviation
+//! within 1.8 cm; within 5 cm of the line in 6 s from 1 m off, and in 1.15 times
+//! the time of the shortest path from 5 m off, facing away; and at most a tenth
+//! of the steering movements of the thesis's controller.
 
 mod common;
 
@@ -41,7 +41,7 @@ fn sample<T: Scalar>(heard: &Heard, applied: Command<f64>) -> Sample<T> {
     }
 }
 
-/// Our controller at `cruise` m/s.
+/// A run of the crate's controller at `cruise` m/s.
 fn furrow(conditions: Conditions, cruise: f32, seed: u64, seconds: f64) -> Run {
     let settings = Settings {
         cruise,
@@ -53,7 +53,8 @@ fn furrow(conditions: Conditions, cruise: f32, seed: u64, seconds: f64) -> Run {
     })
 }
 
-/// The thesis's: states straight from the sensors, u = -K x, limits (7.3).
+/// A run of the thesis's controller (7.3): u = -K x with states taken directly
+/// from the sensors, and limits.
 fn thesis(conditions: Conditions, seed: u64, seconds: f64) -> Run {
     let line = line::<f64>();
     let limits = common::example::settings::<f64>().limits;
@@ -178,7 +179,7 @@ fn from_five_metres_off_facing_away() {
                     settled <= 1.15 * shortest,
                     "{degrees} degrees, seed {seed}: {settled} s, the shortest path {shortest} m"
                 );
-                // No oscillation: it does not shoot past the line.
+                // It does not overshoot the line.
                 let over = run.errors.iter().map(|e| -side * e).fold(0.0, f64::max);
                 assert!(
                     over <= 0.035,
@@ -222,8 +223,8 @@ fn the_steering_rests() {
     }
 }
 
-/// The runs that the estimator is for: without it the biases stand as an
-/// offset many times the aim.
+/// The runs that need the estimator: without it, the biases cause a constant
+/// offset of many times the aim.
 #[test]
 fn biases_are_what_the_estimator_removes() {
     let loaded = Conditions::loaded();
@@ -236,8 +237,8 @@ fn biases_are_what_the_estimator_removes() {
     assert!(offset > 0.05);
 }
 
-/// From near the line and askew, where the steering's rate is what limits:
-/// the vehicle comes onto the line from everywhere and does not swing.
+/// Starts near the line with a heading error, where the steering rate limits the
+/// approach: the vehicle always comes onto the line and does not oscillate.
 #[test]
 fn from_anywhere_near() {
     let offsets = [0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.5, 3.0];
@@ -290,8 +291,9 @@ fn slow_and_fast() {
     }
 }
 
-/// With the actuator stuck for half a minute, and the vehicle driven off by
-/// what angle it had, nothing winds up: it comes back as from anywhere.
+/// The actuator is stuck for half a minute, and the vehicle leaves the line. The
+/// integral does not wind up, and afterwards the vehicle returns as from any
+/// other start.
 #[test]
 fn a_stuck_actuator_winds_nothing_up() {
     for seed in 0..SEEDS {
@@ -328,8 +330,8 @@ fn a_stuck_actuator_winds_nothing_up() {
     }
 }
 
-/// Round and round at a held steering angle: the estimate stays with the
-/// vehicle at every heading, also where the angle wraps.
+/// Circles at a constant steering angle: the estimate follows the vehicle at
+/// every heading, also where the angle wraps.
 #[test]
 fn the_estimate_keeps_through_circles() {
     for seed in 0..SEEDS {
@@ -368,8 +370,8 @@ fn the_estimate_keeps_through_circles() {
     }
 }
 
-/// Without positions the law drives on for half a second, then stops; dead
-/// reckoning meanwhile knows how far off it may be.
+/// Without positions the law drives on for half a second and then stops. The
+/// variance of dead reckoning covers its real error.
 #[test]
 fn outages_are_bridged_with_honest_variance() {
     let mut inside = 0;
@@ -402,7 +404,7 @@ fn outages_are_bridged_with_honest_variance() {
                 assert_eq!(outcome.verdict, Verdict::Stale);
             }
             applied = if out {
-                // Someone drives on by hand, in a gentle slalom.
+                // The operator drives on in a gentle slalom.
                 Command {
                     steering_rate: 0.1 * (f64::from(step) * 0.05).sin(),
                     speed: 1.0,
@@ -417,8 +419,8 @@ fn outages_are_bridged_with_honest_variance() {
                 let variance = f64::from(controller.estimator().position_variance());
                 assert!(variance > 4.0 * before, "no growth over 15 s without GPS");
                 let estimate = controller.estimator().estimate();
-                // The estimator's rear axle, across the way (along it the
-                // speed's error counts).
+                // The error across the direction of travel. Along it the error of
+                // the speed dominates.
                 let off = f64::from(estimate.east) - plant.east;
                 let deviation = f64::from(controller.estimator().deviations()[1]);
                 total += 1;
@@ -439,7 +441,8 @@ fn outages_are_bridged_with_honest_variance() {
     );
 }
 
-/// Out, around the headland, back, around, out: on the line all the way.
+/// Three passes with headland turns between them: the vehicle stays on the path
+/// all the way.
 #[test]
 fn headland_turns() {
     for (seed, apart) in [(1, 3_000), (2, 6_500), (3, -4_000), (4, 1_500)] {
@@ -504,8 +507,8 @@ fn headland_turns() {
     }
 }
 
-/// On a slope the antenna may run true and the hitch beside the line (thesis
-/// Figure 7.2); told the crab angle, the controller holds the hitch.
+/// On a slope the hitch runs beside the line while the antenna is on it (thesis
+/// Figure 7.2). Given the crab angle, the controller holds the hitch instead.
 #[test]
 fn the_hitch_can_be_held_instead_of_the_antenna() {
     let hitch = -0.6;
@@ -528,7 +531,7 @@ fn the_hitch_can_be_held_instead_of_the_antenna() {
         for step in 0..1000 {
             let heard = plant.hear();
             if tell {
-                // Body less course: uphill is to the left here.
+                // Body minus course; uphill is to the left here.
                 controller.set_crab(-plant.crab as f32);
             }
             applied = cast(controller.step(&sample(&heard, applied)).command);
@@ -550,7 +553,7 @@ fn the_hitch_can_be_held_instead_of_the_antenna() {
     assert!(held.abs() < 0.005);
 }
 
-/// The same samples through the controller in both precisions.
+/// The controller gives the same results in single and double precision.
 #[test]
 fn single_and_double_precision_agree() {
     let mut worst = [0.0_f64; 3];
@@ -589,7 +592,7 @@ fn single_and_double_precision_agree() {
         worst[0] < 1e-4 && worst[1] < 2e-4 && worst[2] < 2e-4,
         "{worst:?}"
     );
-    // The hold is a threshold: now and then one precision moves a step later.
+    // At the threshold of the hold one precision may begin to move a step later.
     assert!(
         different * 200 < steps,
         "{different} of {steps} commands differ"

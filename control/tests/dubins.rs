@@ -1,4 +1,4 @@
-//! Dubins paths: they end where they should, and none found by brute force is
+//! Dubins paths: they end at the given pose, and brute force finds none that is
 //! shorter.
 
 use control::dubins::{DubinsError, Pose, advance, shortest, shortest_to_line};
@@ -26,8 +26,7 @@ proptest! {
         prop_assert!(path.length() >= direct - 1e-9);
     }
 
-    /// A shortest path is a distance: going by way of any reachable point is
-    /// no shorter.
+    /// Triangle inequality: a path through another pose is never shorter.
     #[test]
     fn detours_are_not_shorter(
         start in poses(), end in poses(), curvature in -1.0_f64..1.0, length in 0.0_f64..6.0,
@@ -46,8 +45,8 @@ proptest! {
     }
 }
 
-/// Five metres off, by hand: turn until square to the line, drive straight,
-/// turn onto it.
+/// Five metres off, computed by hand: turn until square to the line, drive
+/// straight, turn onto it.
 #[test]
 fn approaches_from_five_metres() {
     let radius = 2.36;
@@ -60,15 +59,15 @@ fn approaches_from_five_metres() {
         shortest_to_line(start, radius).unwrap().length()
     };
     let by_hand = |turn: f64| {
-        // Lateral way of the turn that ends square to the line.
+        // Lateral distance of the turn that ends square to the line.
         let gained = radius * turn.sin();
         radius * turn + (5.0 - gained - radius) + radius * FRAC_PI_2
     };
-    // From 45 degrees away: 135 degrees of turn, which already gain sin(45).
+    // Facing 45 degrees away: a turn of 135 degrees.
     assert!((length(45.0) - by_hand(135.0_f64.to_radians())).abs() < 1e-3);
     assert!((length(90.0) - by_hand(180.0_f64.to_radians())).abs() < 1e-3);
-    // From 135 degrees away the shorter way round is away from the line's
-    // direction.
+    // Facing 135 degrees away, the shorter turn goes through the direction
+    // opposite to the line's.
     assert!((length(135.0) - length(45.0)).abs() < 1e-3);
 }
 

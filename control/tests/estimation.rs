@@ -1,4 +1,4 @@
-//! Kalman filters, the bias-augmented model, and the estimator's corners.
+//! Kalman filters, the model with biases, and special cases of the estimator.
 
 #[path = "common/example.rs"]
 mod example;
@@ -11,8 +11,8 @@ use control::kalman::{Kalman, KalmanError, steady_state, with_biases};
 use control::position::{Position, Velocity};
 use nalgebra::{Matrix1, SMatrix, SVector};
 
-/// Thesis 7.2.4 and Figure 7.11: controllable; the biases are observable only
-/// while the vehicle moves.
+/// Thesis 7.2.4 and Figure 7.11: the model is controllable, and the biases are
+/// observable only while the vehicle moves.
 #[test]
 fn ranks_of_the_steering_models() {
     for speed in [0.25, 1.0, 2.0] {
@@ -21,7 +21,7 @@ fn ranks_of_the_steering_models() {
         let (augmented, shows) = with_biases(&model);
         assert_eq!(observability_rank(&augmented.a, &shows), 5);
         assert_eq!(controllability_rank(&augmented.a, &augmented.b), 3);
-        // Figure 7.12's integral is not seen by measurements of the rest.
+        // The integral of Figure 7.12 is not observable from the other states.
         let integral = with_integral(&model);
         assert_eq!(controllability_rank(&integral.a, &integral.b), 4);
         let mut rest = SMatrix::<f64, 3, 4>::zeros();
@@ -34,8 +34,8 @@ fn ranks_of_the_steering_models() {
     assert_eq!(observability_rank(&augmented.a, &shows), 3);
 }
 
-/// A random walk seen with noise has a textbook gain: with q = r the golden
-/// ratio's inverse.
+/// A random walk measured with noise has a known gain: for q = r, the inverse of
+/// the golden ratio.
 #[test]
 fn steady_gain_of_a_random_walk() {
     let one = Matrix1::new(1.0_f64);
@@ -45,8 +45,8 @@ fn steady_gain_of_a_random_walk() {
     assert!((filter.corrected[0] - golden).abs() < 1e-12);
 }
 
-/// The time-varying filter of the five-state model ends at the steady one, and
-/// its estimate at the biases.
+/// The time-varying filter of the five-state model converges to the steady-state
+/// filter, and its estimate to the biases.
 #[test]
 fn time_varying_filter_converges_to_the_steady_one() {
     let (model, h) = with_biases(&example::VEHICLE.geometry.steering_model(1.0));
@@ -94,7 +94,8 @@ fn filters_that_cannot_be_are_named() {
     );
 }
 
-/// The thesis's Figure 7.9 loop: Euler at V = 2 with K = [5, 4, 3] diverges.
+/// The loop of thesis Figure 7.9 (Euler model) diverges at V = 2 with
+/// K = [5, 4, 3].
 #[test]
 fn the_printed_gain_diverges_at_two_metres_a_second() {
     let model = example::VEHICLE.geometry.steering_model(2.0);
@@ -112,7 +113,7 @@ fn the_printed_gain_diverges_at_two_metres_a_second() {
 fn simulations_follow_the_model() {
     let model = example::VEHICLE.geometry.steering_model_sampled(1.0, 0.1);
     let steps: Vec<_> = step_response(&model, 0).take(11).collect();
-    // A steering rate of one for a second.
+    // A steering rate of 1 rad/s for one second.
     assert!((steps[10][2] - 1.0).abs() < 1e-12);
     let start = SVector::<f64, 3>::new(1.0, 0.0, 0.0);
     let gain = SMatrix::<f64, 1, 3>::new(0.889, 2.041, 2.199);
@@ -131,13 +132,13 @@ fn standing() -> Observation<f32> {
     }
 }
 
-/// At standstill no bias moves, however long it stands, and their variance
-/// neither grows nor shrinks.
+/// At standstill the biases and their variances stay constant, however long it
+/// lasts.
 #[test]
 fn biases_are_frozen_at_standstill() {
     let mut estimator =
         Estimator::<f32>::new(example::settings().estimator, Position::new(0, 0)).unwrap();
-    // Learn something first.
+    // Drive first, so that the biases have values.
     for step in 0..200 {
         estimator.step(&Observation {
             position: Some(Position::new(step * 100, 0)),
@@ -204,7 +205,7 @@ fn no_heading_without_motion_and_none_from_bad_input() {
     }
 }
 
-/// A single wild position is passed over; a lasting jump is believed.
+/// A single outlier is ignored; a lasting jump is accepted.
 #[test]
 fn outliers_and_jumps() {
     let mut estimator =

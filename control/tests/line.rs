@@ -40,8 +40,8 @@ proptest! {
         prop_assert!((wrapped.cos() - angle.cos()).abs() < 1e-12);
     }
 
-    /// A point built from known coordinates in the line's frame is found there,
-    /// in double and, within its resolution, in single precision.
+    /// A point with known coordinates relative to the line is located there, in
+    /// double precision and, within its resolution, in single precision.
     #[test]
     fn points_are_found_where_they_were_put(
         north in -1_000_000_i32..1_000_000,
@@ -57,7 +57,7 @@ proptest! {
         let (from, to) = (Position::new(north, east), point(243.0, 0.0));
         let double = Line::<f64>::new(from, to).unwrap();
         let place = double.locate(point(along, cross));
-        // Waypoints and point are rounded to whole millimetres.
+        // The waypoints and the point are rounded to whole millimetres.
         prop_assert!((place.along - along).abs() < 2e-3);
         prop_assert!((place.cross_track - cross).abs() < 2e-3);
         let single = Line::<f32>::new(from, to).unwrap().locate(point(along, cross));

@@ -1,4 +1,4 @@
-//! Properties of the mode state machine over arbitrary histories.
+//! Properties of the mode state machine for arbitrary sequences of inputs.
 
 use control::mode::{Conditions, Mode, ModeMachine, Request, Source, next};
 use proptest::prelude::*;

@@ -1,5 +1,5 @@
-//! The predictive controller: that it solves its problem, and what it would
-//! bring in place of the steering law.
+//! The predictive controller: it solves its optimisation problem, and a
+//! comparison with the steering law.
 
 mod common;
 
@@ -20,7 +20,7 @@ fn rear() -> Geometry<f64> {
     Geometry { l1: 0.0, l2: 1.1 }
 }
 
-/// Where no limit acts it is the regulator of the same weights.
+/// If no limit acts, it equals the regulator with the same weights.
 #[test]
 fn without_limits_it_is_the_regulator() {
     let model = rear().steering_model_sampled(1.0, 0.3);
@@ -39,8 +39,8 @@ fn without_limits_it_is_the_regulator() {
     assert!((rate + (gain * state)[0]).abs() < 1e-6);
 }
 
-/// Its plan keeps the limits, and no feasible change of a single move is
-/// better.
+/// Its plan respects the limits, and no feasible change of a single rate lowers
+/// the cost.
 #[test]
 fn plans_are_feasible_and_best() {
     let model = rear().steering_model_sampled(1.0, 0.3);
@@ -102,7 +102,7 @@ fn law(conditions: Conditions, seed: u64) -> Run {
     })
 }
 
-/// The same estimator, the predictive controller behind it.
+/// A run with the same estimator and the predictive controller.
 fn predictive(conditions: Conditions, seed: u64, iterations: u32) -> Run {
     let origin = Position::new(0, 0);
     let mut estimator =
@@ -139,11 +139,11 @@ fn predictive(conditions: Conditions, seed: u64, iterations: u32) -> Run {
     })
 }
 
-/// The comparison. On level ground the predictive controller is a third of a
-/// second quicker and holds the line more closely (both far within the aims),
-/// for some eight times the steering movements; with a slow actuator, which its
-/// model does not know, it takes three times as long. One of its iterations costs
-/// more than the whole law. That is why the law drives.
+/// The comparison with the law. On level ground the predictive controller settles
+/// a third of a second sooner and holds the line more closely (both are well
+/// within the aims), with about eight times the steering movements. With a slow
+/// actuator, which its model does not include, it takes three times as long. One
+/// of its iterations costs more than the whole law. Therefore the law drives.
 #[test]
 fn the_law_is_as_good_for_less() {
     for (name, conditions) in [

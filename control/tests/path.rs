@@ -14,7 +14,7 @@ fn two_passes(apart: i32) -> Path<f64> {
 }
 
 proptest! {
-    /// A point set beside a segment is found there.
+    /// A point placed beside a segment is located there.
     #[test]
     fn points_beside_a_segment_are_found(
         north in -5.0_f64..5.0, east in -5.0_f64..5.0, heading in -PI..PI,
@@ -34,8 +34,8 @@ proptest! {
         prop_assert!((place.bearing - on.heading).sin().abs() < 1e-9);
     }
 
-    /// Driving exactly along a path, its whole length passes without error,
-    /// for narrow and wide headlands.
+    /// A point that moves exactly along a path passes its whole length without
+    /// error, on narrow and wide headlands.
     #[test]
     fn the_path_itself_has_no_error(apart in -15_000_i32..15_000) {
         prop_assume!(apart.abs() > 200);
@@ -73,14 +73,14 @@ fn segments_join() {
 #[test]
 fn curvature_is_averaged_over_joints() {
     let path = two_passes(6000);
-    // A half circle of radius 3 to the right between the passes.
+    // Between the passes lies a half circle of radius 3 to the right.
     let inside = path.smoothed(1, 3.0, 1.0);
     assert!((inside.curvature - 1.0 / 3.0).abs() < 1e-9 && inside.turn.abs() < 1e-9);
     let joint = path.smoothed(0, 30.0, 1.0);
     assert!((joint.curvature - 1.0 / 6.0).abs() < 1e-9);
     let back = path.smoothed(1, 0.0, 1.0);
     assert!((back.curvature - 1.0 / 6.0).abs() < 1e-9);
-    // Half way through a ramp of two metres the heading leads by k w / 8.
+    // Halfway through a ramp of two metres the heading leads by k w / 8.
     assert!((back.turn - 2.0 / 3.0 / 8.0).abs() < 1e-9);
     assert!((path.curvature(0, 29.0)).abs() < 1e-9);
     assert!((path.curvature(0, 31.0) - 1.0 / 3.0).abs() < 1e-9);

@@ -1,4 +1,4 @@
-//! The thesis's law on its own.
+//! The steering law of the thesis.
 
 #[path = "common/example.rs"]
 mod example;
@@ -21,8 +21,8 @@ fn gains_are_the_regulator_with_unit_weights() {
     }
 }
 
-/// A vehicle 0.1 m right of a northward line, 0.05 rad to the right of it,
-/// wheels 0.02 rad to the left: u = -(0.1 K1 + 0.05 K2 - 0.02 K3).
+/// The vehicle is 0.1 m to the right of a northward line, points 0.05 rad to the
+/// right and steers 0.02 rad to the left: u = -(0.1 K1 + 0.05 K2 - 0.02 K3).
 #[test]
 fn the_command_is_the_states_times_the_gains() {
     let line = Line::new(Position::new(0, 0), Position::new(100_000, 0)).unwrap();
@@ -50,7 +50,7 @@ fn the_command_is_the_states_times_the_gains() {
     assert!(outcome.command.speed == 0.0);
 }
 
-/// Without positions the law stands still as soon as the last is stale.
+/// Without positions the law commands standstill once the last one is too old.
 #[test]
 fn it_does_not_drive_on_an_old_position() {
     let line = Line::new(Position::new(0, 0), Position::new(100_000, 0)).unwrap();

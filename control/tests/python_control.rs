@@ -1,5 +1,6 @@
-//! Design functions against python-control on random systems, stable and
-//! unstable, of order one to six (`fixtures/generate.py` writes the answers).
+//! Compares the design functions with python-control on random systems, stable
+//! and unstable, of order one to six. `fixtures/generate.py` writes the expected
+//! results.
 
 use control::analysis::{controllability_rank, observability_rank, poles};
 use control::discretise::zero_order_hold;
@@ -30,14 +31,14 @@ fn systems() -> Vec<System> {
     serde_json::from_str(include_str!("fixtures/random_systems.json")).unwrap()
 }
 
-/// Largest difference relative to the largest entry.
+/// Largest difference, relative to the largest entry.
 fn difference<const N: usize, const M: usize>(found: &SMatrix<f64, N, M>, known: &[f64]) -> f64 {
     let known = SMatrix::<f64, N, M>::from_row_slice(known);
     (found - known).amax() / known.amax()
 }
 
-/// Checks one system; returns the largest relative differences of gain,
-/// transition, input matrix, covariance and pole magnitudes.
+/// Checks one system. Returns the largest relative differences of gain,
+/// transition matrix, input matrix, covariance and pole magnitudes.
 fn check<const N: usize, const M: usize>(system: &System) -> [f64; 5]
 where
     nalgebra::Const<N>: nalgebra::DimSub<nalgebra::U1>,

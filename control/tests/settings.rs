@@ -1,4 +1,4 @@
-//! Settings that no vehicle has are refused by name.
+//! Unusable settings are refused, and the error names them.
 
 #[path = "common/example.rs"]
 mod example;

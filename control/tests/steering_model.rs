@@ -1,4 +1,4 @@
-//! The steering model against its known answers.
+//! The steering model, compared with known results.
 
 #[path = "common/example.rs"]
 mod example;
@@ -9,8 +9,8 @@ use control::model::{Geometry, GeometryError};
 use nalgebra::{Matrix1, SMatrix};
 use proptest::prelude::*;
 
-/// The gain that MATLAB's and python-control's `dlqr` give for the UAGV at
-/// 1 m/s, Q = I, R = 1, 10 Hz.
+/// The gain that `dlqr` of MATLAB and of python-control gives for the thesis's
+/// vehicle at 1 m/s with Q = I, R = 1 at 10 Hz.
 #[test]
 fn regulator_at_one_metre_a_second() {
     let model = example::VEHICLE.geometry.steering_model_sampled(1.0, 0.1);
@@ -25,7 +25,7 @@ fn regulator_at_one_metre_a_second() {
     }
 }
 
-/// The same design in single precision stays within single precision.
+/// The same design in single precision is exact to single precision.
 #[test]
 fn regulator_in_single_precision() {
     let model = example::settings::<f32>()
@@ -40,7 +40,7 @@ fn regulator_in_single_precision() {
 }
 
 proptest! {
-    /// The closed form and the general series agree.
+    /// The closed form and the general method agree.
     #[test]
     fn closed_form_hold_is_the_general_one(
         l1 in -1.0_f64..2.0,
@@ -55,8 +55,8 @@ proptest! {
         prop_assert!((closed.g - general.g).amax() < 1e-13);
     }
 
-    /// Holding for two periods is holding twice: the semigroup property, for
-    /// any A and B.
+    /// Semigroup property: two periods with the same input equal one period of
+    /// twice the length, for any A and B.
     #[test]
     fn two_half_periods_make_one(entries in proptest::collection::vec(-3.0_f64..3.0, 20)) {
         let model = control::model::Continuous {
@@ -73,7 +73,7 @@ proptest! {
     }
 }
 
-/// The scalar system has a textbook answer: F = exp(a T), G = b (F - 1) / a.
+/// The scalar system has the solution F = exp(a T), G = b (F - 1) / a.
 #[test]
 fn hold_of_a_first_order_lag() {
     let model = control::model::Continuous {

@@ -1,5 +1,5 @@
-//! Any sound vehicle comes onto its line and stays there with the settings
-//! derived from its description.
+//! Closed-loop tests with random vehicles: with the settings derived from its
+//! description, each one comes onto its line and stays there.
 
 mod common;
 
@@ -14,7 +14,7 @@ use control::safety::Command;
 use control::scalar::Scalar;
 use control::vehicle::{Description, Weights, degrees, source};
 
-/// Random vehicles that drive.
+/// Number of random vehicles.
 const VEHICLES: u64 = 400;
 
 fn line() -> Line<f32> {
@@ -28,10 +28,10 @@ fn cast<T: Scalar, U: Scalar>(command: Command<T>) -> Command<U> {
     }
 }
 
-/// A vehicle from anywhere in the accepted ranges.
+/// A random vehicle within the accepted ranges.
 fn random(noise: &mut Noise) -> Description {
     let mut between = |least: f64, most: f64| least + (most - least) * noise.uniform();
-    // Lengths and speeds by their ratio: half of them in the lower decade.
+    // Wheelbase and speed are distributed evenly over their logarithm.
     let wheelbase = 0.4 * 10.0_f64.powf(between(0.0, 1.0));
     let cruise = 0.3 * 10.0_f64.powf(between(0.0, 1.0));
     let steering_angle = degrees(between(15.0, 45.0));
@@ -81,10 +81,10 @@ fn drive(vehicle: Description, conditions: Conditions, seed: u64, seconds: f64) 
 
 /// From 1 m off, any vehicle comes within 5 cm of the line and stays there.
 ///
-/// The time allowed is twice what the geometry takes (the shortest path onto
-/// the line at the radius of a swing, and the travel of the steering: over,
-/// back through straight ahead to the other side, and back) and 8 s for the
-/// estimator to find heading and biases.
+/// The allowed time is twice the time that the geometry requires, plus 8 s in
+/// which the estimator finds heading and biases. The geometry requires the
+/// shortest path onto the line at the radius of a swing, and the travel of the
+/// steering to one side, to the other, and back.
 #[test]
 fn any_sound_vehicle_settles() {
     for seed in 0..VEHICLES {
@@ -106,9 +106,9 @@ fn any_sound_vehicle_settles() {
             settled <= allowed,
             "seed {seed}: {settled} s of {allowed} s, {vehicle:?}"
         );
-        // A minute on the line: noise and the steering's hold move the vehicle
-        // by less than 5 cm (that is what settled means), on average by half of
-        // that, and the steering reverses less than every second.
+        // No limit cycle in the minute after that: the error stays within 5 cm,
+        // its standard deviation within half of that, and the steering reverses
+        // less than once a second.
         let (mean, deviation) = run.error(allowed);
         assert!(
             mean.abs() < 0.02 && deviation < 0.025,
@@ -122,7 +122,7 @@ fn any_sound_vehicle_settles() {
     }
 }
 
-/// Also from 5 m off and facing away.
+/// The same from 5 m off, facing 135 degrees away.
 #[test]
 fn any_sound_vehicle_turns_around() {
     for seed in 0..VEHICLES / 4 {
@@ -152,7 +152,7 @@ fn any_sound_vehicle_turns_around() {
     }
 }
 
-/// Each number that makes no sound vehicle is named with what is accepted.
+/// A number out of range is named, with its value and the accepted range.
 #[test]
 fn unsound_vehicles_are_refused() {
     type Change = fn(&mut Description);
@@ -214,8 +214,7 @@ fn unsound_vehicles_are_refused() {
     }
 }
 
-/// The weights that the example's were searched for are what its description
-/// gives, to 1 %.
+/// For the example, the derived weights equal those found by a search within 1 %.
 #[test]
 fn derived_weights_are_those_found_by_search() {
     let vehicle = common::example::VEHICLE;
@@ -234,7 +233,7 @@ fn derived_weights_are_those_found_by_search() {
     }
 }
 
-/// What a build script writes is the settings again.
+/// The source that a build script writes restores the settings exactly.
 #[test]
 fn the_source_restores_every_number() {
     const SETTINGS: Settings<f32> = include!("fixtures/settings.rs");

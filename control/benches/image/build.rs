@@ -1,4 +1,4 @@
-//! Hands the linker script over and writes the example's settings as a constant.
+//! Passes the linker script to the linker and writes the settings of the example vehicle.
 
 use control::vehicle::source;
 

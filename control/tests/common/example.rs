@@ -1,5 +1,5 @@
-//! The vehicle that tests and benchmarks drive: the one of the thesis, 1.1 m
-//! between the axles, 25 degrees of steering at 25 degrees/s, at 1 m/s.
+//! The example vehicle of tests and benchmarks: that of the thesis, with a
+//! wheelbase of 1.1 m and 25 degrees of steering at 25 degrees/s, at 1 m/s.
 
 use control::controller::Settings;
 use control::design::SteeringWeights;
@@ -44,7 +44,7 @@ pub(crate) const VEHICLE: Description = Description {
             steering_angle: 0.13,
             steering_rate: 1.0,
         },
-        // A centimetre may cost a third of a degree of steering.
+        // An error of 1 cm calls for about a third of a degree of steering.
         gentle: SteeringWeights {
             integral: 0.0095,
             cross_track: 0.47,
@@ -55,7 +55,7 @@ pub(crate) const VEHICLE: Description = Description {
     }),
 };
 
-/// Its settings.
+/// Settings of [`VEHICLE`].
 pub(crate) fn settings<T: Scalar>() -> Settings<T> {
     Settings::for_vehicle(&VEHICLE).expect("a sound vehicle")
 }

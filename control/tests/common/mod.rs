@@ -1,7 +1,7 @@
-//! A simulated vehicle for closed-loop tests: a kinematic bicycle on a slope,
-//! its actuators with limits and dead bands, and a late, noisy receiver.
+//! A simulated vehicle for closed-loop tests: a kinematic bicycle model on a slope,
+//! actuators with limits and dead bands, and a noisy receiver with a delay.
 
-#![allow(dead_code, reason = "each test uses its part")]
+#![allow(dead_code, reason = "each test uses some of it")]
 
 pub(crate) mod example;
 
@@ -11,7 +11,7 @@ use control::safety::Command;
 use control::vehicle::Description;
 use std::collections::VecDeque;
 
-/// SplitMix64 and Box-Muller: small, seeded, the same everywhere.
+/// Seeded random numbers, the same on every machine: SplitMix64 and Box-Muller.
 pub(crate) struct Noise {
     state: u64,
 }
@@ -42,7 +42,7 @@ impl Noise {
     }
 }
 
-/// What distinguishes one run from another.
+/// Conditions of a run.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Conditions {
     /// Antenna to the right of the line at the start, m.
@@ -51,13 +51,13 @@ pub(crate) struct Conditions {
     pub(crate) heading: f64,
     /// Speed at the start, m/s.
     pub(crate) speed: f64,
-    /// Slope of the ground, falling to the right of the line, rad.
+    /// Slope of the ground, rad, positive if it falls to the right of the line.
     pub(crate) slope: f64,
-    /// Potentiometer reads this much too far right, rad.
+    /// Error of the potentiometer, rad, positive if it reads too far to the right.
     pub(crate) steering_bias: f64,
-    /// Velocity vector reads this much too far clockwise, rad.
+    /// Error of the measured course, rad, positive if it reads too far clockwise.
     pub(crate) heading_bias: f64,
-    /// Actuator's rate as a share of the calibrated one.
+    /// Rate of the actuator as a share of the calibrated one.
     pub(crate) actuator: f64,
     /// Standard deviation of the receiver's position, m.
     pub(crate) position_noise: f64,
@@ -85,7 +85,7 @@ impl Default for Conditions {
 }
 
 impl Conditions {
-    /// Filled sprayer on a slope of 3 degrees, sensors misaligned: slower
+    /// A filled sprayer on a slope of 3 degrees with misaligned sensors: a slower
     /// actuator, 2 degrees of steering bias, 1 degree of heading bias.
     pub(crate) fn loaded() -> Self {
         Self {
@@ -98,10 +98,11 @@ impl Conditions {
     }
 }
 
-/// Of the example: antenna ahead of the rear axle, m; largest steering angle, rad.
+/// The example's distance from the rear axle to the antenna, m.
 pub(crate) const L1: f64 = example::VEHICLE.geometry.l1;
+/// The example's largest steering angle, rad.
 pub(crate) const LIMIT: f64 = example::VEHICLE.limits.steering_angle;
-/// Radius of the tightest turn, m.
+/// Radius of the example's tightest turn, m.
 pub(crate) fn tightest() -> f64 {
     (L1 + example::VEHICLE.geometry.l2) / LIMIT.tan()
 }
@@ -121,7 +122,7 @@ pub(crate) fn actuator(vehicle: &Description) -> Actuator<f64> {
     }
 }
 
-/// The vehicle itself.
+/// The simulated vehicle.
 pub(crate) struct Plant {
     pub(crate) vehicle: Description,
     pub(crate) conditions: Conditions,
@@ -132,13 +133,13 @@ pub(crate) struct Plant {
     pub(crate) heading: f64,
     pub(crate) steering: f64,
     pub(crate) speed: f64,
-    /// Course less heading, rad.
+    /// Course minus heading, rad.
     pub(crate) crab: f64,
     noise: Noise,
     history: VecDeque<(f64, [f64; 4])>,
 }
 
-/// What the nodes hear in one cycle.
+/// Measurements of one cycle.
 pub(crate) struct Heard {
     pub(crate) position: Position,
     pub(crate) velocity: Velocity,
@@ -149,7 +150,7 @@ const STEP: f64 = 0.001;
 const GRAVITY: f64 = 9.81;
 
 impl Plant {
-    /// The example.
+    /// The example vehicle.
     pub(crate) fn new(conditions: Conditions, seed: u64) -> Self {
         Self::of(example::VEHICLE, conditions, seed)
     }
@@ -199,7 +200,7 @@ impl Plant {
 
     /// Drives for `seconds` under `command`.
     pub(crate) fn drive(&mut self, command: Command<f64>, seconds: f64) {
-        // The driver takes one byte.
+        // The motor driver takes its command in one byte.
         let actuator = actuator(&self.vehicle);
         let effort = (actuator.effort(command.steering_rate) * 127.0).round() / 127.0;
         let rate = actuator.rate(effort) * self.conditions.actuator;
@@ -210,8 +211,9 @@ impl Plant {
         for _ in 0..(seconds / STEP).round() as usize {
             self.steering = (self.steering + rate * STEP).clamp(-limit, limit);
             self.speed += (command.speed - self.speed) * STEP / self.vehicle.drive_lag;
-            // Both axles slip alike: by the force they carry, which turns the
-            // course but, in the first order, not the vehicle.
+            // Both axles have the same slip angle, for they carry the same force
+            // per load. That turns the course, but to first order not the
+            // vehicle.
             let turn = self.speed * self.steering.tan() / wheelbase;
             let downhill = GRAVITY * self.conditions.slope.sin() * self.heading.cos();
             self.crab = (downhill - self.speed * turn) / (GRAVITY * self.vehicle.cornering);
@@ -238,7 +240,7 @@ impl Plant {
         }
     }
 
-    /// What the sensors say now.
+    /// The measurements of the sensors now.
     pub(crate) fn hear(&mut self) -> Heard {
         let then = self.time - self.conditions.delay;
         let (north, east) = self.antenna();
@@ -275,7 +277,7 @@ impl Plant {
     }
 }
 
-/// Figures of one run.
+/// Record of a run.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Run {
     /// Cross-track error of the controlled point in each period (of 0.1 s in
@@ -305,8 +307,8 @@ impl Run {
         (mean, square.sqrt())
     }
 
-    /// Changes of the command's sign for each second from `after` seconds on;
-    /// zeros between are passed over.
+    /// Changes of the command's sign per second from `after` seconds on. Zeros are
+    /// ignored.
     pub(crate) fn sign_changes(&self, after: f64) -> f64 {
         let steady = &self.commands[(after / self.period) as usize..];
         let mut last = 0.0;
@@ -321,7 +323,7 @@ impl Run {
     }
 }
 
-/// Runs `law` on the example in closed loop for `seconds`.
+/// Runs the example vehicle under `law` for `seconds`.
 pub(crate) fn run(
     conditions: Conditions,
     seed: u64,
@@ -331,7 +333,7 @@ pub(crate) fn run(
     run_plant(Plant::new(conditions, seed), seconds, law)
 }
 
-/// Runs `law` in closed loop for `seconds`.
+/// Runs `plant` under `law` for `seconds`.
 pub(crate) fn run_plant(
     mut plant: Plant,
     seconds: f64,

@@ -1,5 +1,5 @@
-//! The control step and its parts, each to be called after its preparation, whose
-//! cycles are counted.
+//! Functions whose cycles `cargo xtask bench` counts: the control step and its parts. Each is
+//! called after a function that prepares its state.
 
 #![no_std]
 #![no_main]
@@ -25,8 +25,8 @@ include!(concat!(env!("OUT_DIR"), "/settings.rs"));
 /// Time between two steps, s.
 const PERIOD: f32 = 0.1;
 
-/// What the measured functions work on: a vehicle that drives onto a line, and the
-/// state of everything at some step.
+/// State on which the measured functions work: a vehicle that approaches a line, with all
+/// parts of its controller.
 pub struct Kernel {
     controller: Controller<f32>,
     plain: PlainController<f32>,
@@ -42,7 +42,7 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// `steps` steps after a start 1 m beside the line.
+    /// The state after `steps` steps from a start 1 m beside the line.
     fn after(steps: u32) -> Option<Self> {
         let settings = SETTINGS;
         let line = Line::new(Position::new(0, 0), Position::new(243_000, 0)).ok()?;
@@ -83,14 +83,14 @@ impl Kernel {
             pose: [0.0, 1.0, 0.0, 0.0, 0.0],
         };
         for _ in 0..steps {
-            kernel.hear();
+            kernel.measure();
             sample = kernel.sample;
             kernel.estimator.step(&kernel.observation);
             let outcome = kernel.controller.step(&sample);
             kernel.sample.applied = outcome.command;
             kernel.drive();
         }
-        kernel.hear();
+        kernel.measure();
         let [_, east, heading, steering_angle, speed] = kernel.pose;
         kernel.deviation = Deviation {
             cross_track: east,
@@ -102,8 +102,8 @@ impl Kernel {
         Some(kernel)
     }
 
-    /// What the sensors say of the pose.
-    fn hear(&mut self) {
+    /// Measures the pose with the sensors.
+    fn measure(&mut self) {
         let [north, east, heading, steering_angle, speed] = self.pose;
         let (sine, cosine) = heading.sine_cosine();
         let whole = |metres: f32| (metres * 1000.0) as i32;
@@ -120,7 +120,7 @@ impl Kernel {
         };
     }
 
-    /// A kinematic vehicle under the last command.
+    /// Moves the vehicle, a kinematic model, by one step under the last command.
     fn drive(&mut self) {
         let [north, east, heading, steering_angle, speed] = &mut self.pose;
         let (sine, cosine) = heading.sine_cosine();
@@ -132,12 +132,12 @@ impl Kernel {
     }
 }
 
-/// Makes a kernel.
+/// Prepares the state.
 pub type Prepare = fn(&mut Option<Kernel>);
-/// What is measured; the answer is 1 when it went as it should.
+/// A measured function. It returns 1 if its result is as expected.
 pub type Run = fn(&mut Option<Kernel>) -> u32;
 
-/// On the way to the line, 1.5 s after the start.
+/// Approaching the line, 1.5 s after the start.
 #[inline(never)]
 fn prepare_coming(place: &mut Option<Kernel>) {
     *place = Kernel::after(15);
@@ -149,7 +149,7 @@ fn prepare_there(place: &mut Option<Kernel>) {
     *place = Kernel::after(80);
 }
 
-/// With a predictive controller at hand.
+/// Approaching the line, with a predictive controller.
 #[inline(never)]
 fn prepare_mpc(place: &mut Option<Kernel>) {
     *place = Kernel::after(15);
@@ -183,8 +183,8 @@ fn run_guidance(place: &mut Option<Kernel>) -> u32 {
         let at = &kernel.deviation;
         let firm = settings.firm.at(at.speed);
         let gentle = settings.gentle.at(at.speed);
-        let wish = kernel.guidance.wish(at, &firm, &gentle, PERIOD);
-        wish.follow > 0.0
+        let target = kernel.guidance.target(at, &firm, &gentle, PERIOD);
+        target.follow > 0.0
     }) as u32
 }
 
@@ -220,10 +220,10 @@ fn run_mpc(place: &mut Option<Kernel>) -> u32 {
     }) as u32
 }
 
-/// All of them, so that the linker keeps them.
+/// The preparations, in a static so that the linker keeps them.
 #[used]
 pub static PREPARATIONS: [Prepare; 3] = [prepare_coming, prepare_there, prepare_mpc];
-/// What is measured.
+/// The measured functions.
 #[used]
 pub static RUNS: [Run; 6] = [
     run_step,
