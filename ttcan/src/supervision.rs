@@ -163,18 +163,18 @@ pub(crate) struct Peer {
     empty: u16,
     /// Goes up by two for each message outside its window, down by one for each
     /// message in its window.
-    astray: u8,
+    misplaced: u8,
     /// Messages outside their windows in basic cycle `cycle`.
     in_cycle: u16,
     /// Running number of the basic cycle with the last such message.
     cycle: u32,
 }
 
-/// Value of [`Peer::astray`] from which a node counts as lost: two messages outside
+/// Value of `Peer::misplaced` from which a node counts as lost: two messages outside
 /// their windows without one in its window between them.
 const LOST: u8 = 4;
-/// Highest value of [`Peer::astray`].
-const MOST_ASTRAY: u8 = 16;
+/// Highest value of `Peer::misplaced`.
+const MOST_MISPLACED: u8 = 16;
 /// So many messages outside their windows in a basic cycle are never babbling.
 const FORGIVEN: u16 = 4;
 
@@ -182,7 +182,7 @@ impl Peer {
     pub(crate) fn seen(&mut self) {
         self.heard = true;
         self.empty = 0;
-        self.astray = self.astray.saturating_sub(1);
+        self.misplaced = self.misplaced.saturating_sub(1);
     }
 
     pub(crate) fn missing(&mut self) {
@@ -196,7 +196,7 @@ impl Peer {
         }
         self.heard = true;
         self.in_cycle = self.in_cycle.saturating_add(1);
-        self.astray = (self.astray + 2).min(MOST_ASTRAY);
+        self.misplaced = (self.misplaced + 2).min(MOST_MISPLACED);
     }
 
     /// Renumbers basic cycles so that `cycle` becomes 0, and forgets what has no
@@ -222,7 +222,7 @@ impl Peer {
             Health::Unknown
         } else if recent && self.in_cycle > in_two_cycles.max(FORGIVEN) {
             Health::Babbling
-        } else if self.astray >= LOST {
+        } else if self.misplaced >= LOST {
             Health::Lost
         } else if self.empty >= in_two_cycles.max(2) {
             Health::Dead

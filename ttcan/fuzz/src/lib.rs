@@ -164,7 +164,7 @@ pub fn operations(bytes: &[u8], origin: u32) -> Vec<Said> {
 struct Driver {
     node: Stack,
     now: Stamp,
-    /// A transmission was asked for and is neither reported nor withdrawn.
+    /// A transmission was requested and is neither reported nor withdrawn.
     open: bool,
     silent: bool,
     said: Vec<Said>,

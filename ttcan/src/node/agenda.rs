@@ -7,13 +7,14 @@ use crate::time::Stamp;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Order {
     Nothing,
-    /// Withdraw the frame that was asked for last.
+    /// Withdraw the frame that was requested last.
     Abort,
     /// Silence the controller.
     Silence,
 }
 
-/// What is due. If several things are, the one that stands first here is.
+/// What is due. If several things are due, the first one of this list is done
+/// first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Due {
     Silence,
@@ -38,9 +39,9 @@ pub(super) struct Agenda {
     pub(super) order: Order,
     /// Whether an event message may be sent now.
     pub(super) event: bool,
-    /// When the owner last asked what is due. What waits for no deadline is due
-    /// since then.
-    pub(super) asked: Stamp,
+    /// When the owner last asked what is due. An order or an event message is due at
+    /// once, and this stamp is its deadline.
+    pub(super) polled: Stamp,
     /// See [`Due`] for what each deadline is for.
     pub(super) watchdog: Option<Stamp>,
     pub(super) withdrawal: Option<Stamp>,
@@ -56,7 +57,7 @@ impl Agenda {
         Self {
             order: Order::Nothing,
             event: false,
-            asked: now,
+            polled: now,
             watchdog: None,
             withdrawal: None,
             time_mark: None,
@@ -92,7 +93,7 @@ impl Agenda {
     /// When something is due next; it may be in the past.
     pub(super) fn earliest(&self, mailbox_free: bool) -> Option<Stamp> {
         if self.order != Order::Nothing || (EVENTS && self.event) {
-            return Some(self.asked);
+            return Some(self.polled);
         }
         let reference = self.reference.filter(|_| MASTER && mailbox_free);
         let first = earlier(self.time_mark, reference);

@@ -40,7 +40,7 @@ pub struct NodeConfig {
     pub ticks_per_us: u32,
     /// Latency of the stamps.
     pub latency: StampLatency,
-    /// How long before its time mark a transmission is asked for, in ticks: the time
+    /// How long before its time mark a transmission is requested, in ticks: the time
     /// from the timer's compare to the start of frame on an idle bus.
     pub transmit_lead: u32,
     /// Initial reference trigger offset (Initial_Ref_Offset) in microseconds, 0 to

@@ -17,7 +17,7 @@ pub struct Counters {
     pub references: u32,
     /// Missing references.
     pub missed_references: u32,
-    /// Own references asked for again after an error or an abort.
+    /// Own references requested again after an error or an abort.
     pub repeated_references: u32,
     /// References without the required fields.
     pub malformed_references: u32,
@@ -72,7 +72,7 @@ pub struct Counters {
     pub events_expired: u32,
     /// Event and late messages refused because the queue was full.
     pub events_refused: u32,
-    /// Reports of transmissions that this node did not ask for.
+    /// Reports of transmissions that this node did not request.
     pub stray_reports: u32,
     /// Matrices with more transmissions than scheduled.
     pub transmit_overflows: u32,

@@ -9,14 +9,14 @@ use crate::schedule::Entry;
 use crate::time::Stamp;
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
-    /// When a transmission at this cycle time is to be asked for.
+    /// When to request a transmission that is to begin at this cycle time.
     pub(super) fn instant(&self, cycle_time: u32) -> Stamp {
         let mark = self.cycle.mark.after(self.clock.ticks(cycle_time));
         mark.before(self.setup.config.transmit_lead)
     }
 
-    /// When this node's reference is to be asked for at the end of the current
-    /// basic cycle, with a reference trigger offset in microseconds.
+    /// When to request this node's reference at the end of the current basic cycle,
+    /// with a reference trigger offset in microseconds.
     pub(super) fn reference_instant(&self, offset: i8) -> Stamp {
         let cycle = self.setup.network().basic_cycle;
         self.instant(cycle.wrapping_add_signed(i32::from(offset)))
@@ -43,7 +43,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             .ticks(network.basic_cycle.wrapping_mul(cycles).wrapping_add(late))
     }
 
-    /// Last instant to ask for a frame that must end within the entry.
+    /// Last instant to request a frame that must end within the entry.
     pub(super) fn latest_start(&self, entry: &Entry, id: Id, len: u8) -> Stamp {
         let longest = self
             .setup

@@ -136,7 +136,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             cycle: fields.cycle,
             next_is_gap: fields.next_is_gap,
             discontinuity: fields.discontinuity,
-            asked: self.master.attempt.progress.asked().unwrap_or(now),
+            requested: self.master.attempt.progress.requested().unwrap_or(now),
         });
         Action::TransmitReference(frame)
     }
@@ -167,7 +167,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 self.lead(start, own);
             }
             TransmitOutcome::ArbitrationLost => {
-                self.master.attempt.progress = Progress::Lost(own.asked);
+                self.master.attempt.progress = Progress::Lost(own.requested);
             }
             TransmitOutcome::Error | TransmitOutcome::Aborted | TransmitOutcome::Empty => {
                 bump(&mut self.counters.repeated_references, 1);
@@ -183,11 +183,11 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 let id = self.setup.network().reference;
                 let shortest = self.setup.bits(length::shortest_bits(id, 1));
                 let on_time = outcome == TransmitOutcome::Error
-                    && stamp.ticks_since(own.asked) < shortest.cast_signed();
+                    && stamp.ticks_since(own.requested) < shortest.cast_signed();
                 self.master.attempt.progress = if on_time {
                     Progress::None
                 } else {
-                    Progress::Repeated(own.asked)
+                    Progress::Repeated(own.requested)
                 };
             }
         }
@@ -211,7 +211,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         // next reference tells.
         let enabled = self.clock.ticks(self.setup.network().transmit_enable);
         let lead = self.setup.config.transmit_lead;
-        let latest = own.asked.after(lead).after(enabled);
+        let latest = own.requested.after(lead).after(enabled);
         let late = start.reached(latest);
         if late {
             self.sync = SyncState::Synchronising;
@@ -245,18 +245,18 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             let network = self.setup.network();
             match self.rate_error(network.basic_cycle) {
                 error if error <= network.uncertainty => instant,
-                // Not before the master's reference, even if the own counter is
-                // as fast as the drift limit allows.
+                // Not before the master's reference, even if this node's
+                // counter is as fast as the drift limit allows.
                 error => instant.after(self.clock.ticks(error)),
             }
         });
     }
 
-    /// Asks for the own reference again at `now` if it lost arbitration and no
-    /// frame was received since.
+    /// Makes this node's reference due again at `now` if it lost arbitration and no
+    /// reference was received since.
     pub(super) fn repeat_lost_reference(&mut self, now: Stamp) {
-        if let Progress::Lost(asked) = self.master.attempt.progress {
-            self.master.attempt.progress = Progress::Repeated(asked);
+        if let Progress::Lost(requested) = self.master.attempt.progress {
+            self.master.attempt.progress = Progress::Repeated(requested);
             self.agenda.reference = Some(now);
         }
     }

@@ -43,14 +43,13 @@ pub(super) struct Attempt {
 /// How far this node's own reference got.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Progress {
-    /// It was not asked for, or the bus was certainly idle until it was: the
-    /// next attempt is like the first.
+    /// It was not requested, or its start of frame was on time: the next attempt is
+    /// like the first.
     None,
-    /// It was first asked for at this stamp, when another frame may have been
-    /// on the bus.
+    /// It was first requested at this stamp, when another frame may have been on the
+    /// bus.
     Repeated(Stamp),
-    /// As before, and it lost arbitration to a frame that has not been received
-    /// yet.
+    /// As `Repeated`, and it lost arbitration to a frame that was not received yet.
     Lost(Stamp),
 }
 
@@ -63,11 +62,11 @@ impl Attempt {
 }
 
 impl Progress {
-    /// When the reference was first asked for.
-    pub(super) const fn asked(self) -> Option<Stamp> {
+    /// When the reference was first requested.
+    pub(super) const fn requested(self) -> Option<Stamp> {
         match self {
             Self::None => None,
-            Self::Repeated(asked) | Self::Lost(asked) => Some(asked),
+            Self::Repeated(requested) | Self::Lost(requested) => Some(requested),
         }
     }
 }

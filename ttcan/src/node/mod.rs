@@ -149,7 +149,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         self.sync = SyncState::Off;
         self.cycle.master = None;
         self.position = Position::NONE;
-        self.agenda = Agenda::new(self.agenda.asked);
+        self.agenda = Agenda::new(self.agenda.polled);
         self.agenda.order = Order::Silence;
         self.transmission.pending = Pending::None;
         self.master.state = MasterState::Off;

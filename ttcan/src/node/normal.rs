@@ -28,7 +28,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         ] {
             *deadline = deadline.map(moved);
         }
-        agenda.asked = Stamp(0);
+        agenda.polled = Stamp(0);
         node.cycle.mark = if self.cycle.has_begun() {
             moved(self.cycle.mark)
         } else {
@@ -41,11 +41,11 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             moved(self.last_received)
         };
         let attempt = &mut node.master.attempt;
-        if let Progress::Repeated(asked) | Progress::Lost(asked) = &mut attempt.progress {
-            *asked = moved(*asked);
+        if let Progress::Repeated(requested) | Progress::Lost(requested) = &mut attempt.progress {
+            *requested = moved(*requested);
         }
         if let Pending::Reference(own) = &mut node.transmission.pending {
-            own.asked = moved(own.asked);
+            own.requested = moved(own.requested);
         }
         let place = match node.transmission.pending {
             Pending::Event { place } => place,

@@ -126,7 +126,7 @@ pub enum Action {
     Transmit(Grant),
     /// Send this event message, once.
     TransmitEvent(Frame),
-    /// Withdraw the frame that was asked for last, unless it is on the bus already.
+    /// Withdraw the frame that was requested last, unless it is on the bus already.
     Abort,
     /// Withdraw everything. The controller must send no dominant bit, not even
     /// acknowledgements, until the node is started again.

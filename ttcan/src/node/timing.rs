@@ -36,7 +36,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     // for that.
     #[cfg_attr(feature = "global-time", inline(never))]
     pub fn advance(&mut self, now: Stamp) -> Option<Action> {
-        self.agenda.asked = now;
+        self.agenda.polled = now;
         match self.agenda.due(now, self.transmission.is_idle())? {
             Due::Silence => {
                 self.agenda.order = Order::Nothing;

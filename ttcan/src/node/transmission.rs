@@ -1,4 +1,4 @@
-//! The transmission that was asked for, and the messages that wait for one.
+//! The pending transmission, and the messages that wait for one.
 
 use crate::frame::Frame;
 use crate::id::Id;
@@ -13,7 +13,7 @@ pub(super) struct Transmission<const Q: usize> {
     pub(super) queue: Queue<Q>,
 }
 
-/// The transmission that the owner was asked for and has not reported yet.
+/// The transmission that was requested and whose end is not reported yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Pending {
     None,
@@ -32,8 +32,8 @@ pub(super) struct OwnReference {
     pub(super) cycle: u8,
     pub(super) next_is_gap: bool,
     pub(super) discontinuity: bool,
-    /// When it was first asked for.
-    pub(super) asked: Stamp,
+    /// When it was first requested.
+    pub(super) requested: Stamp,
 }
 
 /// A message of this node in its exclusive window.

@@ -12,8 +12,8 @@ use crate::supervision::ErrorLevel;
 use crate::time::Stamp;
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
-    /// The transmission that the node asked for last has ended. `stamp` was
-    /// taken at its end; it does not matter for [`TransmitOutcome::Empty`] and
+    /// The transmission that was requested last has ended. `stamp` was taken at
+    /// its end; it does not matter for [`TransmitOutcome::Empty`] and
     /// [`TransmitOutcome::Aborted`]. Call [`Node::poll`] afterwards.
     pub fn handle_transmit(&mut self, outcome: TransmitOutcome, stamp: Stamp) {
         let pending = core::mem::replace(&mut self.transmission.pending, Pending::None);

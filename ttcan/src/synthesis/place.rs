@@ -234,7 +234,7 @@ pub(super) fn by_period(periods: &[u32], lengths: &[u32]) -> Vec<usize> {
     order
 }
 
-/// Places all messages in the given order. With `stray`, a window may begin later
+/// Places all messages in the given order. With `with_jitter`, a window may begin later
 /// than a regular period requires, as far as the deadline allows.
 pub(super) fn place(
     frame: &Frame,
@@ -242,22 +242,22 @@ pub(super) fn place(
     periods: &[u32],
     lengths: &[u32],
     order: &[usize],
-    stray: bool,
+    with_jitter: bool,
 ) -> Result<Placed, Infeasible> {
     let mut taken: Vec<Taken> = Vec::new();
     let mut jitter = vec![0; messages.len()];
     for &index in order {
         let (period, length) = (periods[index], lengths[index]);
-        let slack = if stray {
+        let slack = if with_jitter {
             messages[index].deadline.ticks().min(period) - length
         } else {
             0
         };
-        let Some((starts, strays)) = best_phase(frame, &taken, period, length, slack) else {
+        let Some((starts, deviation)) = best_phase(frame, &taken, period, length, slack) else {
             let message = messages[index].name.clone();
             return Err(Infeasible::NoRoom { message });
         };
-        jitter[index] = strays;
+        jitter[index] = deviation;
         taken.extend(starts.into_iter().map(|start| Taken {
             start,
             end: start + length,
