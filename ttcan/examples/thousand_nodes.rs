@@ -23,6 +23,8 @@ pub fn main() {
         // The shortest period gives the basic cycle.
         period: if number == 0 { CYCLE } else { CYCLE * 64 },
         deadline: CYCLE,
+        after: Vec::new(),
+        gap: Micros::micros(0),
     };
     let messages: Vec<Message> = (0..NODES).map(message).collect();
     let network = MatrixConfig {

@@ -106,6 +106,8 @@ fn messages(drawn: &Drawn) -> Vec<Message> {
             sender: NodeId(*sender),
             period: Micros::millis(*period),
             deadline: Micros::millis(*period),
+            after: Vec::new(),
+            gap: Micros::micros(0),
         })
         .collect()
 }

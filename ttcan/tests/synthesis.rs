@@ -25,7 +25,41 @@ fn message(name: &str, number: u16, len: u8, period: u32) -> Message {
         sender: NodeId(number % 5),
         period: Micros::millis(period),
         deadline: Micros::millis(period),
+        after: Vec::new(),
+        gap: Micros::micros(0),
     }
+}
+
+/// Both methods keep windows behind those of the messages that must come first, although a
+/// short period and a long frame would place them before.
+#[test]
+fn windows_follow_those_of_the_messages_before_them() {
+    let mut messages = [
+        message("command", 0, 8, 10),
+        message("sensor", 1, 2, 20),
+        message("position", 2, 8, 10),
+    ];
+    messages[0].after = vec![1, 2];
+    messages[0].gap = Micros::micros(600);
+    for method in [power_of_two, least_jitter] {
+        let plan = method(&NETWORK, &messages, &Wishes::NONE).unwrap();
+        let starts = verify(&plan, &messages);
+        let cycle = plan.basic_cycle.ticks();
+        for first in [1, 2] {
+            for start in &starts[first] {
+                let mut commands = starts[0].iter();
+                let command = commands.find(|other| *other / cycle == start / cycle);
+                assert!(
+                    command.is_none_or(|command| command >= &(start + 600)),
+                    "{plan:?}"
+                );
+            }
+        }
+    }
+    messages[1].after = vec![0];
+    let refused = power_of_two(&NETWORK, &messages, &Wishes::NONE).unwrap_err();
+    let message = "command".into();
+    assert_eq!(refused, Infeasible::Sequence { message });
 }
 
 /// Checks the plan as a matrix. Returns the starts of each message in it.

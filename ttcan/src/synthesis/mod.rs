@@ -32,6 +32,12 @@ pub struct Message {
     pub period: Micros,
     /// Longest time from the release of the message to the end of its window.
     pub deadline: Micros,
+    /// Messages, by their places in the list, whose windows must be over before this one's
+    /// begins wherever both come in the same basic cycle.
+    pub after: Vec<usize>,
+    /// Least time from the end of those windows to the beginning of this one's: what the
+    /// sender takes to make the message of theirs.
+    pub gap: Micros,
 }
 
 /// Requirements for the matrix.
@@ -153,6 +159,11 @@ pub enum Infeasible {
         /// Name of the message.
         message: String,
     },
+    /// Messages wait for one another in a circle, or for one that is not in the list.
+    Sequence {
+        /// One of them.
+        message: String,
+    },
     /// No matrix of up to 64 basic cycles holds every period a whole number of
     /// times.
     NoCommonCycle {
@@ -187,6 +198,10 @@ impl core::fmt::Display for Infeasible {
             Self::Nonsense { message } => write!(
                 f,
                 "message `{message}` must have 0 to 8 bytes and a period above 0"
+            ),
+            Self::Sequence { message } => write!(
+                f,
+                "message `{message}` must follow messages that wait for it in turn"
             ),
             Self::NoCommonCycle { message } => write!(
                 f,
@@ -238,7 +253,7 @@ pub fn power_of_two(
         .collect();
     let matrix = periods.iter().max().copied().unwrap_or(basic_cycle);
     let cycles = matrix / basic_cycle.max(1);
-    let order = place::by_period(&periods, &lengths);
+    let order = place::in_sequence(&place::by_period(&periods, &lengths), messages)?;
     let frame = place::Frame::new(network, wishes, basic_cycle, cycles);
     let placed = place::place(&frame, messages, &periods, &lengths, &order, false)?;
     finish(&frame, placed, &periods, wishes, network)
@@ -284,7 +299,8 @@ pub fn least_jitter(
         let mut order = place::by_period(&periods, &lengths);
         // The message with the most jitter is placed first the next time.
         for _ in 0..=messages.len().min(16) {
-            let tried = place::place(&frame, messages, &periods, &lengths, &order, true)
+            let tried = place::in_sequence(&order, messages)
+                .and_then(|order| place::place(&frame, messages, &periods, &lengths, &order, true))
                 .and_then(|placed| finish(&frame, placed, &periods, wishes, network));
             match tried {
                 Ok(plan) => {

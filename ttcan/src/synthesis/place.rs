@@ -69,27 +69,44 @@ impl Frame {
     }
 
     /// The earliest possible start of a window of `length` from `time` on, at most
-    /// `slack` later and before the end of the matrix.
-    fn earliest(&self, taken: &[Taken], time: u32, length: u32, slack: u32) -> Option<u32> {
+    /// `slack` later and before the end of the matrix. In each basic cycle it follows the
+    /// windows of the messages that `message` needs.
+    fn earliest(
+        &self,
+        taken: &[Taken],
+        message: &Message,
+        time: u32,
+        length: u32,
+        slack: u32,
+    ) -> Option<u32> {
         let mut start = time;
         loop {
             if start >= self.matrix() || start - time > slack {
                 return None;
             }
             let cycle = start / self.basic_cycle * self.basic_cycle;
-            if start < cycle + self.first {
-                start = cycle + self.first;
-            }
+            start = start.max(cycle + self.first);
+            let next = cycle + self.basic_cycle;
+            let preceding = taken.iter().filter(|other| {
+                message.after.contains(&other.message) && (cycle..next).contains(&other.start)
+            });
+            let gap = self.gap(message);
+            start = preceding.fold(start, |start, other| start.max(other.end + gap));
             if start + length > cycle + self.last {
                 start = cycle + self.basic_cycle;
                 continue;
             }
-            let after = taken.partition_point(|other| other.end <= start);
-            match taken.get(after) {
+            let following = taken.partition_point(|other| other.end <= start);
+            match taken.get(following) {
                 Some(other) if other.start < start + length => start = other.end,
                 _ => return (start - time <= slack).then_some(start),
             }
         }
+    }
+
+    /// Least time between a message and those that it needs, a multiple of the grain.
+    fn gap(&self, message: &Message) -> u32 {
+        message.gap.ticks().div_ceil(self.grain) * self.grain
     }
 
     /// Arbitrating windows for the required share of time: first where all basic
@@ -234,6 +251,23 @@ pub(super) fn by_period(periods: &[u32], lengths: &[u32]) -> Vec<usize> {
     order
 }
 
+/// The order with each message behind those that its windows must follow.
+pub(super) fn in_sequence(order: &[usize], messages: &[Message]) -> Result<Vec<usize>, Infeasible> {
+    let mut sequence: Vec<usize> = Vec::new();
+    while let Some(&first) = order.iter().find(|index| !sequence.contains(index)) {
+        let free = order.iter().find(|&&index| {
+            let mut after = messages[index].after.iter();
+            !sequence.contains(&index) && after.all(|other| sequence.contains(other))
+        });
+        let Some(&free) = free else {
+            let message = messages[first].name.clone();
+            return Err(Infeasible::Sequence { message });
+        };
+        sequence.push(free);
+    }
+    Ok(sequence)
+}
+
 /// Places all messages in the given order. With `with_jitter`, a window may begin later
 /// than a regular period requires, as far as the deadline allows.
 pub(super) fn place(
@@ -253,7 +287,9 @@ pub(super) fn place(
         } else {
             0
         };
-        let Some((starts, deviation)) = best_phase(frame, &taken, period, length, slack) else {
+        let Some((starts, deviation)) =
+            best_phase(frame, &taken, &messages[index], period, length, slack)
+        else {
             let message = messages[index].name.clone();
             return Err(Infeasible::NoRoom { message });
         };
@@ -270,10 +306,11 @@ pub(super) fn place(
 
 /// The starts of a message with the least jitter, and that jitter; the earliest
 /// phase wins among equals. It is enough to try the phases at which a window
-/// follows directly after another one or a reference.
+/// follows directly after another one or a reference, or after the gap that it needs.
 fn best_phase(
     frame: &Frame,
     taken: &[Taken],
+    message: &Message,
     period: u32,
     length: u32,
     slack: u32,
@@ -281,6 +318,7 @@ fn best_phase(
     let mut phases: Vec<u32> = (0..frame.cycles)
         .map(|cycle| cycle * frame.basic_cycle + frame.first)
         .chain(taken.iter().map(|taken| taken.end))
+        .chain(taken.iter().map(|taken| taken.end + frame.gap(message)))
         .chain([0])
         .map(|time| time % period)
         .collect();
@@ -292,7 +330,7 @@ fn best_phase(
         let (mut least, mut most) = (u32::MAX, 0);
         let mut time = phase;
         while time < frame.matrix() {
-            let Some(start) = frame.earliest(taken, time, length, slack) else {
+            let Some(start) = frame.earliest(taken, message, time, length, slack) else {
                 break;
             };
             least = least.min(start - time);

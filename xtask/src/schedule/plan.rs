@@ -89,6 +89,12 @@ pub fn find(
                     .deadline_us
                     .unwrap_or(period_ms.saturating_mul(1000)),
             ),
+            after: message
+                .after
+                .iter()
+                .filter_map(|name| cyclic.iter().position(|(other, _)| other.name == *name))
+                .collect(),
+            gap: Micros::from_ticks(message.preparation_us + Network::RELEASE_GRAIN_US),
         })
         .collect();
     let masters = masters(network);

@@ -139,6 +139,22 @@ fn the_power_of_two_method_keeps_the_vehicles_basic_cycle() {
     assert_eq!(exclusive(&planned.network), 11);
 }
 
+/// The command follows the sensors with time for the control step, so that the vehicle
+/// drives with the matrix that was found.
+#[test]
+fn both_methods_keep_the_command_behind_the_sensors() {
+    for method in [Method::PowerOfTwo, Method::LeastJitter] {
+        let planned = schedule(&vehicle(), &options(Some(method))).unwrap();
+        // What is written is read again, which refuses a command that comes too early.
+        let network = Network::parse(&planned.text).unwrap();
+        let mut messages = network.messages.iter();
+        let command = messages.find(|message| message.name == "Command").unwrap();
+        assert_eq!(command.after, ["Position", "Velocity", "SteeringPot"]);
+        let release = network.release_us(command).unwrap();
+        assert!(release + command.preparation_us <= command.window.start_us);
+    }
+}
+
 #[test]
 fn a_network_without_windows_gets_them() {
     let text = unscheduled();

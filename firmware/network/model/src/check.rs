@@ -22,6 +22,7 @@ pub fn check(network: &Network, unscheduled: bool) -> Vec<Problem> {
     masters(network, &mut problems);
     for message in &network.messages {
         data(network, message, &mut problems);
+        precedence(network, message, unscheduled, &mut problems);
         if !unscheduled {
             for at in message.windows() {
                 window(network, message, at, &mut problems);
@@ -387,6 +388,56 @@ fn rate(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
         refuse(format!(
             "{of}: GenMsgCycleTime is {period_ms} ms, but its window comes every {} ms",
             matrix_us as f64 / 1000.0 / times.max(1) as f64
+        ));
+    }
+}
+
+/// Whether the windows of the messages that a message needs lie before its own.
+fn precedence(
+    network: &Network,
+    message: &Message,
+    unscheduled: bool,
+    problems: &mut Vec<Problem>,
+) {
+    let of = format!("message {} ({})", message.name, message.id);
+    let mut refuse = |what: String| {
+        problems.push(Problem {
+            line: message.line,
+            what,
+        });
+    };
+    for name in &message.after {
+        let mut messages = network.messages.iter();
+        let Some(first) = messages.find(|other| other.name == *name) else {
+            refuse(format!(
+                "{of} needs {name} by its attribute After, but there is no such message"
+            ));
+            continue;
+        };
+        let kinds = [first.window.kind, message.window.kind];
+        if kinds.iter().any(|kind| *kind != WindowKind::Exclusive) {
+            refuse(format!(
+                "{of} needs {name} by its attribute After: both must have exclusive windows"
+            ));
+            continue;
+        }
+        let broken = first.windows().any(|needed| {
+            let mut own = message.windows();
+            own.any(|own| own.shares_cycle(&needed) && own.start_us < needed.end_us())
+        });
+        if broken && !unscheduled {
+            refuse(format!("{of} is scheduled before {name}, which it needs"));
+            return;
+        }
+    }
+    let Some(release) = network.release_us(message).filter(|_| !unscheduled) else {
+        return;
+    };
+    let ready = release + message.preparation_us;
+    if let Some(early) = message.windows().find(|own| own.start_us < ready) {
+        refuse(format!(
+            "{of} is scheduled at {} us: what it needs has arrived at {release} us, and its Preparation takes {} us",
+            early.start_us, message.preparation_us
         ));
     }
 }

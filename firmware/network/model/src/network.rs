@@ -1,5 +1,6 @@
 //! The network as plain data.
 
+use crate::frame::worst_case_bits;
 use crate::signal::Signal;
 
 /// A checked network: its nodes, its messages and the time frame they live in.
@@ -63,6 +64,12 @@ pub struct Message {
     /// Further windows of an exclusive message, of the same length, when one
     /// repeat factor does not describe them all.
     pub further: Vec<Window>,
+    /// Names of the messages that its sender needs first: wherever both come in the same
+    /// basic cycle, their windows are over before this one's begins.
+    pub after: Vec<String>,
+    /// Time in microseconds that its sender takes from when those have arrived
+    /// ([`Network::release_us`]) until the message can be sent.
+    pub preparation_us: u32,
     /// Signals in file order.
     pub signals: Vec<Signal>,
     /// Line of the file on which it begins, from 1.
@@ -127,6 +134,11 @@ impl Window {
 
     /// Whether both come in one same basic cycle and share an instant of it.
     pub fn overlaps(&self, other: &Window) -> bool {
+        self.shares_cycle(other) && self.start_us < other.end_us() && other.start_us < self.end_us()
+    }
+
+    /// Whether both come in one same basic cycle.
+    pub fn shares_cycle(&self, other: &Window) -> bool {
         let (few, many) = if self.repeat <= other.repeat {
             (self, other)
         } else {
@@ -134,8 +146,7 @@ impl Window {
         };
         // Both repeat factors are powers of two, so the rarer one always meets
         // the same phase of the more frequent one.
-        let same_cycle = many.offset % few.repeat.max(1) == few.offset;
-        same_cycle && self.start_us < other.end_us() && other.start_us < self.end_us()
+        many.offset % few.repeat.max(1) == few.offset
     }
 }
 
@@ -176,6 +187,9 @@ impl Message {
 }
 
 impl Network {
+    /// Releases of steps are multiples of this, in microseconds.
+    pub const RELEASE_GRAIN_US: u32 = 100;
+
     /// The message with this identifier.
     pub fn message(&self, id: u16) -> Option<&Message> {
         self.messages.iter().find(|message| message.id == id)
@@ -190,6 +204,28 @@ impl Network {
     pub fn bits_to_us(&self, bits: u32) -> u32 {
         let us = (u64::from(bits) * 1_000_000).div_ceil(u64::from(self.bit_rate.max(1)));
         us as u32
+    }
+
+    /// Cycle time in microseconds at which all that a message's sender needs has arrived, so
+    /// that its step can be released; `None` for a message that needs nothing.
+    ///
+    /// The last of those frames may begin a transmit enable window after its mark and be the
+    /// longest of its length. Rounded up to
+    /// [`Network::RELEASE_GRAIN_US`].
+    pub fn release_us(&self, message: &Message) -> Option<u32> {
+        let needed = message.after.iter().filter_map(|name| {
+            let mut messages = self.messages.iter();
+            messages.find(|other| other.name == *name)
+        });
+        let arrivals = needed.flat_map(|other| {
+            let bits = worst_case_bits(other.length) + u32::from(self.transmit_enable_bits);
+            let duration = self.bits_to_us(bits);
+            other
+                .windows()
+                .map(move |window| window.start_us + duration)
+        });
+        let last = arrivals.max()?;
+        Some(last.div_ceil(Self::RELEASE_GRAIN_US) * Self::RELEASE_GRAIN_US)
     }
 
     /// The windows of the matrix in order of their start, each once.

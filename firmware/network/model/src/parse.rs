@@ -284,6 +284,14 @@ impl Reader<'_> {
             };
             (window, self.further(message, window))
         };
+        let after = match self.dbc.resolved_message_attribute(message.id, "After") {
+            Some(AttributeValue::String(names)) => names
+                .split([' ', ','])
+                .filter(|name| !name.is_empty())
+                .map(str::to_owned)
+                .collect(),
+            _ => Vec::new(),
+        };
         let mut signals = Vec::new();
         for signal in &message.signals {
             signals.extend(self.signal(message, signal, tables, line));
@@ -304,6 +312,11 @@ impl Reader<'_> {
             deadline_us,
             window,
             further,
+            preparation_us: match after.is_empty() {
+                true => 0,
+                false => self.message_number(message.id, name, "Preparation"),
+            },
+            after,
             signals,
             line,
         })

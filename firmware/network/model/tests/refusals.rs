@@ -38,6 +38,10 @@ BA_DEF_DEF_ "MasterRank" -1;
 BA_DEF_DEF_ "GenMsgSendType" "Cyclic";
 BA_DEF_DEF_ "GenMsgCycleTime" 10;
 BA_DEF_DEF_ "GenMsgDelayTime" 100;
+BA_DEF_ BO_ "After" STRING ;
+BA_DEF_ BO_ "Preparation" INT 0 1000000;
+BA_DEF_DEF_ "After" "";
+BA_DEF_DEF_ "Preparation" 300;
 BA_DEF_DEF_ "WindowKind" "None";
 BA_DEF_DEF_ "WindowStart" 0;
 BA_DEF_DEF_ "WindowLength" 1000;
@@ -313,4 +317,42 @@ fn every_problem_is_reported_at_once() {
 fn the_longest_frame_takes_135_bit_times() {
     assert_eq!(worst_case_bits(8), 135);
     assert_eq!(worst_case_bits(0), 55);
+}
+
+/// The good file with a message `Command` that needs `after`, in a window at `start` us.
+fn with_command(after: &str, start: u32) -> Result<Network, String> {
+    let window = format!(
+        "BA_ \"After\" BO_ 300 \"{after}\";\nBA_ \"WindowKind\" BO_ 300 2;\n\
+         BA_ \"WindowStart\" BO_ 300 {start};\nVAL_ 600"
+    );
+    let text = GOOD
+        .replacen(
+            "BO_ 600 Alarm",
+            "BO_ 300 Command: 2 master\n\nBO_ 600 Alarm",
+            1,
+        )
+        .replacen("VAL_ 600", &window, 1);
+    Network::parse(&text).map_err(|problems| problems.to_string())
+}
+
+#[test]
+fn a_message_before_one_that_it_needs_is_refused() {
+    let network = with_command("Speed", 3000).unwrap();
+    let command = network.message(300).unwrap();
+    // The window at 1000 us, 64 us until the frame begins, 135 bits of 4 us.
+    assert_eq!(network.release_us(command), Some(1700));
+    let told = with_command("Speed", 0).unwrap_err();
+    assert!(
+        told.contains("message Command (300) is scheduled before Speed, which it needs"),
+        "{told}"
+    );
+    // Speed's window is over at 2000 us; 1700 us and 300 us of preparation are 2000 us.
+    assert!(with_command("Speed", 2000).is_ok());
+    let told = with_command("Sped", 3000).unwrap_err();
+    assert!(
+        told.contains("Command (300) needs Sped by its attribute After"),
+        "{told}"
+    );
+    let told = with_command("Alarm", 3000).unwrap_err();
+    assert!(told.contains("both must have exclusive windows"), "{told}");
 }

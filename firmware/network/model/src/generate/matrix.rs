@@ -119,6 +119,39 @@ fn write_windows(out: &mut String, network: &Network) -> std::fmt::Result {
             named.name.to_uppercase()
         )?;
     }
+    writeln!(out, "}}\n")?;
+    write_releases(out, network)
+}
+
+/// The instants at which the steps of the senders are released.
+fn write_releases(out: &mut String, network: &Network) -> std::fmt::Result {
+    let releases: Vec<(&Message, u32)> = network
+        .messages
+        .iter()
+        .filter_map(|message| Some((message, network.release_us(message)?)))
+        .collect();
+    if releases.is_empty() {
+        return Ok(());
+    }
+    writeln!(
+        out,
+        "/// Cycle times at which all has arrived that the sender of a message needs for it."
+    )?;
+    writeln!(out, "pub mod release {{\n    use ttcan::Micros;\n")?;
+    for (message, release_us) in releases {
+        writeln!(
+            out,
+            "    /// For message `{}` ({}): {} have arrived.",
+            message.name,
+            message.id,
+            message.after.join(", ")
+        )?;
+        writeln!(
+            out,
+            "    pub const {}: Micros = Micros::micros({release_us});",
+            screaming(&message.name)
+        )?;
+    }
     writeln!(out, "}}\n")
 }
 
