@@ -1,14 +1,17 @@
-//! What an actuator node may do: the command it holds, and what its motor is told.
+//! Supervision of an actuator: which command it obeys, and the effort of its motor.
 //!
-//! A node that drives an actuator trusts nothing: a command counts only when its end-to-end
-//! protection holds, its values are within the vehicle's limits and its flags agree with its
-//! mode; it expires after two periods; without one the motor stands still.
+//! A command is obeyed only if its end-to-end protection holds, its values are within the
+//! machine's limits and its flags agree with its mode. It expires after two periods. Without
+//! a command the motor stands still.
+
+use core::marker::PhantomData;
 
 use control::calibration::Actuator;
 use network::Message;
-use network::messages::{Command, Mode};
+use ttcan::Micros;
 
 use crate::link::Arrival;
+use crate::machine::{Machine, MotionCommand};
 use crate::{convert, design, e2e};
 
 /// Why a command frame is not acted on.
@@ -24,15 +27,52 @@ pub enum Refusal {
     Mode,
 }
 
+/// A message that commands actuators: eight bytes, of which the last two are the sequence
+/// counter and the check value of [`e2e`].
+pub trait Command: Message {
+    /// Says whether the command makes sense; its end-to-end protection and its signals'
+    /// ranges hold.
+    ///
+    /// # Errors
+    /// [`Refusal`] says why not.
+    fn check(&self) -> Result<(), Refusal>;
+}
+
+/// Whether a machine may do what a command asks: [`Command::check`] of such a command.
+///
+/// # Errors
+/// The command is beyond the machine's limits, or enables an actuator in a mode in which all
+/// stand still.
+pub fn check_motion<M: Machine, C: MotionCommand>(command: &C) -> Result<(), Refusal> {
+    // Half a count beyond the limits is rounding.
+    if command.steering_rate().abs() > M::LIMITS.steering_rate + 1e-4
+        || command.speed().abs() > M::LIMITS.speed + 5e-3
+    {
+        return Err(Refusal::Limits);
+    }
+    if (command.steering_enabled() || command.drive_enabled())
+        && (!command.is_driving_mode() || command.emergency_stop())
+    {
+        return Err(Refusal::Mode);
+    }
+    Ok(())
+}
+
 /// The command in force.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct CommandHold {
+#[derive(Clone, Copy, Debug)]
+pub struct CommandHold<C> {
     protection: e2e::Receiver,
-    command: Option<Command>,
+    command: Option<C>,
     refused: u16,
 }
 
-impl CommandHold {
+impl<C: Command> Default for CommandHold<C> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<C: Command> CommandHold<C> {
     /// No command.
     pub const fn new() -> Self {
         Self {
@@ -48,7 +88,7 @@ impl CommandHold {
     ///
     /// # Errors
     /// [`Refusal`] says why the frame changes nothing.
-    pub fn receive(&mut self, data: &[u8], time: u32) -> Result<Command, Refusal> {
+    pub fn receive(&mut self, data: &[u8], time: u32) -> Result<C, Refusal> {
         let judged = self.judge(data, time);
         match judged {
             Ok(command) => self.command = Some(command),
@@ -57,26 +97,13 @@ impl CommandHold {
         judged
     }
 
-    fn judge(&mut self, data: &[u8], time: u32) -> Result<Command, Refusal> {
+    fn judge(&mut self, data: &[u8], time: u32) -> Result<C, Refusal> {
         let bytes: &[u8; 8] = data.try_into().map_err(|_| Refusal::Malformed)?;
         self.protection
-            .judge(Command::ID, time, bytes)
+            .judge(C::ID, time, bytes)
             .map_err(Refusal::Protection)?;
-        let command = Command::decode(data).map_err(|_| Refusal::Malformed)?;
-        let rate = convert::steering_rate_of(command.steering_rate);
-        let speed = convert::speed_of(command.speed);
-        // Half a count beyond the limits is rounding.
-        if rate.abs() > design::STEERING_RATE_LIMIT + 1e-4
-            || speed.abs() > design::SPEED_LIMIT + 5e-3
-        {
-            return Err(Refusal::Limits);
-        }
-        let moving = matches!(command.mode, Mode::Manual | Mode::AutonomousRun);
-        if (command.steering_enabled || command.drive_enabled)
-            && (!moving || command.emergency_stop)
-        {
-            return Err(Refusal::Mode);
-        }
+        let command = C::decode(data).map_err(|_| Refusal::Malformed)?;
+        command.check()?;
         Ok(command)
     }
 
@@ -88,7 +115,7 @@ impl CommandHold {
     }
 
     /// The command in force.
-    pub const fn command(&self) -> Option<&Command> {
+    pub const fn command(&self) -> Option<&C> {
         self.command.as_ref()
     }
 
@@ -103,39 +130,53 @@ impl CommandHold {
 ///
 /// Towards an end stop the rate is limited so that the stop is not reached within
 /// [`design::END_STOP_HORIZON`]; at or beyond it only the way back is open.
-pub fn steering_effort(command: Option<&Command>, angle: Option<f32>) -> f32 {
+pub fn steering_effort<M: Machine>(
+    command: Option<&impl MotionCommand>,
+    angle: Option<f32>,
+) -> f32 {
     let (Some(command), Some(angle)) = (command, angle) else {
         return 0.0;
     };
-    if !command.steering_enabled || command.emergency_stop {
+    if !command.steering_enabled() || command.emergency_stop() {
         return 0.0;
     }
-    let rate = convert::steering_rate_of(command.steering_rate)
-        .clamp(-design::STEERING_RATE_LIMIT, design::STEERING_RATE_LIMIT);
-    let limit = design::STEERING_ANGLE_LIMIT;
+    let largest = M::LIMITS.steering_rate;
+    let rate = command.steering_rate().clamp(-largest, largest);
+    let limit = M::LIMITS.steering_angle;
     let right = ((limit - angle) / design::END_STOP_HORIZON).max(0.0);
     let left = ((limit + angle) / design::END_STOP_HORIZON).max(0.0);
-    effort(&design::STEERING_ACTUATOR, rate.min(right).max(-left))
+    effort(&M::STEERING, rate.min(right).max(-left))
 }
 
 /// The drive motor's speed with its slew.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Drive {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drive<M> {
     speed: f32,
+    machine: PhantomData<M>,
 }
 
-impl Drive {
+impl<M: Machine> Default for Drive<M> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<M: Machine> Drive<M> {
     /// At standstill.
     pub const fn new() -> Self {
-        Self { speed: 0.0 }
+        Self {
+            speed: 0.0,
+            machine: PhantomData,
+        }
     }
 
     /// Effort for the drive motor, -1..=1, `dt` seconds after the last call. Growing speed is
     /// slewed, also through zero when the direction changes; slowing down is not.
-    pub fn effort(&mut self, command: Option<&Command>, dt: f32) -> f32 {
+    pub fn effort(&mut self, command: Option<&impl MotionCommand>, dt: f32) -> f32 {
+        let limit = M::LIMITS.speed;
         let wanted = match command {
-            Some(command) if command.drive_enabled && !command.emergency_stop => {
-                convert::speed_of(command.speed).clamp(-design::SPEED_LIMIT, design::SPEED_LIMIT)
+            Some(command) if command.drive_enabled() && !command.emergency_stop() => {
+                command.speed().clamp(-limit, limit)
             }
             _ => 0.0,
         };
@@ -144,15 +185,20 @@ impl Drive {
         } else {
             self.speed.abs()
         };
-        let largest = start + design::DRIVE_SLEW * dt;
+        let largest = start + M::ACCELERATION * dt;
         // Not `clamp`, which panics when its limits are no numbers.
         self.speed = wanted.max(-largest).min(largest);
-        effort(&design::DRIVE_MOTOR, self.speed)
+        effort(&M::DRIVE, self.speed)
     }
 
     /// The motor was stopped.
     pub fn stop(&mut self) {
         self.speed = 0.0;
+    }
+
+    /// Commanded speed after the slew, m/s.
+    pub const fn speed(&self) -> f32 {
+        self.speed
     }
 }
 
@@ -168,10 +214,11 @@ pub struct Times {
 }
 
 impl Times {
-    /// The design's times on a time base of `ticks_per_us`.
-    pub const fn new(ticks_per_us: u32) -> Self {
+    /// Times on a time base of `ticks_per_us`; `command` is [`design::command_timeout`] of
+    /// the network.
+    pub const fn new(command: Micros, ticks_per_us: u32) -> Self {
         Self {
-            command: design::COMMAND_TIMEOUT.ticks().saturating_mul(ticks_per_us),
+            command: command.ticks().saturating_mul(ticks_per_us),
             sample: design::SAMPLE_TIMEOUT.ticks().saturating_mul(ticks_per_us),
             per_us: ticks_per_us,
         }
@@ -180,13 +227,13 @@ impl Times {
 
 /// The command of an actuator node and its age.
 #[derive(Clone, Copy, Debug)]
-pub struct Supervised {
-    hold: CommandHold,
+pub struct Supervised<C> {
+    hold: CommandHold<C>,
     accepted_at: u32,
     times: Times,
 }
 
-impl Supervised {
+impl<C: Command> Supervised<C> {
     /// No command.
     pub const fn new(times: Times) -> Self {
         Self {
@@ -201,7 +248,7 @@ impl Supervised {
     ///
     /// # Errors
     /// See [`CommandHold::receive`].
-    pub fn receive(&mut self, data: &[u8], time: u32, now: u32) -> Result<Command, Refusal> {
+    pub fn receive(&mut self, data: &[u8], time: u32, now: u32) -> Result<C, Refusal> {
         let judged = self.hold.receive(data, time);
         if judged.is_ok() {
             self.accepted_at = now;
@@ -209,8 +256,9 @@ impl Supervised {
         judged
     }
 
-    /// The task of an actuator node that is released by commands and by their absence: takes
-    /// what a link brought. True when a new command is in force.
+    /// For the task of an actuator node that is released by commands and by their absence:
+    /// judges the frame of `arrival` and drops a command that has expired. True when a new
+    /// command is in force.
     pub fn attend(&mut self, arrival: &Arrival, now: u32) -> bool {
         let Arrival { frame, time, alive } = arrival;
         let accepted = frame
@@ -232,7 +280,7 @@ impl Supervised {
     }
 
     /// The command in force.
-    pub const fn command(&self) -> Option<&Command> {
+    pub const fn command(&self) -> Option<&C> {
         self.hold.command()
     }
 
@@ -244,18 +292,20 @@ impl Supervised {
 
 /// What the steering node does.
 #[derive(Clone, Copy, Debug)]
-pub struct Steering {
+pub struct Steering<M, C> {
     /// The command.
-    pub supervised: Supervised,
+    pub supervised: Supervised<C>,
     sample: Option<(u16, u32)>,
+    machine: PhantomData<M>,
 }
 
-impl Steering {
+impl<M: Machine, C: MotionCommand> Steering<M, C> {
     /// Standing still.
     pub const fn new(times: Times) -> Self {
         Self {
             supervised: Supervised::new(times),
             sample: None,
+            machine: PhantomData,
         }
     }
 
@@ -270,7 +320,7 @@ impl Steering {
         if now.wrapping_sub(at) > self.supervised.times.sample {
             return None;
         }
-        design::POTENTIOMETER.angle(count).ok()
+        M::POTENTIOMETER.angle(count).ok()
     }
 
     /// Whether the last sample is fresh. One that is not is forgotten, before the counter
@@ -289,21 +339,21 @@ impl Steering {
     /// The motor driver's byte, `None` when no command is in force.
     pub fn byte(&self, now: u32) -> Option<u8> {
         let command = self.supervised.command()?;
-        let effort = steering_effort(Some(command), self.angle(now));
-        Some(convert::motor_byte(effort))
+        let effort = steering_effort::<M>(Some(command), self.angle(now));
+        Some(convert::motor_byte(effort, M::FULL_BYTE_IS_FORWARD))
     }
 }
 
 /// What the drive node does.
 #[derive(Clone, Copy, Debug)]
-pub struct Driving {
+pub struct Driving<M, C> {
     /// The command.
-    pub supervised: Supervised,
-    drive: Drive,
+    pub supervised: Supervised<C>,
+    drive: Drive<M>,
     stepped_at: u32,
 }
 
-impl Driving {
+impl<M: Machine, C: MotionCommand> Driving<M, C> {
     /// Standing still.
     pub const fn new(times: Times) -> Self {
         Self {
@@ -323,7 +373,7 @@ impl Driving {
         let dt = (micros.min(design::LONGEST_SLEW_STEP.ticks())) as f32 * 1e-6;
         let command = self.supervised.command();
         let effort = self.drive.effort(command, dt);
-        command.map(|_| convert::motor_byte(effort))
+        command.map(|_| convert::motor_byte(effort, M::FULL_BYTE_IS_FORWARD))
     }
 
     /// Commanded speed after the slew, m/s.
@@ -340,155 +390,5 @@ fn effort(actuator: &Actuator<f32>, rate: f32) -> f32 {
         0.0
     } else {
         actuator.effort(rate)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    extern crate std;
-    use super::*;
-    use network::messages::{CentidegreesPerSecond, CentimetresPerSecond};
-    use proptest::prelude::*;
-
-    fn command(rate: i16, speed: i16) -> Command {
-        Command {
-            steering_rate: CentidegreesPerSecond(rate),
-            speed: CentimetresPerSecond(speed),
-            mode: Mode::Manual,
-            steering_enabled: true,
-            drive_enabled: true,
-            emergency_stop: false,
-            counter: 0,
-            check: 0,
-        }
-    }
-
-    fn sealed(sender: &mut e2e::Sender, command: &Command) -> [u8; 8] {
-        let mut data = command.encode();
-        sender.seal(Command::ID, 7, &mut data);
-        data
-    }
-
-    #[test]
-    fn an_old_sample_stays_old_when_the_counter_comes_round() {
-        let times = Times::new(18);
-        let mut steering = Steering::new(times);
-        steering.sample(2048, 0);
-        assert!(steering.has_sample(times.sample));
-        assert!(!steering.has_sample(times.sample + 1));
-        assert!(!steering.has_sample(0));
-    }
-
-    #[test]
-    fn nothing_moves_before_the_second_good_frame() {
-        let mut sender = e2e::Sender::default();
-        let mut hold = CommandHold::new();
-        assert!(hold.command().is_none());
-        assert!(
-            hold.receive(&sealed(&mut sender, &command(100, 50)), 7)
-                .is_err()
-        );
-        assert!(hold.command().is_none());
-        assert!(
-            hold.receive(&sealed(&mut sender, &command(100, 50)), 7)
-                .is_ok()
-        );
-        assert_eq!(hold.command().unwrap().speed, CentimetresPerSecond(50));
-        hold.expire();
-        assert!(hold.command().is_none());
-        assert_eq!(
-            hold.receive(&sealed(&mut sender, &command(100, 50)), 7),
-            Err(Refusal::Protection(e2e::Refusal::First))
-        );
-    }
-
-    #[test]
-    fn impossible_commands_are_refused() {
-        let mut sender = e2e::Sender::default();
-        let mut hold = CommandHold::new();
-        let _ = hold.receive(&sealed(&mut sender, &command(0, 0)), 7);
-        let mut refuse =
-            |command: &Command| hold.receive(&sealed(&mut sender, command), 7).unwrap_err();
-        assert_eq!(refuse(&command(2501, 0)), Refusal::Limits);
-        assert_eq!(refuse(&command(0, -201)), Refusal::Limits);
-        let idle = Command {
-            mode: Mode::Idle,
-            ..command(0, 0)
-        };
-        assert_eq!(refuse(&idle), Refusal::Mode);
-        let stopped = Command {
-            emergency_stop: true,
-            ..command(0, 0)
-        };
-        assert_eq!(refuse(&stopped), Refusal::Mode);
-        assert_eq!(hold.receive(&[0; 7], 7), Err(Refusal::Malformed));
-        assert!(hold.command().is_none());
-    }
-
-    proptest! {
-        /// Any bytes at all: a command in force always keeps the limits.
-        #[test]
-        fn whatever_arrives_a_command_in_force_keeps_the_limits(
-            frames in proptest::collection::vec(any::<[u8; 8]>(), 1..20), seal: bool,
-        ) {
-            let mut sender = e2e::Sender::default();
-            let mut hold = CommandHold::new();
-            for mut frame in frames {
-                if seal {
-                    sender.seal(Command::ID, 7, &mut frame);
-                }
-                let _ = hold.receive(&frame, 7);
-                if let Some(command) = hold.command() {
-                    prop_assert!(command.steering_rate.0.abs() <= 2500);
-                    prop_assert!(command.speed.0.abs() <= 200);
-                }
-            }
-        }
-
-        /// No command ever drives the wheels further out at or beyond an end stop.
-        #[test]
-        fn the_end_stops_hold(rate in -2500i16..=2500, beyond in 0.0f32..0.2, left: bool) {
-            let angle = design::STEERING_ANGLE_LIMIT + beyond;
-            let angle = if left { -angle } else { angle };
-            let effort = steering_effort(Some(&command(rate, 0)), Some(angle));
-            prop_assert!(effort * angle <= 0.0);
-        }
-
-        /// Integrated at 200 Hz with the actuator's own line, the angle never passes a stop.
-        #[test]
-        fn the_wheels_stay_within_their_limits(rate in -2500i16..=2500, start in -0.43f32..0.43) {
-            let mut angle = start;
-            for _ in 0..400 {
-                let effort = steering_effort(Some(&command(rate, 0)), Some(angle));
-                angle += design::STEERING_ACTUATOR.rate(effort) * 0.005;
-                prop_assert!(angle.abs() <= design::STEERING_ANGLE_LIMIT + 1e-4);
-            }
-        }
-
-        #[test]
-        fn the_drive_slews_up_and_never_down(speeds in proptest::collection::vec(-200i16..=200, 1..40)) {
-            let mut drive = Drive::new();
-            let mut last = 0.0f32;
-            for speed in speeds {
-                drive.effort(Some(&command(0, speed)), 0.1);
-                let now = drive.speed;
-                prop_assert!(now.abs() <= last.abs() + design::DRIVE_SLEW * 0.1 + 1e-5);
-                let wanted = f32::from(speed) / 100.0;
-                prop_assert!(now.abs() <= wanted.abs() + 1e-5 && now * wanted >= 0.0);
-                last = now;
-            }
-            prop_assert_eq!(drive.effort(None, 0.1), 0.0);
-        }
-    }
-
-    #[test]
-    fn without_command_or_angle_the_steering_stands_still() {
-        assert_eq!(steering_effort(None, Some(0.0)), 0.0);
-        assert_eq!(steering_effort(Some(&command(1000, 0)), None), 0.0);
-        let disabled = Command {
-            steering_enabled: false,
-            ..command(1000, 0)
-        };
-        assert_eq!(steering_effort(Some(&disabled), Some(0.0)), 0.0);
     }
 }

@@ -1,7 +1,5 @@
 //! Debouncing of buttons and switches, and what the operator asks for with them.
 
-use network::messages::{Button as Named, ButtonEvent};
-
 /// Samples that an input must hold a new level before it counts: 20 ms at 200 Hz. A remote
 /// control's relay and a tactile switch bounce for less than 10 ms.
 pub const STEADY_SAMPLES: u8 = 4;
@@ -38,6 +36,12 @@ impl Debounced {
         Some(if level { Edge::Pressed } else { Edge::Released })
     }
 
+    /// Takes a level as the present one, without a change.
+    const fn settle(&mut self, level: bool) {
+        self.level = level;
+        self.differing = 0;
+    }
+
     /// The debounced level.
     pub const fn is_pressed(&self) -> bool {
         self.level
@@ -72,37 +76,50 @@ impl Button {
         Self::StopLoop,
     ];
 
-    /// Its event message, with its number.
-    pub const fn event(self, edge: Edge, counter: u8) -> ButtonEvent {
-        ButtonEvent {
-            button: match self {
-                Self::A => Named::A,
-                Self::B => Named::B,
-                Self::C => Named::C,
-                Self::D => Named::D,
-                Self::Joystick => Named::Joystick,
-                Self::StopLoop => Named::StopLoop,
-            },
-            pressed: matches!(edge, Edge::Pressed),
-            counter,
-        }
+    /// Whether the remote control has it.
+    pub const fn is_remote(self) -> bool {
+        matches!(self, Self::A | Self::B | Self::C | Self::D)
     }
+}
+
+/// How the remote control's receiver shows a press.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Remote {
+    /// Its output is high while the button is pressed.
+    Momentary,
+    /// Each press changes its output.
+    Toggle,
 }
 
 /// All inputs, debounced.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Buttons {
     inputs: [Debounced; 6],
+    /// Whether a sample was taken. Before the first one the outputs of a toggling remote
+    /// control may be at either level.
+    sampled: bool,
 }
 
 impl Buttons {
     /// Takes one sample of all inputs, in the order of [`Button::ALL`], and hands each
-    /// change to `sink`.
-    pub fn sample(&mut self, levels: [bool; 6], mut sink: impl FnMut(Button, Edge)) {
+    /// change to `sink`. Each change of a toggling remote control's output is a press.
+    pub fn sample(
+        &mut self,
+        remote: Remote,
+        levels: [bool; 6],
+        mut sink: impl FnMut(Button, Edge),
+    ) {
+        let toggles = remote == Remote::Toggle;
+        let first = toggles && !self.sampled;
+        self.sampled = true;
         // loop-bound: 6 inputs
         for ((input, level), button) in self.inputs.iter_mut().zip(levels).zip(Button::ALL) {
+            let toggled = toggles && button.is_remote();
+            if first && toggled {
+                input.settle(level);
+            }
             if let Some(edge) = input.sample(level) {
-                sink(button, edge);
+                sink(button, if toggled { Edge::Pressed } else { edge });
             }
         }
     }
@@ -118,8 +135,7 @@ impl Buttons {
 #[cfg(test)]
 mod tests {
     extern crate std;
-    use super::{Button, Buttons, Debounced, Edge, STEADY_SAMPLES};
-    use network::Message as _;
+    use super::{Button, Buttons, Debounced, Edge, Remote, STEADY_SAMPLES};
     use proptest::prelude::*;
     use std::vec::Vec;
 
@@ -128,13 +144,64 @@ mod tests {
         let mut buttons = Buttons::default();
         let mut seen = Vec::new();
         for _ in 0..20 {
-            buttons.sample([false, false, false, false, false, true], |button, edge| {
+            let levels = [false, false, false, false, false, true];
+            buttons.sample(Remote::Momentary, levels, |button, edge| {
                 seen.push((button, edge));
             });
         }
         assert_eq!(seen, [(Button::StopLoop, Edge::Pressed)]);
         assert!(buttons.is_pressed(Button::StopLoop));
-        assert_eq!(Button::StopLoop.event(Edge::Pressed, 3).encode(), [6, 1, 3]);
+    }
+
+    /// What is seen of a remote control whose output C has these levels, each for 20 samples;
+    /// the joystick's switch has the same.
+    fn presses(remote: Remote, levels: &[bool]) -> Vec<(Button, Edge)> {
+        let mut buttons = Buttons::default();
+        let mut seen = Vec::new();
+        for &level in levels {
+            for _ in 0..20 {
+                let levels = [false, false, level, false, level, false];
+                buttons.sample(remote, levels, |button, edge| seen.push((button, edge)));
+            }
+        }
+        seen
+    }
+
+    #[test]
+    fn a_toggling_remote_control_is_pressed_with_each_change() {
+        use Button::{C, Joystick};
+        use Edge::{Pressed, Released};
+        let levels = [false, true, false];
+        assert_eq!(
+            presses(Remote::Momentary, &levels),
+            [
+                (C, Pressed),
+                (Joystick, Pressed),
+                (C, Released),
+                (Joystick, Released)
+            ]
+        );
+        assert_eq!(
+            presses(Remote::Toggle, &levels),
+            [
+                (C, Pressed),
+                (Joystick, Pressed),
+                (C, Pressed),
+                (Joystick, Released)
+            ]
+        );
+    }
+
+    #[test]
+    fn the_level_at_which_a_toggling_remote_control_starts_is_no_press() {
+        assert_eq!(
+            presses(Remote::Toggle, &[true, false]),
+            [
+                (Button::Joystick, Edge::Pressed),
+                (Button::C, Edge::Pressed),
+                (Button::Joystick, Edge::Released)
+            ]
+        );
     }
 
     proptest! {

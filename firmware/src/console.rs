@@ -1,7 +1,6 @@
 //! Console lines (thesis 6.2.4.6): what a node knows, ten times a second, on a serial port.
 
 use control::mode::Mode;
-use network::messages::Millimetres;
 use sled_common::can::ErrorState;
 use ttcan::{ErrorLevel, MasterState, Status, SyncState};
 
@@ -32,13 +31,15 @@ pub struct BusView {
     pub misplaced: u32,
     /// Error counters of the controller.
     pub errors: ErrorState,
-    /// What the link counted.
+    /// Counters of the link.
     pub link: link::Counters,
 }
 
 impl BusView {
-    /// What there is to say about a link now.
-    pub fn of<P: link::Port, T: link::WindowTimer>(link: &link::Link<P, T>) -> Self {
+    /// The present state of a link.
+    pub fn of<P: link::Port, T: link::WindowTimer, const WINDOWS: usize, const NODES: usize>(
+        link: &link::Link<P, T, WINDOWS, NODES>,
+    ) -> Self {
         let counters = link.node().counters();
         Self {
             status: link.node().status(),
@@ -87,11 +88,11 @@ pub fn bus(line: &mut Line, view: &BusView) {
     line.str("\r\n");
 }
 
-/// What an actuator node says.
+/// State of an actuator node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ActuatorView {
-    /// Commanded steering rate in centidegrees a second, or speed in cm/s; `None` when no
-    /// command is in force.
+    /// Commanded value in hundredths of its unit, such as centidegrees a second or cm/s;
+    /// `None` when no command is in force.
     pub command: Option<i16>,
     /// Potentiometer, counts, where there is one.
     pub count: Option<u16>,
@@ -146,17 +147,17 @@ pub fn receiver(
     line.str("\r\n");
 }
 
-/// What the controller says.
+/// State of the controller.
 #[derive(Clone, Copy, Debug)]
 pub struct PilotView {
     /// Mode.
     pub mode: Mode,
-    /// Position, north.
-    pub north: Millimetres,
-    /// Position, east.
-    pub east: Millimetres,
-    /// Cross-track error.
-    pub cross_track: Millimetres,
+    /// Position, north, mm.
+    pub north: i32,
+    /// Position, east, mm.
+    pub east: i32,
+    /// Cross-track error, mm.
+    pub cross_track: i32,
     /// Heading error, thousandths of a degree.
     pub heading_error: i32,
     /// Whether the solution is fixed.
@@ -165,13 +166,13 @@ pub struct PilotView {
     pub display: bool,
 }
 
-/// The line about the vehicle.
-pub fn pilot(line: &mut Line, view: &PilotView) {
-    line.str("uagv ").str(view.mode.name());
+/// The line about the vehicle, which is called `name`.
+pub fn pilot(line: &mut Line, name: &str, view: &PilotView) {
+    line.str(name).byte(b' ').str(view.mode.name());
     line.str(if view.fixed { " fixed" } else { " no fix" });
-    line.str(" n ").fixed(view.north.0, 3);
-    line.str(" e ").fixed(view.east.0, 3);
-    line.str(" xte ").fixed(view.cross_track.0, 3);
+    line.str(" n ").fixed(view.north, 3);
+    line.str(" e ").fixed(view.east, 3);
+    line.str(" xte ").fixed(view.cross_track, 3);
     line.str(" psi ").fixed(view.heading_error, 3);
     if !view.display {
         line.str(" lcd?");
@@ -209,14 +210,14 @@ mod tests {
         line.clear();
         let worst = PilotView {
             mode: Mode::Manual,
-            north: Millimetres(i32::MIN),
-            east: Millimetres(i32::MIN),
-            cross_track: Millimetres(i32::MIN),
+            north: i32::MIN,
+            east: i32::MIN,
+            cross_track: i32::MIN,
             heading_error: i32::MIN,
             fixed: false,
             display: false,
         };
-        pilot(&mut line, &worst);
+        pilot(&mut line, "uagv", &worst);
         assert!(!line.is_cut());
         line.clear();
         let status = Status {

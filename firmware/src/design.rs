@@ -1,53 +1,13 @@
-//! Every constant of the vehicle and of its nodes, with unit, source and arithmetic.
+//! The constants that the nodes of all vehicles share, with unit, source and arithmetic.
+//!
+//! The numbers of one machine stand in its vehicle's manifest, those of a board in `parts`.
 
-use control::calibration::{Actuator, Direction, Potentiometer};
-use control::position::Position;
 use fugit::MillisDurationU32;
 use ttcan::Micros;
-
-pub use crate::vehicle::VEHICLE;
-
-/// One degree in radians.
-const DEGREE: f32 = core::f32::consts::PI / 180.0;
-
-/// First waypoint of the run (thesis 7.3), mm north and east of the base station.
-pub const WAYPOINT_A: Position = Position::new(0, 0);
-/// Second waypoint: a 243 m line due north (thesis 7.3).
-pub const WAYPOINT_B: Position = Position::new(243_000, 0);
-
-/// Largest steering angle, rad: 25 degrees to each side (thesis 5.3).
-pub const STEERING_ANGLE_LIMIT: f32 = 25.0 * DEGREE;
-/// Largest steering rate, rad/s: 25 degrees a second (thesis 5.3).
-pub const STEERING_RATE_LIMIT: f32 = 25.0 * DEGREE;
-/// Largest speed, m/s (thesis 5.3).
-pub const SPEED_LIMIT: f32 = 2.0;
-
-// POTENTIOMETER and STEERING_ACTUATOR, from `vehicle.toml`, and SETTINGS, the controller's,
-// derived from `VEHICLE`.
-include!(concat!(env!("OUT_DIR"), "/vehicle.rs"));
 
 /// How far ahead of the end stops the steering node begins to slow its actuator: it never
 /// asks for a rate that would reach the stop sooner than in this time, s.
 pub const END_STOP_HORIZON: f32 = 0.05;
-
-/// The drive motor on its motor driver: 2 m/s at full effort, dead band 5 %.
-pub const DRIVE_MOTOR: Actuator<f32> = Actuator {
-    positive: Direction {
-        dead_band: 0.05,
-        full_rate: SPEED_LIMIT,
-    },
-    negative: Direction {
-        dead_band: 0.05,
-        full_rate: SPEED_LIMIT,
-    },
-};
-
-/// Largest growth of the drive speed, m/s each second. Slowing down is never delayed.
-pub const DRIVE_SLEW: f32 = 2.0;
-
-/// Which way the motor driver's byte 255 turns. The maker's manual contradicts itself, so it
-/// is configuration: true means forward.
-pub const FULL_BYTE_IS_FORWARD: bool = true;
 
 /// Basic periods that the reference or the command may be missing before an actuator stops
 /// (thesis 6.2.4.4).
@@ -55,9 +15,12 @@ pub const MISSED_PERIODS: u32 = 2;
 
 /// After the end of a command frame, the time when the second frame after it is overdue: two
 /// periods, the difference in length between the shortest and the longest 8-byte frame (24
-/// bits, 96 us), and 100 us for the jitter of both starts.
-pub const COMMAND_TIMEOUT: Micros =
-    Micros::micros(MISSED_PERIODS * network::matrix::BASIC_CYCLE.ticks() + 96 + 100);
+/// bits), and 100 us for the jitter of both starts. `cycle` is the basic cycle, in each of
+/// which one command is sent at `bit_rate`.
+pub const fn command_timeout(cycle: Micros, bit_rate: u32) -> Micros {
+    let stuffing = 24 * 1_000_000 / bit_rate;
+    Micros::micros(MISSED_PERIODS * cycle.ticks() + stuffing + 100)
+}
 
 /// Age at which a sample of the potentiometer cannot be believed any more: ten of its
 /// periods of 5 ms.
@@ -66,32 +29,21 @@ pub const SAMPLE_TIMEOUT: Micros = Micros::millis(50);
 /// Longest time that one step of the drive's slew makes up for: two of its periods.
 pub const LONGEST_SLEW_STEP: Micros = Micros::millis(20);
 
-/// Cycle time at which the control step is released: the last sensor window begins at 6 ms;
-/// its frame of two bytes takes at most 75 bits or 300 us and starts within 64 us (the
-/// transmit enable window). The command's window begins at 7 ms: 600 us are left.
-pub const CONTROL_RELEASE: Micros = Micros::micros(6_400);
-
 /// How long a node that had to leave the bus stays away before it joins again: two basic
 /// cycles, so that the others see it gone.
 pub const REJOIN_PAUSE: Micros = Micros::millis(200);
 
-/// Longest silence of the satellite receiver: two and a half of its periods. After that its
-/// fix does not count any more.
-pub const RECEIVER_TIMEOUT: Micros = Micros::millis(250);
+/// Longest silence of a satellite receiver that measures every `period`: two and a half of
+/// its periods. After that its fix does not count any more.
+pub const fn receiver_timeout(period: Micros) -> Micros {
+    Micros::micros(period.ticks() * 5 / 2)
+}
 
-/// How long the gps node waits for the receiver's first burst before it begins the schedule
-/// without it: five of its periods.
-pub const RECEIVER_PATIENCE: MillisDurationU32 = MillisDurationU32::millis(500);
-
-/// How long before a reference the receiver's burst shall end: room for the jitter of the
-/// burst's beginning and length, which the windows of the same cycle must not overtake.
-pub const BURST_LEAD: Micros = Micros::millis(5);
-
-/// Age of the receiver's data at the control step: 40 ms from its measurement to the first
-/// byte (inferred), 3.15 ms of burst (thesis 6.2.4.3), then [`BURST_LEAD`] until the reference
-/// and [`CONTROL_RELEASE`] until the step.
-pub const RECEIVER_AGE: Micros =
-    Micros::micros(40_000 + 3_150 + BURST_LEAD.ticks() + CONTROL_RELEASE.ticks());
+/// How long the node of a receiver that measures every `period` waits for its first burst
+/// before it begins the schedule without it: five of its periods.
+pub const fn receiver_patience(period: Micros) -> MillisDurationU32 {
+    MillisDurationU32::millis(period.ticks() * 5 / 1000)
+}
 
 /// Steps that may go without a position while the reference says that the solution is fixed: a
 /// single frame that was lost on the bus does not end a run, the second one does, as two

@@ -111,28 +111,29 @@ pub fn write_row<L: Language>(text: &mut Text<CAPACITY>, row: u8, view: &View) {
         }
         3 => {
             begin(Colour::White, "XTE  ");
-            Value::Number(convert::millimetres(tracking.cross_track).0, 3, " m")
+            Value::Number(convert::millimetres(tracking.cross_track), 3, " m")
         }
         4 => {
             begin(Colour::White, "Hdg  ");
-            let tenths = convert::millidegrees(tracking.heading)
-                .0
-                .rem_euclid(360_000)
-                / 100;
+            let tenths = convert::millidegrees(tracking.heading).rem_euclid(360_000) / 100;
             Value::Number(tenths, 1, " deg")
         }
         5 => {
             begin(Colour::White, "Err  ");
-            let tenths = convert::millidegrees(tracking.heading_error).0 / 100;
+            let tenths = convert::millidegrees(tracking.heading_error) / 100;
             Value::Number(tenths, 1, " deg")
         }
         6 => {
             begin(Colour::White, "V    ");
-            Value::Number(i32::from(convert::speed(tracking.speed).0), 2, " m/s")
+            Value::Number(
+                i32::from(convert::centimetres_per_second(tracking.speed)),
+                2,
+                " m/s",
+            )
         }
         7 => {
             begin(Colour::White, "Str  ");
-            let tenths = convert::millidegrees(tracking.steering_angle).0 / 100;
+            let tenths = convert::millidegrees(tracking.steering_angle) / 100;
             Value::Number(tenths, 1, " deg")
         }
         8 => {

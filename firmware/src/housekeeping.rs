@@ -1,68 +1,121 @@
-//! What every node does a hundred times a second besides its job: judges whether it may feed
-//! its watchdog, reports its state on the bus, blinks.
+//! Duties of every node, a hundred times a second: decides whether the watchdog may be fed,
+//! reports the node's state on the bus, sets the LED.
 
-use network::Message as _;
-use network::messages::{
-    BusState, ErrorLevel as NamedLevel, Fault as NamedFault, GpsStatus, ResetCause as NamedCause,
-};
-use sled_common::clock::{Oscillator, ResetCause};
+use network::Message;
+pub use sled_common::clock::ResetCause;
+
+use sled_common::clock::Oscillator;
 use sled_common::fault::Fault;
 use ttcan::{ErrorLevel, SyncState};
 
 use crate::console::BusView;
 
-/// Steps, of 10 ms each, in which the schedule must show a sign of life: one and a half basic
-/// cycles.
+/// Steps of 10 ms each after which a schedule or a task without progress counts as stuck:
+/// 150 ms, one and a half basic cycles of 100 ms.
 const PATIENCE: u8 = 15;
 
-/// Steps between two reports of a state that has changed: a basic cycle.
+/// Least number of steps between two reports: 100 ms.
 const REPORT_PAUSE: u8 = 10;
 
-/// What a step asks for.
+/// What the node must do after a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Duties {
     /// Feed the watchdog.
     pub feed: bool,
-    /// Data of a status message to be queued.
-    pub report: Option<[u8; 8]>,
+    /// A status message to be queued.
+    pub report: Option<Status>,
     /// Level of the LED.
     pub led: bool,
+}
+
+/// State of a node, for its status message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Status {
+    /// Why the node started.
+    pub reset_cause: ResetCause,
+    /// Error level of the protocol stack, S0 to S3.
+    pub error_level: ErrorLevel,
+    /// State of the controller on the bus.
+    pub bus: BusState,
+    /// What went wrong before the start or since.
+    pub fault: Option<NodeFault>,
+    /// Transmit error counter.
+    pub transmit_errors: u8,
+    /// Receive error counter.
+    pub receive_errors: u8,
+    /// Own windows missed; stays at its largest value.
+    pub missed_windows: u16,
+    /// Bus-off states; wraps.
+    pub bus_offs: u16,
+}
+
+impl Status {
+    /// Whether two reports differ in their counters only.
+    fn is_same_state(&self, other: &Self) -> bool {
+        let level = |status: &Self| core::mem::discriminant(&status.error_level);
+        level(self) == level(other) && (self.bus, self.fault) == (other.bus, other.fault)
+    }
+}
+
+/// Error state of a CAN controller (ISO 11898-1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BusState {
+    /// Takes part without restriction.
+    ErrorActive,
+    /// Takes part, but cannot destroy the frames of others.
+    ErrorPassive,
+    /// Takes no part.
+    BusOff,
+}
+
+/// What went wrong in a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NodeFault {
+    /// The program panicked.
+    Panic,
+    /// A hard fault, or an interrupt without a task.
+    HardFault,
+    /// The node could not start: its schedule or a peripheral was refused.
+    StartRefused,
+    /// The external oscillator failed.
+    ClockFailure,
+    /// The watchdog was not fed.
+    WatchdogStarved,
+}
+
+/// The status message of a node, as its network defines it.
+pub trait StatusMessage: Message {
+    /// The message for a status.
+    fn of(status: &Status) -> Self;
 }
 
 /// Housekeeping of a node.
 #[derive(Clone, Copy, Debug)]
 pub struct Housekeeping {
-    cause: NamedCause,
-    fault: NamedFault,
+    cause: ResetCause,
+    fault: Option<NodeFault>,
     steps: u32,
     services: u32,
     work: u32,
     quiet: u8,
     idle: u8,
-    reported: Option<[u8; 8]>,
+    reported: Option<Status>,
     pause: u8,
 }
 
 impl Housekeeping {
     /// `fault` is the record that outlived the reset.
     pub const fn new(cause: ResetCause, fault: Option<Fault>, oscillator: Oscillator) -> Self {
-        let cause_named = match cause {
-            ResetCause::Power => NamedCause::PowerOn,
-            ResetCause::Pin => NamedCause::Pin,
-            ResetCause::Software => NamedCause::Software,
-            ResetCause::Watchdog => NamedCause::IndependentWatchdog,
-            ResetCause::Other => NamedCause::Unknown,
-        };
         Self {
-            cause: cause_named,
+            cause,
             fault: match (fault, cause, oscillator) {
-                (Some(Fault::Panic), ..) => NamedFault::Panic,
-                (Some(Fault::Hard | Fault::Unhandled), ..) => NamedFault::HardFault,
-                (Some(Fault::Start), ..) => NamedFault::ScheduleRefused,
-                (Some(Fault::Clock), ..) => NamedFault::ClockFailure,
-                (None, ResetCause::Watchdog, _) => NamedFault::WatchdogStarved,
-                (None, _, Oscillator::Internal) => NamedFault::ClockFailure,
-                (None, _, Oscillator::External) => NamedFault::None,
+                (Some(Fault::Panic), ..) => Some(NodeFault::Panic),
+                (Some(Fault::Hard | Fault::Unhandled), ..) => Some(NodeFault::HardFault),
+                (Some(Fault::Start), ..) => Some(NodeFault::StartRefused),
+                (Some(Fault::Clock), ..) => Some(NodeFault::ClockFailure),
+                (None, ResetCause::Watchdog, _) => Some(NodeFault::WatchdogStarved),
+                (None, _, Oscillator::Internal) => Some(NodeFault::ClockFailure),
+                (None, _, Oscillator::External) => None,
             },
             steps: 0,
             services: 0,
@@ -74,16 +127,8 @@ impl Housekeeping {
         }
     }
 
-    /// Notes a fault of the running node for its status message; the first one stands until
-    /// it was reported.
-    pub fn note(&mut self, fault: NamedFault) {
-        if self.fault == NamedFault::None {
-            self.fault = fault;
-        }
-    }
-
-    /// One step. `work` counts what the node's own tasks have done; while the schedule runs it
-    /// must go on, as must the services of the window timer.
+    /// One step. `work` counts activations of the node's own tasks. While the schedule runs,
+    /// `work` and the window timer's services must grow, or the watchdog is not fed.
     pub fn step(&mut self, bus: &BusView, work: u32) -> Duties {
         self.steps = self.steps.wrapping_add(1);
         let running = bus.status.sync == SyncState::InSchedule;
@@ -107,20 +152,15 @@ impl Housekeeping {
     }
 
     /// A status message after the start and whenever something but the counters changed.
-    fn report(&mut self, bus: &BusView, running: bool) -> Option<[u8; 8]> {
+    fn report(&mut self, bus: &BusView, running: bool) -> Option<Status> {
         self.pause = self.pause.saturating_sub(1);
         if !running || self.pause > 0 {
             return None;
         }
-        let status = GpsStatus {
+        let status = Status {
             reset_cause: self.cause,
-            error_level: match bus.status.error_level {
-                ErrorLevel::None => NamedLevel::None,
-                ErrorLevel::Warning => NamedLevel::Warning,
-                ErrorLevel::Error => NamedLevel::Error,
-                ErrorLevel::Severe(_) => NamedLevel::Severe,
-            },
-            bus_state: if bus.errors.bus_off {
+            error_level: bus.status.error_level,
+            bus: if bus.errors.bus_off {
                 BusState::BusOff
             } else if bus.errors.passive {
                 BusState::ErrorPassive
@@ -131,10 +171,12 @@ impl Housekeeping {
             transmit_errors: bus.errors.transmit,
             receive_errors: bus.errors.receive,
             missed_windows: bus.missed_windows.min(u32::from(u16::MAX)) as u16,
-            fault_detail: bus.link.bus_off,
-        }
-        .encode();
-        if self.reported.is_some_and(|last| same_state(&last, &status)) {
+            bus_offs: bus.link.bus_off,
+        };
+        if self
+            .reported
+            .is_some_and(|last| last.is_same_state(&status))
+        {
             return None;
         }
         self.pause = REPORT_PAUSE;
@@ -142,7 +184,7 @@ impl Housekeeping {
         Some(status)
     }
 
-    /// The report found no room: it is tried again.
+    /// The queue was full: the report is tried again.
     pub fn report_refused(&mut self) {
         self.reported = None;
     }
@@ -166,17 +208,10 @@ impl Housekeeping {
     }
 }
 
-/// Whether two status messages differ in their counters only: bytes 0 and 1 are the state.
-fn same_state(one: &[u8; 8], other: &[u8; 8]) -> bool {
-    let ([a0, a1, ..], [b0, b1, ..]) = (one, other);
-    a0 == b0 && a1 == b1
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::link;
-    use network::messages::{ControllerStatus, DriveStatus, SteeringStatus};
     use sled_common::can::ErrorState;
     use ttcan::{ClockState, MasterState, Status};
 
@@ -231,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cause_is_reported_once_and_in_every_node_s_layout() {
+    fn the_cause_is_reported_once() {
         let mut keeping = Housekeeping::new(
             ResetCause::Software,
             Some(Fault::Panic),
@@ -242,21 +277,10 @@ mod tests {
             None
         );
         let report = keeping.step(&view(SyncState::InSchedule, 1), 1).report;
-        let data = report.expect("a report after the start");
-        let status = GpsStatus::decode(&data).expect("that decodes");
+        let status = report.expect("a report after the start");
         assert_eq!(
             (status.reset_cause, status.fault, status.missed_windows),
-            (NamedCause::Software, NamedFault::Panic, u16::MAX)
-        );
-        // One layout for all four nodes.
-        assert_eq!(ControllerStatus::decode(&data).unwrap().fault, status.fault);
-        assert_eq!(
-            SteeringStatus::decode(&data).unwrap().missed_windows,
-            u16::MAX
-        );
-        assert_eq!(
-            DriveStatus::decode(&data).unwrap().reset_cause,
-            status.reset_cause
+            (ResetCause::Software, Some(NodeFault::Panic), u16::MAX)
         );
         for step in 2..50 {
             assert_eq!(

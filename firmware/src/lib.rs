@@ -1,12 +1,13 @@
-//! What the nodes of the vehicle share. The four applications in `src/bin` compose it.
+//! What the nodes of all vehicles share. The applications in `vehicles/NAME/nodes` compose
+//! it; nothing here knows a vehicle's numbers or messages.
 //!
-//! - [`design`]: every constant, with unit, source and arithmetic; [`vehicle`]: the vehicle
-//!   as its controller knows it;
+//! - [`design`]: constants, with unit, source and arithmetic;
+//! - [`machine`]: what a vehicle's crate says about its machine and its commands;
 //! - [`convert`]: where raw codes and physical units meet;
 //! - [`link`]: protocol stack, CAN port and window timer as one value;
 //! - [`e2e`]: the protection of actuator commands; [`actuator`]: what they may do;
 //! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: what it says, for the bus;
-//! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law and their messages;
+//! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law;
 //! - [`text`], [`display`], [`console`]: what the operator reads;
 //! - [`housekeeping`]: watchdog, status messages, LED.
 //!
@@ -26,11 +27,12 @@ pub mod display;
 pub mod e2e;
 pub mod housekeeping;
 pub mod link;
+pub mod machine;
 pub mod navigation;
 pub mod pilot;
 pub mod sbp;
 pub mod text;
-pub mod vehicle;
+mod vehicle;
 
 #[cfg(feature = "f303")]
 pub use sled_f303 as board;

@@ -1,26 +1,33 @@
-//! The node's place on the bus: the protocol stack, the CAN port and the window timer as one
-//! value, which the three interrupts of the bus share.
+//! Protocol stack, CAN port and window timer as one value, which the interrupts of the bus
+//! share.
 //!
-//! Each interrupt does one thing. Receive and transmit tell the stack of one frame; what
-//! follows from it is left to the window timer's interrupt, which fires at once when
-//! something is due, and carries out one thing at a time ([`Link::service`]). So each of
-//! them is short, and bounded without knowing how much may be due together. None of them
-//! waits for anything.
+//! Each interrupt does one thing. The receive and the transmit interrupt report one frame to
+//! the stack. The window timer's interrupt carries out one action of the stack
+//! ([`Link::service`]); it fires at once when an action is due. So each of them has a bound
+//! that does not depend on how many actions are due at the same time. None of them waits.
 
-use network::matrix::{MATRIX, SCHEDULE, window};
+use network::Message;
 use sled_common::can::{ErrorState, Occupied, Outcome, Received};
 use ttcan::{
-    Action, ConfigError, ErrorLevel, Frame, Id, Micros, NodeConfig, QueueError, Reception, Stamp,
-    TransmitOutcome,
+    Action, ConfigError, ErrorLevel, Frame, Id, Micros, NodeConfig, NodeId, QueueError, Reception,
+    ScheduleView, Stamp, TransmitOutcome,
 };
 
-/// Windows of the system matrix.
-pub const WINDOWS: usize = MATRIX.window_count();
 /// Event messages of a node that wait for their window at most. An actuator node sends its
 /// state only.
 pub const EVENT_QUEUE: usize = if cfg!(feature = "f303") { 2 } else { 8 };
-/// The protocol stack of a node of this network.
-pub type Stack = ttcan::Node<'static, WINDOWS, { MATRIX.node_count() }, EVENT_QUEUE>;
+/// The protocol stack of a node of a network with this many windows and nodes.
+pub type Stack<const WINDOWS: usize, const NODES: usize> =
+    ttcan::Node<'static, WINDOWS, NODES, EVENT_QUEUE>;
+
+/// Which node of which network an image is.
+#[derive(Clone, Copy, Debug)]
+pub struct Identity {
+    /// The network's schedule.
+    pub schedule: ScheduleView<'static>,
+    /// The node.
+    pub node: NodeId,
+}
 
 /// The CAN controller as the link uses it.
 pub trait Port {
@@ -94,7 +101,7 @@ pub trait WindowTimer {
     fn clear_window(&mut self);
 }
 
-/// What an interrupt of the bus brought for the application.
+/// News for the application from an interrupt of the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct News {
     /// A basic cycle began.
@@ -112,23 +119,21 @@ impl News {
     }
 }
 
-/// What the bus brought for an actuator node.
+/// A command frame and the state of the bus, for an actuator node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Arrival {
     /// The frame from the command's window, if there was a new one.
     pub frame: Option<Frame>,
-    /// System time at which the basic cycle under way began, ms.
+    /// System time at which the current basic cycle began, ms.
     pub time: u32,
     /// Whether the network lives and the command is not missing for the second time.
     pub alive: bool,
 }
 
-const _: () = assert!(WINDOWS <= 32, "News has one bit for each window");
-
 /// Event messages that the application has not taken yet.
 const EVENTS: usize = 4;
 
-/// What the link counts besides the stack's own counters; every counter wraps.
+/// Counters of the link, in addition to those of the stack. Every counter wraps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Times the receive FIFO overran.
@@ -162,15 +167,15 @@ enum Presence {
 ///
 /// The stack lives in static memory of the application: some 1 KiB that is not moved about
 /// on the call stack while the node starts.
-pub struct Link<P, T> {
-    node: &'static mut Stack,
+pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
+    node: &'static mut Stack<WINDOWS, NODES>,
     port: P,
     timer: T,
     inbox: [Option<Frame>; WINDOWS],
     outbox: [Option<[u8; 8]>; WINDOWS],
     events: heapless::Deque<Frame, EVENTS>,
     presence: Presence,
-    /// What the window timer is set to.
+    /// Instant to which the window timer is set.
     armed: Option<Stamp>,
     started: bool,
     /// The stack is to be started.
@@ -186,18 +191,20 @@ pub struct Link<P, T> {
     counters: Counters,
 }
 
-impl<P: Port, T: WindowTimer> Link<P, T> {
-    /// A link that is silent until [`Link::start`], or until it hears the first frame.
+impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, T, WINDOWS, NODES> {
+    /// A link that is silent until [`Link::start`], or until it receives the first frame.
     ///
     /// # Errors
     /// The stack refuses the configuration.
     pub fn new(
-        place: &'static mut Option<Stack>,
+        place: &'static mut Option<Stack<WINDOWS, NODES>>,
+        schedule: ScheduleView<'static>,
         config: NodeConfig,
         port: P,
         timer: T,
     ) -> Result<Self, ConfigError> {
-        let node = place.insert(Stack::new(SCHEDULE.view(), config)?);
+        const { assert!(WINDOWS <= 32, "News has one bit for each window") };
+        let node = place.insert(Stack::new(schedule, config)?);
         Ok(Self {
             pause: crate::design::REJOIN_PAUSE
                 .ticks()
@@ -239,7 +246,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     pub fn on_receive(&mut self, stamp: u32) -> News {
         let mut news = News::default();
         if !self.started {
-            // Others keep a schedule: there is nothing to wait for.
+            // Others keep a schedule already: join it.
             self.start();
         }
         if self.port.take_overrun() {
@@ -311,7 +318,8 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         self.arm();
     }
 
-    /// The window timer's interrupt: one thing that is due, and the timer set to the next.
+    /// The window timer's interrupt: carries out one action that is due and sets the timer to
+    /// the next deadline.
     pub fn service(&mut self) {
         self.counters.services = self.counters.services.wrapping_add(1);
         self.armed = None;
@@ -372,7 +380,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     /// Sets the window timer to the stack's next deadline, unless it is set to it already.
     fn arm(&mut self) {
         let deadline = self.node.next_deadline();
-        // With something of the link's own to do it has fired already.
+        // With an action of the link itself due, the timer has fired already.
         if deadline == self.armed || self.start_due || self.refused {
             return;
         }
@@ -392,9 +400,9 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
 
     /// Brings the node back after bus-off and after S3, and forgives S2 after a pause.
     ///
-    /// Bus-off and S3 are left by the software sequence that bxCAN
-    /// wants with automatic bus-off management off: initialisation, back to normal, 128 times
-    /// eleven recessive bits. To be called every few milliseconds.
+    /// The node leaves bus-off and S3 by the software sequence that bxCAN needs with automatic
+    /// bus-off management off: initialisation mode, normal mode, 128 times eleven recessive
+    /// bits. To be called every few milliseconds.
     pub fn keep_present(&mut self) {
         match self.presence {
             Presence::On => self.forgive(),
@@ -413,8 +421,8 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         }
     }
 
-    /// S2 stops all transmissions but the reference until the application clears it. What
-    /// caused it may be over: after a pause the node tries again.
+    /// S2 stops all transmissions but the reference until the application clears it. The cause
+    /// may be over after a pause, so the node tries again then.
     fn forgive(&mut self) {
         if self.node.status().error_level != ErrorLevel::Error {
             self.troubled_since = None;
@@ -428,8 +436,8 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         }
     }
 
-    /// Whether the node's own messages go out: it keeps the schedule, and its error level
-    /// does not silence it.
+    /// Whether this node sends its messages: it keeps the schedule, and its error level allows
+    /// it.
     pub fn is_heard(&self) -> bool {
         let level = self.node.status().error_level;
         self.node.is_alive() && matches!(level, ErrorLevel::None | ErrorLevel::Warning)
@@ -441,22 +449,29 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         self.reference_byte
     }
 
-    /// System time at which the basic cycle under way began, ms, as its reference says.
+    /// System time at which the current basic cycle began, ms, as its reference says.
     pub const fn cycle_began(&self) -> u32 {
         self.cycle_time
     }
 
-    /// Hands out what arrived in a window, once.
+    /// Hands out the frame that arrived in a window, once.
     pub fn take(&mut self, window: usize) -> Option<Frame> {
         self.inbox.get_mut(window).and_then(Option::take)
     }
 
-    /// Hands out what an actuator node must judge, once.
-    pub fn arrival(&mut self) -> Arrival {
+    /// Hands out the message that arrived in a window, once; `None` also when its data is none
+    /// of this message.
+    pub fn message<M: Message>(&mut self, window: usize) -> Option<M> {
+        self.take(window)
+            .and_then(|frame| M::decode(frame.data()).ok())
+    }
+
+    /// Hands out the frame of the command's window `command`, once, and the state of the bus.
+    pub fn arrival(&mut self, command: usize) -> Arrival {
         Arrival {
-            frame: self.take(window::COMMAND),
+            frame: self.take(command),
             time: self.cycle_time,
-            alive: self.commands_arrive(),
+            alive: self.commands_arrive(command),
         }
     }
 
@@ -465,15 +480,15 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         self.events.pop_front()
     }
 
-    /// Puts data in line for a window of this node. It is sent once; what is not replaced in
-    /// time leaves the window empty.
+    /// Enqueues data for a window of this node. It is sent once: without new data the next
+    /// window stays empty.
     pub fn put(&mut self, window: usize, data: [u8; 8]) {
         if let Some(slot) = self.outbox.get_mut(window) {
             *slot = Some(data);
         }
     }
 
-    /// [`Link::put`], or takes back what was in line.
+    /// Enqueues data for a window of this node, or takes back what was enqueued.
     pub fn replace(&mut self, window: usize, data: Option<[u8; 8]>) {
         if let Some(slot) = self.outbox.get_mut(window) {
             *slot = data;
@@ -499,13 +514,13 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         queued
     }
 
-    /// Whether an actuator may act on commands: the network lives, and the command is not
-    /// missing for the second time in a row (thesis 6.2.4.4).
-    pub fn commands_arrive(&self) -> bool {
+    /// Whether an actuator may act on commands: the network lives, and the command, in window
+    /// `command`, is not missing for the second time in a row (thesis 6.2.4.4).
+    pub fn commands_arrive(&self, command: usize) -> bool {
         self.node.is_alive()
             && self
                 .node
-                .window(window::COMMAND as u16)
+                .window(command as u16)
                 .is_some_and(|status| u32::from(status.missed) < crate::design::MISSED_PERIODS)
     }
 
@@ -517,12 +532,12 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
     }
 
     /// The protocol stack.
-    pub fn node(&self) -> &Stack {
+    pub fn node(&self) -> &Stack<WINDOWS, NODES> {
         self.node
     }
 
-    /// The protocol stack, to set what its application decides.
-    pub fn node_mut(&mut self) -> &mut Stack {
+    /// The protocol stack, for the application's decisions.
+    pub fn node_mut(&mut self) -> &mut Stack<WINDOWS, NODES> {
         self.node
     }
 
@@ -546,7 +561,7 @@ impl<P: Port, T: WindowTimer> Link<P, T> {
         self.port.error_state()
     }
 
-    /// What the link counted.
+    /// Counters of the link.
     pub const fn counters(&self) -> Counters {
         self.counters
     }
@@ -574,14 +589,23 @@ const fn time_of(reference: &Frame) -> u32 {
     u32::from_be_bytes([a, b, c, d])
 }
 
+/// Data of a shorter message in the buffer of a window.
+pub fn padded<const N: usize>(data: [u8; N]) -> [u8; 8] {
+    let mut bytes = [0; 8];
+    for (to, from) in bytes.iter_mut().zip(data) {
+        *to = from;
+    }
+    bytes
+}
+
 #[cfg(test)]
 mod tests {
     extern crate std;
     use super::*;
-    use network::matrix::STEERING;
     use std::boxed::Box;
     use std::collections::VecDeque;
     use std::vec::Vec;
+    use ttcan::{MatrixConfig, ReferenceFormat, SystemMatrix, Window};
 
     /// A controller's cell that records what it is asked for.
     #[derive(Default)]
@@ -653,7 +677,39 @@ mod tests {
     /// The counter wraps within the tests.
     const BEGIN: u32 = u32::MAX - 5_000_000;
 
-    fn steering() -> Link<Cell, Timer> {
+    const MASTER: NodeId = NodeId(0);
+    const STEERING: NodeId = NodeId(1);
+    /// Place of the steering's window in the matrix.
+    const STEERING_POT: usize = 0;
+
+    const MATRIX: SystemMatrix<'static> = SystemMatrix::constant(MatrixConfig {
+        bit_rate: 250_000,
+        basic_cycle: Micros::millis(100),
+        cycles: 1,
+        reference: Id::constant::<100>(),
+        reference_format: ReferenceFormat::new(1, Some(1), 5, Some(6)),
+        masters: &[MASTER],
+        transmit_enable_bits: 16,
+        sync_uncertainty: Micros::micros(20),
+        windows: &[Window::exclusive(
+            "steering_pot",
+            Micros::millis(6),
+            Micros::millis(1),
+            Id::constant::<206>(),
+            2,
+            STEERING,
+        )],
+        events: &[],
+    });
+
+    ttcan::schedule!(
+        /// Two nodes: the master, and the steering, which sends one message.
+        static SCHEDULE = MATRIX
+    );
+
+    type TestLink = Link<Cell, Timer, { MATRIX.window_count() }, { MATRIX.node_count() }>;
+
+    fn steering() -> TestLink {
         let place = Box::leak(Box::new(None));
         let timer = Timer {
             now: BEGIN,
@@ -661,6 +717,7 @@ mod tests {
         };
         Link::new(
             place,
+            SCHEDULE.view(),
             NodeConfig::new(STEERING, PER_US),
             Cell::default(),
             timer,
@@ -670,7 +727,7 @@ mod tests {
 
     /// Lets `micros` pass; the window timer's interrupt and the transmit interrupt come when
     /// they are due.
-    fn pass(link: &mut Link<Cell, Timer>, micros: u32) {
+    fn pass(link: &mut TestLink, micros: u32) {
         let end = link.timer.now.wrapping_add(micros * PER_US);
         loop {
             if link.port.pending || link.port.outcome.is_some() {
@@ -694,14 +751,14 @@ mod tests {
     }
 
     /// The reference of system time `time` (ms) arrives now.
-    fn reference(link: &mut Link<Cell, Timer>, fix: u8, time: u32) -> News {
+    fn reference(link: &mut TestLink, fix: u8, time: u32) -> News {
         let [a, b, c, d] = time.to_be_bytes();
         let frame = Frame::new(Id::constant::<100>(), &[fix, a, b, c, d, 0]).expect("six bytes");
         link.port.fifo.push_back(Received::Data(frame));
         link.on_receive(link.timer.now)
     }
 
-    fn synchronised() -> Link<Cell, Timer> {
+    fn synchronised() -> TestLink {
         let mut link = steering();
         link.start();
         pass(&mut link, 0);
@@ -715,7 +772,7 @@ mod tests {
     #[test]
     fn what_is_put_in_line_is_sent_once_and_an_empty_line_leaves_the_window_empty() {
         let mut link = synchronised();
-        link.put(window::STEERING_POT, [0x3C, 3, 9, 9, 9, 9, 9, 9]);
+        link.put(STEERING_POT, [0x3C, 3, 9, 9, 9, 9, 9, 9]);
         reference(&mut link, 0, 1200);
         pass(&mut link, 100_000);
         let sent: Vec<_> = link
@@ -751,7 +808,7 @@ mod tests {
     #[test]
     fn a_frame_that_the_mailbox_refuses_is_told_to_the_stack_and_leaves_its_window_empty() {
         let mut link = synchronised();
-        link.put(window::STEERING_POT, [0x3C, 3, 9, 9, 9, 9, 9, 9]);
+        link.put(STEERING_POT, [0x3C, 3, 9, 9, 9, 9, 9, 9]);
         reference(&mut link, 0, 1200);
         pass(&mut link, 5_000);
         link.port.pending = true;

@@ -1,37 +1,45 @@
-//! What the satellite receiver says, turned into messages of the gps node.
+//! From the satellite receiver's messages to those of its node.
 
-use network::Message as _;
-use network::matrix::window;
-use network::messages::{
-    Heading, Latitude, Longitude, Millidegrees, Millimetres, MillimetresPerSecond, Position,
-    Velocity,
-};
-
-use crate::{convert, design};
+use control::position::{Position, Velocity};
 use ttcan::Micros;
+
+use crate::convert;
+use crate::convert::Geodetic;
 
 use crate::sbp::{self, Fix, Message, Parser, Progress};
 
-/// Places that [`Station::step`] goes over: as many as the shortest position or velocity has
-/// bytes, so that each of them ends a step of its own.
+/// Bytes that [`Station::step`] reads: as many as the shortest position or velocity has, so
+/// that each of them ends a step of its own.
 pub const STEP: usize = 30;
 
-/// Data for a window of the node; `None` takes back what was in line.
-pub type Put = (usize, Option<[u8; 8]>);
+/// A new value for a message of the node. `None` takes back what was enqueued.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Update {
+    /// Position of the antenna, mm.
+    Position(Option<Position>),
+    /// Its velocity, mm/s.
+    Velocity(Option<Velocity>),
+    /// Heading of the velocity, thousandths of a degree in [0, 360 000).
+    Heading(Option<i32>),
+    /// Latitude of the antenna.
+    Latitude(Option<Geodetic>),
+    /// Its longitude.
+    Longitude(Option<Geodetic>),
+}
 
 /// State of the receiver.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Navigation {
     fix: Fix,
     satellites: u8,
-    heading: Option<Millidegrees>,
+    heading: Option<i32>,
     heard_at: Option<u32>,
     tow: Option<u32>,
     epochs: u32,
 }
 
 impl Navigation {
-    /// A receiver that has not been heard.
+    /// A receiver that has sent nothing yet.
     pub const fn new() -> Self {
         Self {
             fix: Fix::None,
@@ -43,54 +51,37 @@ impl Navigation {
         }
     }
 
-    /// Takes one message, decoded at `now` (time base), and hands what it changes in the
-    /// node's windows to `put`.
+    /// Takes one message, decoded at `now` (time base), and hands what it changes to `put`.
     ///
     /// Position and heading are for the bus only while the solution is fixed; a message that
     /// ends the fix takes both back at once.
-    pub fn message(&mut self, message: &Message, now: u32, mut put: impl FnMut(Put)) {
+    pub fn message(&mut self, message: &Message, now: u32, mut put: impl FnMut(Update)) {
         match *message {
             Message::PositionNed(position) => {
                 self.heard(position.tow, now);
                 self.fix = position.fix;
                 self.satellites = position.satellites;
-                let data = position.fix.is_fixed().then(|| {
-                    Position {
-                        north: Millimetres(position.north),
-                        east: Millimetres(position.east),
-                    }
-                    .encode()
-                });
-                put((window::POSITION, data));
-                if data.is_none() {
-                    put((window::HEADING, None));
+                let fixed = position.fix.is_fixed();
+                let place = Position::new(position.north, position.east);
+                put(Update::Position(fixed.then_some(place)));
+                if !fixed {
+                    put(Update::Heading(None));
                 }
             }
             Message::VelocityNed(velocity) => {
                 self.heard(velocity.tow, now);
                 if !velocity.valid {
-                    put((window::VELOCITY, None));
+                    put(Update::Velocity(None));
                     return;
                 }
-                put((
-                    window::VELOCITY,
-                    Some(
-                        Velocity {
-                            north: MillimetresPerSecond(velocity.north),
-                            east: MillimetresPerSecond(velocity.east),
-                        }
-                        .encode(),
-                    ),
-                ));
+                let speed = Velocity::new(velocity.north, velocity.east);
+                put(Update::Velocity(Some(speed)));
                 // At walking pace and below the last heading stands.
                 if let Some(heading) = convert::heading_of(velocity.north, velocity.east) {
                     self.heading = Some(heading);
                 }
                 let heading = self.heading.filter(|_| self.fix.is_fixed());
-                put((
-                    window::HEADING,
-                    heading.map(|heading| padded(Heading { heading }.encode())),
-                ));
+                put(Update::Heading(heading));
             }
             Message::PositionLlh(position) => {
                 self.heard(position.tow, now);
@@ -102,24 +93,8 @@ impl Navigation {
                         None
                     }
                 };
-                let latitude = angle(position.latitude).map(|angle| {
-                    Latitude {
-                        fraction: angle.fraction,
-                        whole: angle.whole,
-                        negative: angle.negative,
-                    }
-                    .encode()
-                });
-                let longitude = angle(position.longitude).map(|angle| {
-                    Longitude {
-                        fraction: angle.fraction,
-                        whole: angle.whole,
-                        negative: angle.negative,
-                    }
-                    .encode()
-                });
-                put((window::LATITUDE, latitude.map(padded)));
-                put((window::LONGITUDE, longitude.map(padded)));
+                put(Update::Latitude(angle(position.latitude)));
+                put(Update::Longitude(angle(position.longitude)));
             }
             Message::Time(_) | Message::Heading(_) | Message::Heartbeat(_) => {}
         }
@@ -164,26 +139,26 @@ impl Navigation {
         self.tow
     }
 
-    /// Ticks since the last message; `None` when the receiver is silent. A message that was
-    /// heard after `now` was read, by a task of a higher priority, is of age 0.
+    /// Ticks since the last message; `None` when the receiver is silent. A task of a higher
+    /// priority may have taken a message after `now` was read: its age is 0.
     pub fn age(&self, now: u32) -> Option<u32> {
         self.heard_at
             .map(|heard| now.wrapping_sub(heard).cast_signed().max(0).cast_unsigned())
     }
 }
 
-/// What [`Station::step`] came to.
+/// Result of [`Station::step`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// As far as it goes in one call, over [`STEP`] bytes at least.
+    /// There may be more to read: [`STEP`] bytes or more were read.
     More,
-    /// To where bytes are missing.
+    /// All bytes are read.
     Drained,
-    /// There for the first time since the line fell idle, with all that has arrived.
+    /// All bytes are read, for the first time since the line fell idle.
     Paused(Pause),
 }
 
-/// What is known when all that came before a pause of the line has been looked at.
+/// Results when all bytes before a pause of the line have been read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pause {
     /// When the line fell idle, time base.
@@ -196,7 +171,7 @@ pub struct Pause {
     pub fixed: bool,
 }
 
-/// The receiver as the node hears it: bytes in, data for windows out.
+/// The receiver as seen from its node: bytes in, updates for messages out.
 #[derive(Clone, Debug, Default)]
 pub struct Station {
     parser: Parser,
@@ -209,7 +184,7 @@ pub struct Station {
 }
 
 impl Station {
-    /// A receiver that has not been heard.
+    /// A receiver that has sent nothing yet.
     pub const fn new() -> Self {
         Self {
             parser: Parser::new(),
@@ -220,24 +195,24 @@ impl Station {
         }
     }
 
-    /// Takes bytes that have arrived, to be looked at by [`Station::step`]; true when there
-    /// may be more of them than it takes in one call, [`sbp::LOT`].
+    /// Takes bytes that have arrived, to be read by [`Station::step`]. True if it took
+    /// [`sbp::LOT`] of them, so that there may be more.
     #[inline(always)]
     pub fn take(&mut self, bytes: impl ExactSizeIterator<Item = u8>) -> bool {
         self.behind = self.parser.take(bytes);
         self.behind
     }
 
-    /// Notes that the line fell idle at `now`, after what has arrived by then.
+    /// Notes that the line fell idle at `now`, behind the bytes that have arrived by then.
     pub const fn pause(&mut self, now: u32) {
         self.idle_since = Some(now);
     }
 
-    /// Looks at bytes that were taken, [`STEP`] of them and to the next position or
-    /// velocity at most, and hands what that changes to `put`. To be called again as long as
-    /// there is [`Step::More`].
+    /// Reads bytes that were taken, at most [`STEP`] of them and to the next position or
+    /// velocity, and hands changes to `put`. To be called again as long as it returns
+    /// [`Step::More`].
     #[inline(always)]
-    pub fn step(&mut self, now: u32, put: impl FnMut(Put)) -> Step {
+    pub fn step(&mut self, now: u32, put: impl FnMut(Update)) -> Step {
         match self.parser.next(STEP) {
             Progress::Frame(frame) => {
                 if let Some(message) = sbp::decode(&frame) {
@@ -262,48 +237,39 @@ impl Station {
         }
     }
 
-    /// What the receiver said.
+    /// State of the receiver.
     pub const fn navigation(&self) -> &Navigation {
         &self.navigation
     }
 
-    /// What the receiver said, to note that time passes.
+    /// State of the receiver, to note that time passes.
     pub const fn navigation_mut(&mut self) -> &mut Navigation {
         &mut self.navigation
     }
 
-    /// What happened to its bytes.
+    /// Counters of its bytes and frames.
     pub const fn counters(&self) -> sbp::Counters {
         self.parser.counters()
     }
 }
 
 /// By how many microseconds the basic cycle after this one should be longer so that the
-/// receiver's bursts come to end [`design::BURST_LEAD`] before the references. `age` is the
-/// age of the cycle under way at the end of a burst.
+/// receiver's bursts come to end `lead` before the references. `age` is the
+/// age of the current cycle, of length `cycle`, at the end of a burst.
 ///
 /// Proportional to the error with a time constant of 3.2 s, the nearer way round the cycle.
 /// The stack cuts it at what the other nodes bear.
-pub fn trim(age: Micros) -> i8 {
-    const CYCLE: i32 = network::matrix::BASIC_CYCLE.ticks().cast_signed();
-    const WANTED: i32 = CYCLE - design::BURST_LEAD.ticks().cast_signed();
-    let early = WANTED - age.ticks().min(CYCLE.cast_unsigned()).cast_signed();
-    let nearer = if early > CYCLE / 2 {
-        early - CYCLE
+pub fn trim(age: Micros, cycle: Micros, lead: Micros) -> i8 {
+    let wanted = cycle.ticks().cast_signed() - lead.ticks().cast_signed();
+    let early = wanted - age.ticks().min(cycle.ticks()).cast_signed();
+    let cycle = cycle.ticks().cast_signed();
+    let nearer = if early > cycle / 2 {
+        early - cycle
     } else {
         early
     };
     // A burst that ends too early in its cycle: the references are late, shorten.
     (-nearer / 32).clamp(-100, 100) as i8
-}
-
-/// Data of a shorter message in the buffer of a window.
-pub fn padded<const N: usize>(data: [u8; N]) -> [u8; 8] {
-    let mut bytes = [0; 8];
-    for (to, from) in bytes.iter_mut().zip(data) {
-        *to = from;
-    }
-    bytes
 }
 
 #[cfg(test)]
@@ -335,7 +301,12 @@ mod tests {
         })
     }
 
-    fn puts(navigation: &mut Navigation, message: &Message) -> Vec<Put> {
+    /// Length of the basic cycle.
+    const CYCLE: Micros = Micros::millis(100);
+    /// How long before a reference a burst shall end.
+    const LEAD: Micros = Micros::millis(5);
+
+    fn puts(navigation: &mut Navigation, message: &Message) -> Vec<Update> {
         let mut puts = Vec::new();
         navigation.message(message, 0, |put| puts.push(put));
         puts
@@ -347,25 +318,19 @@ mod tests {
         for fix in [Fix::None, Fix::Single, Fix::Float, Fix::DeadReckoning] {
             assert_eq!(
                 puts(&mut navigation, &position(fix)),
-                [(window::POSITION, None), (window::HEADING, None)]
+                [Update::Position(None), Update::Heading(None)]
             );
             assert_eq!(
                 puts(&mut navigation, &velocity(1000))[1],
-                (window::HEADING, None)
+                Update::Heading(None)
             );
         }
         let put = puts(&mut navigation, &position(Fix::Fixed));
-        assert_eq!(
-            put,
-            [(window::POSITION, Some([0xFB, 0xFF, 0xFF, 0xFF, 7, 0, 0, 0]))]
-        );
-        // 180 degrees = 180 000 = 0x02BF20; and it stands when the vehicle stops.
+        assert_eq!(put, [Update::Position(Some(Position::new(-5, 7)))]);
+        // It stands when the vehicle stops.
         for speed in [-1000, 0] {
             let put = puts(&mut navigation, &velocity(speed));
-            assert_eq!(
-                put[1],
-                (window::HEADING, Some([0x20, 0xBF, 2, 0, 0, 0, 0, 0]))
-            );
+            assert_eq!(put[1], Update::Heading(Some(180_000)));
         }
     }
 
@@ -383,15 +348,15 @@ mod tests {
 
     #[test]
     fn the_cycle_is_pulled_towards_the_bursts() {
-        let lead = design::BURST_LEAD.ticks();
-        assert_eq!(trim(Micros::micros(100_000 - lead)), 0);
+        let lead = LEAD.ticks();
+        assert_eq!(trim(Micros::micros(100_000 - lead), CYCLE, LEAD), 0);
         // The burst ends too early: the references come too late after it.
-        assert_eq!(trim(Micros::micros(100_000 - lead - 320)), -10);
-        assert_eq!(trim(Micros::micros(100_000 - lead + 320)), 10);
+        assert_eq!(trim(Micros::micros(100_000 - lead - 320), CYCLE, LEAD), -10);
+        assert_eq!(trim(Micros::micros(100_000 - lead + 320), CYCLE, LEAD), 10);
         // Just after a reference: the cycle has to grow until the burst is in front of it.
-        assert_eq!(trim(Micros::micros(100)), 100);
-        assert_eq!(trim(Micros::micros(60_000)), -100);
-        assert_eq!(trim(Micros::micros(u32::MAX)), 100);
+        assert_eq!(trim(Micros::micros(100), CYCLE, LEAD), 100);
+        assert_eq!(trim(Micros::micros(60_000), CYCLE, LEAD), -100);
+        assert_eq!(trim(Micros::micros(u32::MAX), CYCLE, LEAD), 100);
     }
 
     /// From any phase the bursts settle in place, with a receiver 50 ppm off.
@@ -400,7 +365,7 @@ mod tests {
         for start in (0..100_000).step_by(997) {
             let mut age = f64::from(start);
             for _ in 0..20_000 {
-                let trim = trim(Micros::micros(age as u32)).clamp(-8, 8);
+                let trim = trim(Micros::micros(age as u32), CYCLE, LEAD).clamp(-8, 8);
                 age = (age - f64::from(trim) + 5.0).rem_euclid(100_000.0);
             }
             let lead = 100_000.0 - age;

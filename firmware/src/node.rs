@@ -1,10 +1,10 @@
-//! What the tasks of every node do on the boards' own ports and timers.
+//! Code of the tasks of every node that uses the board: time base, watchdog, LED, console.
 
 use crate::board;
 use crate::console::{self, BusView, Line};
 use crate::design;
-use crate::housekeeping::Housekeeping;
-use crate::link::{Link, Stack, WindowTimer};
+use crate::housekeeping::{Housekeeping, StatusMessage};
+use crate::link::{Identity, Link, Stack, WindowTimer};
 use board::clock::{Clocks, Oscillator, ResetCause};
 use board::fault::Fault;
 use board::led::Led;
@@ -16,9 +16,7 @@ use rtic::Mutex;
 use rtic_monotonics::TimerQueueBackend;
 use rtic_monotonics::systick::SystickBackend;
 use rtic_monotonics::systick::prelude::*;
-use ttcan::{
-    ConfigError, ErrorLevel, MasterState, Micros, NodeConfig, NodeId, StampLatency, SyncState,
-};
+use ttcan::{ConfigError, ErrorLevel, MasterState, Micros, NodeConfig, StampLatency, SyncState};
 
 /// The time base and its compare channels, as the link uses them.
 pub struct Timer {
@@ -26,8 +24,9 @@ pub struct Timer {
     alarms: board::time::Alarms,
 }
 
-/// The link of a node on this board.
-pub type BoardLink = Link<board::CanPort, Timer>;
+/// The link of a node on this board, in a network with this many windows and nodes.
+pub type BoardLink<const WINDOWS: usize, const NODES: usize> =
+    Link<board::CanPort, Timer, WINDOWS, NODES>;
 
 impl WindowTimer for Timer {
     #[inline]
@@ -44,7 +43,7 @@ impl WindowTimer for Timer {
     }
 }
 
-impl BoardLink {
+impl<const WINDOWS: usize, const NODES: usize> BoardLink<WINDOWS, NODES> {
     /// Interrupt of the time base: loads the mailbox when the window timer fired. True when
     /// the node's second alarm went off.
     pub fn on_timer(&mut self) -> bool {
@@ -61,7 +60,7 @@ impl BoardLink {
         self.timer_mut().release_in(ticks.cast_signed());
     }
 
-    /// Sets the node's second alarm to the cycle time `time` of the basic cycle under way; at
+    /// Sets the node's second alarm to the cycle time `time` of the current basic cycle; at
     /// once when that is past.
     pub fn release_at(&mut self, time: Micros) {
         if let Some(ticks) = self.until(time) {
@@ -95,14 +94,14 @@ impl Timer {
 ///
 /// # Errors
 /// The protocol stack refuses the configuration.
-pub fn link(
-    place: &'static mut Option<Stack>,
-    node: NodeId,
+pub fn link<const WINDOWS: usize, const NODES: usize>(
+    place: &'static mut Option<Stack<WINDOWS, NODES>>,
+    identity: Identity,
     clocks: Clocks,
     can: board::CanPort,
     clock: board::time::Clock,
     alarms: board::time::Alarms,
-) -> Result<BoardLink, ConfigError> {
+) -> Result<BoardLink<WINDOWS, NODES>, ConfigError> {
     let bit = 1_000_000 * clocks.ticks_per_us / board::BIT_RATE;
     let config = NodeConfig {
         latency: StampLatency::bxcan(bit, board::FACTS.stamp_ticks),
@@ -114,25 +113,26 @@ pub fn link(
         // A master on its RC oscillator is beyond what the others follow: the next in rank
         // leads, and this node keeps its windows.
         may_lead: clocks.oscillator == Oscillator::External,
-        ..NodeConfig::new(node, clocks.ticks_per_us)
+        ..NodeConfig::new(identity.node, clocks.ticks_per_us)
     };
-    Link::new(place, config, can, Timer { clock, alarms })
+    let timer = Timer { clock, alarms };
+    Link::new(place, identity.schedule, config, can, timer)
 }
 
-/// Tells a listening probe what changed on the bus. For the lowest priority only; with no
-/// probe, or a slow one, the message is dropped and nobody waits.
+/// Logs changes of the bus state for a debug probe. For tasks of the lowest priority only.
+/// Without a probe, or with a slow one, the message is dropped and no task waits.
 #[derive(Default)]
 pub struct Log {
     last: Option<(SyncState, MasterState, u8, u16)>,
 }
 
 impl Log {
-    /// A log that has told nothing.
+    /// A log without entries.
     pub const fn new() -> Self {
         Self { last: None }
     }
 
-    /// Tells the state of the bus when it is another than the last one told.
+    /// Logs the state of the bus if it differs from the last one logged.
     pub fn bus(&mut self, view: &BusView) {
         let level = match view.status.error_level {
             ErrorLevel::None => 0,
@@ -219,6 +219,7 @@ pub struct Keeper {
     housekeeping: Housekeeping,
     watchdog: Watchdog,
     led: Led,
+    shown: Option<bool>,
     steps: u32,
 }
 
@@ -240,8 +241,14 @@ impl Keeper {
             housekeeping: Housekeeping::new(cause, fault, clocks.oscillator),
             watchdog: watchdog.start(WATCHDOG.ticks() as u16),
             led,
+            shown: None,
             steps: 0,
         }
+    }
+
+    /// Sets what the LED shows from the next step on; `None`: the state of the node.
+    pub const fn show(&mut self, level: Option<bool>) {
+        self.shown = level;
     }
 
     /// Time since the start, as the steps count it; stands at its largest value.
@@ -255,23 +262,23 @@ impl Keeper {
         self.steps.is_multiple_of(REPORT_STEPS)
     }
 
-    /// One step. `work` counts what the node's own tasks have done; `status` is the
-    /// identifier of its status message.
-    pub fn step(
+    /// One step. `work` counts what the node's own tasks have done.
+    pub fn step<S: StatusMessage, const WINDOWS: usize, const NODES: usize>(
         &mut self,
-        link: &mut impl Mutex<T = BoardLink>,
+        link: &mut impl Mutex<T = BoardLink<WINDOWS, NODES>>,
         bus: &BusView,
         work: u32,
-        status: u16,
     ) {
         self.steps = self.steps.saturating_add(1);
         let duties = self.housekeeping.step(bus, work);
         if duties.feed {
             self.watchdog.feed();
         }
-        self.led.set(duties.led);
-        if let Some(data) = duties.report {
-            let queued = link.lock(|link| link.queue_event(status, &data, design::EVENT_LIFETIME));
+        self.led.set(self.shown.unwrap_or(duties.led));
+        if let Some(status) = duties.report {
+            let data = S::of(&status).encode();
+            let data = data.as_ref();
+            let queued = link.lock(|link| link.queue_event(S::ID, data, design::EVENT_LIFETIME));
             if queued.is_err() {
                 self.housekeeping.report_refused();
             }
@@ -280,8 +287,8 @@ impl Keeper {
 }
 
 /// The console task: the line about the bus, and one of the node's own.
-pub fn report(
-    link: &mut impl Mutex<T = BoardLink>,
+pub fn report<const WINDOWS: usize, const NODES: usize>(
+    link: &mut impl Mutex<T = BoardLink<WINDOWS, NODES>>,
     console: &mut impl Mutex<T = board::console::Console>,
     log: &mut Log,
     own: impl FnOnce(&mut Line),

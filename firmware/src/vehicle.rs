@@ -1,61 +1,61 @@
-//! The vehicle as its controller knows it. The build script derives the control law's
-//! settings from these numbers and writes them as constants.
+//! The part that the crates of all vehicles have in common.
 
-use control::design::SteeringWeights;
-use control::feedback::Limits;
-use control::model::{Antenna, Geometry};
-use control::vehicle::{Description, Misalignment, Sensors, Weights, degrees};
+/// Includes what the build script made of the vehicle's `network.dbc`, and names the types
+/// that follow from it. To be written once, at the top of the vehicle's crate:
+///
+/// - `messages`: nodes, quantities, enumerations and messages;
+/// - `matrix`: nodes, windows, releases of steps and the system matrix;
+/// - `WINDOWS`, `NODES`: how many there are;
+/// - `Stack`: the protocol stack of a node; `Link`: its link on its board;
+/// - `identity`: a node in this network.
+#[macro_export]
+macro_rules! vehicle {
+    () => {
+        /// Nodes, quantities, enumerations and messages of `network.dbc`.
+        ///
+        /// A quantity is a whole number of its unit or of a fraction of it, as its name
+        /// says; the offsets by which the frames shift some of them are taken off.
+        #[allow(unused_parens, reason = "written by a program")]
+        pub mod messages {
+            use ::network::{DecodeError, Message, Signal};
+            use ::ttcan::{Frame, Id};
 
-/// The UAGV of the thesis with an RTK-fixed receiver.
-pub const VEHICLE: Description = Description {
-    // Thesis 7.2.4.
-    geometry: Geometry {
-        l1: 0.255,
-        l2: 0.845,
-    },
-    antenna: Antenna {
-        right: 0.0,
-        height: 0.0,
-    },
-    // Thesis 5.3.
-    limits: Limits {
-        steering_angle: degrees(25.0),
-        steering_rate: degrees(25.0),
-        speed: 2.0,
-    },
-    // The speed of the track tests (thesis 7.3).
-    cruise: 1.0,
-    // The basic cycle (thesis 6.2.2).
-    period: 0.1,
-    sensors: Sensors {
-        position: 0.01,
-        velocity: 0.03,
-        steering: degrees(0.1),
-        // The firmware replaces it by what its schedule gives, `design::RECEIVER_AGE`.
-        age: 0.055,
-    },
-    drive_lag: 0.3,
-    cornering: 4.0,
-    misalignment: Misalignment {
-        heading: degrees(1.0),
-        steering: degrees(2.0),
-    },
-    // Found by a search over simulated runs of this vehicle.
-    weights: Some(Weights {
-        firm: SteeringWeights {
-            integral: 6.0,
-            cross_track: 84.0,
-            heading: 25.0,
-            steering_angle: 0.13,
-            steering_rate: 1.0,
-        },
-        // A centimetre may cost a third of a degree of steering.
-        gentle: SteeringWeights {
-            integral: 0.0095,
-            cross_track: 0.47,
-            heading: 1.28,
-            steering_angle: 3.34,
-            steering_rate: 1.0,
-        },
-    }),
-};
+            include!(concat!(env!("OUT_DIR"), "/messages.rs"));
+        }
+
+        /// The nodes and the system matrix of `network.dbc`.
+        pub mod matrix {
+            use ::ttcan::{
+                Event, Id, MatrixConfig, Micros, NodeId, ReferenceFormat, SystemMatrix, Window,
+            };
+
+            include!(concat!(env!("OUT_DIR"), "/matrix.rs"));
+        }
+
+        /// Windows of the system matrix.
+        pub const WINDOWS: usize = matrix::MATRIX.window_count();
+        /// Nodes of the network.
+        pub const NODES: usize = matrix::MATRIX.node_count();
+
+        /// The protocol stack of a node.
+        pub type Stack = $crate::link::Stack<WINDOWS, NODES>;
+
+        /// The link of a node on its board.
+        #[cfg(feature = "target")]
+        pub type Link = $crate::node::BoardLink<WINDOWS, NODES>;
+
+        #[cfg(feature = "target")]
+        const _: () = assert!(
+            matrix::BIT_RATE == $crate::board::BIT_RATE,
+            "the boards' bit timing is that of the network"
+        );
+
+        /// `node` in the network of this vehicle.
+        pub const fn identity(node: ::ttcan::NodeId) -> $crate::link::Identity {
+            $crate::link::Identity {
+                schedule: matrix::SCHEDULE.view(),
+                node,
+            }
+        }
+    };
+}

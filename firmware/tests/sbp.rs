@@ -1,6 +1,6 @@
 //! The node's SBP parser against the `sbp` crate, on libsbp's own packets.
 
-use firmware::navigation::{Navigation, Put, STEP, Station, Step};
+use firmware::navigation::{Navigation, STEP, Station, Step, Update};
 use firmware::sbp::{self, Fix, Message, Parser, Progress};
 use proptest::prelude::*;
 use serde::Deserialize;
@@ -301,7 +301,7 @@ proptest! {
     }
 
     /// However the bytes come in lots, and however many steps lie between two of them, the
-    /// station puts into the windows what the messages of the whole stream put there, in that
+    /// station makes of them what the messages of the whole stream say, in that
     /// order; every step that is not the last one goes over its share of bytes; and a pause of
     /// the line is answered when all before it has been looked at.
     #[test]
@@ -350,8 +350,8 @@ proptest! {
     }
 }
 
-/// What the messages of a stream put into the windows when all its bytes can be seen at once.
-fn puts_of_the_whole(stream: &[u8]) -> Vec<Put> {
+/// What the messages of a stream say when all its bytes can be seen at once.
+fn puts_of_the_whole(stream: &[u8]) -> Vec<Update> {
     let mut navigation = Navigation::new();
     let mut puts = Vec::new();
     // Nothing more comes: a candidate whose end is missing holds back all behind it.

@@ -5,7 +5,6 @@ use can_bus::{Frame, Record, RecordKind, SimDuration, Tester};
 use embedded_can::Id;
 use furrow_tests::images;
 use network::Message;
-use network::messages::{Latitude, Longitude, Position, Velocity};
 use sbp::Sbp;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -13,6 +12,7 @@ use twin::image::Image;
 use twin::mcu::Board;
 use twin::network::Network;
 use twin::part::Part;
+use uagv::messages::{Latitude, Longitude, Position, Velocity};
 
 const MS: u64 = 1_000_000_000;
 

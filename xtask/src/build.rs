@@ -66,7 +66,7 @@ pub fn check(workspace: &Workspace, images: &[Image]) -> Result<Checked, Failure
     let mut complaints = Vec::new();
     for Image { node, path } in images {
         let mut usage = size::measure(path, node.board())?;
-        let source = format!("firmware/src/bin/{}.rs", node.name());
+        let source = format!("firmware/vehicles/uagv/nodes/{}.rs", node.name());
         let app = audit::application(&workspace.root().join(source))?;
         let audit = audit::audit(path, &app)?;
         usage.deepest = audit.deepest;
@@ -102,7 +102,7 @@ pub fn images(workspace: &Workspace, nodes: &[Node]) -> Result<Vec<Image>, Failu
 /// The cargo command that builds the images of one board.
 pub fn command(workspace: &Workspace, target: &Target, board: &Sled, nodes: &[Node]) -> Command {
     let mut cargo = target.cargo(workspace, "build");
-    cargo.args(["--release", "--package", "firmware"]);
+    cargo.args(["--release", "--package", "uagv"]);
     cargo.args(["--features", board.name]);
     for node in nodes {
         cargo.args(["--bin", node.name()]);

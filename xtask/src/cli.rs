@@ -155,7 +155,7 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask calibrate bus.log                                 figures and vehicle file on the terminal\n  \
-    cargo xtask calibrate bus.log --out firmware/vehicle.toml     for the next build\n  \
+    cargo xtask calibrate bus.log --out calibration.toml     its lines for vehicle.toml\n  \
     cargo xtask sim calibration --out drive                       such a drive of the virtual vehicle\n\n\
     The drive: in manual mode with an RTK-fixed solution, circles to both sides with the\n\
     steering held, and the steering moved to both sides at several rates. The images must\n\

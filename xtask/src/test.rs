@@ -168,8 +168,8 @@ fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
         let boards = Sled::ALL.into_iter();
         let command = |board: &Sled| {
             let mut cargo = target.cargo(workspace, command);
-            cargo.args(["--package", "firmware", "--features", board.name]);
-            cargo.args(["--package", board.package]);
+            cargo.args(["--package", "firmware", "--package", "uagv"]);
+            cargo.args(["--features", board.name, "--package", board.package]);
             cargo.args(rest);
             cargo.env("RUSTDOCFLAGS", "--deny warnings");
             cargo

@@ -135,7 +135,8 @@ fn mode_signal(mode: &crate::manifest::ModeSignal, network: &Network) -> Result<
 fn receiver(receiver: &Receiver) -> Result<(), String> {
     within("receiver.latency", receiver.latency, 0.0, 0.25)?;
     above("receiver.burst", receiver.burst, 0.09)?;
-    within("receiver.period", receiver.period, 0.05, 1.0)
+    within("receiver.period", receiver.period, 0.05, 1.0)?;
+    within("receiver.lead", receiver.lead, 0.0, 0.05)
 }
 
 fn machine(machine: &Machine) -> Result<(), String> {
@@ -208,8 +209,11 @@ fn potentiometer(machine: &Machine) -> Result<(), String> {
 }
 
 fn waypoints(manifest: &Manifest) -> Result<(), String> {
-    let [first, .., last] = manifest.waypoints.as_slice() else {
-        return Err("waypoint: a machine needs two waypoints at least".into());
+    let [first, last] = manifest.waypoints.as_slice() else {
+        return Err(format!(
+            "waypoint: there are {}: a run is a line between two",
+            manifest.waypoints.len()
+        ));
     };
     for (index, point) in manifest.waypoints.iter().enumerate() {
         within(&format!("waypoint[{index}].north"), point.north, -1e4, 1e4)?;

@@ -1,8 +1,8 @@
 //! Reads the folder of a vehicle: `vehicle.toml` (the manifest) and `network.dbc` (messages
 //! and system matrix), checked against each other.
 //!
-//! Build scripts make constants of it for the images; the virtual vehicle, the analysis and
-//! the commands read it as it is.
+//! The build script of a vehicle's crate is [`build::run`]: it makes constants of the folder
+//! for the images. The virtual vehicle, the analysis and the commands read it as it is.
 //!
 //! | file | what it holds |
 //! | --- | --- |
@@ -12,12 +12,15 @@
 //! | `nodes/NAME.rs` | the RTIC application of each node |
 //! | `scenarios/*.toml` | what happens around the nodes in a run: `world` |
 
+pub mod build;
 pub mod check;
+mod design;
 mod error;
 pub mod manifest;
 pub mod units;
 mod vehicle;
 
+pub use design::description;
 pub use error::VehicleError;
 pub use manifest::{Device, Machine, Manifest, Node, Remote};
 pub use vehicle::{NodeIndex, Vehicle};

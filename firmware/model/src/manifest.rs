@@ -27,7 +27,7 @@ pub struct Manifest {
     pub machine: Option<Machine>,
     /// The satellite receiver; needed when one is wired.
     pub receiver: Option<Receiver>,
-    /// The points of the run, two at least when there is a machine.
+    /// The ends of the line that the run follows, two when there is a machine.
     #[serde(default, rename = "waypoint")]
     pub waypoints: Vec<Waypoint>,
 }
@@ -203,8 +203,37 @@ pub struct Machine {
     pub drive: Drive,
     /// The motor drivers.
     pub motor_driver: MotorDriver,
-    /// Weights of the steering's regulators.
-    pub weights: Weights,
+    /// Standard deviations of what the sensors measure.
+    pub sensors: Sensors,
+    /// Constant errors of angles to expect after mounting and calibration.
+    pub misalignment: Misalignment,
+    /// Cornering coefficient of the tyres, 1/rad: lateral force as a share of the load for
+    /// each radian of slip, 2 to 20.
+    pub cornering: f64,
+    /// Weights of the steering's regulators. Default: derived from the rest.
+    pub weights: Option<Weights>,
+}
+
+/// Standard deviations of measurements.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sensors {
+    /// Position, north and east each, 2 to 30 mm.
+    pub position: Length,
+    /// Velocity, north and east each, 5 to 40 mm/s.
+    pub velocity: Speed,
+    /// Steering angle, 0.01 to 0.2 deg.
+    pub steering: Angle,
+}
+
+/// Constant errors of angles.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Misalignment {
+    /// Of the course against the direction of travel, 0.1 to 5 deg.
+    pub heading: Angle,
+    /// Of the measured steering angle, 0.1 to 5 deg.
+    pub steering: Angle,
 }
 
 /// What the actuators may be asked for.
@@ -259,6 +288,8 @@ pub struct Drive {
     pub dead_band: Ratio,
     /// Speed at full effort, above 0 to 10 m/s.
     pub full_speed: Speed,
+    /// Time constant from commanded to real speed, 50 ms to 1 s.
+    pub lag: Time,
 }
 
 /// The motor drivers.
@@ -306,6 +337,9 @@ pub struct Receiver {
     pub burst: Time,
     /// Time between two measurements, 50 ms to 1 s.
     pub period: Time,
+    /// How long before a reference the bursts shall end, 0 to 50 ms: room for the jitter of
+    /// their beginning and length, which the windows of the same cycle must not overtake.
+    pub lead: Time,
 }
 
 /// A point in the base station's frame, -10 to 10 km.

@@ -138,6 +138,12 @@ impl Vehicle {
         &self.network
     }
 
+    /// Path of its manifest.
+    #[must_use]
+    pub fn manifest_file(&self) -> PathBuf {
+        self.folder.join(MANIFEST)
+    }
+
     /// Path of its network file.
     #[must_use]
     pub fn network_file(&self) -> PathBuf {

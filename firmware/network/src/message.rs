@@ -4,8 +4,6 @@ use core::fmt;
 
 use ttcan::Frame;
 
-use crate::messages::Node;
-
 /// A message of the network: a typed value on one side, data bytes on the other.
 ///
 /// Encoding and decoding are shifts and masks over fixed arrays: no loop, no
@@ -20,8 +18,10 @@ pub trait Message: Sized + Copy {
     /// Fewest data bytes that [`decode`](Self::decode) accepts; those missing
     /// from there to [`LENGTH`](Self::LENGTH) read as zero.
     const SHORTEST: u8;
+    /// Names the nodes of the network.
+    type Node: Copy + fmt::Debug;
     /// The one node that sends it.
-    const SENDER: Node;
+    const SENDER: Self::Node;
     /// Signals in the order of the network file.
     const SIGNALS: &'static [Signal];
     /// An array of [`LENGTH`](Self::LENGTH) bytes.

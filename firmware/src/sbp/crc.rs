@@ -4,7 +4,9 @@
 //! A checksum is the remainder of its bytes, taken as a polynomial over GF(2), times x^16,
 //! modulo x^16 + x^12 + x^5 + 1. From the checksums of a stream up to two of its places
 //! therefore follows that of what lies between them: the first, times x^8 for every byte
-//! between, is what the bytes before it have left in the second ([`between`]).
+//! between, is what the bytes before it have left in the second ([`between`]). The crate
+//! `crc` has no such operation; without it, each candidate for a frame would cost a pass over
+//! its bytes.
 
 /// Shortest stretch that [`between`] knows, a frame without preamble, payload and checksum:
 /// type, sender and length.

@@ -61,7 +61,7 @@ pub enum Progress<'a> {
     Drained,
 }
 
-/// What happened to the bytes; every counter wraps.
+/// Counters of bytes and frames; every counter wraps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Frames with the right checksum.
@@ -131,7 +131,7 @@ impl Parser {
         }
     }
 
-    /// What happened so far.
+    /// Counters so far.
     pub const fn counters(&self) -> Counters {
         Counters {
             frames: self.frames,

@@ -3,7 +3,7 @@
 //!
 //! Frame: `55 | type u16 | sender u16 | length u8 | payload | CRC u16`, little-endian. The
 //! parser takes bytes as they arrive and looks for frames in short steps; a damaged frame
-//! costs no more than itself, because the bytes behind its preamble are looked at again.
+//! costs no other frame, because the bytes behind its preamble are read again.
 
 mod crc;
 mod framing;

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use furrow_tests::Journey;
 use furrow_tests::time::{at, seconds};
 use network::Message as _;
-use network::messages::ModeChange;
+use uagv::messages::ModeChange;
 use world::Node;
 
 use campaign::traffic::Sent;

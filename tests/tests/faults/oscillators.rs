@@ -3,8 +3,8 @@
 use furrow_tests::Journey;
 use furrow_tests::time::{at, seconds};
 use network::Message as _;
-use network::messages::{Fault, GpsStatus};
 use twin::ResetCause;
+use uagv::messages::{Fault, GpsStatus};
 use world::Node;
 
 use crate::{RUNNING, assert_never_reset, assert_steady, first_after, mode, running};

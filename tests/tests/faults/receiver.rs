@@ -3,7 +3,7 @@
 use furrow_tests::Journey;
 use furrow_tests::time::{at, seconds, span};
 use network::Message as _;
-use network::messages::Position;
+use uagv::messages::Position;
 use world::Node;
 
 use crate::{assert_never_reset, assert_steady, mode, running};

@@ -101,6 +101,7 @@ impl Models {
                 problems: problems.to_string().replace('\n', "; "),
             }
         })?;
+        let parsed = parsed.resolve(&file, &network)?;
         let mut nodes = Vec::new();
         for (node, source) in sources {
             let of_node = parsed.node.get(node).ok_or_else(|| InputError::NoNode {

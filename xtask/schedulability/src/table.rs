@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 
+use network_model::Network;
 use parts::Sled;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error};
@@ -61,6 +62,9 @@ pub enum TableFault {
     /// `unproven` names something unknown.
     #[error("`unproven` names {0}, which is neither a node nor a chain")]
     Unproven(String),
+    /// `at` names something that has no release.
+    #[error("`at` names {0}, which is no message that has the attribute After in the network file")]
+    At(String),
     /// A step of a chain names none or several of the three.
     #[error("each step of chain `{0}` is either a `task`, a `message` or `other`")]
     Step(String),
@@ -70,7 +74,9 @@ pub enum TableFault {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum TaskFault {
     /// Nothing releases it.
-    #[error("does not say what releases it: `every_us` above zero, `on`, `receives` or `at_us`")]
+    #[error(
+        "does not say what releases it: `every_us` above zero, `on`, `receives`, `at` or `at_us`"
+    )]
     NoRelease,
     /// `at_most` allows nothing.
     #[error("has `at_most` with a zero")]
@@ -79,7 +85,7 @@ pub enum TaskFault {
     #[error("needs either `deadline_us` or `by`")]
     Deadline,
     /// Its deadline counts from an instant of the cycle that is not given.
-    #[error("has a deadline by a message but no instant of the basic cycle: `at_us`")]
+    #[error("has a deadline by a message but no instant of the basic cycle: `at` or `at_us`")]
     NoInstant,
 }
 
@@ -164,6 +170,9 @@ pub struct TaskTable {
     /// Instants of the basic cycle at which it is released, in microseconds.
     #[serde(default)]
     pub at_us: Several<u64>,
+    /// A message: the task is released at the instant of the basic cycle at which all has
+    /// arrived that the message's sender needs for it ([`Table::resolve`]).
+    pub at: Option<String>,
     /// The task that releases this one. Its response time is this one's release jitter.
     pub after: Option<String>,
     /// True if it is released only while the node is off the bus.
@@ -270,6 +279,8 @@ pub struct Step {
     pub other: Option<String>,
     /// The task is released at this instant of the basic cycle, in microseconds.
     pub at_us: Option<u64>,
+    /// The same by the message that the task makes, as in [`TaskTable::at`].
+    pub at: Option<String>,
     /// Longest wait before the step that the analysis does not cover (a poll, a filter, a
     /// byte on a wire), in microseconds.
     #[serde(default)]
@@ -287,6 +298,39 @@ impl Table {
             line,
             fault,
         })
+    }
+
+    /// Puts the instants of the network in the place of the messages that `at` names.
+    ///
+    /// # Errors
+    /// `at` names no message whose sender needs others.
+    pub fn resolve(mut self, file: &str, network: &Network) -> Result<Self, TableError> {
+        let release = |name: &String| {
+            let mut messages = network.messages.iter();
+            messages
+                .find(|message| message.name == *name)
+                .and_then(|message| network.release_us(message))
+                .map(u64::from)
+                .ok_or_else(|| TableError {
+                    file: file.to_owned(),
+                    line: None,
+                    fault: TableFault::At(name.clone()),
+                })
+        };
+        let nodes = self.node.values_mut();
+        for task in nodes.flat_map(|node| node.task.values_mut()) {
+            if let Some(name) = &task.at {
+                let mut instants = task.at_us.as_slice().to_vec();
+                instants.push(release(name)?);
+                task.at_us = Several::Many(instants);
+            }
+        }
+        for step in self.chain.iter_mut().flat_map(|chain| &mut chain.steps) {
+            if let Some(name) = &step.at {
+                step.at_us = Some(release(name)?);
+            }
+        }
+        Ok(self)
     }
 
     fn checked(text: &str) -> Result<Self, (Option<usize>, TableFault)> {
@@ -333,7 +377,8 @@ impl TaskTable {
         let releases = self.every_us.as_slice().len()
             + self.on.as_slice().len()
             + self.receives.as_slice().len()
-            + self.at_us.as_slice().len();
+            + self.at_us.as_slice().len()
+            + usize::from(self.at.is_some());
         if releases == 0 || self.every_us.as_slice().contains(&0) {
             return Err(TaskFault::NoRelease);
         }
@@ -346,7 +391,8 @@ impl TaskTable {
         if self.deadline_us.is_some() == self.by.is_some() {
             return Err(TaskFault::Deadline);
         }
-        if matches!(self.by, Some(By::Message(_))) && self.at_us.as_slice().is_empty() {
+        let instants = self.at_us.as_slice().len() + usize::from(self.at.is_some());
+        if matches!(self.by, Some(By::Message(_))) && instants == 0 {
             return Err(TaskFault::NoInstant);
         }
         Ok(())

@@ -29,11 +29,12 @@ fn text(file: &str) -> String {
 }
 
 fn source(node: &str) -> String {
-    text(&format!("firmware/src/bin/{node}.rs"))
+    text(&format!("firmware/vehicles/uagv/nodes/{node}.rs"))
 }
 
 fn table() -> Table {
-    Table::parse("tasks.toml", &text("firmware/vehicles/uagv/tasks.toml")).unwrap()
+    let table = Table::parse("tasks.toml", &text("firmware/vehicles/uagv/tasks.toml")).unwrap();
+    table.resolve("tasks.toml", &network()).unwrap()
 }
 
 fn network() -> Network {
@@ -126,7 +127,12 @@ fn the_table_fits_the_sources() {
     let root = root();
     let sources: Vec<(&str, PathBuf)> = NODES
         .iter()
-        .map(|node| (*node, root.join(format!("firmware/src/bin/{node}.rs"))))
+        .map(|node| {
+            (
+                *node,
+                root.join(format!("firmware/vehicles/uagv/nodes/{node}.rs")),
+            )
+        })
         .collect();
     let models = Models::read(
         &root,

@@ -8,9 +8,9 @@
 use control::calibration::{
     Actuator, ActuatorFit, CircleFit, FitError, LineFit, Potentiometer, angle_on_circle,
 };
-use firmware::{actuator::steering_effort, convert, design};
-use network::messages::Command;
+use firmware::{actuator::steering_effort, convert, machine::MotionCommand as _};
 use serde::Serialize;
+use uagv::{Uagv, design, messages::Command};
 
 use super::recording::Recording;
 
@@ -234,7 +234,7 @@ fn circle(recording: &Recording, held: &[(f64, u16)], from: f64, until: f64) -> 
         return None;
     }
     let radius = found.radius.copysign(turned);
-    let angle = angle_on_circle(&design::VEHICLE.geometry, &design::VEHICLE.antenna, radius)?;
+    let angle = angle_on_circle(&design::GEOMETRY, &design::ANTENNA, radius)?;
     let counts = held.iter().filter(|(time, _)| *time >= from);
     let counts: Vec<f64> = counts.map(|(_, count)| f64::from(*count)).collect();
     Some(Circle {
@@ -247,7 +247,7 @@ fn circle(recording: &Recording, held: &[(f64, u16)], from: f64, until: f64) -> 
 
 /// The movements at one commanded rate.
 fn movements(recording: &Recording, counts_per_radian: f64) -> Vec<Movement> {
-    let rate = |command: &Command| f64::from(convert::steering_rate_of(command.steering_rate));
+    let rate = |command: &Command| f64::from(command.steering_rate());
     let mut movements = Vec::new();
     let mut rest = recording.commands.as_slice();
     while let Some(&(from, first)) = rest.first() {
@@ -284,13 +284,14 @@ fn movement(
         let during = pots.filter(|(time, _)| (*begun..until).contains(time));
         for (time, count) in during {
             let angle = design::POTENTIOMETER.angle(*count).ok();
-            let effort = steering_effort(Some(command), angle);
-            let free = steering_effort(Some(command), Some(0.0));
+            let effort = steering_effort::<Uagv>(Some(command), angle);
+            let free = steering_effort::<Uagv>(Some(command), Some(0.0));
             // Near the end stop the node slows its motor.
             if angle.is_none() || (effort - free).abs() > 1e-3 {
                 continue;
             }
-            let steps = f64::from(convert::motor_byte(effort)) - 127.0;
+            let steps =
+                f64::from(convert::motor_byte(effort, design::FULL_BYTE_IS_FORWARD)) - 127.0;
             efforts += steps / 127.0;
             readings += 1;
             line.add(*time, f64::from(*count));

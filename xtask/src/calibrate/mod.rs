@@ -54,7 +54,7 @@ pub fn calibrate(log: &str) -> Result<Calibration, String> {
     fit::fit(&Recording::read(log)?)
 }
 
-/// The vehicle file, as `firmware/vehicle.toml`.
+/// The numbers of the calibration, as TOML.
 fn vehicle_file(found: &Calibration) -> String {
     let side = |name: &str, side: &Side| {
         format!(
@@ -64,9 +64,7 @@ fn vehicle_file(found: &Calibration) -> String {
         )
     };
     format!(
-        "# The numbers of one machine, as `cargo xtask calibrate` found them in a drive. As\n\
-         # firmware/vehicle.toml the build turns them into the constants of\n\
-         # `firmware::design`.\n\n\
+        "# The numbers of one machine, as `cargo xtask calibrate` found them in a drive.\n\n\
          # Steering potentiometer: linear (thesis Figure 5.18).\n\
          [potentiometer]\n# Counts with the wheels straight.\ncentre = {:.2}\n\
          # Counts for a degree to the right; negative when it runs the other way.\n\

@@ -2,10 +2,8 @@
 
 use can_bus::candump::Line;
 use embedded_can::Id;
-use network::{
-    DecodeError, Message,
-    messages::{Command, Position, SteeringPot},
-};
+use network::{DecodeError, Message};
+use uagv::messages::{Command, Position, SteeringPot};
 
 /// What a recording holds for a calibration. Times are seconds from its first line.
 #[derive(Debug, Default)]

@@ -11,16 +11,18 @@ use control::{
     controller::{Controller, Outcome, Sample, Settings},
     line::Line,
     plain::PlainController,
+    position::{Position, Velocity},
     safety,
 };
 use firmware::{
     actuator::{Drive, steering_effort},
-    convert, design,
-    navigation::{Station, Step},
+    convert,
+    navigation::{Station, Step, Update},
 };
-use network::{
-    Message, matrix,
-    messages::{Command, Mode, Position, Velocity},
+use network::Message as _;
+use uagv::{
+    Uagv, design, matrix,
+    messages::{CentidegreesPerSecond, CentimetresPerSecond, Command, Mode},
 };
 use world::time::Span as _;
 use world::{
@@ -53,9 +55,7 @@ impl Law for PlainController<f32> {
 /// The settings with which the firmware drives.
 #[must_use]
 pub fn settings() -> Settings<f32> {
-    let mut settings = design::SETTINGS;
-    settings.estimator.gps_delay = design::RECEIVER_AGE.ticks() as f32 * 1e-6;
-    settings
+    design::SETTINGS
 }
 
 /// The line of the firmware's waypoints.
@@ -64,8 +64,8 @@ pub fn settings() -> Settings<f32> {
 ///
 /// The waypoints make none.
 pub fn line() -> Result<Line<f32>, Failure> {
-    Line::new(design::WAYPOINT_A, design::WAYPOINT_B)
-        .map_err(|error| Failure::Failed(error.to_string()))
+    let [from, to] = design::ROUTE;
+    Line::new(from, to).map_err(|error| Failure::Failed(error.to_string()))
 }
 
 /// Furrow's law with `settings`, or the thesis's.
@@ -105,7 +105,7 @@ struct Loop {
     position: Option<Position>,
     velocity: Option<Velocity>,
     heard: SimTime,
-    drive: Drive,
+    drive: Drive<Uagv>,
     command: Option<Command>,
 }
 
@@ -135,13 +135,10 @@ impl Loop {
             station.take([byte].into_iter());
             let mut more = Step::More;
             while more == Step::More {
-                more = station.step(0, |(window, data)| {
-                    let data = data.as_ref();
-                    if window == matrix::window::POSITION {
-                        *position = data.and_then(|data| Position::decode(data).ok());
-                    } else if window == matrix::window::VELOCITY {
-                        *velocity = data.and_then(|data| Velocity::decode(data).ok());
-                    }
+                more = station.step(0, |update| match update {
+                    Update::Position(news) => *position = news,
+                    Update::Velocity(news) => *velocity = news,
+                    Update::Heading(_) | Update::Latitude(_) | Update::Longitude(_) => {}
                 });
             }
         }
@@ -150,11 +147,12 @@ impl Loop {
     /// Tells both motors what to do now.
     fn motors(&mut self, now: SimTime) {
         let count = self.world.adc(Analog::SteeringPot, now);
+        let byte = |effort| convert::motor_byte(effort, design::FULL_BYTE_IS_FORWARD);
         let angle = design::POTENTIOMETER.angle(count).ok();
         let command = self.command.as_ref();
-        let steering = convert::motor_byte(steering_effort(command, angle));
+        let steering = byte(steering_effort::<Uagv>(command, angle));
         let period = MOTOR_PERIOD.as_ticks() as f32 * 1e-12;
-        let drive = convert::motor_byte(self.drive.effort(command, period));
+        let drive = byte(self.drive.effort(command, period));
         for node in [Node::Steering, Node::Drive] {
             self.world.relay(node, true, now);
         }
@@ -218,7 +216,7 @@ pub fn drive(
     let end = at(scenario.duration.span());
     // The gps node begins the schedule at a fixed time after the first burst.
     all.advance(at(micros(150_000)));
-    let lead = micros(u64::from(design::BURST_LEAD.ticks()));
+    let lead = micros(u64::from(design::RECEIVER_LEAD.ticks()));
     let mut begin = after(all.heard, lead);
     let mut applied = safety::Command::still();
     let mut frames = Vec::new();
@@ -232,19 +230,14 @@ pub fn drive(
         let now = after(begin, release);
         all.advance(now);
         let engaged = now >= at(ENGAGED);
-        let sample =
-            Sample {
-                position: all.position.take().map(|Position { north, east }| {
-                    control::position::Position::new(north.0, east.0)
-                }),
-                velocity: all.velocity.take().map(|Velocity { north, east }| {
-                    control::position::Velocity::new(north.0, east.0)
-                }),
-                steering_angle: design::POTENTIOMETER.angle(count).ok(),
-                applied,
-                engaged,
-                dt: 0.1,
-            };
+        let sample = Sample {
+            position: all.position.take(),
+            velocity: all.velocity.take(),
+            steering_angle: design::POTENTIOMETER.angle(count).ok(),
+            applied,
+            engaged,
+            dt: 0.1,
+        };
         let outcome = law.step(&sample);
         watch(&all.world, &sample, &outcome);
         applied = if engaged {
@@ -253,8 +246,10 @@ pub fn drive(
             safety::Command::still()
         };
         let command = Command {
-            steering_rate: convert::steering_rate(applied.steering_rate),
-            speed: convert::speed(applied.speed),
+            steering_rate: CentidegreesPerSecond(convert::centidegrees_per_second(
+                applied.steering_rate,
+            )),
+            speed: CentimetresPerSecond(convert::centimetres_per_second(applied.speed)),
             mode: if engaged {
                 Mode::AutonomousRun
             } else {

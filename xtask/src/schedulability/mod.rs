@@ -197,7 +197,7 @@ fn unwritable(path: &std::path::Path, why: &str) -> Failure {
 }
 
 fn source(workspace: &Workspace, node: Node) -> PathBuf {
-    let file = format!("firmware/src/bin/{}.rs", node.name());
+    let file = format!("firmware/vehicles/uagv/nodes/{}.rs", node.name());
     workspace.root().join(file)
 }
 

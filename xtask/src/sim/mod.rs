@@ -240,7 +240,7 @@ pub(crate) fn images(workspace: &Workspace) -> Result<Images, Failure> {
 fn tasks(workspace: &Workspace, outcome: &Outcome) -> Result<Vec<TaskTime>, Failure> {
     let mut times = Vec::new();
     for node in &outcome.nodes {
-        let file = format!("firmware/src/bin/{}.rs", node.node.name());
+        let file = format!("firmware/vehicles/uagv/nodes/{}.rs", node.node.name());
         let unreadable = |error: String| Failure::Failed(format!("{file}: {error}"));
         let source = fs::read_to_string(workspace.root().join(&file))
             .map_err(|error| unreadable(error.to_string()))?;

@@ -146,10 +146,10 @@ mod tests {
     #[test]
     fn the_nodes_name_their_protocol_tasks() {
         let sources = [
-            include_str!("../../../firmware/src/bin/gps.rs"),
-            include_str!("../../../firmware/src/bin/controller.rs"),
-            include_str!("../../../firmware/src/bin/steering.rs"),
-            include_str!("../../../firmware/src/bin/drive.rs"),
+            include_str!("../../../firmware/vehicles/uagv/nodes/gps.rs"),
+            include_str!("../../../firmware/vehicles/uagv/nodes/controller.rs"),
+            include_str!("../../../firmware/vehicles/uagv/nodes/steering.rs"),
+            include_str!("../../../firmware/vehicles/uagv/nodes/drive.rs"),
         ];
         for source in sources {
             let names = names(source).unwrap();

@@ -190,7 +190,7 @@ fn write_message(out: &mut String, network: &Network, message: &Message) -> std:
     writeln!(out, "    const SHORTEST: u8 = {};", message.shortest)?;
     writeln!(
         out,
-        "    const SENDER: Node = Node::{};",
+        "    type Node = Node;\n    const SENDER: Node = Node::{};",
         pascal(&message.sender)
     )?;
     let signals: Vec<String> = message

@@ -11,7 +11,7 @@
 //! | `console_dma` | DMA1 stream 6 | 4 | next console line |
 //! | `SysTick` | SysTick | 4 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
 //! | `housekeeping` | software, by EXTI2 | 3 | 100 Hz: watchdog, status, bus recovery, LED |
-//! | `parse` | EXTI4, pended by software | 2 | looks at what was taken, some bytes at a time |
+//! | `parse` | EXTI4, pended by software | 2 | reads the bytes that were taken, some at a time |
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
 #![no_std]
@@ -24,20 +24,20 @@ mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, Sled, pac::Interrupt, receiver::Receiver, time::Clock};
     use firmware::console::{self as lines, BusView};
-    use firmware::link::Stack;
     use firmware::navigation::{Pause, Station, Step, trim};
-    use firmware::node::{self, BoardLink, Keeper, Log, Pace};
+    use firmware::node::{self, Keeper, Log, Pace};
     use firmware::{design, fault};
-    use network::Message as _;
-    use network::matrix::GPS;
-    use network::messages::GpsStatus;
     use rtic::Mutex as _;
     use ttcan::{GlobalTime, Micros, Stamp};
+    use uagv::design::{RECEIVER_LEAD, RECEIVER_PERIOD};
+    use uagv::matrix::{BASIC_CYCLE, GPS};
+    use uagv::messages::GpsStatus;
+    use uagv::{Link, Stack, identity, wire};
 
     #[shared]
     struct Shared {
         clock: Clock,
-        link: BoardLink,
+        link: Link,
         receiver: Receiver,
         station: Station,
         console: board::console::Console,
@@ -58,7 +58,7 @@ mod app {
         let clocks = sled.clocks;
         let Ok(link) = node::link(
             cx.local.stack,
-            GPS,
+            identity(GPS),
             clocks,
             sled.can,
             sled.clock,
@@ -149,7 +149,7 @@ mod app {
         });
     }
 
-    /// Takes some of what has arrived; `ring` takes more of it, `parse` looks at all of it.
+    /// Takes some of the bytes that have arrived. `ring` takes more of them, `parse` reads them.
     #[inline(always)]
     fn take(receiver: &mut Receiver, station: &mut Station) {
         rtic::pend(if station.take(receiver.arrived()) {
@@ -164,7 +164,8 @@ mod app {
         let now = cx.shared.clock.now();
         let mut link = cx.shared.link;
         let step = cx.shared.station.lock(|station| {
-            station.step(now, |(window, data)| {
+            station.step(now, |update| {
+                let (window, data) = wire::update(update);
                 link.lock(|link| link.replace(window, data));
             })
         });
@@ -175,8 +176,8 @@ mod app {
         }
     }
 
-    /// Takes over what is known at the end of a burst.
-    fn settle(link: &mut BoardLink, pause: &Pause) {
+    /// Applies the results of a burst at its end: fix flag, cycle length, start of the schedule.
+    fn settle(link: &mut Link, pause: &Pause) {
         link.node_mut()
             .set_reference_payload(&[u8::from(pause.fixed)]);
         // The schedule begins so that the windows follow the receiver's bursts closely, and is
@@ -185,14 +186,16 @@ mod app {
             && let Some(age) = link.node().cycle_time(Stamp(pause.since))
         {
             // Refused while another node is the master.
-            let _ = link.node_mut().trim_cycle(trim(age));
+            let _ = link
+                .node_mut()
+                .trim_cycle(trim(age, BASIC_CYCLE, RECEIVER_LEAD));
         }
         if let Some(tow) = pause.tow
             && !link.is_started()
         {
             let time = GlobalTime::from_micros(u64::from(tow) * 1000);
             let _ = link.node_mut().set_global_time(Stamp(pause.since), time);
-            link.release_in(design::BURST_LEAD);
+            link.release_in(RECEIVER_LEAD);
         }
     }
 
@@ -206,9 +209,9 @@ mod app {
     #[task(priority = 3, shared = [&clock, link, station], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
-        // loop-bound: 1, the next instant lies ahead when a step is done by its deadline
+        // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
-            // at-most: 1, the same; the first step waits for nothing
+            // at-most: 1. The same; the first step waits for nothing.
             keep(&mut cx.shared, cx.local.keeper);
             pace.wait().await;
         }
@@ -219,7 +222,7 @@ mod app {
         let clock = shared.clock;
         let timeout = shared
             .link
-            .lock(|link| link.ticks(design::RECEIVER_TIMEOUT));
+            .lock(|link| link.ticks(design::receiver_timeout(RECEIVER_PERIOD)));
         let silent = shared
             .station
             .lock(|station| station.navigation_mut().lapse(clock.now(), timeout));
@@ -229,12 +232,12 @@ mod app {
                 link.node_mut().set_reference_payload(&[0]);
             }
             // The vehicle is driven by hand without any receiver (thesis 5.3).
-            if !link.is_started() && keeper.uptime() >= design::RECEIVER_PATIENCE {
+            if !link.is_started() && keeper.uptime() >= design::receiver_patience(RECEIVER_PERIOD) {
                 link.start();
             }
             BusView::of(link)
         });
-        keeper.step(&mut shared.link, &bus, bus.link.services, GpsStatus::ID);
+        keeper.step::<GpsStatus, _, _>(&mut shared.link, &bus, bus.link.services);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

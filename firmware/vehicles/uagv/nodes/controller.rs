@@ -35,20 +35,21 @@ mod app {
     use firmware::buttons::{Button, Buttons};
     use firmware::console::{self as lines, BusView};
     use firmware::display::{self, Plain, Supervision};
-    use firmware::link::Stack;
-    use firmware::node::{self, BoardLink, Keeper, Log, Pace};
-    use firmware::pilot::{self, Pilot};
+    use firmware::node::{self, Keeper, Log, Pace};
     use firmware::text::Text;
-    use firmware::{design, fault};
+    use firmware::{design, e2e, fault};
     use network::Message as _;
-    use network::matrix::{BASIC_CYCLE, CONTROLLER, window};
-    use network::messages::{ButtonEvent, ControllerStatus, ModeChange};
     use rtic::Mutex as _;
+    use uagv::design::{CONTROL_RELEASE, REMOTE};
+    use uagv::matrix::{BASIC_CYCLE, CONTROLLER, window};
+    use uagv::messages::{ButtonEvent, ControllerStatus, ModeChange};
+    use uagv::wire::{self, Frames};
+    use uagv::{Link, Pilot, Stack, identity};
 
     #[shared]
     struct Shared {
         clock: Clock,
-        link: BoardLink,
+        link: Link,
         pilot: Pilot,
         buttons: Buttons,
         /// Latest samples of the joystick, x and y.
@@ -64,6 +65,7 @@ mod app {
         inputs: panel::Buttons,
         button_events: u8,
         mode_events: u8,
+        sender: e2e::Sender,
         replies: Replies,
         tick: Tick,
         screen: Text<{ display::CAPACITY }>,
@@ -80,7 +82,7 @@ mod app {
         let clocks = sled.clocks;
         let Ok(mut link) = node::link(
             cx.local.stack,
-            CONTROLLER,
+            identity(CONTROLLER),
             clocks,
             sled.can,
             sled.clock,
@@ -114,6 +116,7 @@ mod app {
                 inputs: operator.buttons,
                 button_events: 0,
                 mode_events: 0,
+                sender: e2e::Sender::default(),
                 replies: operator.replies,
                 tick: operator.tick,
                 screen: Text::new(),
@@ -143,7 +146,7 @@ mod app {
         let stamp = cx.shared.clock.now();
         cx.shared.link.lock(|link| {
             if link.on_receive(stamp).reference {
-                link.release_at(design::CONTROL_RELEASE);
+                link.release_at(CONTROL_RELEASE);
             }
         });
     }
@@ -153,7 +156,7 @@ mod app {
         let stamp = cx.shared.clock.now();
         cx.shared.link.lock(|link| {
             if link.on_transmit(stamp) {
-                link.release_at(design::CONTROL_RELEASE);
+                link.release_at(CONTROL_RELEASE);
             }
         });
     }
@@ -176,13 +179,14 @@ mod app {
 
     /// Deadline: the beginning of the command's window, 600 us after the release. A step that
     /// misses it leaves the window empty, and the actuators stop after two of those.
-    #[task(binds = EXTI1, priority = 5, shared = [link, pilot, buttons, axes], local = [mode_events])]
+    #[task(binds = EXTI1, priority = 5, shared = [link, pilot, buttons, axes], local = [mode_events, sender])]
     fn control(cx: control::Context) {
         let mut link = cx.shared.link;
-        let mut inputs = link.lock(pilot::Inputs::take);
+        let (mut inputs, time) = link.lock(|link| (wire::inputs(link), link.cycle_began()));
         (cx.shared.pilot, cx.shared.buttons, cx.shared.axes).lock(|pilot, buttons, axes| {
             inputs.joystick = *axes;
-            let (frames, change) = pilot.step(&inputs, buttons);
+            let (decision, change) = pilot.step(&inputs, buttons);
+            let frames = Frames::of(&decision, cx.local.sender, time);
             link.lock(|link| {
                 link.put(window::COMMAND, frames.command);
                 link.put(window::LOG_POSITION, frames.position);
@@ -194,7 +198,7 @@ mod app {
                 *cx.local.mode_events = cx.local.mode_events.wrapping_add(1);
                 let count = *cx.local.mode_events;
                 link.lock(|link| {
-                    let data = change.event(count, link.system_time()).encode();
+                    let data = wire::mode_change(&change, count, link.system_time()).encode();
                     // A full queue is counted by the stack; the mode is in message 300 too.
                     let _ = link.queue_event(ModeChange::ID, &data, design::EVENT_LIFETIME);
                 });
@@ -212,7 +216,7 @@ mod app {
         let mut changes = [None; Button::ALL.len()];
         (cx.shared.buttons, cx.shared.pilot).lock(|buttons, pilot| {
             let mut free = changes.iter_mut();
-            buttons.sample(levels.as_array(), |button, edge| {
+            buttons.sample(REMOTE, levels.as_array(), |button, edge| {
                 pilot.button(button, edge);
                 if let Some(change) = free.next() {
                     *change = Some((button, edge));
@@ -223,7 +227,7 @@ mod app {
         let mut link = cx.shared.link;
         for (button, edge) in changes.into_iter().flatten() {
             *cx.local.button_events = cx.local.button_events.wrapping_add(1);
-            let data = button.event(edge, *cx.local.button_events).encode();
+            let data = wire::button_event(button, edge, *cx.local.button_events).encode();
             // A full queue is counted by the stack; the request itself is not lost.
             let _ =
                 link.lock(|link| link.queue_event(ButtonEvent::ID, &data, design::EVENT_LIFETIME));
@@ -276,9 +280,9 @@ mod app {
     #[task(priority = 2, shared = [link, pilot], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
-        // loop-bound: 1, the next instant lies ahead when a step is done by its deadline
+        // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
-            // at-most: 1, the same; the first step waits for nothing
+            // at-most: 1. The same; the first step waits for nothing.
             keep(&mut cx.shared, cx.local.keeper);
             pace.wait().await;
         }
@@ -294,7 +298,7 @@ mod app {
             BusView::of(link)
         });
         let steps = shared.pilot.lock(|pilot| pilot.steps());
-        keeper.step(&mut shared.link, &bus, steps, ControllerStatus::ID);
+        keeper.step::<ControllerStatus, _, _>(&mut shared.link, &bus, steps);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }
@@ -311,7 +315,7 @@ mod app {
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
-            |line| lines::pilot(line, &view),
+            |line| lines::pilot(line, "uagv", &view),
         );
     }
 }

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write frames of uagv.dbc as the DBC library cantools packs them.
+"""Write frames of network.dbc as the DBC library cantools packs them.
 
     pip install cantools==45.1.0
     python3 vectors.py > ../data/cantools.txt
@@ -47,7 +47,7 @@ def order(text):
     return order
 
 
-FILE = pathlib.Path(__file__).resolve().parents[3] / "vehicles/uagv/network.dbc"
+FILE = pathlib.Path(__file__).resolve().parents[2] / "network.dbc"
 ORDER = order(FILE.read_text())
 
 database = cantools.database.load_file(FILE, strict=True)

@@ -1,14 +1,11 @@
 //! The thesis's logged basic period (Figure 6.33, no fixed solution) reads back
 //! as the vehicle it was taken from.
 
-use network::{
-    Message,
-    messages::{
-        AdcCount, AnyMessage, CentimetresPerSecond, Command, Degrees, DegreesE10, DegreesQ8,
-        Latitude, LogControl, LogGuidance, LogMotion, LogPosition, Longitude, Millidegrees,
-        Millimetres, MillimetresPerSecond, Milliseconds, Mode, SteeringPot, TimeReference,
-        Velocity,
-    },
+use network::Message;
+use uagv::messages::{
+    AdcCount, AnyMessage, CentimetresPerSecond, Command, Degrees, DegreesE10, DegreesQ8, Latitude,
+    LogControl, LogGuidance, LogMotion, LogPosition, Longitude, Millidegrees, Millimetres,
+    MillimetresPerSecond, Milliseconds, Mode, SteeringPot, TimeReference, Velocity,
 };
 
 /// The data of the one frame with this identifier.

@@ -2,15 +2,13 @@
 //!
 //! `cantools/vectors.py` wrote the frames.
 
-use network::{
-    Message,
-    messages::{
-        AnyMessage, BackupReference, ButtonEvent, Command, ControllerStatus, DriveStatus,
-        GpsStatus, Heading, Latitude, LogControl, LogGuidance, LogMotion, LogPosition, Longitude,
-        ModeChange, Position, SteeringPot, SteeringStatus, TimeReference, Velocity,
-    },
-};
+use network::Message;
 use network_model::Network;
+use uagv::messages::{
+    AnyMessage, BackupReference, ButtonEvent, Command, ControllerStatus, DriveStatus, GpsStatus,
+    Heading, Latitude, LogControl, LogGuidance, LogMotion, LogPosition, Longitude, ModeChange,
+    Position, SteeringPot, SteeringStatus, TimeReference, Velocity,
+};
 
 struct Vector {
     id: u16,
@@ -55,8 +53,7 @@ fn close(a: f64, b: f64) -> bool {
 
 #[test]
 fn the_model_reads_and_writes_what_cantools_does() {
-    let network =
-        Network::parse(include_str!("../../vehicles/uagv/network.dbc")).expect("the file is right");
+    let network = Network::parse(include_str!("../network.dbc")).expect("the file is right");
     let mut seen = 0;
     for vector in vectors() {
         let message = network.message(vector.id).expect("in the file");

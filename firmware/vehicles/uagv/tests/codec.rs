@@ -2,21 +2,18 @@
 
 use std::sync::LazyLock;
 
-use network::{
-    DecodeError, Message,
-    messages::{
-        AdcCount, AnyMessage, BackupReference, Button, ButtonEvent, CentidegreesPerSecond,
-        CentimetresPerSecond, Command, ControllerStatus, DriveStatus, GpsStatus, Heading, Latitude,
-        LogControl, LogGuidance, LogMotion, LogPosition, Longitude, Millimetres, Mode, ModeChange,
-        Position, SteeringPot, SteeringStatus, TimeReference, Velocity,
-    },
-};
+use network::{DecodeError, Message};
 use network_model::Network;
 use proptest::{collection::vec, prelude::*};
+use uagv::messages::{
+    AdcCount, AnyMessage, BackupReference, Button, ButtonEvent, CentidegreesPerSecond,
+    CentimetresPerSecond, Command, ControllerStatus, DriveStatus, GpsStatus, Heading, Latitude,
+    LogControl, LogGuidance, LogMotion, LogPosition, Longitude, Millimetres, Mode, ModeChange,
+    Position, SteeringPot, SteeringStatus, TimeReference, Velocity,
+};
 
 static NETWORK: LazyLock<Network> = LazyLock::new(|| {
-    Network::parse(include_str!("../../vehicles/uagv/network.dbc"))
-        .expect("the network file is right")
+    Network::parse(include_str!("../network.dbc")).expect("the network file is right")
 });
 
 /// One message from numbers as random as `seeds`: each signal somewhere in its

@@ -1,10 +1,8 @@
 //! Latitude and longitude go through their frames without loss.
 
-use network::{
-    Message,
-    messages::{Degrees, Latitude, Longitude},
-};
+use network::Message;
 use proptest::prelude::*;
+use uagv::messages::{Degrees, Latitude, Longitude};
 
 const DEGREE: i64 = 10_000_000_000;
 

@@ -19,22 +19,22 @@ use defmt_rtt as _;
 
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
-    use firmware::actuator::{Driving, Times};
+    use firmware::actuator::Times;
     use firmware::board::fault::Fault;
     use firmware::board::{self, Sled, motor::MotorOutput, pac::Interrupt, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
-    use firmware::link::Stack;
-    use firmware::node::{self, BoardLink, Keeper, Log, Pace};
-    use firmware::{design, fault};
-    use network::Message as _;
-    use network::matrix::{DRIVE, window};
-    use network::messages::DriveStatus;
+    use firmware::fault;
+    use firmware::node::{self, Keeper, Log, Pace};
     use rtic::Mutex as _;
+    use uagv::design::COMMAND_TIMEOUT;
+    use uagv::matrix::{DRIVE, window};
+    use uagv::messages::DriveStatus;
+    use uagv::{Driving, Link, Stack, identity};
 
     #[shared]
     struct Shared {
         clock: Clock,
-        link: BoardLink,
+        link: Link,
         driving: Driving,
         output: MotorOutput,
         console: board::console::Console,
@@ -55,7 +55,7 @@ mod app {
         let clocks = sled.clocks;
         let Ok(mut link) = node::link(
             cx.local.stack,
-            DRIVE,
+            identity(DRIVE),
             clocks,
             sled.can,
             sled.clock,
@@ -74,7 +74,7 @@ mod app {
             Shared {
                 clock: sled.clock,
                 link,
-                driving: Driving::new(Times::new(clocks.ticks_per_us)),
+                driving: Driving::new(Times::new(COMMAND_TIMEOUT, clocks.ticks_per_us)),
                 output: sled.motor,
                 console: sled.console,
             },
@@ -136,14 +136,14 @@ mod app {
     fn actuate(cx: actuate::Context) {
         let now = cx.shared.clock.now();
         let mut link = cx.shared.link;
-        let arrival = link.lock(|link| link.arrival());
+        let arrival = link.lock(|link| link.arrival(window::COMMAND));
         let accepted = (cx.shared.driving, cx.shared.output).lock(|driving, output| {
             let accepted = driving.supervised.attend(&arrival, now);
             output.repeat(driving.byte(now));
             accepted
         });
         if accepted {
-            link.lock(|link| link.release_in(design::COMMAND_TIMEOUT));
+            link.lock(|link| link.release_in(COMMAND_TIMEOUT));
         }
     }
 
@@ -157,9 +157,9 @@ mod app {
     #[task(priority = 2, shared = [link], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
-        // loop-bound: 1, the next instant lies ahead when a step is done by its deadline
+        // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
-            // at-most: 1, the same; the first step waits for nothing
+            // at-most: 1. The same; the first step waits for nothing.
             keep(&mut cx.shared, cx.local.keeper);
             pace.wait().await;
         }
@@ -173,7 +173,7 @@ mod app {
         });
         // Also advances the slew.
         rtic::pend(Interrupt::EXTI1);
-        keeper.step(&mut shared.link, &bus, bus.link.services, DriveStatus::ID);
+        keeper.step::<DriveStatus, _, _>(&mut shared.link, &bus, bus.link.services);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

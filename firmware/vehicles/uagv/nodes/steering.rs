@@ -21,23 +21,24 @@ use defmt_rtt as _;
 
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
-    use firmware::actuator::{Steering, Times};
+    use firmware::actuator::Times;
     use firmware::board::fault::Fault;
     use firmware::board::{self, Sled, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
-    use firmware::link::Stack;
-    use firmware::navigation::padded;
-    use firmware::node::{self, BoardLink, Keeper, Log, Pace};
-    use firmware::{design, fault};
+    use firmware::fault;
+    use firmware::link::padded;
+    use firmware::node::{self, Keeper, Log, Pace};
     use network::Message as _;
-    use network::matrix::{STEERING, window};
-    use network::messages::{AdcCount, SteeringPot, SteeringStatus};
     use rtic::Mutex as _;
+    use uagv::design::COMMAND_TIMEOUT;
+    use uagv::matrix::{STEERING, window};
+    use uagv::messages::{AdcCount, SteeringPot, SteeringStatus};
+    use uagv::{Link, Stack, Steering, identity};
 
     #[shared]
     struct Shared {
         clock: Clock,
-        link: BoardLink,
+        link: Link,
         steering: Steering,
         output: MotorOutput,
         console: board::console::Console,
@@ -59,7 +60,7 @@ mod app {
         let clocks = sled.clocks;
         let Ok(mut link) = node::link(
             cx.local.stack,
-            STEERING,
+            identity(STEERING),
             clocks,
             sled.can,
             sled.clock,
@@ -81,7 +82,7 @@ mod app {
             Shared {
                 clock: sled.clock,
                 link,
-                steering: Steering::new(Times::new(clocks.ticks_per_us)),
+                steering: Steering::new(Times::new(COMMAND_TIMEOUT, clocks.ticks_per_us)),
                 output: sled.motor,
                 console: sled.console,
             },
@@ -161,14 +162,14 @@ mod app {
     fn actuate(cx: actuate::Context) {
         let now = cx.shared.clock.now();
         let mut link = cx.shared.link;
-        let arrival = link.lock(|link| link.arrival());
+        let arrival = link.lock(|link| link.arrival(window::COMMAND));
         let accepted = (cx.shared.steering, cx.shared.output).lock(|steering, output| {
             let accepted = steering.supervised.attend(&arrival, now);
             output.repeat(steering.byte(now));
             accepted
         });
         if accepted {
-            link.lock(|link| link.release_in(design::COMMAND_TIMEOUT));
+            link.lock(|link| link.release_in(COMMAND_TIMEOUT));
         }
     }
 
@@ -182,9 +183,9 @@ mod app {
     #[task(priority = 2, shared = [&clock, link, steering], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
-        // loop-bound: 1, the next instant lies ahead when a step is done by its deadline
+        // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
-            // at-most: 1, the same; the first step waits for nothing
+            // at-most: 1. The same; the first step waits for nothing.
             keep(&mut cx.shared, cx.local.keeper);
             pace.wait().await;
         }
@@ -202,7 +203,7 @@ mod app {
             .steering
             .lock(|steering| steering.has_sample(clock.now()));
         let work = if fresh { bus.link.services } else { 0 };
-        keeper.step(&mut shared.link, &bus, work, SteeringStatus::ID);
+        keeper.step::<SteeringStatus, _, _>(&mut shared.link, &bus, work);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

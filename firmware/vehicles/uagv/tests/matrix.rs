@@ -1,11 +1,9 @@
 //! The generated system matrix is the one of the thesis (Figure 6.13).
 
-use network::{
-    Message,
-    matrix::{CONTROLLER, DRIVE, GPS, MATRIX, SCHEDULE, STEERING, window},
-    messages::{Command, LogControl, SteeringPot, TimeReference},
-};
+use network::Message;
 use ttcan::{Micros, WindowKind};
+use uagv::matrix::{CONTROLLER, DRIVE, GPS, MATRIX, SCHEDULE, STEERING, window};
+use uagv::messages::{Command, LogControl, SteeringPot, TimeReference};
 
 #[test]
 fn windows_follow_each_other_every_millisecond() {

@@ -1,0 +1,57 @@
+//! The build script of a vehicle's crate.
+
+use std::error::Error;
+use std::path::Path;
+use std::process::ExitCode;
+use std::{env, fs};
+
+use network_model::generate;
+
+use crate::design;
+use crate::vehicle::Vehicle;
+
+/// Writes what the crate includes, from the vehicle's folder, which is the crate's:
+///
+/// | file | what is in it |
+/// | --- | --- |
+/// | `messages.rs` | message types |
+/// | `matrix.rs` | nodes, windows and system matrix |
+/// | `design.rs` | the machine's numbers and the settings of its control law |
+///
+/// Also asks for the linker scripts of the images and sets the log level. Reports what is
+/// wrong with the folder in one sentence.
+#[must_use]
+pub fn run() -> ExitCode {
+    match write() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            println!("cargo::error={}", error.to_string().replace('\n', "; "));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn write() -> Result<(), Box<dyn Error>> {
+    let of = |name: &str| env::var_os(name).ok_or(format!("cargo sets no {name}"));
+    let (folder, out) = (of("CARGO_MANIFEST_DIR")?, of("OUT_DIR")?);
+    let (folder, out) = (Path::new(&folder), Path::new(&out));
+    println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rerun-if-changed=vehicle.toml");
+    println!("cargo::rerun-if-changed=network.dbc");
+    let vehicle = Vehicle::read(folder)?;
+    let network = vehicle.network();
+    fs::write(out.join("messages.rs"), generate::messages(network))?;
+    fs::write(out.join("matrix.rs"), generate::matrix(network))?;
+    fs::write(out.join("design.rs"), design::source(&vehicle)?)?;
+    if env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none") {
+        // The scripts of cortex-m-rt and defmt.
+        for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
+            println!("cargo::rustc-link-arg-bins={argument}");
+        }
+    }
+    println!("cargo::rerun-if-env-changed=DEFMT_LOG");
+    if env::var_os("DEFMT_LOG").is_none() {
+        println!("cargo::rustc-env=DEFMT_LOG=info");
+    }
+    Ok(())
+}

@@ -1,0 +1,344 @@
+//! The constants that a vehicle's images are built with.
+
+use std::fmt::Write as _;
+
+use control::controller::Settings;
+use control::design::SteeringWeights;
+use control::feedback::Limits;
+use control::model::{Antenna, Geometry};
+use control::vehicle::{self, Description};
+
+use crate::check::MECHANICAL_RANGE;
+use crate::error::VehicleError;
+use crate::manifest::{
+    Device, Direction, Machine, Potentiometer, Receiver, RegulatorWeights, Remote, Waypoint,
+};
+use crate::units::{Kind, Quantity};
+use crate::vehicle::Vehicle;
+
+/// The description from which the control law is designed; `None` for a vehicle without a
+/// machine.
+#[must_use]
+pub fn description(vehicle: &Vehicle) -> Option<Description> {
+    let manifest = vehicle.manifest();
+    let machine = manifest.machine.as_ref()?;
+    let limits = &machine.limits;
+    let receiver = manifest.receiver.as_ref();
+    Some(Description {
+        geometry: Geometry {
+            l1: machine.rear_to_antenna.get(),
+            l2: machine.antenna_to_front.get(),
+        },
+        antenna: Antenna {
+            right: machine.antenna_right.get(),
+            height: machine.antenna_height.get(),
+        },
+        limits: Limits {
+            steering_angle: limits.steering_angle.get(),
+            steering_rate: limits.steering_rate.get(),
+            speed: limits.speed.get(),
+        },
+        cruise: machine.cruise.get(),
+        period: f64::from(vehicle.network().basic_cycle_us) * 1e-6,
+        sensors: vehicle::Sensors {
+            position: machine.sensors.position.get(),
+            velocity: machine.sensors.velocity.get(),
+            steering: machine.sensors.steering.get(),
+            age: receiver.map_or(0.0, |receiver| {
+                let burst = receiver.latency.get() + receiver.burst.get();
+                burst + receiver.lead.get() + control_release(vehicle)
+            }),
+        },
+        drive_lag: machine.drive.lag.get(),
+        cornering: machine.cornering,
+        misalignment: vehicle::Misalignment {
+            heading: machine.misalignment.heading.get(),
+            steering: machine.misalignment.steering.get(),
+        },
+        weights: machine.weights.map(|weights| vehicle::Weights {
+            firm: regulator(&weights.firm),
+            gentle: regulator(&weights.gentle),
+        }),
+    })
+}
+
+/// Cycle time of the control step, s: the latest release of a step in the network.
+fn control_release(vehicle: &Vehicle) -> f64 {
+    let network = vehicle.network();
+    let messages = network.messages.iter();
+    let releases = messages.filter_map(|message| network.release_us(message));
+    f64::from(releases.max().unwrap_or(0)) * 1e-6
+}
+
+const fn regulator(weights: &RegulatorWeights) -> SteeringWeights<f64> {
+    SteeringWeights {
+        integral: weights.integral,
+        cross_track: weights.cross_track,
+        heading: weights.heading,
+        steering_angle: weights.steering_angle,
+        steering_rate: weights.steering_rate,
+    }
+}
+
+/// The Rust source of the constants, all types by their full path.
+///
+/// # Errors
+/// No control law can be designed for the machine.
+pub fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
+    let manifest = vehicle.manifest();
+    let mut out = String::new();
+    let switches = vehicle.node_of(Device::OperatorSwitches);
+    if switches.is_some() {
+        let remote = match manifest.operator.remote {
+            Remote::Momentary => "Momentary",
+            Remote::Toggle => "Toggle",
+        };
+        constant(
+            &mut out,
+            "How the remote control's receiver shows a press.",
+            "REMOTE: ::firmware::buttons::Remote",
+            &format!("::firmware::buttons::Remote::{remote}"),
+        );
+    }
+    if let Some(receiver) = &manifest.receiver {
+        self::receiver(&mut out, receiver);
+    }
+    if let Some(machine) = &manifest.machine {
+        let description = description(vehicle);
+        let settings = description
+            .map(|description| Settings::<f32>::for_vehicle(&description))
+            .transpose()
+            .map_err(|refusal| VehicleError::Manifest {
+                file: vehicle.manifest_file(),
+                what: refusal.to_string(),
+            })?;
+        self::machine(&mut out, machine, &manifest.waypoints);
+        if let Some(settings) = settings {
+            constant(
+                &mut out,
+                "Settings of the control law, derived from the manifest.",
+                "SETTINGS: ::control::controller::Settings<f32>",
+                &vehicle::source(&settings).to_string(),
+            );
+        }
+        out.push_str(IMPLEMENTATION);
+        let period = vehicle.network().basic_cycle_us as f32 * 1e-6;
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "    const PERIOD: f32 = {period:?};\n}}");
+    }
+    Ok(out)
+}
+
+/// The beginning of the implementation of `firmware::machine::Machine`.
+const IMPLEMENTATION: &str = "\
+/// The machine.
+#[derive(Clone, Copy, Debug)]
+pub struct Machine;
+
+impl ::firmware::machine::Machine for Machine {
+    const LIMITS: ::control::feedback::Limits<f32> = LIMITS;
+    const ACCELERATION: f32 = ACCELERATION;
+    const POTENTIOMETER: ::control::calibration::Potentiometer<f32> = POTENTIOMETER;
+    const STEERING: ::control::calibration::Actuator<f32> = STEERING;
+    const DRIVE: ::control::calibration::Actuator<f32> = DRIVE;
+    const FULL_BYTE_IS_FORWARD: bool = FULL_BYTE_IS_FORWARD;
+    const ROUTE: [::control::position::Position; 2] = ROUTE;
+    const SETTINGS: ::control::controller::Settings<f32> = SETTINGS;
+";
+
+/// Appends `/// doc`, `pub const NAME: TYPE = value;`.
+fn constant(out: &mut String, doc: &str, name: &str, value: &str) {
+    // Writing to a string cannot fail.
+    let _ = writeln!(out, "/// {doc}\npub const {name} = {value};\n");
+}
+
+fn receiver(out: &mut String, receiver: &Receiver) {
+    for (doc, name, time) in [
+        (
+            "Time between two measurements of the receiver.",
+            "RECEIVER_PERIOD",
+            receiver.period,
+        ),
+        (
+            "How long before a reference the receiver's burst shall end.",
+            "RECEIVER_LEAD",
+            receiver.lead,
+        ),
+    ] {
+        let micros = (time.get() * 1e6).round() as u32;
+        let value = format!("::ttcan::Micros::micros({micros})");
+        constant(out, doc, &format!("{name}: ::ttcan::Micros"), &value);
+    }
+}
+
+/// A quantity as a constant of the images.
+fn single<K: Kind>(quantity: Quantity<K>) -> f32 {
+    quantity.get() as f32
+}
+
+fn machine(out: &mut String, machine: &Machine, waypoints: &[Waypoint]) {
+    let limits = &machine.limits;
+    constant(
+        out,
+        "Rear axle to antenna and antenna to front axle, m.",
+        "GEOMETRY: ::control::model::Geometry<f64>",
+        &format!(
+            "::control::model::Geometry {{ l1: {:?}, l2: {:?} }}",
+            machine.rear_to_antenna.get(),
+            machine.antenna_to_front.get()
+        ),
+    );
+    constant(
+        out,
+        "Place of the antenna beside the centre line and above the ground, m.",
+        "ANTENNA: ::control::model::Antenna<f64>",
+        &format!(
+            "::control::model::Antenna {{ right: {:?}, height: {:?} }}",
+            machine.antenna_right.get(),
+            machine.antenna_height.get()
+        ),
+    );
+    constant(
+        out,
+        "What the actuators may be asked for: rad, rad/s, m/s.",
+        "LIMITS: ::control::feedback::Limits<f32>",
+        &format!(
+            "::control::feedback::Limits {{ steering_angle: {:?}, steering_rate: {:?}, speed: {:?} }}",
+            single(limits.steering_angle),
+            single(limits.steering_rate),
+            single(limits.speed)
+        ),
+    );
+    constant(
+        out,
+        "Largest growth of the drive speed, m/s each second.",
+        "ACCELERATION: f32",
+        &format!("{:?}", single(limits.acceleration)),
+    );
+    constant(
+        out,
+        "The steering's potentiometer. An intact one cannot leave its ends.",
+        "POTENTIOMETER: ::control::calibration::Potentiometer<f32>",
+        &potentiometer(&machine.potentiometer),
+    );
+    let steering = &machine.steering;
+    constant(
+        out,
+        "The steering actuator on its motor driver, rad/s; positive to the right.",
+        "STEERING: ::control::calibration::Actuator<f32>",
+        &actuator(&direction(&steering.right), &direction(&steering.left)),
+    );
+    let drive = format!(
+        "::control::calibration::Direction {{ dead_band: {:?}, full_rate: {:?} }}",
+        single(machine.drive.dead_band),
+        single(machine.drive.full_speed)
+    );
+    constant(
+        out,
+        "The drive motor on its motor driver, m/s.",
+        "DRIVE: ::control::calibration::Actuator<f32>",
+        &actuator(&drive, &drive),
+    );
+    constant(
+        out,
+        "Which way the motor driver's byte 255 turns: true means forward, or to the right.",
+        "FULL_BYTE_IS_FORWARD: bool",
+        &format!("{:?}", machine.motor_driver.full_byte_is_forward),
+    );
+    let millimetres = |length: f64| (length * 1000.0).round() as i32;
+    let points = waypoints.iter().map(|point| {
+        format!(
+            "::control::position::Position::new({}, {})",
+            millimetres(point.north.get()),
+            millimetres(point.east.get())
+        )
+    });
+    constant(
+        out,
+        "The ends of the line that an autonomous run follows, mm north and east.",
+        "ROUTE: [::control::position::Position; 2]",
+        &format!("[{}]", points.collect::<Vec<_>>().join(", ")),
+    );
+}
+
+fn direction(direction: &Direction) -> String {
+    format!(
+        "::control::calibration::Direction {{ dead_band: {:?}, full_rate: {:?} }}",
+        single(direction.dead_band),
+        single(direction.full_rate)
+    )
+}
+
+fn actuator(positive: &str, negative: &str) -> String {
+    format!("::control::calibration::Actuator {{ positive: {positive}, negative: {negative} }}")
+}
+
+fn potentiometer(pot: &Potentiometer) -> String {
+    let range = (pot.slope.get() * MECHANICAL_RANGE.to_radians()).abs();
+    format!(
+        "::control::calibration::Potentiometer {{ centre: {:?}, counts_per_radian: {:?}, lowest: {}, highest: {} }}",
+        single(pot.centre),
+        single(pot.slope),
+        (pot.centre.get() - range).round() as u16,
+        (pot.centre.get() + range).round() as u16
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    /// The constants of the UAGV with each `(from, to)` replaced in its manifest.
+    fn changed(changes: &[(&str, &str)]) -> Result<String, String> {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../vehicles/uagv");
+        let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+        let mut manifest = read("vehicle.toml");
+        for (from, to) in changes {
+            assert!(manifest.contains(from), "{from}");
+            manifest = manifest.replacen(from, to, 1);
+        }
+        let vehicle = Vehicle::parse("uagv", &folder, &manifest, &read("network.dbc"))
+            .map_err(|error| error.to_string())?;
+        source(&vehicle).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_changed_limit_reaches_actuators_and_controller() {
+        let source = changed(&[
+            ("steering_angle = \"25 deg\"", "steering_angle = \"30 deg\""),
+            (
+                "steering_rate = \"25 deg/s\"",
+                "steering_rate = \"20 deg/s\"",
+            ),
+            ("\nspeed = \"2 m/s\"", "\nspeed = \"2.5 m/s\""),
+            ("antenna_right = \"0 m\"", "antenna_right = \"-20 cm\""),
+        ])
+        .unwrap();
+        let (before, settings) = source.split_once("pub const SETTINGS").unwrap();
+        let (_, actuators) = before.split_once("pub const LIMITS").unwrap();
+        let squeeze = |text: &str| text.split_whitespace().collect::<String>();
+        let limits = "{steering_angle:0.5235988,steering_rate:0.34906584,speed:2.5";
+        for constants in [squeeze(actuators), squeeze(settings)] {
+            assert!(constants.contains(limits), "{constants}");
+        }
+        assert!(squeeze(settings).contains("right:-0.2"), "{settings}");
+    }
+
+    #[test]
+    fn the_remote_control_is_a_constant() {
+        let source = changed(&[("remote = \"momentary\"", "remote = \"toggle\"")]).unwrap();
+        assert!(source.contains(
+            "REMOTE: ::firmware::buttons::Remote = ::firmware::buttons::Remote::Toggle;"
+        ));
+    }
+
+    #[test]
+    fn a_machine_without_a_control_law_is_refused_in_one_sentence() {
+        let told = changed(&[("cornering = 4.0", "cornering = 0.1")]).unwrap_err();
+        assert!(
+            told.contains("vehicle.toml: the cornering coefficient is 0.1 1/rad"),
+            "{told}"
+        );
+    }
+}

@@ -1,0 +1,50 @@
+//! Facts about the machine that the shared modules need.
+//!
+//! The numbers stand in the vehicle's manifest; the build script of the vehicle's crate
+//! implements [`Machine`] from them. So the controller and the actuator nodes cannot differ
+//! in a limit.
+
+use control::calibration::{Actuator, Potentiometer};
+use control::controller::Settings;
+use control::feedback::Limits;
+use control::position::Position;
+
+use crate::actuator::Command;
+
+/// The numbers of a machine with a steered front axle and a driven rear axle.
+pub trait Machine {
+    /// What the actuators may be asked for: rad, rad/s, m/s.
+    const LIMITS: Limits<f32>;
+    /// Largest growth of the drive speed, m/s each second. Slowing down is never delayed.
+    const ACCELERATION: f32;
+    /// The potentiometer of the steering. Beyond its ends it is not believed.
+    const POTENTIOMETER: Potentiometer<f32>;
+    /// The steering actuator on its motor driver, rad/s.
+    const STEERING: Actuator<f32>;
+    /// The drive motor on its motor driver, m/s.
+    const DRIVE: Actuator<f32>;
+    /// Which way the motor driver's byte 255 turns: true means forward, or to the right.
+    const FULL_BYTE_IS_FORWARD: bool;
+    /// The ends of the line that an autonomous run follows.
+    const ROUTE: [Position; 2];
+    /// Time between two control steps, s: the basic cycle.
+    const PERIOD: f32;
+    /// The settings of the control law.
+    const SETTINGS: Settings<f32>;
+}
+
+/// A command to steering and drive, as a network's message carries it.
+pub trait MotionCommand: Command {
+    /// Steering rate, rad/s, positive to the right.
+    fn steering_rate(&self) -> f32;
+    /// Speed, m/s.
+    fn speed(&self) -> f32;
+    /// Whether the mode of the vehicle is one in which it moves.
+    fn is_driving_mode(&self) -> bool;
+    /// Whether the steering may move.
+    fn steering_enabled(&self) -> bool;
+    /// Whether the drive may move.
+    fn drive_enabled(&self) -> bool;
+    /// Whether the vehicle is in an emergency stop.
+    fn emergency_stop(&self) -> bool;
+}

@@ -1,0 +1,37 @@
+//! The unmanned ground vehicle of T. Troyer's thesis: its messages, its numbers, and what
+//! its four nodes in `nodes/` add to the crate `firmware`.
+//!
+//! Messages, system matrix and the machine's numbers are generated from `network.dbc` and
+//! `vehicle.toml`. A folder that makes no sense (overlapping windows, a cruise speed above
+//! the limit) fails the build with the reason.
+//!
+//! ```
+//! use network::Message;
+//! use uagv::messages::{MillimetresPerSecond, Velocity};
+//!
+//! let data = [0xEA, 0xFF, 0xFF, 0xFF, 0x36, 0, 0, 0];
+//! let velocity = Velocity::decode(&data)?;
+//! assert_eq!(velocity.north, MillimetresPerSecond(-22));
+//! assert_eq!(velocity.east, MillimetresPerSecond(54));
+//! assert_eq!(velocity.encode(), data);
+//! # Ok::<(), network::DecodeError>(())
+//! ```
+
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+
+firmware::vehicle!();
+
+pub mod design;
+mod geodetic;
+pub mod wire;
+
+/// The machine.
+pub use design::Machine as Uagv;
+
+/// What the controller decides.
+pub type Pilot = firmware::pilot::Pilot<Uagv>;
+/// What the steering node does.
+pub type Steering = firmware::actuator::Steering<Uagv, messages::Command>;
+/// What the drive node does.
+pub type Driving = firmware::actuator::Driving<Uagv, messages::Command>;

@@ -1,0 +1,317 @@
+//! Where the vehicle's messages and the physical quantities of the shared modules meet.
+
+use control::mode::Mode;
+use control::position;
+use firmware::actuator::{self, Refusal, check_motion};
+use firmware::buttons::{Button, Edge};
+use firmware::convert::{self, Geodetic};
+use firmware::e2e;
+use firmware::housekeeping::{self, NodeFault, ResetCause, Status, StatusMessage};
+use firmware::link::{Link, Port, WindowTimer, padded};
+use firmware::machine::MotionCommand;
+use firmware::navigation::Update;
+use firmware::pilot::{Change, Decision, Inputs, Reason};
+use network::Message;
+use ttcan::ErrorLevel;
+
+use crate::Uagv;
+use crate::matrix::window;
+use crate::messages::{
+    self as named, AdcCount, ButtonEvent, CentidegreesPerSecond, CentimetresPerSecond, Command,
+    ControllerStatus, Degrees, DegreesE10, DegreesPerSecondQ8, DegreesQ8, DriveStatus, GpsStatus,
+    Heading, Latitude, LogControl, LogGuidance, LogMotion, LogPosition, Longitude, Millidegrees,
+    Millimetres, MillimetresPerSecond, Milliseconds, ModeChange, Position, SteeringPot,
+    SteeringStatus, Velocity,
+};
+
+impl actuator::Command for Command {
+    fn check(&self) -> Result<(), Refusal> {
+        check_motion::<Uagv, Self>(self)
+    }
+}
+
+impl MotionCommand for Command {
+    fn steering_rate(&self) -> f32 {
+        convert::from_centidegrees_per_second(self.steering_rate.0)
+    }
+
+    fn speed(&self) -> f32 {
+        convert::from_centimetres_per_second(self.speed.0)
+    }
+
+    fn is_driving_mode(&self) -> bool {
+        matches!(self.mode, named::Mode::Manual | named::Mode::AutonomousRun)
+    }
+
+    fn steering_enabled(&self) -> bool {
+        self.steering_enabled
+    }
+
+    fn drive_enabled(&self) -> bool {
+        self.drive_enabled
+    }
+
+    fn emergency_stop(&self) -> bool {
+        self.emergency_stop
+    }
+}
+
+/// What has arrived on the controller's link; each message counts for one step.
+pub fn inputs<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
+    link: &mut Link<P, T, WINDOWS, NODES>,
+) -> Inputs {
+    Inputs {
+        position: link
+            .message(window::POSITION)
+            .map(|Position { north, east }| position::Position::new(north.0, east.0)),
+        velocity: link
+            .message(window::VELOCITY)
+            .map(|Velocity { north, east }| position::Velocity::new(north.0, east.0)),
+        pot: link
+            .message(window::STEERING_POT)
+            .map(|SteeringPot { count }| count.0),
+        fixed: link.reference_byte() & 1 != 0,
+        in_schedule: link.is_heard(),
+        ..Inputs::default()
+    }
+}
+
+/// Data for the controller's windows after a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frames {
+    /// Message 300.
+    pub command: [u8; 8],
+    /// Message 450.
+    pub position: [u8; 8],
+    /// Message 451.
+    pub motion: [u8; 8],
+    /// Message 452.
+    pub guidance: [u8; 8],
+    /// Message 453.
+    pub control: [u8; 8],
+}
+
+impl Frames {
+    /// The messages of a step in the basic cycle that began at system time `time` (ms);
+    /// `sender` protects the command.
+    pub fn of(decision: &Decision, sender: &mut e2e::Sender, time: u32) -> Self {
+        let Decision {
+            mode,
+            moving,
+            command: applied,
+            tracking,
+            ..
+        } = decision;
+        let steering_rate =
+            CentidegreesPerSecond(convert::centidegrees_per_second(applied.steering_rate));
+        let speed = |speed| CentimetresPerSecond(convert::centimetres_per_second(speed));
+        let mut command = Command {
+            steering_rate,
+            speed: speed(applied.speed),
+            mode: mode_of(*mode),
+            steering_enabled: *moving,
+            drive_enabled: *moving,
+            emergency_stop: *mode == Mode::EmergencyStop,
+            counter: 0,
+            check: 0,
+        }
+        .encode();
+        sender.seal(Command::ID, time, &mut command);
+        Self {
+            command,
+            position: LogPosition {
+                x: Millimetres(decision.position.north),
+                y: Millimetres(decision.position.east),
+            }
+            .encode(),
+            motion: LogMotion {
+                heading: DegreesQ8(convert::heading_q8(tracking.heading)),
+                psi: DegreesQ8(convert::degrees_q8(tracking.heading_error)),
+                speed: speed(tracking.speed),
+            }
+            .encode(),
+            guidance: LogGuidance {
+                cross_track_error: Millimetres(convert::millimetres(tracking.cross_track)),
+                steering_angle: Millidegrees(convert::millidegrees(tracking.steering_angle)),
+                steering_rate_command: steering_rate,
+                speed_command: speed(applied.speed),
+            }
+            .encode(),
+            control: LogControl {
+                control_input: DegreesPerSecondQ8(convert::degrees_q8(applied.steering_rate)),
+                steering_pot: AdcCount(decision.pot),
+            }
+            .encode(),
+        }
+    }
+}
+
+/// The gps node's window for an update, and the data for it; `None` takes back what was
+/// enqueued.
+pub fn update(update: Update) -> (usize, Option<[u8; 8]>) {
+    match update {
+        Update::Position(position) => (
+            window::POSITION,
+            position.map(|position| {
+                Position {
+                    north: Millimetres(position.north),
+                    east: Millimetres(position.east),
+                }
+                .encode()
+            }),
+        ),
+        Update::Velocity(velocity) => (
+            window::VELOCITY,
+            velocity.map(|velocity| {
+                Velocity {
+                    north: MillimetresPerSecond(velocity.north),
+                    east: MillimetresPerSecond(velocity.east),
+                }
+                .encode()
+            }),
+        ),
+        Update::Heading(heading) => (
+            window::HEADING,
+            heading.map(|heading| {
+                let heading = Millidegrees(heading);
+                padded(Heading { heading }.encode())
+            }),
+        ),
+        Update::Latitude(angle) => (
+            window::LATITUDE,
+            angle.map(|angle| padded(latitude(angle).encode())),
+        ),
+        Update::Longitude(angle) => (
+            window::LONGITUDE,
+            angle.map(|angle| padded(longitude(angle).encode())),
+        ),
+    }
+}
+
+/// The message for a latitude.
+pub const fn latitude(angle: Geodetic) -> Latitude {
+    Latitude {
+        fraction: DegreesE10(angle.fraction),
+        whole: Degrees(angle.whole),
+        negative: angle.negative,
+    }
+}
+
+/// The message for a longitude.
+pub const fn longitude(angle: Geodetic) -> Longitude {
+    Longitude {
+        fraction: DegreesE10(angle.fraction),
+        whole: Degrees(angle.whole),
+        negative: angle.negative,
+    }
+}
+
+/// The event message of a change of mode, with its number and the system time in ms.
+pub const fn mode_change(change: &Change, counter: u8, time: u32) -> ModeChange {
+    ModeChange {
+        previous: mode_of(change.previous),
+        mode: mode_of(change.mode),
+        reason: match change.reason {
+            Reason::StartUp => named::ModeReason::StartUp,
+            Reason::ButtonA => named::ModeReason::ButtonA,
+            Reason::ButtonB => named::ModeReason::ButtonB,
+            Reason::ButtonC => named::ModeReason::ButtonC,
+            Reason::ButtonD => named::ModeReason::ButtonD,
+            Reason::StopLoop => named::ModeReason::StopLoop,
+            Reason::FixLost => named::ModeReason::FixLost,
+            Reason::BusFault => named::ModeReason::BusFault,
+            Reason::NodeFault => named::ModeReason::NodeFault,
+            Reason::PathEnd => named::ModeReason::PathEnd,
+        },
+        counter,
+        system_time: Milliseconds(time),
+    }
+}
+
+/// The event message of a button, with its number.
+pub const fn button_event(button: Button, edge: Edge, counter: u8) -> ButtonEvent {
+    ButtonEvent {
+        button: match button {
+            Button::A => named::Button::A,
+            Button::B => named::Button::B,
+            Button::C => named::Button::C,
+            Button::D => named::Button::D,
+            Button::Joystick => named::Button::Joystick,
+            Button::StopLoop => named::Button::StopLoop,
+        },
+        pressed: matches!(edge, Edge::Pressed),
+        counter,
+    }
+}
+
+/// The mode as the network names it.
+pub const fn mode_of(mode: Mode) -> named::Mode {
+    match mode {
+        Mode::Idle => named::Mode::Idle,
+        Mode::Manual => named::Mode::Manual,
+        Mode::AutonomousReady => named::Mode::AutonomousReady,
+        Mode::AutonomousRun => named::Mode::AutonomousRun,
+        Mode::EmergencyStop => named::Mode::EmergencyStop,
+        Mode::Fault => named::Mode::Fault,
+    }
+}
+
+/// Implements [`StatusMessage`] for the nodes' status messages, which have one layout.
+macro_rules! status_messages {
+    ($($message:ident),*) => {$(
+        impl StatusMessage for $message {
+            fn of(status: &Status) -> Self {
+                Self {
+                    reset_cause: reset_cause(status.reset_cause),
+                    error_level: error_level(status.error_level),
+                    bus_state: bus_state(status.bus),
+                    fault: fault(status.fault),
+                    transmit_errors: status.transmit_errors,
+                    receive_errors: status.receive_errors,
+                    missed_windows: status.missed_windows,
+                    fault_detail: status.bus_offs,
+                }
+            }
+        }
+    )*};
+}
+
+status_messages!(GpsStatus, ControllerStatus, SteeringStatus, DriveStatus);
+
+const fn reset_cause(cause: ResetCause) -> named::ResetCause {
+    match cause {
+        ResetCause::Power => named::ResetCause::PowerOn,
+        ResetCause::Pin => named::ResetCause::Pin,
+        ResetCause::Software => named::ResetCause::Software,
+        ResetCause::Watchdog => named::ResetCause::IndependentWatchdog,
+        ResetCause::Other => named::ResetCause::Unknown,
+    }
+}
+
+const fn error_level(level: ErrorLevel) -> named::ErrorLevel {
+    match level {
+        ErrorLevel::None => named::ErrorLevel::None,
+        ErrorLevel::Warning => named::ErrorLevel::Warning,
+        ErrorLevel::Error => named::ErrorLevel::Error,
+        ErrorLevel::Severe(_) => named::ErrorLevel::Severe,
+    }
+}
+
+const fn bus_state(state: housekeeping::BusState) -> named::BusState {
+    match state {
+        housekeeping::BusState::ErrorActive => named::BusState::ErrorActive,
+        housekeeping::BusState::ErrorPassive => named::BusState::ErrorPassive,
+        housekeeping::BusState::BusOff => named::BusState::BusOff,
+    }
+}
+
+const fn fault(fault: Option<NodeFault>) -> named::Fault {
+    match fault {
+        None => named::Fault::None,
+        Some(NodeFault::Panic) => named::Fault::Panic,
+        Some(NodeFault::HardFault) => named::Fault::HardFault,
+        Some(NodeFault::StartRefused) => named::Fault::ScheduleRefused,
+        Some(NodeFault::ClockFailure) => named::Fault::ClockFailure,
+        Some(NodeFault::WatchdogStarved) => named::Fault::WatchdogStarved,
+    }
+}

@@ -1,0 +1,177 @@
+//! Modes and commands of the controller.
+
+use control::mode::Mode;
+use control::position::{Position, Velocity};
+use firmware::actuator::CommandHold;
+use firmware::buttons::{Button, Buttons, Edge};
+use firmware::e2e;
+use firmware::pilot::{Change, Inputs, Reason};
+use network::Message as _;
+use uagv::Pilot;
+use uagv::messages::{Command, Mode as Named};
+use uagv::wire::Frames;
+
+fn inputs(fixed: bool) -> Inputs {
+    Inputs {
+        position: fixed.then_some(Position::new(1000, 1000)),
+        velocity: Some(Velocity::new(1000, 0)),
+        pot: Some(2048),
+        fixed,
+        in_schedule: true,
+        joystick: (2048, 4095),
+    }
+}
+
+fn press(pilot: &mut Pilot, button: Button) {
+    pilot.button(button, Edge::Pressed);
+    pilot.button(button, Edge::Released);
+}
+
+fn step(pilot: &mut Pilot, inputs: &Inputs) -> (Command, Option<Change>) {
+    let (decision, change) = pilot.step(inputs, &Buttons::default());
+    let frames = Frames::of(&decision, &mut e2e::Sender::default(), 7);
+    (Command::decode(&frames.command).unwrap(), change)
+}
+
+#[test]
+fn a_run_needs_two_presses_and_a_fix_and_ends_with_it() {
+    let mut pilot = Pilot::new().unwrap();
+    let (command, _) = step(&mut pilot, &inputs(false));
+    assert_eq!(command.mode, Named::Idle);
+    for _ in 0..2 {
+        press(&mut pilot, Button::C);
+        let (command, _) = step(&mut pilot, &inputs(false));
+        assert_eq!(command.mode, Named::AutonomousReady);
+        assert!(!command.drive_enabled && !command.steering_enabled);
+    }
+    press(&mut pilot, Button::C);
+    let (command, change) = step(&mut pilot, &inputs(true));
+    assert_eq!(command.mode, Named::AutonomousRun);
+    assert_eq!(change.unwrap().reason, Reason::ButtonC);
+    let (command, _) = step(&mut pilot, &inputs(true));
+    // One metre right of the line: steer left.
+    assert!(command.steering_rate.0 < 0 && command.speed.0 > 0);
+    let (command, change) = step(&mut pilot, &inputs(false));
+    assert_eq!(command.mode, Named::AutonomousReady);
+    assert_eq!(command.speed.0, 0);
+    assert_eq!(change.unwrap().reason, Reason::FixLost);
+}
+
+/// The gps node keeps its position window empty as soon as the fix is gone, and says so in
+/// the reference: a flag without a position is a lost frame.
+#[test]
+fn one_lost_position_frame_does_not_end_a_run_two_do() {
+    let mut pilot = Pilot::new().unwrap();
+    for _ in 0..2 {
+        press(&mut pilot, Button::C);
+        let _ = step(&mut pilot, &inputs(true));
+    }
+    let lost = Inputs {
+        position: None,
+        ..inputs(true)
+    };
+    for _ in 0..3 {
+        let (command, _) = step(&mut pilot, &lost);
+        assert_eq!(command.mode, Named::AutonomousRun);
+        let (command, _) = step(&mut pilot, &inputs(true));
+        assert_eq!(command.mode, Named::AutonomousRun);
+    }
+    let _ = step(&mut pilot, &lost);
+    let (command, change) = step(&mut pilot, &lost);
+    assert_eq!((command.mode, command.speed.0), (Named::AutonomousReady, 0));
+    assert_eq!(change.unwrap().reason, Reason::FixLost);
+}
+
+#[test]
+fn a_run_ends_at_the_end_of_the_path() {
+    let mut pilot = Pilot::new().unwrap();
+    let at = |north| Inputs {
+        position: Some(Position::new(north, 0)),
+        ..inputs(true)
+    };
+    for _ in 0..2 {
+        press(&mut pilot, Button::C);
+        let _ = step(&mut pilot, &at(242_000));
+    }
+    let (command, _) = step(&mut pilot, &at(242_100));
+    assert_eq!(command.mode, Named::AutonomousRun);
+    let changes: std::vec::Vec<_> = (1..20)
+        .filter_map(|tenth| step(&mut pilot, &at(242_100 + 100 * tenth)).1)
+        .collect();
+    assert_eq!(changes.len(), 1, "{changes:?}");
+    assert_eq!(
+        (changes[0].mode, changes[0].reason),
+        (Mode::AutonomousReady, Reason::PathEnd)
+    );
+    let beyond = at(244_100);
+    let (command, _) = step(&mut pilot, &beyond);
+    assert!(!command.drive_enabled && command.speed.0 == 0);
+}
+
+#[test]
+fn the_joystick_drives_without_a_fix_and_the_stop_wins() {
+    let mut pilot = Pilot::new().unwrap();
+    let _ = step(&mut pilot, &inputs(false));
+    press(&mut pilot, Button::B);
+    let (command, _) = step(&mut pilot, &inputs(false));
+    assert_eq!((command.mode, command.speed.0), (Named::Manual, 200));
+    press(&mut pilot, Button::Joystick);
+    press(&mut pilot, Button::A);
+    let (command, change) = step(&mut pilot, &inputs(false));
+    assert_eq!(command.mode, Named::EmergencyStop);
+    assert!(command.emergency_stop && !command.drive_enabled);
+    assert_eq!(change.unwrap().reason, Reason::ButtonD);
+    press(&mut pilot, Button::B);
+    let (command, _) = step(&mut pilot, &inputs(false));
+    assert_eq!(command.mode, Named::EmergencyStop);
+    press(&mut pilot, Button::A);
+    let (command, _) = step(&mut pilot, &inputs(false));
+    assert_eq!(command.mode, Named::Idle);
+}
+
+#[test]
+fn moving_without_steering_angle_is_a_fault() {
+    let mut pilot = Pilot::new().unwrap();
+    let _ = step(&mut pilot, &inputs(true));
+    press(&mut pilot, Button::B);
+    let blind = Inputs {
+        pot: None,
+        ..inputs(true)
+    };
+    let modes: std::vec::Vec<_> = (0..4).map(|_| step(&mut pilot, &blind).0.mode).collect();
+    assert_eq!(
+        modes,
+        [Named::Manual, Named::Manual, Named::Fault, Named::Fault]
+    );
+}
+
+#[test]
+fn every_command_passes_the_actuators_judgement() {
+    let mut pilot = Pilot::new().unwrap();
+    let mut sender = e2e::Sender::default();
+    let mut hold = CommandHold::<Command>::new();
+    let mut command = |pilot: &mut Pilot, inputs: &Inputs| {
+        let (decision, _) = pilot.step(inputs, &Buttons::default());
+        Frames::of(&decision, &mut sender, 7).command
+    };
+    let _ = hold.receive(&command(&mut pilot, &inputs(true)), 7);
+    for (index, button) in [
+        Button::B,
+        Button::A,
+        Button::C,
+        Button::C,
+        Button::D,
+        Button::A,
+    ]
+    .into_iter()
+    .cycle()
+    .take(600)
+    .enumerate()
+    {
+        if index % 5 == 0 {
+            press(&mut pilot, button);
+        }
+        let command = command(&mut pilot, &inputs(index % 7 != 0));
+        assert!(hold.receive(&command, 7).is_ok());
+    }
+}
