@@ -1,0 +1,189 @@
+//! The master: begins the basic cycles and makes a command of the knob's position.
+//!
+//! | task | bound to | priority | does |
+//! | --- | --- | --- | --- |
+//! | `can_rx` | receive FIFO 0 | 6 | stamps, feeds the protocol stack |
+//! | `can_tx` | mailbox empty | 6 | stamps, reports the outcome |
+//! | `can_error` | status change | 6 | bus-off |
+//! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 releases `control` |
+//! | `control` | EXTI1, pended by software | 5 | one step for each basic cycle: message 300 |
+//! | `console_dma` | DMA1 stream 6 | 3 | next console line |
+//! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
+//! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
+
+#![no_std]
+#![no_main]
+
+use defmt_rtt as _;
+
+#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2])]
+mod app {
+    use firmware::board::fault::Fault;
+    use firmware::board::{self, Sled, pac::Interrupt, time::Clock};
+    use firmware::console::BusView;
+    use firmware::node::{self, Keeper, Log, Pace};
+    use firmware::{e2e, fault};
+    use rtic::Mutex as _;
+    use two_boards::matrix::{MASTER, release, window};
+    use two_boards::messages::{Knob, MasterStatus};
+    use two_boards::{Link, Stack, identity};
+
+    #[shared]
+    struct Shared {
+        clock: Clock,
+        link: Link,
+        console: board::console::Console,
+        /// Last position of the knob and commands sent; wraps.
+        knob: (u16, u32),
+    }
+
+    #[local]
+    struct Local {
+        sender: e2e::Sender,
+        keeper: Keeper,
+        log: Log,
+    }
+
+    #[init(local = [stack: Option<Stack> = None])]
+    fn init(mut cx: init::Context) -> (Shared, Local) {
+        let last_fault = board::fault::take();
+        let Some(sled) = Sled::start(cx.device) else {
+            fault::stop(Fault::Start)
+        };
+        let clocks = sled.clocks;
+        let Ok(mut link) = node::link(
+            cx.local.stack,
+            identity(MASTER),
+            clocks,
+            sled.can,
+            sled.clock,
+            sled.alarms,
+        ) else {
+            fault::stop(Fault::Start)
+        };
+        defmt::info!(
+            "master: core {=u32} Hz, reset cause {=u8}",
+            clocks.core,
+            sled.reset_cause.code()
+        );
+        link.start();
+        let _ = housekeeping::spawn();
+        (
+            Shared {
+                clock: sled.clock,
+                link,
+                console: sled.console,
+                knob: (0, 0),
+            },
+            Local {
+                sender: e2e::Sender::default(),
+                keeper: Keeper::start(
+                    cx.core.SYST,
+                    &mut cx.core.SCB,
+                    clocks,
+                    sled.led,
+                    sled.watchdog,
+                    sled.reset_cause,
+                    last_fault,
+                ),
+                log: Log::new(),
+            },
+        )
+    }
+
+    #[idle]
+    fn idle(_: idle::Context) -> ! {
+        loop {
+            rtic::export::wfi();
+        }
+    }
+
+    #[task(binds = CAN1_RX0, priority = 6, shared = [&clock, link])]
+    fn can_rx(mut cx: can_rx::Context) {
+        let stamp = cx.shared.clock.now();
+        cx.shared.link.lock(|link| link.on_receive(stamp));
+    }
+
+    #[task(binds = CAN1_TX, priority = 6, shared = [&clock, link])]
+    fn can_tx(mut cx: can_tx::Context) {
+        let stamp = cx.shared.clock.now();
+        cx.shared.link.lock(|link| {
+            if link.on_transmit(stamp) {
+                link.release_at(release::COMMAND);
+            }
+        });
+    }
+
+    #[task(binds = CAN1_SCE, priority = 6, shared = [link])]
+    fn can_error(mut cx: can_error::Context) {
+        cx.shared.link.lock(|link| link.on_error());
+    }
+
+    #[task(binds = TIM2, priority = 6, shared = [link])]
+    fn window_timer(mut cx: window_timer::Context) {
+        if cx.shared.link.lock(|link| link.on_timer()) {
+            rtic::pend(Interrupt::EXTI1);
+        }
+    }
+
+    /// Deadline: the beginning of the command's window. Without a position of the knob there
+    /// is no command, and the motor stops after two of those.
+    #[task(binds = EXTI1, priority = 5, shared = [link, knob], local = [sender])]
+    fn control(cx: control::Context) {
+        let mut link = cx.shared.link;
+        let mut knob = cx.shared.knob;
+        let (message, time) =
+            link.lock(|link| (link.message::<Knob>(window::KNOB), link.cycle_began()));
+        let Some(Knob { count }) = message else {
+            return;
+        };
+        let data = two_boards::command(count.0, cx.local.sender, time);
+        link.lock(|link| link.put(window::COMMAND, data));
+        knob.lock(|knob| *knob = (count.0, knob.1.wrapping_add(1)));
+    }
+
+    #[task(binds = DMA1_STREAM6, priority = 3, shared = [console])]
+    fn console_dma(mut cx: console_dma::Context) {
+        cx.shared
+            .console
+            .lock(|console| console.on_transfer_complete());
+    }
+
+    #[task(priority = 2, shared = [link], local = [keeper])]
+    async fn housekeeping(mut cx: housekeeping::Context) {
+        let mut pace = Pace::begin();
+        // loop-bound: 1. One step per tick; holds while each step meets its deadline.
+        loop {
+            // at-most: 1. The same; the first step waits for nothing.
+            keep(&mut cx.shared, cx.local.keeper);
+            pace.wait().await;
+        }
+    }
+
+    /// A step of the housekeeping.
+    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+        let bus = shared.link.lock(|link| {
+            link.keep_present();
+            BusView::of(link)
+        });
+        keeper.step::<MasterStatus, _, _>(&mut shared.link, &bus, bus.link.services);
+        if keeper.is_report_due() {
+            rtic::pend(Interrupt::EXTI3);
+        }
+    }
+
+    #[task(binds = EXTI3, priority = 1, shared = [link, knob, console], local = [log])]
+    fn console(mut cx: console::Context) {
+        let (knob, commands) = cx.shared.knob.lock(|knob| *knob);
+        node::report(
+            &mut cx.shared.link,
+            &mut cx.shared.console,
+            cx.local.log,
+            |line| {
+                line.str("master knob ").unsigned(u32::from(knob));
+                line.str(" commands ").unsigned(commands).str("\r\n");
+            },
+        );
+    }
+}

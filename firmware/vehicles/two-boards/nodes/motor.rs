@@ -1,0 +1,217 @@
+//! The motor's node: sends the knob's position in message 200, and turns motor and LED as
+//! message 300 says.
+//!
+//! | task | bound to | priority | does |
+//! | --- | --- | --- | --- |
+//! | `can_rx` | receive FIFO 0 | 6 | stamps, feeds the protocol stack |
+//! | `can_tx` | mailbox empty | 6 | stamps, reports the outcome |
+//! | `can_error` | status change | 6 | bus-off |
+//! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 is the command's expiry |
+//! | `knob` | DMA1 channel 1 | 5 | 200 Hz: sample, message 200 |
+//! | `actuate` | EXTI1, pended by software | 5 | commands and stops |
+//! | `console_dma` | DMA1 channel 7 | 3 | next console line |
+//! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
+//! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
+//! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
+
+#![no_std]
+#![no_main]
+
+use defmt_rtt as _;
+
+#[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
+mod app {
+    use firmware::actuator::Times;
+    use firmware::board::fault::Fault;
+    use firmware::board::{self, Sled, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
+    use firmware::console::{self as lines, ActuatorView, BusView};
+    use firmware::fault;
+    use firmware::link::padded;
+    use firmware::node::{self, Keeper, Log, Pace};
+    use network::Message as _;
+    use rtic::Mutex as _;
+    use two_boards::matrix::{MOTOR, window};
+    use two_boards::messages::{AdcCount, Knob, MotorStatus};
+    use two_boards::{COMMAND_TIMEOUT, Link, Obeyed, Stack, identity};
+
+    #[shared]
+    struct Shared {
+        clock: Clock,
+        link: Link,
+        obeyed: Obeyed,
+        output: MotorOutput,
+        console: board::console::Console,
+    }
+
+    #[local]
+    struct Local {
+        pot: Pot,
+        keeper: Keeper,
+        log: Log,
+    }
+
+    #[init(local = [stack: Option<Stack> = None])]
+    fn init(mut cx: init::Context) -> (Shared, Local) {
+        let last_fault = board::fault::take();
+        let Some(sled) = Sled::start(cx.device) else {
+            fault::stop(Fault::Start)
+        };
+        let clocks = sled.clocks;
+        let Ok(mut link) = node::link(
+            cx.local.stack,
+            identity(MOTOR),
+            clocks,
+            sled.can,
+            sled.clock,
+            sled.alarms,
+        ) else {
+            fault::stop(Fault::Start)
+        };
+        let Some(pot) = sled.rest.pot() else {
+            fault::stop(Fault::Start)
+        };
+        defmt::info!(
+            "motor: core {=u32} Hz, reset cause {=u8}",
+            clocks.core,
+            sled.reset_cause.code()
+        );
+        link.start();
+        let _ = housekeeping::spawn();
+        (
+            Shared {
+                clock: sled.clock,
+                link,
+                obeyed: Obeyed::new(Times::new(COMMAND_TIMEOUT, clocks.ticks_per_us)),
+                output: sled.motor,
+                console: sled.console,
+            },
+            Local {
+                pot,
+                keeper: Keeper::start(
+                    cx.core.SYST,
+                    &mut cx.core.SCB,
+                    clocks,
+                    sled.led,
+                    sled.watchdog,
+                    sled.reset_cause,
+                    last_fault,
+                ),
+                log: Log::new(),
+            },
+        )
+    }
+
+    #[idle]
+    fn idle(_: idle::Context) -> ! {
+        loop {
+            rtic::export::wfi();
+        }
+    }
+
+    #[task(binds = USB_LP_CAN_RX0, priority = 6, shared = [&clock, link])]
+    fn can_rx(mut cx: can_rx::Context) {
+        let stamp = cx.shared.clock.now();
+        let news = cx.shared.link.lock(|link| link.on_receive(stamp));
+        if news.has(window::COMMAND) {
+            rtic::pend(Interrupt::EXTI1);
+        }
+    }
+
+    #[task(binds = USB_HP_CAN_TX, priority = 6, shared = [&clock, link])]
+    fn can_tx(mut cx: can_tx::Context) {
+        let stamp = cx.shared.clock.now();
+        cx.shared.link.lock(|link| link.on_transmit(stamp));
+    }
+
+    #[task(binds = CAN_SCE, priority = 6, shared = [link])]
+    fn can_error(mut cx: can_error::Context) {
+        cx.shared.link.lock(|link| link.on_error());
+        rtic::pend(Interrupt::EXTI1);
+    }
+
+    #[task(binds = TIM2, priority = 6, shared = [link])]
+    fn window_timer(mut cx: window_timer::Context) {
+        let act = cx
+            .shared
+            .link
+            .lock(|link| link.on_timer() || !link.node().is_alive());
+        if act {
+            rtic::pend(Interrupt::EXTI1);
+        }
+    }
+
+    #[task(binds = DMA1_CH1, priority = 5, shared = [link], local = [pot])]
+    fn knob(mut cx: knob::Context) {
+        cx.local.pot.acknowledge();
+        let count = AdcCount(cx.local.pot.count());
+        let data = padded(Knob { count }.encode());
+        cx.shared.link.lock(|link| link.put(window::KNOB, data));
+    }
+
+    #[task(binds = EXTI1, priority = 5, shared = [&clock, link, obeyed, output])]
+    fn actuate(cx: actuate::Context) {
+        let now = cx.shared.clock.now();
+        let mut link = cx.shared.link;
+        let arrival = link.lock(|link| link.arrival(window::COMMAND));
+        let accepted = (cx.shared.obeyed, cx.shared.output).lock(|obeyed, output| {
+            let accepted = obeyed.attend(&arrival, now);
+            output.repeat(obeyed.command().map(|command| command.motor));
+            accepted
+        });
+        if accepted {
+            link.lock(|link| link.release_in(COMMAND_TIMEOUT));
+        }
+    }
+
+    #[task(binds = DMA1_CH7, priority = 3, shared = [console])]
+    fn console_dma(mut cx: console_dma::Context) {
+        cx.shared
+            .console
+            .lock(|console| console.on_transfer_complete());
+    }
+
+    #[task(priority = 2, shared = [link, obeyed], local = [keeper])]
+    async fn housekeeping(mut cx: housekeeping::Context) {
+        let mut pace = Pace::begin();
+        // loop-bound: 1. One step per tick; holds while each step meets its deadline.
+        loop {
+            // at-most: 1. The same; the first step waits for nothing.
+            keep(&mut cx.shared, cx.local.keeper);
+            pace.wait().await;
+        }
+    }
+
+    /// A step of the housekeeping.
+    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+        let bus = shared.link.lock(|link| {
+            link.keep_present();
+            BusView::of(link)
+        });
+        // With a command the LED is the command's; else it shows the state of the node.
+        let led = shared
+            .obeyed
+            .lock(|obeyed| obeyed.command().map(|command| command.led));
+        keeper.show(led);
+        keeper.step::<MotorStatus, _, _>(&mut shared.link, &bus, bus.link.services);
+        if keeper.is_report_due() {
+            rtic::pend(Interrupt::EXTI3);
+        }
+    }
+
+    #[task(binds = EXTI3, priority = 1, shared = [link, obeyed, output, console], local = [log])]
+    fn console(mut cx: console::Context) {
+        let byte = cx.shared.output.lock(|output| output.last());
+        let view = cx.shared.obeyed.lock(|obeyed| ActuatorView {
+            command: obeyed.command().map(|command| i16::from(command.motor)),
+            count: None,
+            byte,
+            refused: obeyed.refused(),
+        });
+        node::report(
+            &mut cx.shared.link,
+            &mut cx.shared.console,
+            cx.local.log,
+            |line| lines::actuator(line, "motor", &view),
+        );
+    }
+}
