@@ -13,6 +13,7 @@ use schedulability::results::Report;
 use schedulability::system::{Inputs, Programs};
 use twin::mcu::{Board, Mcu};
 use twin::part::Part;
+use wcet::cycles::{Cycles, Model};
 use wcet::image::Image;
 use xtask::schedulability::{follow, observe};
 
@@ -203,7 +204,7 @@ fn observed(program: &str, programs: &Programs) -> Observed {
         .map(|task| {
             let found = findings.get(&task.exception).cloned().unwrap_or_default();
             let seen = Seen {
-                longest: [task.longest; 2],
+                longest: Cycles::both(task.longest),
                 followed: found.activations,
                 refuted: found
                     .refuted
@@ -241,7 +242,7 @@ fn the_node_as_it_is_is_schedulable() {
     for task in &report.nodes[0].tasks {
         let activations = if task.name == "sample" { 2 } else { 1 };
         assert_eq!(task.followed, activations, "{}", task.name);
-        let ratio = task.ratio(0).unwrap();
+        let ratio = task.ratio(Model::ZeroWait).unwrap();
         assert!((1.0..1.25).contains(&ratio), "{}: {ratio}", task.name);
     }
 }
@@ -252,7 +253,8 @@ fn each_way_of_breaking_it_has_its_sentence() {
         (
             "loop",
             "node.filter has no bound: the loop at src/bin/loop.rs:48 (EXTI1) has no bound: \
-             write `// loop-bound: N` on the line above it, N the most turns it takes",
+             write `// loop-bound: N` on the line above it, where N is the most \
+             turns that it takes",
         ),
         (
             "recursion",
@@ -262,8 +264,8 @@ fn each_way_of_breaking_it_has_its_sentence() {
         (
             "pointer",
             "node.filter has no bound: the call through a pointer at src/bin/pointer.rs:50 \
-             (EXTI1) may go anywhere: call the function by name, or choose it from a constant \
-             table",
+             (EXTI1) may go anywhere: call the function by name, or take the pointer from \
+             a constant table",
         ),
         (
             "longer",
@@ -282,8 +284,8 @@ fn each_way_of_breaking_it_has_its_sentence() {
         ),
         (
             "annotation",
-            "node.filter is not as analysed: the loop at src/bin/annotation.rs:50 took 3 \
-             turns, its annotation says at most 1; its bound is none",
+            "node.filter does not behave as analysed, so it has no bound: the loop at \
+             src/bin/annotation.rs:50 took 3 turns, its annotation says at most 1",
         ),
     ] {
         assert_eq!(said(program), sentence, "{program}");

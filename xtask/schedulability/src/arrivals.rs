@@ -1,20 +1,20 @@
-//! When jobs of a task may be released.
+//! When the jobs of a task may be released.
 //!
-//! Two kinds of releases: sporadic ones, of which only a least distance is
-//! known, and those that stand in the time table of the bus, each somewhere
-//! between two instants of the cycle. A task may have both.
+//! There are two kinds of releases. Of sporadic ones only the least distance is known. Those of
+//! the bus's time table lie each between two known instants of the cycle. A task may have both.
 
-/// Releases of which only the least distance is known.
+/// Sporadic releases, of which only the least distance is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sporadic {
     /// Least time between two releases. Must not be zero.
     pub period: u64,
-    /// At most so many releases in any window of this length, if that is less.
+    /// A limit to the releases in a longer window, if there is one: their number and the length
+    /// of the window.
     pub limit: Option<(u64, u64)>,
 }
 
 impl Sporadic {
-    /// A stream without such a limit.
+    /// Sporadic releases without such a limit.
     #[must_use]
     pub const fn every(period: u64) -> Self {
         Self {
@@ -23,7 +23,7 @@ impl Sporadic {
         }
     }
 
-    /// Most releases in any half-open window of this length.
+    /// The most releases in any half-open window of this length.
     #[must_use]
     pub fn count(self, window: u64) -> u64 {
         let most = window.div_ceil(self.period);
@@ -34,22 +34,22 @@ impl Sporadic {
     }
 }
 
-/// One release of the time table.
+/// One job of the time table.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Job {
-    /// What releases it.
+    /// Name of the event that releases it.
     pub label: String,
-    /// Earliest release, from the cycle's beginning.
+    /// Earliest release, from the begin of the cycle.
     pub earliest: u64,
-    /// Latest release; may lie beyond the cycle's end.
+    /// Latest release; it may be after the end of the cycle.
     pub latest: u64,
-    /// Its deadline after the release where it is not the task's.
+    /// Its deadline after the release, if it is not the task's.
     pub deadline: Option<u64>,
-    /// Whether it begins a transmission of the node's own.
+    /// Whether it starts a transmission of this node.
     pub transmits: bool,
 }
 
-/// What a job of the bus has to do.
+/// What a job of the bus handles.
 #[derive(
     Debug,
     Clone,
@@ -64,7 +64,7 @@ pub struct Job {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// Nothing is known of it.
+    /// Unknown.
     #[default]
     Any,
     /// A reference message.
@@ -76,7 +76,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// In words.
+    /// Its name in sentences.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -88,33 +88,31 @@ impl Kind {
     }
 }
 
-/// Releases that come back in every cycle; any of them may stay away.
+/// Jobs that may be released once in every cycle.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Timetable {
     /// Length of the cycle.
     pub cycle: u64,
-    /// Least time between two releases, whichever they are; zero where nothing
-    /// is known of it.
+    /// Least time between any two of the releases; zero if none is known.
     pub spacing: u64,
-    /// So many releases may come in any window beyond what the spacing allows.
+    /// Releases that any window may hold in addition to those that the spacing allows.
     pub burst: u64,
-    /// What the jobs are.
+    /// What the jobs handle.
     pub kind: Kind,
-    /// Longest time of one job, where it is less than the task's.
+    /// Worst-case execution time of one job, if it is less than the task's.
     pub cost: Option<u64>,
-    /// Releases before which none of these comes: they are brought about by the
-    /// job that is released then.
+    /// Release times of the jobs that cause these: without one of them, none of these is
+    /// released.
     pub begun_at: Vec<u64>,
-    /// The releases.
+    /// The jobs of one cycle.
     pub jobs: Vec<Job>,
 }
 
 impl Timetable {
-    /// Most releases in any `window`, each up to `jitter` late.
+    /// The most releases in any `window`, each up to `jitter` late.
     #[must_use]
     pub fn count(&self, window: u64, jitter: u64) -> u64 {
-        // The window that holds most begins with a release that comes as late
-        // as it can.
+        // The window with the most releases begins with one that is as late as possible.
         let most = self
             .jobs
             .iter()
@@ -124,7 +122,7 @@ impl Timetable {
         most.min(self.spaced(window + jitter))
     }
 
-    /// Most releases in a window by their spacing alone.
+    /// The most releases in a window by their spacing alone.
     fn spaced(&self, window: u64) -> u64 {
         match self.spacing {
             0 => u64::MAX,
@@ -132,7 +130,7 @@ impl Timetable {
         }
     }
 
-    /// Releases that may fall into the `length` from `begin` on.
+    /// The releases that may be in the window of this length from `begin` on.
     fn within(&self, begin: u64, length: u64, jitter: u64) -> u64 {
         self.jobs
             .iter()
@@ -140,7 +138,7 @@ impl Timetable {
             .sum()
     }
 
-    /// Most releases in the `window` from `begin` of the cycle on, each up to
+    /// The most releases in the `window` from the instant `begin` of the cycle on, each up to
     /// `jitter` late.
     #[must_use]
     pub fn from(&self, begin: u64, window: u64, jitter: u64) -> u64 {
@@ -148,16 +146,15 @@ impl Timetable {
             .min(self.spaced(window + jitter))
     }
 
-    /// Whether `job` of this table may be released in the `window` from `begin` of
+    /// Whether `job` of this table may be released in the `window` from the instant `begin` of
     /// the cycle on.
     #[must_use]
     pub fn holds(&self, job: &Job, begin: u64, window: u64, jitter: u64) -> bool {
         repeats(job, jitter, begin.cast_signed(), window, self.cycle) > 0
     }
 
-    /// Releases between `carry` before the release of `job`, which comes up to
-    /// `late` late, and `window` after it; `job` itself is left out if it is one
-    /// of them.
+    /// The most releases from `carry` before the release of `job`, which is up to `late` late,
+    /// until `window` after it. The release of `job` itself does not count.
     #[must_use]
     pub fn around(&self, job: &Job, late: u64, carry: u64, window: u64) -> u64 {
         let begin = job.earliest.cast_signed() - carry.cast_signed() + 1;
@@ -174,8 +171,8 @@ impl Timetable {
     }
 }
 
-/// How many of the returns of `job` may be released in `begin..begin +
-/// length`. Times are below 2^62: a hundred days in picoseconds.
+/// How many repetitions of `job`, one in each cycle, may be released in `begin..begin + length`.
+/// Times are below 2^62, which is 53 days in picoseconds.
 fn repeats(job: &Job, jitter: u64, begin: i64, length: u64, cycle: u64) -> u64 {
     if length == 0 {
         return 0;
@@ -183,8 +180,8 @@ fn repeats(job: &Job, jitter: u64, begin: i64, length: u64, cycle: u64) -> u64 {
     let cycle = cycle.max(1).cast_signed();
     let latest = (job.latest + jitter).cast_signed();
     let end = begin.saturating_add_unsigned(length);
-    // The first return whose latest release is not before `begin`, and the
-    // last whose earliest is before `end`.
+    // The first repetition whose latest release is not before `begin`, and the last one whose
+    // earliest release is before `end`.
     let first = (begin - latest + cycle - 1).div_euclid(cycle);
     let last = (end - 1 - job.earliest.cast_signed()).div_euclid(cycle);
     u64::try_from(last - first + 1).unwrap_or(0)
@@ -193,9 +190,9 @@ fn repeats(job: &Job, jitter: u64, begin: i64, length: u64, cycle: u64) -> u64 {
 /// All releases of a task.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Arrivals {
-    /// Streams that know no time table.
+    /// Sporadic streams.
     pub sporadic: Vec<Sporadic>,
-    /// Releases by the time table, in parts that are spaced each by itself.
+    /// Parts of the time table; the spacing of each part is its own.
     pub timed: Vec<Timetable>,
 }
 
@@ -209,7 +206,7 @@ impl Arrivals {
         }
     }
 
-    /// Both, for two tasks that one handler runs.
+    /// The releases of both, for two tasks that share a handler.
     #[must_use]
     pub fn merged(mut self, other: &Self) -> Self {
         self.sporadic.extend(&other.sporadic);
@@ -223,8 +220,8 @@ impl Arrivals {
         self.sporadic.iter().any(|stream| stream.period == 0)
     }
 
-    /// Most releases in any half-open window of this length, each up to
-    /// `jitter` later than its instant.
+    /// The most releases in any half-open window of this length, each up to `jitter` later than
+    /// its nominal instant.
     #[must_use]
     pub fn count(&self, window: u64, jitter: u64) -> u64 {
         let sporadic: u64 = self
@@ -236,7 +233,7 @@ impl Arrivals {
         timed.fold(sporadic, u64::saturating_add)
     }
 
-    /// Releases in the long run: so many in so long.
+    /// Long-term rates: a number of releases, and the time in which they occur.
     pub fn rates(&self) -> impl Iterator<Item = (u64, u64)> {
         let sporadic = self.sporadic.iter().map(|stream| match stream.limit {
             Some((jobs, span)) if jobs * stream.period < span => (jobs, span),
@@ -249,7 +246,7 @@ impl Arrivals {
         sporadic.chain(timed)
     }
 
-    /// The one period, if there is one and no time table.
+    /// The period, if the releases are one sporadic stream without a limit.
     #[must_use]
     pub fn single(&self) -> Option<u64> {
         match (self.sporadic.as_slice(), self.timed.as_slice()) {
@@ -258,7 +255,7 @@ impl Arrivals {
         }
     }
 
-    /// Least time from a release to the one `further` releases later.
+    /// Least time from a release to the one `further` releases after it.
     #[must_use]
     pub fn distance(&self, further: u64, jitter: u64) -> u64 {
         if further == 0 {
@@ -351,11 +348,11 @@ mod tests {
     }
 
     #[test]
-    fn uncertain_releases_come_together_but_not_closer_than_their_spacing() {
+    fn uncertain_releases_may_coincide_but_keep_their_spacing() {
         assert_eq!(table(0, &[(10, 30), (20, 40)]).count(1, 0), 2);
         assert_eq!(table(5, &[(10, 30), (20, 40)]).count(5, 0), 1);
         assert_eq!(table(5, &[(10, 30), (20, 40)]).count(6, 0), 2);
-        // Late by more than what lies between them.
+        // Late by more than the distance between them.
         assert_eq!(table(0, &[(10, 10), (13, 13)]).count(1, 3), 2);
     }
 
@@ -368,14 +365,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_over_before_does_not_interfere() {
+    fn a_job_that_has_completed_does_not_interfere() {
         let table = table(0, &[(10, 20), (50, 50), (98, 99)]);
         let around = |carry, window| table.around(&table.jobs[1], 0, carry, window);
         assert_eq!(around(30, 1), 0);
         assert_eq!(around(31, 1), 1);
         assert_eq!(around(1, 48), 0);
         assert_eq!(around(1, 49), 1);
-        // Its own return a cycle later counts.
+        // Its own repetition a cycle later counts.
         assert_eq!(around(1, 101), 3);
     }
 }

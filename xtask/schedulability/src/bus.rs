@@ -1,4 +1,4 @@
-//! Whether every message fits its window.
+//! Whether every message fits in its window.
 
 use network_model::{Message, Network, SendType, WindowKind, worst_case_bits};
 
@@ -7,12 +7,11 @@ use crate::results::MessageReport;
 use crate::table::BusTable;
 use crate::units::MICROSECOND;
 
-/// The answers for all messages, in order of the cycle.
+/// The answers for all messages, in the order of their windows.
 ///
-/// An exclusive window must hold the longest frame, begun as late as the
-/// transmit enable window allows, and the difference of two clocks. Messages
-/// that share an arbitrating window wait for one another as on a bus of their
-/// own (Davis et al. 2007), errors included.
+/// An exclusive window must hold the longest frame, started as late as the transmit enable
+/// window allows, and the difference between two clocks. Messages that share an arbitrating
+/// window delay each other as on a bus of their own (Davis et al. 2007), with errors.
 #[must_use]
 pub fn messages(network: &Network, table: &BusTable) -> Vec<MessageReport> {
     let bit = u64::from(network.bit_time_ns());
@@ -56,6 +55,7 @@ pub fn messages(network: &Network, table: &BusTable) -> Vec<MessageReport> {
     reports
 }
 
+/// An event message as a stream on its bus.
 fn stream(message: &Message, bit: u64) -> can::Message {
     let interval = match message.send_type {
         SendType::Event { interval_ms } => interval_ms,

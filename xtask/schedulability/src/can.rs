@@ -1,9 +1,9 @@
 //! Response times of frames that arbitrate for a CAN bus.
 //!
-//! The analysis is that of R. I. Davis, A. Burns, R. J. Bril and J. J.
-//! Lukkien, "Controller Area Network (CAN) schedulability analysis: Refuted,
-//! revisited and revised", Real-Time Systems 35 (2007): every instance of the
-//! busy period is examined, because the first one is not always the worst.
+//! The analysis is that of R. I. Davis, A. Burns, R. J. Bril and J. J. Lukkien, "Controller Area
+//! Network (CAN) schedulability analysis: Refuted, revisited and revised", Real-Time Systems 35
+//! (2007). It examines every instance in the busy period, because the first one is not always
+//! the worst.
 
 /// One message stream. Times in nanoseconds.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -12,25 +12,25 @@ pub struct Message {
     pub name: String,
     /// Longest time on the wire, interframe space included ([`frame_time`]).
     pub length: u64,
-    /// Minimum time between two requests (before jitter). Must not be zero.
+    /// Least time between two requests, before jitter. Must not be zero.
     pub period: u64,
     /// Deadline relative to the request.
     pub deadline: u64,
-    /// Queuing jitter: how late after the nominal instant it may be queued.
+    /// Queuing jitter: how long after its nominal instant a frame may be enqueued.
     pub jitter: u64,
 }
 
-/// Errors on the wire: `burst` at once and then one in each `interval`.
+/// Errors on the bus: `burst` back to back, and one more in each `interval`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ErrorRate {
-    /// Errors that may come back to back.
+    /// Errors that may occur back to back.
     pub burst: u64,
     /// Least time between further errors, in nanoseconds; zero for none.
     pub interval: u64,
 }
 
 impl ErrorRate {
-    /// A wire without errors.
+    /// A bus without errors.
     pub const NONE: Self = Self {
         burst: 0,
         interval: 0,
@@ -46,26 +46,25 @@ impl ErrorRate {
     }
 }
 
-/// Error flag of both kinds, delimiter and interframe space: what one error
-/// costs besides the frame that is sent again, in bit times (Davis et al.
-/// 2007, section 6).
+/// Bit times that one error costs in addition to the repeated frame: both error flags, the
+/// delimiter and the interframe space (Davis et al. 2007, section 6).
 pub const ERROR_FRAME_BITS: u64 = 31;
 
-/// Worst frame with an 11-bit identifier and `bytes` of data (0..=8), with
-/// stuffing and the interframe space, in nanoseconds: `(55 + 10 n)` bits.
+/// Longest frame with an 11-bit identifier and `bytes` of data (0..=8), with stuffing and the
+/// interframe space, in nanoseconds: `(55 + 10 n)` bits.
 #[must_use]
 pub fn frame_time(bytes: u64, bit_time: u64) -> u64 {
     (55 + 10 * bytes) * bit_time
 }
 
-/// No bound exists: the messages ask for more than the bus has.
+/// There is no bound: the messages demand more than the bus has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the bus is overloaded at this identifier: the busy period does not end")]
 pub struct Overloaded;
 
-/// Worst response time of `messages[index]` from its nominal request to its
-/// last bit. `messages` stand in order of priority, the lowest identifier
-/// first; `bit_time` in nanoseconds.
+/// Worst-case response time of `messages[index]`, from its nominal request to its last bit.
+/// `messages` are in order of priority, the lowest identifier first; `bit_time` is in
+/// nanoseconds.
 ///
 /// # Errors
 /// [`Overloaded`] when the busy period does not end.
@@ -77,7 +76,7 @@ pub fn response(
 ) -> Result<u64, Overloaded> {
     let message = &messages[index];
     let higher = &messages[..index];
-    // A lower frame that has just won the bus cannot be stopped.
+    // A frame of lower priority that has just started cannot be stopped.
     let blocking = messages[index + 1..]
         .iter()
         .map(|lower| lower.length)
@@ -103,7 +102,8 @@ pub fn response(
     let mut start = blocking;
     for instance in 0..instances {
         start = fixed_point(start.max(blocking + instance * message.length), |window| {
-            // Queued one bit time after the start is queued too late to win.
+            // A frame that is enqueued up to one bit time after the start still takes part in
+            // arbitration.
             higher
                 .iter()
                 .map(|m| (window + m.jitter + bit_time).div_ceil(m.period) * m.length)
@@ -118,6 +118,7 @@ pub fn response(
     Ok(worst)
 }
 
+/// Steps of one fixed-point search after which the bus counts as overloaded.
 const MAX_STEPS: usize = 1_000_000;
 
 fn fixed_point(first: u64, next: impl Fn(u64) -> u64) -> Result<u64, Overloaded> {
@@ -135,5 +136,5 @@ fn fixed_point(first: u64, next: impl Fn(u64) -> u64) -> Result<u64, Overloaded>
     Err(Overloaded)
 }
 
-/// Windows longer than this (one hour) are taken for an overloaded bus.
+/// Longest busy period, one hour; a longer one counts as an overloaded bus.
 const HORIZON: u64 = 3_600_000_000_000;

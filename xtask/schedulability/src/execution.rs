@@ -1,75 +1,77 @@
-//! What the image of a node says: times, critical sections and stack.
+//! Execution times, critical sections and stack of a node, by its image.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use crate::arrivals::Kind;
-use crate::model::NodeModel;
+use crate::model::{NodeModel, TaskModel};
 use crate::table::NodeTable;
-use wcet::analysis::{Analysis, Bound, Entry, Problem};
+use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
+use wcet::bound::{Bound, Entry, Problem};
+use wcet::cycles::Cycles;
 use wcet::image::Image;
-use wcet::ipet;
-use wcet::lasting::{Strangers, Words};
+use wcet::ipet::Line;
+use wcet::lasting::{UnknownStores, Words};
+use wcet::mask;
 use wcet::stack::{FRAME, FRAME_FPU, Stacks};
-use wcet::timing::Timing;
+use wcet::timing::{Timing, Timings};
 use wcet::watch::Watch;
 
-/// One handler.
+/// The analysis of one handler.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Handler {
-    /// Bound in cycles, entry and return included: zero wait states, as flashed.
-    pub cycles: [u64; 2],
+    /// Bound, with exception entry and return.
+    pub cycles: Cycles,
     /// The same for jobs that never call certain functions.
-    pub kinds: BTreeMap<Kind, [u64; 2]>,
-    /// Cycles of entry and return in them.
-    pub overhead: [u64; 2],
-    /// What a preemption by it costs besides, in cycles.
+    pub kinds: BTreeMap<Kind, Cycles>,
+    /// Exception entry and return, which the bounds include.
+    pub overhead: Cycles,
+    /// Cycles that a preemption by this handler costs the preempted job in addition.
     pub preemption: u64,
-    /// Why the bound is none.
+    /// Why there is no bound.
     pub problems: BTreeSet<Problem>,
-    /// Panics not proven impossible.
+    /// Panics that are not proven impossible.
     pub panics: Vec<String>,
-    /// Loop bounds taken from annotations.
+    /// Loop bounds that were taken from annotations.
     pub annotated: BTreeMap<String, u64>,
-    /// Worst path by source line: cycles as flashed, times, place.
-    pub path: Vec<(u64, u64, String)>,
+    /// The longest path by source line, the costliest first.
+    pub path: Vec<Line>,
     /// Bound of the integer program.
-    pub program: Option<[u64; 2]>,
-    /// What a run of it must keep to, where there is a bound.
+    pub program: Option<Cycles>,
+    /// What a run of it is checked against, if there is a bound.
     pub watch: Option<Arc<Watch>>,
 }
 
-/// A stretch with interrupts masked.
+/// A critical section.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Section {
-    /// Who masks: a handler's interrupt, or `main` for start-up and idle.
+    /// The interrupt of the handler that masks, or `main` for start-up and idle.
     pub holder: String,
     /// Its priority.
     pub priority: u32,
-    /// The priority that it masks up to.
+    /// The highest priority that is masked.
     pub ceiling: u32,
     /// Cycles as flashed.
     pub cycles: u64,
-    /// Where it masks.
+    /// The place of the instruction that masks.
     pub place: String,
 }
 
-/// What the image of a node says.
+/// The analysis of one image.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Execution {
     /// Handlers by interrupt.
     pub handlers: BTreeMap<String, Handler>,
-    /// Stretches with interrupts masked.
+    /// Critical sections.
     pub sections: Vec<Section>,
     /// Deepest stack with all preemptions, in bytes.
     pub stack: u32,
-    /// What that figure does not hold.
+    /// What the stack figure does not include.
     pub stack_unknown: BTreeSet<String>,
-    /// Where the start-up and idle code could not be followed.
+    /// Why the start-up and idle code could not be followed to its end.
     pub idle_problems: BTreeSet<Problem>,
-    /// Words that start-up leaves in memory for good, as far as the bounds rest on
-    /// them.
+    /// Words that keep the address which start-up wrote to them; the bounds rest on them.
     pub lasting: Words,
 }
 
@@ -99,10 +101,11 @@ pub enum ExecutionError {
 }
 
 impl Execution {
-    /// Analyses the handlers of `node`, its start-up and its idle code.
+    /// Analyses the handlers of `node`, its start-up and its idle code. `progress` is called with
+    /// the current step.
     ///
     /// # Errors
-    /// The image does not hold a handler of the model.
+    /// The image has no handler of the model, or not a function that the task table excludes.
     pub fn of(
         node: &NodeModel,
         table: &NodeTable,
@@ -111,136 +114,185 @@ impl Execution {
         progress: &dyn Fn(&str),
     ) -> Result<Self, ExecutionError> {
         let part = Timing::flashed(table.board);
-        let mut analysis = Analysis::new(image, annotations, part);
+        let mut analyser = Analyser {
+            node,
+            image,
+            analysis: Analysis::new(image, annotations, part),
+            timings: Timings::of(part),
+            stacks: Stacks::new(image),
+            levels: BTreeMap::new(),
+            main: Level::default(),
+            execution: Self::default(),
+        };
         let main = image.symbol("main");
-        let mut lasting = Words::new();
         if let Some(main) = main {
             progress("what start-up sets");
-            lasting.clone_from(analysis.learn(main, &image.handlers(), Strangers::Spare));
+            analyser.learn(main);
         }
-        let mut stacks = Stacks::new(image);
-        let exceptions = [Timing::zero_wait(), part].map(|timing| timing.exceptions());
-        let mut execution = Self {
-            lasting,
-            ..Self::default()
-        };
-        let mut levels: BTreeMap<u32, (u32, bool)> = BTreeMap::new();
         for task in &node.tasks {
-            if execution.handlers.contains_key(&task.interrupt) {
-                continue;
+            if !analyser.execution.handlers.contains_key(&task.interrupt) {
+                progress(&task.name);
+                analyser.add_handler(task)?;
             }
-            progress(&task.name);
-            let entry = image
-                .symbol(&task.interrupt)
-                .ok_or_else(|| ExecutionError::NoHandler {
-                    node: node.name.clone(),
-                    interrupt: task.interrupt.clone(),
-                })?;
-            let bound = analysis.run(entry, Entry::Handler);
-            execution.add_sections(&bound, &task.interrupt, task.priority, image);
-            let depth = stacks.depth(entry);
-            execution.stack_unknown.extend(depth.unknown);
-            let level = levels.entry(task.priority).or_default();
-            level.0 = level.0.max(depth.bytes).max(bound.stack);
-            level.1 |= bound.uses_fpu;
-            let program = ipet::solve(&mut analysis, &bound, entry);
-            let overhead = exceptions.map(|e| e.entry + e.exit);
-            let program_cycles = program
-                .as_ref()
-                .map(|p| [p.cycles[0] + overhead[0], p.cycles[1] + overhead[1]]);
-            let watch = bound
-                .problems
-                .is_empty()
-                .then(|| Arc::new(Watch::new(&mut analysis, entry, &bound)));
-            let lazy = if bound.uses_fpu {
-                exceptions[1].lazy_stacking
-            } else {
-                0
-            };
-            let mut kinds = BTreeMap::new();
-            for (kind, names) in &task.never {
-                let never = names
-                    .iter()
-                    .map(|name| {
-                        image
-                            .function_ending(name)
-                            .ok_or_else(|| ExecutionError::NoFunction {
-                                node: node.name.clone(),
-                                task: task.name.clone(),
-                                function: name.clone(),
-                            })
-                    })
-                    .collect::<Result<BTreeSet<u32>, _>>()?;
-                let without = analysis.run_without(entry, Entry::Handler, &never);
-                if without.problems.is_empty() {
-                    kinds.insert(*kind, without.cycles);
-                }
-            }
-            execution.handlers.insert(
-                task.interrupt.clone(),
-                Handler {
-                    kinds,
-                    // Both hold: the machine's clock knows the history of each
-                    // path, the program what is annotated about all of them.
-                    cycles: std::array::from_fn(|model| {
-                        let by_program = program_cycles.map_or(u64::MAX, |p| p[model]);
-                        bound.cycles[model].min(by_program)
-                    }),
-                    overhead,
-                    preemption: exceptions[1].restart + lazy,
-                    problems: bound.problems,
-                    panics: bound
-                        .panics
-                        .iter()
-                        .map(|site| format!("{} -> {}", image.describe(site.at), site.callee))
-                        .collect(),
-                    annotated: bound.annotated,
-                    program: program_cycles,
-                    path: program.map(|p| p.path).unwrap_or_default(),
-                    watch,
-                },
-            );
         }
-        let mut fpu = levels.values().any(|(_, fpu)| *fpu);
         if let Some(main) = main {
             progress("start-up and idle");
-            let bound = analysis.run(main, Entry::Program);
-            execution.add_sections(&bound, "main", 0, image);
-            let depth = stacks.depth(main);
-            execution.stack_unknown.extend(depth.unknown);
-            execution.stack = depth.bytes.max(bound.stack);
-            fpu |= bound.uses_fpu;
-            execution.idle_problems = bound
-                .problems
-                .into_iter()
-                // Start-up waits for hardware; only what hides a critical
-                // section of idle matters here.
-                .filter(|problem| !matches!(problem, Problem::LoopWithoutBound(_)))
-                .collect();
+            analyser.add_main(main);
         }
-        // Every priority may preempt every lower one once. A frame holds the
-        // floating-point registers if anything below uses them.
-        for (bytes, _) in levels.values() {
-            execution.stack += bytes + if fpu { FRAME_FPU } else { FRAME };
-        }
-        Ok(execution)
+        Ok(analyser.finish())
+    }
+}
+
+/// The analysis of one image in progress.
+struct Analyser<'a> {
+    node: &'a NodeModel,
+    image: &'a Image,
+    analysis: Analysis<'a>,
+    timings: Timings,
+    stacks: Stacks<'a>,
+    /// The handlers of each priority.
+    levels: BTreeMap<u32, Level>,
+    /// Start-up and the idle code.
+    main: Level,
+    execution: Execution,
+}
+
+/// The code of one priority.
+#[derive(Debug, Clone, Copy, Default)]
+struct Level {
+    /// Deepest stack, in bytes.
+    stack: u32,
+    /// Whether it uses the floating-point unit.
+    fpu: bool,
+}
+
+impl Analyser<'_> {
+    /// Finds the words that keep the address which start-up wrote to them.
+    fn learn(&mut self, main: u32) {
+        let handlers = self.image.handlers();
+        let words = self
+            .analysis
+            .learn(main, &handlers, UnknownStores::SparePointers);
+        self.execution.lasting.clone_from(words);
     }
 
-    fn add_sections(&mut self, bound: &Bound, holder: &str, priority: u32, image: &Image) {
+    /// Analyses the handler of a task.
+    fn add_handler(&mut self, task: &TaskModel) -> Result<(), ExecutionError> {
+        let missing = || ExecutionError::NoHandler {
+            node: self.node.name.clone(),
+            interrupt: task.interrupt.clone(),
+        };
+        let entry = self.image.symbol(&task.interrupt).ok_or_else(missing)?;
+        let bound = self.analysis.run(entry, Entry::Handler);
+        self.add_sections(&bound, &task.interrupt, task.priority);
+        let depth = self.stacks.depth(entry);
+        self.execution.stack_unknown.extend(depth.unknown);
+        let level = self.levels.entry(task.priority).or_default();
+        level.stack = level.stack.max(depth.bytes).max(bound.stack);
+        level.fpu |= bound.uses_fpu;
+        let overhead = self.timings.exception_entry() + self.timings.exception_exit();
+        let longest = self.analysis.longest_path(&bound, entry);
+        let program = longest.as_ref().map(|longest| longest.cycles + overhead);
+        let exceptions = self.timings.flashed.exceptions();
+        let lazy = if bound.uses_fpu {
+            exceptions.lazy_stacking
+        } else {
+            0
+        };
+        let watch = bound
+            .problems
+            .is_empty()
+            .then(|| Arc::new(Watch::new(&mut self.analysis, entry, &bound)));
+        let image = self.image;
+        let panics = bound.panics.iter();
+        let panics = panics.map(|site| format!("{} -> {}", image.describe(site.at), site.callee));
+        let handler = Handler {
+            kinds: self.kinds(task, entry)?,
+            // Both are bounds: the machine's clock knows the history of each path, and the
+            // integer program knows the annotations about all paths together.
+            cycles: program.map_or(bound.cycles, |program| bound.cycles.min(program)),
+            overhead,
+            preemption: exceptions.restart + lazy,
+            problems: bound.problems,
+            panics: panics.collect(),
+            annotated: bound.annotated,
+            program,
+            path: longest.map(|longest| longest.path).unwrap_or_default(),
+            watch,
+        };
+        let handlers = &mut self.execution.handlers;
+        handlers.insert(task.interrupt.clone(), handler);
+        Ok(())
+    }
+
+    /// Bounds of the jobs of a task that never call certain functions, by their kind.
+    fn kinds(
+        &mut self,
+        task: &TaskModel,
+        entry: u32,
+    ) -> Result<BTreeMap<Kind, Cycles>, ExecutionError> {
+        let mut kinds = BTreeMap::new();
+        for (kind, names) in &task.never {
+            let address = |name: &String| {
+                let missing = || ExecutionError::NoFunction {
+                    node: self.node.name.clone(),
+                    task: task.name.clone(),
+                    function: name.clone(),
+                };
+                self.image.function_ending(name).ok_or_else(missing)
+            };
+            let never = names.iter().map(address).collect::<Result<_, _>>()?;
+            let without = self.analysis.run_without(entry, Entry::Handler, &never);
+            if without.problems.is_empty() {
+                kinds.insert(*kind, without.cycles);
+            }
+        }
+        Ok(kinds)
+    }
+
+    /// Analyses start-up and the idle code.
+    fn add_main(&mut self, main: u32) {
+        let bound = self.analysis.run(main, Entry::Program);
+        self.add_sections(&bound, "main", 0);
+        let depth = self.stacks.depth(main);
+        self.execution.stack_unknown.extend(depth.unknown);
+        self.main = Level {
+            stack: depth.bytes.max(bound.stack),
+            fpu: bound.uses_fpu,
+        };
+        // Start-up may wait for hardware in loops without a bound. Only a problem that may hide
+        // a critical section counts.
+        let problems = bound.problems.into_iter();
+        let problems = problems.filter(|problem| !matches!(problem, Problem::LoopWithoutBound(_)));
+        self.execution.idle_problems = problems.collect();
+    }
+
+    /// Adds up the stacks: each priority may preempt every lower one once. An exception frame
+    /// holds the floating-point registers if any code on the node uses them.
+    fn finish(mut self) -> Execution {
+        let fpu = self.main.fpu || self.levels.values().any(|level| level.fpu);
+        let frame = if fpu { FRAME_FPU } else { FRAME };
+        let preemptions = self.levels.values().map(|level| level.stack + frame);
+        self.execution.stack = self.main.stack + preemptions.sum::<u32>();
+        self.execution
+    }
+
+    /// Adds the critical sections of the code that runs at `priority`.
+    fn add_sections(&mut self, bound: &Bound, holder: &str, priority: u32) {
         for section in &bound.sections {
-            self.sections.push(Section {
+            self.execution.sections.push(Section {
                 holder: holder.to_owned(),
                 priority,
                 ceiling: match section.level {
-                    0 => u32::MAX,
-                    level => PRIORITIES - u32::from(level >> 4),
+                    mask::Level::All => u32::MAX,
+                    mask::Level::From(level) => PRIORITIES - u32::from(level >> 4),
                 },
-                cycles: section.cycles[1],
-                place: image.describe(section.at),
+                cycles: section.cycles.flashed,
+                place: self.image.describe(section.at),
             });
         }
     }
 }
 
-/// Priorities of both parts.
+/// Number of interrupt priorities of the parts (four bits of `BASEPRI`).
 const PRIORITIES: u32 = 16;

@@ -1,15 +1,14 @@
 //! Answers whether every deadline holds, from RTIC sources and release images.
 //!
-//! [`system::Programs`] takes sources, images, the task table and the network
-//! file, and with what was seen in runs makes a [`results::Report`]; [`report`]
-//! shows it.
+//! [`system::Programs`] reads sources, images, the task table and the network file. With the
+//! observations of emulated runs it makes a [`results::Report`], which [`report`] shows.
 //!
 //! ```text
 //! source  -> tasks --+
-//! table   -----------+-> model --+
-//! network -> releases+           +-> node (response, sensitivity) --+-> results -> report
-//! image   -> wcet, stack -> execution --+                           |
-//! network -> bus (can), chains -------------------------------------+
+//! table   -----------+-> model -----+
+//! network -> releases+              +-> node (response, sensitivity) --+-> results -> report
+//! image   -> wcet ------> execution +                                  |
+//! network -> bus (can), chains ----------------------------------------+
 //! ```
 
 pub mod arrivals;

@@ -1,47 +1,35 @@
-//! Response times of a node: its model and what its image says put together.
+//! Response times of a node, from its model and its execution times.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::arrivals::Arrivals;
 use crate::execution::{Execution, Handler};
 use crate::model::{NodeModel, TaskModel};
-use crate::response::{self, CriticalSection, Task};
+use crate::response::{self, Critical, CriticalSection, Response, Task, Unbounded};
 use crate::results::{NodeReport, TaskReport};
 use crate::sensitivity::slack;
 use crate::table::NodeTable;
 use crate::units::{MICROSECOND, Picoseconds, picoseconds};
+use wcet::cycles::Cycles;
 
-/// What was seen of a node's handlers, by interrupt.
+/// Observations of a node's handlers, by interrupt.
 pub type Observed = BTreeMap<String, Seen>;
 
-/// What was seen of a handler.
+/// Observations of one handler.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Seen {
-    /// Longest time: cycles without entry and return at zero wait states and as
-    /// flashed.
-    pub longest: [u64; 2],
+    /// Longest observed time, without exception entry and return.
+    pub longest: Cycles,
     /// Activations that were followed instruction by instruction.
     pub followed: u64,
-    /// What of the analysis they refute, one sentence each.
+    /// Contradictions between these activations and the analysis, one sentence each.
     pub refuted: BTreeSet<String>,
 }
 
-/// To within this the sensitivity is found.
+/// Step to which the sensitivity is found.
 const STEP: Picoseconds = MICROSECOND / 50;
 
-/// The releases of a task, each kind of job with its own bound.
-fn with_costs(task: &TaskModel, bound: &Handler, time: impl Fn(u64) -> u64) -> Arrivals {
-    let mut arrivals = task.arrivals.clone();
-    for table in &mut arrivals.timed {
-        table.cost = bound
-            .kinds
-            .get(&table.kind)
-            .map(|cycles| time(cycles[1].min(bound.cycles[1])));
-    }
-    arrivals
-}
-
-/// Schedules the node.
+/// Bounds the response times of the node's tasks.
 #[must_use]
 pub fn schedule(
     model: &NodeModel,
@@ -49,98 +37,176 @@ pub fn schedule(
     execution: &Execution,
     observed: Option<&Observed>,
 ) -> NodeReport {
-    let time = |cycles: u64| picoseconds(cycles, table.core_hz());
-    let sections: Vec<CriticalSection> = execution
-        .sections
-        .iter()
-        .map(|section| CriticalSection {
+    let scheduled = Scheduled::new(model, table, execution, observed);
+    let tasks = model.tasks.iter();
+    NodeReport {
+        name: model.name.clone(),
+        core_hz: table.core_hz(),
+        tasks: tasks.filter_map(|task| scheduled.report(task)).collect(),
+        stack: execution.stack,
+        stack_size: table.board.stack.size,
+        stack_unknown: execution.stack_unknown.clone(),
+        utilisation_permille: response::utilisation_permille(&scheduled.set),
+        idle_problems: execution.idle_problems.clone(),
+    }
+}
+
+/// A node as the response-time analysis sees it: one task for each handler.
+///
+/// Software tasks of one priority share a dispatcher. The bound of the dispatcher includes all of
+/// them, so it is one task that is released whenever one of them is.
+struct Scheduled<'a> {
+    model: &'a NodeModel,
+    execution: &'a Execution,
+    observed: Option<&'a Observed>,
+    /// Interrupts of the handlers, in the order of `set`.
+    interrupts: Vec<&'a str>,
+    set: Vec<Task>,
+    sections: Vec<CriticalSection>,
+    results: Vec<Result<Response, Unbounded>>,
+    no_handler: Handler,
+}
+
+impl<'a> Scheduled<'a> {
+    fn new(
+        model: &'a NodeModel,
+        table: &NodeTable,
+        execution: &'a Execution,
+        observed: Option<&'a Observed>,
+    ) -> Self {
+        let time = |cycles: u64| picoseconds(cycles, table.core_hz());
+        let sections = execution.sections.iter();
+        let sections = sections.map(|section| CriticalSection {
             holder: section.priority,
             ceiling: section.ceiling,
             length: time(section.cycles),
-        })
-        .collect();
-    let nothing = Handler::default();
-    let handler = |interrupt: &str| execution.handlers.get(interrupt).unwrap_or(&nothing);
+        });
+        let mut scheduled = Self {
+            model,
+            execution,
+            observed,
+            interrupts: Vec::new(),
+            set: Vec::new(),
+            sections: sections.collect(),
+            results: Vec::new(),
+            no_handler: Handler::default(),
+        };
+        for task in &model.tasks {
+            scheduled.add(task, time);
+        }
+        scheduled.add_causes();
+        scheduled.results = response::analyse(&scheduled.set);
+        scheduled
+    }
 
-    // Software tasks of one priority share a dispatcher. Its bound holds all of
-    // them, so that it counts once, released whenever any of them is.
-    let mut set: Vec<Task> = Vec::new();
-    let mut interrupts: Vec<&str> = Vec::new();
-    for task in &model.tasks {
-        let bound = handler(&task.interrupt);
-        if let Some(at) = interrupts.iter().position(|known| *known == task.interrupt) {
-            let shared = &mut set[at];
+    /// Adds a task, to that of its handler if there is one already.
+    fn add(&mut self, task: &'a TaskModel, time: impl Fn(u64) -> u64) {
+        if let Some(at) = self.index(&task.interrupt) {
+            let shared = &mut self.set[at];
             shared.arrivals = shared.arrivals.clone().merged(&task.arrivals);
             shared.deadline = shared.deadline.min(task.deadline);
             shared.jitter = shared.jitter.max(task.jitter);
-            continue;
+            return;
         }
-        interrupts.push(&task.interrupt);
-        set.push(Task {
+        let bound = self.handler(&task.interrupt);
+        let new = Task {
             name: task.name.clone(),
             priority: task.priority,
-            cost: time(bound.cycles[1]),
-            arrivals: with_costs(task, bound, time),
+            cost: time(bound.cycles.flashed),
+            arrivals: with_costs(task, bound, &time),
             deadline: task.deadline,
             jitter: task.jitter,
             after: None,
             coalesces: task.coalesces,
             off_bus: task.off_bus,
-            blocking: response::blocking(&sections, task.priority),
+            blocking: response::blocking(&self.sections, task.priority),
             preemption: time(bound.preemption),
-        });
+        };
+        self.interrupts.push(&task.interrupt);
+        self.set.push(new);
     }
-    let place = |interrupt: &str| interrupts.iter().position(|known| *known == interrupt);
-    for task in &model.tasks {
-        let cause = task.after.as_ref().and_then(|after| {
-            let cause = model.tasks.iter().find(|other| other.name == *after)?;
-            place(&cause.interrupt)
-        });
-        if let Some(at) = place(&task.interrupt) {
-            set[at].after = set[at].after.or(cause);
+
+    /// Notes which task releases which.
+    fn add_causes(&mut self) {
+        for task in &self.model.tasks {
+            let cause = task.after.as_ref().and_then(|after| {
+                let mut tasks = self.model.tasks.iter();
+                let cause = tasks.find(|other| other.name == *after)?;
+                self.index(&cause.interrupt)
+            });
+            if let Some(at) = self.index(&task.interrupt) {
+                self.set[at].after = self.set[at].after.or(cause);
+            }
         }
     }
 
-    // A task without a bound leaves those that it may delay without one.
-    let bounded: Vec<bool> = interrupts
-        .iter()
-        .map(|interrupt| handler(interrupt).problems.is_empty())
-        .collect();
-    let all_bounded = bounded.iter().all(|bounded| *bounded);
-    let results = response::analyse(&set);
-    let holders: BTreeMap<&str, &str> = model
-        .tasks
-        .iter()
-        .map(|task| (task.interrupt.as_str(), task.name.as_str()))
-        .collect();
+    /// Index of the handler of an interrupt.
+    fn index(&self, interrupt: &str) -> Option<usize> {
+        let mut interrupts = self.interrupts.iter();
+        interrupts.position(|known| *known == interrupt)
+    }
 
-    let mut tasks = Vec::new();
-    for task in &model.tasks {
-        let Some(at) = place(&task.interrupt) else {
-            continue;
+    fn handler(&self, interrupt: &str) -> &Handler {
+        let handler = self.execution.handlers.get(interrupt);
+        handler.unwrap_or(&self.no_handler)
+    }
+
+    fn is_bounded(&self, index: usize) -> bool {
+        self.handler(self.interrupts[index]).problems.is_empty()
+    }
+
+    /// A task without a bound that may delay handler `index`, or is it itself.
+    fn unbounded_above(&self, index: usize) -> Option<&Task> {
+        let priority = self.set[index].priority;
+        let mut tasks = (0..).zip(&self.set);
+        let found = tasks.find(|(at, task)| task.priority >= priority && !self.is_bounded(*at));
+        found.map(|(_, task)| task)
+    }
+
+    /// The answer for handler `index`, or the reason why there is none.
+    fn critical(&self, index: usize) -> Result<&Critical, String> {
+        if let Some(other) = self.unbounded_above(index) {
+            return Err(format!("{} may delay it and has no bound", other.name));
+        }
+        match &self.results[index] {
+            Ok(response) => Ok(&response.critical),
+            Err(why) => Err(why.to_string()),
+        }
+    }
+
+    /// The holder and place of the longest section that blocks a priority.
+    fn blocked_by(&self, priority: u32) -> Option<String> {
+        let at = response::blocker(&self.sections, priority)?;
+        let section = &self.execution.sections[at];
+        let tasks = self.model.tasks.iter().rev();
+        let mut holders = tasks.filter(|task| task.interrupt == section.holder);
+        let holder = holders.next().map_or(&section.holder, |task| &task.name);
+        Some(format!("{holder} at {}", section.place))
+    }
+
+    /// The interference in a response: task, number of jobs, time.
+    fn delays(&self, critical: &Critical) -> Vec<(String, u64, Picoseconds)> {
+        let delay = |&(other, jobs): &(usize, u64)| {
+            let other = &self.set[other];
+            let each = other.cost + other.preemption;
+            (other.name.clone(), jobs, jobs * each)
         };
-        let bound = handler(&task.interrupt);
-        let seen = observed.and_then(|seen| seen.get(&task.interrupt));
-        let model = &set[at];
-        let delayed_by_unbounded = set
-            .iter()
-            .zip(&bounded)
-            .find(|(other, bounded)| other.priority >= model.priority && !**bounded)
-            .map(|(other, _)| other.name.clone());
-        let (critical, unbounded) = match (&results[at], delayed_by_unbounded) {
-            (_, Some(other)) => (None, Some(format!("{other} may delay it and has no bound"))),
-            (Err(why), None) => (None, Some(why.to_string())),
-            (Ok(response), None) => (Some(&response.critical), None),
+        critical.delayed_by.iter().map(delay).collect()
+    }
+
+    /// The answer for a task of the source.
+    fn report(&self, task: &TaskModel) -> Option<TaskReport> {
+        let at = self.index(&task.interrupt)?;
+        let shared = &self.set[at];
+        let bound = self.handler(&task.interrupt);
+        let seen = self.observed.and_then(|seen| seen.get(&task.interrupt));
+        let (critical, unbounded) = match self.critical(at) {
+            Ok(critical) => (Some(critical), None),
+            Err(why) => (None, Some(why)),
         };
-        let blocker = response::blocker(&sections, task.priority).map(|at| {
-            let section = &execution.sections[at];
-            let holder = holders
-                .get(section.holder.as_str())
-                .copied()
-                .unwrap_or(section.holder.as_str());
-            format!("{holder} at {}", section.place)
-        });
-        tasks.push(TaskReport {
+        let all_bounded = (0..self.set.len()).all(|at| self.is_bounded(at));
+        let tables = task.arrivals.timed.iter();
+        Some(TaskReport {
             name: task.name.clone(),
             interrupt: task.interrupt.clone(),
             priority: task.priority,
@@ -149,47 +215,36 @@ pub fn schedule(
             observed: seen.map(|seen| seen.longest),
             followed: seen.map_or(0, |seen| seen.followed),
             refuted: seen.map_or_else(BTreeSet::new, |seen| seen.refuted.clone()),
-            cost: model.cost,
+            cost: shared.cost,
             period: task.arrivals.distance(1, task.jitter),
-            releases: task
-                .arrivals
-                .timed
-                .iter()
+            releases: tables
                 .flat_map(|table| &table.jobs)
                 .map(|job| (job.earliest, job.latest))
                 .collect(),
-            blocking: model.blocking,
-            blocked_by: blocker,
-            jitter: critical.map_or(model.jitter, |critical| critical.jitter),
+            blocking: shared.blocking,
+            blocked_by: self.blocked_by(task.priority),
+            jitter: critical.map_or(shared.jitter, |critical| critical.jitter),
             job: critical.and_then(|critical| critical.job.clone()),
             deadline: critical.map_or(task.deadline, |critical| critical.deadline),
             response: critical.map(|critical| critical.response),
-            delayed_by: critical
-                .iter()
-                .flat_map(|critical| &critical.delayed_by)
-                .map(|(other, jobs)| {
-                    let other = &set[*other];
-                    let each = other.cost + other.preemption;
-                    (other.name.clone(), *jobs, jobs * each)
-                })
-                .collect(),
-            sensitivity: all_bounded.then(|| slack(&set, at, STEP)).flatten(),
+            delayed_by: critical.map_or_else(Vec::new, |critical| self.delays(critical)),
+            sensitivity: all_bounded.then(|| slack(&self.set, at, STEP)).flatten(),
             unbounded,
             problems: bound.problems.clone(),
             panics: bound.panics.clone(),
             annotated: bound.annotated.clone(),
             path: bound.path.clone(),
             program: bound.program,
-        });
+        })
     }
-    NodeReport {
-        name: model.name.clone(),
-        core_hz: table.core_hz(),
-        tasks,
-        stack: execution.stack,
-        stack_size: table.board.stack.size,
-        stack_unknown: execution.stack_unknown.clone(),
-        utilisation_permille: response::utilisation_permille(&set),
-        idle_problems: execution.idle_problems.clone(),
+}
+
+/// The releases of a task, with a bound of its own for each kind of job that has one.
+fn with_costs(task: &TaskModel, bound: &Handler, time: impl Fn(u64) -> u64) -> Arrivals {
+    let mut arrivals = task.arrivals.clone();
+    for table in &mut arrivals.timed {
+        let of_kind = bound.kinds.get(&table.kind);
+        table.cost = of_kind.map(|cycles| time(cycles.min(bound.cycles).flashed));
     }
+    arrivals
 }

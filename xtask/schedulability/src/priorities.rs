@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn what_to_change_is_no_more_than_needed() {
+    fn the_proposed_changes_are_the_least() {
         let mut urgent = task("urgent", 1, 50);
         urgent.locks = vec!["state".to_owned(), "port".to_owned()];
         let mut slow = task("slow", 4, 900);

@@ -1,27 +1,26 @@
 //! When the bus releases tasks: time tables from the network file.
 //!
-//! The cycle begins with the start of the reference message. A frame of another
-//! node begins within the transmit enable window of its own window, by a clock
-//! that may differ from this node's by the network's uncertainty; it has ended
-//! after its shortest length at the earliest and its longest, fully stuffed, at
-//! the latest. The window timer follows the node's own clock.
+//! The cycle begins with the start of the reference message. A frame of another node starts in
+//! the transmit enable window of its own window, by a clock that may differ from this node's by
+//! the network's uncertainty. It ends after its shortest length at the earliest, and after its
+//! longest, fully stuffed length at the latest. The window timer runs on this node's clock.
 
 use network_model::{Message, Network, SendType, Window, WindowKind, worst_case_bits};
 
 use crate::arrivals::{Job, Kind, Timetable};
 use crate::units::{MICROSECOND, Picoseconds};
 
-/// Bits of a data frame with an 11-bit identifier before its data are counted,
-/// without stuffing, up to the last bit but one, where a receiver takes it.
+/// Bits of a data frame with an 11-bit identifier, without data and stuffing, up to the last bit
+/// but one, at which a receiver accepts it.
 const SHORTEST_BITS: u64 = 43;
-/// Bits before arbitration can be lost: the start of frame.
+/// Bits before a node can lose arbitration: the start of frame.
 const ARBITRATION_BITS: u64 = 1;
-/// The rest of the frame and the interframe space.
+/// The last bit of the frame and the interframe space.
 const REST_BITS: u64 = 4;
 /// Bits between two frames.
 const INTERFRAME_BITS: u64 = 3;
 
-/// What one node has to do with the bus.
+/// The bus as one node sees it.
 #[derive(Debug, Clone, Copy)]
 pub struct Bus<'a> {
     network: &'a Network,
@@ -30,7 +29,7 @@ pub struct Bus<'a> {
 }
 
 impl<'a> Bus<'a> {
-    /// Of a node that begins its transmissions `lead` before their mark.
+    /// For a node that starts its transmissions `lead` before their time mark.
     #[must_use]
     pub fn new(network: &'a Network, node: &'a str, lead: Picoseconds) -> Self {
         Self {
@@ -52,20 +51,19 @@ impl<'a> Bus<'a> {
         u64::from(self.network.sync_uncertainty_us) * MICROSECOND
     }
 
-    /// How late a frame may begin in its window.
+    /// How long after the begin of its window a frame may start.
     #[must_use]
     pub fn transmit_enable(&self) -> Picoseconds {
         u64::from(self.network.transmit_enable_bits) * self.bit()
     }
 
-    /// How long after the node's timer has called for it a frame must be asked
-    /// for: the controller begins it with the next bit, and a frame begins
-    /// within the transmit enable window.
+    /// Deadline from the expiry of the node's timer to the request of the frame. The frame must
+    /// start in the transmit enable window, and the controller starts it at the next bit.
     fn request(&self) -> Picoseconds {
         (self.transmit_enable() + self.lead).saturating_sub(self.bit())
     }
 
-    /// Least time between the ends of two frames of other nodes, or of its own.
+    /// Least time between the ends of two frames, of this node (`own`) or of other nodes.
     #[must_use]
     pub fn spacing(&self, own: bool) -> Picoseconds {
         let messages = self.network.messages.iter();
@@ -76,8 +74,8 @@ impl<'a> Bus<'a> {
         bits.unwrap_or(SHORTEST_BITS + REST_BITS) * self.bit()
     }
 
-    /// Least time between the latest end of a frame in an exclusive window and
-    /// the moment when the window timer closes it.
+    /// Least time from the latest end of a frame in an exclusive window to the instant at which
+    /// the window timer closes the window.
     #[must_use]
     pub fn after_frame(&self) -> Picoseconds {
         let exclusive = self.network.messages.iter();
@@ -92,7 +90,7 @@ impl<'a> Bus<'a> {
             .unwrap_or(Picoseconds::MAX)
     }
 
-    /// The basic cycles of the system matrix, or one if all are alike.
+    /// Number of basic cycles in the system matrix; one if all of them are alike.
     fn cycles(&self) -> u64 {
         let mut windows = self.network.messages.iter().map(|message| message.window);
         if windows.all(|window| window.repeat <= 1) {
@@ -106,7 +104,7 @@ impl<'a> Bus<'a> {
         u64::from(self.network.basic_cycle_us) * MICROSECOND
     }
 
-    /// Where the basic cycles begin that have this window.
+    /// The begins of the basic cycles that have this window.
     fn begins(&self, window: Window) -> impl Iterator<Item = Picoseconds> + use<> {
         let (repeat, offset) = (u64::from(window.repeat.max(1)), u64::from(window.offset));
         let length = self.basic_cycle();
@@ -127,7 +125,8 @@ impl<'a> Bus<'a> {
         }
     }
 
-    /// The releases that an arbitrating window brings, by its first edge.
+    /// A table of releases in arbitrating windows. They only exist because of the job that is
+    /// released at the first edge of the window.
     fn in_window(&self, spacing: Picoseconds, burst: u64, jobs: Vec<Job>) -> Timetable {
         let arbitrating = self.network.messages.iter();
         let mut begun_at: Vec<Picoseconds> = arbitrating
@@ -148,8 +147,8 @@ impl<'a> Bus<'a> {
         }
     }
 
-    /// The ends of frames: of all others, or of its own outside the arbitrating
-    /// windows ([`Bus::attempts`]).
+    /// The ends of frames: those of other nodes, or those of this node (`own`) outside the
+    /// arbitrating windows, for which see [`Bus::attempts`].
     #[must_use]
     pub fn frames(&self, own: bool) -> Vec<Timetable> {
         let kinds = [
@@ -170,20 +169,19 @@ impl<'a> Bus<'a> {
             .collect()
     }
 
-    /// Time that nothing of the schedule waits for what an arbitrating window
-    /// brings: until the receive FIFO of three frames overruns.
+    /// Deadline for handling an event frame: the three-deep receive FIFO overruns after three more
+    /// frames.
     #[must_use]
     pub fn fifo_margin(&self) -> Picoseconds {
         3 * self.spacing(false)
     }
 
-    /// The ends of its own attempts in each arbitrating window: a message of its
-    /// own was sent, or lost against another's.
+    /// The ends of this node's attempts in each arbitrating window: its message was sent, or lost
+    /// arbitration against another one.
     ///
-    /// A frame on the bus ends one attempt at most, somewhere between its begin
-    /// and its end, and not before it has sent its first bits. So of any three
-    /// ends, the first and the last are a frame apart; and so many more may end
-    /// by being withdrawn, after which none follows in the window.
+    /// Each frame on the bus ends at most one of our attempts, won or lost, and not before its
+    /// first bits. So of any three ends, the first and the last are at least a frame apart. An
+    /// attempt may also be withdrawn ([`Bus::withdrawn`]); none follows it in that window.
     #[must_use]
     pub fn attempts(&self) -> Option<Timetable> {
         let arbitrated = |m: &&Message| m.window.kind == WindowKind::Arbitrating;
@@ -219,7 +217,7 @@ impl<'a> Bus<'a> {
         Some(self.in_window(shortest * self.bit(), 1, jobs))
     }
 
-    /// The ends of another node's message; `None` if there is none.
+    /// The ends of a message of another node; `None` if no other node sends it.
     #[must_use]
     pub fn message(&self, name: &str) -> Option<Timetable> {
         let table = self.frames_of(false, |message| {
@@ -228,6 +226,7 @@ impl<'a> Bus<'a> {
         (!table.jobs.is_empty()).then_some(table)
     }
 
+    /// The ends of the wanted messages.
     fn frames_of(&self, own: bool, wanted: impl Fn(&Message) -> bool) -> Timetable {
         let mut jobs: Vec<Job> = Vec::new();
         let mut references: Vec<(Window, usize)> = Vec::new();
@@ -249,7 +248,7 @@ impl<'a> Bus<'a> {
                     transmits: false,
                 };
                 match window.kind {
-                    // Several masters, but one reference in each cycle.
+                    // There may be several time masters, but there is one reference in each cycle.
                     WindowKind::Reference => {
                         let known = references.iter().find(|(of, at)| {
                             *of == window
@@ -285,85 +284,35 @@ impl<'a> Bus<'a> {
         cycle_ms.div_ceil(interval.max(1)).max(1) as usize
     }
 
-    /// What the window timer is set to.
+    /// The instants to which the window timer is set.
     #[must_use]
     pub fn window_edges(&self) -> Vec<Timetable> {
-        let mut jobs: Vec<Job> = Vec::new();
-        let mut references: Vec<Job> = Vec::new();
-        let mut arbitrating: Vec<Job> = Vec::new();
-        let mut withdrawals: Vec<Job> = Vec::new();
-        let at = |instant: Picoseconds| instant.saturating_sub(self.lead);
-        let job = |label: String, instant: Picoseconds, deadline: Option<Picoseconds>| Job {
-            label,
-            earliest: at(instant),
-            latest: at(instant),
-            transmits: deadline.is_some(),
-            deadline: deadline.or_else(|| self.until_next_frame(instant)),
-        };
+        let mut edges = Edges::default();
         for message in &self.network.messages {
-            let window = message.window;
-            let own = self.is_own(message);
-            for begin in self.begins(window) {
-                let start = begin + u64::from(window.start_us) * MICROSECOND;
-                let end = begin + u64::from(window.end_us()) * MICROSECOND;
-                match window.kind {
-                    WindowKind::Reference if own => {
-                        // Asked for at the end of the cycle before.
-                        let instant = begin + self.basic_cycle();
-                        let mut reference =
-                            job(message.name.clone(), instant, Some(self.request()));
-                        reference.latest += 2 * self.uncertainty();
-                        references.push(reference);
-                        continue;
-                    }
-                    WindowKind::Reference => continue,
-                    WindowKind::Exclusive if own => {
-                        jobs.push(job(message.name.clone(), start, Some(self.request())));
-                        jobs.push(job(
-                            format!("transmit enable of {}", message.name),
-                            start + self.transmit_enable(),
-                            None,
-                        ));
-                    }
-                    WindowKind::Exclusive => {
-                        jobs.push(job(format!("window of {}", message.name), start, None));
-                    }
-                    WindowKind::Arbitrating => {
-                        arbitrating.push(job("arbitrating window".to_owned(), start, None));
-                        if own {
-                            withdrawals.push(self.last_moment(window, begin, message.length, 0));
-                        }
-                    }
-                }
-                jobs.push(job(
-                    format!("end of the window at {} us", window.start_us),
-                    end,
-                    None,
-                ));
+            for begin in self.begins(message.window) {
+                self.add_edges(&mut edges, message, begin);
             }
         }
-        let withdrawals = one_in_each_window(withdrawals, self.basic_cycle());
-        // Edges that coincide are one compare; the strictest of them counts.
+        let withdrawals = one_in_each_window(edges.withdrawals, self.basic_cycle());
+        // Edges at the same instant are one timer compare. The strictest of them counts.
         let compares = |mut jobs: Vec<Job>| {
             jobs.sort_by_key(|job| (job.earliest, job.latest, job.deadline.unwrap_or(u64::MAX)));
             jobs.dedup_by_key(|job| job.earliest);
             jobs
         };
-        let arbitrating = compares(arbitrating);
-        // The first edge of an arbitrating window passes the end of another with it.
-        jobs.retain(|job| {
-            job.transmits
-                || arbitrating
-                    .iter()
-                    .all(|other| other.earliest != job.earliest)
+        let arbitrating = compares(edges.arbitrating);
+        // The first edge of an arbitrating window also handles the end of the window before it.
+        edges.exclusive.retain(|job| {
+            let mut others = arbitrating.iter();
+            job.transmits || others.all(|other| other.earliest != job.earliest)
         });
         let of_kind = |kind, jobs| Timetable {
             kind,
             ..self.table(0, jobs)
         };
         let mut tables = vec![
-            of_kind(Kind::Exclusive, compares(jobs)),
-            of_kind(Kind::Reference, references),
+            of_kind(Kind::Exclusive, compares(edges.exclusive)),
+            of_kind(Kind::Reference, edges.references),
             of_kind(Kind::Arbitrating, arbitrating),
             self.in_window(0, 0, withdrawals),
         ];
@@ -371,9 +320,68 @@ impl<'a> Bus<'a> {
         tables
     }
 
-    /// The instant at which the node's event message of this length can begin no
-    /// more, up to `late` late.
-    fn last_moment(
+    /// Adds the edges of a message's window, in the basic cycle that begins at `begin`.
+    fn add_edges(&self, edges: &mut Edges, message: &Message, begin: Picoseconds) {
+        let window = message.window;
+        let start = begin + u64::from(window.start_us) * MICROSECOND;
+        let end = begin + u64::from(window.end_us()) * MICROSECOND;
+        let own = self.is_own(message);
+        let exclusive = &mut edges.exclusive;
+        match window.kind {
+            WindowKind::Reference => {
+                if own {
+                    // Requested at the end of the cycle before.
+                    let mut reference = self.transmission(message, begin + self.basic_cycle());
+                    reference.latest += 2 * self.uncertainty();
+                    edges.references.push(reference);
+                }
+                return;
+            }
+            WindowKind::Exclusive if own => {
+                exclusive.push(self.transmission(message, start));
+                let label = format!("transmit enable of {}", message.name);
+                exclusive.push(self.edge(label, start + self.transmit_enable()));
+            }
+            WindowKind::Exclusive => {
+                exclusive.push(self.edge(format!("window of {}", message.name), start));
+            }
+            WindowKind::Arbitrating => {
+                let first = self.edge("arbitrating window".to_owned(), start);
+                edges.arbitrating.push(first);
+                if own {
+                    let last = self.last_instant(window, begin, message.length, 0);
+                    edges.withdrawals.push(last);
+                }
+            }
+        }
+        let label = format!("end of the window at {} us", window.start_us);
+        exclusive.push(self.edge(label, end));
+    }
+
+    /// The edge at `instant` at which this node transmits a message.
+    fn transmission(&self, message: &Message, instant: Picoseconds) -> Job {
+        Job {
+            deadline: Some(self.request()),
+            transmits: true,
+            ..self.edge(message.name.clone(), instant)
+        }
+    }
+
+    /// An edge at `instant` at which this node does not transmit.
+    fn edge(&self, label: String, instant: Picoseconds) -> Job {
+        let at = instant.saturating_sub(self.lead);
+        Job {
+            label,
+            earliest: at,
+            latest: at,
+            deadline: self.until_next_frame(instant),
+            transmits: false,
+        }
+    }
+
+    /// The last instant at which an event message of this node with this length can still start
+    /// in the window, up to `late` late.
+    fn last_instant(
         &self,
         window: Window,
         begin: Picoseconds,
@@ -384,7 +392,7 @@ impl<'a> Bus<'a> {
         let longest = (u64::from(worst_case_bits(length)) + INTERFRAME_BITS) * self.bit();
         let shortest = (SHORTEST_BITS + REST_BITS) * self.bit();
         Job {
-            label: "last moment for event messages".to_owned(),
+            label: "last instant for event messages".to_owned(),
             earliest: end.saturating_sub(longest + self.uncertainty() + self.lead),
             latest: end.saturating_sub(shortest + self.uncertainty() + self.lead) + late,
             deadline: Some(self.fifo_margin()),
@@ -392,7 +400,7 @@ impl<'a> Bus<'a> {
         }
     }
 
-    /// The ends of the node's attempts that are withdrawn.
+    /// The ends of this node's attempts that are withdrawn at the last instant of the window.
     #[must_use]
     pub fn withdrawn(&self) -> Option<Timetable> {
         let own = self.network.messages.iter();
@@ -400,7 +408,7 @@ impl<'a> Bus<'a> {
         let jobs: Vec<Job> = own
             .flat_map(|message| {
                 self.begins(message.window).map(|begin| {
-                    self.last_moment(message.window, begin, message.length, self.fifo_margin())
+                    self.last_instant(message.window, begin, message.length, self.fifo_margin())
                 })
             })
             .collect();
@@ -408,8 +416,8 @@ impl<'a> Bus<'a> {
             .then(|| self.in_window(0, 0, one_in_each_window(jobs, self.basic_cycle())))
     }
 
-    /// Time from an edge to the earliest end of a frame of another node that
-    /// begins after it.
+    /// Time from a window edge to the earliest end of a frame of another node that starts after
+    /// the edge.
     fn until_next_frame(&self, edge: Picoseconds) -> Option<Picoseconds> {
         let length = self.cycles() * self.basic_cycle();
         let others = self.network.messages.iter().filter(|m| !self.is_own(m));
@@ -420,7 +428,7 @@ impl<'a> Bus<'a> {
                 self.begins(window).map(move |begin| {
                     let start = begin + u64::from(window.start_us) * MICROSECOND;
                     let end = begin + u64::from(window.end_us()) * MICROSECOND;
-                    // In an arbitrating window a frame may begin at any time.
+                    // In an arbitrating window a frame may start at any time.
                     let last = if window.kind == WindowKind::Arbitrating {
                         end.saturating_sub(first)
                     } else {
@@ -441,7 +449,7 @@ impl<'a> Bus<'a> {
             .map(|time| time.saturating_sub(self.uncertainty()))
     }
 
-    /// A release at this time of every basic cycle.
+    /// A release at each of these instants of every basic cycle, in microseconds.
     #[must_use]
     pub fn marks(&self, at_us: &[u64]) -> Timetable {
         let jobs = (0..self.cycles()).flat_map(|cycle| {
@@ -459,8 +467,8 @@ impl<'a> Bus<'a> {
         self.table(0, jobs.collect())
     }
 
-    /// The node's own event messages being put in line during their window; else
-    /// they wait for its begin.
+    /// The instants at which this node may enqueue its event messages during their window. A
+    /// message that is enqueued outside of it waits for the window's first edge.
     #[must_use]
     pub fn events_queued(&self) -> Option<Timetable> {
         let mut jobs = Vec::new();
@@ -471,7 +479,7 @@ impl<'a> Bus<'a> {
             }
             for begin in self.begins(window) {
                 let job = Job {
-                    label: format!("{} is put in line", message.name),
+                    label: format!("{} is enqueued", message.name),
                     earliest: (begin + u64::from(window.start_us) * MICROSECOND)
                         .saturating_sub(self.lead),
                     latest: begin + u64::from(window.end_us()) * MICROSECOND,
@@ -484,8 +492,8 @@ impl<'a> Bus<'a> {
         (!jobs.is_empty()).then(|| self.in_window(0, 0, jobs))
     }
 
-    /// When the window of the node's own `message` begins at the latest for it
-    /// to be in line; `None` if it has none.
+    /// The latest instant of the basic cycle at which this node may enqueue its `message`: the
+    /// begin of its window, less the lead. `None` if the node does not send the message.
     #[must_use]
     pub fn due(&self, message: &str) -> Option<Picoseconds> {
         let found = self.network.messages.iter();
@@ -496,7 +504,20 @@ impl<'a> Bus<'a> {
     }
 }
 
-/// Of the windows of several messages that coincide, one.
+/// Window edges by their kind.
+#[derive(Default)]
+struct Edges {
+    /// Begins and ends of exclusive windows, and the ends of all windows.
+    exclusive: Vec<Job>,
+    /// Requests of reference messages.
+    references: Vec<Job>,
+    /// Begins of arbitrating windows.
+    arbitrating: Vec<Job>,
+    /// Last instants for event messages.
+    withdrawals: Vec<Job>,
+}
+
+/// Merges the jobs of several messages that share a window into one for each window.
 fn one_in_each_window(mut jobs: Vec<Job>, cycle: Picoseconds) -> Vec<Job> {
     jobs.sort_by_key(|job| job.earliest);
     let mut merged: Vec<Job> = Vec::new();

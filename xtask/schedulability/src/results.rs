@@ -1,8 +1,10 @@
-//! The answers.
+//! The answers: bounds, and whether they meet the deadlines.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use wcet::analysis::Problem;
+use wcet::bound::Problem;
+use wcet::cycles::{Cycles, Model};
+use wcet::ipet::Line;
 
 use crate::units::{Picoseconds, picoseconds, time};
 
@@ -15,61 +17,60 @@ pub struct TaskReport {
     pub interrupt: String,
     /// Its priority.
     pub priority: u32,
-    /// Bound in cycles, exception entry and return included: zero wait states,
-    /// then as flashed.
-    pub cycles: [u64; 2],
-    /// Cycles of entry and return in these bounds.
-    pub overhead: [u64; 2],
-    /// Longest time seen in cycles, without entry and return; as above.
-    pub observed: Option<[u64; 2]>,
+    /// Bound, with exception entry and return.
+    pub cycles: Cycles,
+    /// Exception entry and return, which the bound includes.
+    pub overhead: Cycles,
+    /// Longest observed time, without exception entry and return.
+    pub observed: Option<Cycles>,
     /// Activations that were followed instruction by instruction.
     pub followed: u64,
-    /// What of the analysis they refute, one sentence each.
+    /// Contradictions between these activations and the analysis, one sentence each.
     pub refuted: BTreeSet<String>,
-    /// Bound as flashed.
+    /// Worst-case execution time: the bound as flashed.
     pub cost: Picoseconds,
     /// Least time between two releases.
     pub period: Picoseconds,
-    /// Releases of the bus's time table in a cycle: earliest, latest.
+    /// Its releases in the time table, for one cycle: earliest and latest.
     pub releases: Vec<(Picoseconds, Picoseconds)>,
-    /// Blocking.
+    /// Longest blocking by a critical section of a lower priority.
     pub blocking: Picoseconds,
-    /// Who blocks and where.
+    /// The task that holds this section, and its place.
     pub blocked_by: Option<String>,
-    /// Jitter in the response.
+    /// Release jitter, which the response includes.
     pub jitter: Picoseconds,
-    /// The release with the least room, where the time table names it.
+    /// The job with the least slack, if the time table names it.
     pub job: Option<String>,
     /// Its deadline.
     pub deadline: Picoseconds,
-    /// Its worst response, if there is one.
+    /// Its worst-case response time, if there is a bound.
     pub response: Option<Picoseconds>,
-    /// Jobs of other tasks in that response: task, jobs, time.
+    /// Interference in that response: task, number of its jobs, time.
     pub delayed_by: Vec<(String, u64, Picoseconds)>,
-    /// How much longer one job may take before something misses.
+    /// By how much the execution time may grow before a task on the node misses a deadline.
     pub sensitivity: Option<Picoseconds>,
-    /// Why there is no response although the bound is known.
+    /// Why there is no response time although the execution time is bounded.
     pub unbounded: Option<String>,
-    /// Why the bound is none.
+    /// Why there is no bound.
     pub problems: BTreeSet<Problem>,
-    /// Panics not proven impossible.
+    /// Panics that are not proven impossible.
     pub panics: Vec<String>,
-    /// Loop bounds taken from annotations.
+    /// Loop bounds that were taken from annotations.
     pub annotated: BTreeMap<String, u64>,
-    /// Worst path by source line: cycles as flashed, times executed, place.
-    pub path: Vec<(u64, u64, String)>,
-    /// Bound of the integer program, cycles as above.
-    pub program: Option<[u64; 2]>,
+    /// The longest path by source line, the costliest first.
+    pub path: Vec<Line>,
+    /// Bound of the integer program.
+    pub program: Option<Cycles>,
 }
 
 impl TaskReport {
-    /// Whether there is a bound of its execution time.
+    /// Whether its execution time has a bound.
     #[must_use]
     pub fn is_bounded(&self) -> bool {
         self.problems.is_empty()
     }
 
-    /// Whether its deadline holds.
+    /// Whether its deadline is proven to hold.
     #[must_use]
     pub fn meets(&self) -> bool {
         self.is_bounded()
@@ -78,33 +79,29 @@ impl TaskReport {
             && self.response.is_some_and(|r| r <= self.deadline)
     }
 
-    /// What is left to the deadline.
+    /// The time from the end of the worst response to the deadline.
     #[must_use]
     pub fn slack(&self) -> Option<Picoseconds> {
         self.deadline.checked_sub(self.response?)
     }
 
-    /// Bound over the longest time seen, entry and return in neither.
+    /// Bound over longest observed time, both without exception entry and return.
     #[must_use]
-    pub fn ratio(&self, model: usize) -> Option<f64> {
+    pub fn ratio(&self, model: Model) -> Option<f64> {
         let seen = self.observed?[model];
-        let bound = self.cycles[model].saturating_sub(self.overhead[model]);
+        let bound = self.cycles.saturating_sub(self.overhead)[model];
         (self.is_bounded() && seen > 0).then(|| bound as f64 / seen as f64)
     }
 
-    /// The timing model under which more was seen than the bound allows: bound
-    /// and longest time, entry and return in neither.
+    /// The observation that exceeds the bound, if there is one: its timing model, the bound and
+    /// the observed cycles, both without exception entry and return.
     #[must_use]
-    pub fn unsound(&self) -> Option<(&'static str, u64, u64)> {
+    pub fn unsound(&self) -> Option<(Model, u64, u64)> {
         let seen = self.observed?;
-        ["at zero wait states", "as flashed"]
-            .into_iter()
-            .enumerate()
-            .map(|(model, how)| {
-                let bound = self.cycles[model].saturating_sub(self.overhead[model]);
-                (how, bound, seen[model])
-            })
-            .find(|(_, bound, seen)| self.is_bounded() && seen > bound)
+        let bound = self.cycles.saturating_sub(self.overhead);
+        let exceeded = |model: &Model| self.is_bounded() && seen[*model] > bound[*model];
+        let model = Model::ALL.into_iter().find(exceeded)?;
+        Some((model, bound[model], seen[model]))
     }
 
     /// Why the deadline does not hold, in one sentence.
@@ -116,12 +113,13 @@ impl TaskReport {
         }
         if let Some(refuted) = self.refuted.first() {
             return Some(format!(
-                "{task} is not as analysed: {refuted}; its bound is none"
+                "{task} does not behave as analysed, so it has no bound: {refuted}"
             ));
         }
-        if let Some((how, bound, seen)) = self.unsound() {
+        if let Some((model, bound, seen)) = self.unsound() {
             return Some(format!(
-                "{task} took {seen} cycles {how}, more than its bound of {bound}: the bound is unsound"
+                "{task} took {seen} cycles {}, more than its bound of {bound}: the bound is unsound",
+                model.name()
             ));
         }
         let Some(response) = self.response else {
@@ -143,7 +141,7 @@ impl TaskReport {
         ))
     }
 
-    /// What the response consists of.
+    /// The composition of the worst-case response, as a clause.
     #[must_use]
     pub fn composition(&self) -> String {
         let mut parts = vec![format!("it takes {} itself", time(self.cost))];
@@ -185,13 +183,13 @@ pub struct NodeReport {
     pub tasks: Vec<TaskReport>,
     /// Deepest stack with all preemptions, in bytes.
     pub stack: u32,
-    /// Bytes set aside.
+    /// Bytes reserved for the stack.
     pub stack_size: u32,
-    /// What the stack figure does not hold.
+    /// What the stack figure does not include.
     pub stack_unknown: BTreeSet<String>,
-    /// Share of the processor that is asked for, in thousandths.
+    /// Utilisation of the processor, in thousandths.
     pub utilisation_permille: u64,
-    /// Where the start-up and idle code could not be followed.
+    /// Why the start-up and idle code could not be followed to its end.
     pub idle_problems: BTreeSet<Problem>,
 }
 
@@ -202,7 +200,7 @@ impl NodeReport {
         picoseconds(cycles, self.core_hz)
     }
 
-    /// The first thing that does not hold, in one sentence.
+    /// The first problem of the report, in one sentence.
     #[must_use]
     pub fn first_miss(&self) -> Option<String> {
         let name = &self.name;
@@ -211,7 +209,7 @@ impl NodeReport {
         }
         if let Some(problem) = self.idle_problems.first() {
             return Some(format!(
-                "the start-up and idle code of {name} is not followed to its end, so its critical sections are not all known: {problem}"
+                "the analysis does not follow the start-up and idle code of {name} to its end, so some critical sections may be unknown: {problem}"
             ));
         }
         (self.stack > self.stack_size).then(|| {
@@ -230,14 +228,15 @@ pub struct MessageReport {
     pub name: String,
     /// Its identifier.
     pub id: u16,
-    /// Longest frame on the wire with what the window must also hold; `None`
-    /// if the arbitrating messages ask for more than the bus has.
+    /// Time that the window must hold: the longest frame with its latest start and the clock
+    /// difference. For an event, its worst-case response time; `None` if the event messages
+    /// overload the bus.
     pub need: Option<Picoseconds>,
     /// The window, or the deadline of an event.
     pub room: Picoseconds,
     /// Start of its window in the basic cycle.
     pub start: Picoseconds,
-    /// Whether it shares its window.
+    /// True for an event message, which shares its window with others.
     pub arbitrating: bool,
 }
 
@@ -270,16 +269,16 @@ impl MessageReport {
 pub struct KernelReport {
     /// Its name.
     pub name: String,
-    /// Bound in cycles: zero wait states, as flashed.
-    pub bound: [u64; 2],
-    /// Longest time of many emulated runs; as above.
-    pub seen: [u64; 2],
+    /// Its bound.
+    pub bound: Cycles,
+    /// The longest of many emulated runs.
+    pub seen: Cycles,
 }
 
 impl KernelReport {
-    /// Bound over the longest time seen.
+    /// Bound over longest observed time.
     #[must_use]
-    pub fn ratio(&self, model: usize) -> f64 {
+    pub fn ratio(&self, model: Model) -> f64 {
         self.bound[model] as f64 / self.seen[model].max(1) as f64
     }
 }
@@ -287,12 +286,12 @@ impl KernelReport {
 /// The end of one step of a chain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StepReport {
-    /// The task, the message or what else it is.
+    /// Name of the task or message, or of another step.
     pub name: String,
-    /// How long after the chain's first event it is over; `None` without bound.
+    /// Longest time from the chain's first event to the end of the step; `None` without a bound.
     pub done: Option<Picoseconds>,
-    /// Where in the basic cycle that is at the latest, once a window or a mark
-    /// has fixed it.
+    /// Latest instant of the basic cycle at which it ends; known from the first window or time
+    /// mark on.
     pub phase: Option<Picoseconds>,
 }
 
@@ -303,7 +302,7 @@ pub struct ChainReport {
     pub name: String,
     /// Its steps.
     pub steps: Vec<StepReport>,
-    /// Longest time from end to end; `None` if a step has no bound.
+    /// Longest end-to-end time; `None` if a step has no bound.
     pub latency: Option<Picoseconds>,
     /// Deadline.
     pub deadline: Picoseconds,
@@ -342,7 +341,7 @@ impl ChainReport {
 pub struct Report {
     /// By node.
     pub nodes: Vec<NodeReport>,
-    /// By message, in order of the cycle.
+    /// By message, in the order of their windows.
     pub messages: Vec<MessageReport>,
     /// By chain; a chain through a node that is not analysed is left out.
     pub chains: Vec<ChainReport>,
@@ -350,7 +349,7 @@ pub struct Report {
     pub kernels: Vec<KernelReport>,
     /// Length of the basic cycle.
     pub basic_cycle: Picoseconds,
-    /// What the answers rest on, one sentence each.
+    /// Assumptions on which the answers rest, one sentence or a few for each.
     pub assumptions: Vec<String>,
 }
 
@@ -361,9 +360,9 @@ impl Report {
         self.first_miss().is_none()
     }
 
-    /// What does not hold although it is not among `unproven`: names of nodes
-    /// and chains. A bound below what was seen is never accepted, nor is one
-    /// that a run refutes.
+    /// Everything that does not hold, one sentence each, without the nodes and chains that
+    /// `unproven` names. A bound that an observation exceeds or contradicts is always
+    /// included.
     #[must_use]
     pub fn regressions(&self, unproven: &[String]) -> Vec<String> {
         let accepted = |name: &str| unproven.iter().any(|known| known == name);
@@ -386,7 +385,7 @@ impl Report {
         all
     }
 
-    /// The first thing that does not hold, in one sentence.
+    /// The first problem of the report, in one sentence.
     #[must_use]
     pub fn first_miss(&self) -> Option<String> {
         let nodes = self.nodes.iter().find_map(NodeReport::first_miss);

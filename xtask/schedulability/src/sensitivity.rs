@@ -1,10 +1,10 @@
-//! How much longer a task may take before something misses.
+//! By how much the execution time of a task may grow before a task misses its deadline.
 
 use crate::response::{Task, analyse};
 
-/// How much longer one job of `tasks[index]` may take before any task of the
-/// set, itself included, misses its deadline: less than the truth by no more
-/// than `step` or a hundredth. `None` when one misses already.
+/// By how much the execution time of `tasks[index]` may grow before a task of the set, itself
+/// included, misses its deadline. The result is below the exact value, by at most `step` or one
+/// per cent. `None` if a deadline is missed already.
 #[must_use]
 pub fn slack(tasks: &[Task], index: usize, step: u64) -> Option<u64> {
     let fits = |extra: u64| {

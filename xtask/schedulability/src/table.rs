@@ -1,8 +1,8 @@
 //! The task table: facts about tasks that the sources do not contain.
 //!
-//! One file for all nodes of a vehicle, `tasks.toml` in its folder. It says for each task what releases it and
-//! what its deadline is. It also lists the chains of tasks and messages that have an
-//! end-to-end deadline.
+//! One file for all nodes of a vehicle, `tasks.toml` in its folder. It gives the releases and the
+//! deadline of each task. It also lists the chains of tasks and messages that have an end-to-end
+//! deadline.
 
 use std::collections::BTreeMap;
 
@@ -122,7 +122,7 @@ pub enum Clocks {
     /// Those that the board makes from its external clock.
     #[default]
     External,
-    /// The internal oscillator of the part, as after a reset: the program starts no others.
+    /// The internal oscillator of the part, as after a reset: the program starts no other clock.
     Reset,
 }
 
@@ -136,6 +136,7 @@ impl NodeTable {
     }
 }
 
+/// The board with the name in the table.
 fn board<'de, D: Deserializer<'de>>(from: D) -> Result<&'static Sled, D::Error> {
     let name = String::deserialize(from)?;
     Sled::named(&name).ok_or_else(|| {

@@ -1,8 +1,7 @@
-//! The task model, read from the source of an RTIC application.
+//! The tasks of an RTIC application, read from its source: their interrupts, priorities and
+//! resources.
 //!
-//! Everything that the source says is read from the source: which interrupt a
-//! task is bound to, its priority, what it shares. What RTIC would assume
-//! silently is refused: a task without a written priority is an error.
+//! RTIC has a default priority. Here a task without a written priority is an error.
 
 use std::collections::BTreeMap;
 
@@ -16,11 +15,11 @@ pub struct Task {
     pub name: String,
     /// The interrupt it is bound to; `None` for a software task.
     pub binds: Option<String>,
-    /// Its priority, 1 is the lowest.
+    /// Its priority; 1 is the lowest.
     pub priority: u32,
     /// Shared resources that it locks.
     pub locks: Vec<String>,
-    /// Shared resources that it only reads, without a lock.
+    /// Shared resources that it only reads and does not lock.
     pub reads: Vec<String>,
     /// Local resources.
     pub local: Vec<String>,
@@ -39,29 +38,29 @@ pub struct App {
     pub idle_locks: Vec<String>,
 }
 
-/// The interrupt of the timer of software tasks, which no source declares as a task.
+/// The interrupt of the timer that wakes software tasks. No source declares a task for it.
 pub const TIMER: &str = "SysTick";
 
 /// What is wrong with a source.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SourceError {
-    /// The file does not parse.
+    /// The file is not valid Rust.
     #[error("{file}:{line}: not Rust: {what}")]
     NotRust {
         /// The file.
         file: String,
         /// Line of the error.
         line: u32,
-        /// What the parser said.
+        /// The parser's message.
         what: String,
     },
-    /// There is no application in it.
+    /// The file has no RTIC application.
     #[error("{file}: no module with #[rtic::app]")]
     NoApp {
         /// The file.
         file: String,
     },
-    /// A task does not say its priority.
+    /// A task has no written priority.
     #[error("{file}:{line}: task {task} does not say its priority: write `priority = N`")]
     NoPriority {
         /// The file.
@@ -84,7 +83,7 @@ pub enum SourceError {
 }
 
 impl App {
-    /// Reads the application in `source`; `file` names it in errors.
+    /// Reads the application in `source`. `file` names it in error messages.
     ///
     /// # Errors
     /// See [`SourceError`].
@@ -170,7 +169,7 @@ impl App {
         Ok(app)
     }
 
-    /// Priorities of the software tasks that a dispatcher runs, highest first.
+    /// Priorities of the software tasks that have a dispatcher, highest first.
     fn software_priorities(&self) -> Vec<u32> {
         let mut priorities: Vec<u32> = self
             .tasks
@@ -183,8 +182,8 @@ impl App {
         priorities
     }
 
-    /// The interrupt whose handler runs `task`: its own, or the dispatcher of
-    /// its priority (RTIC gives the last dispatcher to the highest priority).
+    /// The interrupt whose handler runs `task`: the one that it is bound to, or the dispatcher of
+    /// its priority (RTIC assigns the last dispatcher to the highest priority).
     #[must_use]
     pub fn interrupt<'a>(&'a self, task: &'a Task) -> Option<&'a str> {
         if let Some(binds) = &task.binds {
@@ -214,17 +213,16 @@ impl App {
         ceilings
     }
 
-    /// Whether a timer wakes software tasks: there are some, and its interrupt is bound to no
-    /// task.
+    /// Whether a timer wakes software tasks: there are software tasks, and no task is bound to the
+    /// timer's interrupt.
     #[must_use]
     pub fn has_timer(&self) -> bool {
         let mut bound = self.tasks.iter().filter_map(|task| task.binds.as_deref());
         !self.software_priorities().is_empty() && bound.all(|interrupt| interrupt != TIMER)
     }
 
-    /// Priority of a timer interrupt that wakes software tasks: above all of
-    /// them, and just below the hardware tasks where there is room (RTIC's
-    /// `RTIC_ASYNC_MAX_LOGICAL_PRIO`).
+    /// Priority of the timer that wakes software tasks: above all of them, and directly below the
+    /// hardware tasks if there is a priority between (RTIC's `RTIC_ASYNC_MAX_LOGICAL_PRIO`).
     #[must_use]
     pub fn timer_priority(&self) -> u32 {
         let software = self.software_priorities().first().copied().unwrap_or(0);
@@ -240,7 +238,7 @@ impl App {
     }
 }
 
-/// `key = value` pairs of an attribute's parentheses.
+/// The `key = value` pairs of an attribute.
 fn arguments(attribute: &syn::Attribute) -> BTreeMap<String, TokenStream> {
     let mut pairs = BTreeMap::new();
     let syn::Meta::List(list) = &attribute.meta else {
@@ -269,8 +267,8 @@ fn arguments(attribute: &syn::Attribute) -> BTreeMap<String, TokenStream> {
     pairs
 }
 
-/// Names of a bracketed list, those with `&` apart. Types and initial values
-/// of local resources are left out.
+/// The names in a bracketed list: first those without, then those with `&`. Types and initial
+/// values of local resources are skipped.
 fn names(list: Option<&TokenStream>) -> (Vec<String>, Vec<String>) {
     let (mut plain, mut borrowed) = (Vec::new(), Vec::new());
     let Some(TokenTree::Group(group)) = list.and_then(|l| l.clone().into_iter().next()) else {

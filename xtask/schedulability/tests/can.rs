@@ -1,4 +1,4 @@
-//! CAN response times against Davis et al. 2007 and published tables.
+//! CAN response times against Davis et al. (2007) and published tables.
 
 use schedulability::can::{ErrorRate, Message, Overloaded, frame_time, response};
 
@@ -14,8 +14,8 @@ fn message(name: &str, length: u64, period: u64, deadline: u64) -> Message {
 
 #[test]
 fn second_instance_is_the_worst() {
-    // Davis et al. 2007, table 2: three messages of 135 bits, 1 ms each. The
-    // analysis before it gave 3.0 ms for C.
+    // Davis et al. (2007), table 2: three messages of 135 bits, 1 ms each. The earlier analysis
+    // gave 3.0 ms for C.
     let set = [
         message("A", 999_945, 2_500_000, 2_500_000),
         message("B", 999_945, 3_500_000, 3_250_000),

@@ -72,7 +72,7 @@ fn deadlines_beyond_the_period() {
 
 #[test]
 fn jitter_and_preemption_cost() {
-    // A second job of t1, 6 late, and a third fall into the window of t2.
+    // A second job of t1 that is 6 late and a third one are in the window of t2.
     let mut set = tasks(&[(2, 10), (5, 100)]);
     assert_eq!(worst(&set), [2, 7]);
     set[0].jitter = 6;
@@ -144,7 +144,7 @@ fn period(task: &Task) -> u64 {
     task.arrivals.single().unwrap()
 }
 
-/// A set of two to six tasks whose utilisation may pass one.
+/// A set of two to six tasks whose utilisation may exceed one.
 fn random_set(random: &mut ChaCha8Rng) -> Vec<Task> {
     let count = 2 + below(random, 5);
     let parameters: Vec<(u64, u64)> = (0..count)
@@ -192,10 +192,9 @@ fn equal_to_the_verified_analysis() {
             );
             match (response(&set, index), theirs) {
                 (Ok(ours), Ok(theirs)) => {
-                    // The crate measures a job from its release, we from its
-                    // nominal arrival. They differ by the jitter for the first
-                    // job of the busy period; the later ones are released at
-                    // the nominal instants.
+                    // The crate measures a response from the job's release, this analysis from
+                    // its nominal release. For the first job of the busy period they differ by
+                    // the jitter. Later jobs are released at their nominal instants.
                     let from_release = ours
                         .jobs
                         .iter()
@@ -216,8 +215,8 @@ fn equal_to_the_verified_analysis() {
     assert!(bounded > 2000, "{bounded}");
 }
 
-/// Runs the set with releases at random legal instants and returns the
-/// longest response seen of each task.
+/// Runs the set with releases at random legal instants. Returns the longest observed response of
+/// each task.
 fn simulate(set: &[Task], sections: &[CriticalSection], random: &mut ChaCha8Rng) -> Vec<u64> {
     let horizon = 1500;
     let mut jobs = Vec::new();
@@ -273,6 +272,6 @@ fn simulation_never_exceeds_the_bound() {
             }
         }
     }
-    // The bound is not merely large: simulations reach it.
+    // The bound is tight: simulations reach it.
     assert!(reached > 100, "{reached}");
 }

@@ -1,4 +1,4 @@
-//! Responses of jobs that stand in a time table, against a simulation.
+//! Response times of jobs of a time table, against a simulation.
 
 mod simulation;
 
@@ -51,7 +51,7 @@ fn task(name: &str, priority: u32, cost: u64, arrivals: Arrivals) -> Task {
     }
 }
 
-/// A receive task whose frames end between the edges, and the timer of these.
+/// A receive task whose frames end between the window edges, and the window timer.
 fn bus() -> Vec<Task> {
     vec![
         task(
@@ -73,7 +73,7 @@ fn bus() -> Vec<Task> {
 }
 
 #[test]
-fn what_is_over_or_not_yet_there_does_not_delay() {
+fn a_job_that_has_completed_or_is_not_yet_released_does_not_delay() {
     let set = bus();
     // Without the table any release may coincide with any other.
     assert_eq!(response(&set, 1).unwrap().worst, 30);
@@ -83,7 +83,7 @@ fn what_is_over_or_not_yet_there_does_not_delay() {
     assert_eq!(timer.critical.job.as_deref(), Some("own"));
     assert_eq!((timer.critical.response, timer.critical.deadline), (10, 12));
     assert_eq!(results[0].as_ref().unwrap().worst, 20);
-    // The own edge has two ticks of room, and nothing else has less.
+    // The edge "own" has two ticks of slack, and no other job has less.
     assert_eq!(slack(&set, 1, 1), Some(2));
 }
 
@@ -93,7 +93,7 @@ fn a_frame_that_may_end_too_late_delays_the_edge() {
     set[0].arrivals = table(vec![job("a", 30, 81, None)]);
     let timer = &analyse(&set)[1];
     let critical = &timer.as_ref().unwrap().critical;
-    // The frame ends at 81, takes until 101, and so one tick of the edge.
+    // The job of the frame that ends at 81 takes until 101, so it delays the edge by one tick.
     assert_eq!((critical.response, critical.meets()), (11, true));
     assert_eq!(critical.delayed_by, [(0, 1)]);
 }
@@ -103,22 +103,22 @@ fn one_pending_bit_is_one_more_run() {
     let edges = [90, 92, 94, 100].map(|at| job("edge", at, at, None));
     let mut set = vec![task("timer", 2, 10, table(edges.to_vec()))];
     let worst = |set: &[Task]| analyse(set)[0].as_ref().unwrap().worst;
-    // The last of four that are served one after another.
+    // The last of four jobs that run one after another.
     assert_eq!(worst(&set), 30);
     set[0].coalesces = true;
     assert_eq!(worst(&set), 20);
 }
 
 #[test]
-fn what_runs_off_the_bus_does_not_delay_a_transmission() {
+fn a_task_that_runs_off_the_bus_does_not_delay_a_transmission() {
     let mut set = bus();
     set.push(task("error", 2, 7, Arrivals::every(1000)));
     let of = |set: &[Task]| analyse(set)[1].as_ref().unwrap().critical.response;
     assert_eq!(of(&set), 17);
     set[2].off_bus = true;
     assert_eq!(of(&set), 10);
-    // The release that sends nothing waits for it all the same; the second frame
-    // is over by then even if the error delays it.
+    // The edge that sends nothing waits for it nevertheless. The job of the second frame has
+    // completed by then, even if the error delays it.
     assert_eq!(analyse(&set)[1].as_ref().unwrap().worst, 17);
 }
 
@@ -129,7 +129,7 @@ fn the_cause_of_a_release_is_its_jitter() {
     set[2].after = Some(1);
     let results = analyse(&set);
     let step = results[2].as_ref().unwrap();
-    // The timer's ten, and its own five.
+    // Ten of the timer, and its own five.
     assert_eq!((step.critical.jitter, step.worst), (10, 15));
     set[1].arrivals = Arrivals::every(10);
     set[1].cost = 11;
@@ -200,7 +200,7 @@ fn random_set(random: &mut ChaCha8Rng) -> Vec<Task> {
     set
 }
 
-/// Every task of a priority holds a lock of the next for half its time.
+/// Every task holds a lock with the ceiling of the next priority for half its time.
 fn sections(set: &[Task]) -> Vec<CriticalSection> {
     set.iter()
         .filter(|task| task.cost > 2)

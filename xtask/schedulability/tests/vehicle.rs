@@ -1,5 +1,5 @@
-//! The vehicle's own sources, task table and network file, with execution times
-//! given instead of measured: what holds, and each way of not holding.
+//! The vehicle's sources, task table and network file with given execution times: a report without a
+//! miss, and each kind of miss.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,8 @@ use schedulability::table::{NodeTable, Table};
 use schedulability::tasks::App;
 use schedulability::units::time;
 use schedulability::{bus, chains, report};
-use wcet::analysis::Problem;
+use wcet::bound::Problem;
+use wcet::cycles::{Cycles, Model};
 
 const NODES: [&str; 4] = ["controller", "drive", "gps", "steering"];
 
@@ -50,15 +51,15 @@ fn model(node: &str, source: &str) -> Result<(NodeModel, NodeTable), String> {
         .map_err(|error| error.to_string())
 }
 
-/// Every job takes `us` microseconds, and one byte of the display, which is as
-/// urgent as the bus, a fifth of that.
+/// Every job takes `us` microseconds; one that sends a byte to the display, which has the priority
+/// of the bus, takes a fifth of that.
 fn execution(model: &NodeModel, table: &NodeTable, us: u64) -> Execution {
     let handlers = model.tasks.iter().map(|task| {
         let tenths = if task.name == "display_rx" { 2 } else { 10 };
         let cycles = tenths * us * table.core_hz() / 10_000_000;
         let handler = Handler {
-            cycles: [cycles; 2],
-            overhead: [22, 24],
+            cycles: Cycles::both(cycles),
+            overhead: cycles_of(22, 24),
             ..Handler::default()
         };
         (task.interrupt.clone(), handler)
@@ -93,7 +94,11 @@ fn task<'a>(node: &'a NodeReport, name: &str) -> &'a TaskReport {
     node.tasks.iter().find(|task| task.name == name).unwrap()
 }
 
-fn seen(longest: [u64; 2]) -> Seen {
+fn cycles_of(zero_wait: u64, flashed: u64) -> Cycles {
+    Cycles { zero_wait, flashed }
+}
+
+fn seen(longest: Cycles) -> Seen {
     Seen {
         longest,
         ..Seen::default()
@@ -157,7 +162,7 @@ fn releases_come_from_the_network_file() {
             .find(|task| task.name == name)
             .unwrap()
     };
-    // One reference, eleven windows less its own, and five events of others.
+    // One reference, eleven windows without its own, and five events of other nodes.
     let jobs = |task: &str, kind: Kind| -> Vec<Job> {
         let tables = find(task).arrivals.timed.iter();
         let of_kind = tables.filter(|table| table.kind == kind);
@@ -180,8 +185,7 @@ fn releases_come_from_the_network_file() {
         command.latest,
         7_000_000_000 + 64_000_000 + 135 * 4_000_000 + 20_000_000
     );
-    // Its own window has the transmit enable window for a deadline, and the lead
-    // less a bit.
+    // The deadline in its own window is the transmit enable window plus the lead, less a bit.
     let edges = jobs("window_timer", Kind::Exclusive);
     let own: Vec<_> = edges.iter().filter(|job| job.transmits).collect();
     assert_eq!(own.len(), 1);
@@ -190,14 +194,14 @@ fn releases_come_from_the_network_file() {
         ("SteeringPot", 5_991_000_000)
     );
     assert_eq!(own[0].deadline, Some((64 + 9 - 4) * 1_000_000));
-    // Another edge, before the frame of the window that begins there may end.
+    // The deadline at another edge is the earliest end of the frame in the window that begins there.
     let heading = edges.iter().find(|job| job.earliest == 4_991_000_000);
     let first = 43 + 8 * 4;
     assert_eq!(
         heading.unwrap().deadline,
         Some((first * 4 - 20) * 1_000_000)
     );
-    // Event messages: its own, lost against five others, withdrawn, put in line.
+    // Event messages: its own, lost against five others, withdrawn, enqueued.
     let events = jobs("window_timer", Kind::Arbitrating);
     let count = |what: &str| {
         events
@@ -209,7 +213,7 @@ fn releases_come_from_the_network_file() {
         [
             "sent",
             "lost against",
-            "last moment",
+            "last instant",
             "SteeringStatus is",
             "arbitrating"
         ]
@@ -229,13 +233,13 @@ fn a_vehicle_of_ten_microseconds_holds() {
             assert!(task.sensitivity.is_some(), "{}.{}", node.name, task.name);
         }
     }
-    // Only what the table says may coincide delays the own window.
+    // Only jobs that may coincide by the time table delay the node's own window.
     let timer = task(&report.nodes[3], "window_timer");
     assert_eq!(timer.job.as_deref(), Some("SteeringPot"));
     assert!(timer.response.unwrap() < 69_000_000, "{timer:?}");
     let chains = &report.chains;
     assert_eq!(chains.len(), 2);
-    // Just too late for a window, one cycle; the command three windows later.
+    // It just misses a window and waits one cycle; the command follows three windows later.
     let receiver = &chains[0];
     assert!(receiver.latency.unwrap() > 100_000_000_000);
     let command = receiver
@@ -251,7 +255,7 @@ fn a_task_ten_times_longer_misses() {
     let control = interrupt(&node("controller", |_, _| {}), "control");
     let report = node("controller", |execution, _| {
         let handler = execution.handlers.get_mut(&control).unwrap();
-        handler.cycles = handler.cycles.map(|cycles| 60 * cycles);
+        handler.cycles = handler.cycles * 60;
     });
     let miss = report.first_miss().unwrap();
     assert!(
@@ -278,7 +282,7 @@ fn a_lock_held_too_long_is_named() {
         miss.contains("is blocked 60.00 us by console at link.rs:7"),
         "{miss}"
     );
-    // A ceiling below the timer's priority does it no harm.
+    // A ceiling below the timer's priority does not block it.
     let report = node("steering", |execution, table| {
         execution.sections.push(section("EXTI3", 5, 60, table));
     });
@@ -358,10 +362,10 @@ fn table_and_source_must_fit() {
 
 #[test]
 fn a_bound_below_the_longest_time_seen_is_unsound() {
-    // As a false annotation makes it.
+    // As a false annotation causes it.
     let (model, table) = model("gps", &source("gps")).unwrap();
     let execution = execution(&model, &table, 10);
-    let seen = Observed::from([("DMA2_STREAM2".to_owned(), seen([1700, 1800]))]);
+    let seen = Observed::from([("DMA2_STREAM2".to_owned(), seen(cycles_of(1700, 1800)))]);
     let report = schedule(&model, &table, &execution, Some(&seen));
     let ring = task(&report, "ring");
     assert_eq!(
@@ -369,27 +373,29 @@ fn a_bound_below_the_longest_time_seen_is_unsound() {
         "gps.ring took 1800 cycles as flashed, more than its bound of 1776: the bound is unsound"
     );
     assert!(!ring.meets());
-    assert!(ring.ratio(0).unwrap() > 1.0 && ring.ratio(1).unwrap() < 1.0);
+    assert!(
+        ring.ratio(Model::ZeroWait).unwrap() > 1.0 && ring.ratio(Model::Flashed).unwrap() < 1.0
+    );
 }
 
 #[test]
-fn what_a_run_refutes_is_no_bound() {
+fn a_bound_that_a_run_contradicts_is_no_bound() {
     let (model, table) = model("gps", &source("gps")).unwrap();
     let execution = execution(&model, &table, 10);
-    let mut ring = seen([10, 10]);
+    let mut ring = seen(Cycles::both(10));
     ring.refuted
         .insert("the loop at crc.rs:41 took 5 turns, its annotation says at most 4".to_owned());
     let seen = Observed::from([("DMA2_STREAM2".to_owned(), ring)]);
     let report = schedule(&model, &table, &execution, Some(&seen));
     assert_eq!(
         report.first_miss().unwrap(),
-        "gps.ring is not as analysed: the loop at crc.rs:41 took 5 turns, its annotation says at most 4; its bound is none"
+        "gps.ring does not behave as analysed, so it has no bound: the loop at crc.rs:41 took 5 turns, its annotation says at most 4"
     );
     assert!(!task(&report, "ring").meets());
 }
 
 #[test]
-fn a_task_without_bound_has_no_answer_and_takes_it_from_others() {
+fn a_task_without_bound_leaves_lower_priorities_without_answer() {
     let report = node("gps", |execution, _| {
         let ring = execution.handlers.get_mut("DMA2_STREAM2").unwrap();
         ring.problems = BTreeSet::from([Problem::Recursion("parse".to_owned())]);
@@ -405,13 +411,13 @@ fn a_task_without_bound_has_no_answer_and_takes_it_from_others() {
 }
 
 #[test]
-fn what_is_not_proven_yet_is_accepted_unless_it_is_unsound() {
+fn an_unproven_node_is_accepted_unless_a_bound_is_unsound() {
     let mut report = vehicle();
     report.nodes[1] = node("drive", |execution, _| execution.stack = 5000);
     assert_eq!(report.regressions(&[]).len(), 1);
     let drive = ["drive".to_owned()];
     assert_eq!(report.regressions(&drive), [""; 0]);
-    report.nodes[1].tasks[0].observed = Some([1_000_000; 2]);
+    report.nodes[1].tasks[0].observed = Some(Cycles::both(1_000_000));
     let wrong = report.regressions(&drive);
     assert!(wrong[0].ends_with("the bound is unsound"), "{wrong:?}");
     let error = Table::parse("tasks.toml", "unproven = [\"rudder\"]\n[node]\n").unwrap_err();
@@ -419,7 +425,7 @@ fn what_is_not_proven_yet_is_accepted_unless_it_is_unsound() {
 }
 
 #[test]
-fn a_stack_too_deep_and_a_chain_too_long_are_said() {
+fn a_stack_too_deep_and_a_chain_too_long_are_reported() {
     let report = node("drive", |execution, _| execution.stack = 5000);
     assert_eq!(
         report.first_miss().unwrap(),
@@ -464,7 +470,7 @@ fn every_window_holds_its_message_and_a_short_one_does_not() {
 }
 
 #[test]
-fn the_report_says_it_in_each_form() {
+fn the_report_has_each_form() {
     let report = vehicle();
     let text = report::table(&report);
     for wanted in [
@@ -487,7 +493,7 @@ fn the_report_says_it_in_each_form() {
 
     let page = report::html(&report);
     assert!(page.contains("Nobody presses &lt;all&gt; buttons at once."));
-    // Nothing is fetched from anywhere.
+    // The page loads nothing.
     for foreign in ["http:", "https:", "src=", "<script", "@import", "url("] {
         assert!(!page.contains(foreign), "{foreign}");
     }
@@ -513,10 +519,10 @@ fn the_report_says_it_in_each_form() {
 
 #[test]
 fn a_ratio_is_of_the_handler_alone() {
-    let seen = Observed::from([("TIM2".to_owned(), seen([1000, 2000]))]);
+    let seen = Observed::from([("TIM2".to_owned(), seen(cycles_of(1000, 2000)))]);
     let (model, table) = model("steering", &source("steering")).unwrap();
     let report = schedule(&model, &table, &execution(&model, &table, 50), Some(&seen));
     let timer = task(&report, "window_timer");
-    assert_eq!(timer.ratio(0), Some((3600.0 - 22.0) / 1000.0));
-    assert_eq!(timer.ratio(1), Some((3600.0 - 24.0) / 2000.0));
+    assert_eq!(timer.ratio(Model::ZeroWait), Some((3600.0 - 22.0) / 1000.0));
+    assert_eq!(timer.ratio(Model::Flashed), Some((3600.0 - 24.0) / 2000.0));
 }

@@ -9,10 +9,13 @@ use twin::{
     part::Part,
 };
 use wcet::{
-    analysis::{Analysis, Entry},
+    analysis::Analysis,
     annotation::Annotations,
+    bound::Entry,
+    cycles::{Cycles, Model},
     image::Image,
     kernels::{INPUT, NAMES, find, input},
+    register::Register,
     timing::Timing,
 };
 use world::random::{Purpose, Stream};
@@ -56,7 +59,7 @@ pub fn measure(builder: &Builder) -> Result<Vec<KernelReport>, Failure> {
     let mut kernels = Vec::new();
     for name in NAMES {
         let entry = find(&image, name).ok_or_else(|| failed(format!("there is no {name}")))?;
-        let bound = analysis.run_with(entry, Entry::Function, &[(0, INPUT)]);
+        let bound = analysis.run_with(entry, Entry::Function, &[(Register::R0, INPUT)]);
         if let Some(problem) = bound.problems.first() {
             return Err(failed(format!("{name} has no bound: {problem}")));
         }
@@ -76,13 +79,13 @@ pub fn measure(builder: &Builder) -> Result<Vec<KernelReport>, Failure> {
     kernels
         .into_iter()
         .zip(seen)
-        .map(|((name, _, bound), (zero, flash))| {
-            let seen = [zero, flash];
-            if seen[0] > bound[0] || seen[1] > bound[1] {
+        .map(|((name, _, bound), (zero_wait, flashed))| {
+            let seen = Cycles { zero_wait, flashed };
+            if Model::ALL.iter().any(|model| seen[*model] > bound[*model]) {
                 return Err(failed(format!(
-                    "{name} takes {zero} and {flash} cycles, more than its bounds of {} and {}: \
+                    "{name} takes {zero_wait} and {flashed} cycles, more than its bounds of {} and {}: \
                      the analysis is unsound",
-                    bound[0], bound[1]
+                    bound.zero_wait, bound.flashed
                 )));
             }
             Ok(KernelReport {

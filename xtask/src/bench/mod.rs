@@ -273,8 +273,8 @@ fn report_json(
             "control_step": step,
             "kernels": kernels.iter().map(|kernel| json!({
                 "name": kernel.name,
-                "bound": kernel.bound,
-                "seen": kernel.seen,
+                "bound": kernel.bound.to_array(),
+                "seen": kernel.seen.to_array(),
             })).collect::<Vec<_>>(),
         })
     )

@@ -14,7 +14,7 @@ use schedulability::{
     system::Programs,
 };
 use twin::{Images, Outcome, Vehicle, mcu::FlashTiming, mcu::Mcu};
-use wcet::watch::Watch;
+use wcet::{cycles::Model, watch::Watch};
 use world::{Scenario, time::seconds};
 
 use super::follow::{Findings, Follower, lock};
@@ -68,7 +68,7 @@ pub(super) fn observe(
         handles.map(thread::ScopedJoinHandle::join)
     });
     let mut all = BTreeMap::new();
-    for (model, outcome) in outcomes.into_iter().enumerate() {
+    for (model, outcome) in Model::ALL.into_iter().zip(outcomes) {
         let outcome =
             outcome.map_err(|_| Failure::Failed("the simulation broke down".into()))??;
         note(&mut all, model, &outcome, images)?;
@@ -126,7 +126,7 @@ fn scenario() -> Result<Scenario, Failure> {
 /// Adds what a run of a timing model brought to what is known.
 fn note(
     all: &mut BTreeMap<String, Observed>,
-    model: usize,
+    model: Model,
     (outcome, findings): &Followed,
     images: &[Image],
 ) -> Result<(), Failure> {

@@ -1,4 +1,4 @@
-//! Hands the linker script over.
+//! Passes the linker script to the linker.
 
 fn main() {
     let here = std::env::var("CARGO_MANIFEST_DIR").expect("cargo names the package's folder");

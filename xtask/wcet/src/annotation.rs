@@ -1,20 +1,21 @@
 //! Loop bounds written at the loop.
 //!
-//! A comment `// loop-bound: N` on a line of its own, directly above a `for`,
-//! `while` or `loop`, says that one entry into the loop takes at most N turns;
-//! above another statement, that of each loop which an iterator or a search in
-//! it makes. `// at-most: N` above a statement says that one activation of a
-//! task runs it at most N times in all, whatever the loops around it allow; above
-//! a loop, that all its entries together take at most N turns.
-//! The analysis finds the loop again through the image's line tables: a machine
-//! loop is that source loop when nearly all of its instructions were written
-//! there or inlined from there, no inner source loop holds as many, and the
-//! branches that repeat or leave it are the loop's own. A machine loop that
-//! fits no source loop so closely has no bound, which is reported.
+//! A comment `// loop-bound: N` has a line of its own directly above a `for`, `while` or `loop`. It
+//! says that the loop takes at most N turns for each entry. Above another statement it bounds each
+//! loop that an iterator or a search in the statement makes.
 //!
-//! A comment costs nothing and is possible in crates that forbid unsafe code,
-//! which a marker in assembly would not be; that it is right is checked when
-//! the code runs, by counting.
+//! A comment `// at-most: N` above a statement says that one activation of a task runs the
+//! statement at most N times in total, whatever the loops around it allow. Above a loop it says
+//! that all its entries together take at most N turns.
+//!
+//! The analysis finds the loop in the image by the line tables. A machine loop is a source loop if
+//! nearly all of its instructions were written or inlined there, no inner source loop holds as
+//! many, and the branches that repeat or leave it belong to the loop itself. A machine loop that
+//! fits no source loop in this way has no bound, which is reported.
+//!
+//! A comment costs nothing at run time, and unlike a marker in assembly it is possible in crates
+//! that forbid unsafe code. Emulated runs check the annotations by counting
+//! ([`watch`](super::watch)).
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -23,19 +24,18 @@ use std::path::{Path, PathBuf};
 use syn::spanned::Spanned;
 use syn::visit::Visit;
 
-use super::graph::Graph;
+use super::graph::{Block, Graph};
 use super::image::{Image, Place};
 
-/// The mark that begins the bound of a loop.
+/// The mark of a loop bound.
 const MARK: &str = "// loop-bound:";
-/// The mark that begins the most times a statement runs in one activation.
+/// The mark of a limit for one activation.
 const AT_MOST: &str = "// at-most:";
 
 /// The answer for one machine loop.
 type Found = Option<(Place, u64)>;
 
-/// One of so many located instructions of a machine loop may come from
-/// somewhere else.
+/// At most 1/STRAYS of a loop's instructions may have line info outside the source loop.
 const STRAYS: usize = 20;
 
 /// The source loop of a machine loop.
@@ -43,7 +43,7 @@ struct Fit {
     place: Place,
     bound: Option<u64>,
     most: Option<u64>,
-    /// Everything comes from one line of it.
+    /// Whether all its instructions come from one line of the source loop.
     one_line: bool,
 }
 
@@ -53,9 +53,9 @@ struct SourceLoop {
     first: u32,
     last: u32,
     bound: Option<u64>,
-    /// A statement that hides a loop, not a loop.
+    /// True for a statement that may contain a hidden loop, false for a loop.
     statement: bool,
-    /// How often it is run in one activation of a task, at most.
+    /// The most executions in one activation of a task.
     most: Option<u64>,
 }
 
@@ -64,22 +64,88 @@ impl SourceLoop {
         (self.first..=self.last).contains(&line)
     }
 
+    /// Whether one of the lines of an instruction is in this loop, which begins at `first`.
+    fn is_in(&self, first: &Place, inlined: &[Place]) -> bool {
+        let mut inlined = inlined.iter();
+        inlined.any(|place| place.file == first.file && self.holds(place.line))
+    }
+
     fn is_loop(&self) -> bool {
         !self.statement || self.bound.is_some()
     }
 }
 
-/// A mark that no loop follows or that has no number.
+/// A mark without a number, or without a loop or statement below it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{place}: `// loop-bound:` or `// at-most:` must be followed by a whole number and stand directly above a loop or a statement"
 )]
 pub struct Misplaced {
-    /// Where it stands.
+    /// Its place.
     pub place: Place,
 }
 
-/// Loop bounds of all source files, read when they are first asked for.
+/// Source lines of the instructions of a machine loop. Each instruction has several if it was
+/// inlined, the innermost first; line zero is left out.
+struct LoopPlaces {
+    /// Of every instruction that has a line.
+    located: Vec<Vec<Place>>,
+    /// Of instructions that the compiler generated in an inlined function: their only line is that
+    /// of the caller, which need not be in the loop.
+    generated: Vec<Vec<Place>>,
+    /// Of the branches that repeat or leave the loop.
+    deciding: Vec<Vec<Place>>,
+}
+
+impl LoopPlaces {
+    fn new(image: &Image, graph: &Graph, number: usize) -> Self {
+        let l = &graph.loops[number];
+        let blocks = || l.blocks.iter().map(|block| &graph.blocks[*block]);
+        let instructions = || blocks().flat_map(|block| &block.instructions);
+        let is_generated = |address: &u32| {
+            let innermost = image.places(*address).into_iter().next();
+            innermost.is_some_and(|place| place.line == 0)
+        };
+        let repeats_or_leaves = |block: &&Block| {
+            let mut next = block.successors.iter();
+            next.any(|next| *next == l.header || !l.blocks.contains(next))
+        };
+        let addresses = || instructions().map(|instruction| instruction.address);
+        Self {
+            located: lines(image, addresses()),
+            generated: lines(image, addresses().filter(is_generated)),
+            deciding: lines(
+                image,
+                blocks()
+                    .filter(repeats_or_leaves)
+                    .map(|block| block.last().address),
+            ),
+        }
+    }
+
+    /// Whether nearly all instructions are in this source loop.
+    fn fits(&self, place: &Place, s: &SourceLoop) -> bool {
+        let outside = |all: &[Vec<Place>]| {
+            let outside = all.iter().filter(|inlined| !s.is_in(place, inlined));
+            outside.count()
+        };
+        let strays = outside(&self.located) - outside(&self.generated);
+        strays <= 1 + self.located.len() / STRAYS
+    }
+}
+
+/// The source lines of these instructions, without those that have none.
+fn lines(image: &Image, addresses: impl Iterator<Item = u32>) -> Vec<Vec<Place>> {
+    addresses
+        .map(|address| {
+            let places = image.places(address).into_iter();
+            places.filter(|place| place.line != 0).collect()
+        })
+        .filter(|places: &Vec<Place>| !places.is_empty())
+        .collect()
+}
+
+/// Loop bounds of all source files, each read when it is first needed.
 #[derive(Debug, Default)]
 pub struct Annotations {
     root: PathBuf,
@@ -89,7 +155,7 @@ pub struct Annotations {
 }
 
 impl Annotations {
-    /// Annotations of sources whose relative paths start from `root`.
+    /// For sources whose relative paths start at `root`.
     #[must_use]
     pub fn new(root: &Path) -> Self {
         Self {
@@ -98,7 +164,7 @@ impl Annotations {
         }
     }
 
-    /// Marks that say nothing, among the files read so far.
+    /// Misplaced marks in the files that were read so far.
     #[must_use]
     pub fn misplaced(&self) -> Vec<Misplaced> {
         self.misplaced.borrow().clone()
@@ -120,9 +186,9 @@ impl Annotations {
 
     fn find(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
         let found = self.innermost(image, graph, number)?;
-        // An inner machine loop inlined into the same source loop (a copy, an
-        // iterator's search) is another loop. It has one line of it, that of
-        // the call; a source loop that was split in two has several.
+        // An inner machine loop may come from a function that is inlined into the same source
+        // loop (a copy, the search of an iterator). Its only line in the source loop is that of
+        // the call. A source loop that the compiler split in two has several lines.
         let mut outer = graph.loops[number].parent;
         while let Some(parent) = outer {
             if found.one_line
@@ -137,115 +203,35 @@ impl Annotations {
         Some((found.place, found.bound?))
     }
 
-    /// The source loop that a machine loop is, where one is found.
+    /// The source loop that a machine loop belongs to, if one is found.
     #[must_use]
     pub fn source_loop(&self, image: &Image, graph: &Graph, number: usize) -> Option<Place> {
         Some(self.innermost(image, graph, number)?.place)
     }
 
-    /// The innermost source loop that a machine loop belongs to: nearly every
-    /// located instruction (the compiler shares some with what comes before
-    /// or after), and most branches that repeat or leave it unless no loop
-    /// inside fits as well.
+    /// The innermost source loop that a machine loop belongs to.
+    ///
+    /// Nearly every located instruction of the machine loop must be in it; the compiler shares some
+    /// instructions with the code before or after the loop. Most branches that repeat or leave the
+    /// machine loop must be in it too, unless no inner machine loop fits as well.
     fn innermost(&self, image: &Image, graph: &Graph, number: usize) -> Option<Fit> {
-        let l = &graph.loops[number];
-        let locate = |address: u32| -> Vec<Place> {
-            let places = image.places(address).into_iter();
-            places.filter(|place| place.line != 0).collect()
-        };
-        let located: Vec<Vec<Place>> = l
-            .blocks
-            .iter()
-            .flat_map(|block| &graph.blocks[*block].instructions)
-            .map(|instruction| locate(instruction.address))
-            .filter(|places| !places.is_empty())
-            .collect();
-        // What the compiler made up in a function that it put here has a line
-        // of the caller only, which need not be the loop's.
-        let made_up = l
-            .blocks
-            .iter()
-            .flat_map(|block| &graph.blocks[*block].instructions)
-            .map(|instruction| image.places(instruction.address))
-            .filter(|places| places.first().is_some_and(|place| place.line == 0))
-            .map(|places| places.into_iter().filter(|place| place.line != 0).collect())
-            .filter(|places: &Vec<Place>| !places.is_empty())
-            .collect::<Vec<_>>();
-        let deciding: Vec<Vec<Place>> = l
-            .blocks
-            .iter()
-            .map(|block| &graph.blocks[*block])
-            .filter(|block| {
-                let mut next = block.successors.iter();
-                next.any(|next| *next == l.header || !l.blocks.contains(next))
-            })
-            .map(|block| locate(block.last().address))
-            .filter(|places| !places.is_empty())
-            .collect();
-        let mut candidates: Vec<(Place, SourceLoop)> = Vec::new();
-        for place in located.iter().chain(&deciding).flatten() {
-            self.with_file(&place.file, |loops| {
-                for s in loops.iter().filter(|s| s.is_loop() && s.holds(place.line)) {
-                    let first = Place {
-                        file: place.file.clone(),
-                        line: s.first,
-                    };
-                    if !candidates.iter().any(|(known, _)| *known == first) {
-                        candidates.push((first, s.clone()));
-                    }
-                }
-            });
-        }
-        // The one inlined deepest is the innermost; of several in one function
-        // the shortest.
-        candidates.sort_by_cached_key(|(place, s)| {
-            let depth = |places: &Vec<Place>| {
-                let mut inwards = places.iter().rev();
-                inwards.position(|p| p.file == place.file && s.holds(p.line))
-            };
-            let deepest = located.iter().filter_map(depth).max();
-            (std::cmp::Reverse(deepest), s.last - s.first, place.clone())
-        });
-        let holds = |place: &Place, s: &SourceLoop, places: &[Place]| {
-            let mut places = places.iter();
-            places.any(|p| p.file == place.file && s.holds(p.line))
-        };
-        let (place, s) = candidates.into_iter().find(|(place, s)| {
-            let strays = located
-                .iter()
-                .filter(|places| !holds(place, s, places))
-                .count();
-            let excused = made_up
-                .iter()
-                .filter(|places| !holds(place, s, places))
-                .count();
-            let strays = strays - excused;
-            let decided = deciding
-                .iter()
-                .filter(|places| holds(place, s, places))
-                .count();
-            let inner = || {
-                (0..graph.loops.len()).any(|other| {
-                    let header = graph.loops[other].header;
-                    header != l.header
-                        && l.blocks.contains(&header)
-                        && self
-                            .innermost(image, graph, other)
-                            .is_some_and(|fit| fit.place == *place)
-                })
-            };
-            strays <= 1 + located.len() / STRAYS && (2 * decided >= deciding.len() || !inner())
+        let places = LoopPlaces::new(image, graph, number);
+        let (place, s) = self.candidates(&places).into_iter().find(|(place, s)| {
+            let decided = places.deciding.iter();
+            let decided = decided.filter(|inlined| s.is_in(place, inlined)).count();
+            let decides = 2 * decided >= places.deciding.len();
+            places.fits(place, s) && (decides || !self.fits_inner(image, graph, number, place))
         })?;
-        // What repeats or leaves the loop must be written at the loop itself,
-        // not in something called from its body: else it is a loop of that.
-        let own = deciding.iter().any(|places| {
-            places.iter().enumerate().any(|(depth, p)| {
+        // The branches that repeat or leave the loop must be written at the loop itself. If they
+        // are in a function that the loop's body calls, the machine loop is one of that function.
+        let own = places.deciding.iter().any(|inlined| {
+            inlined.iter().enumerate().any(|(depth, p)| {
                 let own = depth == 0 || p.line == s.first || s.statement;
                 own && p.file == place.file && s.holds(p.line)
             })
         });
-        let mut lines = located.iter().filter_map(|places| {
-            let mut outermost = places.iter().rev();
+        let mut lines = places.located.iter().filter_map(|inlined| {
+            let mut outermost = inlined.iter().rev();
             outermost.find(|p| p.file == place.file && s.holds(p.line))
         });
         let first = lines.next();
@@ -258,20 +244,59 @@ impl Annotations {
         })
     }
 
-    /// How often a block is run in one activation of a task at most, by the
-    /// statement it was made from: every located instruction comes from it, and
-    /// no loop of the statement repeats the block. With the statement's place.
+    /// Source loops that hold an instruction of a machine loop, the innermost first. Of several, the
+    /// one that is inlined deepest is the innermost; of several in one function, the shortest.
+    fn candidates(&self, places: &LoopPlaces) -> Vec<(Place, SourceLoop)> {
+        let mut candidates: Vec<(Place, SourceLoop)> = Vec::new();
+        for place in places.located.iter().chain(&places.deciding).flatten() {
+            self.with_file(&place.file, |loops| {
+                for s in loops.iter().filter(|s| s.is_loop() && s.holds(place.line)) {
+                    let first = Place {
+                        file: place.file.clone(),
+                        line: s.first,
+                    };
+                    if !candidates.iter().any(|(known, _)| *known == first) {
+                        candidates.push((first, s.clone()));
+                    }
+                }
+            });
+        }
+        candidates.sort_by_cached_key(|(place, s)| {
+            let depth = |inlined: &Vec<Place>| {
+                let mut inwards = inlined.iter().rev();
+                inwards.position(|p| p.file == place.file && s.holds(p.line))
+            };
+            let deepest = places.located.iter().filter_map(depth).max();
+            (std::cmp::Reverse(deepest), s.last - s.first, place.clone())
+        });
+        candidates
+    }
+
+    /// Whether a machine loop inside this one belongs to the source loop at `place`.
+    fn fits_inner(&self, image: &Image, graph: &Graph, number: usize, place: &Place) -> bool {
+        let outer = &graph.loops[number];
+        (0..graph.loops.len()).any(|other| {
+            let header = graph.loops[other].header;
+            header != outer.header
+                && outer.blocks.contains(&header)
+                && self
+                    .innermost(image, graph, other)
+                    .is_some_and(|fit| fit.place == *place)
+        })
+    }
+
+    /// The most executions of a block in one activation of a task, by the annotation of its
+    /// statement, and the place of the statement.
+    ///
+    /// Every located instruction of the block must come from the statement, and no loop of the
+    /// statement may repeat the block.
     #[must_use]
     pub fn at_most(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
-        let locate = |block: usize| -> Vec<Vec<Place>> {
+        let locate = |block: usize| {
             let instructions = graph.blocks[block].instructions.iter();
-            instructions
-                .map(|instruction| image.places(instruction.address))
-                .map(|places| places.into_iter().filter(|p| p.line != 0).collect())
-                .filter(|places: &Vec<Place>| !places.is_empty())
-                .collect()
+            lines(image, instructions.map(|instruction| instruction.address))
         };
-        // Above a loop the mark is about its turns: executions of its header.
+        // Above a loop the mark limits its turns, which are the executions of its header.
         let of_loop = graph
             .loops
             .iter()
@@ -296,10 +321,7 @@ impl Annotations {
             });
         }
         let holds = |place: &Place, s: &SourceLoop, located: &[Vec<Place>]| {
-            located.iter().all(|places| {
-                let mut places = places.iter();
-                places.any(|p| p.file == place.file && s.holds(p.line))
-            })
+            located.iter().all(|inlined| s.is_in(place, inlined))
         };
         candidates
             .into_iter()
@@ -346,7 +368,7 @@ fn parse(file: &str, source: &str) -> (Vec<SourceLoop>, Vec<Misplaced>) {
     if let Ok(parsed) = syn::parse_file(source) {
         finder.visit_file(&parsed);
     }
-    // Other comments may stand between the mark and what it is about.
+    // Other comments may be between the mark and its loop or statement.
     let lines: Vec<&str> = source.lines().collect();
     let take = |marks: &mut HashMap<u32, Option<u64>>, first: u32| {
         let mut above = first - 1;
@@ -399,8 +421,7 @@ impl<'ast> Visit<'ast> for Finder {
     fn visit_stmt(&mut self, node: &'ast syn::Stmt) {
         use syn::Expr::{ForLoop, Loop, While};
         let is_loop = matches!(node, syn::Stmt::Expr(ForLoop(_) | Loop(_) | While(_), _));
-        // A loop is noted as such when it is visited; a statement has its own
-        // entry, which an `at-most` above a loop needs as well.
+        // A loop is added when its expression is visited.
         if !is_loop {
             self.add(node.span());
             if let Some(added) = self.loops.last_mut() {

@@ -1,4 +1,4 @@
-//! Where static variables hold arrays, from the image's debug information.
+//! Arrays in static variables, by the image's debug information.
 
 use addr2line::gimli::{
     self, AttributeValue, DebuggingInformationEntry, Dwarf, EndianSlice, LittleEndian, Operation,
@@ -6,15 +6,17 @@ use addr2line::gimli::{
 };
 use object::{Object, ObjectSection};
 
+use super::extent::Extent;
+
 type Slice<'a> = EndianSlice<'a, LittleEndian>;
 
-/// Types inside types that are followed.
+/// Depth to which nested types are followed.
 const DEPTH: u32 = 24;
 
-/// First and last byte of every outermost array in a static variable; what
-/// cannot be read holds none.
+/// Every outermost array in a static variable. Types that cannot be read count as without
+/// arrays.
 #[must_use]
-pub fn of(file: &object::File<'_>) -> Vec<(u32, u32)> {
+pub(crate) fn of(file: &object::File<'_>) -> Vec<Extent> {
     let section = |id: gimli::SectionId| -> Result<Slice<'_>, gimli::Error> {
         let data = file.section_by_name(id.name());
         let data = data.and_then(|section| section.data().ok());
@@ -41,7 +43,7 @@ pub fn of(file: &object::File<'_>) -> Vec<(u32, u32)> {
     found
 }
 
-/// The address of a variable that lies in one piece.
+/// The address of a variable, if it is in one piece.
 fn place(unit: &Unit<Slice<'_>>, entry: &DebuggingInformationEntry<Slice<'_>>) -> Option<u32> {
     let AttributeValue::Exprloc(place) = entry.attr_value(gimli::DW_AT_location)? else {
         return None;
@@ -53,6 +55,7 @@ fn place(unit: &Unit<Slice<'_>>, entry: &DebuggingInformationEntry<Slice<'_>>) -
     }
 }
 
+/// The type of an entry.
 fn kind(entry: &DebuggingInformationEntry<Slice<'_>>) -> Option<UnitOffset> {
     match entry.attr_value(gimli::DW_AT_type)? {
         AttributeValue::UnitRef(offset) => Some(offset),
@@ -60,17 +63,18 @@ fn kind(entry: &DebuggingInformationEntry<Slice<'_>>) -> Option<UnitOffset> {
     }
 }
 
+/// A number among the attributes of an entry.
 fn number(entry: &DebuggingInformationEntry<Slice<'_>>, name: gimli::DwAt) -> Option<u32> {
     u32::try_from(entry.attr_value(name)?.udata_value()?).ok()
 }
 
-/// Adds the arrays of a value of type `of` at `address`.
+/// Adds the arrays in a value of type `of` at `address`.
 fn inside(
     unit: &Unit<Slice<'_>>,
     of: UnitOffset,
     address: u32,
     depth: u32,
-    found: &mut Vec<(u32, u32)>,
+    found: &mut Vec<Extent>,
 ) {
     let Ok(mut tree) = unit.entries_tree(Some(of)) else {
         return;
@@ -79,7 +83,7 @@ fn inside(
     match root.entry().tag() {
         gimli::DW_TAG_array_type => {
             if let Some(bytes @ 1..) = size(unit, of, depth) {
-                found.push((address, address + (bytes - 1)));
+                found.push(Extent::new(address, address + (bytes - 1)));
             }
         }
         gimli::DW_TAG_structure_type | gimli::DW_TAG_union_type => {
@@ -89,12 +93,13 @@ fn inside(
     }
 }
 
+/// Adds the arrays in the members of a structure, union or variant at `address`.
 fn members(
     unit: &Unit<Slice<'_>>,
     node: gimli::EntriesTreeNode<'_, '_, Slice<'_>>,
     address: u32,
     depth: u32,
-    found: &mut Vec<(u32, u32)>,
+    found: &mut Vec<Extent>,
 ) {
     let Some(depth) = depth.checked_sub(1) else {
         return;
@@ -116,7 +121,7 @@ fn members(
     }
 }
 
-/// Bytes of a value of type `of`.
+/// Size in bytes of a value of type `of`.
 fn size(unit: &Unit<Slice<'_>>, of: UnitOffset, depth: u32) -> Option<u32> {
     let depth = depth.checked_sub(1)?;
     let mut tree = unit.entries_tree(Some(of)).ok()?;

@@ -1,16 +1,16 @@
-//! The condition flags: which combinations are possible, and from what.
+//! The condition flags: which combinations are possible, and the values that set them.
 
 use rsemu::cpu::arm::v7m::isa::Cond;
 
 use super::range::Range;
 use super::value::Value;
 
-/// What the flags were computed from.
+/// The values from which the flags were computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// The difference of two values, as `CMP` and `SUBS` do.
     Difference(Value, Value),
-    /// A result whose sign and zero the flags tell.
+    /// A result; N and Z are its sign and whether it is zero.
     Result(Value),
 }
 
@@ -19,7 +19,7 @@ pub enum Source {
 pub struct Flags {
     /// One bit for each combination of N, Z, C, V read as a binary number.
     pub possible: u16,
-    /// Where they come from, if a condition can teach us something of it.
+    /// The values that set them, if a condition can restrict these values.
     pub source: Option<Source>,
 }
 
@@ -36,6 +36,7 @@ pub fn passing(condition: Cond) -> u16 {
         .fold(0, |set, combination| set | 1 << combination)
 }
 
+/// The set of combinations that `keep` accepts.
 fn select(keep: impl Fn(u32) -> bool) -> u16 {
     (0..16u32)
         .filter(|combination| keep(*combination))
@@ -94,8 +95,8 @@ impl Flags {
     /// After `a + b`.
     #[must_use]
     pub fn sum(a: Value, b: Value) -> Self {
-        // Adding a constant is subtracting its negative, flags included,
-        // except for the two numbers that are their own negative.
+        // Adding a constant is the same as subtracting its negative, flags included, except for
+        // the two numbers that are their own negatives.
         if let Some(constant) = b.as_constant()
             && constant != 0
             && constant != 0x8000_0000
@@ -111,8 +112,8 @@ impl Flags {
         }
     }
 
-    /// After an operation that sets N and Z from `result`. The carry keeps
-    /// what `self` says unless `carry_lost`; the overflow keeps it always.
+    /// After an operation that sets N and Z by `result`. V stays as it was, and C does too unless
+    /// `carry_lost`.
     #[must_use]
     pub fn result(self, result: Value, carry_lost: bool) -> Self {
         let (negative, positive) = signs(result.range);
@@ -131,7 +132,7 @@ impl Flags {
         }
     }
 
-    /// Whether the carry is known.
+    /// The carry, if it is known.
     #[must_use]
     pub fn carry(&self) -> Option<bool> {
         let set = select(|flags| flags & C != 0) & self.possible != 0;
@@ -144,18 +145,20 @@ impl Flags {
     }
 }
 
+/// The combination of flags for this result.
 fn exact(result: u32, carry: bool, overflow: bool) -> u32 {
     let negative = if result >> 31 != 0 { N } else { 0 };
     let zero = if result == 0 { Z } else { 0 };
     negative | zero | if carry { C } else { 0 } | u32::from(overflow)
 }
 
-/// Whether the range has negative and whether it has positive elements.
+/// Whether the range has negative elements, and whether it has positive ones.
 fn signs(range: Range) -> (bool, bool) {
     let (low, high) = range.signed();
     (low < 0, high > 0)
 }
 
+/// Whether N and Z fit to a result that may be negative, positive or zero.
 fn sign_fits(flags: u32, negative: bool, positive: bool, zero: bool) -> bool {
     match (flags & N != 0, flags & Z != 0) {
         (true, true) => false,
@@ -165,8 +168,8 @@ fn sign_fits(flags: u32, negative: bool, positive: bool, zero: bool) -> bool {
     }
 }
 
-/// What a condition says of the source's values: for each value the set it
-/// must lie in.
+/// Restrictions that a condition puts on the values which set the flags: each value, and the set in
+/// which it must lie.
 #[must_use]
 pub fn consequences(source: &Source, condition: Cond) -> Vec<(Value, Range)> {
     match *source {
@@ -203,7 +206,7 @@ pub fn consequences(source: &Source, condition: Cond) -> Vec<(Value, Range)> {
                     (b, signed_up_to(a_most.saturating_sub(1))),
                 ],
                 13 => vec![(a, signed_up_to(b_most)), (b, signed_from(a_least))],
-                // MI, PL: the sign of the difference, of use against zero.
+                // MI, PL: the sign of the difference, which is useful if zero is subtracted.
                 4 if b.as_constant() == Some(0) => vec![(a, signed_up_to(-1))],
                 5 if b.as_constant() == Some(0) => vec![(a, signed_from(0))],
                 _ => Vec::new(),
@@ -235,7 +238,7 @@ fn signed_up_to(high: i32) -> Range {
     Range::arc(i32::MIN as u32, high.wrapping_sub(i32::MIN) as u32, 1)
 }
 
-/// `a` without the only element of `b`, if that lies at an end of `a`.
+/// `a` without the only element of `b`, if that is the first or last element of `a`.
 fn without(a: Value, b: Value) -> Vec<(Value, Range)> {
     let Some(value) = b.as_constant() else {
         return Vec::new();

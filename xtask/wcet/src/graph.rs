@@ -1,4 +1,4 @@
-//! Control flow of one function, rebuilt from its instructions.
+//! The control-flow graph of one function, rebuilt from its instructions.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -9,14 +9,13 @@ use rsemu::cpu::arm::v7m::isa::Insn;
 /// Targets of indirect jumps found so far, by the jump's address.
 pub type Targets = HashMap<u32, BTreeSet<u32>>;
 
-/// Which functions return, as far as it was asked. Code after a call that
-/// never returns belongs to another path; following it would invent loops.
+/// Which functions return, as far as this was asked. The code after a call that never returns
+/// does not belong to the path of the call; following it would add loops that do not exist.
 #[derive(Debug, Default)]
 pub struct Returning(HashMap<u32, bool>);
 
 impl Returning {
-    /// Whether the function at `entry` may return. Whatever cannot be told is
-    /// taken to return.
+    /// Whether the function at `entry` may return; true if that is unknown.
     pub fn ask(&mut self, image: &Image, entry: u32) -> bool {
         if let Some(&known) = self.0.get(&entry) {
             return known;
@@ -25,7 +24,7 @@ impl Returning {
             self.0.insert(entry, false);
             return false;
         }
-        // A function that calls itself returns if some other path does.
+        // A recursive function returns only if a path without the recursive call does.
         self.0.insert(entry, false);
         let returns = self.search(image, entry);
         self.0.insert(entry, returns);
@@ -71,6 +70,7 @@ impl Returning {
     }
 }
 
+/// `ITSTATE` after an instruction, which may begin an `IT` block itself.
 fn next_it(instruction: &Instruction, it: u8) -> u8 {
     match instruction.insn {
         Insn::It { cond, mask } => (cond.0 << 4) | mask,
@@ -78,7 +78,7 @@ fn next_it(instruction: &Instruction, it: u8) -> u8 {
     }
 }
 
-/// Whether a function only reports that the program cannot go on.
+/// Whether a function belongs to the panic handling and never returns.
 #[must_use]
 pub fn is_panic(name: &str) -> bool {
     const NEVER_RETURN: [&str; 11] = [
@@ -97,7 +97,7 @@ pub fn is_panic(name: &str) -> bool {
     NEVER_RETURN.iter().any(|part| name.contains(part))
 }
 
-/// A straight run of instructions.
+/// A basic block: instructions without a branch between them.
 #[derive(Debug, Clone)]
 pub struct Block {
     /// Its instructions; never empty.
@@ -116,22 +116,29 @@ impl Block {
     /// The last instruction.
     #[must_use]
     pub fn last(&self) -> &Instruction {
-        &self.instructions[self.instructions.len() - 1]
+        self.split_last().0
+    }
+
+    /// The last instruction, and those before it.
+    #[must_use]
+    pub fn split_last(&self) -> (&Instruction, &[Instruction]) {
+        let (body, last) = self.instructions.split_at(self.instructions.len() - 1);
+        (&last[0], body)
     }
 }
 
-/// A loop.
+/// A loop of the control flow.
 #[derive(Debug, Clone)]
 pub struct Loop {
-    /// Its first block: every turn passes it. Control may also enter past it.
+    /// Its header: every turn passes this block. Control may also enter the loop elsewhere.
     pub header: usize,
-    /// Its blocks, inner loops included.
+    /// Its blocks, those of inner loops included.
     pub blocks: BTreeSet<usize>,
-    /// The loop around it.
+    /// The loop directly around it.
     pub parent: Option<usize>,
 }
 
-/// Control flow of one function.
+/// The control-flow graph of one function.
 #[derive(Debug, Clone)]
 pub struct Graph {
     /// Address of the function.
@@ -142,8 +149,6 @@ pub struct Graph {
     pub loops: Vec<Loop>,
     /// Innermost loop of each block.
     pub innermost: Vec<Option<usize>>,
-    /// Places where decoding failed, reported only if they are reached.
-    pub holes: Vec<u32>,
     index: HashMap<u32, usize>,
 }
 
@@ -160,25 +165,19 @@ impl Graph {
     ) -> Result<Self, NotCode> {
         let mut instructions: BTreeMap<u32, Instruction> = BTreeMap::new();
         let mut leaders = BTreeSet::from([entry]);
-        let mut holes = Vec::new();
         let mut work = vec![entry];
         while let Some(start) = work.pop() {
             let mut address = start;
             let mut it = 0;
             loop {
-                if instructions.contains_key(&address) && address != start {
-                    break;
-                }
-                if address == start && instructions.contains_key(&address) {
+                if instructions.contains_key(&address) {
                     break;
                 }
                 let instruction = match decode(image, address, it) {
                     Ok(instruction) if image.is_code(address) => instruction,
                     _ if address == entry => return Err(NotCode(entry)),
-                    _ => {
-                        holes.push(address);
-                        break;
-                    }
+                    // Not decoded: a path that reaches it is reported by the walk.
+                    _ => break,
                 };
                 instructions.insert(address, instruction);
                 it = next_it(&instruction, it);
@@ -207,10 +206,10 @@ impl Graph {
             &leaders,
             targets,
             returning,
-            holes,
         ))
     }
 
+    /// Groups the instructions into blocks, which begin at the `leaders`.
     fn assemble(
         image: &Image,
         entry: u32,
@@ -218,7 +217,6 @@ impl Graph {
         leaders: &BTreeSet<u32>,
         targets: &Targets,
         returning: &mut Returning,
-        holes: Vec<u32>,
     ) -> Self {
         let mut raw: BTreeMap<u32, (Vec<Instruction>, Vec<u32>)> = BTreeMap::new();
         for &leader in leaders {
@@ -273,7 +271,6 @@ impl Graph {
             blocks,
             loops: Vec::new(),
             innermost: Vec::new(),
-            holes,
             index,
         };
         graph.find_loops();
@@ -294,10 +291,10 @@ impl Graph {
                 predecessors[to].push(from);
             }
         }
-        // An edge against the order closes a loop. Its blocks are those on a
-        // cycle with its header and after it in the order, which is the
-        // natural loop where the header dominates them and still a loop where
-        // control also enters in the middle.
+        // An edge against the reverse postorder closes a loop. The blocks of the loop are those
+        // that are on a cycle with the header and come after it in the order. If the header
+        // dominates them, this is the natural loop. If control also enters in the middle, it is
+        // still a loop in which every turn passes the header.
         let headers: BTreeSet<usize> = self
             .blocks
             .iter()
@@ -359,6 +356,7 @@ impl Graph {
     }
 }
 
+/// Addresses of the blocks in reverse postorder.
 fn reverse_postorder(entry: u32, raw: &BTreeMap<u32, (Vec<Instruction>, Vec<u32>)>) -> Vec<u32> {
     let mut order = Vec::new();
     let mut seen = BTreeSet::from([entry]);
@@ -379,11 +377,12 @@ fn reverse_postorder(entry: u32, raw: &BTreeMap<u32, (Vec<Instruction>, Vec<u32>
     order
 }
 
-/// Whether control may leave the straight line at this instruction.
+/// Whether control may go elsewhere than to the next instruction.
 fn ends_block(instruction: &Instruction) -> bool {
     instruction.flow() != Flow::Next
 }
 
+/// Whether control may go on to the next instruction.
 fn falls_through(image: &Image, instruction: &Instruction, returning: &mut Returning) -> bool {
     match instruction.flow() {
         Flow::Next | Flow::Branch { .. } | Flow::CallRegister { .. } => true,
@@ -392,7 +391,7 @@ fn falls_through(image: &Image, instruction: &Instruction, returning: &mut Retur
     }
 }
 
-/// Whether the instruction may be skipped by its `IT` block.
+/// Whether the instruction is conditional by its `IT` block.
 #[must_use]
 pub fn conditional(instruction: &Instruction) -> bool {
     instruction
@@ -400,19 +399,19 @@ pub fn conditional(instruction: &Instruction) -> bool {
         .is_some_and(|condition| condition.0 < 14)
 }
 
-/// Whether the straight line may go on at `address`: not into the next
-/// function or its data, as it would after a call that never returns.
+/// Whether the function continues at `address`. After a call that never returns, the next
+/// function or data may follow.
 fn continues(image: &Image, entry: u32, address: u32) -> bool {
     image.is_code(address) && (address == entry || image.function(address).is_none())
 }
 
-/// Where a branch leads when it leaves the function for another one.
+/// Whether `target` is another function than the one at `entry`.
 #[must_use]
 pub fn leaves(image: &Image, entry: u32, target: u32) -> bool {
     target != entry && image.function(target).is_some()
 }
 
-/// Where a table branch may lead by the table that follows it.
+/// The targets of a table branch, by the table that follows it.
 fn table(image: &Image, instruction: &Instruction) -> Vec<u32> {
     let Insn::TableBranch { rn: 15, half, .. } = instruction.insn else {
         return Vec::new();
@@ -428,6 +427,7 @@ fn table(image: &Image, instruction: &Instruction) -> Vec<u32> {
         .collect()
 }
 
+/// The targets of an instruction within its function.
 fn local_targets(
     image: &Image,
     entry: u32,

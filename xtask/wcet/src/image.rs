@@ -6,7 +6,9 @@ use std::path::Path;
 
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
 
-/// Why a file is no image of this target.
+use super::extent::Extent;
+
+/// Why a file cannot be used as an image.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ImageError {
     /// The file cannot be read.
@@ -14,7 +16,7 @@ pub enum ImageError {
     Unreadable {
         /// The file.
         path: String,
-        /// What the system or the parser said.
+        /// The reason that the system or the parser gives.
         reason: String,
     },
     /// Not a little-endian 32-bit Arm ELF file.
@@ -25,14 +27,14 @@ pub enum ImageError {
     },
 }
 
-/// A function by its linker symbol.
+/// A function of the image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Function {
-    /// Readable name, without the hash.
+    /// Demangled name, without the hash.
     pub name: String,
     /// Linker name.
     pub symbol: String,
-    /// Bytes, zero when the symbol does not say.
+    /// Size in bytes; zero if the symbol has none.
     pub size: u32,
 }
 
@@ -41,7 +43,7 @@ pub struct Function {
 pub struct Place {
     /// File as the compiler recorded it.
     pub file: String,
-    /// Line, from one; zero when unknown.
+    /// Line, counted from one; zero if it is unknown.
     pub line: u32,
 }
 
@@ -51,9 +53,8 @@ impl std::fmt::Display for Place {
     }
 }
 
-/// The end of a path: what stands after the last `registry` index folder, the
-/// toolchain's library folder or the workspace's root, so that reports do not
-/// depend on where they were made.
+/// A path without the folder of the registry, the toolchain's library or the workspace, so
+/// that reports do not depend on the machine.
 fn short(file: &str) -> &str {
     for mark in ["/library/", "/registry/src/"] {
         if let Some(at) = file.find(mark) {
@@ -72,25 +73,26 @@ fn short(file: &str) -> &str {
 /// The static variables of an image.
 #[derive(Debug, Clone, Default)]
 pub struct Variables {
+    /// Size by address.
     sizes: BTreeMap<u32, u32>,
-    arrays: Vec<(u32, u32)>,
+    arrays: Vec<Extent>,
 }
 
 impl Variables {
-    /// First and last byte of the variable that holds `address`.
+    /// The variable that holds `address`.
     #[must_use]
-    pub fn around(&self, address: u32) -> Option<(u32, u32)> {
+    pub fn around(&self, address: u32) -> Option<Extent> {
         let (start, size) = self.sizes.range(..=address).next_back()?;
-        (address - start < *size).then_some((*start, start + size - 1))
+        (address - start < *size).then(|| Extent::new(*start, start + size - 1))
     }
 
-    /// First and last byte of the array that holds `address`, if one does.
+    /// The array that holds `address`, if one does.
     #[must_use]
-    pub fn array(&self, address: u32) -> Option<(u32, u32)> {
-        let holding = |(first, last): &&(u32, u32)| (*first..=*last).contains(&address);
-        let arrays = self.arrays.iter().filter(holding).copied();
-        // What is one thing or another (a union) may be either.
-        arrays.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    pub fn array(&self, address: u32) -> Option<Extent> {
+        let arrays = self.arrays.iter().copied();
+        // In a union several arrays may hold the address; any of them may be meant.
+        let holding = arrays.filter(|array| array.contains(address));
+        holding.reduce(Extent::hull)
     }
 }
 
@@ -197,7 +199,7 @@ impl Image {
                     symbol: name.to_owned(),
                     size: symbol.size() as u32,
                 };
-                // Of several names for one address the global one reads best.
+                // If an address has several names, the global one is shown.
                 let entry = self.functions.entry(address & !1);
                 if symbol.is_global() {
                     entry.insert_entry(function);
@@ -224,7 +226,7 @@ impl Image {
         }
     }
 
-    /// Whether an instruction may stand at `address`.
+    /// Whether `address` is in code, and not in data among code.
     #[must_use]
     pub fn is_code(&self, address: u32) -> bool {
         self.code
@@ -236,7 +238,7 @@ impl Image {
                 .any(|&(start, end)| (start..end).contains(&address))
     }
 
-    /// `address` and the end of the data it is in, if it is data among code.
+    /// `address` and the end of the data around it, if it is data among code.
     #[must_use]
     pub fn table_end(&self, address: u32) -> Option<(u32, u32)> {
         self.data_in_code
@@ -245,8 +247,8 @@ impl Image {
             .map(|&(_, end)| (address, end))
     }
 
-    /// The word, halfword or byte (`size` 4, 2, 1) at `address`, if it is a
-    /// constant of the image.
+    /// The word, halfword or byte (`size` 4, 2, 1) at `address`, if it is a constant of the
+    /// image.
     #[must_use]
     pub fn constant(&self, address: u32, size: u32) -> Option<u32> {
         let (start, data) = self.constants.iter().find(|(start, data)| {
@@ -265,8 +267,7 @@ impl Image {
         &self.variables
     }
 
-    /// Initial words of the static variables that are not zero, with their
-    /// addresses.
+    /// Initial words of the initialised static variables: address and word.
     pub fn initial_words(&self) -> impl Iterator<Item = (u32, u32)> {
         let constant = |address: u32| self.constants.iter().any(|(start, _)| *start == address);
         let writable = self.load.iter().filter(move |(start, _)| !constant(*start));
@@ -276,8 +277,8 @@ impl Image {
         })
     }
 
-    /// Handlers of the vector table that may return to what they interrupted:
-    /// all interrupts and the exceptions that are no faults.
+    /// Handlers in the vector table that may return to the interrupted code: those of all
+    /// interrupts and of the exceptions that are no faults.
     #[must_use]
     pub fn handlers(&self) -> Vec<u32> {
         let Some(table) = self.symbol("__RESET_VECTOR").map(|reset| reset - 4) else {
@@ -322,7 +323,7 @@ impl Image {
         self.functions.iter().map(|(address, f)| (*address, f))
     }
 
-    /// The function whose path ends so.
+    /// The function whose demangled path ends with `path`.
     pub fn function_ending(&self, path: &str) -> Option<u32> {
         self.functions()
             .find(|(address, _)| {
@@ -333,7 +334,7 @@ impl Image {
             .map(|(address, _)| address)
     }
 
-    /// Address of a linker symbol, the Thumb bit cleared.
+    /// Address of a linker symbol, with the Thumb bit cleared.
     #[must_use]
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.symbols.get(name).copied()
@@ -351,7 +352,7 @@ impl Image {
             .map_or_else(|| format!("{address:#010x}"), |(_, f)| f.name.clone())
     }
 
-    /// Source lines of `address`: the innermost inlined function first.
+    /// Source lines of `address`, that of the innermost inlined function first.
     #[must_use]
     pub fn places(&self, address: u32) -> Vec<Place> {
         let mut known = self.known_places.borrow_mut();
@@ -382,8 +383,8 @@ impl Image {
         places
     }
 
-    /// What to show of `address`: the innermost line of this workspace if
-    /// there is one, else the innermost line, else the function.
+    /// A description of `address` for messages: its innermost line in this workspace, else its
+    /// innermost line, and the function.
     #[must_use]
     pub fn describe(&self, address: u32) -> String {
         let places = self.places(address);
@@ -401,7 +402,7 @@ impl Image {
         }
     }
 
-    /// Bytes to place in memory before running the image, section by section.
+    /// Contents of the sections that are loaded before the image runs: address and bytes.
     pub fn contents(&self) -> impl Iterator<Item = (u32, &[u8])> {
         self.load
             .iter()

@@ -1,57 +1,59 @@
-//! Instructions as the emulator decodes them, with what the analysis asks.
+//! Instructions as the emulator decodes them, and the properties that the analysis needs.
 
 use rsemu::cpu::arm::v7m::fpisa::FpInsn;
-use rsemu::cpu::arm::v7m::isa::{self, Cond, DpOp, Insn, MemOffset, Operand};
+use rsemu::cpu::arm::v7m::isa::{self, Cond, Insn, MemOffset};
 
 use super::image::Image;
+use super::register::{Register, RegisterSet};
 
 /// One instruction of the image.
 #[derive(Debug, Clone, Copy)]
 pub struct Instruction {
-    /// Where it stands.
+    /// Its address.
     pub address: u32,
-    /// Two or four bytes.
+    /// Its size: two or four bytes.
     pub size: u32,
-    /// What it does. Inside an `IT` block the narrow forms keep the flags.
+    /// The decoded instruction. Inside an `IT` block the narrow forms keep the flags.
     pub insn: Insn,
     /// Its condition inside an `IT` block.
     pub condition: Option<Cond>,
 }
 
-/// Where control goes after an instruction.
+/// Where control goes after an instruction whose condition holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Flow {
-    /// On to the next instruction.
+    /// To the next instruction.
     Next,
-    /// To `target` if the condition holds, else on.
+    /// To `target` if the condition holds, else to the next instruction.
     Branch {
-        /// Taken when it holds; `None` for `CBZ` and `CBNZ`.
+        /// The condition; `None` for `CBZ` and `CBNZ`.
         condition: Option<Cond>,
-        /// Where to.
+        /// The address.
         target: u32,
     },
     /// To `target`.
     Jump {
-        /// Where to.
+        /// The address.
         target: u32,
     },
-    /// Calls the function at `target` and goes on after it.
+    /// To the function at `target`, and after its return to the next instruction.
     Call {
         /// The callee.
         target: u32,
     },
-    /// Calls the function a register points to and goes on after it.
+    /// To the function that a register points to, and after its return to the next
+    /// instruction.
     CallRegister {
         /// The register.
         register: u8,
     },
-    /// Wherever a register, a table or a loaded word says, `LR` returning.
+    /// To the address in a register, a table or a loaded word; a return is one of these.
     Indirect,
-    /// Never on: a permanently undefined instruction or a breakpoint.
+    /// Nowhere: a permanently undefined instruction or a breakpoint.
     Stop,
 }
 
-/// No instruction can be decoded at this address.
+/// There is no instruction at this address.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotCode(pub u32);
 
@@ -178,8 +180,8 @@ impl Instruction {
         }
     }
 
-    /// Whether it goes to another function through a register or a loaded word, and neither
-    /// back to the caller nor through a table of its own function.
+    /// Whether it goes to another function through a register or a loaded word: not a return,
+    /// nor a jump through a table of its own function.
     #[must_use]
     pub fn calls_through_pointer(&self) -> bool {
         match (self.flow(), self.insn) {
@@ -192,16 +194,15 @@ impl Instruction {
         }
     }
 
-    /// Core registers that the address of its memory access is made of.
+    /// Core registers from which the address of its memory access is computed.
     #[must_use]
-    pub fn address_registers(&self) -> u16 {
-        let bit = |register: u8| 1u16 << register;
+    pub fn address_registers(&self) -> RegisterSet {
         match self.insn {
             Insn::LoadStore { rn, offset, .. } => {
                 bit(rn)
                     | match offset {
                         MemOffset::Reg { rm, .. } => bit(rm),
-                        MemOffset::Imm(_) => 0,
+                        MemOffset::Imm(_) => RegisterSet::NONE,
                     }
             }
             Insn::LoadStoreDual { rn, .. }
@@ -209,22 +210,19 @@ impl Instruction {
             | Insn::LoadStoreMultiple { rn, .. } => bit(rn),
             Insn::TableBranch { rn, rm, .. } => bit(rn) | bit(rm),
             Insn::Fp(FpInsn::Mem { rn, .. } | FpInsn::Multi { rn, .. }) => bit(rn),
-            _ => 0,
+            _ => RegisterSet::NONE,
         }
     }
 
-    /// Core registers it may write, the program counter excluded.
+    /// Core registers that it may write, without the program counter.
     #[must_use]
-    pub fn written(&self) -> u16 {
-        let bit = |register: u8| if register < 15 { 1u16 << register } else { 0 };
+    pub fn written(&self) -> RegisterSet {
+        self.destinations().without(Register::PC)
+    }
+
+    fn destinations(&self) -> RegisterSet {
         match self.insn {
-            Insn::DataProc { op, rd, .. } => {
-                if op.is_test() {
-                    0
-                } else {
-                    bit(rd)
-                }
-            }
+            Insn::DataProc { op, rd, .. } => when(!op.is_test(), bit(rd)),
             Insn::ShiftReg { rd, .. }
             | Insn::Adr { rd, .. }
             | Insn::MovImm16 { rd, .. }
@@ -248,7 +246,7 @@ impl Instruction {
                 rn,
                 wback,
                 ..
-            } => (if load { bit(rt) } else { 0 }) | (if wback { bit(rn) } else { 0 }),
+            } => when(load, bit(rt)) | when(wback, bit(rn)),
             Insn::LoadLiteral { rt, .. } => bit(rt),
             Insn::LoadStoreDual {
                 load,
@@ -257,22 +255,16 @@ impl Instruction {
                 rn,
                 wback,
                 ..
-            } => (if load { bit(rt) | bit(rt2) } else { 0 }) | (if wback { bit(rn) } else { 0 }),
-            Insn::LoadStoreExclusive { load, rd, rt, .. } => {
-                if load {
-                    bit(rt)
-                } else {
-                    bit(rd)
-                }
-            }
+            } => when(load, bit(rt) | bit(rt2)) | when(wback, bit(rn)),
+            Insn::LoadStoreExclusive { load, rd, rt, .. } => bit(if load { rt } else { rd }),
             Insn::LoadStoreMultiple {
                 load,
                 rn,
                 list,
                 wback,
                 ..
-            } => (if load { list & 0x7fff } else { 0 }) | (if wback { bit(rn) } else { 0 }),
-            Insn::BranchLink { .. } | Insn::Blx { .. } => bit(14),
+            } => when(load, RegisterSet::from_bits(list)) | when(wback, bit(rn)),
+            Insn::BranchLink { .. } | Insn::Blx { .. } => RegisterSet::of(Register::LR),
             Insn::Fp(FpInsn::MovCore {
                 to_fp: false, rt, ..
             }) => bit(rt),
@@ -290,7 +282,7 @@ impl Instruction {
                 writeback: true,
                 ..
             }) => bit(rn),
-            _ => 0,
+            _ => RegisterSet::NONE,
         }
     }
 
@@ -299,18 +291,14 @@ impl Instruction {
     pub fn uses_fpu(&self) -> bool {
         matches!(self.insn, Insn::Fp(_))
     }
+}
 
-    /// The destination of a plain register move.
-    #[must_use]
-    pub fn is_move_to_pc(&self) -> Option<Operand> {
-        match self.insn {
-            Insn::DataProc {
-                op: DpOp::Mov,
-                rd: 15,
-                operand,
-                ..
-            } => Some(operand),
-            _ => None,
-        }
-    }
+/// The set of one register.
+fn bit(register: u8) -> RegisterSet {
+    RegisterSet::of(Register::new(register))
+}
+
+/// The set if the condition holds, else none.
+fn when(condition: bool, set: RegisterSet) -> RegisterSet {
+    if condition { set } else { RegisterSet::NONE }
 }

@@ -1,83 +1,82 @@
-//! What holds at the first block of a loop in every turn.
+//! Loop invariants: facts that hold at the first block of a loop in every turn.
 //!
-//! The last turn run gives a guess: words that it left alone stay as they
-//! are, words that it moved by a constant go on moving, so that after `k` of
-//! at most `n` more turns they have moved `k` times. One more turn from the
-//! guessed state confirms it or shows which words behave otherwise; of those
-//! less is assumed until a turn confirms all that is left, which is then true
-//! of every turn by induction.
+//! The last turn that was run gives a guess. A word that it did not change stays the same. A
+//! word that it moved by a constant keeps moving: after `k` of at most `n` more turns it has
+//! moved `k` times. One more turn from the guessed state confirms the guess or shows which
+//! words behave otherwise. Less is then assumed of those, until a turn confirms every
+//! assumption that is left. By induction these assumptions hold in every turn.
 
 use std::collections::HashMap;
-use std::rc::Rc;
 
 use super::flags::Flags;
 use super::range::Range;
-use super::state::{State, Symbols, common};
+use super::register::Register;
+use super::slots::Slot;
+use super::state::{State, common};
+use super::symbols::Symbols;
 use super::value::{Symbol, Value};
 
-/// What is assumed of one word.
+/// The assumption about one word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Rule {
     /// The same word in every turn.
     Same,
-    /// Moved by this in every turn; the symbol is the word before the turn.
+    /// Moved by this distance in every turn; the symbol is the word before the turn.
     Moves(Symbol, u32),
-    /// Any element of the range the state holds.
+    /// In the range that the state holds.
     Within,
     /// Anything.
     Any,
 }
 
-/// Where a word lies.
+/// The place of a word in the state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Cell {
-    Register(usize),
+    Register(Register),
     Float(usize),
-    Stack(u32, u32),
-    Mask,
+    Stack { address: u32, size: u32 },
+    Basepri,
 }
 
-/// The guess; see the module.
+/// The guessed state and assumptions; see the module.
 #[derive(Debug)]
 pub struct Invariant {
     state: State,
     rules: HashMap<Cell, Rule>,
 }
 
+/// All words of a state.
 fn cells(state: &State) -> Vec<(Cell, Value)> {
-    let registers = state.registers.iter().enumerate();
+    let registers = state.registers.iter();
     let floats = state.floats.iter().enumerate();
-    let stack = state.stack.iter();
+    let stack = state.stack.as_slice().iter();
+    let of_slot = |slot: &Slot| Cell::Stack {
+        address: slot.address,
+        size: slot.size,
+    };
     registers
         .map(|(n, value)| (Cell::Register(n), *value))
         .chain(floats.map(|(n, value)| (Cell::Float(n), *value)))
-        .chain(stack.map(|&(at, size, value)| (Cell::Stack(at, size), value)))
-        .chain([(Cell::Mask, state.basepri)])
+        .chain(stack.map(|slot| (of_slot(slot), slot.value)))
+        .chain([(Cell::Basepri, state.basepri)])
         .collect()
 }
 
+/// Sets a word of a state.
 fn put(state: &mut State, cell: Cell, value: Value) {
     match cell {
         Cell::Register(n) => state.registers[n] = value,
-        Cell::Float(n) => {
-            if state.floats[n] != value {
-                Rc::make_mut(&mut state.floats)[n] = value;
-            }
-        }
-        Cell::Stack(at, size) => {
-            let index = state.stack.partition_point(|slot| slot.0 < at);
-            match state.stack.get(index) {
-                Some(slot) if (slot.0, slot.1) == (at, size) => {
-                    Rc::make_mut(&mut state.stack)[index].2 = value;
-                }
-                _ => Rc::make_mut(&mut state.stack).insert(index, (at, size, value)),
-            }
-        }
-        Cell::Mask => state.basepri = value,
+        Cell::Float(n) => state.set_float(n, value),
+        Cell::Stack { address, size } => state.stack.put(Slot {
+            address,
+            size,
+            value,
+        }),
+        Cell::Basepri => state.basepri = value,
     }
 }
 
-/// How far `after` lies from `before`, if that is one distance.
+/// The distance from `before` to `after`, if it is the same on every path.
 fn distance(before: &Value, after: &Value) -> Option<u32> {
     if let (Some(a), Some(b)) = (before.as_constant(), after.as_constant()) {
         return Some(b.wrapping_sub(a));
@@ -90,7 +89,7 @@ fn distance(before: &Value, after: &Value) -> Option<u32> {
     }
 }
 
-/// Every word on the way from an element of `range` in at most `turns` steps.
+/// Every word that is reached from `range` by at most `turns` steps of `step`.
 fn swept(range: Range, step: u32, turns: u64) -> Range {
     let down = step >> 31 != 0;
     let reach = u64::from(if down { step.wrapping_neg() } else { step }).checked_mul(turns);
@@ -104,13 +103,13 @@ fn swept(range: Range, step: u32, turns: u64) -> Range {
     })
 }
 
+/// Whether every element of `inner` is one of `outer`.
 fn within(inner: Range, outer: Range) -> bool {
     outer.is_all() || outer.join(inner) == outer
 }
 
 impl Invariant {
-    /// Guesses from a turn that led from `before` to `next`; at most `turns`
-    /// more follow.
+    /// Guesses from a turn that led from `before` to `next`. At most `turns` more follow.
     #[must_use]
     pub fn guess(before: &State, next: State, turns: u64, symbols: &mut Symbols) -> Self {
         let earlier: HashMap<Cell, Value> = cells(before).into_iter().collect();
@@ -125,7 +124,8 @@ impl Invariant {
             let (rule, value) = match (earlier.get(&cell), step) {
                 (Some(old), _) if *old == value => (Rule::Same, value),
                 (Some(_), Some(step))
-                    if step != 0 && matches!(cell, Cell::Register(_) | Cell::Stack(_, 4)) =>
+                    if step != 0
+                        && matches!(cell, Cell::Register(_) | Cell::Stack { size: 4, .. }) =>
                 {
                     let symbol = symbols.fresh_within(&[&value]);
                     let value = Value {
@@ -151,89 +151,96 @@ impl Invariant {
         Self { state, rules }
     }
 
-    /// What is taken to hold.
+    /// The state that is assumed at the first block of every turn.
     #[must_use]
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// Whether a turn from [`Self::state`] that led to `after` confirms it; if
-    /// not, less is taken to hold from now on.
+    /// Whether a turn from [`Self::state`] that led to `after` confirms it. If not, less is
+    /// assumed from now on.
     #[must_use]
     pub fn holds(&mut self, after: &State, symbols: &mut Symbols) -> bool {
         let found: HashMap<Cell, Value> = cells(after).into_iter().collect();
         let mut confirmed = true;
         for (cell, value) in cells(&self.state) {
-            let rule = self.rules.get(&cell).copied().unwrap_or(Rule::Any);
-            let new = match found.get(&cell) {
-                Some(new) => *new,
-                // A word that was overwritten in part or is not known on
-                // every path.
-                None => Value::ANY,
+            // A word that was partly overwritten, or is not known on every path, is missing.
+            let new = found.get(&cell).copied().unwrap_or(Value::ANY);
+            confirmed &= self.word_holds(cell, &value, &new, symbols);
+        }
+        confirmed &= self.stack_holds(&found, symbols);
+        confirmed & self.rest_holds(after, symbols)
+    }
+
+    /// Whether the word at `cell`, assumed to be `value`, is as assumed where a turn made it
+    /// `new`. If not, the assumption becomes weaker.
+    fn word_holds(
+        &mut self,
+        cell: Cell,
+        value: &Value,
+        new: &Value,
+        symbols: &mut Symbols,
+    ) -> bool {
+        let rule = self.rules.get(&cell).copied().unwrap_or(Rule::Any);
+        let stack = value.stack || new.stack;
+        let variable = symbols.origin(value);
+        let in_variable = || variable.is_none() || symbols.origin(new) == variable;
+        let kept = match rule {
+            Rule::Same => new == value,
+            Rule::Moves(symbol, step) => {
+                new.base == Some((symbol, Range::constant(step))) && value.stack == stack
+            }
+            Rule::Within => within(new.range, value.range) && value.stack == stack && in_variable(),
+            Rule::Any => value.stack == stack && in_variable(),
+        };
+        if kept {
+            return true;
+        }
+        let (rule, range) = match rule {
+            Rule::Same => (Rule::Within, value.range.join(new.range)),
+            _ => (Rule::Any, Range::ALL),
+        };
+        let weaker = Value {
+            range,
+            base: Some((symbols.fresh_within(&[value, new]), Range::constant(0))),
+            stack,
+        };
+        self.rules.insert(cell, rule);
+        put(&mut self.state, cell, weaker);
+        false
+    }
+
+    /// Whether the turn left no stack address in a slot about which nothing was assumed. If it
+    /// did, the state now allows for it.
+    fn stack_holds(&mut self, found: &HashMap<Cell, Value>, symbols: &mut Symbols) -> bool {
+        let mut confirmed = true;
+        for (cell, value) in found {
+            let Cell::Stack { address, size } = *cell else {
+                continue;
             };
-            let stack = value.stack || new.stack;
-            let place = symbols.origin(&value);
-            let in_place =
-                |symbols: &Symbols, new: &Value| place.is_none() || symbols.origin(new) == place;
-            let kept = match rule {
-                Rule::Same => new == value,
-                Rule::Moves(symbol, step) => {
-                    new.base == Some((symbol, Range::constant(step))) && value.stack == stack
-                }
-                Rule::Within => {
-                    within(new.range, value.range)
-                        && value.stack == stack
-                        && in_place(symbols, &new)
-                }
-                Rule::Any => value.stack == stack && in_place(symbols, &new),
-            };
-            if kept {
+            if !value.stack || self.rules.contains_key(cell) {
                 continue;
             }
             confirmed = false;
-            let (rule, value) = match rule {
-                Rule::Same => (
-                    Rule::Within,
-                    Value {
-                        range: value.range.join(new.range),
-                        base: Some((symbols.fresh_within(&[&value, &new]), Range::constant(0))),
-                        stack,
-                    },
-                ),
-                _ => (
-                    Rule::Any,
-                    Value {
-                        base: Some((symbols.fresh_within(&[&value, &new]), Range::constant(0))),
-                        stack,
-                        ..Value::ANY
-                    },
-                ),
-            };
-            self.rules.insert(cell, rule);
-            put(&mut self.state, cell, value);
-        }
-        // A stack address may now lie where nothing was known of.
-        for (cell, value) in &found {
-            if let Cell::Stack(..) = cell
-                && value.stack
-                && !self.rules.contains_key(cell)
-            {
-                confirmed = false;
-                let overlaps = |slot: &(u32, u32, Value)| match *cell {
-                    Cell::Stack(at, size) => slot.0 < at + size && at < slot.0 + slot.1,
-                    _ => false,
-                };
-                if self.state.stack.iter().any(overlaps) {
-                    self.state.escaped = true;
-                } else {
-                    put(&mut self.state, *cell, unknown(symbols, true));
-                }
-                self.rules.insert(*cell, Rule::Any);
+            let overlaps = |slot: &Slot| slot.address < address + size && address < slot.end();
+            if self.state.stack.as_slice().iter().any(overlaps) {
+                self.state.escaped = true;
+            } else {
+                put(&mut self.state, *cell, unknown(symbols, true));
             }
+            self.rules.insert(*cell, Rule::Any);
         }
+        confirmed
+    }
+
+    /// Whether the parts of the state that are no words are as assumed. If not, the state
+    /// becomes weaker.
+    fn rest_holds(&mut self, after: &State, symbols: &mut Symbols) -> bool {
         let state = &mut self.state;
-        if state.primask.is_some() && state.primask != after.primask {
-            state.primask = None;
+        let mut confirmed = true;
+        let primask = state.primask.join(after.primask);
+        if state.primask != primask {
+            state.primask = primask;
             confirmed = false;
         }
         if after.escaped && !state.escaped {
@@ -250,9 +257,10 @@ impl Invariant {
             state.memory = memory;
             confirmed = false;
         }
-        for mask in &after.masked {
-            if !state.masked.iter().any(|known| known.level == mask.level) {
-                state.masked.push(*mask);
+        for section in &after.masked {
+            let mut running = state.masked.iter();
+            if running.all(|known| known.level != section.level) {
+                state.masked.push(*section);
                 confirmed = false;
             }
         }
@@ -260,7 +268,7 @@ impl Invariant {
             state.line = None;
             confirmed = false;
         }
-        if after.written & !state.written != 0 {
+        if !state.written.holds(after.written) {
             state.written |= after.written;
             confirmed = false;
         }
@@ -268,10 +276,10 @@ impl Invariant {
     }
 }
 
+/// An unknown word; `stack` if it may be an address on the stack.
 fn unknown(symbols: &mut Symbols, stack: bool) -> Value {
     Value {
-        base: Some((symbols.fresh(), Range::constant(0))),
         stack,
-        ..Value::ANY
+        ..symbols.unknown()
     }
 }

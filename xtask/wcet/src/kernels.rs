@@ -1,16 +1,16 @@
-//! The kernels, small programs with known difficulties, and what they are given.
+//! The kernels: small programs with known difficulties, by which the analysis is judged.
 //!
-//! They are in `kernels/`, built apart; tests and benchmarks run them on an emulated
-//! core and hold what they see against their bounds.
+//! Their package is in `kernels/` and is built apart. Tests and benchmarks run them on an emulated
+//! core and compare the observed times with the bounds.
 
 use crate::image::Image;
 
-/// Words of input that every kernel gets.
+/// Number of input words of every kernel.
 pub const WORDS: usize = 64;
-/// Where the kernels' input is; their stack ends there.
+/// Address of the input. The stack ends below it.
 pub const INPUT: u32 = 0x2000_8000;
 
-/// The kernels, with their modules.
+/// Names of the kernels, with their modules.
 pub const NAMES: [&str; 34] = [
     "arithmetic::divide_u64",
     "arithmetic::divide_i64",
@@ -48,7 +48,7 @@ pub const NAMES: [&str; 34] = [
     "text::hexadecimal",
 ];
 
-/// Address of the kernel with this name; `None` if the image has none.
+/// Address of the kernel with this name; `None` if the image does not have it.
 #[must_use]
 pub fn find(image: &Image, name: &str) -> Option<u32> {
     let full = format!("kernels::{name}");
@@ -58,8 +58,8 @@ pub fn find(image: &Image, name: &str) -> Option<u32> {
         .map(|(address, _)| address)
 }
 
-/// The input of a run, from random words. They are of different character,
-/// because uniform words are seldom the worst.
+/// The input of run number `run`, made from random words. Several distributions take turns,
+/// because uniform words are seldom the worst case.
 pub fn input(mut random: impl FnMut() -> u32, run: u64) -> [u32; WORDS] {
     let mut words = [0; WORDS];
     let level = random();
@@ -78,7 +78,7 @@ pub fn input(mut random: impl FnMut() -> u32, run: u64) -> [u32; WORDS] {
         };
     }
     match run % 11 {
-        // The two numbers that take Euclid longest.
+        // Adjacent Fibonacci numbers, for which Euclid's algorithm takes the most turns.
         3 => (words[0], words[1]) = (1_836_311_903, 2_971_215_073),
         4 => words[0] = 100,
         5 => words[0] = 63,

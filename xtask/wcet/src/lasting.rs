@@ -1,81 +1,68 @@
-//! Words of memory that start-up sets for good.
+//! Words of memory that keep the address which start-up wrote to them.
 //!
-//! What a task reaches through a pointer in a static variable costs what its
-//! memory costs, and has the values that start-up left there, if it is known
-//! where the pointer leads. It is known when start-up, run on the abstract
-//! machine with interrupts off, leaves one address in the word on every path,
-//! and no store of any handler, nor of the idle code, can reach the word
-//! afterwards. Which words a handler can reach depends on where its own
-//! pointers lead: all handlers are run with every candidate taken for granted,
-//! the words that a store may reach are given up, and that is repeated until
-//! none is. Then nothing contradicts the words that are left: the first store
-//! that changed one would have to come from a state in which all still hold.
+//! A task that follows a pointer in a static variable pays the cost of the memory that the
+//! pointer leads to, and finds the values that start-up left there. The analysis uses that
+//! where it knows the pointer. It knows the pointer in a word if start-up, run on the abstract
+//! machine with interrupts masked, leaves the same address in the word on every path, and no
+//! store of a handler or of the idle code can reach the word afterwards.
 //!
-//! Only words that hold an address are kept, and none of a variable whose address
-//! a peripheral is told: DMA may write there. A store whose distance from the beginning of a static
-//! variable is unknown stays within that variable, as the language demands of
-//! all pointer arithmetic; any other store of unknown address leaves nothing.
+//! Which words a handler can reach depends in turn on where its own pointers lead. So all
+//! handlers are run with every candidate word taken for granted; the words that one of their
+//! stores may reach are dropped; and this is repeated until none is dropped. The remaining words
+//! are proven by contradiction: the first store that changed one of them would run in a state
+//! in which all of them still hold, and from such a state no store reaches them.
+//!
+//! Only words that hold an address are kept. A variable whose address is given to a peripheral
+//! is left out, as DMA may write there. A store at an unknown distance from the begin of a
+//! static variable stays within the variable, as the language demands of all pointer
+//! arithmetic. Any other store to an unknown address may reach every word.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::range::Range;
-use super::state::{STACK, Symbols};
+use super::extent::Extent;
+use super::layout::{BIT_BAND, STACK};
+use super::symbols::Symbols;
 use super::value::Value;
 
 /// Words by their addresses.
 pub type Words = BTreeMap<u32, u32>;
 
-/// Bytes that may have been written: the first and the last.
-pub type Written = BTreeSet<(u32, u32)>;
+/// Bytes that may have been written.
+pub type Written = BTreeSet<Extent>;
 
-/// Where the parts have flash.
-const FLASH: Range = Range::between(0x0800_0000, 0x0fff_ffff);
-/// Where they have RAM.
-pub const RAM: Range = Range::between(0x1000_0000, 0x21ff_ffff);
-/// Where a word stands for one bit of RAM.
-const BIT_BAND: Range = Range::between(0x2200_0000, 0x23ff_ffff);
+/// Number of addresses up to which each is examined individually.
+const FEW: u64 = 8;
 
-/// Addresses that are looked at one by one.
-pub const FEW: u64 = 8;
-/// The reach of a store of which nothing is known.
-pub const EVERYWHERE: (u32, u32) = (0, u32::MAX);
-
-/// Addresses spread over more than this are taken to be unknown.
+/// A range of addresses that spans this much or more counts as unknown.
 pub const FAR: u32 = 0x1_0000;
 
-/// What is thought of stores through pointers of which nothing is known.
+/// How to treat stores through unresolved pointers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Strangers {
+pub enum UnknownStores {
     /// They may change every word.
-    Change,
+    ClobberAll,
     /// They change no word in which start-up left an address.
-    Spare,
+    SparePointers,
 }
 
-/// What the runs of the abstract machine leave behind.
+/// Facts about memory that the runs of the abstract machine collect.
 #[derive(Debug, Default, Clone)]
 pub struct Memory {
-    /// Words taken for granted.
+    /// Words that are taken for granted.
     pub lasting: std::rc::Rc<Words>,
-    /// What was written since interrupts were first enabled.
+    /// Bytes that may have been written since interrupts were first enabled.
     pub written: Written,
-    /// What memory holds when they are, on every path so far.
+    /// Words that memory holds when interrupts are first enabled, on every path so far.
     pub left: Option<Words>,
-    /// What the function that copies or fills memory is to write, while it
-    /// runs: nothing outside the stack, or these bytes.
-    pub target: Option<Option<(u32, u32)>>,
-    /// Whether a path could not be followed so far as to say that.
+    /// While a function that copies or fills memory runs: the bytes outside the stack that it
+    /// was called to write, if any.
+    pub target: Option<Option<Extent>>,
+    /// True if a path could not be followed, so that these facts may not hold.
     pub lost: bool,
 }
 
-/// Whether `word` may lead to memory.
-#[must_use]
-pub fn leads_to_memory(word: u32) -> bool {
-    FLASH.contains(word) || RAM.contains(word)
-}
-
 impl Memory {
-    /// Interrupts are enabled for the first time with memory like this.
+    /// Notes that a path enables interrupts for the first time, with these words in memory.
     pub fn enabled(&mut self, words: &Words) {
         match &mut self.left {
             None => self.left = Some(words.clone()),
@@ -84,10 +71,9 @@ impl Memory {
     }
 }
 
-/// First and last byte that a store of `size` bytes to `address` may reach
-/// outside the stack, if any.
+/// The bytes outside the stack that a store of `size` bytes to `address` may reach, if any.
 #[must_use]
-pub fn reach(symbols: &Symbols, address: &Value, size: u32) -> Option<(u32, u32)> {
+pub fn reach(symbols: &Symbols, address: &Value, size: u32) -> Option<Extent> {
     if address.stack && address.range.meet(STACK) == Some(address.range) {
         return None;
     }
@@ -103,20 +89,17 @@ pub fn reach(symbols: &Symbols, address: &Value, size: u32) -> Option<(u32, u32)
     };
     let high = high.saturating_add(size - 1);
     if BIT_BAND.contains(low) || BIT_BAND.contains(high) {
-        return Some(EVERYWHERE);
+        return Some(Extent::EVERYWHERE);
     }
+    let range = Extent::new(low, high);
     let within = symbols.indexed(address).or_else(|| symbols.origin(address));
-    let (first, last) = within.unwrap_or(EVERYWHERE);
-    let both = (low.max(first), high.min(last));
-    match within {
-        Some(_) if both.0 <= both.1 => Some(both),
-        _ if high - low < FAR => Some((low, high)),
-        _ => Some((first, last)),
-    }
+    let both = within.and_then(|within| within.meet(range));
+    let near = (range.span() < FAR).then_some(range);
+    both.or(near).or(within).or(Some(Extent::EVERYWHERE))
 }
 
-/// Every address of a few: a pointer to the stack or null, or to one of some
-/// variables.
+/// Every address that `address` may be, if these are few: a pointer that is null or leads to
+/// the stack, say, or to one of a few variables.
 #[must_use]
 pub fn places(symbols: &Symbols, address: &Value) -> Option<Vec<u32>> {
     match symbols.elements(address) {
@@ -126,13 +109,13 @@ pub fn places(symbols: &Symbols, address: &Value) -> Option<Vec<u32>> {
     }
 }
 
-/// Gives up the words that a store may reach; whether there are any.
-pub fn give_up(words: &mut Words, written: &Written) -> bool {
+/// Drops the words that a store may reach; true if there are any.
+pub fn drop_reached(words: &mut Words, written: &Written) -> bool {
     let before = words.len();
     words.retain(|&at, _| {
         !written
             .iter()
-            .any(|&(first, last)| first <= at.saturating_add(3) && at <= last)
+            .any(|reached| reached.first <= at.saturating_add(3) && at <= reached.last)
     });
     words.len() < before
 }

@@ -1,15 +1,26 @@
-//! Worst-case execution times from the image.
+//! Worst-case execution times (WCET) from the image.
 //!
-//! The analysis runs every path of a task at once on an abstract machine
-//! ([`analysis`]): registers and stack words hold sets of values, branches
-//! that no element can take are not followed, and loops are run turn by turn
-//! until no element stays inside. What that teaches (which edges are possible
-//! and how often) bounds an integer linear program.
+//! [`analysis`] runs every path of a task at once on an abstract machine ([`state`],
+//! [`execute`]). Registers and stack words hold sets of values. A branch is not followed in a
+//! direction that no element of its operands allows. Loops run turn by turn until no element
+//! stays inside. The result is a bound, together with facts about the edges: which are possible
+//! and how often ([`facts`]). From these, [`ipet`] builds an integer linear program whose
+//! solution is the longest path.
+//!
+//! ```text
+//! image, instruction, graph, annotation -> program --+
+//! range -> value, flags -> symbols -> state          +-> analysis -> bound, facts -> ipet
+//!                             execute, timing -------+                            -> watch
+//! ```
 
 pub mod analysis;
 pub mod annotation;
-pub mod arrays;
+mod arrays;
+pub mod bound;
+pub mod cycles;
 pub mod execute;
+pub mod extent;
+pub mod facts;
 pub mod flags;
 pub mod graph;
 pub mod image;
@@ -18,11 +29,18 @@ pub mod invariant;
 pub mod ipet;
 pub mod kernels;
 pub mod lasting;
+pub mod layout;
+pub mod mask;
+mod merge;
+pub mod program;
 pub mod range;
+pub mod register;
 pub mod runtime;
+pub mod slots;
 pub mod software;
 pub mod stack;
 pub mod state;
+pub mod symbols;
 pub mod timing;
 pub mod value;
 pub mod watch;

@@ -1,9 +1,9 @@
 //! Sets of 32-bit words as arcs of the number circle.
 //!
-//! A range is `start, start + stride, .. start + span`, modulo 2^32, after
-//! J. Navas et al., "Signedness-agnostic program analysis: precise integer
-//! bounds for low-level code" (APLAS 2012): one representation serves signed
-//! and unsigned comparisons, because machine code does not say which it means.
+//! A range is `start, start + stride, .. start + span`, modulo 2^32, after J. Navas et al.,
+//! "Signedness-agnostic program analysis: precise integer bounds for low-level code" (APLAS 2012).
+//! One representation serves signed and unsigned comparisons, because most machine instructions do
+//! not distinguish them.
 
 /// A non-empty set of 32-bit words; see the module.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -11,7 +11,7 @@ pub struct Range {
     start: u32,
     /// Distance from the first element to the last; a multiple of `stride`.
     span: u32,
-    /// Distance between neighbours; zero exactly when there is one element.
+    /// Distance between neighbours; zero if and only if there is one element.
     stride: u32,
 }
 
@@ -37,7 +37,7 @@ impl Range {
         }
     }
 
-    /// `start..=start + span` in steps of `stride` (cut down to fit `span`).
+    /// `start..=start + span` in steps of `stride`; the span is rounded down to a multiple of it.
     #[must_use]
     pub const fn arc(start: u32, span: u32, stride: u32) -> Self {
         let stride = if stride == 0 { 1 } else { stride };
@@ -59,7 +59,7 @@ impl Range {
         }
     }
 
-    /// The only element, if there is only one.
+    /// The element, if there is only one.
     #[must_use]
     pub const fn as_constant(self) -> Option<u32> {
         if self.span == 0 {
@@ -69,7 +69,7 @@ impl Range {
         }
     }
 
-    /// First element on the arc.
+    /// The first element on the arc.
     #[must_use]
     pub const fn start(self) -> u32 {
         self.start
@@ -130,7 +130,7 @@ impl Range {
         distance <= self.span && (self.stride == 0 || distance.is_multiple_of(self.stride))
     }
 
-    /// The smallest arc found that holds both sets.
+    /// An arc that holds both sets, the smallest of those that begin with one of them.
     #[must_use]
     pub fn join(self, other: Self) -> Self {
         if self == other {
@@ -149,13 +149,13 @@ impl Range {
         else {
             return Self::ALL;
         };
-        // One of the two distances is zero: the arc begins at one of them.
+        // One of the two distances is zero, as the arc begins with one of the sets.
         let shift = self.start.wrapping_sub(start) | other.start.wrapping_sub(start);
         let stride = gcd(gcd(self.stride, other.stride), shift);
         Self::arc(start, span, stride)
     }
 
-    /// A set that holds every element of both, `None` if there is none.
+    /// A set that holds every common element of both; `None` if there is none.
     #[must_use]
     pub fn meet(self, other: Self) -> Option<Self> {
         if other.is_all() {
@@ -170,7 +170,7 @@ impl Range {
         if let Some(value) = self.as_constant() {
             return other.contains(value).then_some(self);
         }
-        // Within the frame that begins at `other`.
+        // In distances from the begin of `other`.
         let offset = u64::from(self.start.wrapping_sub(other.start));
         let end = offset + u64::from(self.span);
         let stride = u64::from(self.stride);
@@ -178,7 +178,7 @@ impl Range {
         let wrapped = end >> 32 != 0;
         let (first, last) = if offset <= limit {
             if wrapped {
-                // Both ends of `self` lie in `other`: keep the smaller set.
+                // Both ends of `self` may be in `other`: the smaller set is kept.
                 return Some(if self.span <= other.span { self } else { other });
             }
             (offset, end.min(limit))
@@ -203,7 +203,7 @@ impl Range {
     #[must_use]
     #[expect(
         clippy::should_implement_trait,
-        reason = "named as its neighbours, which no operator stands for"
+        reason = "it is named like its neighbours, for which there is no operator"
     )]
     pub fn add(self, other: Self) -> Self {
         match self.span.checked_add(other.span) {
@@ -246,16 +246,17 @@ impl Range {
         }
     }
 
+    /// The distance between elements as unsigned numbers.
     fn step(self) -> u32 {
         if self.unsigned() == (0, u32::MAX) && self.start != 0 {
-            // The arc wraps: only its power-of-two part survives.
+            // The arc wraps around: only the power of two in the stride remains valid.
             1 << self.stride.trailing_zeros().min(31)
         } else {
             self.stride.max(1)
         }
     }
 
-    /// All elements shifted right by `amount` (0..=31), zeros coming in.
+    /// All elements shifted right by `amount` (0..=31), filled with zeros.
     #[must_use]
     pub fn shift_right(self, amount: u32) -> Self {
         if amount == 0 {
@@ -272,7 +273,7 @@ impl Range {
         )
     }
 
-    /// All elements shifted right by `amount` (0..=31), the sign coming in.
+    /// All elements shifted right by `amount` (0..=31), filled with the sign.
     #[must_use]
     pub fn shift_right_signed(self, amount: u32) -> Self {
         if amount == 0 {
@@ -310,7 +311,7 @@ impl Range {
         })
     }
 
-    /// All bitwise conjunctions of an element of each.
+    /// All bitwise ANDs of an element of each.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         match (self.as_constant(), other.as_constant()) {
@@ -321,6 +322,7 @@ impl Range {
         }
     }
 
+    /// All bitwise ANDs with a constant.
     fn mask(self, mask: u32) -> Self {
         if mask == 0 {
             return Self::constant(0);
@@ -330,7 +332,7 @@ impl Range {
         if mask == u32::MAX {
             return self;
         }
-        // A mask of low bits that holds every element changes nothing.
+        // A mask of low bits that covers every element changes nothing.
         if mask & mask.wrapping_add(1) == 0 && high <= mask {
             return self;
         }
@@ -341,7 +343,7 @@ impl Range {
         Self::arc(0, high.min(mask), 1 << kept_low)
     }
 
-    /// All bitwise disjunctions of an element of each.
+    /// All bitwise ORs of an element of each.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         if let (Some(a), Some(b)) = (self.as_constant(), other.as_constant()) {
@@ -352,7 +354,7 @@ impl Range {
         Self::between(low.max(other_low), below_power_of_two(high | other_high))
     }
 
-    /// All bitwise differences of an element of each.
+    /// All bitwise XORs of an element of each.
     #[must_use]
     pub fn xor(self, other: Self) -> Self {
         if let (Some(a), Some(b)) = (self.as_constant(), other.as_constant()) {
@@ -364,7 +366,7 @@ impl Range {
         )
     }
 
-    /// All unsigned quotients; division by zero gives zero, as the core does.
+    /// All unsigned quotients; division by zero gives zero, as on the core.
     #[must_use]
     pub fn divide(self, other: Self) -> Self {
         let (low, high) = self.unsigned();

@@ -1,24 +1,24 @@
-//! Loops of the compiler's run-time library that end for a reason the
-//! abstract machine cannot see, with that reason.
+//! Loops of the compiler's run-time library whose bounds the abstract machine cannot find, with
+//! the reason why they end.
 
 use rsemu::cpu::arm::v7m::isa::{DpOp, Insn, Operand, ShiftType};
 
 use super::graph::Graph;
 use super::image::Image;
+use super::register::{Register, RegisterSet};
 
-/// Functions whose loops take at most so many turns in the source.
+/// Functions and the most turns that one of their loops takes in the source.
 const KNOWN: [(&str, u64, &str); 1] = [(
-    // `delegate.rs` of compiler-builtins: the divisor is aligned to the
-    // dividend by a shift below 32 and moves back one place each turn; with
-    // the shift undone the remainder is smaller than the divisor.
+    // `delegate.rs` of compiler-builtins shifts the divisor left by less than 32 places, up to
+    // the dividend, and back by one place in each turn. After the last turn the remainder is
+    // smaller than the divisor.
     "compiler_builtins::int::specialized_div_rem::u64_div_rem",
     32,
     "64-bit division, one turn for each place",
 )];
 
-/// Bytes that a copy moves at most when one of these calls it: `defmt`'s
-/// encoder hands the logger one byte at a time (`rzcobs.rs`), which the logger
-/// copies in at most two parts.
+/// Callers whose copies move at most one byte. The encoder of `defmt` gives the logger one byte
+/// at a time (`rzcobs.rs`), and the logger copies it in at most two parts.
 const LOGGER: [&str; 4] = [
     "_defmt_write",
     "_defmt_acquire",
@@ -26,14 +26,14 @@ const LOGGER: [&str; 4] = [
     "defmt_rtt::",
 ];
 
-/// Bytes that the function `caller` copies at most at once, if that is known.
+/// The most bytes that the function `caller` copies at once, if that is known.
 #[must_use]
 pub fn most_copied(caller: &str) -> Option<u64> {
     LOGGER.iter().any(|name| caller.contains(name)).then_some(1)
 }
 
-/// Whether loop `number` repeats a store that fails only when the task was
-/// interrupted since the load that belongs to it.
+/// Whether loop `number` repeats an exclusive store, which fails only if the task was
+/// interrupted after the exclusive load.
 fn is_retry(graph: &Graph, number: usize) -> bool {
     let l = &graph.loops[number];
     let innermost = graph.loops.iter().all(|other| other.parent != Some(number));
@@ -51,42 +51,43 @@ fn is_retry(graph: &Graph, number: usize) -> bool {
         })
 }
 
-/// The bound of loop `number` of `graph` if the function is known, with what
-/// it is.
+/// The bound of loop `number` of `graph` and the reason for it, if the loop is known.
 #[must_use]
 pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static str, u64)> {
     if is_retry(graph, number) {
-        return Some(("store-exclusive, again when interrupted", 1));
+        return Some(("store-exclusive, repeated when interrupted", 1));
     }
     let name = image.name(graph.entry);
     let (_, turns, what) = KNOWN.iter().find(|(known, ..)| name == *known)?;
     Some((what, turns.div_ceil(unrolled(graph, number))))
 }
 
-/// The register that holds the number of bytes on entry of a function that
-/// copies, fills or encodes memory (run-time ABI for the Arm architecture, 4.3.4).
+/// The register that holds the number of bytes on entry of a function that copies, fills or
+/// encodes memory (run-time ABI for the Arm architecture, 4.3.4).
 #[must_use]
-pub fn length_register(name: &str) -> Option<usize> {
+pub fn length_register(name: &str) -> Option<Register> {
     let name = name.rsplit("::").next().unwrap_or(name);
     let plain = name.trim_end_matches(['4', '8']);
     match plain {
-        "memcpy" | "memmove" | "memset" | "__aeabi_memcpy" | "__aeabi_memmove" => Some(2),
-        "__aeabi_memset" | "__aeabi_memclr" => Some(1),
-        // Encodes that many bytes; each moves its buffers by one.
-        "_defmt_write" => Some(1),
+        "memcpy" | "memmove" | "memset" | "__aeabi_memcpy" | "__aeabi_memmove" => {
+            Some(Register::new(2))
+        }
+        "__aeabi_memset" | "__aeabi_memclr" => Some(Register::new(1)),
+        // Its loop encodes one byte in each turn.
+        "_defmt_write" => Some(Register::new(1)),
         _ => None,
     }
 }
 
-/// The register that holds how many bytes a function writes, all of them from
-/// the address in `r0` on.
+/// The register that holds the number of bytes which a function writes from the address in `r0`
+/// on; `None` for a function that also writes elsewhere.
 #[must_use]
-pub fn writes_from_first(name: &str) -> Option<usize> {
+pub fn destination_length(name: &str) -> Option<Register> {
     length_register(name).filter(|_| name != "_defmt_write")
 }
 
-/// Most turns of loop `number` in a function that writes `bytes` bytes, each
-/// of them once: what its first block stores in one turn divides them.
+/// The most turns of loop `number` in a function that writes `bytes` bytes, each of them once:
+/// `bytes` divided by the number that the loop's first block stores in one turn.
 #[must_use]
 pub fn copying(graph: &Graph, number: usize, bytes: u64) -> u64 {
     let header = &graph.blocks[graph.loops[number].header];
@@ -108,15 +109,16 @@ pub fn copying(graph: &Graph, number: usize, bytes: u64) -> u64 {
     bytes.div_ceil(stored.max(1))
 }
 
-/// How many turns of the source one turn of the machine code makes: by how
-/// many places it moves the registers that the loop changes in no other way.
+/// How many turns of the source loop one turn of the machine loop makes. The source shifts by
+/// one place in each turn, so it is the number of places by which the machine code shifts
+/// those registers that the loop does not change otherwise.
 fn unrolled(graph: &Graph, number: usize) -> u64 {
     let instructions = graph.loops[number]
         .blocks
         .iter()
         .flat_map(|block| &graph.blocks[*block].instructions);
     let mut places = [0u64; 15];
-    let mut otherwise = 0u16;
+    let mut otherwise = RegisterSet::NONE;
     for instruction in instructions {
         match instruction.insn {
             Insn::DataProc {
@@ -130,10 +132,10 @@ fn unrolled(graph: &Graph, number: usize) -> u64 {
             _ => otherwise |= instruction.written(),
         }
     }
-    places
-        .into_iter()
-        .enumerate()
-        .filter(|(register, places)| *places > 0 && otherwise & (1 << register) == 0)
+    (0..)
+        .map(Register::new)
+        .zip(places)
+        .filter(|(register, places)| *places > 0 && !otherwise.contains(*register))
         .map(|(_, places)| places)
         .min()
         .unwrap_or(1)

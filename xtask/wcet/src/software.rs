@@ -1,5 +1,6 @@
-//! What RTIC's software tasks bring into an image: the executor calls the functions of a
-//! waker through pointers, and the timer queue of `rtic-time` is a linked list.
+//! Support for RTIC's software tasks. The executor calls the functions of a waker through
+//! pointers, and the timer queue of `rtic-time` is a linked list; this module knows the targets
+//! of the calls and the bounds of the list's loops.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,23 +9,24 @@ use rsemu::cpu::arm::v7m::isa::Insn;
 use super::graph::{Graph, conditional};
 use super::image::Image;
 use super::instruction::{Flow, advance_it, decode};
+use super::register::Register;
 
-/// The functions of the executor's one table of waker functions begin with this.
+/// Prefix of the functions in the executor's only table of waker functions.
 const WAKER: &str = "rtic::export::executor::waker_";
-/// The one of them that calls the function that was given to the waker.
+/// The function in that table which calls the `fn()` that was given to the waker.
 const WAKE: &str = "rtic::export::executor::waker_wake";
 
-/// Sources whose loops are known; another version of them is not.
+/// Source whose loops are known. A new version has to be examined anew.
 const LIST: &str = "rtic-time-2.0.1/src/linked_list.rs";
 /// See [`LIST`].
 const QUEUE: &str = "rtic-time-2.0.1/src/timer_queue.rs";
 
-/// Where a call through a pointer in the function at `function` may go when nothing is known
-/// of the pointer; `None` in an image without software tasks, which has no reason for one.
+/// The functions that a call through an unknown pointer in the function at `function` may
+/// reach; `None` in an image without software tasks, which contains no such call.
 ///
-/// A pointer to a function is a constant before it is anything else, so it is one of those
-/// that stand in the image. A waker wakes through the pointer to a `fn()` that RTIC hands to
-/// it, which no function of the table of wakers is.
+/// A program obtains a function pointer only from a constant, so the target is a function
+/// whose address stands in the image. A waker calls a `fn()` that RTIC gave to it, which is
+/// none of the functions in the table of wakers.
 #[must_use]
 pub fn targets(image: &Image, function: u32) -> Option<BTreeSet<u32>> {
     image.functions().find(|(_, known)| known.name == WAKE)?;
@@ -35,15 +37,15 @@ pub fn targets(image: &Image, function: u32) -> Option<BTreeSet<u32>> {
     Some(taken)
 }
 
-/// The function that a word points to, if it does.
+/// The function that a word points to, if it points to one.
 #[must_use]
 pub fn pointee(image: &Image, word: u32) -> Option<u32> {
     let address = word & !1;
     (word & 1 == 1 && image.function(address).is_some()).then_some(address)
 }
 
-/// Functions whose address stands in data, among code or in two halves in moves, the vector
-/// table left out.
+/// Functions whose address stands in data, in literals among code, or in the halves of a pair of
+/// moves. The vector table is left out.
 #[must_use]
 pub fn taken(image: &Image) -> BTreeSet<u32> {
     let mut taken = BTreeSet::new();
@@ -64,10 +66,11 @@ pub fn taken(image: &Image) -> BTreeSet<u32> {
     taken
 }
 
-/// Functions whose address the function at `function` makes of two halves.
+/// Functions whose address the function at `function` builds from two halves.
 ///
-/// The upper half follows the lower one, but where several paths share it a branch lies
-/// between: such a lower half counts with every upper one for its register.
+/// The move of the upper half usually follows that of the lower half. If several paths share
+/// the upper one, a branch is in between. So each lower half that is still in its register at
+/// a branch counts with every upper half for that register.
 fn moved(image: &Image, function: u32, size: u32) -> BTreeSet<u32> {
     let mut words = BTreeSet::new();
     let mut low: BTreeMap<u8, u32> = BTreeMap::new();
@@ -85,7 +88,7 @@ fn moved(image: &Image, function: u32, size: u32) -> BTreeSet<u32> {
             Insn::It { cond, mask } => (cond.0 << 4) | mask,
             _ => advance_it(it),
         };
-        // What may be skipped may leave a half behind it.
+        // A conditional instruction may be skipped and leave the half in its register.
         if instruction.flow() != Flow::Next || conditional(&instruction) {
             carried.extend(low.iter().map(|(register, low)| (*register, *low)));
         }
@@ -104,7 +107,7 @@ fn moved(image: &Image, function: u32, size: u32) -> BTreeSet<u32> {
             }
             _ => {
                 let written = instruction.written();
-                low.retain(|register, _| written & (1 << register) == 0);
+                low.retain(|register, _| !written.contains(Register::new(*register)));
             }
         }
     }
@@ -116,7 +119,7 @@ fn moved(image: &Image, function: u32, size: u32) -> BTreeSet<u32> {
     words.filter_map(|word| pointee(image, word)).collect()
 }
 
-/// The tasks that may wait in the timer queue: each has one executor, and waits for one
+/// The number of tasks that may wait in the timer queue. Each has one executor and waits for one
 /// instant at a time.
 fn waiting(image: &Image) -> u64 {
     let executors = image
@@ -125,7 +128,8 @@ fn waiting(image: &Image) -> u64 {
     executors.count() as u64
 }
 
-/// The bound of loop `number` of `graph` if it is one of the timer queue's, with what it is.
+/// The bound of loop `number` of `graph` and the reason for it, if it is a loop of the timer
+/// queue.
 #[must_use]
 pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static str, u64)> {
     let instructions = graph.loops[number]
@@ -148,12 +152,14 @@ pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static st
     if located == 0 || waiting == 0 {
         None
     } else if in_list {
-        // From the second link on, over those of the other tasks and its own.
+        // The queue has a link for each waiting task, this one included. The search starts at
+        // the second.
         Some(("search in the timer queue", waiting - 1))
     } else if in_queue {
-        // The timer's interrupt is above the tasks that wait, so none comes in meanwhile: a
-        // turn takes one out, or finds that its time has just come, which the next one takes
-        // out. The last turn, on an empty queue, does not go back.
+        // The timer's interrupt has a higher priority than the tasks that wait, so no task
+        // enters the queue meanwhile. Each turn removes a task from the queue, or finds that
+        // the time of the first task has just come, and then the next turn removes it. The
+        // last turn, on an empty queue, leaves the loop.
         Some(("timer queue, two turns for each task", 2 * waiting))
     } else {
         None

@@ -1,32 +1,43 @@
-//! Stack depth over the static call graph, panic paths included.
+//! Stack depth by the static call graph, with panic paths.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use rsemu::cpu::arm::v7m::fpisa::FpInsn;
 use rsemu::cpu::arm::v7m::isa::{DpOp, Insn, Operand};
 
-use crate::graph::{Graph, Returning, Targets};
+use crate::graph::{Graph, Returning, Targets, leaves};
 use crate::image::Image;
 use crate::instruction::{Flow, Instruction};
+use crate::register::Register;
 use crate::software;
 
-/// Bytes of an exception frame without and with floating-point registers,
-/// each with the word that may align it.
+/// Bytes of an exception frame without floating-point registers, with the word that may align
+/// it.
 pub const FRAME: u32 = 32 + 4;
-/// See [`FRAME`].
+/// Bytes of an exception frame with floating-point registers, with the word that may align it.
 pub const FRAME_FPU: u32 = 104 + 4;
 
-/// Depth below a function's entry, and what could not be followed.
+/// Depth below the stack pointer on a function's entry.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Depth {
-    /// Bytes, of everything that could be followed.
+    /// Bytes, for all code that could be followed.
     pub bytes: u32,
-    /// Calls through pointers, recursion, and stack pointers set to something
-    /// unknown: each makes `bytes` a lower figure than the truth may be.
+    /// Code that could not be followed: calls through pointers, recursion, and stack pointers that
+    /// are set to an unknown address. With any of these the depth may exceed `bytes`.
     pub unknown: BTreeSet<String>,
 }
 
-/// Finds depths in one image.
+impl Depth {
+    /// No depth, for this reason.
+    fn unknown(what: String) -> Self {
+        Self {
+            bytes: 0,
+            unknown: BTreeSet::from([what]),
+        }
+    }
+}
+
+/// Finds the depths of the functions of one image.
 #[derive(Debug)]
 pub struct Stacks<'a> {
     image: &'a Image,
@@ -35,7 +46,7 @@ pub struct Stacks<'a> {
 }
 
 impl<'a> Stacks<'a> {
-    /// Of this image.
+    /// For this image.
     #[must_use]
     pub fn new(image: &'a Image) -> Self {
         Self {
@@ -45,106 +56,117 @@ impl<'a> Stacks<'a> {
         }
     }
 
-    /// Depth of the function at `entry` with everything it may call, panics
-    /// included.
+    /// Depth of the function at `entry` with all functions that it may call, panics included.
     pub fn depth(&mut self, entry: u32) -> Depth {
         self.visit(entry, &mut Vec::new())
     }
 
+    /// Depth of the function at `entry`. `path` holds the functions that are being visited.
     fn visit(&mut self, entry: u32, path: &mut Vec<u32>) -> Depth {
         if let Some(known) = self.known.get(&entry) {
             return known.clone();
         }
-        let mut depth = Depth::default();
         if path.contains(&entry) {
-            depth
-                .unknown
-                .insert(format!("recursion through {}", self.image.name(entry)));
-            return depth;
+            return Depth::unknown(format!("recursion through {}", self.image.name(entry)));
         }
-        let Ok(graph) = Graph::build(self.image, entry, &Targets::new(), &mut self.returning)
-        else {
-            depth
-                .unknown
-                .insert(format!("no code at {}", self.image.name(entry)));
-            return depth;
+        let graph = Graph::build(self.image, entry, &Targets::new(), &mut self.returning);
+        let Ok(graph) = graph else {
+            return Depth::unknown(format!("no code at {}", self.image.name(entry)));
         };
         path.push(entry);
-        // The deepest stack pointer on entry of each block.
+        let mut depth = Depth::default();
+        // The greatest depth on entry of each block.
         let mut at: BTreeMap<usize, u32> = BTreeMap::from([(0, 0)]);
         let mut deepened: BTreeMap<usize, u32> = BTreeMap::new();
         let mut work = vec![0];
         while let Some(block) = work.pop() {
-            let mut below = at[&block];
-            for instruction in &graph.blocks[block].instructions {
-                match change(instruction) {
-                    Change::By(bytes) => below = below.saturating_add_signed(bytes),
-                    Change::Frame => {}
-                    Change::Unknown => {
-                        depth.unknown.insert(format!(
-                            "stack pointer at {}",
-                            self.image.describe(instruction.address)
-                        ));
-                    }
-                }
-                depth.bytes = depth.bytes.max(below);
-                let callees: Vec<u32> = match instruction.flow() {
-                    Flow::Call { target } => vec![target],
-                    Flow::Jump { target } | Flow::Branch { target, .. }
-                        if crate::graph::leaves(self.image, entry, target) =>
-                    {
-                        vec![target]
-                    }
-                    _ if instruction.calls_through_pointer() => {
-                        let targets = software::targets(self.image, entry);
-                        if targets.is_none() {
-                            depth.unknown.insert(format!(
-                                "call through a pointer at {}",
-                                self.image.describe(instruction.address)
-                            ));
-                        }
-                        targets.into_iter().flatten().collect()
-                    }
-                    _ => Vec::new(),
-                };
-                for callee in callees {
-                    let of_callee = self.visit(callee, path);
-                    depth.bytes = depth.bytes.max(below + of_callee.bytes);
-                    depth.unknown.extend(of_callee.unknown);
-                }
-            }
+            let below = self.block(&graph, block, at[&block], &mut depth, path);
             for &next in &graph.blocks[block].successors {
                 let known = at.get(&next).copied();
-                // Loops do not deepen the stack in compiled code; one that
-                // seems to is listed instead of followed.
-                if known.is_none_or(|known| known < below) {
-                    let times = deepened.entry(next).or_default();
-                    *times += 1;
-                    if *times > MAX_DEEPENED {
-                        depth.unknown.insert(format!(
-                            "a loop in {} that deepens the stack",
-                            self.image.name(entry)
-                        ));
-                        continue;
-                    }
-                    at.insert(next, below);
-                    work.push(next);
+                if known.is_some_and(|known| known >= below) {
+                    continue;
                 }
+                // In compiled code no loop deepens the stack from turn to turn. One that seems to
+                // is reported and not followed any further.
+                let times = deepened.entry(next).or_default();
+                *times += 1;
+                if *times > MAX_DEEPENED {
+                    let function = self.image.name(entry);
+                    let what = format!("a loop in {function} that deepens the stack");
+                    depth.unknown.insert(what);
+                    continue;
+                }
+                at.insert(next, below);
+                work.push(next);
             }
         }
         path.pop();
         self.known.insert(entry, depth.clone());
         depth
     }
+
+    /// Adds a block that is entered at the depth `below`, and the functions that it calls, to
+    /// `depth`. Returns the depth at the end of the block.
+    fn block(
+        &mut self,
+        graph: &Graph,
+        number: usize,
+        mut below: u32,
+        depth: &mut Depth,
+        path: &mut Vec<u32>,
+    ) -> u32 {
+        for instruction in &graph.blocks[number].instructions {
+            match change(instruction) {
+                Change::By(bytes) => below = below.saturating_add_signed(bytes),
+                Change::Frame => {}
+                Change::Unknown => {
+                    let place = self.image.describe(instruction.address);
+                    depth.unknown.insert(format!("stack pointer at {place}"));
+                }
+            }
+            depth.bytes = depth.bytes.max(below);
+            for callee in self.callees(graph.entry, instruction, depth) {
+                let of_callee = self.visit(callee, path);
+                depth.bytes = depth.bytes.max(below + of_callee.bytes);
+                depth.unknown.extend(of_callee.unknown);
+            }
+        }
+        below
+    }
+
+    /// The functions that an instruction of the function at `entry` may call or jump to.
+    fn callees(&self, entry: u32, instruction: &Instruction, depth: &mut Depth) -> Vec<u32> {
+        match instruction.flow() {
+            Flow::Call { target } => vec![target],
+            Flow::Jump { target } | Flow::Branch { target, .. }
+                if leaves(self.image, entry, target) =>
+            {
+                vec![target]
+            }
+            _ if instruction.calls_through_pointer() => {
+                let targets = software::targets(self.image, entry);
+                if targets.is_none() {
+                    let place = self.image.describe(instruction.address);
+                    let what = format!("call through a pointer at {place}");
+                    depth.unknown.insert(what);
+                }
+                targets.into_iter().flatten().collect()
+            }
+            _ => Vec::new(),
+        }
+    }
 }
 
-/// How often a block's depth may grow before it counts as unknown.
+/// How often the depth of a block may grow before it counts as unknown.
 const MAX_DEEPENED: u32 = 8;
 
+/// How an instruction changes the stack pointer.
 enum Change {
+    /// By this number of bytes; positive if the stack becomes deeper.
     By(i32),
-    /// Restored from the frame pointer: never deeper than before.
+    /// Restored from the frame pointer, and so not deeper than before.
     Frame,
+    /// Set to an unknown address.
     Unknown,
 }
 
@@ -195,7 +217,7 @@ fn change(instruction: &Instruction) -> Change {
             operand,
             ..
         } if rn == 7 || matches!(operand, Operand::Reg { rm: 7, .. } if rn != 13) => Change::Frame,
-        // Aligning down by at most the mask.
+        // Aligned down, by at most the mask.
         Insn::Bitfield { rd: 13, width, .. } => Change::By((1i32 << width) - 1),
         Insn::DataProc {
             op: DpOp::Mov,
@@ -203,7 +225,7 @@ fn change(instruction: &Instruction) -> Change {
             operand: Operand::Reg { .. },
             ..
         } => Change::Frame,
-        _ if instruction.written() & (1 << 13) != 0 => Change::Unknown,
+        _ if instruction.written().contains(Register::SP) => Change::Unknown,
         _ => Change::By(0),
     }
 }

@@ -1,12 +1,12 @@
-//! What the analysis knows of one register or stack word.
+//! Values of the abstract machine: the knowledge about one register or stack word.
 
 use super::range::Range;
 
-/// A quantity that the analysis cannot compute but recognises again.
+/// An unknown quantity that the analysis recognises again.
 ///
-/// Two values with the same symbol differ by the difference of their offsets,
-/// whatever the symbol stands for: that is how a pointer and the end of its
-/// slice stay related when neither address is known.
+/// Two values with the same symbol differ by the difference of their offsets, whatever the
+/// symbol stands for. So a pointer and the end of its slice stay related although neither
+/// address is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Symbol(pub u32);
 
@@ -15,7 +15,7 @@ pub struct Symbol(pub u32);
 pub struct Value {
     /// Every word it may be.
     pub range: Range,
-    /// `Some((symbol, offset))`: it is the symbol plus an element of `offset`.
+    /// `Some((symbol, offset))`: the word is the symbol plus an element of `offset`.
     pub base: Option<(Symbol, Range)>,
     /// Whether it may have been computed from an address on the stack.
     pub stack: bool,
@@ -27,6 +27,12 @@ impl Value {
         range: Range::ALL,
         base: None,
         stack: false,
+    };
+
+    /// Nothing is known, and it may be an address on the stack.
+    pub const MAYBE_STACK: Self = Self {
+        stack: true,
+        ..Self::ANY
     };
 
     /// The one word `value`.
@@ -49,13 +55,13 @@ impl Value {
         }
     }
 
-    /// The only word it can be.
+    /// The word, if there is only one that it can be.
     #[must_use]
     pub const fn as_constant(&self) -> Option<u32> {
         self.range.as_constant()
     }
 
-    /// Sum; the less certain operand keeps its symbol.
+    /// The sum. The symbol of the operand with the wider range is kept.
     #[must_use]
     pub fn add(&self, other: &Self) -> Self {
         let (anchor, distance) = if self.range.span() >= other.range.span() {
@@ -75,7 +81,7 @@ impl Value {
         }
     }
 
-    /// Difference; exact for two values with one symbol.
+    /// The difference; exact for two values with the same symbol.
     #[must_use]
     pub fn subtract(&self, other: &Self) -> Self {
         if let (Some((a, offset)), Some((b, other_offset))) = (self.base, other.base)
@@ -95,7 +101,8 @@ impl Value {
         }
     }
 
-    /// Keeps only `range` of what is known, and whether it came from the stack.
+    /// A word in `range` that was computed from these values: it may be an address on the
+    /// stack if one of them may.
     #[must_use]
     pub fn with_range(range: Range, from: &[&Self]) -> Self {
         Self {
@@ -106,7 +113,7 @@ impl Value {
     }
 }
 
-/// An offset that may be anything relates to nothing.
+/// The symbol and offset, unless the offset may be anything and so relates to nothing.
 fn useful(base: Option<(Symbol, Range)>) -> Option<(Symbol, Range)> {
     base.filter(|(_, offset)| !offset.is_all())
 }

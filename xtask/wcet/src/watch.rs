@@ -1,43 +1,47 @@
-//! Holds what was assumed of the code against a run of it.
+//! Checks the assumptions of the analysis in a run of the code.
 //!
-//! Annotations are the programmer's word. A [`Watch`] is made from a bound and
-//! follows the program counter through one activation of the task: it tells
-//! when control is somewhere the analysis never was, when a loop takes more
-//! turns than annotated, and when a block runs more often than annotated for a
-//! whole activation.
+//! Annotations are not proven. A [`Watch`] is made from a bound and follows the program counter
+//! through one activation of the task. It reports when control reaches code that the analysis
+//! did not reach, when a loop takes more turns than its bound, and when a block runs more often
+//! than annotated for one activation.
 
-use super::analysis::{Analysis, Bound};
+use std::rc::Rc;
+
+use super::analysis::Analysis;
+use super::bound::Bound;
+use super::facts::BlockId;
+use super::graph::Graph;
 use super::image::Image;
 
-/// What a run shows to be wrong.
+/// A contradiction between a run and the analysis.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Refuted {
-    /// Control is where the reconstructed flow has nothing: at this address.
+    /// Control reached this address, which is in none of the control-flow graphs.
     Outside(u32),
-    /// A loop took more turns than one entry may take.
+    /// A loop took more turns than its bound for one entry.
     Turns {
-        /// Where it is.
+        /// Its place.
         at: String,
         /// Turns so far.
         turns: u64,
-        /// Turns allowed.
+        /// The bound.
         bound: u64,
-        /// Whether that is its annotation's word.
+        /// Whether the bound is that of an annotation.
         annotated: bool,
     },
     /// A block ran more often than annotated for one activation.
     Times {
-        /// Where it is.
+        /// Its place.
         at: String,
-        /// Times so far.
+        /// Executions so far.
         times: u64,
-        /// Times allowed.
+        /// The annotated number.
         most: u64,
     },
 }
 
 impl Refuted {
-    /// What the run did, in words that follow the name of the task.
+    /// The contradiction as a clause that follows the name of the task.
     #[must_use]
     pub fn sentence(&self, image: &Image) -> String {
         match self {
@@ -69,11 +73,11 @@ impl Refuted {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Event {
-    /// The first block of this loop.
+    /// The header of this loop.
     Turn(usize),
-    /// A block of the loop's function that is not part of the loop.
+    /// A block of the loop's function outside the loop.
     Outside(usize),
-    /// A block with a count for the whole activation.
+    /// A block with a limit for the whole activation.
     Times(usize),
 }
 
@@ -86,25 +90,26 @@ struct Loop {
 
 /// No code of the task.
 const NOTHING: u32 = 0;
-/// Code at which nothing happens; what is above is the number of its events.
+/// Code without an event. A larger mark is this plus the number of an entry in `events`, from
+/// one on.
 const QUIET: u32 = 1;
 
-/// What to look for; see the module.
+/// The checks for one task; see the module.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Watch {
     /// Address of the first instruction.
     entry: u32,
-    /// What every half-word from `base` on is: asked for every instruction of
-    /// a run, so that it has to be quick.
+    /// A mark for every halfword from `base` on. It is looked up for every instruction of a run,
+    /// so it has to be quick.
     marks: Vec<u32>,
     base: u32,
     events: Vec<Vec<Event>>,
     loops: Vec<Loop>,
-    /// Places with the times that they may run.
+    /// Places of blocks, with the number of executions that is allowed.
     blocks: Vec<(String, u64)>,
 }
 
-/// One activation being followed.
+/// The counts of one activation that is being followed.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Activation {
     turns: Vec<u64>,
@@ -112,16 +117,16 @@ pub struct Activation {
 }
 
 impl Watch {
-    /// For the task or function at `entry` that `bound` is of.
+    /// For the task or function at `entry`, whose bound is `bound`.
     pub fn new(analysis: &mut Analysis<'_>, entry: u32, bound: &Bound) -> Self {
-        let nodes: Vec<_> = bound
+        let reached: Vec<(BlockId, Rc<Graph>)> = bound
             .facts
             .visits
             .keys()
-            .filter_map(|node| Some((node, analysis.graph(node.function)?)))
+            .filter_map(|id| Some((*id, analysis.graph(id.function)?)))
             .collect();
         let code = || {
-            let blocks = nodes.iter().map(|(node, graph)| &graph.blocks[node.block]);
+            let blocks = reached.iter().map(|(id, graph)| &graph.blocks[id.block]);
             blocks.flat_map(|block| block.instructions.iter().map(|i| i.address))
         };
         let base = code().min().unwrap_or(0);
@@ -137,57 +142,60 @@ impl Watch {
         for address in code() {
             watch.marks[((address - base) / 2) as usize] = QUIET;
         }
-        for (node, graph) in &nodes {
-            if let Some(&most) = bound.facts.most.get(node) {
-                let start = graph.blocks[node.block].start();
+        for (id, graph) in &reached {
+            if let Some(&most) = bound.facts.most.get(id) {
+                let start = graph.blocks[id.block].start();
                 watch.add(start, Event::Times(watch.blocks.len()));
                 let at = analysis.image().describe(start);
                 watch.blocks.push((at, most));
             }
         }
-        for (node, &turns) in &bound.facts.turns {
-            let Some(graph) = analysis.graph(node.function) else {
-                continue;
-            };
-            let Some(number) = graph.loops.iter().position(|l| l.header == node.block) else {
-                continue;
-            };
-            let l = &graph.loops[number];
-            // Where the loop is the function's first block a call cannot be
-            // told from a turn.
-            if l.blocks.contains(&0) {
-                continue;
+        for (header, &turns) in &bound.facts.turns {
+            if let Some(graph) = analysis.graph(header.function) {
+                watch.add_loop(analysis, &graph, header.block, turns);
             }
-            let annotation = analysis.annotation(&graph, number);
-            let start = graph.blocks[l.header].start();
-            for (index, block) in graph.blocks.iter().enumerate() {
-                let event = if index == l.header {
-                    Event::Turn(watch.loops.len())
-                } else if l.blocks.contains(&index) {
-                    continue;
-                } else {
-                    Event::Outside(watch.loops.len())
-                };
-                watch.add(block.start(), event);
-            }
-            watch.loops.push(match annotation {
-                Some((place, bound)) => Loop {
-                    at: place.to_string(),
-                    bound,
-                    annotated: true,
-                },
-                None => Loop {
-                    at: analysis.image().describe(start),
-                    bound: turns,
-                    annotated: false,
-                },
-            });
         }
         watch
     }
 
-    /// Notes that reaching `address` means something; blocks that the analysis
-    /// never reached mean nothing but that they are outside.
+    /// Watches the loop with this header, which takes at most `turns` turns for each entry.
+    fn add_loop(&mut self, analysis: &Analysis<'_>, graph: &Graph, header: usize, turns: u64) {
+        let mut loops = graph.loops.iter();
+        let Some(number) = loops.position(|l| l.header == header) else {
+            return;
+        };
+        let l = &graph.loops[number];
+        // If the loop is the function's first block, a call cannot be told from a turn.
+        if l.blocks.contains(&0) {
+            return;
+        }
+        for (index, block) in graph.blocks.iter().enumerate() {
+            let event = if index == header {
+                Event::Turn(self.loops.len())
+            } else if l.blocks.contains(&index) {
+                continue;
+            } else {
+                Event::Outside(self.loops.len())
+            };
+            self.add(block.start(), event);
+        }
+        let start = graph.blocks[header].start();
+        self.loops.push(match analysis.annotation(graph, number) {
+            Some((place, bound)) => Loop {
+                at: place.to_string(),
+                bound,
+                annotated: true,
+            },
+            None => Loop {
+                at: analysis.image().describe(start),
+                bound: turns,
+                annotated: false,
+            },
+        });
+    }
+
+    /// Adds an event at `address`, unless the analysis never reached that block: control there is
+    /// a contradiction anyway.
     fn add(&mut self, address: u32, event: Event) {
         let at = address.checked_sub(self.base).map(|offset| offset / 2);
         let mark = at.and_then(|at| self.marks.get_mut(at as usize));
@@ -209,7 +217,7 @@ impl Watch {
         self.entry
     }
 
-    /// Begins to follow an activation.
+    /// The counts at the begin of an activation.
     #[must_use]
     pub fn activation(&self) -> Activation {
         Activation {
@@ -218,10 +226,10 @@ impl Watch {
         }
     }
 
-    /// Takes the address of the next instruction of `activation`.
+    /// Follows `activation` to its next instruction, at this address.
     ///
     /// # Errors
-    /// When the run refutes what was assumed.
+    /// The run contradicts the analysis.
     #[inline]
     pub fn see(&self, activation: &mut Activation, at: u32) -> Result<(), Refuted> {
         let place = (at.wrapping_sub(self.base) / 2) as usize;
@@ -239,7 +247,7 @@ impl Watch {
                 Event::Turn(number) => {
                     let l = &self.loops[number];
                     activation.turns[number] += 1;
-                    // Once more than it is repeated.
+                    // The first pass of the header enters the loop and is no turn.
                     let turns = activation.turns[number] - 1;
                     if turns > l.bound {
                         return Err(Refuted::Turns {

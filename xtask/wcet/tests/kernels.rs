@@ -1,4 +1,4 @@
-//! Bounds of the kernels against what an emulated core takes.
+//! Bounds of the kernels against the times on an emulated core.
 
 mod common;
 #[path = "kernels/flow.rs"]
@@ -11,10 +11,12 @@ use std::collections::HashMap;
 use common::{Emulator, image_path, kernel};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use wcet::analysis::{Analysis, Bound, Entry};
+use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
+use wcet::bound::{Bound, Entry};
 use wcet::image::Image;
 use wcet::kernels::{self, INPUT};
+use wcet::register::Register;
 use wcet::timing::Timing;
 use wcet::watch::{Refuted, Watch};
 
@@ -28,11 +30,11 @@ fn runs() -> u64 {
 
 fn analyse(analysis: &mut Analysis<'_>, name: &str) -> Bound {
     let entry = kernel(analysis.image(), name);
-    analysis.run_with(entry, Entry::Function, &[(0, INPUT)])
+    analysis.run_with(entry, Entry::Function, &[(Register::R0, INPUT)])
 }
 
-/// The path taken must lie in the graph, and no block may run more often than
-/// the analysis found possible.
+/// The path must be in the graph, and no block may run more often than the analysis found
+/// possible.
 fn check_path(
     analysis: &mut Analysis<'_>,
     bound: &Bound,
@@ -40,9 +42,9 @@ fn check_path(
     name: &str,
 ) {
     let mut allowed: HashMap<u32, u64> = HashMap::new();
-    for (node, visits) in &bound.facts.visits {
-        let graph = analysis.graph(node.function).unwrap();
-        for instruction in &graph.blocks[node.block].instructions {
+    for (id, visits) in &bound.facts.visits {
+        let graph = analysis.graph(id.function).unwrap();
+        for instruction in &graph.blocks[id.block].instructions {
             *allowed.entry(instruction.address).or_default() += visits;
         }
     }
@@ -96,17 +98,17 @@ fn bounds_hold_on_the_emulator() {
             };
             longest = longest.max(cycles);
         }
-        let ratio = bound.cycles[0] as f64 / longest as f64;
+        let ratio = bound.cycles.zero_wait as f64 / longest as f64;
         println!(
             "{name:32} {longest:8} {:8} {ratio:6.3} {:8}",
-            bound.cycles[0], bound.cycles[1]
+            bound.cycles.zero_wait, bound.cycles.flashed
         );
         assert!(
-            longest <= bound.cycles[0],
+            longest <= bound.cycles.zero_wait,
             "{name}: {longest} cycles seen, bound {}",
-            bound.cycles[0]
+            bound.cycles.zero_wait
         );
-        assert!(bound.cycles[1] >= bound.cycles[0], "{name}");
+        assert!(bound.cycles.flashed >= bound.cycles.zero_wait, "{name}");
         ratios.push(ratio);
     }
     assert!(unbounded.is_empty(), "{unbounded:?}");
@@ -116,7 +118,7 @@ fn bounds_hold_on_the_emulator() {
     assert!(median <= 1.25, "{median}");
 }
 
-/// What has no bound is refused, in a sentence that says where and why.
+/// Code without a bound is refused, in a sentence that says where and why.
 #[test]
 fn programs_without_bound_are_refused() {
     let image = Image::read(image_path()).unwrap();
@@ -140,7 +142,7 @@ fn programs_without_bound_are_refused() {
     }
 }
 
-/// An annotation that is not true gives a bound that is none; a run shows it.
+/// A false annotation gives a false bound, and a run contradicts it.
 #[test]
 fn a_false_annotation_is_found_out() {
     let image = Image::read(image_path()).unwrap();
@@ -176,7 +178,7 @@ fn a_false_annotation_is_found_out() {
     }
 }
 
-/// A step out of the reconstructed flow is named by where it led.
+/// Control outside the control-flow graph is reported with the place that it reached.
 #[test]
 fn a_path_outside_of_the_graph_is_found_out() {
     let image = Image::read(image_path()).unwrap();

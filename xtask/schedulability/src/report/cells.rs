@@ -2,6 +2,7 @@
 
 use crate::results::{NodeReport, TaskReport};
 use crate::units::{Picoseconds, time};
+use wcet::cycles::Model;
 
 use super::columns::Align::{self, Left, Right};
 
@@ -37,7 +38,7 @@ pub(super) const LEGEND: &str = "every: least time between two releases, or the 
 
 /// The row of one task.
 pub(super) fn row(node: &NodeReport, task: &TaskReport) -> [String; 13] {
-    let ratio = |model: usize| {
+    let ratio = |model: Model| {
         let ratio = task.ratio(model);
         ratio.map_or_else(|| "-".to_owned(), |ratio| format!("{ratio:.2}"))
     };
@@ -48,9 +49,9 @@ pub(super) fn row(node: &NodeReport, task: &TaskReport) -> [String; 13] {
         task.interrupt.clone(),
         every(task),
         bounded(task.cost),
-        or_dash(task.observed.map(|seen| node.time(seen[1]))),
-        ratio(1),
-        ratio(0),
+        or_dash(task.observed.map(|seen| node.time(seen.flashed))),
+        ratio(Model::Flashed),
+        ratio(Model::ZeroWait),
         time(task.blocking),
         or_dash(task.response),
         time(task.deadline),

@@ -22,8 +22,8 @@ pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
         node.name,
         task.name,
         task.interrupt,
-        task.cycles[0],
-        task.cycles[1],
+        task.cycles.zero_wait,
+        task.cycles.flashed,
         time(task.cost)
     );
     for problem in &task.problems {
@@ -41,10 +41,11 @@ pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
             task.composition()
         );
     }
-    if let Some([zero, flash]) = task.program {
+    if let Some(program) = task.program {
         let _ = writeln!(
             text,
-            "  longest path of the integer program: {zero} and {flash} cycles"
+            "  longest path of the integer program: {} and {} cycles",
+            program.zero_wait, program.flashed
         );
     }
     if !task.path.is_empty() {
@@ -62,11 +63,16 @@ pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
 /// The source lines of the path; those beyond [`LINES`] in one row.
 fn path(task: &TaskReport) -> String {
     let shown = task.path.iter().take(LINES);
-    let shown =
-        shown.map(|(cycles, times, place)| [cycles.to_string(), times.to_string(), place.clone()]);
+    let shown = shown.map(|line| {
+        [
+            line.cycles.to_string(),
+            line.times.to_string(),
+            line.place.clone(),
+        ]
+    });
     let rest = task.path.get(LINES..).filter(|rest| !rest.is_empty());
     let rest = rest.map(|rest| {
-        let cycles: u64 = rest.iter().map(|(cycles, ..)| cycles).sum();
+        let cycles: u64 = rest.iter().map(|line| line.cycles).sum();
         let places = format!("in {} more places", rest.len());
         [cycles.to_string(), String::new(), places]
     });

@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use crate::results::{NodeReport, Report, TaskReport};
 
 use super::summary::median_ratio;
+use wcet::cycles::{Cycles, Model};
 
 /// The whole report; times in picoseconds.
 #[must_use]
@@ -16,19 +17,19 @@ pub fn json(report: &Report) -> Value {
         "basic_cycle_ps": report.basic_cycle,
         "assumptions": report.assumptions,
         "median_ratio": {
-            "zero_wait": median(0, true, false),
-            "as_flashed": median(1, true, false),
-            "kernels_zero_wait": median(0, false, true),
-            "kernels_as_flashed": median(1, false, true),
-            "both_zero_wait": median(0, true, true),
-            "both_as_flashed": median(1, true, true),
+            "zero_wait": median(Model::ZeroWait, true, false),
+            "as_flashed": median(Model::Flashed, true, false),
+            "kernels_zero_wait": median(Model::ZeroWait, false, true),
+            "kernels_as_flashed": median(Model::Flashed, false, true),
+            "both_zero_wait": median(Model::ZeroWait, true, true),
+            "both_as_flashed": median(Model::Flashed, true, true),
         },
         "kernels": report.kernels.iter().map(|kernel| json!({
             "name": kernel.name,
-            "bound_cycles": kernel.bound[0],
-            "bound_cycles_flash": kernel.bound[1],
-            "observed_cycles": kernel.seen[0],
-            "observed_cycles_flash": kernel.seen[1],
+            "bound_cycles": kernel.bound.zero_wait,
+            "bound_cycles_flash": kernel.bound.flashed,
+            "observed_cycles": kernel.seen.zero_wait,
+            "observed_cycles_flash": kernel.seen.flashed,
         })).collect::<Vec<_>>(),
         "nodes": report.nodes.iter().map(node).collect::<Vec<_>>(),
         "messages": report.messages.iter().map(|message| json!({
@@ -73,14 +74,14 @@ fn task(node: &NodeReport, task: &TaskReport) -> Value {
         "name": task.name,
         "interrupt": task.interrupt,
         "priority": task.priority,
-        "bound_cycles": bounded(task.cycles[0]),
-        "bound_cycles_flash": bounded(task.cycles[1]),
-        "entry_and_return_cycles": task.overhead,
-        "program_cycles": task.program,
-        "observed_cycles": task.observed.map(|seen| seen[0]),
-        "observed_cycles_flash": task.observed.map(|seen| seen[1]),
-        "ratio": task.ratio(0),
-        "ratio_flash": task.ratio(1),
+        "bound_cycles": bounded(task.cycles.zero_wait),
+        "bound_cycles_flash": bounded(task.cycles.flashed),
+        "entry_and_return_cycles": task.overhead.to_array(),
+        "program_cycles": task.program.map(Cycles::to_array),
+        "observed_cycles": task.observed.map(|seen| seen.zero_wait),
+        "observed_cycles_flash": task.observed.map(|seen| seen.flashed),
+        "ratio": task.ratio(Model::ZeroWait),
+        "ratio_flash": task.ratio(Model::Flashed),
         "cost_ps": bounded(task.cost),
         "period_ps": task.period,
         "jitter_ps": task.jitter,

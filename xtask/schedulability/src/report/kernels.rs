@@ -1,6 +1,7 @@
 //! The table of kernels, by which the analysis itself is judged.
 
 use crate::results::KernelReport;
+use wcet::cycles::Model;
 
 use super::columns::Align::{Left, Right};
 use super::columns::columns;
@@ -10,32 +11,35 @@ use super::summary::median;
 #[must_use]
 pub fn kernels(all: &[KernelReport]) -> String {
     let rows = all.iter().map(|kernel| {
-        let [bound, flash] = kernel.bound;
-        let [seen, seen_flash] = kernel.seen;
-        [
-            kernel.name.clone(),
-            bound.to_string(),
-            seen.to_string(),
-            format!("{:.2}", kernel.ratio(0)),
-            flash.to_string(),
-            seen_flash.to_string(),
-            format!("{:.2}", kernel.ratio(1)),
-        ]
+        let figures = |model: Model| {
+            let ratio = format!("{:.2}", kernel.ratio(model));
+            [
+                kernel.bound[model].to_string(),
+                kernel.seen[model].to_string(),
+                ratio,
+            ]
+        };
+        let [bound, seen, ratio] = figures(Model::ZeroWait);
+        let [flash, seen_flash, ratio_flash] = figures(Model::Flashed);
+        let name = kernel.name.clone();
+        [name, bound, seen, ratio, flash, seen_flash, ratio_flash]
     });
     let of = |model| median(all.iter().map(|kernel| kernel.ratio(model)));
-    let medians = of(0).zip(of(1)).map(|(zero, flash)| {
-        let [zero, flash] = [zero, flash].map(|median| format!("{median:.2}"));
-        let empty = String::new;
-        [
-            "median".to_owned(),
-            empty(),
-            empty(),
-            zero,
-            empty(),
-            empty(),
-            flash,
-        ]
-    });
+    let medians = of(Model::ZeroWait)
+        .zip(of(Model::Flashed))
+        .map(|(zero, flash)| {
+            let [zero, flash] = [zero, flash].map(|median| format!("{median:.2}"));
+            let empty = String::new;
+            [
+                "median".to_owned(),
+                empty(),
+                empty(),
+                zero,
+                empty(),
+                empty(),
+                flash,
+            ]
+        });
     columns(
         [
             ("kernel", Left),

@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 
 use crate::results::Report;
+use wcet::cycles::Model;
 
 /// Median of bound over longest observed time under one timing model, over tasks, kernels or
 /// both.
 pub(super) fn median_ratio(
     report: &Report,
-    model: usize,
+    model: Model,
     tasks: bool,
     kernels: bool,
 ) -> Option<f64> {
@@ -34,8 +35,8 @@ pub(super) fn median(ratios: impl Iterator<Item = f64>) -> Option<f64> {
 /// and as flashed. `None` without any observation.
 pub(super) fn tightness(report: &Report) -> Option<String> {
     let of = |what: &str, tasks, kernels| {
-        let zero = median_ratio(report, 0, tasks, kernels)?;
-        let flash = median_ratio(report, 1, tasks, kernels)?;
+        let zero = median_ratio(report, Model::ZeroWait, tasks, kernels)?;
+        let flash = median_ratio(report, Model::Flashed, tasks, kernels)?;
         Some(format!("{what} {zero:.2} and {flash:.2}"))
     };
     let all = [

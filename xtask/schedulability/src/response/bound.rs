@@ -42,7 +42,7 @@ impl Response {
 /// The job of a task that comes closest to its deadline, or misses it by the most.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Critical {
-    /// What releases it, where the time table says so.
+    /// Label of the job, if it is one of the time table.
     pub job: Option<String>,
     /// Its worst response time.
     pub response: u64,

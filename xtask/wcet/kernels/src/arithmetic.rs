@@ -40,7 +40,7 @@ pub fn polynomial_f32(input: &mut Input) -> u32 {
     sum.to_bits()
 }
 
-/// The same in double precision, by the run-time library.
+/// A polynomial in double precision, by the run-time library.
 #[inline(never)]
 pub fn polynomial_f64(input: &mut Input) -> u32 {
     let x = f64::from(input[0]) * 1.0e-9;
@@ -51,7 +51,7 @@ pub fn polynomial_f64(input: &mut Input) -> u32 {
     sum.to_bits() as u32
 }
 
-/// A double-precision quotient of arbitrary patterns.
+/// A double-precision quotient of arbitrary bit patterns.
 #[inline(never)]
 pub fn divide_f64(input: &mut Input) -> u32 {
     let quotient = f64::from_bits(wide(input, 0)) / f64::from_bits(wide(input, 2));
@@ -79,12 +79,11 @@ pub fn product_u64(input: &mut Input) -> u32 {
     (sum >> 32) as u32
 }
 
-/// Euclid's algorithm. Fibonacci's numbers are the worst: 46 turns in 32 bits
-/// (Lamé 1844).
+/// Euclid's algorithm. Fibonacci numbers are the worst case: 46 turns in 32 bits (Lamé 1844).
 #[inline(never)]
 pub fn greatest_divisor(input: &mut Input) -> u32 {
     let (mut a, mut b) = (input[0], input[1]);
-    // loop-bound: 47 Lamé, and one for a smaller first number
+    // loop-bound: 47 Lamé's 46, and one if the first number is the smaller one
     while b != 0 {
         (a, b) = (b, a % b);
     }

@@ -2,7 +2,7 @@
 
 use crate::Input;
 
-/// Three loops in one another.
+/// Three nested loops.
 #[inline(never)]
 pub fn nested(input: &mut Input) -> u32 {
     let mut sum = 0u32;
@@ -16,7 +16,7 @@ pub fn nested(input: &mut Input) -> u32 {
     sum
 }
 
-/// An inner loop that runs to the outer counter.
+/// An inner loop that runs up to the outer counter.
 #[inline(never)]
 pub fn triangular(input: &mut Input) -> u32 {
     let mut sum = 0u32;
@@ -144,7 +144,7 @@ pub fn binary_search(input: &mut Input) -> u32 {
     found
 }
 
-/// A copy whose length is data, up to 100 bytes.
+/// A copy whose length depends on the input, up to 100 bytes.
 #[inline(never)]
 pub fn copy_some(input: &mut Input) -> u32 {
     let mut bytes = [0u8; 100];
@@ -200,7 +200,7 @@ pub fn median(input: &mut Input) -> u32 {
     0
 }
 
-/// Fills as much of the block as its first word says.
+/// Fills as many words of the block as its first word says.
 #[inline(never)]
 pub fn fill_some(input: &mut Input) -> u32 {
     let count = (input[0] & 63) as usize;

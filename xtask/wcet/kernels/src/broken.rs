@@ -1,11 +1,11 @@
-//! Programs whose time has no bound.
+//! Programs without a bound, and one with a false annotation.
 
 use crate::Input;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 static FLAG: AtomicU32 = AtomicU32::new(0);
 
-/// Waits for something that only an interrupt changes.
+/// Waits for a flag that only an interrupt could set.
 #[inline(never)]
 pub fn endless_wait(input: &mut Input) -> u32 {
     while FLAG.load(Ordering::Relaxed) != input[0] {}
@@ -26,13 +26,13 @@ pub fn recursion(input: &mut Input) -> u32 {
     ackermann(input[0] & 3, input[1] & 7)
 }
 
-/// Calls wherever a word in memory points to.
+/// Calls the function to which a word in memory points.
 #[inline(never)]
 pub fn pointer_from_memory(hook: &mut fn(u32) -> u32) -> u32 {
     hook(1).wrapping_add(1)
 }
 
-/// An annotation that is not true: the emulator must find it out.
+/// Has a false annotation, which a run on the emulator contradicts.
 #[inline(never)]
 pub fn annotated_too_low(input: &mut Input) -> u32 {
     let mut word = input[0];

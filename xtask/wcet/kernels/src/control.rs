@@ -13,7 +13,7 @@ pub fn early_exit(input: &mut Input) -> u32 {
     64
 }
 
-/// A choice of sixteen, eight times.
+/// A jump table of sixteen, eight times.
 #[inline(never)]
 pub fn table_jump(input: &mut Input) -> u32 {
     let mut state = input[63];
@@ -110,7 +110,7 @@ pub fn state_machine(input: &mut Input) -> u32 {
     frames
 }
 
-/// Branches that exclude one another and branches that depend on the turn.
+/// Branches that exclude each other, and branches that depend on the turn.
 #[inline(never)]
 pub fn choices(input: &mut Input) -> u32 {
     let mut sum = 0u32;

@@ -1,8 +1,7 @@
 //! Kernels for the execution-time analysis.
 //!
-//! Each is a function of one block of input words, which it may overwrite.
-//! They are not called here: the analysis and the emulator enter them one by
-//! one through [`KERNELS`].
+//! Each is a function of one block of input words, which it may overwrite. No code here calls
+//! them: the analysis and the emulator enter each one through [`KERNELS`].
 
 #![no_std]
 #![no_main]
@@ -16,14 +15,14 @@ mod text;
 
 use core::panic::PanicInfo;
 
-/// Words of input that every kernel gets.
+/// Number of input words of every kernel.
 pub const WORDS: usize = 64;
 /// The input of a kernel.
 pub type Input = [u32; WORDS];
 /// A kernel.
 pub type Kernel = fn(&mut Input) -> u32;
 
-/// Every kernel, so that the linker keeps it.
+/// Every kernel. The table makes the linker keep them.
 #[used]
 pub static KERNELS: [Kernel; 34] = [
     arithmetic::divide_u64,
@@ -62,7 +61,7 @@ pub static KERNELS: [Kernel; 34] = [
     text::hexadecimal,
 ];
 
-/// Functions that no bound can be given for.
+/// Functions without a bound, or with a false one.
 #[used]
 pub static BROKEN: [Kernel; 3] = [
     broken::endless_wait,
@@ -70,11 +69,11 @@ pub static BROKEN: [Kernel; 3] = [
     broken::annotated_too_low,
 ];
 
-/// A function that calls through what it is given.
+/// A function that calls through the pointer in its argument.
 #[used]
 pub static POINTER: fn(&mut fn(u32) -> u32) -> u32 = broken::pointer_from_memory;
 
-/// A start-up, and handlers that may run after it.
+/// A start-up function, and handlers that may run after it.
 #[used]
 pub static HANDLERS: [fn(); 4] = [
     start::set_up,
@@ -83,7 +82,7 @@ pub static HANDLERS: [fn(); 4] = [
     start::move_pointer,
 ];
 
-/// One that writes through what it is given.
+/// A handler that writes through the pointer in its argument.
 #[used]
 pub static ANYWHERE: fn(&core::sync::atomic::AtomicU32) = start::write_anywhere;
 

@@ -61,7 +61,7 @@ pub fn decimal(input: &mut Input) -> u32 {
     digits.iter().fold(length, |sum, digit| sum * 3 + u32::from(*digit))
 }
 
-/// The number that the first bytes spell, as far as they are digits.
+/// The number that the first bytes spell, up to the first byte that is no digit.
 #[inline(never)]
 pub fn parse_number(input: &mut Input) -> u32 {
     let mut number = 0u32;

@@ -12,11 +12,11 @@ use wcet::kernels::{self, INPUT};
 const STACK: u32 = 0x2000_8000;
 const FLASH: u32 = 0x0800_0000;
 const RAM: u32 = 0x2000_0000;
-/// Where kernels return to: nothing is there.
+/// Return address of the kernels. There is no code at this address.
 const BACK: u32 = 0x0803_fff0;
 
 /// Builds the kernels once for all tests of a program.
-pub fn image_path() -> &'static Path {
+pub(crate) fn image_path() -> &'static Path {
     static PATH: OnceLock<PathBuf> = OnceLock::new();
     PATH.get_or_init(|| {
         let package = Path::new(env!("CARGO_MANIFEST_DIR")).join("kernels");
@@ -41,20 +41,20 @@ pub fn image_path() -> &'static Path {
 }
 
 /// Address of the kernel with this name.
-pub fn kernel(image: &Image, name: &str) -> u32 {
+pub(crate) fn kernel(image: &Image, name: &str) -> u32 {
     kernels::find(image, name).unwrap_or_else(|| panic!("no kernel {name}"))
 }
 
 /// A core with the kernels in its flash.
-pub struct Emulator {
+pub(crate) struct Emulator {
     core: ArmV7m,
     ram: Arc<RamStore>,
     clean: Vec<u8>,
 }
 
 impl Emulator {
-    /// A core that is out of reset, with its floating-point unit on.
-    pub fn new(image: &Image) -> Self {
+    /// A core after reset, with its floating-point unit on.
+    pub(crate) fn new(image: &Image) -> Self {
         let flash = Arc::new(RamStore::new(256 * 1024));
         let ram = Arc::new(RamStore::new(64 * 1024));
         for (address, bytes) in image.contents() {
@@ -82,16 +82,16 @@ impl Emulator {
         Self { core, ram, clean }
     }
 
-    /// Calls the function at `entry` with the address of `input` and returns
-    /// the cycles it took; `see` gets the address of every instruction.
-    pub fn call(&self, entry: u32, input: &[u32; 64], mut see: impl FnMut(u32)) -> u64 {
+    /// Calls the function at `entry` with the address of `input`, and returns the cycles that it
+    /// took. `see` is called with the address of every instruction.
+    pub(crate) fn call(&self, entry: u32, input: &[u32; 64], mut see: impl FnMut(u32)) -> u64 {
         self.ram.write_at(0, &self.clean).unwrap();
         let bytes: Vec<u8> = input.iter().flat_map(|word| word.to_le_bytes()).collect();
         self.ram.write_at(u64::from(INPUT - RAM), &bytes).unwrap();
         self.core.set_reg(0, INPUT);
         self.core.set_reg(13, STACK);
         self.core.set_reg(14, BACK | 1);
-        // Thumb state, which the reset took from a vector that is not there.
+        // Thumb state; the reset takes it from a vector, and there is none.
         self.core.set_xpsr(1 << 24);
         self.core.set_pc(entry);
         let mut cycles = 0;

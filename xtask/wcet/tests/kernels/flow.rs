@@ -3,12 +3,14 @@
 use std::collections::BTreeSet;
 
 use crate::common::{image_path, kernel};
-use wcet::analysis::{Analysis, Entry};
+use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
+use wcet::bound::Entry;
+use wcet::cycles::Model;
 use wcet::graph::{Graph, Returning, Targets};
 use wcet::image::Image;
-use wcet::ipet;
 use wcet::kernels::INPUT;
+use wcet::register::Register;
 use wcet::stack::Stacks;
 use wcet::timing::Timing;
 
@@ -25,8 +27,8 @@ fn graph(image: &Image, name: &str) -> Graph {
     Graph::build(image, entry, &Targets::new(), &mut Returning::default()).unwrap()
 }
 
-/// Blocks do not overlap, lead to each other's first instruction, and a loop
-/// holds its header and every loop inside it.
+/// Blocks do not overlap, edges lead to first instructions of blocks, and a loop holds its header
+/// and every loop inside it.
 #[test]
 fn graphs_are_consistent() {
     let image = image();
@@ -59,7 +61,7 @@ fn graphs_are_consistent() {
     }
 }
 
-/// Loops inside loops are found as such.
+/// Nested loops are found as such.
 #[test]
 fn nested_loops_are_found() {
     let image = image();
@@ -69,8 +71,8 @@ fn nested_loops_are_found() {
     assert!(straight.loops.is_empty());
 }
 
-/// The program knows totals only: it may not be below the clock of the
-/// abstract machine, and on code without choices it is that clock.
+/// The integer program knows totals only, so its length is at least the clock of the abstract
+/// machine. On code without choices the two are equal.
 #[test]
 fn the_longest_path_is_no_shorter_than_the_clock() {
     let image = image();
@@ -85,14 +87,14 @@ fn the_longest_path_is_no_shorter_than_the_clock() {
         ("text::decimal", false),
     ] {
         let entry = kernel(&image, name);
-        let bound = analysis.run_with(entry, Entry::Function, &[(0, INPUT)]);
-        let longest = ipet::solve(&mut analysis, &bound, entry).unwrap();
-        for model in 0..2 {
+        let bound = analysis.run_with(entry, Entry::Function, &[(Register::R0, INPUT)]);
+        let longest = analysis.longest_path(&bound, entry).unwrap();
+        for model in Model::ALL {
             let (clock, path) = (bound.cycles[model], longest.cycles[model]);
             assert!(path >= clock, "{name}: {path} below {clock}");
             // Sums of real numbers are rounded up.
             assert!(
-                !exact || model == 1 || path <= clock + clock / 50 + 2,
+                !exact || model == Model::Flashed || path <= clock + clock / 50 + 2,
                 "{name}: {path} above {clock}"
             );
         }
@@ -100,20 +102,20 @@ fn the_longest_path_is_no_shorter_than_the_clock() {
     }
 }
 
-/// Nothing is said of the path of what has no bound.
+/// There is no longest path without a bound.
 #[test]
 fn no_path_without_a_bound() {
     let image = image();
     let annotations = annotations();
     let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     let entry = kernel(&image, "broken::endless_wait");
-    let bound = analysis.run_with(entry, Entry::Function, &[(0, INPUT)]);
+    let bound = analysis.run_with(entry, Entry::Function, &[(Register::R0, INPUT)]);
     assert!(!bound.problems.is_empty());
-    assert!(ipet::solve(&mut analysis, &bound, entry).is_none());
+    assert!(analysis.longest_path(&bound, entry).is_none());
 }
 
-/// The depth found in the call graph is at least what the abstract machine
-/// reaches, and recursion and calls through pointers are not counted as zero.
+/// The depth by the call graph is at least the depth that the abstract machine reaches, and
+/// recursion and calls through pointers are reported.
 #[test]
 fn stack_depth_covers_every_path() {
     let image = image();
@@ -128,7 +130,7 @@ fn stack_depth_covers_every_path() {
         "control::state_machine",
     ] {
         let entry = kernel(&image, name);
-        let bound = analysis.run_with(entry, Entry::Function, &[(0, INPUT)]);
+        let bound = analysis.run_with(entry, Entry::Function, &[(Register::R0, INPUT)]);
         let depth = stacks.depth(entry);
         assert!(depth.unknown.is_empty(), "{name}: {:?}", depth.unknown);
         assert!(
@@ -138,7 +140,7 @@ fn stack_depth_covers_every_path() {
             bound.stack
         );
     }
-    // A copy of the input lies on the stack.
+    // A copy of the input is on the stack.
     let copy = stacks.depth(kernel(&image, "arrays::copy_all"));
     assert!(copy.bytes >= 256, "{}", copy.bytes);
     let recursion = stacks.depth(kernel(&image, "broken::recursion"));

@@ -1,0 +1,222 @@
+//! Loops, turn by turn or at the cost of the worst turn.
+
+use std::rc::Rc;
+
+use crate::bound::{Entry, Problem};
+use crate::cycles::Cycles;
+use crate::facts::BlockId;
+use crate::graph::Graph;
+use crate::invariant::Invariant;
+use crate::runtime;
+use crate::software;
+use crate::state::State;
+
+use super::run::{Exits, Run, Sections};
+
+/// Turns of a loop without a given bound after which it counts as unbounded.
+const MAX_TURNS: u64 = 2_048;
+/// Instructions after which a loop with a given bound is no longer unrolled turn by turn. With a
+/// problem, also those after which a loop without one counts as unbounded.
+const STEPS_OF_LOOP: u64 = 6_000;
+/// Instructions after which a loop without a given bound counts as unbounded.
+const STEPS_OF_COUNTED_LOOP: u64 = 400_000;
+/// After this many simulated instructions in total, loops with a known bound are no longer
+/// unrolled turn by turn.
+const STEPS_TURN_BY_TURN: u64 = 600_000;
+
+/// The last turn of a loop that was run, from one state at the header to the next.
+struct LastTurn<'s> {
+    before: &'s State,
+    next: State,
+}
+
+impl Run<'_, '_> {
+    /// The bound of a loop that is given and need not be found by running it.
+    fn given_bound(&mut self, graph: &Graph, number: usize) -> Option<u64> {
+        let image = self.program.image;
+        let (place, bound) = self
+            .program
+            .annotation(graph, number)
+            .map(|(place, bound)| (place.to_string(), bound))
+            .or_else(|| {
+                runtime::bound(image, graph, number)
+                    .or_else(|| software::bound(image, graph, number))
+                    .map(|(what, bound)| (what.to_owned(), bound))
+            })
+            .or_else(|| {
+                let bytes = self.frames.last().and_then(|frame| frame.bytes)?;
+                let what = format!("{}, by its length", image.name(graph.entry));
+                Some((what, runtime::copying(graph, number, bytes)))
+            })?;
+        let most = self.annotated.entry(place).or_default();
+        *most = (*most).max(bound);
+        Some(bound)
+    }
+
+    /// Runs a loop that is entered at block `start`, turn by turn until no path stays inside. If
+    /// its bound is given and that takes many steps, the remaining turns are charged at the cost
+    /// of the worst of them.
+    pub(super) fn turns(
+        &mut self,
+        graph: &Rc<Graph>,
+        number: usize,
+        mut start: usize,
+        state: State,
+    ) -> Exits {
+        let header = graph.loops[number].header;
+        let bound = self.given_bound(graph, number);
+        let begin = self.steps;
+        let unrolled = if begin > STEPS_TURN_BY_TURN {
+            0
+        } else {
+            STEPS_OF_LOOP
+        };
+        let mut all = Exits::new();
+        let mut first = state;
+        let mut turns = 0;
+        loop {
+            let (exits, back) = self.region(graph, Some(number), start, first.clone());
+            self.add_exits(&mut all, exits);
+            let Some(next) = back else { break };
+            let from_header = start == header;
+            start = header;
+            turns += 1;
+            if bound.is_some_and(|bound| turns > bound) {
+                break;
+            }
+            let remaining = match bound {
+                Some(bound) => (self.steps > begin + unrolled).then_some(bound - turns),
+                // Start-up may wait for hardware, and no bound is required there.
+                None if self.kind == Entry::Program => Some(0),
+                None => {
+                    let stuck = from_header && first.same_machine(&next);
+                    self.gives_up(graph, number, turns, begin, stuck)
+                        .then_some(0)
+                }
+            };
+            if let Some(remaining) = remaining.filter(|_| from_header) {
+                let last = LastTurn {
+                    before: &first,
+                    next,
+                };
+                let exits = self.remaining_turns(graph, number, last, remaining, bound);
+                self.add_exits(&mut all, exits);
+                turns += remaining;
+                break;
+            }
+            first = next;
+        }
+        let id = BlockId {
+            function: graph.entry,
+            block: header,
+        };
+        self.facts.add_turns(id, turns);
+        all
+    }
+
+    /// Whether a loop without a given bound counts as unbounded after `turns` turns, `stuck` if
+    /// the last one changed nothing. The problem is reported; the analysis then goes on after the
+    /// loop, to find further problems.
+    fn gives_up(
+        &mut self,
+        graph: &Graph,
+        number: usize,
+        turns: u64,
+        begin: u64,
+        stuck: bool,
+    ) -> bool {
+        let at = graph.blocks[graph.loops[number].header].start();
+        let most = if self.problems.is_empty() {
+            STEPS_OF_COUNTED_LOOP
+        } else {
+            STEPS_OF_LOOP
+        };
+        let long = turns > MAX_TURNS || self.steps - begin > most;
+        if !stuck && !long && !self.endless.contains(&at) {
+            return false;
+        }
+        self.endless.insert(at);
+        let image = self.program.image;
+        let source = self.program.annotations.source_loop(image, graph, number);
+        let place = match source {
+            Some(place) => format!("{place} ({})", image.name(at)),
+            None => self.describe(at),
+        };
+        self.problems.insert(Problem::LoopWithoutBound(place));
+        true
+    }
+
+    fn add_exits(&mut self, all: &mut Exits, exits: Exits) {
+        for (to, state) in exits {
+            self.add_exit(all, to, state);
+        }
+    }
+
+    /// Runs one turn that stands for every further turn of a loop, and charges `remaining` of
+    /// them.
+    fn remaining_turns(
+        &mut self,
+        graph: &Rc<Graph>,
+        number: usize,
+        last: LastTurn<'_>,
+        remaining: u64,
+        bound: Option<u64>,
+    ) -> Exits {
+        let header = graph.loops[number].header;
+        // Without a bound there may be any number of turns, although none of them is charged.
+        let reach = bound.map_or(u64::MAX, |_| remaining);
+        let symbols = &mut self.executor.symbols;
+        let mut invariant = Invariant::guess(last.before, last.next, reach, symbols);
+        loop {
+            let first = invariant.state().clone();
+            let facts = std::mem::take(&mut self.facts);
+            let sections = std::mem::take(&mut self.sections);
+            let ended = std::mem::take(&mut self.ended);
+            let (exits, back) = self.region(graph, Some(number), header, first.clone());
+            let turn_facts = std::mem::replace(&mut self.facts, facts);
+            let turn_sections = std::mem::replace(&mut self.sections, sections);
+            let turn_ended = std::mem::replace(&mut self.ended, ended);
+            if let Some(back) = &back
+                && !self.exhausted()
+                && !invariant.holds(back, &mut self.executor.symbols)
+            {
+                continue;
+            }
+            let turn = back.map_or(Cycles::ZERO, |back| back.cycles - first.cycles);
+            let extra = turn * remaining;
+            self.facts.add(turn_facts, remaining + 1);
+            self.add_turn_sections(turn_sections, &first, extra);
+            if turn_ended != Cycles::ZERO {
+                self.end_path(turn_ended + extra);
+            }
+            return exits
+                .into_iter()
+                .map(|(to, state)| (to, later(state, &first, extra)))
+                .collect();
+        }
+    }
+
+    /// Records the critical sections that ended in a turn. One that was running before the turn
+    /// also lasts through the `extra` time of the turns that are not run.
+    fn add_turn_sections(&mut self, turn: Sections, first: &State, extra: Cycles) {
+        for ((level, at), cycles) in turn {
+            let was_running = first.masked.iter().any(|section| section.level == level);
+            let extra = if was_running { extra } else { Cycles::ZERO };
+            let most = self.sections.entry((level, at)).or_default();
+            *most = most.max(cycles + extra);
+        }
+    }
+}
+
+/// `state` after the `extra` time of the turns that are not run. It also counts for the critical
+/// sections that were running before the turn that began with `first`.
+fn later(mut state: State, first: &State, extra: Cycles) -> State {
+    state.cycles += extra;
+    for section in &mut state.masked {
+        let mut before = first.masked.iter();
+        if before.any(|known| known.level == section.level) {
+            section.cycles += extra;
+        }
+    }
+    state
+}

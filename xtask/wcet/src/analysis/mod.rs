@@ -1,0 +1,220 @@
+//! Bounds by running all paths of a task at once on the abstract machine.
+//!
+//! Calls are followed in place, so every call is analysed with its own arguments. Outside loops,
+//! and within one turn of a loop, paths that meet are joined. Different turns of a loop are not
+//! joined: a counter keeps its exact value, and an inner loop that runs up to an outer counter
+//! is charged its real cost in each turn. The clock of a joined path is the longer of the two,
+//! so the clock at the return bounds the execution time.
+
+mod calls;
+mod copies;
+mod leave;
+mod loops;
+mod run;
+mod walk;
+
+use std::collections::{BTreeSet, HashMap};
+use std::rc::Rc;
+
+use run::Run;
+
+use super::annotation::Annotations;
+use super::bound::{Bound, Entry, Problem};
+use super::cycles::Cycles;
+use super::extent::Extent;
+use super::facts::BlockId;
+use super::graph::Graph;
+use super::image::{Image, Place};
+use super::ipet::{self, Longest};
+use super::lasting::{Memory, UnknownStores, Words, Written, drop_reached};
+use super::program::Program;
+use super::register::Register;
+use super::timing::{Timing, Timings};
+
+/// Analyses tasks of one image.
+#[derive(Debug)]
+pub struct Analysis<'a> {
+    program: Program<'a>,
+    timings: Timings,
+    /// Words that keep the address which start-up wrote to them.
+    lasting: Rc<Words>,
+    /// Bounds that were found while `lasting` was.
+    known: HashMap<(u32, Entry), Bound>,
+}
+
+impl<'a> Analysis<'a> {
+    /// Prepares the analysis of `image` on a part with this timing.
+    #[must_use]
+    pub fn new(image: &'a Image, annotations: &'a Annotations, part: Timing) -> Self {
+        Self {
+            program: Program::new(image, annotations),
+            timings: Timings::of(part),
+            lasting: Rc::default(),
+            known: HashMap::new(),
+        }
+    }
+
+    /// Finds the words that keep the address which start-up from `main` wrote to them. They are
+    /// taken for granted from then on. `handlers` must be all handlers of the program.
+    ///
+    /// If no word can be proven because of stores through unresolved pointers, such stores are
+    /// treated as `unknown_stores` says.
+    pub fn learn(&mut self, main: u32, handlers: &[u32], unknown_stores: UnknownStores) -> &Words {
+        let (program, memory) = self.explore(main, Entry::Program, &[]);
+        let lost = memory.lost || is_not_followed(&program);
+        self.known.insert((main, Entry::Program), program);
+        let mut words = match memory.left {
+            Some(words) if !lost => words,
+            _ => return &self.lasting,
+        };
+        drop_reached(&mut words, &memory.written);
+        let mut spared = (unknown_stores == UnknownStores::SparePointers).then(|| words.clone());
+        let mut sparing = false;
+        loop {
+            self.lasting = Rc::new(words.clone());
+            let (mut written, lost) = self.written_by(handlers);
+            if sparing {
+                written.remove(&Extent::EVERYWHERE);
+            }
+            if lost {
+                written.insert(Extent::EVERYWHERE);
+            }
+            let fewer = drop_reached(&mut words, &written);
+            match spared.take_if(|_| fewer && words.is_empty() && !lost) {
+                Some(all) => (words, sparing) = (all, true),
+                None if fewer => {}
+                None => return &self.lasting,
+            }
+        }
+    }
+
+    /// The bytes that these handlers may write, and whether one of them could not be followed.
+    fn written_by(&mut self, handlers: &[u32]) -> (Written, bool) {
+        let mut written = Written::new();
+        let mut lost = false;
+        for &handler in handlers {
+            let (bound, memory) = self.explore(handler, Entry::Handler, &[]);
+            lost |= is_not_followed(&bound);
+            written.extend(memory.written);
+            self.known.insert((handler, Entry::Handler), bound);
+        }
+        (written, lost)
+    }
+
+    /// Bounds the code at `entry`.
+    pub fn run(&mut self, entry: u32, kind: Entry) -> Bound {
+        match self.known.get(&(entry, kind)) {
+            Some(bound) => bound.clone(),
+            None => self.run_with(entry, kind, &[]),
+        }
+    }
+
+    /// Bounds the code at `entry`, for activations that never enter any of the functions
+    /// `never`.
+    pub fn run_without(&mut self, entry: u32, kind: Entry, never: &BTreeSet<u32>) -> Bound {
+        self.explore_without(entry, kind, &[], never).0
+    }
+
+    /// Bounds the code at `entry`, entered with these words in core registers.
+    pub fn run_with(&mut self, entry: u32, kind: Entry, registers: &[(Register, u32)]) -> Bound {
+        self.explore(entry, kind, registers).0
+    }
+
+    /// The longest path to this bound of the code at `entry`; `None` if the bound has problems
+    /// or the solver fails.
+    pub fn longest_path(&mut self, bound: &Bound, entry: u32) -> Option<Longest> {
+        ipet::solve(&mut self.program, bound, entry)
+    }
+
+    fn explore(
+        &mut self,
+        entry: u32,
+        kind: Entry,
+        registers: &[(Register, u32)],
+    ) -> (Bound, Memory) {
+        self.explore_without(entry, kind, registers, &BTreeSet::new())
+    }
+
+    /// Bounds the code at `entry`, and collects the facts about memory.
+    ///
+    /// Targets of jump tables are found on the way. The control flow is then built anew with
+    /// them, until there are no new ones.
+    fn explore_without(
+        &mut self,
+        entry: u32,
+        kind: Entry,
+        registers: &[(Register, u32)],
+        never: &BTreeSet<u32>,
+    ) -> (Bound, Memory) {
+        loop {
+            let lasting = self.lasting.clone();
+            let run = Run::new(&mut self.program, self.timings, kind, never, lasting);
+            let outcome = run.whole(entry, registers);
+            if outcome.found.is_empty() {
+                return (self.tightened(outcome.bound, entry, kind), outcome.memory);
+            }
+            self.program.add_targets(outcome.found);
+        }
+    }
+
+    /// Applies annotations of how often one activation runs a statement. Only the integer
+    /// program can use them.
+    fn tightened(&mut self, mut bound: Bound, entry: u32, kind: Entry) -> Bound {
+        if kind == Entry::Program || !bound.problems.is_empty() {
+            return bound;
+        }
+        let blocks: Vec<BlockId> = bound.facts.visits.keys().copied().collect();
+        for block in blocks {
+            let Some(graph) = self.program.graph(block.function) else {
+                continue;
+            };
+            let Program {
+                image, annotations, ..
+            } = self.program;
+            if let Some((place, most)) = annotations.at_most(image, &graph, block.block) {
+                bound.facts.most.insert(block, most);
+                let name = format!("{place}, in all");
+                bound.annotated.insert(name, most);
+            }
+        }
+        if bound.facts.most.is_empty() {
+            return bound;
+        }
+        if let Some(longest) = self.longest_path(&bound, entry) {
+            let around = match kind {
+                Entry::Handler => self.timings.exception_entry() + self.timings.exception_exit(),
+                Entry::Function | Entry::Program => Cycles::ZERO,
+            };
+            bound.cycles = bound.cycles.min(longest.cycles + around);
+            // A critical section of the activation is no longer than the whole activation.
+            for section in &mut bound.sections {
+                section.cycles = section.cycles.min(bound.cycles);
+            }
+        }
+        bound
+    }
+
+    /// The control flow of the function at `entry`, as far as it is known.
+    pub fn graph(&mut self, entry: u32) -> Option<Rc<Graph>> {
+        self.program.graph(entry)
+    }
+
+    /// The annotated bound of loop `number` of `graph`, and the place of the loop.
+    #[must_use]
+    pub fn annotation(&self, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+        self.program.annotation(graph, number)
+    }
+
+    /// The image under analysis.
+    #[must_use]
+    pub fn image(&self) -> &'a Image {
+        self.program.image
+    }
+}
+
+/// Whether a path could not be followed to its end. A loop without a bound is no such path: all
+/// its turns are followed, although their number is unknown.
+fn is_not_followed(bound: &Bound) -> bool {
+    let mut problems = bound.problems.iter();
+    problems.any(|problem| !matches!(problem, Problem::LoopWithoutBound(_)))
+}

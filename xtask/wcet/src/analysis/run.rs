@@ -1,0 +1,224 @@
+//! One run of the abstract machine over a task.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
+
+use crate::bound::{Bound, Entry, PanicSite, Problem, Section};
+use crate::cycles::Cycles;
+use crate::execute::Executor;
+use crate::facts::{Facts, To};
+use crate::graph::Targets;
+use crate::lasting::{Memory, Words};
+use crate::layout::{STACK_TOP, leads_to_memory};
+use crate::mask::Level;
+use crate::program::Program;
+use crate::register::Register;
+use crate::state::State;
+use crate::symbols::Symbols;
+use crate::timing::Timings;
+use crate::value::Value;
+
+/// Return address of a task. There is no code at this address.
+const RETURN: u32 = 0xffff_fff9;
+
+/// Instructions that one analysis may run on the abstract machine.
+const MAX_STEPS: u64 = 5_000_000;
+/// The same, once there is a problem and so no bound any more.
+const MAX_STEPS_WITH_PROBLEM: u64 = 2_000_000;
+
+/// A function that is being executed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Frame {
+    /// Its address.
+    pub(super) function: u32,
+    /// The address to which it returns, without the Thumb bit.
+    pub(super) back: u32,
+    /// The most bytes that it writes, if it copies, fills or encodes memory.
+    pub(super) bytes: Option<u64>,
+}
+
+/// Ways out of a stretch of code: the state on each edge that leaves it.
+pub(super) type Exits = Vec<(To, State)>;
+
+/// Longest critical sections, by level and the address at which they begin.
+pub(super) type Sections = BTreeMap<(Level, u32), Cycles>;
+
+/// The results of a run.
+#[derive(Debug)]
+pub(super) struct Outcome {
+    pub(super) bound: Bound,
+    pub(super) memory: Memory,
+    /// New targets of indirect jumps. If there are any, the bound does not count yet.
+    pub(super) found: Targets,
+}
+
+/// A run in progress.
+pub(super) struct Run<'r, 'a> {
+    pub(super) program: &'r mut Program<'a>,
+    pub(super) timings: Timings,
+    pub(super) kind: Entry,
+    /// Functions that are not entered.
+    pub(super) never: &'r BTreeSet<u32>,
+    pub(super) executor: Executor<'a>,
+    /// The call stack.
+    pub(super) frames: Vec<Frame>,
+    /// Instructions executed so far.
+    pub(super) steps: u64,
+    pub(super) found: Targets,
+    /// Headers of loops for which no bound was found.
+    pub(super) endless: BTreeSet<u32>,
+    /// Lowest stack pointer.
+    pub(super) lowest: u32,
+    pub(super) uses_fpu: bool,
+    pub(super) sections: Sections,
+    pub(super) panics: BTreeSet<PanicSite>,
+    /// Longest time of the paths that end without a return.
+    pub(super) ended: Cycles,
+    pub(super) facts: Facts,
+    pub(super) annotated: BTreeMap<String, u64>,
+    pub(super) problems: BTreeSet<Problem>,
+}
+
+impl<'r, 'a> Run<'r, 'a> {
+    pub(super) fn new(
+        program: &'r mut Program<'a>,
+        timings: Timings,
+        kind: Entry,
+        never: &'r BTreeSet<u32>,
+        lasting: Rc<Words>,
+    ) -> Self {
+        let executor = Executor {
+            image: program.image,
+            symbols: Symbols::new(program.image.variables()),
+            memory: Memory {
+                lasting,
+                ..Memory::default()
+            },
+        };
+        Self {
+            program,
+            timings,
+            kind,
+            never,
+            executor,
+            frames: Vec::new(),
+            steps: 0,
+            found: Targets::new(),
+            endless: BTreeSet::new(),
+            lowest: STACK_TOP,
+            uses_fpu: false,
+            sections: Sections::new(),
+            panics: BTreeSet::new(),
+            ended: Cycles::ZERO,
+            facts: Facts::default(),
+            annotated: BTreeMap::new(),
+            problems: BTreeSet::new(),
+        }
+    }
+
+    /// Runs the code at `entry`, entered with these words in core registers.
+    pub(super) fn whole(mut self, entry: u32, registers: &[(Register, u32)]) -> Outcome {
+        let state = self.initial(registers);
+        let last = self.function(entry, RETURN & !1, state);
+        let returned = last.map_or(Cycles::ZERO, |mut last| {
+            if self.kind == Entry::Handler {
+                last.spend(self.timings.exception_exit());
+            }
+            last.cycles
+        });
+        let sections = self.sections.iter();
+        let sections = sections.map(|(&(level, at), &cycles)| Section { level, cycles, at });
+        Outcome {
+            bound: Bound {
+                cycles: returned.max(self.ended),
+                stack: STACK_TOP - self.lowest,
+                uses_fpu: self.uses_fpu,
+                sections: sections.collect(),
+                panics: self.panics,
+                facts: self.facts,
+                annotated: self.annotated,
+                problems: self.problems,
+            },
+            memory: self.executor.into_memory(),
+            found: self.found,
+        }
+    }
+
+    /// The state at the first instruction.
+    fn initial(&mut self, registers: &[(Register, u32)]) -> State {
+        let mut state = State::entry(&mut self.executor.symbols);
+        state.registers[Register::LR] = Value::constant(RETURN);
+        for &(register, word) in registers {
+            state.registers[register] = Value::constant(word);
+        }
+        match self.kind {
+            Entry::Program => {
+                state.started = false;
+                let words = self.program.image.initial_words();
+                state.memory = Rc::new(words.filter(|(_, word)| leads_to_memory(*word)).collect());
+            }
+            Entry::Handler => state.spend(self.timings.exception_entry()),
+            Entry::Function => {}
+        }
+        state
+    }
+
+    /// Whether the limit of steps is reached.
+    pub(super) fn exhausted(&self) -> bool {
+        let most = if self.problems.is_empty() {
+            MAX_STEPS
+        } else {
+            MAX_STEPS_WITH_PROBLEM
+        };
+        self.steps > most
+    }
+
+    /// The address to which the current function returns.
+    pub(super) fn back(&self) -> u32 {
+        self.frames.last().map_or(RETURN & !1, |frame| frame.back)
+    }
+
+    pub(super) fn describe(&self, address: u32) -> String {
+        self.program.image.describe(address)
+    }
+
+    /// Adds a problem at `address`.
+    pub(super) fn report(&mut self, problem: fn(String) -> Problem, address: u32) {
+        let place = self.describe(address);
+        self.problems.insert(problem(place));
+    }
+
+    /// Notes that the path with this clock ends without a return.
+    pub(super) fn end_path(&mut self, cycles: Cycles) {
+        self.ended = self.ended.max(cycles);
+    }
+
+    /// Joins a path with the one that arrived before it, if any.
+    pub(super) fn join(&mut self, into: &mut Option<State>, state: State) {
+        *into = Some(match into.take() {
+            None => state,
+            Some(before) => before.join(&state, &mut self.executor.symbols),
+        });
+    }
+
+    /// Joins all paths.
+    pub(super) fn join_all(&mut self, states: Vec<State>) -> Option<State> {
+        let mut joined = None;
+        for state in states {
+            self.join(&mut joined, state);
+        }
+        joined
+    }
+
+    /// Adds a way out, joined with an earlier one along the same edge.
+    pub(super) fn add_exit(&mut self, exits: &mut Exits, to: To, state: State) {
+        match exits.iter().position(|(other, _)| *other == to) {
+            Some(position) => {
+                let mut slot = Some(exits.swap_remove(position).1);
+                self.join(&mut slot, state);
+                exits.extend(slot.map(|state| (to, state)));
+            }
+            None => exits.push((to, state)),
+        }
+    }
+}

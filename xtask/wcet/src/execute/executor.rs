@@ -1,0 +1,56 @@
+//! What executing an instruction needs and gives.
+
+use crate::image::Image;
+use crate::lasting::Memory;
+use crate::mask::Masked;
+use crate::range::Range;
+use crate::symbols::Symbols;
+use crate::value::Value;
+
+/// The memory access of an instruction, for its timing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Access {
+    /// Every address that the first byte may have.
+    pub address: Range,
+    /// True for a load, false for a store.
+    pub load: bool,
+    /// Bytes of one transfer: 1, 2 or 4.
+    pub size: u32,
+    /// Number of transfers.
+    pub count: u32,
+}
+
+/// Effects of an instruction outside the state.
+#[derive(Debug, Clone, Default)]
+pub struct Effects {
+    /// Its memory access.
+    pub access: Option<Access>,
+    /// Critical sections that end with it.
+    pub unmasked: Vec<Masked>,
+    /// The word that it writes to the program counter, if it does.
+    pub target: Option<Value>,
+    /// True if it set an interrupt mask to an unknown level.
+    pub unknown_mask: bool,
+}
+
+/// Executes instructions of one image.
+#[derive(Debug)]
+pub struct Executor<'a> {
+    /// The image, which holds the constants.
+    pub image: &'a Image,
+    /// Names of unknown words.
+    pub symbols: Symbols,
+    /// Facts about memory outside the stack.
+    pub memory: Memory,
+}
+
+impl Executor<'_> {
+    /// The facts about memory at the end.
+    #[must_use]
+    pub fn into_memory(self) -> Memory {
+        Memory {
+            lost: self.memory.lost || self.symbols.mixed,
+            ..self.memory
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Memory of the abstract machine: the stack, constants and everything else.
+
+use std::rc::Rc;
+
+use crate::extent::Extent;
+use crate::lasting::{FAR, places, reach};
+use crate::layout::{FITTED_RAM, PERIPHERALS, RAM, STACK, leads_to_memory};
+use crate::range::Range;
+use crate::value::Value;
+
+use super::narrow::{adjust, low_bytes, unknown};
+use super::step::Step;
+
+/// Constants that are joined for a load with several possible addresses, at most.
+pub(super) const MAX_LOADS: u64 = 4096;
+
+impl Step<'_, '_> {
+    /// The word that a load of `size` bytes gives.
+    pub(super) fn load(&mut self, address: &Value, size: u32, signed: bool) -> Value {
+        if let Some(at) = address.as_constant()
+            && STACK.contains(at)
+        {
+            return match self.state.stack.load(at, size) {
+                Some(value) => low_bytes(&value, size, signed),
+                // Never written on this path. Whatever the word is, the program cannot use it
+                // as an address.
+                None => unknown(size, signed),
+            };
+        }
+        let constants = |addresses: &mut dyn Iterator<Item = u32>| -> Option<Vec<u32>> {
+            addresses
+                .map(|at| Some(adjust(self.constant(at, size)?, size, signed)))
+                .collect()
+        };
+        let words = match self.machine.symbols.elements(address) {
+            Some(addresses) => constants(&mut addresses.into_iter()),
+            None if address.range.count() <= MAX_LOADS => constants(&mut address.range.iter()),
+            None => None,
+        };
+        if let Some(value) = words.and_then(|words| self.symbols().one_of(words)) {
+            return value;
+        }
+        let on_stack = self.may_be_stack(address);
+        Value {
+            stack: size == 4 && (on_stack || self.state.escaped),
+            ..unknown(size, signed)
+        }
+    }
+
+    /// Whether an access to `address` may reach the stack.
+    fn may_be_stack(&self, address: &Value) -> bool {
+        address.range.meet(STACK).is_some() && (address.stack || self.state.escaped)
+    }
+
+    /// The content of `address`, if it is constant or known at this point of start-up.
+    fn constant(&self, address: u32, size: u32) -> Option<u32> {
+        self.machine.image.constant(address, size).or_else(|| {
+            let within = address & 3;
+            let words = if self.state.started {
+                &self.machine.memory.lasting
+            } else {
+                &self.state.memory
+            };
+            let word = words
+                .get(&(address - within))
+                .filter(|_| within + size <= 4)?
+                >> (8 * within);
+            Some(if size == 4 {
+                word
+            } else {
+                word & ((1 << (8 * size)) - 1)
+            })
+        })
+    }
+
+    /// Stores the low `size` bytes of `value`.
+    pub(super) fn store(&mut self, address: &Value, size: u32, value: &Value) {
+        self.note_write(address, size, value);
+        self.lend(address, value);
+        if let Some(at) = address.as_constant()
+            && STACK.contains(at)
+        {
+            let kept = self.named(low_bytes(value, size, false));
+            self.state.stack.store(at, size, kept);
+            return;
+        }
+        let pointer = value.stack && value.range.meet(STACK).is_some() && size == 4;
+        if self.is_in_variable(address) {
+            self.state.escaped |= pointer;
+        } else if self.may_be_stack(address) {
+            self.weaken_stack(address, size, pointer);
+        } else if pointer {
+            // An address on the stack is now in a word that is not tracked.
+            self.state.escaped = true;
+        }
+    }
+
+    /// Notes a store to an unknown address that may be on the stack.
+    fn weaken_stack(&mut self, address: &Value, size: u32, pointer: bool) {
+        let stack = &mut self.state.stack;
+        let mut escaped = false;
+        if let Some(places) = places(&self.machine.symbols, address) {
+            for at in places.into_iter().filter(|at| STACK.contains(*at)) {
+                escaped |= stack.weaken(Range::constant(at), size, pointer);
+            }
+        } else {
+            let within = if address.range.span() > STACK.span() {
+                STACK
+            } else {
+                address.range
+            };
+            escaped = stack.weaken(within, size, pointer);
+        }
+        self.state.escaped |= escaped;
+    }
+
+    /// Whether a store to `address` certainly stays within a static variable, and so does not
+    /// reach the stack.
+    fn is_in_variable(&self, address: &Value) -> bool {
+        let target = self.machine.memory.target;
+        let directed = matches!(target, Some(Some(to)) if to != Extent::EVERYWHERE);
+        let far = address.range.span() >= FAR;
+        far && directed || self.machine.symbols.origin(address).is_some()
+    }
+
+    /// Notes a store outside the stack. Before interrupts are enabled it changes the known
+    /// words of memory; afterwards its bytes count as written.
+    fn note_write(&mut self, address: &Value, size: u32, value: &Value) {
+        let reached = match reach(&self.machine.symbols, address, size) {
+            Some(Extent::EVERYWHERE) => {
+                let target = self.machine.memory.target;
+                target.unwrap_or(Some(Extent::EVERYWHERE))
+            }
+            other => other,
+        };
+        let Some(reached) = reached else { return };
+        if self.state.started {
+            self.machine.memory.written.insert(reached);
+            return;
+        }
+        let Extent { first, last } = reached;
+        let word = value.as_constant().filter(|word| {
+            let exact = address.as_constant() == Some(first) && first & 3 == 0;
+            size == 4 && exact && !value.stack && leads_to_memory(*word)
+        });
+        if !RAM.contains(first) && reached.span() < FAR {
+            return;
+        }
+        let near = first.saturating_sub(3)..=last;
+        let touched = self.state.memory.range(near.clone()).next().is_some();
+        if touched || word.is_some() {
+            let memory = Rc::make_mut(&mut self.state.memory);
+            memory.retain(|at, _| !near.contains(at));
+            memory.extend(word.map(|word| (first, word)));
+        }
+    }
+
+    /// Notes that a peripheral is given the address of a variable: by DMA it may write to that
+    /// variable at any time.
+    fn lend(&mut self, address: &Value, value: &Value) {
+        let to_peripheral = address
+            .as_constant()
+            .is_some_and(|at| PERIPHERALS.contains(at));
+        let Some(lent) = value.as_constant().filter(|_| to_peripheral) else {
+            return;
+        };
+        let written = &mut self.machine.memory.written;
+        match self.machine.image.variables().around(lent) {
+            Some(variable) => _ = written.insert(variable),
+            None if FITTED_RAM.iter().any(|ram| ram.contains(lent)) => {
+                written.insert(Extent::EVERYWHERE);
+            }
+            None => {}
+        }
+    }
+}

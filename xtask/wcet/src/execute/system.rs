@@ -1,0 +1,113 @@
+//! System registers: the interrupt masks and the flags.
+
+use rsemu::cpu::arm::v7m::isa::Insn;
+
+use crate::cycles::Cycles;
+use crate::flags::Flags;
+use crate::mask::{Level, Masked, Primask};
+use crate::range::Range;
+use crate::value::Value;
+
+use super::step::Step;
+
+/// Numbers of the system registers in `MRS` and `MSR` (DDI 0403, B5.1.1).
+mod number {
+    pub(super) const LAST_APSR: u8 = 3;
+    pub(super) const PRIMASK: u8 = 16;
+    pub(super) const BASEPRI: u8 = 17;
+    pub(super) const BASEPRI_MAX: u8 = 18;
+}
+
+impl Step<'_, '_> {
+    pub(super) fn system(&mut self) {
+        match self.instruction.insn {
+            Insn::Mrs { rd, sysm } => {
+                let value = match sysm {
+                    number::PRIMASK => match self.state.primask {
+                        Primask::Set => Value::constant(1),
+                        Primask::Clear => Value::constant(0),
+                        Primask::Unknown => Value::within(Range::between(0, 1)),
+                    },
+                    number::BASEPRI | number::BASEPRI_MAX => self.state.basepri,
+                    _ => Value::ANY,
+                };
+                self.set(rd, value);
+            }
+            Insn::Msr { rn, sysm, .. } => {
+                let value = self.read(rn);
+                match sysm {
+                    0..=number::LAST_APSR => self.state.flags = Flags::ANY,
+                    number::PRIMASK => self.set_primask(match value.as_constant() {
+                        Some(word) => Primask::known(word & 1 != 0),
+                        None => Primask::Unknown,
+                    }),
+                    number::BASEPRI => self.set_basepri(&value, false),
+                    number::BASEPRI_MAX => self.set_basepri(&value, true),
+                    _ => {}
+                }
+            }
+            Insn::Cps {
+                enable, i: true, ..
+            } => self.set_primask(Primask::known(!enable)),
+            _ => {}
+        }
+    }
+
+    fn set_primask(&mut self, primask: Primask) {
+        match primask {
+            Primask::Set => {
+                let mut running = self.state.masked.iter();
+                if running.all(|section| section.level.is_basepri()) {
+                    self.begin_section(Level::All);
+                }
+            }
+            Primask::Clear => {
+                self.end_sections(|level| !level.is_basepri());
+                self.state.started = true;
+            }
+            Primask::Unknown => self.effects.unknown_mask = true,
+        }
+        self.state.primask = primask;
+    }
+
+    /// Writes `BASEPRI`; with `only_raise` the write has no effect unless it masks more.
+    fn set_basepri(&mut self, value: &Value, only_raise: bool) {
+        if let Some(word) = value.as_constant() {
+            let new = word as u8;
+            let is_lower = |level| matches!(level, Level::From(old) if new == 0 || old < new);
+            if !only_raise {
+                self.end_sections(is_lower);
+            }
+            let masks_it = |level| matches!(level, Level::From(old) if old <= new);
+            let mut running = self.state.masked.iter();
+            if new != 0 && !running.any(|section| masks_it(section.level)) {
+                self.begin_section(Level::From(new));
+            }
+            self.state.basepri = *value;
+        } else if value.base.is_some() {
+            // An unknown word with a symbol was read from the register on entry: no other
+            // unknown word is ever written. This task runs, so the word that it found masks
+            // no priority at which the task could be, and every section ends here.
+            self.end_sections(Level::is_basepri);
+            self.state.basepri = *value;
+        } else {
+            self.effects.unknown_mask = true;
+        }
+    }
+
+    fn begin_section(&mut self, level: Level) {
+        self.state.masked.push(Masked {
+            level,
+            cycles: Cycles::ZERO,
+            at: self.instruction.address,
+        });
+    }
+
+    /// Ends the running sections of these levels.
+    fn end_sections(&mut self, ends: impl Fn(Level) -> bool) {
+        let ended = |section: &&Masked| ends(section.level);
+        let running = &mut self.state.masked;
+        self.effects.unmasked.extend(running.iter().filter(ended));
+        running.retain(|section| !ends(section.level));
+    }
+}

@@ -1,0 +1,56 @@
+//! Interrupt masks.
+
+use super::cycles::Cycles;
+
+/// `PRIMASK` on all paths that reach a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Primask {
+    /// Set: no interrupt is taken.
+    Set,
+    /// Clear.
+    Clear,
+    /// Set on some paths, clear on others.
+    Unknown,
+}
+
+impl Primask {
+    /// The mask in this known state.
+    #[must_use]
+    pub const fn known(set: bool) -> Self {
+        if set { Self::Set } else { Self::Clear }
+    }
+
+    /// The mask where two paths meet.
+    #[must_use]
+    pub fn join(self, other: Self) -> Self {
+        if self == other { self } else { Self::Unknown }
+    }
+}
+
+/// Which interrupts are masked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Level {
+    /// All, by `PRIMASK`.
+    All,
+    /// Those whose priority value is at least this one, by `BASEPRI`; not zero.
+    From(u8),
+}
+
+impl Level {
+    /// Whether `BASEPRI` causes it.
+    #[must_use]
+    pub const fn is_basepri(self) -> bool {
+        matches!(self, Self::From(_))
+    }
+}
+
+/// A critical section that is still running: a stretch of the path with interrupts masked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Masked {
+    /// Which interrupts are masked.
+    pub level: Level,
+    /// Longest time since they were masked.
+    pub cycles: Cycles,
+    /// Address of the instruction that masked them.
+    pub at: u32,
+}

@@ -1,0 +1,123 @@
+//! Core registers by number, and sets of them.
+
+use std::ops::{BitOr, BitOrAssign};
+
+/// A core register, `r0` to `r15`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Register(u8);
+
+impl Register {
+    /// The first argument and the result of a function.
+    pub const R0: Self = Self(0);
+    /// The frame pointer of functions that have one.
+    pub const R7: Self = Self(7);
+    /// The stack pointer.
+    pub const SP: Self = Self(13);
+    /// The link register.
+    pub const LR: Self = Self(14);
+    /// The program counter.
+    pub const PC: Self = Self(15);
+
+    /// The register with this number; only its low four bits count, as in an instruction.
+    #[must_use]
+    pub const fn new(number: u8) -> Self {
+        Self(number & 15)
+    }
+
+    /// Its number, as instructions hold it.
+    #[must_use]
+    pub const fn number(self) -> u8 {
+        self.0
+    }
+
+    /// Its number, as an index.
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// A set of core registers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub struct RegisterSet(u16);
+
+impl RegisterSet {
+    /// No register.
+    pub const NONE: Self = Self(0);
+    /// Every register.
+    pub const ALL: Self = Self(u16::MAX);
+    /// Registers that a function may leave changed (AAPCS32): `r0` to `r3`, `r12` and `lr`.
+    pub const SCRATCH: Self = Self(0b0101_0000_0000_1111);
+    /// Registers that a function preserves (AAPCS32): `r4` to `r11`.
+    pub const PRESERVED: Self = Self(0b0000_1111_1111_0000);
+
+    /// The set whose members are the one bits of `bits`, as in the list of a load or store
+    /// multiple.
+    #[must_use]
+    pub const fn from_bits(bits: u16) -> Self {
+        Self(bits)
+    }
+
+    /// The set of this one register.
+    #[must_use]
+    pub const fn of(register: Register) -> Self {
+        Self(1 << register.0)
+    }
+
+    /// Whether `register` is a member.
+    #[must_use]
+    pub const fn contains(self, register: Register) -> bool {
+        self.0 & (1 << register.0) != 0
+    }
+
+    /// Whether the two sets have a member in common.
+    #[must_use]
+    pub const fn meets(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// Whether every member of `other` is one of this set.
+    #[must_use]
+    pub const fn holds(self, other: Self) -> bool {
+        other.0 & !self.0 == 0
+    }
+
+    /// The set without `register`.
+    #[must_use]
+    pub const fn without(self, register: Register) -> Self {
+        Self(self.0 & !(1 << register.0))
+    }
+
+    /// Number of members.
+    #[must_use]
+    pub const fn len(self) -> u32 {
+        self.0.count_ones()
+    }
+
+    /// Whether there is no member.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// The members in ascending order.
+    pub fn iter(self) -> impl Iterator<Item = Register> {
+        (0..16)
+            .map(Register)
+            .filter(move |register| self.contains(*register))
+    }
+}
+
+impl BitOr for RegisterSet {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl BitOrAssign for RegisterSet {
+    fn bitor_assign(&mut self, other: Self) {
+        *self = *self | other;
+    }
+}
