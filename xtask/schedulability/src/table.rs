@@ -62,7 +62,7 @@ pub enum TableFault {
     /// `unproven` names something unknown.
     #[error("`unproven` names {0}, which is neither a node nor a chain")]
     Unproven(String),
-    /// `at` names something that has no release.
+    /// `at` names a message that depends on no other one, or no message.
     #[error("`at` names {0}, which is no message that has the attribute After in the network file")]
     At(String),
     /// A step of a chain names none or several of the three.
@@ -171,8 +171,8 @@ pub struct TaskTable {
     /// Instants of the basic cycle at which it is released, in microseconds.
     #[serde(default)]
     pub at_us: Several<u64>,
-    /// A message: the task is released at the instant of the basic cycle at which all has
-    /// arrived that the message's sender needs for it ([`Table::resolve`]).
+    /// A message of this node that depends on others (attribute `After`). The task is released at
+    /// the instant of the basic cycle at which these have arrived ([`Table::resolve`]).
     pub at: Option<String>,
     /// The task that releases this one. Its response time is this one's release jitter.
     pub after: Option<String>,
@@ -280,7 +280,7 @@ pub struct Step {
     pub other: Option<String>,
     /// The task is released at this instant of the basic cycle, in microseconds.
     pub at_us: Option<u64>,
-    /// The same by the message that the task makes, as in [`TaskTable::at`].
+    /// The message whose inputs release the task, as in [`TaskTable::at`].
     pub at: Option<String>,
     /// Longest wait before the step that the analysis does not cover (a poll, a filter, a
     /// byte on a wire), in microseconds.
@@ -301,10 +301,10 @@ impl Table {
         })
     }
 
-    /// Puts the instants of the network in the place of the messages that `at` names.
+    /// Replaces the messages that `at` names by their instants in the network.
     ///
     /// # Errors
-    /// `at` names no message whose sender needs others.
+    /// `at` names a message that depends on no other one.
     pub fn resolve(mut self, file: &str, network: &Network) -> Result<Self, TableError> {
         let release = |name: &String| {
             let mut messages = network.messages.iter();
