@@ -1,11 +1,13 @@
 //! A vehicle on its way, step by step, and what tests ask about it.
 
 use campaign::traffic::{Matrix, Sent, Traffic};
-use twin::Vehicle;
-use world::{Node, Scenario, SimTime};
+use twin::Twin;
+use vehicle_model::NodeIndex;
+use world::{Scenario, SimTime};
 
-use crate::images;
+use crate::nodes::{DRIVE, STEERING};
 use crate::time::at;
+use crate::{images, vehicle};
 
 /// A scenario from its text.
 ///
@@ -13,13 +15,14 @@ use crate::time::at;
 /// With the sentence that says what is wrong with the text.
 #[must_use]
 pub fn scenario(text: &str) -> Scenario {
-    Scenario::parse("test", "the test's scenario", text).unwrap_or_else(|error| panic!("{error}"))
+    Scenario::parse(vehicle(), "test", "the test's scenario", text)
+        .unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// A vehicle with the release images.
 pub struct Journey {
     /// The vehicle.
-    pub vehicle: Vehicle,
+    pub vehicle: Twin,
     matrix: Matrix,
 }
 
@@ -30,10 +33,10 @@ impl Journey {
     /// When the images cannot be built.
     #[must_use]
     pub fn new(scenario: &Scenario, seed: u64) -> Self {
-        let vehicle = Vehicle::new(scenario, seed, images());
+        let twin = Twin::new(vehicle(), scenario, seed, images());
         Self {
-            vehicle: vehicle.unwrap_or_else(|error| panic!("{error}")),
-            matrix: Matrix::uagv(),
+            vehicle: twin.unwrap_or_else(|error| panic!("{error}")),
+            matrix: Matrix::new(vehicle()),
         }
     }
 
@@ -77,7 +80,7 @@ impl Journey {
 
     /// Effort of a node's motor driver at an instant, -1 to 1.
     #[must_use]
-    pub fn effort(&self, node: Node, when: SimTime) -> f64 {
+    pub fn effort(&self, node: NodeIndex, when: SimTime) -> f64 {
         let mut changes = self.vehicle.world().efforts().iter();
         changes
             .rfind(|change| change.node == node && change.at <= when)
@@ -87,7 +90,7 @@ impl Journey {
     /// The last instant at which a node's motor driver began to make an effort or changed it
     /// to another than none, `None` when it never did.
     #[must_use]
-    pub fn last_moved(&self, node: Node) -> Option<SimTime> {
+    pub fn last_moved(&self, node: NodeIndex) -> Option<SimTime> {
         let mut changes = self.vehicle.world().efforts().iter();
         changes
             .rfind(|change| change.node == node && change.effort != 0.0)
@@ -98,7 +101,7 @@ impl Journey {
     #[must_use]
     pub fn stopped(&self, from: SimTime) -> Option<SimTime> {
         let still = |when| {
-            [Node::Steering, Node::Drive]
+            [STEERING, DRIVE]
                 .iter()
                 .all(|&node| self.effort(node, when) == 0.0)
         };
@@ -115,7 +118,7 @@ impl Journey {
 
     /// What a node wrote on its console.
     #[must_use]
-    pub fn console(&self, node: Node) -> String {
+    pub fn console(&self, node: NodeIndex) -> String {
         String::from_utf8_lossy(self.vehicle.console(node)).into_owned()
     }
 

@@ -4,6 +4,7 @@
 use can_bus::{Frame, Record, RecordKind, SimDuration, Tester};
 use embedded_can::Id;
 use furrow_tests::images;
+use furrow_tests::nodes;
 use network::Message;
 use sbp::Sbp;
 use serde::Deserialize;
@@ -44,7 +45,8 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        let image = Image::from_elf(Part::F446, &images().gps).expect("a program for the F446");
+        let image =
+            Image::from_elf(Part::F446, images().of(nodes::GPS)).expect("a program for the F446");
         let mut network = Network::new();
         network.add(Arc::new(image), &Board::default());
         network.bus().add_tester(Tester::new());

@@ -3,28 +3,30 @@
 use can_bus::{Frame, RecordKind, SimDuration, SimTime};
 use embedded_can::Id;
 use furrow_tests::images;
+use furrow_tests::nodes;
 use std::collections::BTreeMap;
-use twin::{Options, Outcome, Vehicle};
-use world::{Node, Scenario};
+use twin::{Options, Outcome, Twin};
+use vehicle_model::NodeIndex;
+use world::Scenario;
 
 const MS: u64 = 1_000_000_000;
 const US: u64 = 1_000_000;
 
 /// Windows of the system matrix (thesis figure 6.13): identifier, sender, beginning in ms
 /// after the reference mark.
-const WINDOWS: [(u16, Node, u64); 12] = [
-    (100, Node::Gps, 0),
-    (401, Node::Gps, 1),
-    (402, Node::Gps, 2),
-    (200, Node::Gps, 3),
-    (201, Node::Gps, 4),
-    (202, Node::Gps, 5),
-    (206, Node::Steering, 6),
-    (300, Node::Controller, 7),
-    (450, Node::Controller, 8),
-    (451, Node::Controller, 9),
-    (452, Node::Controller, 10),
-    (453, Node::Controller, 11),
+const WINDOWS: [(u16, NodeIndex, u64); 12] = [
+    (100, nodes::GPS, 0),
+    (401, nodes::GPS, 1),
+    (402, nodes::GPS, 2),
+    (200, nodes::GPS, 3),
+    (201, nodes::GPS, 4),
+    (202, nodes::GPS, 5),
+    (206, nodes::STEERING, 6),
+    (300, nodes::CONTROLLER, 7),
+    (450, nodes::CONTROLLER, 8),
+    (451, nodes::CONTROLLER, 9),
+    (452, nodes::CONTROLLER, 10),
+    (453, nodes::CONTROLLER, 11),
 ];
 
 /// Events of the arbitrating windows.
@@ -38,17 +40,24 @@ fn number(frame: &Frame) -> u16 {
 }
 
 fn simulate(scenario: &str, seed: u64, milliseconds: u64) -> Outcome {
-    let scenario = Scenario::find(scenario).expect("a built-in scenario");
+    let scenario = Scenario::find(furrow_tests::vehicle(), scenario).expect("a built-in scenario");
     let options = Options {
         seed,
         duration: Some(SimDuration::from_ticks(milliseconds * MS)),
         ..Options::default()
     };
-    twin::run(&scenario, images(), &options, |_| {}).expect("images of the four nodes")
+    twin::run(
+        furrow_tests::vehicle(),
+        &scenario,
+        images(),
+        &options,
+        |_| {},
+    )
+    .expect("images of the four nodes")
 }
 
 /// Frames that were sent: sender, frame, start, end.
-fn frames(outcome: &Outcome) -> Vec<(Node, Frame, SimTime, SimTime)> {
+fn frames(outcome: &Outcome) -> Vec<(NodeIndex, Frame, SimTime, SimTime)> {
     let frames = outcome.records.iter().filter_map(|record| {
         let RecordKind::FrameEnd { frame, start, .. } = record.kind else {
             return None;
@@ -122,14 +131,9 @@ fn every_message_starts_in_its_own_window_and_nobody_disturbs_another() {
 fn one_seed_gives_one_run_and_another_seed_another() {
     let fingerprint = |outcome: &Outcome| {
         let states = outcome.world.states().to_vec();
-        let load = outcome.nodes.clone().map(|node| node.load);
-        let consoles = outcome.nodes.clone().map(|node| node.console);
-        (
-            outcome.records.clone(),
-            format!("{states:?}"),
-            load,
-            consoles,
-        )
+        let nodes = outcome.nodes.iter().cloned();
+        let of_nodes: Vec<_> = nodes.map(|node| (node.load, node.console)).collect();
+        (outcome.records.clone(), format!("{states:?}"), of_nodes)
     };
     let (a, b) = (
         simulate("straight-line", 7, 2_500),
@@ -148,8 +152,9 @@ fn one_seed_gives_one_run_and_another_seed_another() {
 
 #[test]
 fn slices_do_not_change_a_run() {
-    let scenario = Scenario::find("straight-line").expect("a built-in scenario");
-    let mut vehicle = Vehicle::new(&scenario, 7, images()).expect("images");
+    let scenario =
+        Scenario::find(furrow_tests::vehicle(), "straight-line").expect("a built-in scenario");
+    let mut vehicle = Twin::new(furrow_tests::vehicle(), &scenario, 7, images()).expect("images");
     let mut t = 0;
     while t < 1_500 {
         t += 100;
@@ -168,13 +173,13 @@ fn a_lost_fix_empties_its_windows_and_stops_the_vehicle() {
     assert_eq!(seen_in(&outcome, 200, 20_300, 21_500), 0);
     assert_eq!(seen_in(&outcome, 202, 20_300, 21_500), 0);
     assert!(seen_in(&outcome, 100, 20_300, 21_500) >= 11);
-    assert_eq!(outcome.world.effort(Node::Drive), 0.0);
+    assert_eq!(outcome.world.effort(nodes::DRIVE), 0.0);
     let running = outcome
         .world
         .efforts()
         .iter()
         .rev()
-        .find(|change| change.node == Node::Drive)
+        .find(|change| change.node == nodes::DRIVE)
         .expect("the drive motor was driven");
     assert!((20_000 * MS..20_500 * MS).contains(&running.at.as_ticks()));
 }
@@ -183,7 +188,7 @@ fn a_lost_fix_empties_its_windows_and_stops_the_vehicle() {
 fn without_its_master_both_motors_stop_within_two_basic_periods() {
     // The gps node is held in reset from 20 s on.
     let outcome = simulate("master-dead", 1, 21_000);
-    for node in [Node::Steering, Node::Drive] {
+    for node in [nodes::STEERING, nodes::DRIVE] {
         let last = outcome
             .world
             .efforts()
@@ -193,7 +198,7 @@ fn without_its_master_both_motors_stop_within_two_basic_periods() {
         assert_eq!(last.effort, 0.0, "{node:?}");
         let at = last.at.as_ticks();
         assert!(at < 20_200 * MS, "{node:?} stopped at {} ms", at / MS);
-        if node == Node::Drive {
+        if node == nodes::DRIVE {
             assert!(at > 20_000 * MS);
         }
     }

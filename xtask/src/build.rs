@@ -1,6 +1,7 @@
 //! `build`: release images of the nodes, their sizes, and what they must not do.
 
 use std::{
+    fs,
     path::PathBuf,
     process::{Command, Stdio},
 };
@@ -8,19 +9,25 @@ use std::{
 use serde_json::Value;
 
 use parts::Sled;
+use vehicle_model::{NodeIndex, Vehicle};
 
 use crate::{
-    Failure, Node, Workspace, audit,
+    Failure, Workspace, audit,
     cli::Build,
-    size::{self, Usage},
+    size::{self, Size},
     target::{self, Target},
+    vehicle,
 };
 
 /// A release image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Image {
     /// The node it is for.
-    pub node: Node,
+    pub node: NodeIndex,
+    /// The node's name.
+    pub name: String,
+    /// The node's board.
+    pub board: &'static Sled,
     /// The ELF file.
     pub path: PathBuf,
 }
@@ -29,13 +36,13 @@ pub struct Image {
 ///
 /// # Errors
 ///
-/// An image does not build, is larger than its board's budget, or may panic.
+/// The vehicle or a node does not exist ([`Failure::Usage`]); an image does not build, is larger
+/// than its board's budget, or may panic.
 pub fn run(workspace: &Workspace, options: &Build) -> Result<(), Failure> {
-    let nodes = match options.nodes.as_slice() {
-        [] => &Node::ALL,
-        nodes => nodes,
-    };
-    let Checked { sizes, complaints } = check(workspace, &images(workspace, nodes)?)?;
+    let vehicle = vehicle::find(workspace, &options.vehicle)?;
+    let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
+    let images = images(workspace, &vehicle, &nodes)?;
+    let Checked { sizes, complaints } = check(&vehicle, &images)?;
     if options.json {
         println!("{}", size::json(&sizes));
     } else {
@@ -51,7 +58,7 @@ pub fn run(workspace: &Workspace, options: &Build) -> Result<(), Failure> {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Checked {
     /// What each takes of its board.
-    pub sizes: Vec<(Node, Usage)>,
+    pub sizes: Vec<Size>,
     /// What stands against them, one sentence each.
     pub complaints: Vec<String>,
 }
@@ -61,18 +68,22 @@ pub struct Checked {
 /// # Errors
 ///
 /// A file cannot be read or is not an image for its node's board.
-pub fn check(workspace: &Workspace, images: &[Image]) -> Result<Checked, Failure> {
+pub fn check(vehicle: &Vehicle, images: &[Image]) -> Result<Checked, Failure> {
     let mut sizes = Vec::new();
     let mut complaints = Vec::new();
-    for Image { node, path } in images {
-        let mut usage = size::measure(path, node.board())?;
-        let source = format!("firmware/vehicles/uagv/nodes/{}.rs", node.name());
-        let app = audit::application(&workspace.root().join(source))?;
-        let audit = audit::audit(path, &app)?;
+    for image in images {
+        let mut usage = size::measure(&image.path, image.board)?;
+        let source = vehicle.source(image.node);
+        let app = audit::application(&source)?;
+        let audit = audit::audit(&image.path, &app)?;
         usage.deepest = audit.deepest;
-        let of_node = |complaint| format!("{}: {complaint}", node.name());
+        let of_node = |complaint| format!("{}: {complaint}", image.name);
         complaints.extend(audit.complaints.into_iter().map(of_node));
-        sizes.push((*node, usage));
+        sizes.push(Size {
+            node: image.name.clone(),
+            board: image.board,
+            usage,
+        });
     }
     complaints.extend(size::excess(&sizes));
     Ok(Checked { sizes, complaints })
@@ -83,66 +94,100 @@ pub fn check(workspace: &Workspace, images: &[Image]) -> Result<Checked, Failure
 /// # Errors
 ///
 /// The target is missing, or an image does not build.
-pub fn images(workspace: &Workspace, nodes: &[Node]) -> Result<Vec<Image>, Failure> {
+pub fn images(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    nodes: &[NodeIndex],
+) -> Result<Vec<Image>, Failure> {
     let target = target::ensure(workspace)?;
     let mut images = Vec::new();
     for board in Sled::ALL {
-        let nodes: Vec<Node> = Node::ALL
-            .into_iter()
-            .filter(|node| node.board() == board && nodes.contains(node))
-            .collect();
+        let on_board = |node: &NodeIndex| vehicle::board(vehicle, *node) == board;
+        let nodes: Vec<NodeIndex> = nodes.iter().copied().filter(on_board).collect();
         if !nodes.is_empty() {
-            let cargo = command(workspace, &target, board, &nodes);
-            images.extend(finish(cargo, board, &nodes)?);
+            let cargo = command(workspace, &target, vehicle, &nodes)?;
+            images.extend(finish(cargo, vehicle, &nodes)?);
         }
     }
+    images.sort_by_key(|image| image.node);
     Ok(images)
 }
 
-/// The cargo command that builds the images of one board.
-pub fn command(workspace: &Workspace, target: &Target, board: &Sled, nodes: &[Node]) -> Command {
+/// The cargo command that builds the images of nodes that have one board.
+///
+/// # Errors
+///
+/// The vehicle's package cannot be read.
+pub fn command(
+    workspace: &Workspace,
+    target: &Target,
+    vehicle: &Vehicle,
+    nodes: &[NodeIndex],
+) -> Result<Command, Failure> {
     let mut cargo = target.cargo(workspace, "build");
-    cargo.args(["--release", "--package", "uagv"]);
-    cargo.args(["--features", board.name]);
-    for node in nodes {
-        cargo.args(["--bin", node.name()]);
+    cargo.args(["--release", "--package", &vehicle::package(vehicle)?]);
+    if let Some(&node) = nodes.first() {
+        cargo.args(["--features", vehicle::board(vehicle, node).name]);
     }
-    cargo
+    for &node in nodes {
+        cargo.args(["--bin", &vehicle.node(node).name]);
+    }
+    Ok(cargo)
 }
 
-/// Runs a [`command`] that builds images of one board.
+/// Runs a [`command`] that builds images.
 ///
 /// # Errors
 ///
 /// It does not succeed.
 pub(crate) fn finish(
     mut cargo: Command,
-    board: &Sled,
-    nodes: &[Node],
+    vehicle: &Vehicle,
+    nodes: &[NodeIndex],
 ) -> Result<Vec<Image>, Failure> {
-    let names: Vec<&str> = nodes.iter().map(|node| node.name()).collect();
-    let names = names.join(", ");
     cargo.arg("--message-format=json-render-diagnostics");
     let output = cargo
         .stderr(Stdio::inherit())
         .output()
         .map_err(|error| Failure::Failed(format!("cargo cannot be run: {error}")))?;
     if !output.status.success() {
+        let names = nodes.iter().map(|&node| vehicle.node(node).name.as_str());
+        let names: Vec<&str> = names.collect();
         return Err(Failure::Failed(format!(
-            "{names} for {} did not build",
-            board.name
+            "{} did not build",
+            names.join(", ")
         )));
     }
     let messages = String::from_utf8_lossy(&output.stdout);
     nodes
         .iter()
         .map(|&node| {
-            let path = executable(&messages, node.name()).ok_or_else(|| {
-                Failure::Failed(format!("cargo built no image for {}", node.name()))
-            })?;
-            Ok(Image { node, path })
+            let name = vehicle.node(node).name.clone();
+            let path = executable(&messages, &name)
+                .ok_or_else(|| Failure::Failed(format!("cargo built no image for {name}")))?;
+            Ok(Image {
+                node,
+                name,
+                board: vehicle::board(vehicle, node),
+                path,
+            })
         })
         .collect()
+}
+
+/// Reads images as the virtual vehicle takes them. There must be one for each node.
+///
+/// # Errors
+///
+/// A file cannot be read.
+pub fn read(images: &[Image]) -> Result<twin::Images, Failure> {
+    let read = |image: &Image| {
+        fs::read(&image.path).map_err(|error| {
+            Failure::Failed(format!("{} cannot be read: {error}", image.path.display()))
+        })
+    };
+    let files: Result<Vec<_>, Failure> = images.iter().map(read).collect();
+    Ok(twin::Images::new(files?))
 }
 
 /// The executable of this name among cargo's messages, one JSON object a line.

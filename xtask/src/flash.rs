@@ -2,9 +2,12 @@
 
 use std::{path::Path, process::Command};
 
+use parts::Sled;
+
 use crate::{
-    Failure, Node, Workspace, build,
+    Failure, Workspace, build,
     cli::Flash,
+    vehicle,
     workspace::{output, succeed, typed},
 };
 
@@ -12,16 +15,15 @@ use crate::{
 ///
 /// # Errors
 ///
-/// The image does not build, probe-rs is not installed, no probe is connected,
+/// There is no such node, or more than one ([`Failure::Usage`]). The image does not build, probe-rs is not installed, no probe is connected,
 /// or probe-rs fails.
 pub fn run(workspace: &Workspace, options: &Flash) -> Result<(), Failure> {
-    let node = options.node;
+    let (vehicle, node) = vehicle::with_node(workspace, &options.node, options.vehicle.as_deref())?;
     if !options.dry_run {
-        ready(workspace, node)?;
+        ready(workspace, &options.node)?;
     }
-    let images = build::images(workspace, &[node])?;
-    for image in images {
-        for mut command in commands(workspace, node, &image.path) {
+    for image in build::images(workspace, &vehicle, &[node])? {
+        for mut command in commands(workspace, image.board, &image.path) {
             if options.dry_run {
                 println!("{}", typed(&command));
             } else {
@@ -33,10 +35,10 @@ pub fn run(workspace: &Workspace, options: &Flash) -> Result<(), Failure> {
 }
 
 /// The commands that write, verify and start an image.
-fn commands(workspace: &Workspace, node: Node, image: &Path) -> [Command; 2] {
+fn commands(workspace: &Workspace, board: &Sled, image: &Path) -> [Command; 2] {
     let probe = |command: &str| {
         let mut probe = workspace.program("probe-rs");
-        probe.args([command, "--chip", node.board().part.chip]);
+        probe.args([command, "--chip", board.part.chip]);
         probe
     };
     let mut download = probe("download");
@@ -45,14 +47,13 @@ fn commands(workspace: &Workspace, node: Node, image: &Path) -> [Command; 2] {
 }
 
 /// Whether probe-rs and a probe are there, before the time for a build is spent.
-fn ready(workspace: &Workspace, node: Node) -> Result<(), Failure> {
+fn ready(workspace: &Workspace, node: &str) -> Result<(), Failure> {
     match output(workspace.program("probe-rs").arg("list")) {
         None => Err(Failure::Failed(
             "probe-rs is not installed: `cargo install probe-rs-tools --locked` installs it".into(),
         )),
         Some(list) if !has_probe(&list) => Err(Failure::Failed(format!(
-            "no debug probe is connected: connect the board of {} by USB",
-            node.name()
+            "no debug probe is connected: connect the board of {node} by USB"
         ))),
         Some(_) => Ok(()),
     }
@@ -69,15 +70,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_node_goes_onto_its_part() {
+    fn each_image_goes_onto_its_part() {
         let workspace = Workspace::find().unwrap();
-        let [download, reset] = commands(&workspace, Node::Gps, Path::new("t/gps"));
+        let [download, reset] = commands(&workspace, Sled::F446, Path::new("t/gps"));
         assert_eq!(
             typed(&download),
             "probe-rs download --chip STM32F446RETx --verify t/gps"
         );
         assert_eq!(typed(&reset), "probe-rs reset --chip STM32F446RETx");
-        let [download, _] = commands(&workspace, Node::Drive, Path::new("t/drive"));
+        let [download, _] = commands(&workspace, Sled::F303, Path::new("t/drive"));
         assert!(typed(&download).contains("--chip STM32F303K8Tx"));
     }
 

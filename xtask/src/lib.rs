@@ -18,14 +18,13 @@ pub mod sim;
 pub mod size;
 pub mod target;
 pub mod test;
+pub mod vehicle;
 
 mod debian;
 mod failure;
-mod node;
 mod workspace;
 
 pub use failure::Failure;
-pub use node::Node;
 pub use workspace::Workspace;
 
 use std::{ffi::OsString, process::ExitCode};

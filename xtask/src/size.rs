@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use parts::{Memory, Sled};
 
-use crate::{Failure, Node};
+use crate::Failure;
 
 /// Bytes that an image takes of its board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -24,6 +24,17 @@ pub struct Usage {
     pub stack: u64,
     /// Worst case of the stack; 0 before it was looked for.
     pub deepest: u64,
+}
+
+/// What the image of a node takes of its board.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Size {
+    /// The node.
+    pub node: String,
+    /// Its board.
+    pub board: &'static Sled,
+    /// What its image takes.
+    pub usage: Usage,
 }
 
 /// Measures the ELF file of an image.
@@ -110,7 +121,7 @@ fn fits(memory: &Memory, address: u64, size: u64) -> bool {
 }
 
 /// The sizes as a table for people: used, of how much, budget.
-pub fn table(sizes: &[(Node, Usage)]) -> String {
+pub fn table(sizes: &[Size]) -> String {
     let mut out = String::new();
     let heading = [
         "node",
@@ -123,12 +134,11 @@ pub fn table(sizes: &[(Node, Usage)]) -> String {
         "RAM free",
     ];
     let mut rows = vec![heading.map(String::from)];
-    for (node, usage) in sizes {
-        let board = node.board();
+    for Size { node, board, usage } in sizes {
         let budget = board.budget;
         let free = u64::from(board.part.ram_bytes()).saturating_sub(usage.statics + usage.stack);
         rows.push([
-            node.name().into(),
+            node.clone(),
             board.name.into(),
             share(usage.flash, board.part.flash.size.into()),
             kib(budget.flash.into()),
@@ -164,8 +174,8 @@ fn share(bytes: u64, of: u64) -> String {
 }
 
 #[derive(Serialize)]
-struct Row {
-    node: &'static str,
+struct Row<'a> {
+    node: &'a str,
     board: &'static str,
     #[serde(flatten)]
     usage: Usage,
@@ -177,14 +187,13 @@ struct Row {
 }
 
 /// The sizes for programs: a JSON array, all numbers in bytes.
-pub fn json(sizes: &[(Node, Usage)]) -> String {
-    let rows: Vec<Row> = sizes
+pub fn json(sizes: &[Size]) -> String {
+    let rows: Vec<Row<'_>> = sizes
         .iter()
-        .map(|(node, usage)| {
-            let board = node.board();
+        .map(|Size { node, board, usage }| {
             let budget = board.budget;
             Row {
-                node: node.name(),
+                node,
                 board: board.name,
                 usage: *usage,
                 flash_size: board.part.flash.size,
@@ -200,11 +209,15 @@ pub fn json(sizes: &[(Node, Usage)]) -> String {
 }
 
 /// What exceeds its budget, one sentence each.
-pub fn excess(sizes: &[(Node, Usage)]) -> Vec<String> {
+pub fn excess(sizes: &[Size]) -> Vec<String> {
     let mut excess = Vec::new();
-    for (node, usage) in sizes {
-        let budget = node.board().budget;
-        let name = node.name();
+    for Size {
+        node: name,
+        board,
+        usage,
+    } in sizes
+    {
+        let budget = board.budget;
         for (what, used, allowed) in [
             ("flash", usage.flash, u64::from(budget.flash)),
             ("static RAM", usage.statics, u64::from(budget.statics)),
@@ -355,8 +368,17 @@ mod tests {
         );
     }
 
+    fn size(node: &str, board: &'static Sled, usage: Usage) -> Size {
+        Size {
+            node: node.into(),
+            board,
+            usage,
+        }
+    }
+
     #[test]
     fn more_than_the_budget_is_named() {
+        let excess = |usage: Usage| super::excess(&[size("drive", Sled::F303, usage)]);
         let budget = Sled::F303.budget;
         let usage = Usage {
             flash: budget.flash.into(),
@@ -364,25 +386,27 @@ mod tests {
             stack: budget.stack.into(),
             deepest: budget.stack.into(),
         };
-        assert_eq!(excess(&[(Node::Drive, usage)]), Vec::<String>::new());
+        assert_eq!(excess(usage), Vec::<String>::new());
         let over = Usage {
             flash: usage.flash + 3,
             stack: usage.stack - 1,
             deepest: 100,
             ..usage
         };
-        let excess = excess(&[(Node::Drive, over)]);
-        assert_eq!(excess.len(), 2);
+        let over = excess(over);
+        assert_eq!(over.len(), 2);
         assert!(
-            excess[0].contains("drive uses 49155 bytes of flash, 3 more"),
-            "{excess:?}"
+            over[0].contains("drive uses 49155 bytes of flash, 3 more"),
+            "{over:?}"
         );
         let deep = Usage {
             deepest: usage.stack + 1,
             ..usage
         };
-        let excess = super::excess(&[(Node::Drive, deep)]).join("; ");
-        assert_eq!(excess, "drive may need 2049 bytes of stack and has 2048");
+        assert_eq!(
+            excess(deep).join("; "),
+            "drive may need 2049 bytes of stack and has 2048"
+        );
     }
 
     #[test]
@@ -393,7 +417,10 @@ mod tests {
             stack: 4_096,
             deepest: 1_024,
         };
-        let table = table(&[(Node::Gps, usage), (Node::Drive, usage)]);
+        let table = table(&[
+            size("gps", Sled::F446, usage),
+            size("drive", Sled::F303, usage),
+        ]);
         let widths: Vec<usize> = table.lines().map(str::len).collect();
         assert_eq!(widths, [widths[0]; 3], "{table}");
         assert!(table.contains("43.2 KiB of 64.0 KiB (67 %)"), "{table}");

@@ -14,10 +14,11 @@ use world::{
 use parts::Sled;
 
 use crate::{
-    Failure, Node, Workspace, build,
+    Failure, Workspace, build,
     cli::Test,
     schedulability, sim, size,
     target::{self, Target},
+    vehicle,
     workspace::{succeed, typed},
 };
 
@@ -109,10 +110,9 @@ impl Step {
     fn run(self, workspace: &Workspace) -> Outcome {
         let failures = match self.work {
             Work::Impossible(why) => return Outcome::LeftOut(why),
-            Work::Faults => match sim::first_faults(workspace, FAULTS) {
-                Ok(broken) => broken,
-                Err(failure) => vec![failure.to_string()],
-            },
+            Work::Faults => vehicle::find(workspace, vehicle::DEFAULT)
+                .and_then(|vehicle| sim::first_faults(workspace, &vehicle, FAULTS))
+                .unwrap_or_else(|failure| vec![failure.to_string()]),
             Work::Images => match images(workspace) {
                 Ok(()) => Vec::new(),
                 Err(failure) => vec![failure.to_string()],
@@ -215,8 +215,10 @@ fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
 pub(crate) const FAULTS: u64 = 200;
 
 fn images(workspace: &Workspace) -> Result<(), Failure> {
-    let images = build::images(workspace, &Node::ALL)?;
-    let build::Checked { sizes, complaints } = build::check(workspace, &images)?;
+    let vehicle = vehicle::find(workspace, vehicle::DEFAULT)?;
+    let nodes: Vec<_> = vehicle.nodes().collect();
+    let images = build::images(workspace, &vehicle, &nodes)?;
+    let build::Checked { sizes, complaints } = build::check(&vehicle, &images)?;
     eprint!("{}", size::table(&sizes));
     match complaints.as_slice() {
         [] => Ok(()),
@@ -235,9 +237,11 @@ const LATEST_START_US: f64 = 40.0;
 
 /// Drives and says what was wrong with it.
 fn drive(workspace: &Workspace) -> Result<Vec<String>, Failure> {
-    let scenario = Scenario::find(DRIVE).map_err(|error| Failure::Failed(error.to_string()))?;
+    let vehicle = vehicle::find(workspace, vehicle::DEFAULT)?;
+    let scenario =
+        Scenario::find(&vehicle, DRIVE).map_err(|error| Failure::Failed(error.to_string()))?;
     let length = from_seconds(DRIVE_SECONDS);
-    let finished = sim::simulate(workspace, &scenario, 1, Some(length))?;
+    let finished = sim::simulate(workspace, &vehicle, &scenario, 1, Some(length))?;
     let summary = Summary::of(&finished.run());
     eprint!("{}", report::terminal(&summary, Some(finished.wall())));
     let mut wrong = judge(&summary);
@@ -327,6 +331,12 @@ fn summary(steps: &[Finished]) -> Result<(), Failure> {
 mod tests {
     use super::*;
 
+    fn scenario() -> Scenario {
+        let workspace = Workspace::find().unwrap();
+        let vehicle = vehicle::find(&workspace, vehicle::DEFAULT).unwrap();
+        Scenario::find(&vehicle, DRIVE).unwrap()
+    }
+
     #[test]
     fn every_command_of_a_step_runs_and_every_failure_is_kept() {
         let workspace = Workspace::find().unwrap();
@@ -367,9 +377,10 @@ mod tests {
 
     #[test]
     fn a_silent_bus_is_no_drive() {
-        let scenario = Scenario::find(DRIVE).unwrap();
+        let scenario = scenario();
         let silent = report::Run {
             scenario: &scenario,
+            nodes: &[],
             seed: 1,
             duration: from_seconds(1.0),
             states: &[],
@@ -388,7 +399,7 @@ mod tests {
 
     #[test]
     fn late_frames_and_missed_windows_are_wrong() {
-        let scenario = Scenario::find(DRIVE).unwrap();
+        let scenario = scenario();
         let us = |us: u64| world::SimDuration::from_ticks(us * 1_000_000);
         let window = |id, kind, start| report::Window {
             id,
@@ -419,6 +430,7 @@ mod tests {
         ];
         let run = report::Run {
             scenario: &scenario,
+            nodes: &[],
             seed: 1,
             duration: us(250_000),
             states: &[],

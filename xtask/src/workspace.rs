@@ -34,6 +34,17 @@ impl Workspace {
             })
     }
 
+    /// The workspace with this root folder.
+    #[cfg(test)]
+    pub(crate) fn at(root: &Path) -> Self {
+        Self { root: root.into() }
+    }
+
+    /// The folder of its vehicles.
+    pub fn vehicles(&self) -> PathBuf {
+        self.root.join("firmware/vehicles")
+    }
+
     /// Its root folder.
     pub fn root(&self) -> &Path {
         &self.root

@@ -5,7 +5,7 @@ use std::fmt::Display;
 
 use network_model::Network;
 
-use crate::manifest::{Device, Machine, Manifest, Node, Receiver};
+use crate::manifest::{Command, Device, Machine, Manifest, Node, Receiver};
 use crate::units::{Kind, Quantity};
 
 /// Boards that an image can be built for.
@@ -27,6 +27,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     devices(manifest)?;
     if let Some(mode) = &manifest.mode {
         mode_signal(mode, network)?;
+    }
+    if let Some(command) = &manifest.command {
+        self::command(command, manifest, network)?;
     }
     if let Some(receiver) = &manifest.receiver {
         self::receiver(receiver)?;
@@ -130,6 +133,34 @@ fn mode_signal(mode: &crate::manifest::ModeSignal, network: &Network) -> Result<
             mode.signal, mode.autonomous
         ))
     }
+}
+
+fn command(command: &Command, manifest: &Manifest, network: &Network) -> Result<(), String> {
+    let message = network
+        .messages
+        .iter()
+        .find(|message| message.name == command.message)
+        .ok_or_else(|| format!("command.message: there is no message {:?}", command.message))?;
+    for (&device, name) in &command.enable {
+        let field = format!("command.enable.{}", device.name());
+        let mut nodes = manifest.nodes.iter();
+        if !device.is_motor() || !nodes.any(|node| node.connector(device).is_some()) {
+            return Err(format!("{field}: no such motor is wired"));
+        }
+        match message.signals.iter().find(|signal| signal.name == *name) {
+            None => {
+                return Err(format!(
+                    "{field}: message {:?} has no signal {name:?}",
+                    command.message
+                ));
+            }
+            Some(signal) if signal.size != 1 => {
+                return Err(format!("{field}: signal {name:?} is not of one bit"));
+            }
+            Some(_) => {}
+        }
+    }
+    Ok(())
 }
 
 fn receiver(receiver: &Receiver) -> Result<(), String> {

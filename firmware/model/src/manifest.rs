@@ -20,6 +20,8 @@ pub struct Manifest {
     pub nodes: Vec<Node>,
     /// Where the mode of the vehicle is on the bus; `None` when it has no modes.
     pub mode: Option<ModeSignal>,
+    /// What commands the motors; `None` when nothing does.
+    pub command: Option<Command>,
     /// What the operator holds. Default: a momentary remote control.
     #[serde(default)]
     pub operator: Operator,
@@ -156,6 +158,16 @@ pub struct ModeSignal {
     pub signal: String,
     /// The value in which the vehicle drives by itself.
     pub autonomous: String,
+}
+
+/// The message that commands the motors.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Command {
+    /// The message.
+    pub message: String,
+    /// For each motor the signal of one bit that lets it turn.
+    pub enable: BTreeMap<Device, String>,
 }
 
 /// What the operator holds.

@@ -2,8 +2,10 @@
 
 use can_bus::{Disturbance, ErrorState, Frame, Level, RecordKind, Tester};
 use furrow_tests::Journey;
+use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
-use world::{Node, SimTime};
+use vehicle_model::NodeIndex;
+use world::SimTime;
 
 use crate::{assert_never_reset, assert_steady, last_before, mode, next_cycle, running};
 
@@ -11,7 +13,7 @@ use crate::{assert_never_reset, assert_steady, last_before, mode, next_cycle, ru
 const REJOIN: f64 = 0.3;
 
 /// The instants at which a node entered an error state.
-fn entered(journey: &Journey, node: Node, state: ErrorState) -> Vec<SimTime> {
+fn entered(journey: &Journey, node: NodeIndex, state: ErrorState) -> Vec<SimTime> {
     let id = journey.vehicle.node(node).node();
     let records = journey.vehicle.records().iter();
     records
@@ -40,7 +42,7 @@ fn babble(id: u16) {
         seconds(stopped)
     );
     journey.to(5.2);
-    assert!(journey.last_moved(Node::Drive) < Some(stopped.max(at(3.05))));
+    assert!(journey.last_moved(nodes::DRIVE) < Some(stopped.max(at(3.05))));
     assert_steady(
         &journey,
         &[100, 206, 300, 450, 453],
@@ -123,7 +125,7 @@ fn a_node_driven_into_bus_off_comes_back_by_itself() {
     });
     let start = seconds(begin);
     journey.to(start + 1.5);
-    let off = entered(&journey, Node::Steering, ErrorState::BusOff);
+    let off = entered(&journey, nodes::STEERING, ErrorState::BusOff);
     assert_eq!(off.len(), 1, "{off:?}");
     assert!(off[0] < until);
     // The others go on; the drive stops because the potentiometer is missing.
@@ -138,7 +140,7 @@ fn a_node_driven_into_bus_off_comes_back_by_itself() {
         seconds(back.start) - seconds(off[0])
     );
     assert_steady(&journey, &[206], seconds(back.start), start + 1.5);
-    let active = entered(&journey, Node::Steering, ErrorState::Active);
+    let active = entered(&journey, nodes::STEERING, ErrorState::Active);
     assert!(active.iter().any(|&when| when > off[0]));
     assert_never_reset(&journey);
     journey.assert_in_place();
@@ -155,7 +157,7 @@ fn a_bus_held_dominant_stops_the_vehicle_and_is_left_behind() {
         "{} s",
         seconds(stopped)
     );
-    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert_steady(&journey, &[206, 300, 450, 453], 4.5, 5.5);
     assert_never_reset(&journey);
     journey.assert_in_place();
@@ -170,7 +172,7 @@ fn destroyed_references_and_commands_stop_the_vehicle_only_when_two_in_a_row_are
     let drive = |journey: &Journey, from, until| {
         let changes = journey.vehicle.world().efforts().iter();
         changes
-            .filter(|change| change.node == Node::Drive && change.effort == 0.0)
+            .filter(|change| change.node == nodes::DRIVE && change.effort == 0.0)
             .any(|change| (at(from)..at(until)).contains(&change.at))
     };
     assert!(!drive(&journey, 3.0, 4.0), "one lost command stops nothing");

@@ -1,9 +1,9 @@
 //! Boards whose clock input is not there.
 
 use furrow_tests::Journey;
+use furrow_tests::nodes;
 use furrow_tests::time::at;
-use twin::Vehicle;
-use world::Node;
+use twin::Twin;
 
 use crate::{RUNNING, assert_never_reset, assert_steady, mode};
 
@@ -18,12 +18,12 @@ fn the_f303_nodes_keep_the_schedule_on_their_internal_oscillators() {
     );
     let mut journey = Journey::of(&text);
     journey.to(4.0);
-    let rate = |vehicle: &Vehicle, node| vehicle.node(node).core_hz();
-    assert_eq!(rate(&journey.vehicle, Node::Steering) / 1_000_000, 64);
-    assert_eq!(rate(&journey.vehicle, Node::Drive) / 1_000_000, 64);
+    let rate = |vehicle: &Twin, node| vehicle.node(node).core_hz();
+    assert_eq!(rate(&journey.vehicle, nodes::STEERING) / 1_000_000, 64);
+    assert_eq!(rate(&journey.vehicle, nodes::DRIVE) / 1_000_000, 64);
     assert_eq!(journey.mode(), Some(mode::RUN));
-    assert!(journey.effort(Node::Drive, at(4.0)) > 0.2);
-    assert!(journey.last_moved(Node::Steering).is_some());
+    assert!(journey.effort(nodes::DRIVE, at(4.0)) > 0.2);
+    assert!(journey.last_moved(nodes::STEERING).is_some());
     assert_steady(&journey, &[100, 206, 300], 1.0, 4.0);
     journey.assert_in_place();
     assert_never_reset(&journey);

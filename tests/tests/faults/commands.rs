@@ -2,8 +2,9 @@
 
 use can_bus::{Frame, NodeId, Retry, Tester};
 use furrow_tests::Journey;
+use furrow_tests::nodes;
 use furrow_tests::time::{at, span};
-use world::{Node, SimTime};
+use world::SimTime;
 
 use crate::{assert_never_reset, mode, next_cycle, running};
 
@@ -58,9 +59,9 @@ fn standing() -> (Journey, Vec<[u8; 8]>) {
 
 /// Asserts that no motor was moved since an instant.
 fn assert_still(journey: &Journey, since: SimTime) {
-    for node in [Node::Steering, Node::Drive] {
+    for node in [nodes::STEERING, nodes::DRIVE] {
         let moved = journey.last_moved(node);
-        assert!(moved < Some(since), "{node} moved at {moved:?}");
+        assert!(moved < Some(since), "{node:?} moved at {moved:?}");
     }
 }
 
@@ -114,7 +115,7 @@ fn replayed_flipped_and_spoofed_commands_move_nothing() {
 fn a_recorded_run_moves_nothing_when_the_controller_is_gone() {
     let (mut journey, commands) = standing();
     let attacker = Attacker::on(&mut journey);
-    journey.vehicle.node_mut(Node::Controller).hold_reset();
+    journey.vehicle.node_mut(nodes::CONTROLLER).hold_reset();
     let since = journey.vehicle.now();
     for data in commands.iter().take(12) {
         let begin = next_cycle(&mut journey);
@@ -144,7 +145,7 @@ fn foreign_commands_during_a_run_change_no_motor_beyond_it() {
     // 1 m/s is commanded, 2 m/s would be full effort.
     let efforts = journey.vehicle.world().efforts().iter();
     let most = efforts
-        .filter(|change| change.node == Node::Drive && change.at > at(3.0))
+        .filter(|change| change.node == nodes::DRIVE && change.at > at(3.0))
         .map(|change| change.effort)
         .fold(0.0, f64::max);
     assert!(most < 0.7, "{most}");

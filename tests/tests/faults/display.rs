@@ -1,7 +1,7 @@
 //! A display that answers, and one that never does.
 
 use furrow_tests::Journey;
-use world::Node;
+use furrow_tests::nodes;
 
 use crate::{assert_never_reset, assert_steady, running};
 
@@ -14,7 +14,7 @@ fn a_display_that_never_acknowledges_hinders_nothing() {
     assert_never_reset(&journey);
     journey.assert_in_place();
     // The console says so, and the display is offered its rows all the same.
-    let console = journey.console(Node::Controller);
+    let console = journey.console(nodes::CONTROLLER);
     assert!(
         console
             .lines()
@@ -30,7 +30,7 @@ fn a_display_that_never_acknowledges_hinders_nothing() {
 fn a_display_that_acknowledges_counts_as_present() {
     let mut journey = Journey::of("start.east = \"0.3 m\"");
     journey.to(2.5);
-    let console = journey.console(Node::Controller);
+    let console = journey.console(nodes::CONTROLLER);
     assert!(console.lines().count() > 5, "{console}");
     assert!(!console.contains("lcd?"), "{console}");
     assert!(journey.vehicle.world().counters().lcd_commands > 20);

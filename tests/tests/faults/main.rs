@@ -17,8 +17,9 @@ mod windows;
 
 use campaign::traffic::Sent;
 use furrow_tests::Journey;
+use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
-use world::{Node, SimTime};
+use world::SimTime;
 
 /// The mode's codes in message 300, as the network file names them.
 mod mode {
@@ -46,7 +47,7 @@ fn running(more: &str) -> Journey {
     let mut journey = Journey::of(&format!("start.east = \"0.3 m\"\n{more}\n{RUNNING}"));
     journey.to(3.0);
     assert_eq!(journey.mode(), Some(mode::RUN));
-    assert!(journey.effort(Node::Drive, at(3.0)) > 0.2);
+    assert!(journey.effort(nodes::DRIVE, at(3.0)) > 0.2);
     journey
 }
 
@@ -66,10 +67,10 @@ fn assert_steady(journey: &Journey, ids: &[u16], from: f64, until: f64) {
 
 /// Asserts that no node was reset but at power-on.
 fn assert_never_reset(journey: &Journey) {
-    for node in Node::ALL {
+    for node in nodes::ALL {
         let resets = journey.vehicle.node(node).resets();
-        assert_eq!(resets.len(), 1, "{node}: {resets:?}");
-        assert!(!journey.vehicle.node(node).is_locked_up(), "{node}");
+        assert_eq!(resets.len(), 1, "{node:?}: {resets:?}");
+        assert!(!journey.vehicle.node(node).is_locked_up(), "{node:?}");
     }
 }
 

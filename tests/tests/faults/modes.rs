@@ -1,12 +1,12 @@
 //! The operator's buttons (thesis 5.2.5).
 
+use furrow_tests::nodes;
 use std::fmt::Write;
 
 use furrow_tests::Journey;
 use furrow_tests::time::{at, seconds};
 use network::Message as _;
 use uagv::messages::ModeChange;
-use world::Node;
 
 use campaign::traffic::Sent;
 
@@ -84,12 +84,12 @@ fn every_transition_by_the_buttons() {
         assert_eq!(command[4], mode, "press {index}, {button} in mode {before}");
         let moving = matches!(mode, MANUAL | RUN);
         assert_eq!(
-            journey.effort(Node::Drive, then) != 0.0,
+            journey.effort(nodes::DRIVE, then) != 0.0,
             moving,
             "press {index}, {button}"
         );
         if !moving {
-            assert_eq!(journey.effort(Node::Steering, then), 0.0, "press {index}");
+            assert_eq!(journey.effort(nodes::STEERING, then), 0.0, "press {index}");
         }
         if mode != before {
             changes.push((before, mode));
@@ -123,7 +123,7 @@ fn an_open_stop_loop_stops_and_holds() {
     let stopped = journey.stopped(at(3.05)).expect("the motors stop");
     // Debouncing, the next control step, its frame.
     assert!(stopped < at(3.20), "{} s", seconds(stopped));
-    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert_eq!(journey.mode(), Some(STOP));
     assert_eq!(journey.command(at(3.9)).map(|data| data[4]), Some(STOP));
     journey.to(4.8);
@@ -157,8 +157,8 @@ fn the_joystick_drives_without_any_fix_and_a_run_is_locked_out() {
     assert!(state.steering.to_degrees() > 15.0);
     journey.to(5.0);
     assert_eq!(journey.mode(), Some(READY));
-    assert_eq!(journey.effort(Node::Drive, at(5.0)), 0.0);
-    assert_eq!(journey.effort(Node::Steering, at(5.0)), 0.0);
+    assert_eq!(journey.effort(nodes::DRIVE, at(5.0)), 0.0);
+    assert_eq!(journey.effort(nodes::STEERING, at(5.0)), 0.0);
     let traffic = journey.traffic();
     assert_eq!(traffic.genuine(200).count(), 0);
     // The gps node is the time master all the same.
@@ -182,5 +182,5 @@ fn the_run_ends_at_the_end_of_the_path_with_the_vehicle_at_rest() {
     let event = first_after(&journey, 501, last.start);
     assert_eq!(event.data[..3], [RUN, READY, 9]);
     // Pressed again there, the button starts no run.
-    assert_eq!(journey.effort(Node::Drive, journey.vehicle.now()), 0.0);
+    assert_eq!(journey.effort(nodes::DRIVE, journey.vehicle.now()), 0.0);
 }

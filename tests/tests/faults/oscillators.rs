@@ -1,28 +1,24 @@
 //! Oscillators that stop on the way, and time masters that have none from the start.
 
 use furrow_tests::Journey;
+use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds};
 use network::Message as _;
 use twin::ResetCause;
 use uagv::messages::{Fault, GpsStatus};
-use world::Node;
+use vehicle_model::NodeIndex;
 
 use crate::{RUNNING, assert_never_reset, assert_steady, first_after, mode, running};
 
 const BASIC_PERIOD: f64 = 0.1;
 
 /// Identifier of a node's status message.
-const fn status(node: Node) -> u16 {
-    match node {
-        Node::Gps => 511,
-        Node::Controller => 512,
-        Node::Steering => 513,
-        Node::Drive => 514,
-    }
+const fn status(node: NodeIndex) -> u16 {
+    511 + node.0 as u16
 }
 
 /// Asserts that a node's next status message after an instant says that its clock failed.
-fn assert_told(journey: &Journey, node: Node, from: f64) {
+fn assert_told(journey: &Journey, node: NodeIndex, from: f64) {
     let report = first_after(journey, status(node), at(from));
     let report = GpsStatus::decode(&report.data).expect("one layout for all nodes");
     assert_eq!(report.fault, Fault::ClockFailure);
@@ -39,7 +35,7 @@ fn a_gps_node_without_its_clock_leaves_the_lead_to_the_controller() {
     assert_eq!(traffic.between(100, at(0.0), at(4.0)).count(), 0);
     // What the fix is worth, only the gps node as the master could say.
     assert_eq!(journey.mode(), Some(mode::READY));
-    assert_told(&journey, Node::Gps, 0.0);
+    assert_told(&journey, nodes::GPS, 0.0);
     journey.assert_in_place();
     assert_never_reset(&journey);
 }
@@ -56,20 +52,23 @@ fn a_controller_without_its_clock_drives_and_takes_no_lead() {
     assert!(stopped <= at(3.43), "{} s", seconds(stopped));
     let traffic = journey.traffic();
     assert_eq!(traffic.between(101, at(0.0), at(5.0)).count(), 0);
-    assert_told(&journey, Node::Controller, 0.0);
+    assert_told(&journey, nodes::CONTROLLER, 0.0);
     journey.assert_in_place();
     assert_never_reset(&journey);
 }
 
 /// A vehicle under way whose `node` loses its clock at 3.23 s and is run to 5 s.
-fn failing(node: Node) -> Journey {
-    let mut journey = running(&format!("nodes.{node} = {{ internal = \"900 ppm\" }}"));
+fn failing(node: NodeIndex) -> Journey {
+    let mut journey = running(&format!(
+        "nodes.{} = {{ internal = \"900 ppm\" }}",
+        nodes::name(node)
+    ));
     journey.to(3.23);
     let safe = journey.vehicle.node_mut(node).lose_external_clock();
     assert!(safe, "the clock security system is off");
     journey.to(5.0);
     let resets = journey.vehicle.node(node).resets();
-    assert_eq!(resets.len(), 2, "{node}: {resets:?}");
+    assert_eq!(resets.len(), 2, "{node:?}: {resets:?}");
     assert_eq!(resets[1].1, ResetCause::Software);
     assert!(resets[1].0 < at(3.24), "{resets:?}");
     assert_told(&journey, node, 3.23);
@@ -79,22 +78,22 @@ fn failing(node: Node) -> Journey {
 
 #[test]
 fn an_actuator_node_whose_clock_stops_opens_its_relay_and_comes_back_without() {
-    for node in [Node::Drive, Node::Steering] {
+    for node in [nodes::DRIVE, nodes::STEERING] {
         let journey = failing(node);
-        assert_eq!(journey.effort(node, at(3.24)), 0.0, "{node}");
+        assert_eq!(journey.effort(node, at(3.24)), 0.0, "{node:?}");
         assert_eq!(journey.vehicle.node(node).core_hz() / 1_000_000, 64);
         assert_steady(&journey, &[100, 206, 300], 3.23 + 5.0 * BASIC_PERIOD, 5.0);
-        assert!(journey.effort(Node::Drive, at(5.0)) > 0.2);
+        assert!(journey.effort(nodes::DRIVE, at(5.0)) > 0.2);
         assert_eq!(journey.mode(), Some(mode::RUN));
     }
 }
 
 #[test]
 fn a_master_whose_clock_stops_hands_the_lead_over_for_good() {
-    let journey = failing(Node::Gps);
+    let journey = failing(nodes::GPS);
     let stopped = journey.stopped(at(3.23)).expect("the motors stop");
     assert!(stopped <= at(3.43), "{} s", seconds(stopped));
-    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert_steady(&journey, &[101, 206, 300, 453], 3.4, 5.0);
     // It keeps its windows.
     assert_steady(&journey, &[201], 3.23 + 8.0 * BASIC_PERIOD, 5.0);
@@ -104,7 +103,7 @@ fn a_master_whose_clock_stops_hands_the_lead_over_for_good() {
 
 #[test]
 fn a_controller_whose_clock_stops_begins_again_in_idle() {
-    let journey = failing(Node::Controller);
+    let journey = failing(nodes::CONTROLLER);
     let stopped = journey.stopped(at(3.23)).expect("the motors stop");
     assert!(stopped <= at(3.45), "{} s", seconds(stopped));
     assert_steady(

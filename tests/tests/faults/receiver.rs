@@ -1,10 +1,10 @@
 //! The receiver's bytes are damaged, cut off, drowned, or do not come.
 
 use furrow_tests::Journey;
+use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
 use network::Message as _;
 use uagv::messages::Position;
-use world::Node;
 
 use crate::{assert_never_reset, assert_steady, mode, running};
 
@@ -58,7 +58,7 @@ fn damaged_streams_cost_measurements_and_nothing_else() {
     assert_steady(&journey, &[200, 201, 401, 402], 8.1, 9.0);
     let traffic = journey.traffic();
     assert!(traffic.between(200, at(3.0), at(7.8)).count() < 47);
-    assert!(journey.console(Node::Gps).contains("crc "));
+    assert!(journey.console(nodes::GPS).contains("crc "));
 }
 
 #[test]
@@ -82,7 +82,7 @@ fn a_silent_receiver_ends_the_run_in_two_periods_and_keeps_the_schedule() {
     assert!(stopped < left.end + span(0.003));
     assert_steady(&journey, &[100, 206, 300], 1.0, 5.5);
     // It does not begin to drive again by itself.
-    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert_eq!(journey.mode(), Some(mode::READY));
 }
 

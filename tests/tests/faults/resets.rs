@@ -1,18 +1,20 @@
 //! Nodes that stand still, and that come back.
 
 use furrow_tests::Journey;
+use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
 use twin::ResetCause;
-use world::Node;
+use vehicle_model::NodeIndex;
 
 use crate::{assert_steady, first_after, last_before, mode, next_cycle, running};
 
 const BASIC_PERIOD: f64 = 0.1;
 
 /// A vehicle under way whose `node` is held in reset from 3.23 s to 4.03 s.
-fn without(node: Node) -> Journey {
+fn without(node: NodeIndex) -> Journey {
     let mut journey = running(&format!(
-        "reset = [{{ node = \"{node}\", at = \"3.23 s\", until = \"4.03 s\" }}]"
+        "reset = [{{ node = \"{}\", at = \"3.23 s\", until = \"4.03 s\" }}]",
+        nodes::name(node)
     ));
     journey.to(4.0);
     journey
@@ -20,7 +22,7 @@ fn without(node: Node) -> Journey {
 
 #[test]
 fn the_gps_node_in_reset_hands_the_schedule_over_and_takes_it_back() {
-    let mut journey = without(Node::Gps);
+    let mut journey = without(nodes::GPS);
     let stopped = journey.stopped(at(3.23)).expect("the motors stop");
     assert!(stopped <= at(3.43), "{} s", seconds(stopped));
     let last = last_before(&journey, 100, at(3.3));
@@ -60,19 +62,19 @@ fn the_gps_node_in_reset_hands_the_schedule_over_and_takes_it_back() {
         6.0,
     );
     // Nobody drives off by himself.
-    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert!(matches!(journey.mode(), Some(mode::READY | mode::FAULT)));
     journey.assert_in_place();
 }
 
 #[test]
 fn without_the_controller_both_motors_stop() {
-    let mut journey = without(Node::Controller);
+    let mut journey = without(nodes::CONTROLLER);
     let last = last_before(&journey, 300, at(3.3));
     let stopped = journey.stopped(at(3.23)).expect("the motors stop");
     // Two commands are missing when the window of the second is over.
     assert!(stopped < last.start + span(2.0 * BASIC_PERIOD + 0.001));
-    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert_steady(&journey, &[100, 201, 206], 3.0, 4.0);
     journey.to(5.0);
     let back = first_after(&journey, 300, at(4.03));
@@ -83,23 +85,23 @@ fn without_the_controller_both_motors_stop() {
     );
     assert_eq!(back.data[4], mode::IDLE);
     assert_steady(&journey, &[300, 450, 453], seconds(back.start), 5.0);
-    assert!(journey.last_moved(Node::Drive) < Some(stopped));
+    assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     journey.assert_in_place();
 }
 
 #[test]
 fn without_the_steering_node_the_vehicle_does_not_drive() {
-    let mut journey = without(Node::Steering);
+    let mut journey = without(nodes::STEERING);
     // Its relay falls with it; the drive must not go on without steering.
-    assert_eq!(journey.effort(Node::Steering, at(3.2301)), 0.0);
+    assert_eq!(journey.effort(nodes::STEERING, at(3.2301)), 0.0);
     let last = last_before(&journey, 206, at(3.3));
-    let moved = journey.last_moved(Node::Drive).expect("it drove");
+    let moved = journey.last_moved(nodes::DRIVE).expect("it drove");
     assert!(
         moved < last.start + span(4.5 * BASIC_PERIOD),
         "{} s",
         seconds(moved)
     );
-    assert_eq!(journey.effort(Node::Drive, at(4.0)), 0.0);
+    assert_eq!(journey.effort(nodes::DRIVE, at(4.0)), 0.0);
     assert_eq!(journey.mode(), Some(mode::FAULT));
     journey.to(5.0);
     let back = first_after(&journey, 206, at(4.03));
@@ -108,7 +110,7 @@ fn without_the_steering_node_the_vehicle_does_not_drive() {
         "{} s",
         seconds(back.start)
     );
-    let moved = journey.last_moved(Node::Steering);
+    let moved = journey.last_moved(nodes::STEERING);
     assert!(moved < Some(at(3.23)), "{moved:?}");
     assert_steady(&journey, &[206], seconds(back.start), 5.0);
     assert_steady(&journey, &[100, 300], 1.0, 5.0);
@@ -117,16 +119,16 @@ fn without_the_steering_node_the_vehicle_does_not_drive() {
 
 #[test]
 fn the_drive_node_in_reset_stops_at_once_and_follows_again() {
-    let mut journey = without(Node::Drive);
-    assert!(journey.effort(Node::Drive, at(3.2299)) > 0.2);
-    assert_eq!(journey.effort(Node::Drive, at(3.2301)), 0.0);
+    let mut journey = without(nodes::DRIVE);
+    assert!(journey.effort(nodes::DRIVE, at(3.2299)) > 0.2);
+    assert_eq!(journey.effort(nodes::DRIVE, at(3.2301)), 0.0);
     assert_steady(&journey, &[100, 206, 300], 1.0, 4.0);
     journey.to(5.0);
     // It starts with a stop. Then it needs the schedule and two commands.
     let drive = |from: f64, until: f64| {
         let changes = journey.vehicle.world().efforts().iter();
         changes
-            .filter(|change| change.node == Node::Drive)
+            .filter(|change| change.node == nodes::DRIVE)
             .find(|change| (at(from)..at(until)).contains(&change.at))
             .copied()
     };
@@ -146,14 +148,14 @@ fn the_drive_node_in_reset_stops_at_once_and_follows_again() {
 
 /// A vehicle under way the core of whose `node` is stalled, to one second after its watchdog's
 /// reset; the instants of both. The oscillator of the watchdog may be off by a factor of two.
-fn stalled(node: Node, nominal: f64) -> (Journey, f64, f64) {
+fn stalled(node: NodeIndex, nominal: f64) -> (Journey, f64, f64) {
     let mut journey = running("");
     next_cycle(&mut journey);
     campaign::stall(&mut journey.vehicle, node);
     let stalled = seconds(journey.vehicle.now());
     journey.to(stalled + 2.0 * nominal + 0.2);
     let resets = journey.vehicle.node(node).resets();
-    assert_eq!(resets.len(), 2, "{node}: {resets:?}");
+    assert_eq!(resets.len(), 2, "{node:?}: {resets:?}");
     let (reset, cause) = resets[1];
     assert_eq!(cause, ResetCause::Watchdog);
     let reset = seconds(reset);
@@ -166,7 +168,7 @@ fn stalled(node: Node, nominal: f64) -> (Journey, f64, f64) {
 
 #[test]
 fn a_stalled_steering_node_is_reset_by_its_watchdog_and_rejoins_in_three_periods() {
-    let (journey, stalled, reset) = stalled(Node::Steering, 0.05);
+    let (journey, stalled, reset) = stalled(nodes::STEERING, 0.05);
     let back = first_after(&journey, 206, at(reset));
     assert!(
         back.start < at(reset + 3.0 * BASIC_PERIOD),
@@ -175,7 +177,7 @@ fn a_stalled_steering_node_is_reset_by_its_watchdog_and_rejoins_in_three_periods
     );
     assert_steady(&journey, &[206], seconds(back.start), reset + 1.0);
     assert!(reset < stalled + 2.0 * BASIC_PERIOD);
-    assert_eq!(journey.effort(Node::Steering, at(reset + 1e-4)), 0.0);
+    assert_eq!(journey.effort(nodes::STEERING, at(reset + 1e-4)), 0.0);
     // The node tells why it started: cause 4 is the independent watchdog.
     let report = first_after(&journey, 513, at(reset));
     assert_eq!(report.data[0] & 0xF, 4);
@@ -183,17 +185,17 @@ fn a_stalled_steering_node_is_reset_by_its_watchdog_and_rejoins_in_three_periods
 
 #[test]
 fn a_stalled_drive_node_stops_within_two_periods_and_follows_again() {
-    let (journey, stalled, reset) = stalled(Node::Drive, 0.05);
-    assert!(journey.effort(Node::Drive, at(stalled)) > 0.2);
+    let (journey, stalled, reset) = stalled(nodes::DRIVE, 0.05);
+    assert!(journey.effort(nodes::DRIVE, at(stalled)) > 0.2);
     assert!(reset < stalled + 2.0 * BASIC_PERIOD);
-    assert_eq!(journey.effort(Node::Drive, at(reset + 1e-4)), 0.0);
-    assert!(journey.effort(Node::Drive, at(reset + 0.9)) > 0.2);
+    assert_eq!(journey.effort(nodes::DRIVE, at(reset + 1e-4)), 0.0);
+    assert!(journey.effort(nodes::DRIVE, at(reset + 0.9)) > 0.2);
     assert_eq!(first_after(&journey, 514, at(reset)).data[0] & 0xF, 4);
 }
 
 #[test]
 fn a_stalled_controller_is_reset_by_its_watchdog_and_rejoins_in_three_periods() {
-    let (journey, _, reset) = stalled(Node::Controller, 0.5);
+    let (journey, _, reset) = stalled(nodes::CONTROLLER, 0.5);
     let back = first_after(&journey, 300, at(reset));
     assert!(
         back.start < at(reset + 3.0 * BASIC_PERIOD),

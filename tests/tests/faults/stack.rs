@@ -1,9 +1,8 @@
 //! How deep the call stacks of the small parts become.
 
-use world::Node;
-
 use crate::{RUNNING, assert_never_reset, mode};
 use furrow_tests::Journey;
+use furrow_tests::nodes;
 
 /// The F303's call stack: its core-coupled memory, filled from the top down.
 const STACK: u32 = 0x1000_0000;
@@ -33,7 +32,7 @@ fn the_call_stacks_keep_a_quarter_of_their_memory_free() {
         "#
     );
     let mut journey = Journey::of(&text);
-    for node in [Node::Steering, Node::Drive] {
+    for node in [nodes::STEERING, nodes::DRIVE] {
         let paint = PAINT.repeat(SIZE / 4);
         assert!(journey.vehicle.node_mut(node).set_memory(STACK, &paint));
     }
@@ -41,11 +40,11 @@ fn the_call_stacks_keep_a_quarter_of_their_memory_free() {
     assert_eq!(journey.mode(), Some(mode::RUN));
     journey.to(5.0);
     assert_never_reset(&journey);
-    for node in [Node::Steering, Node::Drive] {
+    for node in [nodes::STEERING, nodes::DRIVE] {
         let memory = journey.vehicle.node(node).memory(STACK, SIZE);
         let memory = memory.expect("the part has this memory");
         let free = memory.chunks(4).take_while(|word| *word == PAINT).count() * 4;
-        assert!(free < SIZE, "{node} never used its stack");
-        assert!(free >= SIZE / 4, "{node} has {free} of {SIZE} bytes left");
+        assert!(free < SIZE, "{node:?} never used its stack");
+        assert!(free >= SIZE / 4, "{node:?} has {free} of {SIZE} bytes left");
     }
 }

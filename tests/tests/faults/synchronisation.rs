@@ -2,9 +2,9 @@
 
 use campaign::agreement::{self, Agreement};
 use campaign::traffic::Traffic;
+use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
 use furrow_tests::{Journey, images, scenario};
-use world::Node;
 
 use crate::{RUNNING, assert_never_reset, assert_steady};
 
@@ -16,7 +16,7 @@ fn the_nodes_agree_on_the_time_and_start_their_frames_in_time() {
     let mut journey = Journey::new(&scenario(RUNNING), 3);
     let mut agreement = Agreement::new(images()).expect("images with debug information");
     let spread = |journey: &Journey| {
-        let errors = Node::ALL.map(|node| journey.vehicle.world().crystal_ppm(node));
+        let errors = nodes::ALL.map(|node| journey.vehicle.world().crystal_ppm(node));
         errors
             .iter()
             .fold(0.0, |most: f64, &ppm| most.max(ppm.abs()))

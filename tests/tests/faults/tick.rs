@@ -1,7 +1,7 @@
 //! The tick of the software tasks: its priority, and that it loses and invents nothing.
 
 use furrow_tests::Journey;
-use world::Node;
+use furrow_tests::nodes;
 
 use crate::{RUNNING, assert_never_reset};
 
@@ -17,20 +17,23 @@ fn the_tick_wakes_the_housekeeping_a_hundred_times_a_second() {
     let mut journey = Journey::of(RUNNING);
     journey.to(2.5);
     assert_never_reset(&journey);
-    for node in Node::ALL {
+    for node in nodes::ALL {
         let mcu = journey.vehicle.node(node);
         // Just above the task that it wakes.
         let tick = mcu.priority(SYSTICK);
-        assert_eq!(tick, mcu.priority(DISPATCHER) - STEP, "{node}");
+        assert_eq!(tick, mcu.priority(DISPATCHER) - STEP, "{node:?}");
         let tasks = mcu.load().tasks;
         let runs = |exception: u16| {
             let task = tasks.iter().find(|task| task.exception == exception);
             task.map_or(0, |task| task.activations)
         };
         // The start takes some milliseconds, clocks differ by less than a step.
-        assert!((247..=251).contains(&runs(DISPATCHER)), "{node}");
+        assert!((247..=251).contains(&runs(DISPATCHER)), "{node:?}");
         // Each tick, and each time when the next instant is put in line.
         let ticks = runs(SYSTICK);
-        assert!(ticks.abs_diff(2 * runs(DISPATCHER)) <= 1, "{node}: {ticks}");
+        assert!(
+            ticks.abs_diff(2 * runs(DISPATCHER)) <= 1,
+            "{node:?}: {ticks}"
+        );
     }
 }

@@ -8,7 +8,8 @@ use crate::mode;
 
 #[test]
 fn the_vehicle_settles_to_five_centimetres_in_fifteen_seconds_and_stays_within_ten() {
-    let scenario = Scenario::find("straight-line").unwrap_or_else(|error| panic!("{error}"));
+    let scenario = Scenario::find(furrow_tests::vehicle(), "straight-line")
+        .unwrap_or_else(|error| panic!("{error}"));
     let mut journey = Journey::new(&scenario, 1);
     journey.to(45.0);
     let traffic = journey.traffic();
@@ -20,7 +21,7 @@ fn the_vehicle_settles_to_five_centimetres_in_fifteen_seconds_and_stays_within_t
     let states = journey.vehicle.world().states();
     let (mut inside, mut outside) = (None, 0.0);
     for state in states.iter().filter(|state| state.at >= run) {
-        let (_, error) = scenario.line.locate(state.north, state.east);
+        let (_, error) = scenario.line.unwrap().locate(state.north, state.east);
         let after = seconds(state.at) - seconds(run);
         assert!(error.abs() <= if after < 15.0 { 1.05 } else { 0.10 });
         if error.abs() > 0.05 {

@@ -25,9 +25,16 @@ fn frames_start_with_their_windows_with_and_without_wait_states_of_the_flash() {
             flash,
             ..Options::default()
         };
-        let outcome = run(&scenario, images(), &options, |_| {}).expect("images of the nodes");
+        let outcome = run(
+            furrow_tests::vehicle(),
+            &scenario,
+            images(),
+            &options,
+            |_| {},
+        )
+        .expect("images of the nodes");
         let traffic = campaign::traffic::Traffic::of(&outcome);
-        let matrix = Matrix::uagv();
+        let matrix = Matrix::new(furrow_tests::vehicle());
         let mut judged = 0;
         let references: Vec<f64> = traffic.genuine(100).map(|f| seconds(f.start)).collect();
         for message in matrix

@@ -9,8 +9,9 @@ use std::collections::HashMap;
 use addr2line::gimli::{self, AttributeValue, DwAt, EndianSlice, LittleEndian};
 use object::{Object, ObjectSection, ObjectSymbol};
 use twin::mcu::Mcu;
-use twin::{Images, Vehicle};
-use world::{Node, SimDuration, SimTime};
+use twin::{Images, Twin};
+use vehicle_model::NodeIndex;
+use world::{SimDuration, SimTime};
 
 /// Counter of TIM2, the time base of both parts.
 const COUNTER: u32 = 0x4000_0024;
@@ -25,9 +26,9 @@ pub const SPAN: SimDuration = SimDuration::from_ticks(37_000_000_000);
 /// Differences between the global times of the nodes of a vehicle.
 #[derive(Clone, Debug)]
 pub struct Agreement {
-    clocks: Vec<(Node, NodeClock)>,
+    clocks: Vec<(NodeIndex, NodeClock)>,
     /// Since when each node knows the time.
-    known: [Option<SimTime>; 4],
+    known: Vec<Option<SimTime>>,
     /// Largest difference between any two nodes at each instant, microseconds.
     errors: Vec<f64>,
 }
@@ -47,24 +48,23 @@ impl Agreement {
     /// Nothing compared yet; `None` when an image has no protocol stack or no debug information.
     #[must_use]
     pub fn new(images: &Images) -> Option<Self> {
-        let clocks = [
-            (Node::Gps, NodeClock::find(&images.gps)?),
-            (Node::Controller, NodeClock::find(&images.controller)?),
-            (Node::Steering, NodeClock::find(&images.steering)?),
-            (Node::Drive, NodeClock::find(&images.drive)?),
-        ];
+        let found = images.iter();
+        let clocks: Option<Vec<_>> = found
+            .map(|(node, elf)| Some((node, NodeClock::find(elf)?)))
+            .collect();
+        let clocks = clocks?;
         Some(Self {
-            clocks: clocks.to_vec(),
-            known: [None; 4],
+            known: vec![None; clocks.len()],
+            clocks,
             errors: Vec::new(),
         })
     }
 
     /// Compares the nodes that have known the time for a second.
-    pub fn compare(&mut self, vehicle: &mut Vehicle) {
+    pub fn compare(&mut self, twin: &mut Twin) {
         let mut times = Vec::new();
         for ((node, clock), known) in self.clocks.iter().zip(&mut self.known) {
-            let mcu = vehicle.node_mut(*node);
+            let mcu = twin.node_mut(*node);
             let time = if mcu.is_held() { None } else { clock.read(mcu) };
             let Some((global, now)) = time else {
                 *known = None;
@@ -129,12 +129,20 @@ impl NodeClock {
             Some(u32::from_le_bytes(bytes.try_into().ok()?))
         };
         let field = |base: usize, name: &str| word(base + self.fields.get(name)?);
-        // Ticks in a microsecond of either board, and its reciprocal as the stack computes it.
+        // Ticks in a microsecond of a board, and its reciprocal as the stack computes it.
+        let is_rate = |ticks: u32| {
+            let mut sleds = parts::Sled::ALL.into_iter();
+            sleds.any(|sled| {
+                [sled.external, sled.internal]
+                    .iter()
+                    .any(|clocks| clocks.ticks_per_us == ticks)
+            })
+        };
         let base = (0..self.size).step_by(4).find(|&base| {
             let ticks = field(base, "ticks_per_us");
             let nominal = field(base, "nominal");
             ticks
-                .filter(|ticks| matches!(ticks, 16 | 18))
+                .filter(|&ticks| is_rate(ticks))
                 .is_some_and(|ticks| nominal.is_some_and(|n| is_reciprocal(n, ticks)))
         })?;
         let nominal = f64::from(field(base, "nominal")?);

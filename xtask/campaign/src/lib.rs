@@ -1,4 +1,4 @@
-//! Random fault sequences against the release images of all four nodes.
+//! Random fault sequences against the release images of a vehicle.
 //!
 //! [`Sequence`] draws from a seed what goes wrong, where and when; [`judge`](rules::judge) says
 //! which of the [`rules`] the run broke; [`run`] does that for many seeds on all cores and sums
@@ -16,3 +16,10 @@ pub use report::Report;
 pub use rules::Violation;
 pub use run::{Options, Progress, Shard, ShardError, Verdict, replay, run, stall};
 pub use sequence::{Sequence, Upset};
+
+/// The vehicle that the tests of this crate judge.
+#[cfg(test)]
+fn uagv() -> vehicle_model::Vehicle {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../firmware/vehicles/uagv");
+    vehicle_model::Vehicle::read(folder.as_ref()).expect("a sound vehicle")
+}

@@ -12,8 +12,10 @@
 //! stalls holds it closed until the watchdog bites; the first two rules do not count in that
 //! tenth of a second, nor the second until the wheels are back within their limits.
 
+use network_model::{Condition, Message, SendType, Signal};
 use twin::{Outcome, ResetCause};
-use world::{Node, SimTime};
+use vehicle_model::{Device, NodeIndex, Vehicle};
+use world::SimTime;
 
 use crate::sequence::{END, SETTLED, Sequence};
 use crate::traffic::{Matrix, Sent, Traffic};
@@ -29,88 +31,268 @@ pub struct Violation {
     pub what: String,
 }
 
-/// Age of a command at which the motors stand still: two basic periods, and 1 ms for the frame
-/// that is missing, the reaction to it and the byte to the motor driver (260 us).
-const COMMAND_AGE: f64 = 0.201;
+/// A command is too old after two basic periods, and this for the frame that is missing, the
+/// reaction to it and the byte to the motor driver (260 us), s.
+const REACTION: f64 = 0.001;
 
-/// The steering limit of 25 degrees (thesis 5.3), and half a degree for the noise of the
-/// potentiometer and its sampling period at full rate (0.125 degrees).
-const STEERING_LIMIT: f64 = 25.5;
+/// How far the steering angle may be beyond its limit, degrees: noise of the potentiometer, and
+/// its sampling period at full rate (0.125 degrees).
+const STEERING_MARGIN: f64 = 0.5;
 
-/// Basic period, s.
-const PERIOD: f64 = 0.1;
-
-/// Bits of the command's flags that enable a node's motor: offset 5 of message 300.
-const fn enabling(node: Node) -> u8 {
-    match node {
-        Node::Steering => 1,
-        _ => 2,
-    }
+/// A run and what it is judged by.
+struct Judge<'a> {
+    vehicle: &'a Vehicle,
+    sequence: &'a Sequence,
+    outcome: &'a Outcome,
+    traffic: Traffic,
+    matrix: Matrix,
 }
 
 /// Which rules a run of a sequence broke; of each rule and node the first time.
 #[must_use]
-pub fn judge(sequence: &Sequence, outcome: &Outcome) -> Vec<Violation> {
-    let traffic = Traffic::of(outcome);
-    let matrix = Matrix::uagv();
+pub fn judge(vehicle: &Vehicle, sequence: &Sequence, outcome: &Outcome) -> Vec<Violation> {
+    let judge = Judge {
+        vehicle,
+        sequence,
+        outcome,
+        traffic: Traffic::of(outcome),
+        matrix: Matrix::new(vehicle),
+    };
     let mut violations = Vec::new();
-    for node in [Node::Steering, Node::Drive] {
-        violations.extend(motor(sequence, outcome, &traffic, node));
+    for node in vehicle.nodes() {
+        violations.extend(judge.motor(node));
     }
-    violations.extend(steering(sequence, outcome));
-    violations.extend(matrix.misplaced(&traffic).first().map(|first| Violation {
+    violations.extend(judge.steering());
+    let misplaced = judge.matrix.misplaced(&judge.traffic);
+    violations.extend(misplaced.first().map(|first| Violation {
         rule: "place",
         at: seconds(first.frame.start),
         what: first.to_string(),
     }));
-    violations.extend(presence(sequence, outcome, &traffic, &matrix));
-    for node in Node::ALL {
-        violations.extend(resets(sequence, outcome, node));
+    violations.extend(judge.presence());
+    violations.extend(judge.masters());
+    for node in vehicle.nodes() {
+        violations.extend(judge.resets(node));
     }
     violations
 }
 
-/// A motor is driven for no longer than a genuine command allows.
-fn motor(
-    sequence: &Sequence,
-    outcome: &Outcome,
-    traffic: &Traffic,
-    node: Node,
-) -> Option<Violation> {
-    let stalled = sequence.stalled(node);
-    let commands = allowed(traffic, node);
-    let efforts: Vec<(f64, f64)> = outcome
-        .world
-        .efforts()
-        .iter()
-        .filter(|change| change.node == node)
-        .map(|change| (seconds(change.at), change.effort))
-        .collect();
-    for (index, &(from, effort)) in efforts.iter().enumerate() {
-        if effort == 0.0 {
-            continue;
-        }
-        let until = efforts.get(index + 1).map_or(END, |next| next.0);
-        if let Some(at) = uncovered((from, until), &commands, &stalled) {
-            return Some(Violation {
-                rule: "stop",
-                at,
-                what: format!(
-                    "the motor of {node} is driven with {effort:.2}, its last enabling command is older than two basic periods"
-                ),
-            });
-        }
-    }
-    None
+/// The message that commands motors, and its signal that lets this one turn.
+fn enabling(vehicle: &Vehicle, motor: Device) -> Option<(&Message, &Signal)> {
+    let command = vehicle.manifest().command.as_ref()?;
+    let name = command.enable.get(&motor)?;
+    let mut messages = vehicle.network().messages.iter();
+    let message = messages.find(|message| message.name == command.message)?;
+    let signal = message.signals.iter().find(|signal| signal.name == *name)?;
+    Some((message, signal))
 }
 
-/// Spans in which the commands of the controller allow a motor to turn.
-fn allowed(traffic: &Traffic, node: Node) -> Vec<(f64, f64)> {
-    let enables = |frame: &&Sent| frame.bytes()[5] & enabling(node) != 0;
-    let commands = traffic.genuine(300).filter(enables);
-    commands
-        .map(|frame| (seconds(frame.end), seconds(frame.end) + COMMAND_AGE))
-        .collect()
+impl Judge<'_> {
+    fn name(&self, node: NodeIndex) -> &str {
+        &self.vehicle.node(node).name
+    }
+
+    /// Basic period, s.
+    fn period(&self) -> f64 {
+        self.matrix.basic_cycle().as_ticks() as f64 * 1e-12
+    }
+
+    /// The motor of a node is driven for no longer than a genuine command allows.
+    fn motor(&self, node: NodeIndex) -> Option<Violation> {
+        let devices = self.vehicle.node(node).wiring.values();
+        let motor = devices.copied().find(|device| device.is_motor())?;
+        let (message, signal) = enabling(self.vehicle, motor)?;
+        let stalled = self.sequence.stalled(node);
+        let commands = self.allowed(message, signal);
+        let efforts: Vec<(f64, f64)> = self
+            .outcome
+            .world
+            .efforts()
+            .iter()
+            .filter(|change| change.node == node)
+            .map(|change| (seconds(change.at), change.effort))
+            .collect();
+        for (index, &(from, effort)) in efforts.iter().enumerate() {
+            if effort == 0.0 {
+                continue;
+            }
+            let until = efforts.get(index + 1).map_or(END, |next| next.0);
+            if let Some(at) = uncovered((from, until), &commands, &stalled) {
+                return Some(Violation {
+                    rule: "stop",
+                    at,
+                    what: format!(
+                        "the motor of {} is driven with {effort:.2}, its last enabling command is older than two basic periods",
+                        self.name(node)
+                    ),
+                });
+            }
+        }
+        None
+    }
+
+    /// Spans in which commands allow a motor to turn.
+    fn allowed(&self, message: &Message, signal: &Signal) -> Vec<(f64, f64)> {
+        let age = 2.0 * self.period() + REACTION;
+        let enables = |frame: &&Sent| signal.extract(&frame.bytes()) != 0;
+        let commands = self.traffic.genuine(message.id).filter(enables);
+        commands
+            .map(|frame| (seconds(frame.end), seconds(frame.end) + age))
+            .collect()
+    }
+
+    /// The steering angle stays within its limits.
+    fn steering(&self) -> Option<Violation> {
+        let machine = self.vehicle.manifest().machine.as_ref()?;
+        let node = self.vehicle.node_of(Device::SteeringMotor)?;
+        let limit = machine.limits.steering_angle.get().to_degrees() + STEERING_MARGIN;
+        let stalled = self.sequence.stalled(node);
+        let mut excused = false;
+        for state in self.outcome.world.states() {
+            let (at, angle) = (seconds(state.at), state.steering.to_degrees());
+            let beyond = angle.abs() > limit;
+            let away = stalled
+                .iter()
+                .any(|(from, until)| (*from..*until).contains(&at));
+            excused = beyond && (away || excused);
+            if beyond && !excused {
+                return Some(Violation {
+                    rule: "steering",
+                    at,
+                    what: format!("the steering angle is {angle:.2} degrees"),
+                });
+            }
+        }
+        None
+    }
+
+    /// The best master that can lead at the end, by its reference message.
+    fn leader(&self) -> Option<&Message> {
+        let messages = self.matrix.messages().iter();
+        let references = messages.filter(|message| self.matrix.is_reference(message.id));
+        let able = references.filter(|message| {
+            let sender = self.matrix.sender(message);
+            sender.is_some_and(|node| self.sequence.can_lead(node))
+        });
+        able.min_by_key(|message| message.id)
+    }
+
+    /// Whether a message is sent in every basic cycle.
+    fn is_steady(&self, message: &Message) -> bool {
+        let cycle = self.vehicle.network().basic_cycle_us;
+        let every = SendType::Cyclic {
+            period_ms: cycle / 1000,
+        };
+        message.send_type == every
+            && message.condition == Condition::Always
+            && !self.matrix.is_reference(message.id)
+    }
+
+    /// Who can be is back in schedule at the end.
+    fn presence(&self) -> Vec<Violation> {
+        let Some(leader) = self.leader() else {
+            // No time master is left.
+            return Vec::new();
+        };
+        let messages = self.matrix.messages().iter();
+        let steady = messages.filter(|message| self.is_steady(message));
+        let due = steady.chain([leader]).filter(|message| {
+            let sender = self.matrix.sender(message);
+            sender.is_some_and(|node| !self.sequence.is_lost(node))
+        });
+        let cycles = ((END - SETTLED) / self.period()).floor() as usize;
+        let mut violations = Vec::new();
+        for message in due {
+            let seen = self
+                .traffic
+                .genuine(message.id)
+                .filter(|frame| seconds(frame.start) >= SETTLED)
+                .count();
+            if seen + 1 < cycles {
+                violations.push(Violation {
+                    rule: "presence",
+                    at: SETTLED,
+                    what: format!(
+                        "{} sent {} {seen} times in the last {cycles} cycles",
+                        message.sender, message.id
+                    ),
+                });
+            }
+        }
+        for node in self.vehicle.nodes() {
+            violations.extend(self.silent(node));
+        }
+        violations
+    }
+
+    /// A node that sends nothing periodic says on its console what it does.
+    fn silent(&self, node: NodeIndex) -> Option<Violation> {
+        let mut messages = self.matrix.messages().iter();
+        let speaks = messages.any(|message| {
+            self.matrix.sender(message) == Some(node)
+                && matches!(message.send_type, SendType::Cyclic { .. })
+        });
+        if speaks || self.sequence.is_lost(node) {
+            return None;
+        }
+        let of = self.outcome.nodes.iter().find(|of| of.node == node)?;
+        let console = String::from_utf8_lossy(&of.console);
+        let last = console.lines().rev().find(|line| line.starts_with("bus "));
+        let scheduled = last.is_some_and(|line| line.starts_with("bus run"));
+        (!scheduled).then(|| Violation {
+            rule: "presence",
+            at: END,
+            what: format!(
+                "{} is not in schedule: {}",
+                of.name,
+                last.unwrap_or("silent")
+            ),
+        })
+    }
+
+    /// One master at the end.
+    fn masters(&self) -> Option<Violation> {
+        let messages = self.matrix.messages().iter();
+        let references = messages.filter(|message| self.matrix.is_reference(message.id));
+        let masters = references.filter(|message| {
+            let mut frames = self.traffic.genuine(message.id);
+            frames.any(|frame| seconds(frame.start) >= SETTLED)
+        });
+        (self.leader().is_some() && masters.count() > 1).then(|| Violation {
+            rule: "masters",
+            at: SETTLED,
+            what: "two time masters send references".into(),
+        })
+    }
+
+    /// Every reset has its cause in the sequence.
+    fn resets(&self, node: NodeIndex) -> Option<Violation> {
+        let of = self.outcome.nodes.iter().find(|of| of.node == node)?;
+        let name = &of.name;
+        if of.locked_up {
+            return Some(Violation {
+                rule: "reset",
+                at: END,
+                what: format!("{name} is locked up"),
+            });
+        }
+        let sequence = self.sequence;
+        let upset = |at| sequence.upsets.iter().any(|u| u.node == node && u.at < at);
+        let stopped = |at| {
+            let mut losses = sequence.clock_losses.iter();
+            losses.any(|loss| loss.node == node && loss.at < at)
+        };
+        let strange = of.resets.iter().find(|(at, cause)| match cause {
+            ResetCause::PowerOn | ResetCause::Pin => false,
+            ResetCause::Watchdog => !upset(seconds(*at)),
+            ResetCause::Software => !stopped(seconds(*at)),
+        });
+        strange.map(|(at, cause)| Violation {
+            rule: "reset",
+            at: seconds(*at),
+            what: format!("{name} was reset by {cause:?}"),
+        })
+    }
 }
 
 /// The first instant of `span` that is in none of the others.
@@ -130,125 +312,6 @@ fn uncovered(span: (f64, f64), allowed: &[(f64, f64)], stalled: &[(f64, f64)]) -
         }
         at = reach;
     }
-}
-
-/// The steering angle stays within its limits.
-fn steering(sequence: &Sequence, outcome: &Outcome) -> Option<Violation> {
-    let stalled = sequence.stalled(Node::Steering);
-    let mut excused = false;
-    for state in outcome.world.states() {
-        let (at, angle) = (seconds(state.at), state.steering.to_degrees());
-        let beyond = angle.abs() > STEERING_LIMIT;
-        let away = stalled
-            .iter()
-            .any(|(from, until)| (*from..*until).contains(&at));
-        excused = beyond && (away || excused);
-        if beyond && !excused {
-            return Some(Violation {
-                rule: "steering",
-                at,
-                what: format!("the steering angle is {angle:.2} degrees"),
-            });
-        }
-    }
-    None
-}
-
-/// Who can be is back in schedule at the end.
-fn presence(
-    sequence: &Sequence,
-    outcome: &Outcome,
-    traffic: &Traffic,
-    matrix: &Matrix,
-) -> Vec<Violation> {
-    let lost = |node| sequence.is_lost(node);
-    let leads = |node| sequence.can_lead(node);
-    if !leads(Node::Gps) && !leads(Node::Controller) {
-        // No time master is left.
-        return Vec::new();
-    }
-    let mut due = vec![
-        (Node::Controller, 300),
-        (Node::Controller, 453),
-        (Node::Steering, 206),
-    ];
-    due.push(if leads(Node::Gps) {
-        (Node::Gps, 100)
-    } else {
-        (Node::Controller, 101)
-    });
-    let cycles = ((END - SETTLED) / PERIOD).floor() as usize;
-    let mut violations = Vec::new();
-    for (node, id) in due.into_iter().filter(|(node, _)| !lost(*node)) {
-        let seen = traffic
-            .genuine(id)
-            .filter(|frame| seconds(frame.start) >= SETTLED)
-            .count();
-        if seen + 1 < cycles {
-            violations.push(Violation {
-                rule: "presence",
-                at: SETTLED,
-                what: format!("{node} sent {id} {seen} times in the last {cycles} cycles"),
-            });
-        }
-    }
-    // The drive node sends nothing of its own; it says on its console what it does.
-    let drive = outcome.nodes.iter().find(|of| of.node == Node::Drive);
-    let console = drive.map_or_else(String::new, |of| {
-        String::from_utf8_lossy(&of.console).into_owned()
-    });
-    let last = console.lines().rev().find(|line| line.starts_with("bus "));
-    if !lost(Node::Drive) && !last.is_some_and(|line| line.starts_with("bus run")) {
-        violations.push(Violation {
-            rule: "presence",
-            at: END,
-            what: format!("drive is not in schedule: {}", last.unwrap_or("silent")),
-        });
-    }
-    // One master at the end.
-    let masters = matrix
-        .messages()
-        .iter()
-        .filter(|message| matrix.is_reference(message.id))
-        .filter(|message| {
-            let mut frames = traffic.genuine(message.id);
-            frames.any(|frame| seconds(frame.start) >= SETTLED)
-        });
-    if masters.count() > 1 {
-        violations.push(Violation {
-            rule: "masters",
-            at: SETTLED,
-            what: "two time masters send references".into(),
-        });
-    }
-    violations
-}
-
-/// Every reset has its cause in the sequence.
-fn resets(sequence: &Sequence, outcome: &Outcome, node: Node) -> Option<Violation> {
-    let of = outcome.nodes.iter().find(|of| of.node == node)?;
-    if of.locked_up {
-        return Some(Violation {
-            rule: "reset",
-            at: END,
-            what: format!("{node} is locked up"),
-        });
-    }
-    let upset = |at| sequence.upsets.iter().any(|u| u.node == node && u.at < at);
-    let stopped = |at| {
-        let mut losses = sequence.clock_losses.iter();
-        losses.any(|loss| loss.node == node && loss.at < at)
-    };
-    let strange = of.resets.iter().find(|(at, cause)| match cause {
-        ResetCause::PowerOn | ResetCause::Pin => false,
-        ResetCause::Watchdog => !upset(seconds(*at)),
-        ResetCause::Software => !stopped(seconds(*at)),
-    });
-    strange.map(|(at, cause)| Violation {
-        rule: "reset",
-        at: seconds(*at),
-        what: format!("{node} was reset by {cause:?}"),
-    })
 }
 
 fn seconds(time: SimTime) -> f64 {

@@ -5,9 +5,9 @@ use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
 
-use parts::Sled;
-use twin::{Images, Vehicle, VehicleError};
-use world::{Node, SimDuration, SimTime};
+use twin::{Images, Twin, TwinError};
+use vehicle_model::{NodeIndex, Vehicle};
+use world::{SimDuration, SimTime};
 
 use crate::report::Report;
 use crate::rules::{Violation, judge};
@@ -106,10 +106,10 @@ pub struct Verdict {
 ///
 /// # Errors
 /// When an image is no program for its node's microcontroller.
-pub fn replay(seed: u64, images: &Images) -> Result<Verdict, VehicleError> {
-    let sequence = Sequence::draw(seed);
+pub fn replay(vehicle: &Vehicle, seed: u64, images: &Images) -> Result<Verdict, TwinError> {
+    let sequence = Sequence::draw(vehicle, seed);
     // Judges the images only: a fault of the simulation is a failure with a seed too.
-    let judged = catch_unwind(AssertUnwindSafe(|| drive(&sequence, images)));
+    let judged = catch_unwind(AssertUnwindSafe(|| drive(vehicle, &sequence, images)));
     let violations = match judged {
         Ok(Ok(violations)) => violations,
         Ok(Err(error)) => return Err(error),
@@ -130,48 +130,51 @@ pub fn replay(seed: u64, images: &Images) -> Result<Verdict, VehicleError> {
     })
 }
 
-fn drive(sequence: &Sequence, images: &Images) -> Result<Vec<Violation>, VehicleError> {
-    let mut vehicle = Vehicle::new(&sequence.scenario, sequence.seed, images)?;
+fn drive(
+    vehicle: &Vehicle,
+    sequence: &Sequence,
+    images: &Images,
+) -> Result<Vec<Violation>, TwinError> {
+    let mut twin = Twin::new(vehicle, &sequence.scenario, sequence.seed, images)?;
     let upsets = sequence.upsets.iter();
-    let mut strikes: Vec<(f64, Node, Strike)> = upsets
+    let mut strikes: Vec<(f64, NodeIndex, Strike)> = upsets
         .map(|upset| (upset.at, upset.node, stall as Strike))
         .collect();
     let losses = sequence.clock_losses.iter();
     strikes.extend(losses.map(|loss| (loss.at, loss.node, stop_clock as Strike)));
     strikes.sort_by(|one, other| one.0.total_cmp(&other.0));
     for (at, node, strike) in strikes {
-        vehicle.run_until(instant(at).max(vehicle.now()));
-        strike(&mut vehicle, node);
+        twin.run_until(instant(at).max(twin.now()));
+        strike(&mut twin, node);
     }
-    vehicle.run_until(instant(END));
-    Ok(judge(sequence, &vehicle.finish()))
+    twin.run_until(instant(END));
+    Ok(judge(vehicle, sequence, &twin.finish()))
 }
 
 /// What strikes a node between two steps of the simulation.
-type Strike = fn(&mut Vehicle, Node);
+type Strike = fn(&mut Twin, NodeIndex);
 
 /// Stops the external clock of a node, if it runs on it at this moment.
-fn stop_clock(vehicle: &mut Vehicle, node: Node) {
-    vehicle.node_mut(node).lose_external_clock();
+fn stop_clock(twin: &mut Twin, node: NodeIndex) {
+    twin.node_mut(node).lose_external_clock();
 }
 
 /// Stalls a core in its next interrupt. A node without one in 30 ms stands still already.
 ///
 /// # Panics
-/// Never: a board carries each part, and its stack lies in RAM.
-pub fn stall(vehicle: &mut Vehicle, node: Node) {
+/// Never: every board has RAM at the lower end of its call stack.
+pub fn stall(twin: &mut Twin, node: NodeIndex) {
     // A branch to itself where the call stack would end: no program comes that far.
-    let sled = Sled::carrying(vehicle.node(node).part()).expect("a board carries each part");
-    let trap = sled.stack.base;
-    let written = vehicle.node_mut(node).set_memory(trap, &[0xFE, 0xE7]);
+    let trap = twin.sled(node).stack.base;
+    let written = twin.node_mut(node).set_memory(trap, &[0xFE, 0xE7]);
     assert!(written, "{trap:#x} is RAM");
-    let end = vehicle.now() + SimDuration::from_ticks(30_000_000_000);
-    while vehicle.now() < end {
-        let next = vehicle.now() + SimDuration::from_ticks(3_000_000);
-        vehicle.run_until(next);
+    let end = twin.now() + SimDuration::from_ticks(30_000_000_000);
+    while twin.now() < end {
+        let next = twin.now() + SimDuration::from_ticks(3_000_000);
+        twin.run_until(next);
         // Exceptions from 16 on are interrupts of the device (ARMv7-M).
-        if vehicle.node(node).exception() >= 16 {
-            vehicle.node_mut(node).set_register(15, trap);
+        if twin.node(node).exception() >= 16 {
+            twin.node_mut(node).set_register(15, trap);
             return;
         }
     }
@@ -186,10 +189,11 @@ fn instant(seconds: f64) -> SimTime {
 /// # Errors
 /// When an image is no program for its node's microcontroller.
 pub fn run(
+    vehicle: &Vehicle,
     images: &Images,
     options: &Options,
     mut progress: impl FnMut(Progress),
-) -> Result<Report, VehicleError> {
+) -> Result<Report, TwinError> {
     let Shard { index, of } = options.shard;
     let all = (options.sequences + of - index) / of;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -207,7 +211,7 @@ pub fn run(
                         return;
                     }
                     let number = turn * of + index - 1;
-                    let verdict = replay(options.seed.wrapping_add(number), images);
+                    let verdict = replay(vehicle, options.seed.wrapping_add(number), images);
                     let broken = verdict.is_err();
                     if sender.send(verdict).is_err() || broken {
                         return;

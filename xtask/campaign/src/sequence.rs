@@ -1,20 +1,21 @@
 //! What goes wrong in a run, drawn from a seed.
 
+use network_model::{Message, WindowKind};
+use vehicle_model::{Device, NodeIndex, Vehicle};
+use world::Scenario;
 use world::random::{Purpose, Stream};
 use world::receiver::{Fix, FixChange, StreamFault, StreamFaultKind};
 use world::scenario::{
     BusEvent, Button, ButtonPress, Clock, JoystickMove, ResetEvent, StopLoopChange,
 };
-use world::units::{Ppm, Ratio, Time};
-use world::{Node, Scenario};
+use world::units::{Angle, Length, Ppm, Ratio, Time};
 
-/// The vehicle that every sequence begins with. Its wheels could turn further than they may, so
-/// that the limit which holds is the steering node's.
-const VEHICLE: &str = r#"
-    duration = "6.5 s"
-    start = { east = "0.5 m" }
-    vehicle = { steering_limit = "32 deg" }
-"#;
+/// How much further the wheels could turn than they may, degrees, so that the limit which holds
+/// is that of the steering's node.
+const BEYOND: f64 = 7.0;
+
+/// Begin beside the line, metres.
+const BESIDE: f64 = 0.5;
 
 /// Faults begin from here on, s: the vehicle is under way.
 const FIRST: f64 = 1.9;
@@ -32,7 +33,7 @@ pub(crate) const END: f64 = 6.5;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Upset {
     /// Whose core.
-    pub node: Node,
+    pub node: NodeIndex,
     /// From when on its next interrupt is its last, s.
     pub at: f64,
 }
@@ -41,7 +42,7 @@ pub struct Upset {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClockLoss {
     /// Whose clock.
-    pub node: Node,
+    pub node: NodeIndex,
     /// From when on, s.
     pub at: f64,
 }
@@ -61,24 +62,16 @@ pub struct Sequence {
     pub story: Vec<String>,
 }
 
-/// Identifiers of foreign frames stay clear of the reference messages of the eight possible
-/// masters: who sends those is a time master, and the protocol has no means to tell.
-const REFERENCES: std::ops::RangeInclusive<u16> = 96..=103;
-
 impl Sequence {
-    /// Draws the sequence of a seed.
-    ///
-    /// # Panics
-    /// Never: the vehicle that it begins with is a valid scenario.
+    /// Draws the sequence of a seed for a vehicle.
     #[must_use]
-    pub fn draw(seed: u64) -> Self {
-        let name = format!("faults-{seed}");
-        let scenario = Scenario::parse(&name, &name, VEHICLE).expect("a valid scenario");
+    pub fn draw(vehicle: &Vehicle, seed: u64) -> Self {
         let mut drawing = Drawing {
+            vehicle,
             stream: Stream::new(seed, Purpose::Faults),
             sequence: Self {
                 seed,
-                scenario,
+                scenario: scenario(vehicle, &format!("faults-{seed}")),
                 upsets: Vec::new(),
                 clock_losses: Vec::new(),
                 story: Vec::new(),
@@ -93,7 +86,7 @@ impl Sequence {
 
     /// Spans in which a node's core is stalled and its watchdog has not bitten yet, s.
     #[must_use]
-    pub fn stalled(&self, node: Node) -> Vec<(f64, f64)> {
+    pub fn stalled(&self, node: NodeIndex) -> Vec<(f64, f64)> {
         /// The next interrupt of the core, which is to stall it, comes within 30 ms; the
         /// watchdog of an actuator node bites 67 ms after its last meal at the latest.
         const LONGEST: f64 = 0.1;
@@ -103,25 +96,68 @@ impl Sequence {
 
     /// Whether a node can be time master at the end: it is there, and on its crystal.
     #[must_use]
-    pub fn can_lead(&self, node: Node) -> bool {
+    pub fn can_lead(&self, node: NodeIndex) -> bool {
         let stopped = self.clock_losses.iter().any(|loss| loss.node == node);
-        !self.is_lost(node) && !stopped && self.scenario.nodes.get(node).external
+        !self.is_lost(node) && !stopped && self.scenario.nodes[node.0].external
     }
 
     /// Whether a node is held in reset to the end.
     #[must_use]
-    pub fn is_lost(&self, node: Node) -> bool {
+    pub fn is_lost(&self, node: NodeIndex) -> bool {
         let mut resets = self.scenario.reset.iter();
         resets.any(|reset| reset.node == node && reset.until.is_none())
     }
 }
 
-struct Drawing {
+/// What every sequence begins with.
+///
+/// # Panics
+/// Never: an empty scenario is one of every vehicle.
+fn scenario(vehicle: &Vehicle, name: &str) -> Scenario {
+    let mut scenario = Scenario::parse(vehicle, name, name, "").expect("an empty scenario");
+    scenario.duration = Time::new(END);
+    if let Some(machine) = &mut scenario.vehicle {
+        let limit = machine.steering_limit.get();
+        machine.steering_limit = Angle::new(limit + Angle::degrees(BEYOND).get());
+        let start = &mut scenario.start;
+        let (sin, cos) = start.heading.get().sin_cos();
+        start.north = Length::new(start.north.get() - BESIDE * sin);
+        start.east = Length::new(start.east.get() + BESIDE * cos);
+    }
+    scenario
+}
+
+struct Drawing<'a> {
+    vehicle: &'a Vehicle,
     stream: Stream,
     sequence: Sequence,
 }
 
-impl Drawing {
+impl Drawing<'_> {
+    fn has(&self, device: Device) -> bool {
+        self.vehicle.node_of(device).is_some()
+    }
+
+    /// A node and its name.
+    fn node(&mut self) -> (NodeIndex, String) {
+        let node = NodeIndex(self.stream.below(self.vehicle.nodes().len()));
+        (node, self.vehicle.node(node).name.clone())
+    }
+
+    /// Identifiers of the network's messages, in the order of the file.
+    fn identifiers(&self, kind: impl Fn(&Message) -> bool) -> Vec<u16> {
+        let messages = self.vehicle.network().messages.iter();
+        let mut ids: Vec<u16> = messages.filter(|m| kind(m)).map(|m| m.id).collect();
+        ids.sort_unstable();
+        ids
+    }
+
+    /// Identifiers of the messages that command motors.
+    fn commands(&self) -> Vec<u16> {
+        let command = self.vehicle.manifest().command.as_ref();
+        self.identifiers(|message| command.is_some_and(|c| c.message == message.name))
+    }
+
     fn within(&mut self, from: f64, to: f64) -> f64 {
         // Whole microseconds, so that the story tells all of it.
         ((from + (to - from) * self.stream.uniform()) * 1e6).round() * 1e-6
@@ -146,9 +182,13 @@ impl Drawing {
 
     /// What the vehicle does when the first fault meets it.
     fn operator(&mut self) {
-        match self.stream.below(8) {
+        let turn = self.stream.below(8);
+        if !self.has(Device::OperatorSwitches) {
+            return;
+        }
+        match turn {
             0 => self.tell("it stands still".into()),
-            1 | 2 => {
+            1 | 2 if self.has(Device::Joystick) => {
                 self.press(1.0, Button::B);
                 let forward = self.stream.symmetric(1.0);
                 let right = self.stream.symmetric(1.0);
@@ -179,10 +219,11 @@ impl Drawing {
             4 => self.babble(at),
             5 | 6 => self.corrupt(at),
             7 => self.dominant(at),
-            8 => self.stream(at),
-            9 => self.fix(at),
-            10 => self.button(at),
-            11 => self.stop_loop(at),
+            8 if self.has(Device::SatelliteReceiver) => self.stream(at),
+            9 if self.has(Device::SatelliteReceiver) => self.fix(at),
+            10 if self.has(Device::OperatorSwitches) => self.button(at),
+            11 if self.has(Device::OperatorSwitches) => self.stop_loop(at),
+            8..=11 => self.hold(at),
             12 => self.board(),
             13 => self.clock_loss(at),
             _ => self.upset(at),
@@ -190,7 +231,7 @@ impl Drawing {
     }
 
     fn hold(&mut self, at: f64) {
-        let node = self.one(&Node::ALL);
+        let (node, name) = self.node();
         let for_ever = self.stream.below(5) == 0;
         let until = (!for_ever).then(|| self.within(at + 0.001, OVER - 0.1));
         self.sequence.scenario.reset.push(ResetEvent {
@@ -199,18 +240,24 @@ impl Drawing {
             until: until.map(Time::new),
         });
         self.tell(match until {
-            Some(until) => format!("{node} is held in reset from {at:.6} s to {until:.6} s"),
-            None => format!("{node} is held in reset from {at:.6} s on"),
+            Some(until) => format!("{name} is held in reset from {at:.6} s to {until:.6} s"),
+            None => format!("{name} is held in reset from {at:.6} s on"),
         });
     }
 
+    /// An identifier that is not a time master's: the protocol has no means to tell a foreign
+    /// reference message from a genuine one.
     fn identifier(&mut self) -> u16 {
+        // The references of the eight possible masters follow each other.
+        let references = self.identifiers(|message| message.window.kind == WindowKind::Reference);
+        let is_reference = |id: u16| references.iter().any(|reference| id / 8 == reference / 8);
+        let others = self.identifiers(|message| message.window.kind != WindowKind::Reference);
         loop {
             let id = match self.stream.below(2) {
-                0 => self.one(&[200, 201, 202, 206, 300, 401, 402, 450, 453, 501, 511, 514]),
+                0 => self.one(&others),
                 _ => self.stream.below(0x800) as u16,
             };
-            if !REFERENCES.contains(&id) {
+            if !is_reference(id) {
                 return id;
             }
         }
@@ -236,7 +283,9 @@ impl Drawing {
     }
 
     fn babble(&mut self, at: f64) {
-        let id = self.one(&[0, 1, 300, 1023, 2047]);
+        let mut ids = self.commands();
+        ids.extend([0, 1, 1023, 2047]);
+        let id = self.one(&ids);
         let until = self.within(at, at + 0.5);
         self.tell(format!(
             "a foreign node fills the bus with {id} from {at:.6} s to {until:.6} s"
@@ -252,7 +301,10 @@ impl Drawing {
     }
 
     fn corrupt(&mut self, at: f64) {
-        let ids = [100, 100, 200, 201, 206, 300, 300, 401, 450];
+        // References and commands twice as often as others.
+        let mut ids = self.identifiers(|message| message.window.kind == WindowKind::Reference);
+        ids.extend(self.commands());
+        ids.extend(self.identifiers(|message| message.window.kind != WindowKind::Arbitrating));
         let id = match self.stream.below(3) {
             0 => None,
             _ => Some(self.one(&ids)),
@@ -340,16 +392,20 @@ impl Drawing {
     /// What is wrong from the beginning.
     fn board(&mut self) {
         let internal = self.internal();
-        let Some(&node) = Node::ALL.get(self.stream.below(5)) else {
+        let nodes = self.vehicle.nodes().len();
+        let which = self.stream.below(nodes + 1);
+        if which == nodes {
             self.sequence.scenario.lcd.acknowledges = false;
             self.tell("the display never answers".into());
             return;
-        };
+        }
+        let node = NodeIndex(which);
+        let name = self.vehicle.node(node).name.clone();
         let clock = self.clock(node);
         clock.external = false;
         clock.internal = Some(Ppm::new(internal));
         self.tell(format!(
-            "{node} has no external clock, its own is off by {internal:.0} ppm"
+            "{name} has no external clock, its own is off by {internal:.0} ppm"
         ));
     }
 
@@ -358,28 +414,22 @@ impl Drawing {
         self.stream.symmetric(1500.0).round()
     }
 
-    fn clock(&mut self, node: Node) -> &mut Clock {
-        let nodes = &mut self.sequence.scenario.nodes;
-        match node {
-            Node::Gps => &mut nodes.gps,
-            Node::Controller => &mut nodes.controller,
-            Node::Steering => &mut nodes.steering,
-            Node::Drive => &mut nodes.drive,
-        }
+    fn clock(&mut self, node: NodeIndex) -> &mut Clock {
+        &mut self.sequence.scenario.nodes[node.0]
     }
 
     fn clock_loss(&mut self, at: f64) {
-        let node = self.one(&Node::ALL);
+        let (node, name) = self.node();
         let internal = self.internal();
         let clock = self.clock(node);
         clock.internal = Some(clock.internal.unwrap_or(Ppm::new(internal)));
-        self.tell(format!("the external clock of {node} stops at {at:.6} s"));
+        self.tell(format!("the external clock of {name} stops at {at:.6} s"));
         self.sequence.clock_losses.push(ClockLoss { node, at });
     }
 
     fn upset(&mut self, at: f64) {
-        let node = self.one(&Node::ALL);
-        self.tell(format!("the core of {node} stalls at {at:.6} s"));
+        let (node, name) = self.node();
+        self.tell(format!("the core of {name} stalls at {at:.6} s"));
         self.sequence.upsets.push(Upset { node, at });
     }
 }
@@ -387,13 +437,15 @@ impl Drawing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::uagv;
 
     #[test]
     fn a_seed_tells_one_story_and_all_stories_end_in_time() {
-        assert_eq!(Sequence::draw(5), Sequence::draw(5));
+        assert_eq!(Sequence::draw(&uagv(), 5), Sequence::draw(&uagv(), 5));
+        let vehicle = uagv();
         let mut stories = std::collections::BTreeSet::new();
         for seed in 0..500 {
-            let sequence = Sequence::draw(seed);
+            let sequence = Sequence::draw(&vehicle, seed);
             stories.insert(sequence.story.join("; "));
             for reset in &sequence.scenario.reset {
                 assert!(reset.until.is_none_or(|until| until.get() > reset.at.get()));
@@ -408,8 +460,9 @@ mod tests {
 
     #[test]
     fn every_kind_of_fault_is_drawn() {
+        let vehicle = uagv();
         let stories: Vec<String> = (0..300)
-            .flat_map(|seed| Sequence::draw(seed).story)
+            .flat_map(|seed| Sequence::draw(&vehicle, seed).story)
             .collect();
         for word in [
             "held in reset",

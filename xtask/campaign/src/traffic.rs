@@ -3,17 +3,14 @@
 use can_bus::{NodeId, Record, RecordKind, SimDuration, SimTime};
 use embedded_can::Id;
 use network_model::{Message, Network, WindowKind};
-use twin::{Outcome, Vehicle};
-use world::Node;
-
-/// The network file that the images are built with.
-const FILE: &str = include_str!("../../../firmware/vehicles/uagv/network.dbc");
+use twin::{Outcome, Twin};
+use vehicle_model::{NodeIndex, Vehicle};
 
 /// A frame on the bus, from its start to its end or to the error that ended it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sent {
     /// The node of the vehicle that sent it; `None` for foreign nodes.
-    pub node: Option<Node>,
+    pub node: Option<NodeIndex>,
     /// Identifier, 11 bits.
     pub id: u16,
     /// Data bytes.
@@ -55,14 +52,14 @@ impl Traffic {
 
     /// The frames of a running vehicle so far.
     #[must_use]
-    pub fn so_far(vehicle: &Vehicle) -> Self {
-        Self::new(vehicle.records(), |id| vehicle.node_at(id))
+    pub fn so_far(twin: &Twin) -> Self {
+        Self::new(twin.records(), |id| twin.node_at(id))
     }
 
     /// The frames in `records`; `node_at` names the nodes of the vehicle. Frames with extended
     /// identifiers are left out: the network has none.
     #[must_use]
-    pub fn new(records: &[Record], node_at: impl Fn(NodeId) -> Option<Node>) -> Self {
+    pub fn new(records: &[Record], node_at: impl Fn(NodeId) -> Option<NodeIndex>) -> Self {
         let mut frames: Vec<Sent> = Vec::new();
         let mut begun: Vec<(NodeId, usize)> = Vec::new();
         for record in records {
@@ -133,6 +130,8 @@ impl Traffic {
 #[derive(Clone, Debug)]
 pub struct Matrix {
     network: Network,
+    /// Names of the vehicle's nodes, by their places.
+    nodes: Vec<String>,
 }
 
 /// A frame out of its place.
@@ -140,6 +139,8 @@ pub struct Matrix {
 pub struct Misplaced {
     /// The frame.
     pub frame: Sent,
+    /// The node that sent it.
+    pub node: String,
     /// Its start after the start of the reference message before it, microseconds; `None`
     /// when there was no reference before it.
     pub offset_us: Option<i64>,
@@ -147,7 +148,7 @@ pub struct Misplaced {
 
 impl std::fmt::Display for Misplaced {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let node = self.frame.node.map_or("a foreign node", Node::name);
+        let node = &self.node;
         let at = self.frame.start.as_ticks() as f64 / 1e9;
         write!(f, "{node} began frame {} at {at:.3} ms, ", self.frame.id)?;
         match self.offset_us {
@@ -157,21 +158,29 @@ impl std::fmt::Display for Misplaced {
     }
 }
 
-impl Default for Matrix {
-    fn default() -> Self {
-        Self::uagv()
-    }
-}
-
 impl Matrix {
-    /// The vehicle's matrix.
-    ///
-    /// # Panics
-    /// Never: the images' own build script refuses a network file that does not parse.
+    /// The matrix of a vehicle.
     #[must_use]
-    pub fn uagv() -> Self {
-        let network = Network::parse(FILE).expect("the images are built from this file");
-        Self { network }
+    pub fn new(vehicle: &Vehicle) -> Self {
+        let nodes = vehicle.manifest().nodes.iter();
+        Self {
+            network: vehicle.network().clone(),
+            nodes: nodes.map(|node| node.name.clone()).collect(),
+        }
+    }
+
+    /// Name of the node that sent a frame.
+    fn name(&self, frame: &Sent) -> Option<&str> {
+        Some(self.nodes.get(frame.node?.0)?.as_str())
+    }
+
+    /// The place of the node that sends a message.
+    #[must_use]
+    pub fn sender(&self, message: &Message) -> Option<NodeIndex> {
+        let mut nodes = self.nodes.iter();
+        nodes
+            .position(|name| *name == message.sender)
+            .map(NodeIndex)
     }
 
     /// Length of the basic cycle.
@@ -222,6 +231,7 @@ impl Matrix {
         let ours = traffic.frames.iter().filter(|frame| frame.node.is_some());
         ours.filter(|frame| !self.in_place(frame, &references))
             .map(|frame| Misplaced {
+                node: self.name(frame).unwrap_or("a foreign node").to_owned(),
                 frame: frame.clone(),
                 offset_us: offset(frame.start, &references).map(|ps| ps / 1_000_000),
             })
@@ -232,7 +242,7 @@ impl Matrix {
         let Some(message) = self.network.message(frame.id) else {
             return false;
         };
-        if frame.node.map(Node::name) != Some(message.sender.as_str()) {
+        if self.name(frame) != Some(message.sender.as_str()) {
             return false;
         }
         if message.window.kind == WindowKind::Reference {
@@ -265,7 +275,11 @@ fn micros(us: u32) -> SimDuration {
 mod tests {
     use super::*;
 
-    fn frame(node: Node, id: u16, us: u64) -> Sent {
+    const GPS: NodeIndex = NodeIndex(0);
+    const CONTROLLER: NodeIndex = NodeIndex(1);
+    const DRIVE: NodeIndex = NodeIndex(3);
+
+    fn frame(node: NodeIndex, id: u16, us: u64) -> Sent {
         Sent {
             node: Some(node),
             id,
@@ -279,18 +293,18 @@ mod tests {
     #[test]
     fn a_frame_is_judged_by_the_reference_before_it() {
         let place = |frame| {
-            let frames = vec![self::frame(Node::Gps, 100, 50_000), frame];
-            Matrix::uagv().misplaced(&Traffic { frames })
+            let frames = vec![self::frame(GPS, 100, 50_000), frame];
+            Matrix::new(&crate::uagv()).misplaced(&Traffic { frames })
         };
-        assert_eq!(place(frame(Node::Controller, 300, 57_004)), []);
-        assert_eq!(place(frame(Node::Controller, 300, 56_990)), []);
+        assert_eq!(place(frame(CONTROLLER, 300, 57_004)), []);
+        assert_eq!(place(frame(CONTROLLER, 300, 56_990)), []);
         for wrong in [
-            frame(Node::Controller, 300, 56_970),
-            frame(Node::Controller, 300, 57_501),
-            frame(Node::Controller, 300, 157_000),
-            frame(Node::Drive, 300, 57_004),
-            frame(Node::Controller, 299, 57_004),
-            frame(Node::Controller, 300, 40_000),
+            frame(CONTROLLER, 300, 56_970),
+            frame(CONTROLLER, 300, 57_501),
+            frame(CONTROLLER, 300, 157_000),
+            frame(DRIVE, 300, 57_004),
+            frame(CONTROLLER, 299, 57_004),
+            frame(CONTROLLER, 300, 40_000),
         ] {
             let found = place(wrong.clone());
             assert_eq!(found.len(), 1, "{wrong:?}");

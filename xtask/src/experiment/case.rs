@@ -1,6 +1,7 @@
 //! The experiments, their cases and what is asked of them.
 
-use control::dubins::{DubinsError, Pose, shortest_to_line};
+use control::dubins::{Pose, shortest_to_line};
+use vehicle_model::Vehicle;
 use world::Scenario;
 
 use crate::Failure;
@@ -17,8 +18,6 @@ pub struct Experiment {
 pub struct Case {
     /// Its name: the scenario file's stem.
     pub name: &'static str,
-    /// The scenario file.
-    text: &'static str,
     /// Mean cross-track error in steady state that the thesis reports, cm.
     pub thesis_mean_cm: Option<f64>,
     /// Time until steady state that the thesis reports, s.
@@ -53,7 +52,6 @@ macro_rules! case {
     ($name:literal, $mean:expr, $settling:expr, $aim:expr) => {
         Case {
             name: $name,
-            text: include_str!(concat!("thesis-7/", $name, ".toml")),
             thesis_mean_cm: $mean,
             thesis_settling_seconds: $settling,
             settling: $aim,
@@ -103,14 +101,14 @@ impl Experiment {
 }
 
 impl Case {
-    /// The scenario.
+    /// The vehicle's scenario for the case; it stands in a folder with the experiment's name.
     ///
     /// # Errors
     ///
-    /// The file does not describe one.
-    pub fn scenario(&self) -> Result<Scenario, Failure> {
-        Scenario::parse(self.name, self.name, self.text)
-            .map_err(|error| Failure::Failed(error.to_string()))
+    /// The vehicle has none, or its file is wrong.
+    pub fn scenario(&self, vehicle: &Vehicle, experiment: &str) -> Result<Scenario, Failure> {
+        Scenario::find(vehicle, &format!("{experiment}/{}", self.name))
+            .map_err(|error| Failure::Usage(error.to_string()))
     }
 }
 
@@ -120,13 +118,14 @@ impl Case {
 ///
 /// # Errors
 ///
-/// The scenario's vehicle cannot turn.
-pub fn shortest_seconds(scenario: &Scenario) -> Result<f64, DubinsError> {
-    let vehicle = &scenario.vehicle;
-    let heading = scenario.start.heading.get() - scenario.line.direction();
-    let (along, cross_track) = scenario
-        .line
-        .locate(scenario.start.north.get(), scenario.start.east.get());
+/// The vehicle has no machine, or one that cannot turn.
+pub fn shortest_seconds(scenario: &Scenario) -> Result<f64, Failure> {
+    let failed = |what: String| Failure::Failed(format!("{}: {what}", scenario.name));
+    let (Some(vehicle), Some(line)) = (&scenario.vehicle, &scenario.line) else {
+        return Err(failed("the vehicle has no machine".into()));
+    };
+    let heading = scenario.start.heading.get() - line.direction();
+    let (along, cross_track) = line.locate(scenario.start.north.get(), scenario.start.east.get());
     let ahead = vehicle.rear_to_antenna.get();
     let start = Pose {
         north: along - ahead * heading.cos(),
@@ -134,7 +133,8 @@ pub fn shortest_seconds(scenario: &Scenario) -> Result<f64, DubinsError> {
         heading,
     };
     let radius = vehicle.wheelbase() / vehicle.steering_limit.get().tan();
-    Ok(shortest_to_line(start, radius)?.length() / SPEED)
+    let path = shortest_to_line(start, radius).map_err(|error| failed(error.to_string()))?;
+    Ok(path.length() / SPEED)
 }
 
 #[cfg(test)]
@@ -143,12 +143,19 @@ mod tests {
 
     use super::*;
 
+    fn uagv() -> Vehicle {
+        let workspace = crate::Workspace::find().unwrap();
+        crate::vehicle::find(&workspace, "uagv").unwrap()
+    }
+
     #[test]
     fn every_case_is_a_scenario() {
-        for case in ALL.iter().flat_map(|experiment| experiment.cases) {
-            let scenario = case.scenario().unwrap();
-            assert_eq!(scenario.name, case.name);
-            assert!(!scenario.summary.is_empty());
+        for experiment in ALL {
+            for case in experiment.cases {
+                let scenario = case.scenario(&uagv(), experiment.name).unwrap();
+                assert_eq!(scenario.name, case.name);
+                assert!(!scenario.summary.is_empty());
+            }
         }
     }
 
@@ -180,7 +187,7 @@ mod tests {
     #[test]
     fn the_shortest_path_from_facing_away_is_two_arcs_and_a_straight() {
         let text = "[start]\neast = \"5 m\"\nheading = \"90 deg\"\n";
-        let scenario = Scenario::parse("t", "t", text).unwrap();
+        let scenario = Scenario::parse(&uagv(), "t", "t", text).unwrap();
         let radius = 1.1 / 25_f64.to_radians().tan();
         // Facing east the arc to the left ends facing west, as far east as it began.
         let straight = 5.0 - 0.255 - radius;

@@ -42,11 +42,12 @@ impl Figures {
         let summary = Summary::of(run);
         let drive = summary.autonomous_runs.first()?;
         let (from, until) = (drive.from_seconds, drive.until_seconds);
+        let line = run.scenario.line.as_ref()?;
         let errors: Vec<(f64, f64)> = run
             .states
             .iter()
             .map(|state| {
-                let (_, error) = run.scenario.line.locate(state.north, state.east);
+                let (_, error) = line.locate(state.north, state.east);
                 (seconds(state.at), error)
             })
             .filter(|(time, _)| (from..=until).contains(time))
@@ -155,9 +156,12 @@ mod tests {
         };
         let mut modes = vec![mode(1_000, true)];
         modes.extend(last_mode.map(|ms| mode(ms, false)));
-        let scenario = Scenario::parse("t", "t", "").unwrap();
+        let workspace = crate::Workspace::find().unwrap();
+        let vehicle = crate::vehicle::find(&workspace, "uagv").unwrap();
+        let scenario = Scenario::parse(&vehicle, "t", "t", "").unwrap();
         let run = Run {
             scenario: &scenario,
+            nodes: &[],
             seed: 9,
             duration: from_seconds(10.0),
             states: &states,

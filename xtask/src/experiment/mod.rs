@@ -21,20 +21,19 @@ use std::{
 };
 
 use twin::{Images, Options};
+use vehicle_model::{NodeIndex, Vehicle};
 use world::{
     Scenario, SimDuration,
     report::{OutputFolder, Run},
 };
 
-use parts::Sled;
-
 use crate::{
-    Failure, Node, Workspace, build,
+    Failure, Workspace, build,
     cli::Sim,
     sim::{self, bus::Log, matrix::Matrix},
-    target,
+    target, vehicle,
 };
-use case::{Case, Experiment};
+use case::Experiment;
 use measure::Figures;
 use report::{CaseReport, Report};
 
@@ -44,7 +43,12 @@ use report::{CaseReport, Report};
 ///
 /// There is no such experiment or the output folder is wrong
 /// ([`Failure::Usage`]); an image does not build or run, or an aim is missed.
-pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
+pub fn run(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    name: &str,
+    options: &Sim,
+) -> Result<(), Failure> {
     let usage = |error: String| Failure::Usage(error);
     let experiment = Experiment::find(name)?;
     let folder = match &options.out {
@@ -54,7 +58,7 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
     let scenarios = experiment
         .cases
         .iter()
-        .map(Case::scenario)
+        .map(|case| case.scenario(vehicle, experiment.name))
         .collect::<Result<Vec<_>, _>>()?;
     let jobs: Vec<Job> = (0..options.seeds)
         .flat_map(|k| {
@@ -63,6 +67,7 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
             scenarios.flat_map(move |(case, scenario)| {
                 [0, 1].map(|law| Job {
                     case,
+                    vehicle,
                     scenario,
                     law,
                     seed,
@@ -73,14 +78,11 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
     let figures = if options.quick {
         run_all(&jobs, &Job::run_quickly)?
     } else {
-        let matrix = Matrix::read(workspace)?;
+        let matrix = Matrix::new(vehicle);
         // The plain image first, so that the one left behind is the one to flash.
-        let plain = plain_controller(workspace)?;
-        let furrow = sim::images(workspace)?;
-        let plain = Images {
-            controller: plain,
-            ..furrow.clone()
-        };
+        let (controller, plain) = plain_controller(workspace, vehicle)?;
+        let furrow = sim::images(workspace, vehicle)?;
+        let plain = furrow.clone().with(controller, plain);
         let images = [furrow, plain];
         run_all(&jobs, &|job: &Job| job.run(&images[job.law], &matrix))?
     };
@@ -94,8 +96,7 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
     let cases = experiment.cases.iter().enumerate().zip(&scenarios);
     let cases = cases
         .map(|((number, case), scenario)| {
-            let shortest = case::shortest_seconds(scenario)
-                .map_err(|error| Failure::Failed(format!("{}: {error}", case.name)))?;
+            let shortest = case::shortest_seconds(scenario)?;
             let (furrow, plain) = (of(number, 0), of(number, 1));
             Ok(CaseReport::new(
                 case,
@@ -135,20 +136,23 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
     }
 }
 
-/// The controller's image with the thesis's law.
-fn plain_controller(workspace: &Workspace) -> Result<Vec<u8>, Failure> {
+/// The node that drives, and its image with the thesis's law.
+fn plain_controller(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+) -> Result<(NodeIndex, Vec<u8>), Failure> {
     let target = target::ensure(workspace)?;
-    let nodes = [Node::Controller];
-    let mut cargo = build::command(workspace, &target, Sled::F446, &nodes);
+    let nodes = vehicle::nodes(vehicle, &["controller".into()])?;
+    let mut cargo = build::command(workspace, &target, vehicle, &nodes)?;
     cargo.args(["--features", "thesis-law"]);
-    let images = build::finish(cargo, Sled::F446, &nodes)?;
-    let path = images
-        .into_iter()
-        .map(|image| image.path)
-        .next()
-        .unwrap_or_default();
-    fs::read(&path)
-        .map_err(|error| Failure::Failed(format!("{} cannot be read: {error}", path.display())))
+    let images = build::finish(cargo, vehicle, &nodes)?;
+    let image = images
+        .first()
+        .ok_or_else(|| Failure::Failed("cargo built no image".into()))?;
+    let bytes = fs::read(&image.path).map_err(|error| {
+        Failure::Failed(format!("{} cannot be read: {error}", image.path.display()))
+    })?;
+    Ok((image.node, bytes))
 }
 
 /// Names of the laws in files.
@@ -157,6 +161,7 @@ const LAWS: [&str; 2] = ["furrow", "plain"];
 /// One run to be made.
 struct Job<'a> {
     case: usize,
+    vehicle: &'a Vehicle,
     scenario: &'a Scenario,
     /// Index into [`LAWS`].
     law: usize,
@@ -174,9 +179,15 @@ impl Job<'_> {
     /// The run with the law alone, without images and bus.
     fn run_quickly(&self) -> Result<Figures, Failure> {
         let mut law = quick::law(&quick::settings(), self.law == 1)?;
-        quick::drive(self.scenario, self.seed, &mut *law, |_, _, _| ())
-            .figures()
-            .ok_or_else(|| self.failed("the vehicle never drove by itself"))
+        quick::drive(
+            self.vehicle,
+            self.scenario,
+            self.seed,
+            &mut *law,
+            |_, _, _| (),
+        )?
+        .figures()
+        .ok_or_else(|| self.failed("the vehicle never drove by itself"))
     }
 
     fn run(&self, images: &Images, matrix: &Matrix) -> Result<Figures, Failure> {
@@ -185,16 +196,17 @@ impl Job<'_> {
             ..Options::default()
         };
         let failed = |what: String| self.failed(&what);
-        let outcome = twin::run(self.scenario, images, &options, |_| {})
+        let outcome = twin::run(self.vehicle, self.scenario, images, &options, |_| {})
             .map_err(|error| failed(error.to_string()))?;
         if let Some(node) = outcome.nodes.iter().find(|node| node.locked_up) {
-            let name = node.node.name();
+            let name = &node.name;
             return Err(failed(format!("the program of {name} ended in a fault")));
         }
         let log = Log::new(&outcome.records, matrix.bit_time());
         let modes = matrix.modes(&log.frames);
         Figures::of(&Run {
             scenario: self.scenario,
+            nodes: &vehicle::node_names(self.vehicle),
             seed: self.seed,
             duration: SimDuration::from_ticks(outcome.duration.as_ticks()),
             states: outcome.world.states(),
@@ -298,11 +310,17 @@ mod tests {
     /// Without bus and images, a few seeds: the law and its settings meet the aims by themselves.
     #[test]
     fn the_law_meets_every_aim() {
-        for case in case::ALL.iter().flat_map(|experiment| experiment.cases) {
-            let scenario = case.scenario().unwrap();
+        let workspace = Workspace::find().unwrap();
+        let vehicle = vehicle::find(&workspace, "uagv").unwrap();
+        let [experiment] = case::ALL else {
+            panic!("one experiment");
+        };
+        for case in experiment.cases {
+            let scenario = case.scenario(&vehicle, experiment.name).unwrap();
             let runs = |law| -> Vec<Figures> {
                 let job = |seed| Job {
                     case: 0,
+                    vehicle: &vehicle,
                     scenario: &scenario,
                     law,
                     seed,

@@ -24,9 +24,10 @@ use uagv::{
     Uagv, design, matrix,
     messages::{CentidegreesPerSecond, CentimetresPerSecond, Command, Mode},
 };
+use vehicle_model::Vehicle;
 use world::time::Span as _;
 use world::{
-    Analog, Effect, Node, Port, Scenario, SimDuration, SimTime, World,
+    Analog, Device, Effect, NodeIndex, Scenario, SimDuration, SimTime, World,
     report::{FrameRecord, ModeChange, Run},
     time::{after, at},
 };
@@ -101,6 +102,8 @@ const ENGAGED: SimDuration = micros(1_500_000);
 /// The loop under way.
 struct Loop {
     world: World,
+    /// Steering and drive.
+    motors: [(NodeIndex, Device); 2],
     station: Station,
     position: Option<Position>,
     velocity: Option<Velocity>,
@@ -123,8 +126,7 @@ impl Loop {
         } = self;
         while let Some(output) = world.poll() {
             let Effect::Byte {
-                node: Node::Gps,
-                port: Port::Receiver,
+                device: Device::SatelliteReceiver,
                 byte,
                 ..
             } = output.what
@@ -153,12 +155,12 @@ impl Loop {
         let steering = byte(steering_effort::<Uagv>(command, angle));
         let period = MOTOR_PERIOD.as_ticks() as f32 * 1e-12;
         let drive = byte(self.drive.effort(command, period));
-        for node in [Node::Steering, Node::Drive] {
+        for (node, _) in self.motors {
             self.world.relay(node, true, now);
         }
         let end = after(now, MOTOR_BYTE);
-        for (node, byte) in [(Node::Steering, steering), (Node::Drive, drive)] {
-            self.world.serial(node, Port::Motor, byte, now, end);
+        for ((node, device), byte) in self.motors.into_iter().zip([steering, drive]) {
+            self.world.serial(node, device, byte, now, end);
         }
     }
 }
@@ -179,6 +181,7 @@ impl Record {
     pub fn figures(&self) -> Option<Figures> {
         Figures::of(&Run {
             scenario: &self.scenario,
+            nodes: &[],
             seed: self.seed,
             duration: self.scenario.duration.span(),
             states: self.world.states(),
@@ -198,14 +201,25 @@ fn cycle() -> SimDuration {
 }
 
 /// Drives `scenario` with `law`; `watch` sees each step.
+///
+/// # Errors
+///
+/// The vehicle lacks one of the two motors.
 pub fn drive(
+    vehicle: &Vehicle,
     scenario: &Scenario,
     seed: u64,
     law: &mut dyn Law,
     mut watch: impl FnMut(&World, &Sample<f32>, &Outcome<f32>),
-) -> Record {
+) -> Result<Record, Failure> {
+    let motor = |device| {
+        let node = vehicle.node_of(device);
+        let node = node.ok_or_else(|| Failure::Failed("the vehicle has no such motor".into()))?;
+        Ok((node, device))
+    };
     let mut all = Loop {
-        world: World::new(scenario, seed),
+        world: World::new(vehicle, scenario, seed),
+        motors: [motor(Device::SteeringMotor)?, motor(Device::DriveMotor)?],
         station: Station::new(),
         position: None,
         velocity: None,
@@ -224,9 +238,11 @@ pub fn drive(
     while after(begin, cycle()) < end {
         all.advance(after(begin, micros(6_000)));
         let sampled = SimTime::from_ticks(all.world.now().as_ticks() - POT_AGE.as_ticks());
-        let count = all
+        let moved = all
             .world
-            .adc(Analog::SteeringPot, sampled.max(all.world.vehicle().now()));
+            .machine()
+            .map_or(sampled, world::vehicle::Vehicle::now);
+        let count = all.world.adc(Analog::SteeringPot, sampled.max(moved));
         let now = after(begin, release);
         all.advance(now);
         let engaged = now >= at(ENGAGED);
@@ -280,7 +296,7 @@ pub fn drive(
         }
     }
     all.advance(end);
-    Record {
+    Ok(Record {
         scenario: scenario.clone(),
         seed,
         world: all.world,
@@ -290,5 +306,5 @@ pub fn drive(
             mode: "AutonomousRun".into(),
             autonomous: true,
         }],
-    }
+    })
 }

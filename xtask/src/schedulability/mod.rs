@@ -14,17 +14,15 @@ use schedulability::{
     system::{Inputs, Programs},
 };
 
+use vehicle_model::{NodeIndex, Vehicle};
+
 use crate::{
-    Failure, Node, Workspace, bench,
+    Failure, Workspace, bench,
     build::{self, Image},
     cli::{Priorities, Schedulability},
+    vehicle,
 };
 use progress::Display;
-
-/// The task table, from the root of the workspace.
-const TABLE: &str = "firmware/vehicles/uagv/tasks.toml";
-/// The network file.
-const NETWORK: &str = "firmware/vehicles/uagv/network.dbc";
 
 /// Runs `schedulability`.
 ///
@@ -34,12 +32,10 @@ const NETWORK: &str = "firmware/vehicles/uagv/network.dbc";
 /// source is wrong ([`Failure::Usage`]), an image does not build, or a deadline
 /// does not hold.
 pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failure> {
-    let nodes = match options.nodes.as_slice() {
-        [] => Node::ALL.to_vec(),
-        nodes => nodes.to_vec(),
-    };
+    let vehicle = vehicle::find(workspace, &options.vehicle)?;
+    let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
     // What is wrong with the words is said before the time for a build is spent.
-    let models = models(workspace, &nodes)?;
+    let models = models(workspace, &vehicle, &nodes)?;
     let explained = match &options.explain {
         Some(task) => Some(explained(&models, task)?),
         None => None,
@@ -47,7 +43,7 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
     if let Some(path) = &options.html {
         fs::write(path, "").map_err(|error| unwritable(path, &error.to_string()))?;
     }
-    let report = analyse(workspace, &nodes)?;
+    let report = analyse(workspace, &vehicle, &nodes)?;
     if let Some(path) = &options.html {
         fs::write(path, report::html(&report))
             .map_err(|error| unwritable(path, &error.to_string()))?;
@@ -74,21 +70,24 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
 /// Something in the table, in the network file or in a source is wrong, or the
 /// image of a node that differs does not build.
 pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(), Failure> {
-    let models = models(workspace, &Node::ALL)?;
-    let differ: Vec<Node> = Node::ALL
+    let vehicle = vehicle::find(workspace, &options.vehicle)?;
+    let all: Vec<NodeIndex> = vehicle.nodes().collect();
+    let models = models(workspace, &vehicle, &all)?;
+    let differ: Vec<NodeIndex> = all
         .into_iter()
-        .filter(|of| {
+        .filter(|&of| {
+            let name = &vehicle.node(of).name;
             let mut nodes = models.nodes.iter().map(|(node, _)| node);
-            nodes.any(|node| node.name == of.name() && !priorities::inversions(node).is_empty())
+            nodes.any(|node| node.name == *name && !priorities::inversions(node).is_empty())
         })
         .collect();
     let answers = if differ.is_empty() {
         Vec::new()
     } else {
-        let images = build::images(workspace, &differ)?;
+        let images = build::images(workspace, &vehicle, &differ)?;
         let display = Mutex::new(Display::new());
         let show = shown_on(&display);
-        let report = Programs::read(&inputs(workspace, &images), &show)
+        let report = Programs::read(&inputs(workspace, &vehicle, &images), &show)
             .and_then(|programs| programs.report(&BTreeMap::new(), &show));
         end(&display);
         report.map_err(wrong)?.nodes
@@ -106,17 +105,16 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
 }
 
 /// What to analyse, with these images.
-fn inputs(workspace: &Workspace, images: &[Image]) -> Inputs {
+fn inputs(workspace: &Workspace, vehicle: &Vehicle, images: &[Image]) -> Inputs {
     let root = workspace.root().to_path_buf();
     Inputs {
-        table: root.join(TABLE),
-        network: root.join(NETWORK),
+        table: vehicle.task_table(),
+        network: vehicle.network_file(),
         nodes: images
             .iter()
             .map(|image| {
-                let name = image.node.name();
-                let source = source(workspace, image.node);
-                (name.to_owned(), (source, image.path.clone()))
+                let source = vehicle.source(image.node);
+                (image.name.clone(), (source, image.path.clone()))
             })
             .collect(),
         root,
@@ -144,9 +142,14 @@ fn end(display: &Mutex<Display>) {
 /// # Errors
 ///
 /// As [`run`], except that an answer that is no is no error.
-pub(crate) fn analyse(workspace: &Workspace, nodes: &[Node]) -> Result<Report, Failure> {
-    // All four: a node alone has no bus, and nothing to do.
-    let images = build::images(workspace, &Node::ALL)?;
+pub(crate) fn analyse(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    nodes: &[NodeIndex],
+) -> Result<Report, Failure> {
+    // All nodes: a node alone has no bus, and nothing to do.
+    let all: Vec<NodeIndex> = vehicle.nodes().collect();
+    let images = build::images(workspace, vehicle, &all)?;
     let wanted: Vec<Image> = images
         .iter()
         .filter(|image| nodes.contains(&image.node))
@@ -154,10 +157,10 @@ pub(crate) fn analyse(workspace: &Workspace, nodes: &[Node]) -> Result<Report, F
         .collect();
     let display = Mutex::new(Display::new());
     let show = shown_on(&display);
-    let report = Programs::read(&inputs(workspace, &wanted), &show)
+    let report = Programs::read(&inputs(workspace, vehicle, &wanted), &show)
         .map_err(wrong)
         .and_then(|programs| {
-            let observed = observe::observe(&images, &programs, &mut |what| show(what))?;
+            let observed = observe::observe(vehicle, &images, &programs, &mut |what| show(what))?;
             let mut report = programs.report(&observed, &show).map_err(wrong)?;
             show("kernels");
             report.kernels = bench::kernels::measure(&bench::Builder::new(workspace)?)?;
@@ -174,8 +177,10 @@ pub(crate) fn analyse(workspace: &Workspace, nodes: &[Node]) -> Result<Report, F
 ///
 /// As [`analyse`].
 pub(crate) fn regressions(workspace: &Workspace) -> Result<Vec<String>, Failure> {
-    let unproven = models(workspace, &Node::ALL)?.table.unproven;
-    let report = analyse(workspace, &Node::ALL)?;
+    let vehicle = vehicle::find(workspace, vehicle::DEFAULT)?;
+    let nodes: Vec<NodeIndex> = vehicle.nodes().collect();
+    let unproven = models(workspace, &vehicle, &nodes)?.table.unproven;
+    let report = analyse(workspace, &vehicle, &nodes)?;
     eprint!("{}", report::table(&report));
     Ok(report.regressions(&unproven))
 }
@@ -196,19 +201,27 @@ fn unwritable(path: &std::path::Path, why: &str) -> Failure {
     Failure::Usage(format!("{} cannot be written: {why}", path.display()))
 }
 
-fn source(workspace: &Workspace, node: Node) -> PathBuf {
-    let file = format!("firmware/vehicles/uagv/nodes/{}.rs", node.name());
-    workspace.root().join(file)
-}
-
-fn models(workspace: &Workspace, nodes: &[Node]) -> Result<Models, Failure> {
+fn models(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    nodes: &[NodeIndex],
+) -> Result<Models, Failure> {
     let sources: BTreeMap<&str, PathBuf> = nodes
         .iter()
-        .map(|node| (node.name(), source(workspace, *node)))
+        .map(|&node| {
+            let name = vehicle.node(node).name.as_str();
+            (name, vehicle.source(node))
+        })
         .collect();
     let root = workspace.root();
     let sources = sources.iter().map(|(name, path)| (*name, path.as_path()));
-    Models::read(root, &root.join(TABLE), &root.join(NETWORK), sources).map_err(wrong)
+    Models::read(
+        root,
+        &vehicle.task_table(),
+        &vehicle.network_file(),
+        sources,
+    )
+    .map_err(wrong)
 }
 
 /// The task that `--explain` names, as node and task.
@@ -279,7 +292,10 @@ mod tests {
 
     #[test]
     fn a_task_that_is_nowhere_is_wrong_input() {
-        let models = models(&Workspace::find().unwrap(), &[Node::Drive]).unwrap();
+        let workspace = Workspace::find().unwrap();
+        let vehicle = vehicle::find(&workspace, "uagv").unwrap();
+        let drive = vehicle.find_node("drive").unwrap();
+        let models = models(&workspace, &vehicle, &[drive]).unwrap();
         assert_eq!(
             explained(&models, "drive.actuate"),
             Ok(("drive", "actuate"))

@@ -3,7 +3,6 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     sync::{Arc, Mutex},
     thread,
 };
@@ -13,55 +12,59 @@ use schedulability::{
     node::{Observed, Seen},
     system::Programs,
 };
-use twin::{Images, Outcome, Vehicle, mcu::FlashTiming, mcu::Mcu};
+use twin::{Outcome, Twin, mcu::FlashTiming, mcu::Mcu};
+use vehicle_model::Vehicle;
 use wcet::{cycles::Model, watch::Watch};
 use world::{Scenario, time::seconds};
 
 use super::follow::{Findings, Follower, lock};
-use crate::{Failure, Node, build::Image};
+use crate::{
+    Failure,
+    build::{self, Image},
+};
 
-/// What is driven.
-const SCENARIO: &str = include_str!("busy.toml");
+/// The run that the analysis watches, in the vehicle's folder.
+const SCENARIO: &str = "busy.toml";
 /// Seed of everything that is left to chance.
 const SEED: u64 = 1;
 /// Flash without wait states, and as the parts have it.
 const TIMINGS: [FlashTiming; 2] = [FlashTiming::Immediate, FlashTiming::WaitStates];
 
-/// What a run brought, with what was found of each node in the order of
-/// [`world::Node::ALL`].
-type Followed = (Outcome, [Arc<Mutex<Findings>>; 4]);
+/// What a run brought, with what was found of each node in the order of the manifest.
+type Followed = (Outcome, Vec<Arc<Mutex<Findings>>>);
 
 /// What is seen of each node's handlers.
 pub(super) fn observe(
+    vehicle: &Vehicle,
     images: &[Image],
     programs: &Programs,
     progress: &mut (dyn FnMut(&str) + Send),
 ) -> Result<BTreeMap<String, Observed>, Failure> {
-    let bytes = read(images)?;
-    let scenario = scenario()?;
+    let bytes = build::read(images)?;
+    let scenario = scenario(vehicle)?;
     let progress = Mutex::new(progress);
     let run = |flash: FlashTiming| -> Result<Followed, Failure> {
-        let mut vehicle = Vehicle::with_flash(&scenario, SEED, &bytes, flash)
+        let mut twin = Twin::with_flash(vehicle, &scenario, SEED, &bytes, flash)
             .map_err(|error| Failure::Failed(error.to_string()))?;
-        let findings = world::Node::ALL.map(|node| {
-            let mcu = vehicle.node_mut(node);
-            let watches = programs.watches(node.name()).map(|(_, watch)| watch);
-            follow(mcu, watches)
+        let findings = vehicle.nodes().map(|node| {
+            let name = &vehicle.node(node).name;
+            let watches = programs.watches(name).map(|(_, watch)| watch);
+            follow(twin.node_mut(node), watches)
         });
+        let findings = findings.collect();
         let second = can_bus::SimDuration::from_ticks(1_000_000_000_000);
-        vehicle.run_telling(scenario.duration.span(), second, &mut |now| {
+        twin.run_telling(scenario.duration.span(), second, &mut |now| {
             if let Ok(mut progress) = progress.lock() {
                 let (now, end) = (seconds(now.now), seconds(now.end));
                 progress(&format!("{now:.0} of {end:.0} s simulated"));
             }
         });
-        for node in world::Node::ALL {
-            let mcu = &*vehicle.node_mut(node);
-            hold(node.name(), programs.lasting(node.name()), |at| {
-                word(mcu, at)
-            })?;
+        for node in vehicle.nodes() {
+            let name = &vehicle.node(node).name;
+            let mcu = twin.node(node);
+            hold(name, programs.lasting(name), |at| word(mcu, at))?;
         }
-        Ok((vehicle.finish(), findings))
+        Ok((twin.finish(), findings))
     };
     let outcomes = thread::scope(|scope| {
         let handles = TIMINGS.map(|flash| scope.spawn(move || run(flash)));
@@ -118,9 +121,10 @@ pub fn follow<'w>(
     findings
 }
 
-fn scenario() -> Result<Scenario, Failure> {
-    Scenario::parse("busy", "busy.toml", SCENARIO)
-        .map_err(|error| Failure::Failed(error.to_string()))
+fn scenario(vehicle: &Vehicle) -> Result<Scenario, Failure> {
+    let path = vehicle.folder().join(SCENARIO);
+    Scenario::find(vehicle, &path.to_string_lossy())
+        .map_err(|error| Failure::Usage(error.to_string()))
 }
 
 /// Adds what a run of a timing model brought to what is known.
@@ -131,11 +135,11 @@ fn note(
     images: &[Image],
 ) -> Result<(), Failure> {
     for (node, findings) in outcome.nodes.iter().zip(findings) {
-        let name = node.node.name();
+        let name = node.name.as_str();
         let of_node = all.entry(name.to_owned()).or_default();
         let findings = lock(findings);
         let image = if findings.values().any(|found| !found.refuted.is_empty()) {
-            let of_node = images.iter().find(|image| image.node.name() == name);
+            let of_node = images.iter().find(|image| image.name == name);
             of_node.map(|image| wcet::image::Image::read(&image.path))
         } else {
             None
@@ -157,23 +161,6 @@ fn note(
         }
     }
     Ok(())
-}
-
-fn read(images: &[Image]) -> Result<Images, Failure> {
-    let bytes = |node: Node| -> Result<Vec<u8>, Failure> {
-        let found = images.iter().find(|image| image.node == node);
-        let image = found
-            .ok_or_else(|| Failure::Failed(format!("there is no image of {}", node.name())))?;
-        fs::read(&image.path).map_err(|error| {
-            Failure::Failed(format!("{} cannot be read: {error}", image.path.display()))
-        })
-    };
-    Ok(Images {
-        gps: bytes(Node::Gps)?,
-        controller: bytes(Node::Controller)?,
-        steering: bytes(Node::Steering)?,
-        drive: bytes(Node::Drive)?,
-    })
 }
 
 #[cfg(test)]
@@ -200,6 +187,8 @@ mod tests {
 
     #[test]
     fn the_scenario_is_one() {
-        super::scenario().unwrap();
+        let workspace = crate::Workspace::find().unwrap();
+        let vehicle = crate::vehicle::find(&workspace, "uagv").unwrap();
+        super::scenario(&vehicle).unwrap();
     }
 }

@@ -6,6 +6,7 @@ use std::{
 };
 
 use campaign::{Options, Progress, Report, Shard};
+use vehicle_model::Vehicle;
 use world::report::OutputFolder;
 
 use crate::{Failure, Workspace, cli::Sim};
@@ -16,7 +17,12 @@ use crate::{Failure, Workspace, cli::Sim};
 ///
 /// The output folder is wrong ([`Failure::Usage`]), an image does not build, or a
 /// sequence broke a rule.
-pub(super) fn run(workspace: &Workspace, options: &Sim, sequences: u64) -> Result<(), Failure> {
+pub(super) fn run(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    options: &Sim,
+    sequences: u64,
+) -> Result<(), Failure> {
     let usage = |error: String| Failure::Usage(error);
     let folder = match &options.out {
         Some(path) => Some(OutputFolder::create(path).map_err(|error| usage(error.to_string()))?),
@@ -28,7 +34,7 @@ pub(super) fn run(workspace: &Workspace, options: &Sim, sequences: u64) -> Resul
         shard: options.shard.unwrap_or_default(),
         threads: None,
     };
-    let report = judged(workspace, &campaign)?;
+    let report = judged(workspace, vehicle, &campaign)?;
     if let Some(mut folder) = folder {
         let path = folder
             .write("faults.json", report.json().as_bytes())
@@ -54,14 +60,18 @@ pub(super) fn run(workspace: &Workspace, options: &Sim, sequences: u64) -> Resul
 /// # Errors
 ///
 /// An image does not build, or is none for its node.
-pub(crate) fn first(workspace: &Workspace, sequences: u64) -> Result<Vec<String>, Failure> {
+pub(crate) fn first(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    sequences: u64,
+) -> Result<Vec<String>, Failure> {
     let campaign = Options {
         sequences,
         seed: 1,
         shard: Shard::default(),
         threads: None,
     };
-    let report = judged(workspace, &campaign)?;
+    let report = judged(workspace, vehicle, &campaign)?;
     eprint!("{report}");
     let broken = report.failures.iter().map(|failure| {
         let seed = failure.seed;
@@ -70,10 +80,12 @@ pub(crate) fn first(workspace: &Workspace, sequences: u64) -> Result<Vec<String>
     Ok(broken.collect())
 }
 
-fn judged(workspace: &Workspace, campaign: &Options) -> Result<Report, Failure> {
-    let images = super::images(workspace)?;
+fn judged(workspace: &Workspace, vehicle: &Vehicle, campaign: &Options) -> Result<Report, Failure> {
+    let images = super::images(workspace, vehicle)?;
     let mut display = Display::new();
-    let report = campaign::run(&images, campaign, |progress| display.show(progress));
+    let report = campaign::run(vehicle, &images, campaign, |progress| {
+        display.show(progress)
+    });
     display.end();
     report.map_err(|error| Failure::Failed(error.to_string()))
 }

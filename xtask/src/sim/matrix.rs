@@ -1,43 +1,30 @@
 //! The windows, taken from the network file.
 
-use std::fs;
-
 use network_model::{Condition, Message, Network, SendType};
+use vehicle_model::{Vehicle, manifest::ModeSignal};
 use world::{
     SimDuration,
     report::{Due, FrameRecord, ModeChange, Window, WindowKind},
 };
 
-use crate::{Failure, Workspace};
-
-/// The network file, from the root of the workspace.
-const FILE: &str = "firmware/vehicles/uagv/network.dbc";
-
 /// The system matrix as the report wants it.
 pub struct Matrix {
     network: Network,
+    /// Where the mode is; `None` when the vehicle has none.
+    mode: Option<ModeSignal>,
     /// One entry for each message.
     pub windows: Vec<Window>,
 }
 
 impl Matrix {
-    /// Reads the network file of the workspace.
-    ///
-    /// # Errors
-    ///
-    /// It cannot be read, or something in it is wrong.
-    pub fn read(workspace: &Workspace) -> Result<Self, Failure> {
-        let wrong = |what: String| Failure::Usage(format!("{FILE}: {what}"));
-        let text = fs::read_to_string(workspace.root().join(FILE))
-            .map_err(|error| wrong(format!("cannot be read: {error}")))?;
-        let network =
-            Network::parse(&text).map_err(|error| wrong(error.to_string().replace('\n', "; ")))?;
-        Ok(Self::new(network))
-    }
-
-    fn new(network: Network) -> Self {
-        let windows = network.messages.iter().map(window).collect();
-        Self { network, windows }
+    /// The matrix of a vehicle.
+    pub fn new(vehicle: &Vehicle) -> Self {
+        let network = vehicle.network().clone();
+        Self {
+            windows: network.messages.iter().map(window).collect(),
+            mode: vehicle.manifest().mode.clone(),
+            network,
+        }
     }
 
     /// Length of the basic cycle.
@@ -50,7 +37,7 @@ impl Matrix {
         SimDuration::from_ticks(1_000_000_000_000 / u64::from(self.network.bit_rate))
     }
 
-    /// The changes of the vehicle's mode, read from the mode that every command carries.
+    /// The changes of the vehicle's mode, read from the message that carries it.
     pub fn modes(&self, frames: &[FrameRecord]) -> Vec<ModeChange> {
         let mut modes: Vec<ModeChange> = Vec::new();
         for frame in frames.iter().filter(|frame| frame.complete) {
@@ -58,9 +45,10 @@ impl Matrix {
                 continue;
             };
             if modes.last().is_none_or(|last| last.mode != mode) {
+                let signal = self.mode.as_ref();
                 modes.push(ModeChange {
                     at: frame.end,
-                    autonomous: mode == "AutonomousRun",
+                    autonomous: signal.is_some_and(|signal| signal.autonomous == mode),
                     mode,
                 });
             }
@@ -68,16 +56,17 @@ impl Matrix {
         modes
     }
 
-    /// The mode that a frame carries, if it is a command.
+    /// The mode that a frame carries, if it carries one.
     fn mode(&self, frame: &FrameRecord) -> Option<String> {
         let message = self.network.message(frame.id)?;
-        if message.name != "Command" || frame.dlc != message.length {
+        let mode = self.mode.as_ref()?;
+        if message.name != mode.message || frame.dlc != message.length {
             return None;
         }
         let signal = message
             .signals
             .iter()
-            .find(|signal| signal.name == "Mode")?;
+            .find(|signal| signal.name == mode.signal)?;
         let raw = signal.extract(&frame.data);
         let tables = self.network.value_tables.iter();
         let table = tables
@@ -121,7 +110,8 @@ mod tests {
     use world::SimTime;
 
     fn matrix() -> Matrix {
-        Matrix::read(&Workspace::find().unwrap()).unwrap()
+        let workspace = crate::Workspace::find().unwrap();
+        Matrix::new(&crate::vehicle::find(&workspace, "uagv").unwrap())
     }
 
     #[test]

@@ -15,14 +15,15 @@ use std::{
 use world::time::Span as _;
 
 use campaign::agreement::{self, Agreement};
-use twin::{Images, Outcome, Progress, Vehicle};
+use twin::{Images, Outcome, Progress, Twin};
+use vehicle_model::Vehicle;
 use world::{
     Scenario, SimDuration, SimTime,
     report::{self, GlobalTimeFigures, ModeChange, OutputFolder, Run, Summary, TaskTime},
     time,
 };
 
-use crate::{Failure, Node, Workspace, build, cli::Sim, experiment};
+use crate::{Failure, Workspace, build, cli::Sim, experiment, vehicle};
 use bus::Log;
 use matrix::Matrix;
 
@@ -33,25 +34,39 @@ use matrix::Matrix;
 /// The scenario or the output folder is wrong ([`Failure::Usage`]), or an image
 /// does not build or run.
 pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
+    let vehicle = vehicle::find(workspace, &options.vehicle)?;
     if let Some(name) = &options.experiment {
-        return experiment::run(workspace, name, options);
+        return experiment::run(workspace, &vehicle, name, options);
     }
     if let Some(sequences) = options.faults {
-        return faults::run(workspace, options, sequences);
-    }
-    if options.list {
-        print!("{}", list());
-        return Ok(());
+        return faults::run(workspace, &vehicle, options, sequences);
     }
     // What is wrong with the words is said before the time for a build is spent.
     let usage = |error: String| Failure::Usage(error);
-    let scenario = Scenario::find(&options.scenario).map_err(|error| usage(error.to_string()))?;
+    if options.list {
+        print!(
+            "{}",
+            list(&vehicle).map_err(|error| usage(error.to_string()))?
+        );
+        return Ok(());
+    }
+    let name = match &options.scenario {
+        Some(name) => name.clone(),
+        None => first_scenario(&vehicle)?,
+    };
+    let scenario = Scenario::find(&vehicle, &name).map_err(|error| usage(error.to_string()))?;
     let folder = match &options.out {
         Some(path) => Some(OutputFolder::create(path).map_err(|error| usage(error.to_string()))?),
         None => None,
     };
 
-    let finished = simulate(workspace, &scenario, options.seed, options.seconds)?;
+    let finished = simulate(
+        workspace,
+        &vehicle,
+        &scenario,
+        options.seed,
+        options.seconds,
+    )?;
     finished.warn();
     let run = finished.run();
     let summary = finished.summary();
@@ -61,10 +76,11 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
             .and_then(|()| report::write(&run, &summary, &mut folder))
             .and_then(|()| folder.finish())
             .map_err(|error| usage(error.to_string()))?;
-        eprintln!(
-            "Wrote bus.log, states.csv, summary.json and track.svg to {}.",
-            path.display()
-        );
+        let files = match &scenario.vehicle {
+            Some(_) => "bus.log, states.csv, summary.json and track.svg",
+            None => "bus.log and summary.json",
+        };
+        eprintln!("Wrote {files} to {}.", path.display());
     }
     if options.json {
         println!("{}", summary.json().trim_end());
@@ -80,19 +96,34 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     }
 }
 
-/// The scenarios that come with the program, one a line.
-fn list() -> String {
-    let builtins = Scenario::builtins();
-    let width = builtins.iter().map(|b| b.name.len()).max().unwrap_or(0);
-    builtins
+/// The scenario that is run when none is named.
+const USUAL: &str = "straight-line";
+
+/// The usual scenario if the vehicle has it, or else its first one.
+fn first_scenario(vehicle: &Vehicle) -> Result<String, Failure> {
+    let listed = Scenario::list(vehicle).map_err(|error| Failure::Usage(error.to_string()))?;
+    let usual = listed.iter().find(|listed| listed.name == USUAL);
+    let first = usual.or(listed.first());
+    first.map(|listed| listed.name.clone()).ok_or_else(|| {
+        let name = vehicle.name();
+        Failure::Usage(format!("vehicle {name:?} has no scenario: name a file"))
+    })
+}
+
+/// The vehicle's scenarios, one a line.
+fn list(vehicle: &Vehicle) -> Result<String, world::ScenarioError> {
+    let listed = Scenario::list(vehicle)?;
+    let width = listed.iter().map(|l| l.name.len()).max().unwrap_or(0);
+    Ok(listed
         .iter()
-        .map(|builtin| format!("{:<width$}  {}\n", builtin.name, builtin.summary))
-        .collect()
+        .map(|listed| format!("{:<width$}  {}\n", listed.name, listed.summary))
+        .collect())
 }
 
 /// A finished simulation with all that a report needs.
 pub(crate) struct Finished<'s> {
     scenario: &'s Scenario,
+    nodes: Vec<String>,
     seed: u64,
     matrix: Matrix,
     outcome: Outcome,
@@ -110,35 +141,37 @@ pub(crate) struct Finished<'s> {
 /// An image does not build or is no program for its node.
 pub(crate) fn simulate<'s>(
     workspace: &Workspace,
+    vehicle: &Vehicle,
     scenario: &'s Scenario,
     seed: u64,
     length: Option<SimDuration>,
 ) -> Result<Finished<'s>, Failure> {
-    let matrix = Matrix::read(workspace)?;
-    let images = images(workspace)?;
+    let matrix = Matrix::new(vehicle);
+    let images = images(workspace, vehicle)?;
     let start = Instant::now();
     let mut display = Display::new(start);
-    let mut vehicle = Vehicle::new(scenario, seed, &images)
+    let mut twin = Twin::new(vehicle, scenario, seed, &images)
         .map_err(|error| Failure::Failed(error.to_string()))?;
     let mut agreement = Agreement::new(&images);
     let end = SimTime::from_ticks(0) + length.unwrap_or_else(|| scenario.duration.span());
-    while vehicle.now() < end {
-        vehicle.run_until(end.min(vehicle.now() + agreement::SPAN));
+    while twin.now() < end {
+        twin.run_until(end.min(twin.now() + agreement::SPAN));
         if let Some(agreement) = &mut agreement {
-            agreement.compare(&mut vehicle);
+            agreement.compare(&mut twin);
         }
-        let now = vehicle.now();
+        let now = twin.now();
         display.show(Progress { now, end });
     }
-    let outcome = vehicle.finish();
+    let outcome = twin.finish();
     display.end();
     let wall = start.elapsed();
 
     let log = Log::new(&outcome.records, matrix.bit_time());
     let modes = matrix.modes(&log.frames);
-    let tasks = tasks(workspace, &outcome)?;
+    let tasks = tasks(vehicle, &outcome)?;
     Ok(Finished {
         scenario,
+        nodes: vehicle::node_names(vehicle),
         seed,
         matrix,
         outcome,
@@ -155,6 +188,7 @@ impl Finished<'_> {
     pub(crate) fn run(&self) -> Run<'_> {
         Run {
             scenario: self.scenario,
+            nodes: &self.nodes,
             seed: self.seed,
             duration: SimDuration::from_ticks(self.outcome.duration.as_ticks()),
             states: self.outcome.world.states(),
@@ -183,11 +217,11 @@ impl Finished<'_> {
     }
 
     /// The nodes whose core stopped in a fault that it could not handle.
-    pub(crate) fn locked_up(&self) -> Vec<&'static str> {
+    pub(crate) fn locked_up(&self) -> Vec<&str> {
         let nodes = self.outcome.nodes.iter();
         nodes
             .filter(|node| node.locked_up)
-            .map(|node| node.node.name())
+            .map(|node| node.name.as_str())
             .collect()
     }
 
@@ -202,7 +236,7 @@ impl Finished<'_> {
                     .collect();
                 eprintln!(
                     "warning: {} used registers that are not modelled: {}",
-                    node.node.name(),
+                    node.name,
                     registers.join(", ")
                 );
             }
@@ -210,44 +244,28 @@ impl Finished<'_> {
     }
 }
 
-/// Builds the four images and reads them.
+/// Builds the images of all nodes and reads them.
 ///
 /// # Errors
 ///
 /// One of them does not build.
-pub(crate) fn images(workspace: &Workspace) -> Result<Images, Failure> {
-    let mut files = Vec::new();
-    for image in build::images(workspace, &Node::ALL)? {
-        let bytes = fs::read(&image.path).map_err(|error| {
-            Failure::Failed(format!("{} cannot be read: {error}", image.path.display()))
-        })?;
-        files.push((image.node, bytes));
-    }
-    let mut take = |node: Node| -> Vec<u8> {
-        let position = files.iter().position(|(of, _)| *of == node);
-        position.map_or_else(Vec::new, |position| files.swap_remove(position).1)
-    };
-    Ok(Images {
-        gps: take(Node::Gps),
-        controller: take(Node::Controller),
-        steering: take(Node::Steering),
-        drive: take(Node::Drive),
-    })
+pub(crate) fn images(workspace: &Workspace, vehicle: &Vehicle) -> Result<Images, Failure> {
+    let nodes: Vec<_> = vehicle.nodes().collect();
+    build::read(&build::images(workspace, vehicle, &nodes)?)
 }
 
 /// The tasks by the names that the nodes' sources give them; an exception that
 /// is no task keeps its own.
-fn tasks(workspace: &Workspace, outcome: &Outcome) -> Result<Vec<TaskTime>, Failure> {
+fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Failure> {
     let mut times = Vec::new();
     for node in &outcome.nodes {
-        let file = format!("firmware/vehicles/uagv/nodes/{}.rs", node.node.name());
-        let unreadable = |error: String| Failure::Failed(format!("{file}: {error}"));
-        let source = fs::read_to_string(workspace.root().join(&file))
-            .map_err(|error| unreadable(error.to_string()))?;
+        let file = vehicle.source(node.node);
+        let unreadable = |error: String| Failure::Failed(format!("{}: {error}", file.display()));
+        let source = fs::read_to_string(&file).map_err(|error| unreadable(error.to_string()))?;
         let names = tasks::names(&source).map_err(|error| unreadable(error.to_string()))?;
         for task in &node.load.tasks {
             times.push(TaskTime {
-                node: node.node,
+                node: node.name.clone(),
                 task: names.get(&task.name).unwrap_or(&task.name).clone(),
                 runs: task.activations,
                 longest_cycles: task.longest,

@@ -1,38 +1,31 @@
-//! Runs a scenario with the images of a folder and prints what happened, frame by frame
-//! if wanted: `cargo run --profile host -p twin --example vehicle -- FOLDER SCENARIO
-//! SECONDS [frames] [wait]`; with `wait` the flash takes its time
+//! Runs a scenario of a vehicle with the images of a folder and prints what happened:
+//! `cargo run --profile host -p twin --example vehicle -- VEHICLE FOLDER SCENARIO SECONDS
+//! [frames] [wait]`. `frames` prints each frame, with `wait` the flash has wait states.
 
 use can_bus::{RecordKind, SimDuration};
 use twin::mcu::FlashTiming;
 use twin::{Images, Options};
-use world::{Node, Scenario};
+use vehicle_model::Vehicle;
+use world::Scenario;
+
+fn refuse(why: impl std::fmt::Display) -> ! {
+    eprintln!("{why}");
+    std::process::exit(2);
+}
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let (folder, name, seconds) = match &arguments[..] {
-        [folder, name, seconds, ..] => (folder, name, seconds),
-        _ => {
-            eprintln!("wanted: the folder of the ELF files, a scenario, seconds to run");
-            std::process::exit(2);
-        }
+    let [vehicle, folder, name, seconds, ..] = &arguments[..] else {
+        refuse("wanted: a vehicle's folder, the folder of the ELF files, a scenario, seconds");
     };
-    let elf = |node: Node| {
-        let path = std::path::Path::new(folder).join(node.name());
-        std::fs::read(&path).unwrap_or_else(|error| {
-            eprintln!("{}: {error}", path.display());
-            std::process::exit(2);
-        })
-    };
-    let images = Images {
-        gps: elf(Node::Gps),
-        controller: elf(Node::Controller),
-        steering: elf(Node::Steering),
-        drive: elf(Node::Drive),
-    };
-    let scenario = Scenario::find(name).unwrap_or_else(|error| {
-        eprintln!("{error}");
-        std::process::exit(2);
+    let vehicle = Vehicle::read(vehicle.as_ref()).unwrap_or_else(|error| refuse(error));
+    let files = vehicle.manifest().nodes.iter().map(|node| {
+        let path = std::path::Path::new(folder).join(&node.name);
+        let file = std::fs::read(&path);
+        file.unwrap_or_else(|error| refuse(format!("{}: {error}", path.display())))
     });
+    let images = Images::new(files.collect());
+    let scenario = Scenario::find(&vehicle, name).unwrap_or_else(|error| refuse(error));
     let seconds: f64 = seconds.parse().unwrap_or(1.0);
     let options = Options {
         duration: Some(SimDuration::from_ticks((seconds * 1e12) as u64)),
@@ -44,17 +37,13 @@ fn main() {
         ..Options::default()
     };
     let begin = std::time::Instant::now();
-    let outcome = match twin::run(&scenario, &images, &options, |_| {}) {
-        Ok(outcome) => outcome,
-        Err(error) => {
-            eprintln!("{error}");
-            std::process::exit(2);
-        }
-    };
+    let outcome = twin::run(&vehicle, &scenario, &images, &options, |_| {});
+    let outcome = outcome.unwrap_or_else(|error| refuse(error));
     let wall = begin.elapsed().as_secs_f64();
     for record in &outcome.records {
         let ms = record.at.as_ticks() as f64 / 1e9;
-        let node = outcome.node_at(record.node).map_or("foreign", Node::name);
+        let node = outcome.node_at(record.node);
+        let node = node.map_or("foreign", |node| outcome.nodes[node.0].name.as_str());
         match &record.kind {
             RecordKind::FrameEnd { frame, start, .. }
                 if arguments.iter().any(|word| word == "frames") =>
@@ -73,7 +62,7 @@ fn main() {
     for node in &outcome.nodes {
         println!(
             "{:10} {} MHz, awake {:.2} %, resets {:?}, locked up {}, unmodelled {:x?}",
-            node.node.name(),
+            node.name,
             node.core_hz / 1_000_000,
             100.0 * node.load.utilisation(),
             node.resets,

@@ -8,7 +8,7 @@
 //! | [`mcu`] | one microcontroller: core, memories and peripherals in step |
 //! | [`statistics`] | cycles of each task: activations, longest own time, longest response |
 //! | [`network`] | several microcontrollers on one bus |
-//! | [`vehicle`] | the four nodes with the world around them; [`run`] |
+//! | [`Twin`] | all nodes of a vehicle with the world around them; [`run`] |
 //!
 //! # What is emulated
 //! The core is `rsemu`'s ARMv7E-M with NVIC, SysTick and FPU; its GPIO ports and timers are
@@ -48,8 +48,10 @@ pub mod network;
 pub mod part;
 mod peripheral;
 pub mod statistics;
-pub mod vehicle;
+mod twin;
 mod window;
+mod wiring;
 
 pub use peripheral::{PinChange, ResetCause, SharedBus, UartByte};
-pub use vehicle::{Images, Options, Outcome, Progress, Vehicle, VehicleError, run};
+pub use twin::{Images, NodeOutcome, Options, Outcome, Progress, Twin, TwinError, run};
+pub use wiring::WiringError;

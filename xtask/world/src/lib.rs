@@ -1,6 +1,9 @@
-//! What surrounds the nodes of the vehicle, for simulation on a PC.
+//! What surrounds the nodes of a vehicle, for simulation on a PC.
 //!
-//! - [`vehicle`]: a bicycle model with the thesis's limits, dead bands, slip and slope;
+//! The vehicle's manifest (`vehicle-model`) says which devices are wired to which node and
+//! what the machine measures; a scenario says what happens in a run.
+//!
+//! - [`vehicle`]: a bicycle model with limits, dead bands, slip and slope;
 //! - [`receiver`]: a Piksi that speaks SBP; [`syren`]: motor drivers; [`lcd`]: the display;
 //!   [`operator`]: remote control, joystick and emergency-stop loop;
 //! - [`scenario`]: what happens, as TOML files with units;
@@ -11,22 +14,23 @@
 
 #![forbid(unsafe_code)]
 
+mod changes;
 pub mod lcd;
-mod node;
 pub mod operator;
 pub mod random;
 pub mod receiver;
 mod record;
 pub mod report;
 pub mod scenario;
+mod signal;
 pub mod syren;
 pub mod time;
-pub use vehicle_model::units;
+pub use vehicle_model::{Device, NodeIndex, units};
 pub mod vehicle;
 mod world;
 
-pub use node::{Analog, Input, Node, Port};
 pub use record::{Counters, EffortChange, StateSample};
 pub use scenario::{Scenario, ScenarioError};
+pub use signal::{Analog, Input};
 pub use time::{SimDuration, SimTime};
 pub use world::{Disturbance, Effect, Output, RECORD_PERIOD, World};

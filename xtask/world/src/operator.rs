@@ -1,9 +1,10 @@
 //! The operator: remote control, joystick and emergency-stop loop, as scripted in a scenario.
 
-use crate::node::Input;
 use crate::scenario::{Button, ButtonPress, Scenario};
+use crate::signal::Input;
 use crate::time::Span as _;
 use crate::time::{SimTime, at};
+use vehicle_model::{NodeIndex, Remote};
 
 /// A level that changes.
 #[derive(Copy, Clone, Debug, PartialEq, Eq)]
@@ -52,10 +53,42 @@ fn press(press: &ButtonPress) -> Vec<LevelChange> {
     changes
 }
 
-/// All changes of all levels, in order of time.
+/// The presses of a remote control whose receiver changes an output at each press. The
+/// receiver's outputs are electronic: they do not bounce, and a release changes nothing.
+fn toggles(scenario: &Scenario) -> Vec<LevelChange> {
+    let mut presses: Vec<&ButtonPress> = scenario.press.iter().filter(|p| is_remote(p)).collect();
+    presses.sort_by(|a, b| a.at.get().total_cmp(&b.at.get()));
+    let mut levels = Input::ALL.map(Input::idle);
+    let toggle = |press: &ButtonPress| {
+        let input = press.button.input();
+        let level = &mut levels[input.index()];
+        *level = !*level;
+        LevelChange {
+            at: at(press.at.span()),
+            input,
+            high: *level,
+        }
+    };
+    presses.into_iter().map(toggle).collect()
+}
+
+/// Whether the button is on the remote control.
+fn is_remote(press: &ButtonPress) -> bool {
+    press.button != Button::J
+}
+
+/// All changes of all levels, in order of time, with this kind of remote control.
 #[must_use]
-pub fn level_changes(scenario: &Scenario) -> Vec<LevelChange> {
-    let mut changes: Vec<LevelChange> = scenario.press.iter().flat_map(press).collect();
+pub fn level_changes(scenario: &Scenario, remote: Remote) -> Vec<LevelChange> {
+    let mut changes = match remote {
+        Remote::Momentary => scenario.press.iter().flat_map(press).collect(),
+        Remote::Toggle => {
+            let mut changes = toggles(scenario);
+            let contacts = scenario.press.iter().filter(|press| !is_remote(press));
+            changes.extend(contacts.flat_map(press));
+            changes
+        }
+    };
     changes.extend(scenario.stop_loop.iter().map(|change| LevelChange {
         at: at(change.at.span()),
         input: Input::StopLoop,
@@ -83,4 +116,15 @@ pub fn joystick(scenario: &Scenario, when: SimTime) -> (f64, f64) {
         .map_or((0.0, 0.0), |movement| {
             (movement.right.get(), movement.forward.get())
         })
+}
+
+/// The knob of a node, from 0 at one end to 1 at the other, at `when`; in the middle until it is
+/// turned for the first time.
+#[must_use]
+pub fn knob(scenario: &Scenario, node: NodeIndex, when: SimTime) -> f64 {
+    let now = crate::time::seconds(when);
+    let turns = scenario.knob.iter();
+    let so_far = turns.filter(|turn| turn.node == node && turn.at.get() <= now);
+    let last = so_far.max_by(|a, b| a.at.get().total_cmp(&b.at.get()));
+    last.map_or(0.5, |turn| turn.position.get())
 }

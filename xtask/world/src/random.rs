@@ -23,6 +23,8 @@ pub enum Purpose {
     Analog = 5,
     /// Numbers that a run's own faults need.
     Faults = 6,
+    /// Noise of the knobs' voltages.
+    Knobs = 7,
 }
 
 /// A stream of random numbers.

@@ -1,17 +1,17 @@
 //! What a run leaves behind of the world.
 
-use crate::node::Node;
 use crate::receiver::Fix;
 use crate::time::SimTime;
+use vehicle_model::NodeIndex;
 
 /// The vehicle at one instant.
 #[derive(Copy, Clone, Debug, PartialEq)]
 pub struct StateSample {
     /// When.
     pub at: SimTime,
-    /// True northing of the antenna, metres.
+    /// True northing of the point of the centre line beside the antenna, metres.
     pub north: f64,
-    /// True easting of the antenna, metres.
+    /// True easting of the same point, metres.
     pub east: f64,
     /// Heading of the body, radians clockwise from north, not wrapped.
     pub heading: f64,
@@ -32,8 +32,8 @@ pub struct StateSample {
 pub struct EffortChange {
     /// End of the byte that changed it, or the instant at which the relay did.
     pub at: SimTime,
-    /// The node that sent the byte.
-    pub node: Node,
+    /// The node that the motor driver is wired to.
+    pub node: NodeIndex,
     /// The driver's last byte.
     pub byte: u8,
     /// The effort from then on, -1 to 1; 0 while the relay is open.

@@ -8,18 +8,20 @@
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
+use vehicle_model::{Device, NodeIndex, Remote};
+
 use crate::lcd::{self, ACKNOWLEDGE, Display, RowDisplay};
-use crate::node::{Analog, Input, Node, Port};
 use crate::operator;
 use crate::random::{Purpose, Stream};
 use crate::receiver::{Fix, Receiver};
 use crate::record::{Counters, EffortChange, StateSample};
-use crate::scenario::{BusEvent, Scenario};
+use crate::scenario::{BusEvent, Clock, Scenario};
+use crate::signal::{Analog, Input};
 use crate::syren::{Reception, STOP, Syren};
 use crate::time::Span as _;
 use crate::time::{PER_SECOND, START, SimDuration, SimTime, after, at, from_seconds};
 use crate::units::Quantity;
-use crate::vehicle::{Motor, State, Vehicle};
+use crate::vehicle::{Motor, Parameters, State, Vehicle};
 
 /// Time between two recorded states.
 pub const RECORD_PERIOD: SimDuration = SimDuration::from_ticks(PER_SECOND / 100);
@@ -32,6 +34,9 @@ const CENTRE: f64 = 2048.0;
 
 /// Standard deviation of the noise on the joystick's voltages, counts.
 const JOYSTICK_NOISE: f64 = 2.0;
+
+/// Standard deviation of the noise on a knob's voltage, counts.
+const KNOB_NOISE: f64 = 1.0;
 
 /// What a simulation of the bus is asked to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -65,16 +70,18 @@ pub enum Effect {
     /// A byte has arrived at a node's serial input: its stop bit ends now.
     Byte {
         /// The node.
-        node: Node,
-        /// The line.
-        port: Port,
+        node: NodeIndex,
+        /// The device that sent it.
+        device: Device,
         /// The byte.
         byte: u8,
         /// Length of one bit.
         bit_time: SimDuration,
     },
-    /// A logic level at the controller changes.
+    /// A logic level changes.
     Level {
+        /// The node that has the operator's switches.
+        node: NodeIndex,
         /// The input.
         input: Input,
         /// Its level from now on.
@@ -83,7 +90,7 @@ pub enum Effect {
     /// A node's reset line is pulled low or released.
     Reset {
         /// The node.
-        node: Node,
+        node: NodeIndex,
         /// True from the moment it is pulled low.
         held: bool,
     },
@@ -129,17 +136,41 @@ struct Repeat {
     what: Disturbance,
 }
 
+/// A motor driver at a node.
+#[derive(Clone, Debug)]
+struct Driver {
+    node: NodeIndex,
+    device: Device,
+    syren: Syren,
+}
+
+/// Errors of a node's clocks in parts per million, positive fast.
+#[derive(Clone, Copy, Debug)]
+struct Clocks {
+    crystal: f64,
+    internal: f64,
+    /// Whether the 8 MHz clock is there.
+    external: bool,
+}
+
+/// The display and its serial line.
+struct Screen {
+    node: Option<NodeIndex>,
+    display: Box<dyn Display + Send>,
+    line_free: SimTime,
+}
+
 /// Everything around the nodes.
 pub struct World {
     scenario: Scenario,
     now: SimTime,
-    vehicle: Vehicle,
-    receiver: Receiver,
+    machine: Option<Vehicle>,
+    receiver: Option<(NodeIndex, Receiver)>,
     fixes: Vec<(SimTime, Fix)>,
-    steering: Syren,
-    drive: Syren,
-    display: Box<dyn Display + Send>,
-    lcd_line_free: SimTime,
+    motors: Vec<Driver>,
+    screen: Screen,
+    analogs: Vec<(NodeIndex, Analog)>,
+    switches: Option<NodeIndex>,
     levels: [bool; Input::ALL.len()],
     queue: BinaryHeap<Reverse<Queued>>,
     order: u64,
@@ -150,7 +181,8 @@ pub struct World {
     efforts: Vec<EffortChange>,
     counters: Counters,
     analog_noise: Stream,
-    clocks: [(f64, f64, bool); Node::ALL.len()],
+    knob_noise: Stream,
+    clocks: Vec<Clocks>,
 }
 
 impl core::fmt::Debug for World {
@@ -163,45 +195,39 @@ impl core::fmt::Debug for World {
 }
 
 impl World {
-    /// The world of a scenario at the start of its run.
+    /// The world around a vehicle in one of its scenarios, at the start of the run.
     #[must_use]
-    pub fn new(scenario: &Scenario, seed: u64) -> Self {
-        let mut clock_errors = Stream::new(seed, Purpose::Clocks);
-        let clocks = Node::ALL.map(|node| {
-            let clock = scenario.nodes.get(node);
-            let crystal = clock_errors.symmetric(50.0);
-            let internal = clock_errors.symmetric(10_000.0);
-            (
-                clock.crystal.map_or(crystal, Quantity::get),
-                clock.internal.map_or(internal, Quantity::get),
-                clock.external,
+    pub fn new(vehicle: &vehicle_model::Vehicle, scenario: &Scenario, seed: u64) -> Self {
+        let parameters = scenario.vehicle.as_ref();
+        let machine = parameters.map(|parameters| {
+            Vehicle::new(
+                parameters.clone(),
+                scenario.ground.clone(),
+                start(scenario, parameters),
             )
         });
-        let mut fixes = vec![(START, scenario.receiver.fix)];
-        fixes.extend(
-            scenario
-                .fix
-                .iter()
-                .map(|change| (at(change.at.span()), change.state)),
-        );
-        fixes.sort_by_key(|(when, _)| *when);
-
+        let receiver = scenario
+            .receiver
+            .as_ref()
+            .zip(vehicle.node_of(Device::SatelliteReceiver));
+        let receiver = receiver.map(|(receiver, node)| {
+            let receiver = Receiver::new(receiver.clone(), scenario.stream.clone(), seed);
+            (node, receiver)
+        });
+        let display = RowDisplay::new(scenario.lcd.acknowledges, scenario.lcd.delay.span());
         let mut world = Self {
             now: START,
-            vehicle: Vehicle::new(
-                scenario.vehicle.clone(),
-                scenario.ground.clone(),
-                start(scenario),
-            ),
-            receiver: Receiver::new(scenario.receiver.clone(), scenario.stream.clone(), seed),
-            fixes,
-            steering: Syren::new(scenario.vehicle.steering_reversed),
-            drive: Syren::new(scenario.vehicle.drive_reversed),
-            display: Box::new(RowDisplay::new(
-                scenario.lcd.acknowledges,
-                scenario.lcd.delay.span(),
-            )),
-            lcd_line_free: START,
+            machine,
+            receiver,
+            fixes: fixes(scenario),
+            motors: motors(vehicle, parameters),
+            screen: Screen {
+                node: vehicle.node_of(Device::Display),
+                display: Box::new(display),
+                line_free: START,
+            },
+            analogs: analogs(vehicle),
+            switches: vehicle.node_of(Device::OperatorSwitches),
             levels: Input::ALL.map(Input::idle),
             queue: BinaryHeap::new(),
             order: 0,
@@ -212,28 +238,32 @@ impl World {
             efforts: Vec::new(),
             counters: Counters::default(),
             analog_noise: Stream::new(seed, Purpose::Analog),
-            clocks,
+            knob_noise: Stream::new(seed, Purpose::Knobs),
+            clocks: clocks(scenario, seed),
             scenario: scenario.clone(),
         };
-        world.script();
+        world.script(vehicle.manifest().operator.remote);
         world
     }
 
     /// Puts a display in place of the one that the scenario describes.
     #[must_use]
     pub fn with_display(mut self, display: Box<dyn Display + Send>) -> Self {
-        self.display = display;
+        self.screen.display = display;
         self
     }
 
     /// Queues what the scenario fixes beforehand.
-    fn script(&mut self) {
-        for change in operator::level_changes(&self.scenario) {
-            let what = Effect::Level {
-                input: change.input,
-                high: change.high,
-            };
-            self.push(change.at, what);
+    fn script(&mut self, remote: Remote) {
+        if let Some(node) = self.switches {
+            for change in operator::level_changes(&self.scenario, remote) {
+                let what = Effect::Level {
+                    node,
+                    input: change.input,
+                    high: change.high,
+                };
+                self.push(change.at, what);
+            }
         }
         for reset in self.scenario.reset.clone() {
             let node = reset.node;
@@ -243,47 +273,52 @@ impl World {
             }
         }
         for event in self.scenario.bus.clone() {
-            match event {
-                BusEvent::Frame {
-                    at: when,
+            self.script_bus(event);
+        }
+    }
+
+    /// Queues what a scenario does on the bus.
+    fn script_bus(&mut self, event: BusEvent) {
+        match event {
+            BusEvent::Frame {
+                at: when,
+                id,
+                data,
+                every,
+                until,
+            } => {
+                let mut bytes = [0; 8];
+                for (to, from) in bytes.iter_mut().zip(&data) {
+                    *to = *from;
+                }
+                let what = Disturbance::Frame {
                     id,
-                    data,
-                    every,
-                    until,
-                } => {
-                    let mut bytes = [0; 8];
-                    for (to, from) in bytes.iter_mut().zip(&data) {
-                        *to = *from;
-                    }
-                    let what = Disturbance::Frame {
-                        id,
-                        data: bytes,
-                        dlc: data.len().min(8) as u8,
-                    };
-                    let when = at(when.span());
-                    match every {
-                        None => self.push(when, Effect::Bus(what)),
-                        Some(every) => self.repeats.push(Repeat {
-                            next: when,
-                            every: every.span(),
-                            until: until
-                                .map_or(SimTime::from_ticks(u64::MAX), |until| at(until.span())),
-                            what,
-                        }),
-                    }
+                    data: bytes,
+                    dlc: data.len().min(8) as u8,
+                };
+                let when = at(when.span());
+                match every {
+                    None => self.push(when, Effect::Bus(what)),
+                    Some(every) => self.repeats.push(Repeat {
+                        next: when,
+                        every: every.span(),
+                        until: until
+                            .map_or(SimTime::from_ticks(u64::MAX), |until| at(until.span())),
+                        what,
+                    }),
                 }
-                BusEvent::Corrupt {
-                    at: when,
-                    id,
-                    count,
-                } => {
-                    let what = Disturbance::CorruptNext { id, count };
-                    self.push(at(when.span()), Effect::Bus(what));
-                }
-                BusEvent::Dominant { at: when, hold } => {
-                    let what = Disturbance::Dominant { hold: hold.span() };
-                    self.push(at(when.span()), Effect::Bus(what));
-                }
+            }
+            BusEvent::Corrupt {
+                at: when,
+                id,
+                count,
+            } => {
+                let what = Disturbance::CorruptNext { id, count };
+                self.push(at(when.span()), Effect::Bus(what));
+            }
+            BusEvent::Dominant { at: when, hold } => {
+                let what = Disturbance::Dominant { hold: hold.span() };
+                self.push(at(when.span()), Effect::Bus(what));
             }
         }
     }
@@ -299,20 +334,20 @@ impl World {
 
     /// Error of a node's 8 MHz clock, parts per million, positive fast.
     #[must_use]
-    pub fn crystal_ppm(&self, node: Node) -> f64 {
-        self.clocks[node.index()].0
+    pub fn crystal_ppm(&self, node: NodeIndex) -> f64 {
+        self.clocks[node.0].crystal
     }
 
     /// Error of a node's internal oscillator, parts per million, positive fast.
     #[must_use]
-    pub fn internal_ppm(&self, node: Node) -> f64 {
-        self.clocks[node.index()].1
+    pub fn internal_ppm(&self, node: NodeIndex) -> f64 {
+        self.clocks[node.0].internal
     }
 
     /// Whether a node has its 8 MHz clock.
     #[must_use]
-    pub fn external_clock(&self, node: Node) -> bool {
-        self.clocks[node.index()].2
+    pub fn external_clock(&self, node: NodeIndex) -> bool {
+        self.clocks[node.0].external
     }
 
     /// The instant up to which the world has been moved.
@@ -328,7 +363,7 @@ impl World {
         let ready = self.ready.front().map(|output| output.at);
         let queued = self.queue.peek().map(|Reverse(queued)| queued.at);
         let repeated = self.repeats.iter().map(|repeat| repeat.next).min();
-        [ready, queued, repeated, Some(self.receiver.next_epoch())]
+        [ready, queued, repeated, self.next_epoch()]
             .into_iter()
             .flatten()
             .min()
@@ -338,7 +373,15 @@ impl World {
     /// earlier may be handed over late, as long as the world has not been moved that far.
     #[must_use]
     pub fn next_coupling(&self) -> SimTime {
-        self.receiver.next_epoch().min(self.next_record)
+        let record = self.next_record;
+        self.next_epoch().map_or(record, |epoch| epoch.min(record))
+    }
+
+    /// When the receiver, if there is one, takes its next measurement.
+    fn next_epoch(&self) -> Option<SimTime> {
+        self.receiver
+            .as_ref()
+            .map(|(_, receiver)| receiver.next_epoch())
     }
 
     /// Lets everything happen up to and including `to`. Going back does nothing.
@@ -346,23 +389,18 @@ impl World {
         loop {
             let queued = self.queue.peek().map(|Reverse(queued)| queued.at);
             let repeated = self.repeats.iter().map(|repeat| repeat.next).min();
-            let next = [
-                Some(self.next_record),
-                Some(self.receiver.next_epoch()),
-                queued,
-                repeated,
-            ]
-            .into_iter()
-            .flatten()
-            .min()
-            .unwrap_or(to);
+            let next = [Some(self.next_record), self.next_epoch(), queued, repeated]
+                .into_iter()
+                .flatten()
+                .min()
+                .unwrap_or(to);
             if next > to {
                 break;
             }
             // A fixed order within an instant: record, measure, then what reaches the nodes.
             if self.next_record == next {
                 self.record(next);
-            } else if self.receiver.next_epoch() == next {
+            } else if self.next_epoch() == Some(next) {
                 self.measure(next);
             } else if repeated == Some(next) {
                 self.repeat(next);
@@ -379,7 +417,7 @@ impl World {
     }
 
     fn deliver(&mut self, queued: Queued) {
-        if let Effect::Level { input, high } = queued.what {
+        if let Effect::Level { input, high, .. } = queued.what {
             let level = &mut self.levels[input.index()];
             if *level == high {
                 return;
@@ -404,15 +442,19 @@ impl World {
     }
 
     fn measure(&mut self, now: SimTime) {
-        self.vehicle.advance_to(now);
-        let antenna = self.vehicle.antenna();
         let fix = self.fix(now);
-        let bit_time = self.receiver.bit_time();
-        for byte in self.receiver.measure(&antenna, fix) {
+        let (Some((node, receiver)), Some(machine)) = (&mut self.receiver, &mut self.machine)
+        else {
+            return;
+        };
+        machine.advance_to(now);
+        let node = *node;
+        let bit_time = receiver.bit_time();
+        for byte in receiver.measure(&machine.antenna(), fix) {
             self.counters.receiver_bytes += 1;
             let what = Effect::Byte {
-                node: Node::Gps,
-                port: Port::Receiver,
+                node,
+                device: Device::SatelliteReceiver,
                 byte: byte.byte,
                 bit_time,
             };
@@ -421,28 +463,40 @@ impl World {
     }
 
     fn record(&mut self, now: SimTime) {
-        self.vehicle.advance_to(now);
-        let state = self.vehicle.state();
-        let antenna = self.vehicle.antenna();
+        self.next_record = after(now, RECORD_PERIOD);
+        let fix = self.fix(now);
+        let effort = |device| {
+            let mut motors = self.motors.iter();
+            let motor = motors.find(|motor| motor.device == device);
+            motor.map_or(0.0, |motor| motor.syren.effort())
+        };
+        let steering_effort = effort(Device::SteeringMotor);
+        let drive_effort = effort(Device::DriveMotor);
+        let Some(machine) = &mut self.machine else {
+            return;
+        };
+        machine.advance_to(now);
+        let state = machine.state();
+        let place = machine.beside_antenna();
         self.states.push(StateSample {
             at: now,
-            north: antenna.north,
-            east: antenna.east,
+            north: place.north,
+            east: place.east,
             heading: state.heading,
             steering: state.steering,
             speed: state.speed,
-            steering_effort: self.steering.effort(),
-            drive_effort: self.drive.effort(),
-            fix: self.fix(now),
+            steering_effort,
+            drive_effort,
+            fix,
         });
-        self.next_record = after(now, RECORD_PERIOD);
     }
 
     /// Quality of the solution at `when`.
     #[must_use]
     pub fn fix(&self, when: SimTime) -> Fix {
         let later = self.fixes.partition_point(|(from, _)| *from <= when);
-        self.fixes[later.max(1) - 1].1
+        let fix = self.fixes.get(later.max(1) - 1);
+        fix.map_or(Fix::None, |(_, fix)| *fix)
     }
 
     /// The level of an input now.
@@ -451,21 +505,44 @@ impl World {
         self.levels[input.index()]
     }
 
-    /// A node sent a byte: `start` is the falling edge of its start bit, `end` the end of its
-    /// stop bit.
-    pub fn serial(&mut self, node: Node, port: Port, byte: u8, start: SimTime, end: SimTime) {
-        match (node, port) {
-            (Node::Steering, Port::Motor) => self.motor(node, byte, start, end),
-            (Node::Drive, Port::Motor) => self.motor(node, byte, start, end),
-            (Node::Controller, Port::Lcd) => self.show(byte, start, end),
-            _ => self.counters.unheard_bytes += 1,
+    /// The inputs that have voltages, with the nodes that convert them.
+    #[must_use]
+    pub fn analogs(&self) -> &[(NodeIndex, Analog)] {
+        &self.analogs
+    }
+
+    /// The node that has the operator's switches.
+    #[must_use]
+    pub fn switches(&self) -> Option<NodeIndex> {
+        self.switches
+    }
+
+    /// A node sent a byte to a device: `start` is the falling edge of its start bit, `end` the
+    /// end of its stop bit.
+    pub fn serial(
+        &mut self,
+        node: NodeIndex,
+        device: Device,
+        byte: u8,
+        start: SimTime,
+        end: SimTime,
+    ) {
+        if device.is_motor() {
+            self.motor(node, byte, start, end);
+        } else if device == Device::Display && self.screen.node == Some(node) {
+            self.show(node, byte, start, end);
+        } else {
+            self.counters.unheard_bytes += 1;
         }
     }
 
-    fn motor(&mut self, node: Node, byte: u8, start: SimTime, end: SimTime) {
-        let driver = self.driver(node);
-        let before = (driver.byte(), driver.effort());
-        match driver.receive(byte, start, end) {
+    fn motor(&mut self, node: NodeIndex, byte: u8, start: SimTime, end: SimTime) {
+        let Some(motor) = self.motors.iter_mut().find(|motor| motor.node == node) else {
+            self.counters.unheard_bytes += 1;
+            return;
+        };
+        let before = (motor.syren.byte(), motor.syren.effort());
+        match motor.syren.receive(byte, start, end) {
             Reception::WrongBaud => self.counters.motor_wrong_baud += 1,
             Reception::Accepted => {
                 self.counters.motor_bytes += 1;
@@ -474,36 +551,32 @@ impl World {
         }
     }
 
-    /// An actuator node closes or opens the relay in its motor's lead.
-    pub fn relay(&mut self, node: Node, closed: bool, at: SimTime) {
-        if matches!(node, Node::Steering | Node::Drive) {
-            let driver = self.driver(node);
-            let before = (driver.byte(), driver.effort());
-            driver.set_relay(closed);
+    /// A node closes or opens the relay in its motor's lead.
+    pub fn relay(&mut self, node: NodeIndex, closed: bool, at: SimTime) {
+        if let Some(motor) = self.motors.iter_mut().find(|motor| motor.node == node) {
+            let before = (motor.syren.byte(), motor.syren.effort());
+            motor.syren.set_relay(closed);
             self.effort_may_change(node, before, at);
         }
     }
 
-    fn driver(&mut self, node: Node) -> &mut Syren {
-        if node == Node::Steering {
-            &mut self.steering
-        } else {
-            &mut self.drive
-        }
-    }
-
     /// Records and applies what has become of a driver's last byte and effort.
-    fn effort_may_change(&mut self, node: Node, before: (Option<u8>, f64), at: SimTime) {
-        let driver = self.driver(node);
-        let (byte, effort) = (driver.byte(), driver.effort());
+    fn effort_may_change(&mut self, node: NodeIndex, before: (Option<u8>, f64), at: SimTime) {
+        let Some(motor) = self.motors.iter().find(|motor| motor.node == node) else {
+            return;
+        };
+        let (byte, effort) = (motor.syren.byte(), motor.syren.effort());
         if before == (byte, effort) {
             return;
         }
-        let motor = match node {
-            Node::Steering => Motor::Steering,
-            _ => Motor::Drive,
+        let moves = match motor.device {
+            Device::SteeringMotor => Some(Motor::Steering),
+            Device::DriveMotor => Some(Motor::Drive),
+            _ => None,
         };
-        self.vehicle.set_effort(at, motor, effort);
+        if let Some((machine, moves)) = self.machine.as_mut().zip(moves) {
+            machine.set_effort(at, moves, effort);
+        }
         self.efforts.push(EffortChange {
             at,
             node,
@@ -512,21 +585,21 @@ impl World {
         });
     }
 
-    fn show(&mut self, byte: u8, start: SimTime, end: SimTime) {
+    fn show(&mut self, node: NodeIndex, byte: u8, start: SimTime, end: SimTime) {
         if !lcd::readable(start, end) {
             self.counters.lcd_wrong_baud += 1;
             return;
         }
-        let answer = self.display.receive(byte, end);
-        self.counters.lcd_commands = self.display.executed();
-        self.counters.lcd_refused = self.display.refused();
+        let answer = self.screen.display.receive(byte, end);
+        self.counters.lcd_commands = self.screen.display.executed();
+        self.counters.lcd_refused = self.screen.display.refused();
         if let Some(begin) = answer {
             let bit_time = from_seconds(1.0 / f64::from(lcd::BAUD));
-            let done = after(begin.max(self.lcd_line_free), bit_time * 10);
-            self.lcd_line_free = done;
+            let done = after(begin.max(self.screen.line_free), bit_time * 10);
+            self.screen.line_free = done;
             let what = Effect::Byte {
-                node: Node::Controller,
-                port: Port::Lcd,
+                node,
+                device: Device::Display,
                 byte: ACKNOWLEDGE,
                 bit_time,
             };
@@ -537,46 +610,59 @@ impl World {
     /// Reading of a 12-bit converter that samples a voltage at `when`. The noise belongs to the
     /// channel and the microsecond, so that asking again gives the same answer.
     pub fn adc(&mut self, channel: Analog, when: SimTime) -> u16 {
-        let (volts, deviation) = match channel {
-            Analog::SteeringPot => (
-                self.vehicle.pot_at(when),
-                self.vehicle.parameters().pot_noise.get(),
-            ),
+        let us = when.as_ticks() / 1_000_000;
+        let joystick = |share: f64| CENTRE + share * (FULL_SCALE - CENTRE);
+        let (counts, deviation, place) = match channel {
             Analog::JoystickX => {
                 let (right, _) = operator::joystick(&self.scenario, when);
-                (CENTRE + right * (FULL_SCALE - CENTRE), JOYSTICK_NOISE)
+                (joystick(right), JOYSTICK_NOISE, us * 3)
             }
             Analog::JoystickY => {
                 let (_, forward) = operator::joystick(&self.scenario, when);
-                (CENTRE + forward * (FULL_SCALE - CENTRE), JOYSTICK_NOISE)
+                (joystick(forward), JOYSTICK_NOISE, us * 3 + 1)
+            }
+            Analog::SteeringPot => {
+                let Some(machine) = &self.machine else {
+                    return 0;
+                };
+                let noise = machine.parameters().pot_noise.get();
+                (machine.pot_at(when), noise, us * 3 + 2)
+            }
+            Analog::Knob(node) => {
+                let way = operator::knob(&self.scenario, node, when);
+                (
+                    way * FULL_SCALE,
+                    KNOB_NOISE,
+                    us * self.clocks.len() as u64 + node.0 as u64,
+                )
             }
         };
-        self.analog_noise
-            .seek(when.as_ticks() / 1_000_000 * 3 + channel as u64);
-        let noisy = volts + deviation * self.analog_noise.normal();
+        let noise = match channel {
+            Analog::Knob(_) => &mut self.knob_noise,
+            _ => &mut self.analog_noise,
+        };
+        noise.seek(place);
+        let noisy = counts + deviation * noise.normal();
         noisy.round().clamp(0.0, FULL_SCALE) as u16
     }
 
     /// Effort of the motor driver at a node, -1 to 1; 0 for nodes without one.
     #[must_use]
-    pub fn effort(&self, node: Node) -> f64 {
-        match node {
-            Node::Steering => self.steering.effort(),
-            Node::Drive => self.drive.effort(),
-            Node::Gps | Node::Controller => 0.0,
-        }
+    pub fn effort(&self, node: NodeIndex) -> f64 {
+        let motor = self.motors.iter().find(|motor| motor.node == node);
+        motor.map_or(0.0, |motor| motor.syren.effort())
     }
 
-    /// The vehicle.
+    /// The machine, if the vehicle has one.
     #[must_use]
-    pub fn vehicle(&self) -> &Vehicle {
-        &self.vehicle
+    pub fn machine(&self) -> Option<&Vehicle> {
+        self.machine.as_ref()
     }
 
     /// What the display shows.
     #[must_use]
     pub fn lcd_text(&self) -> String {
-        self.display.text()
+        self.screen.display.text()
     }
 
     /// States recorded so far, every [`RECORD_PERIOD`].
@@ -604,10 +690,78 @@ impl World {
     }
 }
 
-/// The scenario's start pose, which places the antenna, as the rear axle's.
-fn start(scenario: &Scenario) -> State {
+/// Quality of the receiver's solution from each instant on; empty without a receiver.
+fn fixes(scenario: &Scenario) -> Vec<(SimTime, Fix)> {
+    let Some(receiver) = &scenario.receiver else {
+        return Vec::new();
+    };
+    let changes = scenario.fix.iter();
+    let mut fixes = vec![(START, receiver.fix)];
+    fixes.extend(changes.map(|change| (at(change.at.span()), change.state)));
+    fixes.sort_by_key(|(when, _)| *when);
+    fixes
+}
+
+/// The clocks of all nodes; errors that the scenario leaves open are drawn.
+fn clocks(scenario: &Scenario, seed: u64) -> Vec<Clocks> {
+    let mut errors = Stream::new(seed, Purpose::Clocks);
+    let draw = |clock: &Clock| {
+        let crystal = errors.symmetric(50.0);
+        let internal = errors.symmetric(10_000.0);
+        Clocks {
+            crystal: clock.crystal.map_or(crystal, Quantity::get),
+            internal: clock.internal.map_or(internal, Quantity::get),
+            external: clock.external,
+        }
+    };
+    scenario.nodes.iter().map(draw).collect()
+}
+
+/// The motor drivers that are wired, in the order of their nodes.
+fn motors(vehicle: &vehicle_model::Vehicle, machine: Option<&Parameters>) -> Vec<Driver> {
+    let wired = vehicle.nodes().flat_map(|index| {
+        let devices = vehicle.node(index).wiring.values();
+        let motors = devices.filter(|device| device.is_motor());
+        motors.map(move |&device| (index, device))
+    });
+    let driver = |(node, device)| {
+        let reversed = match device {
+            Device::SteeringMotor => machine.is_some_and(|machine| machine.steering_reversed),
+            Device::DriveMotor => machine.is_some_and(|machine| machine.drive_reversed),
+            _ => false,
+        };
+        Driver {
+            node,
+            device,
+            syren: Syren::new(reversed),
+        }
+    };
+    wired.map(driver).collect()
+}
+
+/// The voltages that are wired to nodes.
+fn analogs(vehicle: &vehicle_model::Vehicle) -> Vec<(NodeIndex, Analog)> {
+    let mut analogs = Vec::new();
+    for index in vehicle.nodes() {
+        for device in vehicle.node(index).wiring.values() {
+            match device {
+                Device::Joystick => {
+                    analogs.extend([(index, Analog::JoystickX), (index, Analog::JoystickY)]);
+                }
+                Device::SteeringPotentiometer => analogs.push((index, Analog::SteeringPot)),
+                Device::Knob => analogs.push((index, Analog::Knob(index))),
+                _ => {}
+            }
+        }
+    }
+    analogs
+}
+
+/// The scenario's start pose, which places the point of the centre line beside the antenna, as
+/// the rear axle's.
+fn start(scenario: &Scenario, machine: &Parameters) -> State {
     let pose = &scenario.start;
-    let ahead = scenario.vehicle.rear_to_antenna.get();
+    let ahead = machine.rear_to_antenna.get();
     let heading = pose.heading.get();
     State {
         north: pose.north.get() - ahead * libm::cos(heading),

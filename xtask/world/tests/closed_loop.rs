@@ -1,16 +1,17 @@
 //! The world in a closed loop: receiver bytes in, motor bytes out, judged by the report.
 
 mod pilot;
+mod uagv;
 
 use pilot::Pilot;
+use world::SimDuration;
 use world::report::{ModeChange, Run, Summary, track_svg};
 use world::time::{at, from_seconds};
-use world::{Scenario, SimDuration};
 
 const START: SimDuration = SimDuration::from_ticks(2_000_000_000_000);
 
 fn drive(name: &str, seed: u64, length: f64) -> (Summary, String, String) {
-    let scenario = Scenario::find(name).unwrap();
+    let scenario = uagv::find(name);
     let mut pilot = Pilot::new(&scenario, seed);
     let duration = from_seconds(length);
     pilot.run(START, duration);
@@ -25,6 +26,7 @@ fn drive(name: &str, seed: u64, length: f64) -> (Summary, String, String) {
     ];
     let run = Run {
         scenario: &scenario,
+        nodes: &uagv::ALL.map(|_| String::new()),
         seed,
         duration,
         states: pilot.world.states(),
@@ -37,7 +39,10 @@ fn drive(name: &str, seed: u64, length: f64) -> (Summary, String, String) {
         tasks: &[],
     };
     let summary = Summary::of(&run);
-    let files = (world::report::states_csv(&run), track_svg(&run, &summary));
+    let files = (
+        world::report::states_csv(&run).unwrap(),
+        track_svg(&run, &summary).unwrap(),
+    );
     (summary, files.0, files.1)
 }
 

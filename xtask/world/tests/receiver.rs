@@ -1,5 +1,7 @@
 //! The receiver's byte stream, read by the `sbp` crate.
 
+mod uagv;
+
 use sbp::messages::{Sbp, SbpMessage};
 use world::receiver::sbp::{Message, Vector, crc, frame};
 use world::receiver::{
@@ -14,9 +16,14 @@ use proptest::prelude::*;
 const STILL: Motion = Motion {
     north: 0.0,
     east: 0.0,
+    height: 1.0,
     north_speed: 0.0,
     east_speed: 0.0,
 };
+
+fn parameters() -> Parameters {
+    Parameters::of(uagv::vehicle().manifest().receiver.as_ref().unwrap())
+}
 
 fn exact() -> Parameters {
     Parameters {
@@ -25,7 +32,7 @@ fn exact() -> Parameters {
         latency_jitter: Time::new(0.0),
         clock: Some(Ppm::new(0.0)),
         phase: Some(Time::new(0.0)),
-        ..Parameters::default()
+        ..parameters()
     }
 }
 
@@ -68,6 +75,7 @@ fn the_values_survive_the_wire() {
     let motion = Motion {
         north: 12.345,
         east: -6.789,
+        height: 1.0,
         north_speed: 1.25,
         east_speed: -0.5,
     };
@@ -342,7 +350,7 @@ fn bytes_never_run_backwards() {
         fault(StreamFaultKind::Flood, 1.0),
         fault(StreamFaultKind::Truncate, 0.5),
     ];
-    let mut receiver = Receiver::new(Parameters::default(), faults, 4);
+    let mut receiver = Receiver::new(parameters(), faults, 4);
     let mut last = world::SimTime::from_ticks(0);
     for _ in 0..10 {
         for byte in receiver.measure(&STILL, Fix::Fixed) {

@@ -1,5 +1,7 @@
 //! The report on made-up runs whose figures can be worked out by hand.
 
+mod uagv;
+
 use std::time::Duration;
 
 use world::receiver::Fix;
@@ -8,7 +10,7 @@ use world::report::{
     states_csv, terminal, track_svg,
 };
 use world::time::{at, from_seconds};
-use world::{EffortChange, Node, Scenario, SimDuration, SimTime, StateSample};
+use world::{EffortChange, NodeIndex, Scenario, SimDuration, SimTime, StateSample};
 
 const BIT: SimDuration = SimDuration::from_ticks(4_000_000);
 
@@ -60,6 +62,7 @@ fn window(id: u16, start: f64, kind: WindowKind, due: Due) -> Window {
 /// Everything that a run refers to.
 struct Made {
     scenario: Scenario,
+    nodes: Vec<String>,
     duration: f64,
     states: Vec<StateSample>,
     efforts: Vec<EffortChange>,
@@ -72,7 +75,8 @@ struct Made {
 impl Made {
     fn new(scenario: &str, duration: f64) -> Self {
         Self {
-            scenario: Scenario::parse("made", "made", scenario).unwrap(),
+            scenario: Scenario::parse(&uagv::vehicle(), "made", "made", scenario).unwrap(),
+            nodes: uagv::ALL.map(uagv::name).to_vec(),
             duration,
             states: Vec::new(),
             efforts: Vec::new(),
@@ -86,6 +90,7 @@ impl Made {
     fn run(&self) -> Run<'_> {
         Run {
             scenario: &self.scenario,
+            nodes: &self.nodes,
             seed: 42,
             duration: from_seconds(self.duration),
             states: &self.states,
@@ -107,7 +112,7 @@ impl Made {
         });
     }
 
-    fn effort(&mut self, time: f64, node: Node, effort: f64) {
+    fn effort(&mut self, time: f64, node: NodeIndex, effort: f64) {
         self.efforts.push(EffortChange {
             at: at(from_seconds(time)),
             node,
@@ -176,8 +181,8 @@ fn the_error_is_measured_from_the_line() {
         from = { north = "3 m", east = "0 m" }
         to = { north = "3 m", east = "100 m" }
     "#;
-    made.scenario = Scenario::parse("made", "made", text).unwrap();
-    let (along, error) = made.scenario.line.locate(1.0, 7.0);
+    made.scenario = Scenario::parse(&uagv::vehicle(), "made", "made", text).unwrap();
+    let (along, error) = made.scenario.line.unwrap().locate(1.0, 7.0);
     assert!(
         (along - 7.0).abs() < 1e-12 && (error - 2.0).abs() < 1e-12,
         "{along} {error}"
@@ -212,11 +217,11 @@ fn stops_are_timed_from_the_event() {
          [[reset]]\nnode = \"drive\"\nat = \"6 s\"\n[[fix]]\nat = \"50 s\"\nstate = \"none\"\n",
         8.0,
     );
-    made.effort(1.0, Node::Steering, 0.3);
-    made.effort(1.0, Node::Drive, 0.5);
-    made.effort(2.150, Node::Drive, 0.0);
-    made.effort(2.190, Node::Steering, 0.0);
-    made.effort(6.5, Node::Drive, 0.5);
+    made.effort(1.0, uagv::STEERING, 0.3);
+    made.effort(1.0, uagv::DRIVE, 0.5);
+    made.effort(2.150, uagv::DRIVE, 0.0);
+    made.effort(2.190, uagv::STEERING, 0.0);
+    made.effort(6.5, uagv::DRIVE, 0.5);
     let summary = Summary::of(&made.run());
     let stops: Vec<(&str, Option<f64>)> = summary
         .stops
@@ -396,7 +401,7 @@ fn an_empty_run_has_a_report() {
     let made = Made::new("", 1.0);
     let summary = Summary::of(&made.run());
     assert!(terminal(&summary, None).contains("no autonomous run"));
-    let text = track_svg(&made.run(), &summary);
+    let text = track_svg(&made.run(), &summary).unwrap();
     roxmltree::Document::parse(&text).unwrap();
 }
 
@@ -405,7 +410,7 @@ fn complete() -> Made {
     let traffic = traffic();
     (made.frames, made.windows) = (traffic.frames, traffic.windows);
     made.tasks.push(TaskTime {
-        node: Node::Steering,
+        node: "steering".to_owned(),
         task: "can_receive".to_owned(),
         runs: 321,
         longest_cycles: 720,
@@ -428,7 +433,7 @@ fn the_table_of_states() {
     let mut made = driven();
     made.states.truncate(2);
     assert_eq!(
-        states_csv(&made.run()),
+        states_csv(&made.run()).unwrap(),
         "time_s,north_m,east_m,heading_deg,steering_angle_deg,speed_m_s,along_m,\
          cross_track_error_m,heading_error_deg,steering_effort,drive_effort,fix\n\
          0.00,0.0000,1.0000,5.730,-11.459,1.0000,0.0000,1.0000,5.730,0.0000,0.5000,fixed\n\
@@ -442,7 +447,7 @@ fn the_picture_is_svg_with_everything_inside() {
     made.scenario.name = "a < b & \"c\"".to_owned();
     made.states[5].fix = Fix::Single;
     let summary = Summary::of(&made.run());
-    let text = track_svg(&made.run(), &summary);
+    let text = track_svg(&made.run(), &summary).unwrap();
     let document = roxmltree::Document::parse(&text).unwrap();
     let root = document.root_element();
     let size = |name: &str| root.attribute(name).unwrap().parse::<f64>().unwrap();

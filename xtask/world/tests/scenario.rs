@@ -1,10 +1,22 @@
 //! Scenario files: what is refused, and with which sentence.
 
+mod uagv;
+
 use proptest::prelude::*;
-use world::Scenario;
+use world::time::{at, from_seconds};
+use world::vehicle::Parameters;
+use world::{Analog, Device, Scenario, World};
+
+fn machine(scenario: &Scenario) -> &Parameters {
+    scenario.vehicle.as_ref().unwrap()
+}
+
+fn receiver(scenario: &Scenario) -> &world::receiver::Parameters {
+    scenario.receiver.as_ref().unwrap()
+}
 
 fn sentence(text: &str) -> String {
-    Scenario::parse("field", "field.toml", text)
+    Scenario::parse(&uagv::vehicle(), "field", "field.toml", text)
         .unwrap_err()
         .to_string()
 }
@@ -96,8 +108,12 @@ fn every_mistake_has_its_sentence() {
 
 #[test]
 fn names_and_files_that_are_not_there() {
-    let sentence = |name: &str| Scenario::find(name).unwrap_err().to_string();
-    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight": name one of straight-line, five-metres-off, calibration, gps-lost, master-dead or the path of a TOML file"#);
+    let sentence = |name: &str| {
+        Scenario::find(&uagv::vehicle(), name)
+            .unwrap_err()
+            .to_string()
+    };
+    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight": name one of calibration, five-metres-off, gps-lost, master-dead, straight-line or the path of a TOML file"#);
     insta::assert_snapshot!(sentence("no/such.toml"), @"scenario no/such.toml cannot be read: there is no such file");
 }
 
@@ -106,13 +122,13 @@ fn a_file_is_named_after_its_stem() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("headland.toml");
     std::fs::write(&path, "duration = \"2 min\"\n").unwrap();
-    let scenario = Scenario::find(path.to_str().unwrap()).unwrap();
+    let scenario = Scenario::find(&uagv::vehicle(), path.to_str().unwrap()).unwrap();
     assert_eq!(
         (scenario.name.as_str(), scenario.duration.get()),
         ("headland", 120.0)
     );
     std::fs::write(&path, [0xFF, 0xFE]).unwrap();
-    let error = Scenario::find(path.to_str().unwrap())
+    let error = Scenario::find(&uagv::vehicle(), path.to_str().unwrap())
         .unwrap_err()
         .to_string();
     assert!(
@@ -122,10 +138,10 @@ fn a_file_is_named_after_its_stem() {
 }
 
 #[test]
-fn an_empty_file_is_the_thesiss_vehicle_at_rest() {
-    let scenario = Scenario::parse("empty", "empty", "").unwrap();
-    assert_eq!(scenario.vehicle.wheelbase(), 1.10);
-    assert_eq!(scenario.line.length(), 243.0);
+fn an_empty_file_is_the_manifests_vehicle_at_rest() {
+    let scenario = Scenario::parse(&uagv::vehicle(), "empty", "empty", "").unwrap();
+    assert_eq!(machine(&scenario).wheelbase(), 1.10);
+    assert_eq!(scenario.line.unwrap().length(), 243.0);
     assert_eq!(scenario.start.speed.get(), 0.0);
 }
 
@@ -141,8 +157,8 @@ fn the_loaded_vehicle_of_the_experiments_can_be_described() {
         [receiver]
         heading_bias = "1 deg"
     "#;
-    let scenario = Scenario::parse("loaded", "loaded", text).unwrap();
-    assert_eq!(scenario.vehicle.actuator_gain.get(), 0.6);
+    let scenario = Scenario::parse(&uagv::vehicle(), "loaded", "loaded", text).unwrap();
+    assert_eq!(machine(&scenario).actuator_gain.get(), 0.6);
     assert!((scenario.ground.slope.get().to_degrees() - 3.0).abs() < 1e-12);
 }
 
@@ -156,21 +172,156 @@ fn the_example_of_the_description_reads() {
         .split("```")
         .next()
         .unwrap();
-    let scenario = Scenario::parse("example", "SCENARIOS.md", example).unwrap();
+    let scenario = Scenario::parse(&uagv::vehicle(), "example", "SCENARIOS.md", example).unwrap();
     // Where the description states a default it is the default.
-    let default = Scenario::parse("empty", "empty", "").unwrap();
-    assert_eq!(scenario.vehicle.drive_lag, default.vehicle.drive_lag);
+    let default = Scenario::parse(&uagv::vehicle(), "empty", "empty", "").unwrap();
+    assert_eq!(machine(&scenario).drive_lag, machine(&default).drive_lag);
     assert_eq!(scenario.ground.rear_slip, default.ground.rear_slip);
-    assert_eq!(scenario.receiver.base, default.receiver.base);
-    assert_eq!(scenario.receiver.latency, default.receiver.latency);
-    assert_eq!((scenario.line, scenario.lcd), (default.line, default.lcd));
+    assert_eq!(receiver(&scenario).base, receiver(&default).base);
+    assert_eq!(receiver(&scenario).latency, receiver(&default).latency);
+    assert_eq!(
+        (scenario.line, scenario.lcd.clone()),
+        (default.line, default.lcd.clone())
+    );
     assert_eq!((scenario.press.len(), scenario.bus.len()), (1, 3));
+}
+
+#[test]
+fn every_scenario_of_the_folder_reads_and_says_what_it_shows() {
+    let listed = Scenario::list(&uagv::vehicle()).unwrap();
+    assert_eq!(listed.len(), 5);
+    for scenario in listed {
+        let found = uagv::find(&scenario.name);
+        assert_eq!(
+            (found.name, found.summary.clone()),
+            (scenario.name, scenario.summary)
+        );
+        assert!(!found.summary.is_empty());
+    }
+    assert_eq!(uagv::find("thesis-7/loaded").name, "loaded");
+}
+
+#[test]
+fn what_the_file_leaves_out_is_the_manifests() {
+    let changed = uagv::changed(&[
+        (
+            "rear_to_antenna = \"0.255 m\"",
+            "rear_to_antenna = \"0.5 m\"",
+        ),
+        ("antenna_right = \"0 m\"", "antenna_right = \"-0.2 m\""),
+        ("full_speed = \"2 m/s\"", "full_speed = \"3 m/s\""),
+        (
+            "full_byte_is_forward = true",
+            "full_byte_is_forward = false",
+        ),
+        ("latency = \"40 ms\"", "latency = \"60 ms\""),
+        ("period = \"100 ms\"", "period = \"200 ms\""),
+        (
+            "north = \"243 m\"\neast = \"0 m\"",
+            "north = \"0 m\"\neast = \"50 m\"",
+        ),
+    ]);
+    let text = "vehicle = { antenna_right = \"0.1 m\" }";
+    let scenario = Scenario::parse(&changed, "t", "t", text).unwrap();
+    let machine = machine(&scenario);
+    assert_eq!(machine.rear_to_antenna.get(), 0.5);
+    assert_eq!(machine.antenna_right.get(), 0.1);
+    assert_eq!(machine.top_speed.get(), 3.0);
+    assert!(machine.steering_reversed && machine.drive_reversed);
+    let receiver = receiver(&scenario);
+    assert_eq!((receiver.latency.get(), receiver.period.get()), (0.06, 0.2));
+    let line = scenario.line.unwrap();
+    assert_eq!((line.length(), line.direction().to_degrees()), (50.0, 90.0));
+    assert_eq!(scenario.start.heading.get().to_degrees(), 90.0);
+}
+
+/// Two boards without a machine, of the UAGV's network.
+fn boards() -> vehicle_model::Vehicle {
+    let network = std::fs::read_to_string(uagv::vehicle().network_file()).unwrap();
+    let node = |name: &str, board: &str, wiring: &str| {
+        format!("[[node]]\nname = {name:?}\nboard = {board:?}\nwiring = {{ {wiring} }}\n")
+    };
+    let manifest = [
+        "summary = \"boards\"\n".to_owned(),
+        node("gps", "f446", ""),
+        node("controller", "f446", ""),
+        node("steering", "f303", "pot = \"knob\""),
+        node("drive", "f303", "motor = \"bench-motor\""),
+    ];
+    vehicle_model::Vehicle::parse("boards", "boards".as_ref(), &manifest.concat(), &network)
+        .unwrap()
+}
+
+#[test]
+fn a_table_for_what_the_vehicle_lacks_is_refused() {
+    let sentence = |text: &str| {
+        let refused = Scenario::parse(&boards(), "t", "t", text).unwrap_err();
+        refused.to_string()
+    };
+    for (text, expected) in [
+        (
+            "[start]\neast = \"1 m\"",
+            "start: vehicle \"boards\" is without a machine",
+        ),
+        (
+            "[vehicle]",
+            "vehicle: vehicle \"boards\" is without a machine",
+        ),
+        ("[receiver]", "without a satellite receiver"),
+        (
+            "[[fix]]\nat = \"1 s\"\nstate = \"float\"",
+            "fix: vehicle \"boards\" is without",
+        ),
+        (
+            "[[press]]\nat = \"1 s\"\nbutton = \"C\"",
+            "without a device \"operator-switches\"",
+        ),
+        (
+            "[[knob]]\nnode = \"drive\"\nat = \"1 s\"\nposition = \"10 %\"",
+            "knob[0].node: no knob is wired to \"drive\"",
+        ),
+        (
+            "[[knob]]\nnode = \"steering\"\nat = \"1 s\"\nposition = \"110 %\"",
+            "knob[0].position",
+        ),
+    ] {
+        let told = sentence(text);
+        assert!(told.contains(expected), "{told}");
+    }
+    let scenario = Scenario::parse(&boards(), "t", "t", "").unwrap();
+    assert_eq!((scenario.line, scenario.vehicle), (None, None));
+}
+
+#[test]
+fn boards_without_a_machine_have_a_world() {
+    let text = "[[knob]]\nnode = \"steering\"\nat = \"1 s\"\nposition = \"100 %\"";
+    let scenario = Scenario::parse(&boards(), "t", "t", text).unwrap();
+    let mut world = World::new(&boards(), &scenario, 1);
+    assert_eq!(
+        world.analogs(),
+        [(uagv::STEERING, Analog::Knob(uagv::STEERING))]
+    );
+    let second = |time: f64| at(from_seconds(time));
+    let before = world.adc(Analog::Knob(uagv::STEERING), second(0.5));
+    let after = world.adc(Analog::Knob(uagv::STEERING), second(1.5));
+    assert!(
+        before.abs_diff(2048) < 10 && after > 4085,
+        "{before} {after}"
+    );
+    world.relay(uagv::DRIVE, true, second(0.1));
+    let end = second(0.1 + 10.0 / 38_400.0);
+    world.serial(uagv::DRIVE, Device::BenchMotor, 255, second(0.1), end);
+    world.advance_to(second(1.0));
+    assert_eq!(world.effort(uagv::DRIVE), 1.0);
+    assert_eq!(world.efforts().len(), 2);
+    assert!(world.states().is_empty() && world.machine().is_none());
 }
 
 proptest! {
     #[test]
     fn no_text_makes_the_reader_panic(text in "(\\PC|\n){0,200}") {
-        if let Err(error) = Scenario::parse("any", "any", &text) {
+        let vehicle = uagv::vehicle();
+        if let Err(error) = Scenario::parse(&vehicle, "any", "any", &text) {
             prop_assert!(!error.to_string().contains('\n'), "one sentence");
         }
     }

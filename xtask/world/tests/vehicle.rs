@@ -1,5 +1,7 @@
 //! The vehicle against closed forms, and within its limits whatever it is told.
 
+mod uagv;
+
 use proptest::prelude::*;
 use world::time::{at, from_seconds, seconds};
 use world::units::{Angle, Ratio, Speed, Time};
@@ -17,7 +19,7 @@ const REST: State = State {
 fn ideal() -> (Parameters, Ground) {
     let parameters = Parameters {
         drive_lag: Time::new(0.0),
-        ..Parameters::default()
+        ..uagv::parameters()
     };
     let ground = Ground {
         front_slip: "0 deg/g".parse().unwrap(),
@@ -110,7 +112,7 @@ fn each_direction_has_its_dead_band() {
         (0.55, 12.5),
         (-0.56, -12.5),
     ] {
-        let mut vehicle = Vehicle::new(Parameters::default(), Ground::default(), REST);
+        let mut vehicle = Vehicle::new(uagv::parameters(), Ground::default(), REST);
         drive_for(&mut vehicle, 0.4, effort, 0.0);
         let turned = vehicle.state().steering.to_degrees();
         assert!(near(turned, 0.4 * rate, 1e-9), "{effort}: {turned}");
@@ -119,7 +121,7 @@ fn each_direction_has_its_dead_band() {
 
 #[test]
 fn the_end_stops_hold() {
-    let mut vehicle = Vehicle::new(Parameters::default(), Ground::default(), REST);
+    let mut vehicle = Vehicle::new(uagv::parameters(), Ground::default(), REST);
     drive_for(&mut vehicle, 3.0, 1.0, 0.0);
     assert_eq!(vehicle.state().steering, 25_f64.to_radians());
     drive_for(&mut vehicle, 0.2, -1.0, 0.0);
@@ -131,7 +133,7 @@ fn the_end_stops_hold() {
 
 #[test]
 fn the_drive_lags() {
-    let mut vehicle = Vehicle::new(Parameters::default(), Ground::default(), REST);
+    let mut vehicle = Vehicle::new(uagv::parameters(), Ground::default(), REST);
     drive_for(&mut vehicle, 0.3, 0.0, 1.0);
     assert!(near(
         vehicle.state().speed,
@@ -147,7 +149,7 @@ fn the_drive_lags() {
 
 #[test]
 fn an_effort_counts_from_its_instant() {
-    let mut vehicle = Vehicle::new(Parameters::default(), Ground::default(), REST);
+    let mut vehicle = Vehicle::new(uagv::parameters(), Ground::default(), REST);
     let sent = at(from_seconds(0.123_456_7));
     vehicle.set_effort(sent, Motor::Steering, 1.0);
     let later = vehicle.state_at(at(from_seconds(0.323_456_7)));
@@ -247,7 +249,7 @@ proptest! {
         let parameters = Parameters {
             actuator_gain: Ratio::new(gain),
             top_speed: Speed::new(2.0),
-            ..Parameters::default()
+            ..uagv::parameters()
         };
         let ground = Ground { slope: Angle::degrees(slope), ..Ground::default() };
         let mut vehicle = Vehicle::new(parameters, ground, REST);

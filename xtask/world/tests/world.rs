@@ -1,13 +1,16 @@
 //! The world as the nodes see it.
 
+mod uagv;
+
 use proptest::prelude::*;
 use world::time::{after, at, from_seconds, seconds};
 use world::{
-    Analog, Disturbance, Effect, Input, Node, Output, Port, Scenario, SimDuration, SimTime, World,
+    Analog, Device, Disturbance, Effect, Input, NodeIndex, Output, Scenario, SimDuration, SimTime,
+    World,
 };
 
 fn scenario(text: &str) -> Scenario {
-    Scenario::parse("test", "test", text).unwrap()
+    uagv::scenario(text)
 }
 
 fn everything(world: &mut World) -> Vec<Output> {
@@ -15,17 +18,22 @@ fn everything(world: &mut World) -> Vec<Output> {
 }
 
 fn until(text: &str, end: f64) -> Vec<Output> {
-    let mut world = World::new(&scenario(text), 1);
+    let mut world = World::new(&uagv::vehicle(), &scenario(text), 1);
     world.advance_to(at(from_seconds(end)));
     everything(&mut world)
 }
 
 /// Closes the relay, sends a byte at 38400 baud and returns the end of its stop bit.
-fn send(world: &mut World, node: Node, byte: u8, start: f64) -> SimTime {
+fn send(world: &mut World, node: NodeIndex, byte: u8, start: f64) -> SimTime {
     let start = at(from_seconds(start));
     let end = after(start, from_seconds(10.0 / 38_400.0));
     world.relay(node, true, start);
-    world.serial(node, Port::Motor, byte, start, end);
+    let device = if node == uagv::STEERING {
+        Device::SteeringMotor
+    } else {
+        Device::DriveMotor
+    };
+    world.serial(node, device, byte, start, end);
     end
 }
 
@@ -38,6 +46,7 @@ fn a_press_bounces_and_settles() {
             Effect::Level {
                 input: Input::JoystickSwitch,
                 high,
+                ..
             } => Some((seconds(output.at), high)),
             _ => None,
         })
@@ -60,8 +69,51 @@ fn a_press_bounces_and_settles() {
 }
 
 #[test]
+fn a_toggling_remote_changes_its_level_at_each_press() {
+    let toggle = uagv::changed(&[("remote = \"momentary\"", "remote = \"toggle\"")]);
+    let text = "[[press]]\nat = \"1 s\"\nbutton = \"C\"\n\
+                [[press]]\nat = \"3 s\"\nbutton = \"C\"\n\
+                [[press]]\nat = \"2 s\"\nbutton = \"J\"\nbounce = \"0 ms\"\n";
+    let scenario = Scenario::parse(&toggle, "t", "t", text).unwrap();
+    let mut world = World::new(&toggle, &scenario, 1);
+    world.advance_to(at(from_seconds(4.0)));
+    let levels: Vec<(f64, Input, bool)> = everything(&mut world)
+        .iter()
+        .filter_map(|output| match output.what {
+            Effect::Level { input, high, .. } => Some((seconds(output.at), input, high)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(
+        levels,
+        [
+            (1.0, Input::RemoteC, true),
+            (2.0, Input::JoystickSwitch, false),
+            (2.2, Input::JoystickSwitch, true),
+            (3.0, Input::RemoteC, false),
+        ]
+    );
+}
+
+#[test]
+fn the_receiver_measures_its_antenna_beside_the_centre_line() {
+    let beside = uagv::changed(&[("antenna_right = \"0 m\"", "antenna_right = \"0.4 m\"")]);
+    let text = "[start]\nnorth = \"3 m\"\neast = \"1 m\"\nheading = \"90 deg\"\n";
+    let scenario = Scenario::parse(&beside, "t", "t", text).unwrap();
+    let mut world = World::new(&beside, &scenario, 1);
+    world.advance_to(at(from_seconds(0.1)));
+    let antenna = world.machine().unwrap().antenna();
+    // Heading east, right of the vehicle is south.
+    assert!((antenna.north - 2.6).abs() < 1e-9 && (antenna.east - 1.0).abs() < 1e-9);
+    assert_eq!(antenna.height, 1.0);
+    // What is judged is the vehicle's way, not its antenna's.
+    let judged = world.states()[0];
+    assert!((judged.north - 3.0).abs() < 1e-9 && (judged.east - 1.0).abs() < 1e-9);
+}
+
+#[test]
 fn idle_levels_are_those_of_the_wiring() {
-    let world = World::new(&scenario(""), 1);
+    let world = World::new(&uagv::vehicle(), &scenario(""), 1);
     for input in Input::ALL {
         assert_eq!(
             world.level(input),
@@ -73,7 +125,11 @@ fn idle_levels_are_those_of_the_wiring() {
 
 #[test]
 fn the_stop_loop_is_high_when_open() {
-    let mut world = World::new(&scenario("[[stop_loop]]\nat = \"1 s\"\nopen = true\n"), 1);
+    let mut world = World::new(
+        &uagv::vehicle(),
+        &scenario("[[stop_loop]]\nat = \"1 s\"\nopen = true\n"),
+        1,
+    );
     world.advance_to(at(from_seconds(1.0)));
     assert!(world.level(Input::StopLoop));
 }
@@ -127,7 +183,7 @@ fn resets_and_bus_events_come_at_their_times() {
             (
                 100,
                 Effect::Reset {
-                    node: Node::Drive,
+                    node: uagv::DRIVE,
                     held: true
                 }
             ),
@@ -135,7 +191,7 @@ fn resets_and_bus_events_come_at_their_times() {
             (
                 300,
                 Effect::Reset {
-                    node: Node::Drive,
+                    node: uagv::DRIVE,
                     held: false
                 }
             ),
@@ -146,63 +202,63 @@ fn resets_and_bus_events_come_at_their_times() {
 #[test]
 fn clocks_are_drawn_or_given() {
     let text = "[nodes.gps]\ncrystal = \"12.5 ppm\"\n[nodes.drive]\nexternal = false\n";
-    let world = World::new(&scenario(text), 3);
-    assert_eq!(world.crystal_ppm(Node::Gps), 12.5);
-    assert!(world.external_clock(Node::Gps) && !world.external_clock(Node::Drive));
-    let drawn: Vec<f64> = Node::ALL.map(|node| world.crystal_ppm(node)).to_vec();
+    let world = World::new(&uagv::vehicle(), &scenario(text), 3);
+    assert_eq!(world.crystal_ppm(uagv::GPS), 12.5);
+    assert!(world.external_clock(uagv::GPS) && !world.external_clock(uagv::DRIVE));
+    let drawn: Vec<f64> = uagv::ALL.map(|node| world.crystal_ppm(node)).to_vec();
     assert!(drawn.iter().all(|ppm| ppm.abs() <= 50.0), "{drawn:?}");
     assert!(drawn[1] != drawn[2] && drawn[2] != drawn[3]);
-    assert!(world.internal_ppm(Node::Drive).abs() <= 10_000.0);
+    assert!(world.internal_ppm(uagv::DRIVE).abs() <= 10_000.0);
     assert_ne!(
-        World::new(&scenario(text), 4).crystal_ppm(Node::Drive),
+        World::new(&uagv::vehicle(), &scenario(text), 4).crystal_ppm(uagv::DRIVE),
         drawn[3]
     );
 }
 
 #[test]
 fn motor_bytes_move_the_vehicle() {
-    let mut world = World::new(&scenario(""), 1);
-    let sent = send(&mut world, Node::Steering, 255, 0.5);
-    send(&mut world, Node::Drive, 127, 0.5);
+    let mut world = World::new(&uagv::vehicle(), &scenario(""), 1);
+    let sent = send(&mut world, uagv::STEERING, 255, 0.5);
+    send(&mut world, uagv::DRIVE, 127, 0.5);
     world.advance_to(at(from_seconds(1.0)));
     // 25 deg/s from the end of the byte on.
-    let steering = world.vehicle().state().steering.to_degrees();
+    let steering = world.machine().unwrap().state().steering.to_degrees();
     assert!(
         (steering - 25.0 * (1.0 - seconds(sent))).abs() < 1e-9,
         "{steering}"
     );
-    let efforts: Vec<(Node, u8, f64)> = world
+    let efforts: Vec<(NodeIndex, u8, f64)> = world
         .efforts()
         .iter()
         .map(|change| (change.node, change.byte, change.effort))
         .collect();
     assert_eq!(
         efforts,
-        [(Node::Steering, 255, 1.0), (Node::Drive, 127, 0.0)]
+        [(uagv::STEERING, 255, 1.0), (uagv::DRIVE, 127, 0.0)]
     );
     assert_eq!(world.states().len(), 101);
 }
 
 #[test]
 fn the_wrong_baud_rate_moves_nothing() {
-    let mut world = World::new(&scenario(""), 1);
+    let mut world = World::new(&uagv::vehicle(), &scenario(""), 1);
     let start = at(from_seconds(0.1));
     let end = after(start, from_seconds(10.0 / 115_200.0));
-    world.relay(Node::Drive, true, start);
-    world.serial(Node::Drive, Port::Motor, 255, start, end);
+    world.relay(uagv::DRIVE, true, start);
+    world.serial(uagv::DRIVE, Device::DriveMotor, 255, start, end);
     world.advance_to(at(from_seconds(1.0)));
-    assert_eq!(world.effort(Node::Drive), 0.0);
+    assert_eq!(world.effort(uagv::DRIVE), 0.0);
     assert_eq!(world.counters().motor_wrong_baud, 1);
 }
 
 #[test]
 fn the_display_answers_after_its_delay() {
-    let mut world = World::new(&scenario("[lcd]\ndelay = \"1 ms\"\n"), 1);
+    let mut world = World::new(&uagv::vehicle(), &scenario("[lcd]\ndelay = \"1 ms\"\n"), 1);
     let bit = 1.0 / 115_200.0;
     let mut start = 0.010;
     for byte in b"00Ghello\r" {
         let (from, to) = (from_seconds(start), from_seconds(start + 10.0 * bit));
-        world.serial(Node::Controller, Port::Lcd, *byte, at(from), at(to));
+        world.serial(uagv::CONTROLLER, Device::Display, *byte, at(from), at(to));
         start += 10.0 * bit;
     }
     world.advance_to(at(from_seconds(0.1)));
@@ -210,7 +266,7 @@ fn the_display_answers_after_its_delay() {
         .iter()
         .filter_map(|output| match output.what {
             Effect::Byte {
-                port: Port::Lcd,
+                device: Device::Display,
                 byte: 0x55,
                 ..
             } => Some(seconds(output.at)),
@@ -225,7 +281,7 @@ fn the_display_answers_after_its_delay() {
 #[test]
 fn the_joystick_reads_from_its_script() {
     let text = "[[joystick]]\nat = \"1 s\"\nright = \"-100 %\"\nforward = \"50 %\"\n";
-    let mut world = World::new(&scenario(text), 1);
+    let mut world = World::new(&uagv::vehicle(), &scenario(text), 1);
     let near = |reading: u16, expected: f64| (f64::from(reading) - expected).abs() <= 10.0;
     assert!(near(
         world.adc(Analog::JoystickX, at(from_seconds(0.9))),
@@ -243,7 +299,11 @@ fn the_joystick_reads_from_its_script() {
 
 #[test]
 fn a_reading_repeats() {
-    let mut world = World::new(&scenario("[vehicle]\npot_noise = \"20 counts\"\n"), 1);
+    let mut world = World::new(
+        &uagv::vehicle(),
+        &scenario("[vehicle]\npot_noise = \"20 counts\"\n"),
+        1,
+    );
     let when = |i: u32| at(from_seconds(f64::from(i) * 5e-3));
     let first: Vec<u16> = (0..200)
         .map(|i| world.adc(Analog::SteeringPot, when(i)))
@@ -260,7 +320,7 @@ fn a_reading_repeats() {
 
 #[test]
 fn the_fix_follows_the_scenario() {
-    let world = World::new(&Scenario::find("gps-lost").unwrap(), 1);
+    let world = World::new(&uagv::vehicle(), &uagv::find("gps-lost"), 1);
     let fix = |time: f64| world.fix(at(from_seconds(time))).name();
     assert_eq!(
         [fix(0.0), fix(19.99), fix(20.0), fix(40.0)],
@@ -270,11 +330,11 @@ fn the_fix_follows_the_scenario() {
 
 /// What a run looks like from outside when it is stepped at the given times.
 fn stepped(steps: &[f64], seed: u64) -> (Vec<Output>, Vec<u16>, String) {
-    let mut world = World::new(&Scenario::find("straight-line").unwrap(), seed);
+    let mut world = World::new(&uagv::vehicle(), &uagv::find("straight-line"), seed);
     let commands = [
-        (0.11, Node::Drive, 200),
-        (0.333, Node::Steering, 20),
-        (0.8, Node::Steering, 127),
+        (0.11, uagv::DRIVE, 200),
+        (0.333, uagv::STEERING, 20),
+        (0.8, uagv::STEERING, 127),
     ];
     for (start, node, byte) in commands {
         send(&mut world, node, byte, start);
@@ -314,7 +374,7 @@ proptest! {
 
     #[test]
     fn no_event_comes_before_it_is_announced(step in 0.001_f64..0.05) {
-        let mut world = World::new(&Scenario::find("straight-line").unwrap(), 1);
+        let mut world = World::new(&uagv::vehicle(), &uagv::find("straight-line"), 1);
         let mut time = 0.0;
         while time < 1.2 {
             let announced = world.next_event().unwrap();

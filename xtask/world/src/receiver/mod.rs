@@ -1,4 +1,4 @@
-//! The positioning receiver: a Piksi that measures the antenna ten times a second and sends each
+//! The positioning receiver: a Piksi that measures the antenna at a fixed period and sends each
 //! solution as a burst of SBP frames at 1 Mbaud (thesis 6.2.4.3).
 //!
 //! A burst holds what the receiver of 2016-17 sent with its factory settings: time, position,
@@ -12,18 +12,23 @@ mod stream;
 
 use libm::{cos, exp, round, sin, sqrt};
 
+pub(crate) use parameters::Changes;
 pub use parameters::{Base, Fix, FixChange, Parameters, StreamFault, StreamFaultKind};
 
 use crate::random::{Purpose, Stream};
 use crate::time::Span as _;
 use crate::time::{PER_SECOND, SimDuration, SimTime, after, from_seconds, seconds};
+use crate::units::Time;
 use crate::vehicle::Motion;
 use earth::Geodetic;
 use sbp::{Accuracy, Message, Vector};
 use stream::Damage;
 
-/// Time between solutions.
-pub const PERIOD: SimDuration = SimDuration::from_ticks(PER_SECOND / 10);
+/// Frames and bytes of a burst without a heartbeat.
+const BURST: (u32, u32) = (11, 296);
+
+/// Baud rate of the serial line.
+const BAUD: u32 = 1_000_000;
 
 /// Bits of a byte on the serial line: start, eight data, stop.
 const BITS: u64 = 10;
@@ -43,8 +48,8 @@ const LEAP_SECONDS: u64 = 17;
 /// Time constant of the slowly wandering error of a float or single solution, seconds.
 const WANDER: f64 = 60.0;
 
-/// Height of the antenna above the base station, metres.
-const HEIGHT: f64 = -1.2;
+/// Height of the ground above the base station's antenna, metres.
+const GROUND: f64 = 0.2;
 
 /// A byte on the line.
 #[derive(Copy, Clone, Debug, PartialEq, Eq)]
@@ -64,9 +69,10 @@ struct Wander {
 }
 
 impl Wander {
-    fn next(&mut self, constant: f64, noise: &mut Stream) -> f64 {
+    /// The value `step` seconds after the last one.
+    fn next(&mut self, step: f64, constant: f64, noise: &mut Stream) -> f64 {
         let keep = if constant > 0.0 && self.started {
-            exp(-0.1 / constant)
+            exp(-step / constant)
         } else {
             0.0
         };
@@ -80,6 +86,7 @@ impl Wander {
 #[derive(Clone, Debug)]
 pub struct Receiver {
     parameters: Parameters,
+    period: SimDuration,
     base: Geodetic,
     timing: Stream,
     noise: Stream,
@@ -96,12 +103,12 @@ pub struct Receiver {
 
 impl Receiver {
     /// A receiver that has been running before the nodes start: its first solution falls into
-    /// the first 100 ms.
+    /// the first period.
     #[must_use]
     pub fn new(parameters: Parameters, faults: Vec<StreamFault>, seed: u64) -> Self {
         let mut timing = Stream::new(seed, Purpose::ReceiverTiming);
         let drawn_ppm = timing.symmetric(20.0);
-        let drawn_phase = timing.uniform() * 0.1;
+        let drawn_phase = timing.uniform() * parameters.period.get();
         let clock_ppm = parameters
             .clock
             .map_or(drawn_ppm, crate::units::Quantity::get);
@@ -110,8 +117,9 @@ impl Receiver {
                 .phase
                 .map_or(drawn_phase, crate::units::Quantity::get),
         );
-        let bit = 1e-6 / (1.0 + clock_ppm * 1e-6);
+        let bit = 1.0 / f64::from(BAUD) / (1.0 + clock_ppm * 1e-6);
         Self {
+            period: parameters.period.span(),
             base: Geodetic {
                 latitude: parameters.base.latitude.get(),
                 longitude: parameters.base.longitude.get(),
@@ -186,34 +194,36 @@ impl Receiver {
         bytes
     }
 
-    /// Solutions are steered to whole tenths of GPS time; without satellites the receiver runs on
+    /// Solutions are steered to whole periods of GPS time; without satellites the receiver runs on
     /// its own clock, and returns to the grid when they come back.
     fn advance_epoch(&mut self, fix: Fix) {
         self.count += 1;
-        let step = PERIOD.as_ticks() as f64;
+        let step = self.period.as_ticks() as f64;
         self.epoch = if fix == Fix::None {
             let own = step * (1.0 - self.clock_ppm * 1e-6);
             SimTime::from_ticks(self.epoch.as_ticks() + own.round() as u64)
         } else {
-            SimTime::from_ticks(self.phase.as_ticks() + (self.tenths() + 1) * PERIOD.as_ticks())
+            SimTime::from_ticks(
+                self.phase.as_ticks() + (self.periods() + 1) * self.period.as_ticks(),
+            )
         };
     }
 
-    /// Whole tenths of GPS time since the first solution, to the nearest.
-    fn tenths(&self) -> u64 {
+    /// Whole periods of GPS time since the first solution, to the nearest.
+    fn periods(&self) -> u64 {
         let past = self.epoch.as_ticks().saturating_sub(self.phase.as_ticks());
-        (past + PERIOD.as_ticks() / 2) / PERIOD.as_ticks()
+        (past + self.period.as_ticks() / 2) / self.period.as_ticks()
     }
 
-    /// Time of week of the current epoch, milliseconds: a whole tenth of a second.
+    /// Time of week of the current epoch, milliseconds: a whole number of periods.
     fn tow(&self) -> u32 {
-        (TOW + self.tenths() * 100) as u32
+        (TOW + self.periods() * self.period.as_ticks() / (PER_SECOND / 1000)) as u32
     }
 
     fn solution(&mut self, antenna: &Motion, fix: Fix) -> Vec<Message> {
         let tow = self.tow();
         let noise = self.errors_now(fix);
-        let true_position = [antenna.north, antenna.east, HEIGHT];
+        let true_position = [antenna.north, antenna.east, -(antenna.height + GROUND)];
         let position = [0, 1, 2].map(|i| true_position[i] + noise.position[i]);
         let (s, c) = (
             sin(self.parameters.heading_bias.get()),
@@ -320,7 +330,8 @@ impl Receiver {
                 age: if fix.has_baseline() { 10 } else { u16::MAX },
             },
         ];
-        if self.count.is_multiple_of(10) {
+        let per_second = (PER_SECOND / self.period.as_ticks()).max(1);
+        if self.count.is_multiple_of(per_second) {
             messages.push(Message::Heartbeat(0));
         }
         messages
@@ -329,15 +340,16 @@ impl Receiver {
     /// Draws the errors of one solution. The same numbers are drawn in every fix state, so that
     /// losing the fix does not change the noise of the rest of the run.
     fn errors_now(&mut self, fix: Fix) -> Errors {
+        let step = self.parameters.period.get();
         let constant = self.parameters.correlation.get();
         let fast = self
             .errors
             .each_mut()
-            .map(|e| e.next(constant, &mut self.noise));
+            .map(|e| e.next(step, constant, &mut self.noise));
         let slow = self
             .slow
             .each_mut()
-            .map(|e| e.next(WANDER, &mut self.noise));
+            .map(|e| e.next(step, WANDER, &mut self.noise));
         let fixed = self.parameters.noise.get();
         let (own, wander) = match fix {
             Fix::Fixed => (fixed, 0.0),
@@ -384,6 +396,14 @@ fn utc(tow: u32, solved: bool) -> Message {
     }
 }
 
+/// The pause between two frames with which a burst without a heartbeat lasts so long; none when
+/// its bytes alone last longer.
+fn frame_gap(burst: Time) -> Time {
+    let (frames, bytes) = BURST;
+    let line = f64::from(bytes) * BITS as f64 / f64::from(BAUD);
+    Time::new(((burst.get() - line) / f64::from(frames - 1)).max(0.0))
+}
+
 /// Length of the longest burst without faults, seconds, for a receiver with `parameters`.
 #[must_use]
 pub fn burst_seconds(parameters: &Parameters) -> f64 {
@@ -391,6 +411,7 @@ pub fn burst_seconds(parameters: &Parameters) -> f64 {
     let still = Motion {
         north: 0.0,
         east: 0.0,
+        height: 0.0,
         north_speed: 0.0,
         east_speed: 0.0,
     };

@@ -2,29 +2,31 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::changes::changes;
 use crate::units::{Angle, Length, Ppm, Ratio, Speed, Time};
 
-/// The receiver. Every field may be left out of a scenario.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+/// The receiver.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Parameters {
+    /// Time between two measurements, 50 ms to 1 s.
+    pub period: Time,
     /// Standard deviation of a fixed position, each coordinate, 0 to 1 m. Default 1 cm.
     pub noise: Length,
     /// Standard deviation of the velocity, each coordinate, 0 to 1 m/s. Default 1 cm/s.
     pub velocity_noise: Speed,
     /// Time constant of the noise, 0 to 600 s. Default 0 s: white.
     pub correlation: Time,
-    /// Measurement to first byte, 0 to 90 ms. Default 40 ms.
+    /// Measurement to first byte, 0 to 250 ms.
     pub latency: Time,
     /// Latency added at random, between nothing and this, 0 to 10 ms. Default 100 us.
     pub latency_jitter: Time,
-    /// Pause between two frames of a burst, 0 to 1 ms. Default 19 us.
+    /// Pause between two frames of a burst, 0 to 10 ms.
     pub frame_gap: Time,
     /// Rotation of the velocity vector that the receiver reports, -10 to 10 deg. Default 0 deg.
     pub heading_bias: Angle,
-    /// Error of the receiver's clock, -100 to 100 ppm; drawn within 20 ppm when left out.
+    /// Error of the receiver's clock, -100 to 100 ppm; drawn within 20 ppm when `None`.
     pub clock: Option<Ppm>,
-    /// Start of the run to first measurement, 0 to 100 ms; drawn when left out.
+    /// Start of the run to first measurement, 0 to a period; drawn when `None`.
     pub phase: Option<Time>,
     /// Fix at the start of the run. Default fixed.
     pub fix: Fix,
@@ -32,21 +34,43 @@ pub struct Parameters {
     pub base: Base,
 }
 
-impl Default for Parameters {
-    fn default() -> Self {
+impl Parameters {
+    /// A receiver as a manifest describes it; what a manifest does not say has the defaults
+    /// that the fields state.
+    #[must_use]
+    pub fn of(receiver: &vehicle_model::manifest::Receiver) -> Self {
         Self {
+            period: receiver.period,
             noise: Length::new(0.01),
             velocity_noise: Speed::new(0.01),
             correlation: Time::new(0.0),
-            latency: Time::new(0.04),
+            latency: receiver.latency,
             latency_jitter: Time::new(100e-6),
-            frame_gap: Time::new(19e-6),
+            frame_gap: super::frame_gap(receiver.burst),
             heading_bias: Angle::degrees(0.0),
             clock: None,
             phase: None,
             fix: Fix::Fixed,
             base: Base::default(),
         }
+    }
+}
+
+changes! {
+    /// What a scenario changes of the receiver that the manifest describes.
+    pub(crate) struct Changes of Parameters {
+        noise: Length,
+        velocity_noise: Speed,
+        correlation: Time,
+        latency: Time,
+        latency_jitter: Time,
+        frame_gap: Time,
+        heading_bias: Angle,
+        fix: Fix,
+        base: Base,
+    } optional {
+        clock: Ppm,
+        phase: Time,
     }
 }
 

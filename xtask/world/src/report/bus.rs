@@ -217,7 +217,8 @@ fn takeovers(run: &Run, cycles: &[Cycle]) -> Vec<TakeoverFigures> {
             continue;
         };
         let sender = rank(last.reference.id).map(|rank| references[rank].sender.as_str());
-        if sender != Some(reset.node.name()) || died > last.end || died > at(run.duration) {
+        let master = run.nodes[reset.node.0].as_str();
+        if sender != Some(master) || died > last.end || died > at(run.duration) {
             continue;
         }
         let next = cycles.get(index + 1);
@@ -227,15 +228,16 @@ fn takeovers(run: &Run, cycles: &[Cycle]) -> Vec<TakeoverFigures> {
                 .zip(rank(last.reference.id))
                 .map_or(1, |(next, last)| next.saturating_sub(last))
         });
-        let others = run.windows.iter().filter(|window| {
-            window.kind == WindowKind::Exclusive && window.sender != reset.node.name()
-        });
+        let others = run
+            .windows
+            .iter()
+            .filter(|window| window.kind == WindowKind::Exclusive && window.sender != master);
         let near = cycles
             .get(index..cycles.len().min(index + 2))
             .unwrap_or_default();
         let windows_lost = others.map(|window| missed(window, near, run)).sum();
         takeovers.push(TakeoverFigures {
-            master: reset.node.name().to_owned(),
+            master: master.to_owned(),
             at_seconds: rounded(crate::time::seconds(died), 6),
             next_reference_after_us: next.map(|next| {
                 rounded(

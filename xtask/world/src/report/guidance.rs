@@ -1,8 +1,9 @@
 //! How the vehicle followed the line, and how it stopped.
 
+use std::collections::BTreeMap;
+
 use super::Run;
 use super::summary::{AutonomousRun, StopFigures, rounded};
-use crate::node::Node;
 use crate::receiver::Fix;
 use crate::record::StateSample;
 use crate::time::Span as _;
@@ -36,9 +37,12 @@ pub(super) fn autonomous_spans(run: &Run) -> Vec<(SimTime, SimTime)> {
 
 /// Time and cross-track error of each state.
 pub(super) fn errors<'a>(run: &'a Run) -> impl Iterator<Item = (f64, f64)> + 'a {
-    run.states.iter().map(|state| {
-        let (_, error) = run.scenario.line.locate(state.north, state.east);
-        (seconds(state.at), error)
+    let line = run.scenario.line.iter();
+    line.flat_map(|line| {
+        run.states.iter().map(|state| {
+            let (_, error) = line.locate(state.north, state.east);
+            (seconds(state.at), error)
+        })
     })
 }
 
@@ -117,14 +121,13 @@ pub(super) fn autonomous_runs(run: &Run) -> Vec<AutonomousRun> {
         .collect()
 }
 
-/// Whether a motor stands still at `when`, and when its effort changes next.
-fn effort_at(run: &Run, node: Node, when: SimTime) -> bool {
-    run.efforts
-        .iter()
-        .take_while(|change| change.at <= when)
-        .filter(|change| change.node == node)
-        .last()
-        .is_none_or(|change| change.effort == 0.0)
+/// Whether all motors stand still at `when`.
+fn standing(run: &Run, when: SimTime) -> bool {
+    let mut efforts = BTreeMap::new();
+    for change in run.efforts.iter().take_while(|change| change.at <= when) {
+        efforts.insert(change.node, change.effort);
+    }
+    efforts.values().all(|effort| *effort == 0.0)
 }
 
 pub(super) fn stops(run: &Run) -> Vec<StopFigures> {
@@ -132,9 +135,13 @@ pub(super) fn stops(run: &Run) -> Vec<StopFigures> {
         .scenario
         .reset
         .iter()
-        .map(|reset| (at(reset.at.span()), format!("{} held in reset", reset.node)))
+        .map(|reset| {
+            let node = &run.nodes[reset.node.0];
+            (at(reset.at.span()), format!("{node} held in reset"))
+        })
         .collect();
-    let mut fix = run.scenario.receiver.fix;
+    let receiver = run.scenario.receiver.as_ref();
+    let mut fix = receiver.map_or(Fix::None, |receiver| receiver.fix);
     let mut changes = run.scenario.fix.clone();
     changes.sort_by(|a, b| a.at.get().total_cmp(&b.at.get()));
     for change in changes {
@@ -149,7 +156,6 @@ pub(super) fn stops(run: &Run) -> Vec<StopFigures> {
     events.sort();
     events.retain(|(when, _)| *when < at(run.duration));
 
-    let standing = |when| effort_at(run, Node::Steering, when) && effort_at(run, Node::Drive, when);
     let ends = events
         .iter()
         .skip(1)
@@ -163,7 +169,7 @@ pub(super) fn stops(run: &Run) -> Vec<StopFigures> {
             let stopped = [*when]
                 .into_iter()
                 .chain(moments.filter(|moment| moment > when && *moment < end))
-                .find(|moment| standing(*moment));
+                .find(|moment| standing(run, *moment));
             StopFigures {
                 event: event.clone(),
                 at_seconds: rounded(seconds(*when), 6),

@@ -14,7 +14,6 @@ mod summary;
 mod terminal;
 mod track;
 
-use crate::node::Node;
 use crate::record::{EffortChange, StateSample};
 use crate::scenario::Scenario;
 use crate::time::{SimDuration, SimTime};
@@ -33,6 +32,8 @@ pub use track::track_svg;
 pub struct Run<'a> {
     /// What was simulated.
     pub scenario: &'a Scenario,
+    /// Names of the vehicle's nodes, in the order of its manifest.
+    pub nodes: &'a [String],
     /// Seed of the run.
     pub seed: u64,
     /// How long was simulated.
@@ -129,7 +130,7 @@ pub struct ModeChange {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TaskTime {
     /// Its node.
-    pub node: Node,
+    pub node: String,
     /// Its name.
     pub task: String,
     /// How often it ran.
@@ -140,12 +141,18 @@ pub struct TaskTime {
     pub core_hz: u64,
 }
 
-/// Writes `summary.json`, `states.csv` and `track.svg` into `folder`.
+/// Writes `summary.json` into `folder`, and for a vehicle with a machine `states.csv` and
+/// `track.svg`.
 ///
 /// # Errors
 /// When a file cannot be written.
 pub fn write(run: &Run, summary: &Summary, folder: &mut OutputFolder) -> Result<(), FolderError> {
     folder.write("summary.json", summary.json().as_bytes())?;
-    folder.write("states.csv", states_csv(run).as_bytes())?;
-    folder.write("track.svg", track_svg(run, summary).as_bytes())
+    if let Some(states) = states_csv(run) {
+        folder.write("states.csv", states.as_bytes())?;
+    }
+    if let Some(track) = track_svg(run, summary) {
+        folder.write("track.svg", track.as_bytes())?;
+    }
+    Ok(())
 }

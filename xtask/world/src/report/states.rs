@@ -6,17 +6,19 @@ use super::Run;
 use crate::time::seconds;
 use crate::vehicle::wrap;
 
-/// `states.csv`: one line for each recorded state, every 10 ms. Positions are those of the
-/// antenna as it truly is, not as the receiver measures it.
+/// `states.csv`: one line for each recorded state, every 10 ms; `None` without a machine.
+/// Positions are the true ones of the point of the centre line beside the antenna, not those
+/// that the receiver measures.
 #[must_use]
-pub fn states_csv(run: &Run) -> String {
+pub fn states_csv(run: &Run) -> Option<String> {
+    let line = run.scenario.line.as_ref()?;
     let mut text = String::from(
         "time_s,north_m,east_m,heading_deg,steering_angle_deg,speed_m_s,along_m,\
          cross_track_error_m,heading_error_deg,steering_effort,drive_effort,fix\n",
     );
-    let direction = run.scenario.line.direction();
+    let direction = line.direction();
     for state in run.states {
-        let (along, error) = run.scenario.line.locate(state.north, state.east);
+        let (along, error) = line.locate(state.north, state.east);
         let heading = state.heading.to_degrees().rem_euclid(360.0);
         let columns = [
             (seconds(state.at), 2),
@@ -39,5 +41,5 @@ pub fn states_csv(run: &Run) -> String {
         text.push_str(state.fix.name());
         text.push('\n');
     }
-    text
+    Some(text)
 }

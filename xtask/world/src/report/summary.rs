@@ -247,7 +247,7 @@ impl Summary {
                 .tasks
                 .iter()
                 .map(|task| TaskFigures {
-                    node: task.node.name().to_owned(),
+                    node: task.node.clone(),
                     task: task.task.clone(),
                     runs: task.runs,
                     longest_cycles: task.longest_cycles,

@@ -4,7 +4,9 @@ use super::guidance::{BAND, autonomous_spans, errors};
 use super::plot::{Anchor, Canvas, Panel, Span, colour};
 use super::{Run, Summary};
 use crate::receiver::Fix;
+use crate::scenario::Line;
 use crate::time::{seconds, span_seconds};
+use crate::vehicle::Parameters;
 
 const WIDTH: f64 = 1000.0;
 const LEFT: f64 = 76.0;
@@ -15,134 +17,160 @@ const LEAST_PLAN: f64 = 150.0;
 const MOST_PLAN: f64 = 420.0;
 
 /// `track.svg`: the path seen from above with the line leading right, and over time the
-/// cross-track error, its steady state, steering angle and speed.
+/// cross-track error, its steady state, steering angle and speed; `None` without a machine.
 #[must_use]
-pub fn track_svg(run: &Run, summary: &Summary) -> String {
-    let line = &run.scenario.line;
+pub fn track_svg(run: &Run, summary: &Summary) -> Option<String> {
+    let line = run.scenario.line.as_ref()?;
+    let machine = run.scenario.vehicle.as_ref()?;
     let path: Vec<(f64, f64)> = run
         .states
         .iter()
         .map(|state| line.locate(state.north, state.east))
         .collect();
-    let along = Span::of(path.iter().map(|point| point.0)).unwrap_or(Span { from: 0.0, to: 1.0 });
-    let across = Span::of(path.iter().map(|point| point.1)).unwrap_or(Span { from: 0.0, to: 0.0 });
-
-    let along = along.padded(0.03, 1.0);
-    let across = across.with(0.0).padded(0.12, 0.1);
-    let scale = INNER / along.length();
-    let natural = across.length() * scale;
-    let plan_height = natural.clamp(LEAST_PLAN, MOST_PLAN);
-    let stretch = plan_height / natural;
-
-    let top = 112.0;
-    let plan = Panel {
-        left: LEFT,
-        top,
-        width: INNER,
-        height: plan_height,
-        x: along,
-        y: across,
-        down: true,
-    };
-    let time = Span {
-        from: 0.0,
-        to: span_seconds(run.duration).max(1e-3),
-    };
-    let below = |panel: &Panel, gap: f64, height: f64, y: Span| Panel {
-        left: LEFT,
-        top: panel.top + panel.height + gap,
-        width: INNER,
-        height,
-        x: time,
-        y,
-        down: false,
-    };
-    let whole = below(&plan, 82.0, 170.0, across);
-    let steady = below(
-        &whole,
-        48.0,
-        150.0,
-        Span {
-            from: -12.0,
-            to: 12.0,
-        },
-    );
-    let limit = run.scenario.vehicle.steering_limit.get().to_degrees();
-    let steering = below(
-        &steady,
-        48.0,
-        130.0,
-        Span {
-            from: -limit,
-            to: limit,
-        }
-        .padded(0.12, 0.0),
-    );
-    let top_speed = run.scenario.vehicle.top_speed.get();
-    let lowest = run
-        .states
-        .iter()
-        .map(|state| state.speed)
-        .fold(0.0, f64::min);
-    let speeds = Span {
-        from: lowest,
-        to: top_speed,
-    }
-    .padded(0.06, 0.0);
-    let speed = below(&steering, 48.0, 90.0, speeds);
-    let height = speed.top + speed.height + 52.0;
-
+    let panels = Panels::new(run, machine, &path);
+    let height = panels.speed.top + panels.speed.height + 52.0;
     let mut canvas = Canvas::new(WIDTH, height.ceil());
     heading(&mut canvas, run, summary);
-    from_above(&mut canvas, run, &plan, &path, stretch);
-
-    let errors: Vec<(f64, f64)> = errors(run).collect();
-    for panel in [&whole, &steady, &steering, &speed] {
+    from_above(&mut canvas, line, &panels, &path);
+    for panel in [
+        &panels.whole,
+        &panels.steady,
+        &panels.steering,
+        &panels.speed,
+    ] {
         background(&mut canvas, run, panel);
     }
-    whole.axes(&mut canvas, "", "right of line (m)");
-    whole.heading(&mut canvas, "Cross-track error of the antenna");
-    whole.band(&mut canvas, -BAND, BAND, colour::BAND);
-    whole.level(&mut canvas, 0.0, colour::INK, "");
-    whole.curve(&mut canvas, errors.iter().copied(), colour::BLUE, 1.8);
-    marks(&mut canvas, run, summary, &whole);
-    whole.frame(&mut canvas);
-
-    steady.axes(&mut canvas, "", "right of line (cm)");
-    steady.heading(&mut canvas, "The same in centimetres, with the 5 cm band");
-    steady.band(&mut canvas, -BAND * 100.0, BAND * 100.0, colour::BAND);
-    steady.level(&mut canvas, 0.0, colour::INK, "");
-    let centimetres = errors.iter().map(|(time, error)| (*time, error * 100.0));
-    steady.curve(&mut canvas, centimetres, colour::BLUE, 1.4);
-    steady.frame(&mut canvas);
-
-    steering.axes(&mut canvas, "", "steering (deg)");
-    steering.heading(
-        &mut canvas,
-        "Steering angle, positive to the right, and its limits",
-    );
-    steering.level(&mut canvas, limit, colour::ORANGE, "5 4");
-    steering.level(&mut canvas, -limit, colour::ORANGE, "5 4");
-    let angles = run
-        .states
-        .iter()
-        .map(|s| (seconds(s.at), s.steering.to_degrees()));
-    steering.curve(&mut canvas, angles, colour::BLUE, 1.4);
-    steering.frame(&mut canvas);
-
-    speed.axes(&mut canvas, "time (s)", "speed (m/s)");
-    speed.heading(&mut canvas, "Speed of the wheels");
-    let speeds = run.states.iter().map(|s| (seconds(s.at), s.speed));
-    speed.curve(&mut canvas, speeds, colour::BLUE, 1.4);
-    speed.frame(&mut canvas);
-
-    canvas.finish(
+    cross_track(&mut canvas, run, summary, &panels);
+    motion(&mut canvas, run, machine, &panels);
+    Some(canvas.finish(
         &format!(
             "Path and cross-track error of scenario {}",
             run.scenario.name
         ),
         &figures(summary),
-    )
+    ))
+}
+
+/// The parts of the picture, from top to bottom.
+struct Panels {
+    /// The path from above.
+    plan: Panel,
+    /// How many times the plan is stretched across the line.
+    stretch: f64,
+    /// Cross-track error.
+    whole: Panel,
+    /// Cross-track error within the band.
+    steady: Panel,
+    /// Steering angle.
+    steering: Panel,
+    /// Speed of the wheels.
+    speed: Panel,
+}
+
+impl Panels {
+    fn new(run: &Run, machine: &Parameters, path: &[(f64, f64)]) -> Self {
+        let span = |values: &mut dyn Iterator<Item = f64>, to: f64| {
+            Span::of(values).unwrap_or(Span { from: 0.0, to })
+        };
+        let along = span(&mut path.iter().map(|point| point.0), 1.0).padded(0.03, 1.0);
+        let across = span(&mut path.iter().map(|point| point.1), 0.0);
+        let across = across.with(0.0).padded(0.12, 0.1);
+        let scale = INNER / along.length();
+        let natural = across.length() * scale;
+        let plan_height = natural.clamp(LEAST_PLAN, MOST_PLAN);
+        let plan = Panel {
+            left: LEFT,
+            top: 112.0,
+            width: INNER,
+            height: plan_height,
+            x: along,
+            y: across,
+            down: true,
+        };
+        let time = Span {
+            from: 0.0,
+            to: span_seconds(run.duration).max(1e-3),
+        };
+        let below = |panel: &Panel, gap: f64, height: f64, y: Span| Panel {
+            left: LEFT,
+            top: panel.top + panel.height + gap,
+            width: INNER,
+            height,
+            x: time,
+            y,
+            down: false,
+        };
+        let both_sides = |limit: f64| Span {
+            from: -limit,
+            to: limit,
+        };
+        let limit = machine.steering_limit.get().to_degrees();
+        let speeds = run.states.iter().map(|state| state.speed);
+        let speeds = Span {
+            from: speeds.fold(0.0, f64::min),
+            to: machine.top_speed.get(),
+        };
+        let whole = below(&plan, 82.0, 170.0, across);
+        let steady = below(&whole, 48.0, 150.0, both_sides(12.0));
+        let steering = below(&steady, 48.0, 130.0, both_sides(limit).padded(0.12, 0.0));
+        let speed = below(&steering, 48.0, 90.0, speeds.padded(0.06, 0.0));
+        Self {
+            stretch: plan_height / natural,
+            plan,
+            whole,
+            steady,
+            steering,
+            speed,
+        }
+    }
+}
+
+/// The cross-track error, all of it and near the line.
+fn cross_track(canvas: &mut Canvas, run: &Run, summary: &Summary, panels: &Panels) {
+    let Panels { whole, steady, .. } = panels;
+    let errors: Vec<(f64, f64)> = errors(run).collect();
+    whole.axes(canvas, "", "right of line (m)");
+    whole.heading(canvas, "Cross-track error of the antenna");
+    whole.band(canvas, -BAND, BAND, colour::BAND);
+    whole.level(canvas, 0.0, colour::INK, "");
+    whole.curve(canvas, errors.iter().copied(), colour::BLUE, 1.8);
+    marks(canvas, run, summary, whole);
+    whole.frame(canvas);
+
+    steady.axes(canvas, "", "right of line (cm)");
+    steady.heading(canvas, "The same in centimetres, with the 5 cm band");
+    steady.band(canvas, -BAND * 100.0, BAND * 100.0, colour::BAND);
+    steady.level(canvas, 0.0, colour::INK, "");
+    let centimetres = errors.iter().map(|(time, error)| (*time, error * 100.0));
+    steady.curve(canvas, centimetres, colour::BLUE, 1.4);
+    steady.frame(canvas);
+}
+
+/// Steering angle and speed.
+fn motion(canvas: &mut Canvas, run: &Run, machine: &Parameters, panels: &Panels) {
+    let Panels {
+        steering, speed, ..
+    } = panels;
+    let limit = machine.steering_limit.get().to_degrees();
+    steering.axes(canvas, "", "steering (deg)");
+    steering.heading(
+        canvas,
+        "Steering angle, positive to the right, and its limits",
+    );
+    steering.level(canvas, limit, colour::ORANGE, "5 4");
+    steering.level(canvas, -limit, colour::ORANGE, "5 4");
+    let states = run.states.iter();
+    let angles = states
+        .clone()
+        .map(|s| (seconds(s.at), s.steering.to_degrees()));
+    steering.curve(canvas, angles, colour::BLUE, 1.4);
+    steering.frame(canvas);
+
+    speed.axes(canvas, "time (s)", "speed (m/s)");
+    speed.heading(canvas, "Speed of the wheels");
+    let speeds = states.map(|s| (seconds(s.at), s.speed));
+    speed.curve(canvas, speeds, colour::BLUE, 1.4);
+    speed.frame(canvas);
 }
 
 /// The run's figures in a line.
@@ -183,7 +211,10 @@ fn heading(canvas: &mut Canvas, run: &Run, summary: &Summary) {
     );
 }
 
-fn from_above(canvas: &mut Canvas, run: &Run, plan: &Panel, path: &[(f64, f64)], stretch: f64) {
+fn from_above(canvas: &mut Canvas, line: &Line, panels: &Panels, path: &[(f64, f64)]) {
+    let &Panels {
+        ref plan, stretch, ..
+    } = panels;
     plan.axes(canvas, "way along the line (m)", "right of line (m)");
     let text = if stretch > 1.05 {
         format!("Seen from above, stretched {stretch:.0} times across the line")
@@ -194,7 +225,7 @@ fn from_above(canvas: &mut Canvas, run: &Run, plan: &Panel, path: &[(f64, f64)],
     plan.legend(canvas, 168.0, colour::ORANGE, "7 4", "line");
     plan.legend(canvas, 98.0, colour::BLUE, "", "path of antenna");
 
-    let ends = [(0.0, 0.0), (run.scenario.line.length(), 0.0)];
+    let ends = [(0.0, 0.0), (line.length(), 0.0)];
     plan.level(canvas, 0.0, colour::GRID, "");
     let (from, to) = (plan.x.from.max(0.0), plan.x.to.min(ends[1].0));
     if to > from {

@@ -1,10 +1,13 @@
 //! Ranges of a scenario's values.
 
+use vehicle_model::{Device, Vehicle};
+
+use super::file::without;
 use super::{BusEvent, Scenario};
-use crate::node::Node;
 use crate::units::{
     Angle, Compliance, Count, CountSlope, Kind, Length, Ppm, Quantity, Rate, Ratio, Speed, Time,
 };
+use crate::vehicle::Parameters;
 
 /// The range of values that a field accepts.
 struct Range<K> {
@@ -77,15 +80,18 @@ fn later(field: &str, from: Time, until: Option<Time>) -> Outcome {
     Ok(())
 }
 
-/// The first value out of its range, as `field: value is out of range, it takes ...`.
-pub(super) fn check(scenario: &Scenario) -> Outcome {
+/// The first value out of its range, as `field: value is out of range, it takes ...`, or the
+/// first table for a device that the vehicle does not have.
+pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
     within(
         "duration",
         scenario.duration,
         above(Time::new(0.0), Time::new(86_400.0)),
     )?;
-    vehicle(scenario)?;
-    start(scenario)?;
+    if let Some(machine) = &scenario.vehicle {
+        self::machine(machine)?;
+        start(scenario, machine)?;
+    }
     ground(scenario)?;
     receiver(scenario)?;
     within(
@@ -93,8 +99,8 @@ pub(super) fn check(scenario: &Scenario) -> Outcome {
         scenario.lcd.delay,
         between(Time::new(0.0), Time::new(0.1)),
     )?;
-    for node in Node::ALL {
-        let clock = scenario.nodes.get(node);
+    for (node, clock) in vehicle.nodes().zip(&scenario.nodes) {
+        let node = &vehicle.node(node).name;
         for (name, ppm, most) in [
             ("crystal", clock.crystal, 100.0),
             ("internal", clock.internal, 10_000.0),
@@ -106,36 +112,97 @@ pub(super) fn check(scenario: &Scenario) -> Outcome {
         }
     }
     operator(scenario)?;
-    faults(scenario)
+    knobs(scenario, vehicle)?;
+    faults(scenario)?;
+    devices(scenario, vehicle)
 }
 
-fn start(scenario: &Scenario) -> Outcome {
+/// Whether everything that the scenario does to a device has one to be done to.
+fn devices(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
+    let tables = [
+        ("fix", scenario.fix.len(), Device::SatelliteReceiver),
+        ("stream", scenario.stream.len(), Device::SatelliteReceiver),
+        ("press", scenario.press.len(), Device::OperatorSwitches),
+        ("joystick", scenario.joystick.len(), Device::Joystick),
+        (
+            "stop_loop",
+            scenario.stop_loop.len(),
+            Device::OperatorSwitches,
+        ),
+    ];
+    for (table, entries, device) in tables {
+        if entries > 0 && vehicle.node_of(device).is_none() {
+            return Err(without(
+                vehicle,
+                table,
+                &format!("a device {:?}", device.name()),
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn knobs(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
+    for (i, turn) in scenario.knob.iter().enumerate() {
+        within(&format!("knob[{i}].at"), turn.at, times())?;
+        let ways = between(Ratio::new(0.0), Ratio::new(1.0));
+        within(&format!("knob[{i}].position"), turn.position, ways)?;
+        let node = vehicle.node(turn.node);
+        if node.connector(Device::Knob).is_none() {
+            return Err(format!(
+                "knob[{i}].node: no knob is wired to {:?}",
+                node.name
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn start(scenario: &Scenario, machine: &Parameters) -> Outcome {
     let start = &scenario.start;
     within("start.north", start.north, coordinates())?;
     within("start.east", start.east, coordinates())?;
     let turn = between(Angle::degrees(-360.0), Angle::degrees(360.0));
     within("start.heading", start.heading, turn)?;
-    let limit = scenario.vehicle.steering_limit.get();
+    let limit = machine.steering_limit.get();
     let stops = between(Angle::new(-limit), Angle::new(limit));
     within("start.steering", start.steering, stops)?;
-    let speeds = between(Speed::new(0.0), scenario.vehicle.top_speed);
+    let speeds = between(Speed::new(0.0), machine.top_speed);
     within("start.speed", start.speed, speeds)?;
-    for (name, point) in [("from", scenario.line.from), ("to", scenario.line.to)] {
+    let Some(line) = &scenario.line else {
+        return Ok(());
+    };
+    for (name, point) in [("from", line.from), ("to", line.to)] {
         within(&format!("line.{name}.north"), point.north, coordinates())?;
         within(&format!("line.{name}.east"), point.east, coordinates())?;
     }
-    if scenario.line.length() < 1.0 {
+    if line.length() < 1.0 {
         return Err("line: the two waypoints coincide, they must be at least 1 m apart".into());
     }
     Ok(())
 }
 
-fn vehicle(scenario: &Scenario) -> Outcome {
-    let v = &scenario.vehicle;
-    let lengths = || above(Length::new(0.0), Length::new(10.0));
+fn machine(v: &Parameters) -> Outcome {
+    let lengths = |least: f64, most: f64| between(Length::new(least), Length::new(most));
     let bands = || between(Ratio::new(0.0), Ratio::new(0.5));
-    within("vehicle.rear_to_antenna", v.rear_to_antenna, lengths())?;
-    within("vehicle.antenna_to_front", v.antenna_to_front, lengths())?;
+    within(
+        "vehicle.rear_to_antenna",
+        v.rear_to_antenna,
+        lengths(-10.0, 10.0),
+    )?;
+    let wheelbase = v.wheelbase();
+    if !(0.1..=10.0).contains(&wheelbase) {
+        return Err(format!(
+            "vehicle: the wheelbase is {wheelbase:.3} m, rear_to_antenna and antenna_to_front \
+             must sum up to 0.1 to 10 m"
+        ));
+    }
+    within("vehicle.antenna_right", v.antenna_right, lengths(-5.0, 5.0))?;
+    within(
+        "vehicle.antenna_height",
+        v.antenna_height,
+        lengths(0.0, 10.0),
+    )?;
     within(
         "vehicle.top_speed",
         v.top_speed,
@@ -149,8 +216,9 @@ fn vehicle(scenario: &Scenario) -> Outcome {
     )?;
     let limits = above(Angle::degrees(0.0), Angle::degrees(60.0));
     within("vehicle.steering_limit", v.steering_limit, limits)?;
-    let rates = above(Rate::degrees(0.0), Rate::degrees(180.0));
-    within("vehicle.steering_rate", v.steering_rate, rates)?;
+    let rates = || above(Rate::degrees(0.0), Rate::degrees(180.0));
+    within("vehicle.rate_right", v.rate_right, rates())?;
+    within("vehicle.rate_left", v.rate_left, rates())?;
     let gains = between(Ratio::new(0.1), Ratio::new(2.0));
     within("vehicle.actuator_gain", v.actuator_gain, gains)?;
     within("vehicle.dead_band_right", v.dead_band_right, bands())?;
@@ -193,7 +261,9 @@ fn ground(scenario: &Scenario) -> Outcome {
 }
 
 fn receiver(scenario: &Scenario) -> Outcome {
-    let r = &scenario.receiver;
+    let Some(r) = &scenario.receiver else {
+        return Ok(());
+    };
     within(
         "receiver.noise",
         r.noise,
@@ -206,14 +276,14 @@ fn receiver(scenario: &Scenario) -> Outcome {
     within(
         "receiver.latency",
         r.latency,
-        between(Time::new(0.0), Time::new(0.09)),
+        between(Time::new(0.0), Time::new(0.25)),
     )?;
     let jitters = between(Time::new(0.0), Time::new(0.01));
     within("receiver.latency_jitter", r.latency_jitter, jitters)?;
     within(
         "receiver.frame_gap",
         r.frame_gap,
-        between(Time::new(0.0), Time::new(1e-3)),
+        between(Time::new(0.0), Time::new(1e-2)),
     )?;
     let biases = between(Angle::degrees(-10.0), Angle::degrees(10.0));
     within("receiver.heading_bias", r.heading_bias, biases)?;
@@ -225,11 +295,7 @@ fn receiver(scenario: &Scenario) -> Outcome {
         )?;
     }
     if let Some(phase) = r.phase {
-        within(
-            "receiver.phase",
-            phase,
-            between(Time::new(0.0), Time::new(0.1)),
-        )?;
+        within("receiver.phase", phase, between(Time::new(0.0), r.period))?;
     }
     let latitudes = between(Angle::degrees(-89.0), Angle::degrees(89.0));
     within("receiver.base.latitude", r.base.latitude, latitudes)?;

@@ -2,8 +2,6 @@
 
 use core::fmt;
 
-use super::builtin;
-
 /// Why a scenario cannot be used. Displays as one sentence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ScenarioError {
@@ -33,13 +31,13 @@ fn phrase(message: &str) -> String {
 }
 
 impl ScenarioError {
-    pub(super) fn unknown(name: &str) -> Self {
-        let names: Vec<&str> = builtin::ALL.iter().map(|builtin| builtin.name).collect();
+    pub(super) fn unknown(name: &str, vehicle: &str, names: &[String]) -> Self {
+        let choice = match names {
+            [] => format!("vehicle {vehicle:?} has none of its own, name"),
+            names => format!("name one of {} or", names.join(", ")),
+        };
         Self {
-            sentence: format!(
-                "there is no scenario {name:?}: name one of {} or the path of a TOML file",
-                names.join(", ")
-            ),
+            sentence: format!("there is no scenario {name:?}: {choice} the path of a TOML file"),
         }
     }
 

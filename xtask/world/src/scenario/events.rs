@@ -2,8 +2,8 @@
 
 use serde::Deserialize;
 
-use crate::node::Node;
 use crate::units::{Ratio, Time};
+use vehicle_model::NodeIndex;
 
 /// A button that the operator can press.
 #[derive(Copy, Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -72,12 +72,22 @@ pub struct StopLoopChange {
     pub open: bool,
 }
 
+/// A knob is turned and stays there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnobTurn {
+    /// The node that the knob is wired to.
+    pub node: NodeIndex,
+    /// When.
+    pub at: Time,
+    /// Share of the way from one end to the other, 0 to 100 %.
+    pub position: Ratio,
+}
+
 /// A node's reset line is pulled low.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ResetEvent {
     /// Which node.
-    pub node: Node,
+    pub node: NodeIndex,
     /// When.
     pub at: Time,
     /// When it is released; never when left out.

@@ -1,97 +1,82 @@
 //! Scenarios: what happens around the nodes in a run, as a TOML file.
 //!
 //! Quantities are strings with a unit (`"1 m/s"`); a missing table or field takes its default; an
-//! unknown field is refused. [`Scenario::find`] takes the name of a built-in scenario or the path
-//! of a file. Times are counted from the start of the run, when power comes on. `SCENARIOS.md`
+//! unknown field is refused. [`Scenario::find`] takes the name of a scenario in the vehicle's
+//! folder or the path of a file. Times are counted from the start of the run, when power comes on. `SCENARIOS.md`
 //! beside this crate's manifest describes the format.
 
-mod builtin;
 mod check;
 mod error;
 mod events;
+mod file;
 
-use std::path::Path;
+use std::path::PathBuf;
 
 use serde::Deserialize;
+use vehicle_model::Vehicle;
 
-pub use builtin::Builtin;
 pub use error::ScenarioError;
-pub use events::{BusEvent, Button, ButtonPress, JoystickMove, ResetEvent, StopLoopChange};
+pub use events::{
+    BusEvent, Button, ButtonPress, JoystickMove, KnobTurn, ResetEvent, StopLoopChange,
+};
+use file::File;
 
-use crate::node::Node;
+use crate::changes::changes;
 use crate::receiver::{self, FixChange, StreamFault};
 use crate::units::{Angle, Length, Ppm, Speed, Time};
 use crate::vehicle;
 
-/// A run's surroundings.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// A run's surroundings. It belongs to one vehicle: fields that its file leaves out are those
+/// of the vehicle's manifest, and its nodes are places in that manifest.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// Name in reports: the built-in's name or the file's stem.
-    #[serde(skip)]
+    /// Name in reports: the file's stem.
     pub name: String,
     /// One line on what the scenario shows.
-    #[serde(default)]
     pub summary: String,
     /// Length of the run unless the caller asks for another, above 0 to 86400 s.
     /// Default 60 s.
-    #[serde(default = "default_duration")]
     pub duration: Time,
     /// Pose at the start.
-    #[serde(default)]
     pub start: Start,
-    /// The line that the run is judged by.
-    #[serde(default)]
-    pub line: Line,
-    /// The machine.
-    #[serde(default)]
-    pub vehicle: vehicle::Parameters,
+    /// The line that the run is judged by: from the first of the manifest's waypoints to the
+    /// last one unless the file says otherwise. `None` without a machine.
+    pub line: Option<Line>,
+    /// The machine; `None` when the vehicle has none.
+    pub vehicle: Option<vehicle::Parameters>,
     /// The ground.
-    #[serde(default)]
     pub ground: vehicle::Ground,
-    /// The receiver.
-    #[serde(default)]
-    pub receiver: receiver::Parameters,
+    /// The receiver; `None` when none is wired.
+    pub receiver: Option<receiver::Parameters>,
     /// The display.
-    #[serde(default)]
     pub lcd: Lcd,
-    /// The nodes' clocks.
-    #[serde(default)]
-    pub nodes: Nodes,
+    /// The nodes' clocks, in the order of the manifest's nodes.
+    pub nodes: Vec<Clock>,
     /// Changes of the receiver's fix.
-    #[serde(default)]
     pub fix: Vec<FixChange>,
     /// Damage to the receiver's byte stream.
-    #[serde(default)]
     pub stream: Vec<StreamFault>,
     /// Presses of buttons.
-    #[serde(default)]
     pub press: Vec<ButtonPress>,
     /// Movements of the joystick.
-    #[serde(default)]
     pub joystick: Vec<JoystickMove>,
+    /// Turns of knobs.
+    pub knob: Vec<KnobTurn>,
     /// The emergency-stop loop opens and closes.
-    #[serde(default)]
     pub stop_loop: Vec<StopLoopChange>,
     /// Nodes held in reset.
-    #[serde(default)]
     pub reset: Vec<ResetEvent>,
     /// Foreign frames and disturbances on the bus.
-    #[serde(default)]
     pub bus: Vec<BusEvent>,
 }
 
-fn default_duration() -> Time {
-    Time::new(60.0)
-}
-
-/// Pose of the vehicle at the start of the run.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+/// Pose of the vehicle at the start of the run; by default at rest at the beginning of its line,
+/// in the line's direction.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Start {
-    /// Northing of the antenna, -10 to 10 km.
+    /// Northing of the point of the centre line beside the antenna, -10 to 10 km.
     pub north: Length,
-    /// Easting of the antenna, -10 to 10 km.
+    /// Easting of the same point, -10 to 10 km.
     pub east: Length,
     /// Heading of the body, clockwise from north, -360 to 360 deg.
     pub heading: Angle,
@@ -101,12 +86,27 @@ pub struct Start {
     pub speed: Speed,
 }
 
-impl Default for Start {
-    fn default() -> Self {
+changes! {
+    /// What a scenario says of the start.
+    struct StartChanges of Start {
+        north: Length,
+        east: Length,
+        heading: Angle,
+        steering: Angle,
+        speed: Speed,
+    } optional {
+    }
+}
+
+impl Start {
+    /// At rest at the beginning of a line; without a line at the base station, towards north.
+    fn of(line: Option<&Line>) -> Self {
+        let from = line.map(|line| line.from);
+        let zero = Length::new(0.0);
         Self {
-            north: Length::new(0.0),
-            east: Length::new(0.0),
-            heading: Angle::new(0.0),
+            north: from.map_or(zero, |from| from.north),
+            east: from.map_or(zero, |from| from.east),
+            heading: Angle::new(line.map_or(0.0, Line::direction)),
             steering: Angle::new(0.0),
             speed: Speed::new(0.0),
         }
@@ -123,7 +123,7 @@ pub struct Point {
     pub east: Length,
 }
 
-/// The line from one waypoint to the next. It must be the one that the controller's image holds.
+/// The line from one waypoint to the next. It must be the one that the images hold.
 #[derive(Copy, Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Line {
@@ -131,23 +131,6 @@ pub struct Line {
     pub from: Point,
     /// Second waypoint, at least 1 m from the first.
     pub to: Point,
-}
-
-impl Default for Line {
-    /// 243 m towards north, the length of the thesis's line (7.3).
-    fn default() -> Self {
-        let zero = Length::new(0.0);
-        Self {
-            from: Point {
-                north: zero,
-                east: zero,
-            },
-            to: Point {
-                north: Length::new(243.0),
-                east: zero,
-            },
-        }
-    }
 }
 
 impl Line {
@@ -198,33 +181,6 @@ impl Default for Lcd {
     }
 }
 
-/// The nodes' clocks.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Nodes {
-    /// Clock of the gps node.
-    pub gps: Clock,
-    /// Clock of the controller node.
-    pub controller: Clock,
-    /// Clock of the steering node.
-    pub steering: Clock,
-    /// Clock of the drive node.
-    pub drive: Clock,
-}
-
-impl Nodes {
-    /// The clock of `node`.
-    #[must_use]
-    pub const fn get(&self, node: Node) -> &Clock {
-        match node {
-            Node::Gps => &self.gps,
-            Node::Controller => &self.controller,
-            Node::Steering => &self.steering,
-            Node::Drive => &self.drive,
-        }
-    }
-}
-
 /// Clock of a node.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -248,46 +204,90 @@ impl Default for Clock {
     }
 }
 
+/// A scenario of a vehicle's folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listed {
+    /// Its name.
+    pub name: String,
+    /// What it shows, in one line.
+    pub summary: String,
+}
+
+/// The folder of a vehicle's scenarios.
+fn folder(vehicle: &Vehicle) -> PathBuf {
+    vehicle.folder().join("scenarios")
+}
+
+/// Names of the vehicle's scenarios, in alphabetical order.
+fn names(vehicle: &Vehicle) -> Vec<String> {
+    // A vehicle without the folder has no scenarios.
+    let entries = std::fs::read_dir(folder(vehicle)).into_iter().flatten();
+    let files = entries.flatten().map(|entry| entry.path());
+    let toml = files.filter(|file| file.extension().is_some_and(|kind| kind == "toml"));
+    let mut names: Vec<String> = toml
+        .filter_map(|file| Some(file.file_stem()?.to_str()?.to_owned()))
+        .collect();
+    names.sort();
+    names
+}
+
 impl Scenario {
-    /// The scenarios that come with the program.
-    #[must_use]
-    pub const fn builtins() -> &'static [Builtin] {
-        builtin::ALL
+    /// The scenarios in the vehicle's folder, in alphabetical order.
+    ///
+    /// # Errors
+    /// One of them is wrong.
+    pub fn list(vehicle: &Vehicle) -> Result<Vec<Listed>, ScenarioError> {
+        let read = |name: String| {
+            let summary = Self::find(vehicle, &name)?.summary;
+            Ok(Listed { name, summary })
+        };
+        names(vehicle).into_iter().map(read).collect()
     }
 
-    /// The built-in scenario of that name, or else the file of that path.
+    /// The vehicle's scenario of that name (`thesis-7/loaded`: in a folder of its scenarios), or
+    /// else the file of that path.
     ///
     /// # Errors
     /// When there is neither, or the file does not describe a scenario.
-    pub fn find(name: &str) -> Result<Self, ScenarioError> {
-        if let Some(builtin) = builtin::ALL.iter().find(|builtin| builtin.name == name) {
-            return Self::parse(builtin.name, builtin.name, builtin.text);
-        }
-        let path = Path::new(name);
+    pub fn find(vehicle: &Vehicle, name: &str) -> Result<Self, ScenarioError> {
+        let own = folder(vehicle).join(format!("{name}.toml"));
+        let own = Some(own).filter(|own| own.is_file());
+        let path = own.clone().unwrap_or_else(|| name.into());
         let looks_like_a_path =
             path.extension().is_some() || path.components().count() > 1 || path.exists();
         if !looks_like_a_path {
-            return Err(ScenarioError::unknown(name));
+            return Err(ScenarioError::unknown(
+                name,
+                vehicle.name(),
+                &names(vehicle),
+            ));
         }
-        let text = std::fs::read_to_string(path)
+        let text = std::fs::read_to_string(&path)
             .map_err(|error| ScenarioError::unreadable(name, &error))?;
         let stem = path
             .file_stem()
             .map_or(name.into(), |stem| stem.to_string_lossy());
-        Self::parse(&stem, name, &text)
+        Self::parse(vehicle, &stem, name, &text)
     }
 
-    /// Reads a scenario from TOML. `name` is what reports call it, `place` what errors call it.
+    /// Reads a scenario of a vehicle from TOML. `name` is what reports call it, `place` what
+    /// errors call it.
     ///
     /// # Errors
     /// A sentence that names the field and what it accepts.
-    pub fn parse(name: &str, place: &str, text: &str) -> Result<Self, ScenarioError> {
+    pub fn parse(
+        vehicle: &Vehicle,
+        name: &str,
+        place: &str,
+        text: &str,
+    ) -> Result<Self, ScenarioError> {
         let syntax = toml::Deserializer::parse(text)
             .map_err(|error| ScenarioError::syntax(place, text, &error))?;
-        let mut scenario: Self = serde_path_to_error::deserialize(syntax)
+        let file: File = serde_path_to_error::deserialize(syntax)
             .map_err(|error| ScenarioError::field(place, text, &error))?;
-        name.clone_into(&mut scenario.name);
-        check::check(&scenario).map_err(|problem| ScenarioError::value(place, &problem))?;
+        let wrong = |problem: String| ScenarioError::value(place, &problem);
+        let scenario = file.complete(vehicle, name).map_err(wrong)?;
+        check::check(&scenario, vehicle).map_err(wrong)?;
         Ok(scenario)
     }
 }

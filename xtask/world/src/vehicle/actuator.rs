@@ -9,7 +9,8 @@ pub struct SteeringActuator {
     /// Effort of the motor driver, -1 to 1.
     pub effort: f64,
     limit: f64,
-    rate: f64,
+    right_rate: f64,
+    left_rate: f64,
     right_band: f64,
     left_band: f64,
 }
@@ -21,7 +22,8 @@ impl SteeringActuator {
         Self {
             effort: 0.0,
             limit: parameters.steering_limit.get(),
-            rate: parameters.steering_rate.get() * parameters.actuator_gain.get(),
+            right_rate: parameters.rate_right.get() * parameters.actuator_gain.get(),
+            left_rate: parameters.rate_left.get() * parameters.actuator_gain.get(),
             right_band: parameters.dead_band_right.get(),
             left_band: parameters.dead_band_left.get(),
         }
@@ -32,9 +34,9 @@ impl SteeringActuator {
     pub fn rate(&self) -> f64 {
         let beyond = |effort: f64, band: f64| ((effort - band) / (1.0 - band)).max(0.0);
         if self.effort >= 0.0 {
-            self.rate * beyond(self.effort, self.right_band)
+            self.right_rate * beyond(self.effort, self.right_band)
         } else {
-            -self.rate * beyond(-self.effort, self.left_band)
+            -self.left_rate * beyond(-self.effort, self.left_band)
         }
     }
 

@@ -19,6 +19,7 @@ use libm::{atan2, cos, sin, tan};
 
 pub use actuator::SteeringActuator;
 pub use drive::Drive;
+pub(crate) use parameters::Changes;
 pub use parameters::{Ground, Parameters};
 
 use crate::time::{SimTime, at, from_seconds, seconds, since, span_seconds};
@@ -60,6 +61,8 @@ pub struct Motion {
     pub north: f64,
     /// Easting, metres.
     pub east: f64,
+    /// Height above the ground, metres.
+    pub height: f64,
     /// Speed towards north, metres per second.
     pub north_speed: f64,
     /// Speed towards east, metres per second.
@@ -158,20 +161,33 @@ impl Vehicle {
     /// Position and velocity of the antenna.
     #[must_use]
     pub fn antenna(&self) -> Motion {
-        self.point(self.parameters.rear_to_antenna.get())
+        Motion {
+            height: self.parameters.antenna_height.get(),
+            ..self.point(
+                self.parameters.rear_to_antenna.get(),
+                self.parameters.antenna_right.get(),
+            )
+        }
     }
 
-    /// Position and velocity of the point `ahead` metres before the rear axle on the centre line
-    /// (negative: behind it, such as a hitch).
+    /// The point of the centre line beside the antenna: the point whose way is judged.
     #[must_use]
-    pub fn point(&self, ahead: f64) -> Motion {
+    pub fn beside_antenna(&self) -> Motion {
+        self.point(self.parameters.rear_to_antenna.get(), 0.0)
+    }
+
+    /// Position and velocity of the point on the ground `ahead` metres before the rear axle
+    /// (negative: behind it, such as a hitch) and `right` metres beside the centre line.
+    #[must_use]
+    pub fn point(&self, ahead: f64, right: f64) -> Motion {
         let rate = self.pose_rate(self.state.heading, self.state.steering, self.state.speed);
         let (s, c) = (sin(self.state.heading), cos(self.state.heading));
         Motion {
-            north: self.state.north + ahead * c,
-            east: self.state.east + ahead * s,
-            north_speed: rate.north - ahead * s * rate.heading,
-            east_speed: rate.east + ahead * c * rate.heading,
+            north: self.state.north + ahead * c - right * s,
+            east: self.state.east + ahead * s + right * c,
+            height: 0.0,
+            north_speed: rate.north - (ahead * s + right * c) * rate.heading,
+            east_speed: rate.east + (ahead * c - right * s) * rate.heading,
         }
     }
 

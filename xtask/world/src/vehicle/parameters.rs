@@ -1,69 +1,108 @@
 //! Numbers that belong to one machine and to the ground it stands on.
 
 use serde::Deserialize;
+use vehicle_model::Machine;
 
+use crate::changes::changes;
 use crate::units::{Angle, Compliance, Count, CountSlope, Length, Rate, Ratio, Speed, Time};
 
-/// The machine. Every field may be left out of a scenario; the defaults are the thesis's vehicle.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+/// The machine.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Parameters {
-    /// `L1`: rear axle to antenna, above 0 to 10 m. Default 0.255 m (thesis 7.2.4).
+    /// `L1`: rear axle to antenna, positive ahead, -10 to 10 m.
     pub rear_to_antenna: Length,
-    /// `L2`: antenna to front axle, above 0 to 10 m. Default 0.845 m (thesis 7.2.4).
+    /// `L2`: antenna to front axle; the wheelbase `L1 + L2` is above 0 to 10 m.
     pub antenna_to_front: Length,
-    /// Speed at full drive effort, above 0 to 10 m/s. Default 2 m/s (thesis 5.3).
+    /// Antenna beside the centre line, right positive, -5 to 5 m.
+    pub antenna_right: Length,
+    /// Antenna above the ground, 0 to 10 m.
+    pub antenna_height: Length,
+    /// Speed at full drive effort, above 0 to 10 m/s.
     pub top_speed: Speed,
-    /// Share of the drive effort that moves nothing, 0 to 50 %. Default 5 %.
+    /// Share of the drive effort that moves nothing, 0 to 50 %.
     pub drive_dead_band: Ratio,
     /// Time constant of the drive, 0 to 10 s. Default 0.3 s.
     pub drive_lag: Time,
-    /// Mechanical end stops, either side, above 0 to 60 deg. Default 25 deg (thesis 5.3).
+    /// Mechanical end stops, either side, above 0 to 60 deg.
     pub steering_limit: Angle,
-    /// Steering rate at full effort, above 0 to 180 deg/s. Default 25 deg/s (thesis 5.3).
-    pub steering_rate: Rate,
-    /// Rate of this actuator as a share of `steering_rate`: below 100 % the actuator is slower
+    /// Steering rate to the right at full effort, above 0 to 180 deg/s.
+    pub rate_right: Rate,
+    /// Steering rate to the left at full effort, above 0 to 180 deg/s.
+    pub rate_left: Rate,
+    /// Rate of this actuator as a share of the two above: below 100 % the actuator is slower
     /// than its calibration says. 10 to 200 %, default 100 %.
     pub actuator_gain: Ratio,
-    /// Share of the steering effort to the right that moves nothing, 0 to 50 %. Default 10 %.
+    /// Share of the steering effort to the right that moves nothing, 0 to 50 %.
     pub dead_band_right: Ratio,
-    /// Share of the steering effort to the left that moves nothing, 0 to 50 %. Default 12 %.
+    /// Share of the steering effort to the left that moves nothing, 0 to 50 %.
     pub dead_band_left: Ratio,
     /// Angle of the wheels less the angle that the potentiometer shows, -10 to 10 deg.
     /// Default 0 deg.
     pub steering_bias: Angle,
-    /// Reading of the potentiometer straight ahead, 0 to 4095 counts. Default 2048 counts.
+    /// Reading of the potentiometer straight ahead, 0 to 4095 counts.
     pub pot_centre: Count,
-    /// Reading for a degree to the right, -80 to 80 counts/deg, not 0. Default 40 counts/deg.
+    /// Reading for a degree to the right, -80 to 80 counts/deg, not 0.
     pub pot_slope: CountSlope,
     /// Standard deviation of the noise on the potentiometer, 0 to 100 counts. Default 1 count.
     pub pot_noise: Count,
-    /// The steering motor driver turns left on bytes above 127. Default false.
+    /// The steering motor driver turns left on bytes above 127.
     pub steering_reversed: bool,
-    /// The drive motor driver turns backwards on bytes above 127. Default false.
+    /// The drive motor driver turns backwards on bytes above 127.
     pub drive_reversed: bool,
 }
 
-impl Default for Parameters {
-    fn default() -> Self {
+impl From<&Machine> for Parameters {
+    /// The machine as a manifest describes it; what a manifest does not say has the defaults
+    /// that the fields state.
+    fn from(machine: &Machine) -> Self {
+        let reversed = !machine.motor_driver.full_byte_is_forward;
         Self {
-            rear_to_antenna: Length::new(0.255),
-            antenna_to_front: Length::new(0.845),
-            top_speed: Speed::new(2.0),
-            drive_dead_band: Ratio::new(0.05),
+            rear_to_antenna: machine.rear_to_antenna,
+            antenna_to_front: machine.antenna_to_front,
+            antenna_right: machine.antenna_right,
+            antenna_height: machine.antenna_height,
+            top_speed: machine.drive.full_speed,
+            drive_dead_band: machine.drive.dead_band,
             drive_lag: Time::new(0.3),
-            steering_limit: Angle::degrees(25.0),
-            steering_rate: Rate::degrees(25.0),
+            steering_limit: machine.limits.steering_angle,
+            rate_right: machine.steering.right.full_rate,
+            rate_left: machine.steering.left.full_rate,
             actuator_gain: Ratio::new(1.0),
-            dead_band_right: Ratio::new(0.10),
-            dead_band_left: Ratio::new(0.12),
+            dead_band_right: machine.steering.right.dead_band,
+            dead_band_left: machine.steering.left.dead_band,
             steering_bias: Angle::degrees(0.0),
-            pot_centre: Count::new(2048.0),
-            pot_slope: CountSlope::new(40.0 / Angle::degrees(1.0).get()),
+            pot_centre: machine.potentiometer.centre,
+            pot_slope: machine.potentiometer.slope,
             pot_noise: Count::new(1.0),
-            steering_reversed: false,
-            drive_reversed: false,
+            steering_reversed: reversed,
+            drive_reversed: reversed,
         }
+    }
+}
+
+changes! {
+    /// What a scenario changes of the machine that the manifest describes.
+    pub(crate) struct Changes of Parameters {
+        rear_to_antenna: Length,
+        antenna_to_front: Length,
+        antenna_right: Length,
+        antenna_height: Length,
+        top_speed: Speed,
+        drive_dead_band: Ratio,
+        drive_lag: Time,
+        steering_limit: Angle,
+        rate_right: Rate,
+        rate_left: Rate,
+        actuator_gain: Ratio,
+        dead_band_right: Ratio,
+        dead_band_left: Ratio,
+        steering_bias: Angle,
+        pot_centre: Count,
+        pot_slope: CountSlope,
+        pot_noise: Count,
+        steering_reversed: bool,
+        drive_reversed: bool,
+    } optional {
     }
 }
 

@@ -3,7 +3,9 @@
 
 use sbp::messages::Sbp;
 use world::time::{after, at, from_seconds};
-use world::{Analog, Effect, Node, Port, Scenario, SimDuration, SimTime, World};
+use world::{Analog, Device, Effect, NodeIndex, Scenario, SimDuration, SimTime, World};
+
+use crate::uagv;
 
 /// dlqr gains for 1 m/s, 10 Hz, unit weights.
 const GAINS: [f64; 3] = [0.888_975, 2.040_970, 2.198_963];
@@ -20,7 +22,7 @@ pub struct Pilot {
 impl Pilot {
     pub fn new(scenario: &Scenario, seed: u64) -> Self {
         Self {
-            world: World::new(scenario, seed),
+            world: World::new(&uagv::vehicle(), scenario, seed),
             stream: Vec::new(),
             line_free: SimTime::from_ticks(0),
         }
@@ -34,7 +36,7 @@ impl Pilot {
             while let Some(output) = self.world.poll() {
                 if let Effect::Byte {
                     byte,
-                    port: Port::Receiver,
+                    device: Device::SatelliteReceiver,
                     ..
                 } = output.what
                 {
@@ -64,7 +66,7 @@ impl Pilot {
     }
 
     fn control(&mut self, now: SimTime, go: bool, position: (f64, f64), velocity: (f64, f64)) {
-        let line = self.world.scenario().line;
+        let line = self.world.scenario().line.unwrap();
         let (_, y) = line.locate(position.0, position.1);
         let speed = libm::hypot(velocity.0, velocity.1);
         let psi = if speed > 0.2 {
@@ -83,18 +85,18 @@ impl Pilot {
             (true, false) => -0.12 + 0.88 * share,
         };
         let drive = if go { 0.05 + 0.95 * SPEED / 2.0 } else { 0.0 };
-        self.send(now, Node::Steering, steering);
-        self.send(now, Node::Drive, drive);
+        self.send(now, uagv::STEERING, Device::SteeringMotor, steering);
+        self.send(now, uagv::DRIVE, Device::DriveMotor, drive);
     }
 
-    fn send(&mut self, now: SimTime, node: Node, effort: f64) {
+    fn send(&mut self, now: SimTime, node: NodeIndex, device: Device, effort: f64) {
         let steps = if effort >= 0.0 { 128.0 } else { 127.0 };
         let byte = (127.0 + steps * effort).round() as u8;
         let start = now.max(self.line_free);
         let end = after(start, from_seconds(10.0 / 38_400.0));
         self.line_free = end;
         self.world.relay(node, true, start);
-        self.world.serial(node, Port::Motor, byte, start, end);
+        self.world.serial(node, device, byte, start, end);
     }
 }
 

@@ -1,110 +1,77 @@
-//! The whole vehicle: four images, the bus between them, and the world around them.
+//! A whole vehicle: an image for each node, the bus between them, and the world around them.
 
 use crate::image::{Image, ImageError};
 use crate::mcu::{Board, FlashTiming, Mcu};
 use crate::network::Network;
-use crate::part::{Part, Pin};
 use crate::peripheral::{ResetCause, UartByte};
 use crate::statistics::Load;
+use crate::wiring::{Wiring, WiringError};
 use can_bus::{
     Disturbance, Frame, FrameSelect, Level, NodeId, Record, RecordKind, Retry, SeenBy, SimDuration,
     SimTime, Tester,
 };
 use embedded_can::StandardId;
+use parts::Sled;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use vehicle_model::{NodeIndex, Vehicle};
 use world::time::Span as _;
-use world::{Analog, Effect, Input, Node, Output, Port, Scenario, World};
+use world::{Analog, Effect, Input, Output, Scenario, World};
 
-/// The ELF files of the four nodes.
-#[derive(Clone, Debug)]
-pub struct Images {
-    /// Time master with the satellite receiver (F446).
-    pub gps: Vec<u8>,
-    /// Control law, operator's inputs and display (F446).
-    pub controller: Vec<u8>,
-    /// Steering actuator (F303).
-    pub steering: Vec<u8>,
-    /// Drive motor (F303).
-    pub drive: Vec<u8>,
-}
+/// The ELF files of a vehicle's nodes, in the order of its manifest.
+#[derive(Clone, Debug, Default)]
+pub struct Images(Vec<Vec<u8>>);
 
 impl Images {
-    fn get(&self, node: Node) -> &[u8] {
-        match node {
-            Node::Gps => &self.gps,
-            Node::Controller => &self.controller,
-            Node::Steering => &self.steering,
-            Node::Drive => &self.drive,
-        }
+    /// The files of these bytes, in the order of the manifest's nodes.
+    #[must_use]
+    pub fn new(files: Vec<Vec<u8>>) -> Self {
+        Self(files)
     }
-}
 
-/// The microcontroller on a node's sled.
-#[must_use]
-pub const fn part_of(node: Node) -> &'static Part {
-    match node {
-        Node::Gps | Node::Controller => Part::F446,
-        Node::Steering | Node::Drive => Part::F303,
+    /// The image of a node; no bytes when there is none.
+    #[must_use]
+    pub fn of(&self, node: NodeIndex) -> &[u8] {
+        self.0.get(node.0).map_or(&[], Vec::as_slice)
+    }
+
+    /// The same images with another one for a node.
+    #[must_use]
+    pub fn with(mut self, node: NodeIndex, file: Vec<u8>) -> Self {
+        if let Some(image) = self.0.get_mut(node.0) {
+            *image = file;
+        }
+        self
+    }
+
+    /// All nodes and their images.
+    pub fn iter(&self) -> impl Iterator<Item = (NodeIndex, &[u8])> {
+        let files = self.0.iter().enumerate();
+        files.map(|(index, file)| (NodeIndex(index), file.as_slice()))
     }
 }
 
 /// Why a vehicle cannot be built.
 #[derive(Debug, thiserror::Error)]
-#[error("the image of node {}: {error}", node.name())]
-pub struct VehicleError {
-    /// The node.
-    pub node: Node,
-    /// What is wrong with its image.
-    #[source]
-    pub error: ImageError,
-}
-
-/// The USART (1..) that a line of the world is wired to.
-const fn usart_of(port: Port) -> u8 {
-    match port {
-        Port::Receiver | Port::Motor => 1,
-        Port::Lcd => 3,
-    }
-}
-
-/// USART of the console on every node.
-const CONSOLE: u8 = 2;
-
-/// Pin of an actuator node that closes the relay in its motor's lead, high = closed.
-const RELAY: Pin = Pin::new('A', 8);
-
-/// The line behind a USART of a node.
-const fn port_of(node: Node, usart: u8) -> Option<Port> {
-    match (node, usart) {
-        (Node::Gps, 1) => Some(Port::Receiver),
-        (Node::Controller, 3) => Some(Port::Lcd),
-        (Node::Steering | Node::Drive, 1) => Some(Port::Motor),
-        _ => None,
-    }
-}
-
-/// The controller's pin for an input.
-const fn pin_of(input: Input) -> Pin {
-    let number = match input {
-        Input::RemoteA => 0,
-        Input::RemoteB => 1,
-        Input::RemoteC => 2,
-        Input::RemoteD => 3,
-        Input::JoystickSwitch => 4,
-        Input::StopLoop => 5,
-    };
-    Pin::new('C', number)
-}
-
-/// Node and ADC channel of an analogue signal.
-const fn channel_of(analog: Analog) -> (Node, usize) {
-    match analog {
-        Analog::JoystickX => (Node::Controller, 0),
-        Analog::JoystickY => (Node::Controller, 1),
-        // PA0 is channel 1 of the F303's ADC1.
-        Analog::SteeringPot => (Node::Steering, 1),
-    }
+pub enum TwinError {
+    /// An image is none for its node's microcontroller.
+    #[error("the image of node {node}: {error}")]
+    Image {
+        /// Name of the node.
+        node: String,
+        /// What is wrong with its image.
+        #[source]
+        error: ImageError,
+    },
+    /// The manifest wires what its board does not have.
+    #[error("node {node}: {error}")]
+    Wiring {
+        /// Name of the node.
+        node: String,
+        /// What is missing.
+        #[source]
+        error: WiringError,
+    },
 }
 
 /// The analogue inputs follow the world in steps of this; the nodes sample every 5 ms.
@@ -119,9 +86,10 @@ const LOOK_AHEAD: SimDuration = SimDuration::from_ticks(300_000_000);
 const CORRUPTED_BIT: u16 = 25;
 
 /// A running vehicle.
-pub struct Vehicle {
+pub struct Twin {
     network: Network,
     world: World,
+    nodes: Vec<Node>,
     foreign: NodeId,
     /// Outputs of the world that lie ahead of the nodes.
     ahead: VecDeque<Output>,
@@ -129,16 +97,13 @@ pub struct Vehicle {
     /// Starts of frame so far; several nodes may start one.
     starts: u64,
     last_start: Option<SimTime>,
-    consoles: [Vec<u8>; 4],
 }
 
-const fn index(node: Node) -> usize {
-    match node {
-        Node::Gps => 0,
-        Node::Controller => 1,
-        Node::Steering => 2,
-        Node::Drive => 3,
-    }
+/// A node of the vehicle.
+struct Node {
+    name: String,
+    wiring: Wiring,
+    console: Vec<u8>,
 }
 
 /// Parts in 10^9 from parts in 10^6.
@@ -146,57 +111,106 @@ fn ppb(ppm: f64) -> i32 {
     (ppm * 1000.0).round() as i32
 }
 
-impl Vehicle {
+impl Twin {
     /// Puts the vehicle together; nothing has run yet.
     ///
     /// # Errors
-    /// When an image is no program for its node's microcontroller.
-    pub fn new(scenario: &Scenario, seed: u64, images: &Images) -> Result<Self, VehicleError> {
-        Self::with_flash(scenario, seed, images, FlashTiming::default())
+    /// When an image is no program for its node's microcontroller, or the manifest wires what a
+    /// board does not have.
+    pub fn new(
+        vehicle: &Vehicle,
+        scenario: &Scenario,
+        seed: u64,
+        images: &Images,
+    ) -> Result<Self, TwinError> {
+        Self::with_flash(vehicle, scenario, seed, images, FlashTiming::default())
     }
 
     /// The same with a choice of what reading the flash costs.
     ///
     /// # Errors
-    /// As [`Vehicle::new`].
+    /// As [`Twin::new`].
     pub fn with_flash(
+        vehicle: &Vehicle,
         scenario: &Scenario,
         seed: u64,
         images: &Images,
         flash: FlashTiming,
-    ) -> Result<Self, VehicleError> {
-        let world = World::new(scenario, seed);
+    ) -> Result<Self, TwinError> {
+        let world = World::new(vehicle, scenario, seed);
         let mut network = Network::new();
-        for node in Node::ALL {
-            let image = Image::from_elf(part_of(node), images.get(node))
-                .map_err(|error| VehicleError { node, error })?;
+        let mut nodes = Vec::new();
+        for index in vehicle.nodes() {
+            let node = vehicle.node(index);
+            let name = node.name.clone();
+            let miswired = |error| TwinError::Wiring {
+                node: name.clone(),
+                error,
+            };
+            let wiring = Wiring::new(vehicle, index).map_err(miswired)?;
+            let part = wiring.sled().part;
+            let image =
+                Image::from_elf(part, images.of(index)).map_err(|error| TwinError::Image {
+                    node: name.clone(),
+                    error,
+                })?;
+            let external = world.external_clock(index);
             let board = Board {
-                external_clock: world.external_clock(node).then_some(8_000_000),
-                crystal_ppb: ppb(world.crystal_ppm(node)),
-                rc_ppb: ppb(world.internal_ppm(node)),
+                external_clock: external.then_some(wiring.sled().external_hz),
+                crystal_ppb: ppb(world.crystal_ppm(index)),
+                rc_ppb: ppb(world.internal_ppm(index)),
                 flash,
                 ..Board::default()
             };
             network.add(Arc::new(image), &board);
+            nodes.push(Node {
+                name,
+                wiring,
+                console: Vec::new(),
+            });
         }
         let foreign = network.bus().add_tester(Tester::new());
-        let mut vehicle = Self {
+        let mut twin = Self {
             network,
             world,
+            nodes,
             foreign,
             ahead: VecDeque::new(),
             records: Vec::new(),
             starts: 0,
             last_start: None,
-            consoles: std::array::from_fn(|_| Vec::new()),
         };
-        for input in Input::ALL {
-            let level = vehicle.world.level(input);
-            vehicle
-                .node_mut(Node::Controller)
-                .drive_pin(pin_of(input), Some(level));
+        if let Some(node) = twin.world.switches() {
+            for input in Input::ALL {
+                let level = twin.world.level(input);
+                twin.drive_input(node, input, level);
+            }
         }
-        Ok(vehicle)
+        Ok(twin)
+    }
+
+    /// Puts a level on the pin of an input.
+    fn drive_input(&mut self, node: NodeIndex, input: Input, high: bool) {
+        if let Some(pin) = self.nodes[node.0].wiring.input(input) {
+            self.node_mut(node).drive_pin(pin, Some(high));
+        }
+    }
+
+    /// The nodes' places, in order.
+    pub fn nodes(&self) -> impl ExactSizeIterator<Item = NodeIndex> + use<> {
+        (0..self.nodes.len()).map(NodeIndex)
+    }
+
+    /// Name of a node.
+    #[must_use]
+    pub fn name(&self, node: NodeIndex) -> &str {
+        &self.nodes[node.0].name
+    }
+
+    /// The board of a node.
+    #[must_use]
+    pub fn sled(&self, node: NodeIndex) -> &'static Sled {
+        self.nodes[node.0].wiring.sled()
     }
 
     /// How far it has run.
@@ -207,20 +221,19 @@ impl Vehicle {
 
     /// A node.
     #[must_use]
-    pub fn node(&self, node: Node) -> &Mcu {
-        self.network.node(index(node))
+    pub fn node(&self, node: NodeIndex) -> &Mcu {
+        self.network.node(node.0)
     }
 
     /// A node.
-    pub fn node_mut(&mut self, node: Node) -> &mut Mcu {
-        self.network.node_mut(index(node))
+    pub fn node_mut(&mut self, node: NodeIndex) -> &mut Mcu {
+        self.network.node_mut(node.0)
     }
 
     /// The node that has a place on the bus, `None` for testers.
     #[must_use]
-    pub fn node_at(&self, id: NodeId) -> Option<Node> {
-        Node::ALL
-            .into_iter()
+    pub fn node_at(&self, id: NodeId) -> Option<NodeIndex> {
+        self.nodes()
             .find(|&node| self.node(node).node() == Some(id))
     }
 
@@ -243,8 +256,8 @@ impl Vehicle {
 
     /// What a node wrote on its console so far.
     #[must_use]
-    pub fn console(&self, node: Node) -> &[u8] {
-        &self.consoles[index(node)]
+    pub fn console(&self, node: NodeIndex) -> &[u8] {
+        &self.nodes[node.0].console
     }
 
     /// Runs up to `end`.
@@ -262,11 +275,7 @@ impl Vehicle {
             let before = SimTime::from_ticks(coupling.as_ticks() - 1);
             self.world.advance_to(before.min(step + LOOK_AHEAD));
             self.collect();
-            for analog in [Analog::JoystickX, Analog::JoystickY, Analog::SteeringPot] {
-                let (node, channel) = channel_of(analog);
-                let count = self.world.adc(analog, now);
-                self.node_mut(node).set_analog(channel, count);
-            }
+            self.convert(now);
             while let Some(output) = self.ahead.pop_front_if(|output| output.at <= step) {
                 self.network.run_until(output.at);
                 self.apply(&output);
@@ -294,12 +303,23 @@ impl Vehicle {
         }
     }
 
+    /// Puts the voltages of an instant on the nodes' converters.
+    fn convert(&mut self, now: SimTime) {
+        let analogs: Vec<(NodeIndex, Analog)> = self.world.analogs().to_vec();
+        for (node, analog) in analogs {
+            if let Some(channel) = self.nodes[node.0].wiring.channel(analog) {
+                let count = self.world.adc(analog, now);
+                self.node_mut(node).set_analog(channel, count);
+            }
+        }
+    }
+
     /// Takes the world's outputs: bytes go onto their lines at once, the rest waits.
     fn collect(&mut self) {
         while let Some(output) = self.world.poll() {
             if let Effect::Byte {
                 node,
-                port,
+                device,
                 byte,
                 bit_time,
             } = output.what
@@ -307,8 +327,9 @@ impl Vehicle {
                 let bit = bit_time.as_ticks().max(1);
                 let start = SimTime::from_ticks(output.at.as_ticks().saturating_sub(10 * bit));
                 let baud = u32::try_from(1_000_000_000_000 / bit).unwrap_or(u32::MAX);
-                self.node_mut(node)
-                    .feed_uart(usart_of(port), &[byte], start, baud);
+                if let Some(usart) = self.nodes[node.0].wiring.usart_of(device) {
+                    self.node_mut(node).feed_uart(usart, &[byte], start, baud);
+                }
             } else {
                 self.ahead.push_back(output);
             }
@@ -318,9 +339,7 @@ impl Vehicle {
     fn apply(&mut self, output: &Output) {
         match &output.what {
             Effect::Byte { .. } => {}
-            Effect::Level { input, high } => self
-                .node_mut(Node::Controller)
-                .drive_pin(pin_of(*input), Some(*high)),
+            Effect::Level { node, input, high } => self.drive_input(*node, *input, *high),
             Effect::Reset { node, held: true } => self.node_mut(*node).hold_reset(),
             Effect::Reset { node, held: false } => self.node_mut(*node).release_reset(),
             Effect::Bus(disturbance) => self.disturb(disturbance, output.at),
@@ -377,16 +396,18 @@ impl Vehicle {
     fn deliver(&mut self) {
         self.take_records();
         let mut sent = Vec::new();
-        for node in Node::ALL {
+        for node in self.nodes() {
+            let console = self.nodes[node.0].wiring.console();
             for byte in self.node_mut(node).drain_uart() {
-                if byte.usart == CONSOLE {
-                    self.consoles[index(node)].push(byte.byte);
+                if Some(byte.usart) == console {
+                    self.nodes[node.0].console.push(byte.byte);
                 } else {
                     sent.push((byte.end, node, Sent::Byte(byte)));
                 }
             }
+            let relay = self.nodes[node.0].wiring.relay;
             for change in self.node_mut(node).drain_pins() {
-                if change.pin == RELAY {
+                if Some(change.pin) == relay {
                     sent.push((change.at, node, Sent::Relay(change.high)));
                 }
             }
@@ -396,9 +417,9 @@ impl Vehicle {
             match what {
                 Sent::Relay(closed) => self.world.relay(node, closed, at),
                 Sent::Byte(byte) => {
-                    if let Some(port) = port_of(node, byte.usart) {
+                    if let Some(device) = self.nodes[node.0].wiring.device_at(byte.usart) {
                         self.world
-                            .serial(node, port, byte.byte, byte.start, byte.end);
+                            .serial(node, device, byte.byte, byte.start, byte.end);
                     }
                 }
             }
@@ -408,19 +429,21 @@ impl Vehicle {
     /// Ends the run.
     #[must_use]
     pub fn finish(self) -> Outcome {
-        let nodes = Node::ALL.map(|node| {
+        let outcome = |node: NodeIndex| {
             let mcu = self.node(node);
             NodeOutcome {
                 node,
+                name: self.name(node).to_owned(),
                 id: mcu.node(),
                 core_hz: mcu.core_hz(),
                 load: mcu.load(),
-                console: self.consoles[index(node)].clone(),
+                console: self.console(node).to_vec(),
                 resets: mcu.resets().to_vec(),
                 locked_up: mcu.is_locked_up(),
                 unmodelled: mcu.unmodelled(),
             }
-        });
+        };
+        let nodes = self.nodes().map(outcome).collect();
         Outcome {
             duration: self.network.now(),
             records: self.records,
@@ -440,7 +463,9 @@ enum Sent {
 #[derive(Clone, Debug)]
 pub struct NodeOutcome {
     /// The node.
-    pub node: Node,
+    pub node: NodeIndex,
+    /// Its name.
+    pub name: String,
     /// Its place on the bus, as the records name it.
     pub id: Option<NodeId>,
     /// Rate of its core clock at the end, Hz.
@@ -464,8 +489,8 @@ pub struct Outcome {
     pub duration: SimTime,
     /// What went over the bus, in the order of time.
     pub records: Vec<Record>,
-    /// The nodes, in the order of [`Node::ALL`].
-    pub nodes: [NodeOutcome; 4],
+    /// The nodes, in the order of the manifest.
+    pub nodes: Vec<NodeOutcome>,
     /// The world at the end, with its recordings.
     pub world: World,
 }
@@ -473,7 +498,7 @@ pub struct Outcome {
 impl Outcome {
     /// The node that has a place on the bus, `None` for testers.
     #[must_use]
-    pub fn node_at(&self, id: NodeId) -> Option<Node> {
+    pub fn node_at(&self, id: NodeId) -> Option<NodeIndex> {
         self.nodes
             .iter()
             .find(|outcome| outcome.id == Some(id))
@@ -516,18 +541,19 @@ impl Default for Options {
     }
 }
 
-/// Runs a scenario from power-on to its end.
+/// Runs a scenario of a vehicle from power-on to its end.
 ///
 /// # Errors
-/// When an image is no program for its node's microcontroller.
+/// As [`Twin::new`].
 pub fn run(
+    vehicle: &Vehicle,
     scenario: &Scenario,
     images: &Images,
     options: &Options,
     mut progress: impl FnMut(Progress),
-) -> Result<Outcome, VehicleError> {
-    let mut vehicle = Vehicle::with_flash(scenario, options.seed, images, options.flash)?;
+) -> Result<Outcome, TwinError> {
+    let mut twin = Twin::with_flash(vehicle, scenario, options.seed, images, options.flash)?;
     let duration = options.duration.unwrap_or_else(|| scenario.duration.span());
-    vehicle.run_telling(duration, options.progress_every, &mut progress);
-    Ok(vehicle.finish())
+    twin.run_telling(duration, options.progress_every, &mut progress);
+    Ok(twin.finish())
 }

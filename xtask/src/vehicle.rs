@@ -1,0 +1,194 @@
+//! The vehicles of the workspace and their nodes, by the names on the command line.
+
+use std::fs;
+
+use parts::Sled;
+use vehicle_model::{NodeIndex, Vehicle, VehicleError};
+
+use crate::{Failure, Workspace};
+
+/// The vehicle that a command means when none is named.
+pub const DEFAULT: &str = "uagv";
+
+/// Reads the vehicle of that name.
+///
+/// # Errors
+///
+/// There is none, or its folder is wrong ([`Failure::Usage`]).
+pub fn find(workspace: &Workspace, name: &str) -> Result<Vehicle, Failure> {
+    Vehicle::find(&workspace.vehicles(), name).map_err(wrong)
+}
+
+fn wrong(error: VehicleError) -> Failure {
+    Failure::Usage(error.to_string())
+}
+
+/// The nodes of these names in the order of the manifest; all when none is named.
+///
+/// # Errors
+///
+/// The vehicle has no node of one of the names.
+pub fn nodes(vehicle: &Vehicle, names: &[String]) -> Result<Vec<NodeIndex>, Failure> {
+    if names.is_empty() {
+        return Ok(vehicle.nodes().collect());
+    }
+    let mut nodes = Vec::new();
+    for name in names {
+        nodes.push(vehicle.find_node(name).ok_or_else(|| {
+            let known = node_names(vehicle).join(", ");
+            Failure::Usage(format!("there is no node {name}: {known}"))
+        })?);
+    }
+    nodes.sort();
+    nodes.dedup();
+    Ok(nodes)
+}
+
+/// The names of a vehicle's nodes, in order.
+#[must_use]
+pub fn node_names(vehicle: &Vehicle) -> Vec<String> {
+    let nodes = vehicle.manifest().nodes.iter();
+    nodes.map(|node| node.name.clone()).collect()
+}
+
+/// The one vehicle that has a node of this name, and the node. `vehicle` names the vehicle when
+/// several have one.
+///
+/// # Errors
+///
+/// No vehicle has such a node, or several have one and none is named.
+pub fn with_node(
+    workspace: &Workspace,
+    node: &str,
+    vehicle: Option<&str>,
+) -> Result<(Vehicle, NodeIndex), Failure> {
+    if let Some(name) = vehicle {
+        let vehicle = find(workspace, name)?;
+        let index = nodes(&vehicle, &[node.to_owned()])?;
+        return index
+            .first()
+            .map(|&index| (vehicle, index))
+            .ok_or_else(|| Failure::Usage(format!("there is no node {node}")));
+    }
+    let mut having = Vec::new();
+    let mut known = Vec::new();
+    for name in Vehicle::names(&workspace.vehicles()).map_err(wrong)? {
+        let vehicle = find(workspace, &name)?;
+        known.push(format!("{} of {name}", node_names(&vehicle).join(", ")));
+        if let Some(index) = vehicle.find_node(node) {
+            having.push((vehicle, index));
+        }
+    }
+    let names: Vec<String> = having
+        .iter()
+        .map(|(vehicle, _)| format!("--vehicle {}", vehicle.name()))
+        .collect();
+    match (having.pop(), having.is_empty()) {
+        (Some(one), true) => Ok(one),
+        (Some(_), false) => Err(Failure::Usage(format!(
+            "more than one vehicle has a node {node}: which one, {}?",
+            names.join(" or ")
+        ))),
+        (None, _) => Err(Failure::Usage(format!(
+            "there is no node {node}: there are {}",
+            known.join("; ")
+        ))),
+    }
+}
+
+/// The board of a node.
+///
+/// # Panics
+///
+/// Never for a vehicle that was read: its boards are checked.
+#[must_use]
+pub fn board(vehicle: &Vehicle, node: NodeIndex) -> &'static Sled {
+    let name = &vehicle.node(node).board;
+    Sled::named(name).expect("the manifest's boards are checked")
+}
+
+/// The package that builds a vehicle's images.
+///
+/// # Errors
+///
+/// Its manifest cannot be read.
+pub fn package(vehicle: &Vehicle) -> Result<String, Failure> {
+    let manifest = vehicle.folder().join("Cargo.toml");
+    let wrong = |error: String| Failure::Usage(format!("{}: {error}", manifest.display()));
+    let text = fs::read_to_string(&manifest).map_err(|error| wrong(error.to_string()))?;
+    let table: toml::Table = text
+        .parse()
+        .map_err(|error: toml::de::Error| wrong(error.to_string().replace('\n', "; ")))?;
+    let name = table
+        .get("package")
+        .and_then(|package| package.get("name")?.as_str());
+    name.map(str::to_owned)
+        .ok_or_else(|| wrong("it names no package".into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn uagv() -> Vehicle {
+        find(&Workspace::find().unwrap(), DEFAULT).unwrap()
+    }
+
+    #[test]
+    fn nodes_are_named_in_any_order() {
+        let vehicle = uagv();
+        let named = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+            nodes(&vehicle, &names)
+        };
+        assert_eq!(named(&[]).unwrap().len(), 4);
+        assert_eq!(
+            named(&["drive", "gps", "drive"]).unwrap(),
+            [NodeIndex(0), NodeIndex(3)]
+        );
+        let failure = named(&["gps", "rudder"]).unwrap_err();
+        assert_eq!(failure.exit_code(), 2);
+        assert_eq!(
+            failure.to_string(),
+            "there is no node rudder: gps, controller, steering, drive"
+        );
+    }
+
+    #[test]
+    fn a_node_is_found_in_the_vehicle_that_has_it() {
+        let workspace = Workspace::find().unwrap();
+        let (vehicle, node) = with_node(&workspace, "steering", None).unwrap();
+        assert_eq!((vehicle.name(), node), ("uagv", NodeIndex(2)));
+        let failure = with_node(&workspace, "rudder", None).unwrap_err();
+        assert!(
+            failure.to_string().contains("steering, drive of uagv"),
+            "{failure}"
+        );
+        let failure = with_node(&workspace, "gps", Some("plough")).unwrap_err();
+        assert!(
+            failure.to_string().contains("there is no vehicle"),
+            "{failure}"
+        );
+    }
+
+    #[test]
+    fn a_node_that_two_vehicles_have_is_asked_back() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["one", "two"] {
+            let to = folder.path().join("firmware/vehicles").join(name);
+            fs::create_dir_all(&to).unwrap();
+            for file in ["vehicle.toml", "network.dbc"] {
+                fs::copy(uagv().folder().join(file), to.join(file)).unwrap();
+            }
+        }
+        let workspace = Workspace::at(folder.path());
+        let failure = with_node(&workspace, "gps", None).unwrap_err();
+        assert_eq!(failure.exit_code(), 2);
+        assert_eq!(
+            failure.to_string(),
+            "more than one vehicle has a node gps: which one, --vehicle one or --vehicle two?"
+        );
+        let (vehicle, _) = with_node(&workspace, "gps", Some("two")).unwrap();
+        assert_eq!(vehicle.name(), "two");
+    }
+}

@@ -1,0 +1,115 @@
+//! What is behind the pins of a vehicle's nodes, from its manifest and its boards.
+
+use parts::{Pin, Role, Sled};
+use vehicle_model::{Device, NodeIndex, Vehicle};
+use world::{Analog, Input};
+
+/// Where a device meets the microcontroller of its node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Plug {
+    /// The device.
+    pub(crate) device: Device,
+    /// USART behind the connector, from 1.
+    pub(crate) usart: Option<u8>,
+}
+
+/// The wiring of one node.
+#[derive(Clone, Debug)]
+pub(crate) struct Wiring {
+    sled: &'static Sled,
+    /// What is plugged in, by the names of the connectors.
+    plugs: Vec<Plug>,
+    /// Pin that closes the relay in a motor's lead, high = closed.
+    pub(crate) relay: Option<Pin>,
+}
+
+/// Why a node cannot be wired as the manifest says.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WiringError {
+    /// A board of that name does not exist.
+    #[error("there is no board {0:?}")]
+    Board(String),
+    /// The board does not have that connector.
+    #[error("board {board:?} has no connector {connector:?}")]
+    Connector {
+        /// The board.
+        board: &'static str,
+        /// The connector.
+        connector: String,
+    },
+}
+
+impl Wiring {
+    /// The wiring of a node.
+    pub(crate) fn new(vehicle: &Vehicle, node: NodeIndex) -> Result<Self, WiringError> {
+        let node = vehicle.node(node);
+        let sled =
+            Sled::named(&node.board).ok_or_else(|| WiringError::Board(node.board.clone()))?;
+        let mut plugs = Vec::new();
+        let mut relay = None;
+        for (name, &device) in &node.wiring {
+            let connector = sled.connector(name).ok_or_else(|| WiringError::Connector {
+                board: sled.name,
+                connector: name.clone(),
+            })?;
+            if device.is_motor() {
+                relay = connector.signal("relay").map(|line| line.pin);
+            }
+            plugs.push(Plug {
+                device,
+                usart: connector.usart(),
+            });
+        }
+        Ok(Self { sled, plugs, relay })
+    }
+
+    /// The board of the node.
+    pub(crate) fn sled(&self) -> &'static Sled {
+        self.sled
+    }
+
+    /// The USART of the console.
+    pub(crate) fn console(&self) -> Option<u8> {
+        self.sled.connector("console")?.usart()
+    }
+
+    /// The USART that a device is wired to.
+    pub(crate) fn usart_of(&self, device: Device) -> Option<u8> {
+        self.plugs.iter().find(|plug| plug.device == device)?.usart
+    }
+
+    /// The device behind a USART.
+    pub(crate) fn device_at(&self, usart: u8) -> Option<Device> {
+        let mut plugs = self.plugs.iter();
+        Some(plugs.find(|plug| plug.usart == Some(usart))?.device)
+    }
+
+    /// The pin of one of the operator's inputs.
+    pub(crate) fn input(&self, input: Input) -> Option<Pin> {
+        let name = match input {
+            Input::RemoteA => "a",
+            Input::RemoteB => "b",
+            Input::RemoteC => "c",
+            Input::RemoteD => "d",
+            Input::JoystickSwitch => "joystick-switch",
+            Input::StopLoop => "stop-loop",
+        };
+        let connector = self.sled.connector(Device::OperatorSwitches.connector())?;
+        Some(connector.signal(name)?.pin)
+    }
+
+    /// The ADC channel that converts a voltage.
+    pub(crate) fn channel(&self, analog: Analog) -> Option<usize> {
+        let (device, name) = match analog {
+            Analog::JoystickX => (Device::Joystick, "x"),
+            Analog::JoystickY => (Device::Joystick, "y"),
+            Analog::SteeringPot => (Device::SteeringPotentiometer, "wiper"),
+            Analog::Knob(_) => (Device::Knob, "wiper"),
+        };
+        let signal = self.sled.connector(device.connector())?.signal(name)?;
+        match signal.role {
+            Role::Analog(channel) => Some(usize::from(channel)),
+            _ => None,
+        }
+    }
+}

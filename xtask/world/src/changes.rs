@@ -1,0 +1,37 @@
+//! Fields that a scenario may change of what a vehicle's manifest says.
+
+/// Makes a struct in which every field of another one may be left out.
+///
+/// Fields after `optional` are optional in the other struct too.
+macro_rules! changes {
+    (
+        $(#[$about:meta])*
+        $visible:vis struct $name:ident of $whole:ident {
+            $($field:ident: $type:ty,)*
+        } optional {
+            $($maybe:ident: $maybe_type:ty,)*
+        }
+    ) => {
+        $(#[$about])*
+        #[derive(Clone, Debug, Default, PartialEq, serde::Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        $visible struct $name {
+            $($field: Option<$type>,)*
+            $($maybe: Option<$maybe_type>,)*
+        }
+
+        impl $name {
+            /// Takes over what is there.
+            pub(crate) fn apply(self, whole: &mut $whole) {
+                $(if let Some(value) = self.$field {
+                    whole.$field = value;
+                })*
+                $(if self.$maybe.is_some() {
+                    whole.$maybe = self.$maybe;
+                })*
+            }
+        }
+    };
+}
+
+pub(crate) use changes;

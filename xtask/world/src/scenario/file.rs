@@ -1,0 +1,207 @@
+//! A scenario file as it is written, before the vehicle's manifest fills its gaps.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use vehicle_model::{Device, NodeIndex, Vehicle};
+
+use super::{
+    BusEvent, ButtonPress, Clock, JoystickMove, KnobTurn, Lcd, Line, Point, ResetEvent, Scenario,
+    Start, StartChanges, StopLoopChange,
+};
+use crate::receiver::{self, FixChange, StreamFault};
+use crate::units::{Ratio, Time};
+use crate::vehicle;
+
+/// The tables and fields of a file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct File {
+    summary: String,
+    duration: Time,
+    start: Option<StartChanges>,
+    line: Option<Line>,
+    vehicle: Option<vehicle::Changes>,
+    ground: vehicle::Ground,
+    receiver: Option<receiver::Changes>,
+    lcd: Lcd,
+    nodes: BTreeMap<String, Clock>,
+    fix: Vec<FixChange>,
+    stream: Vec<StreamFault>,
+    press: Vec<ButtonPress>,
+    joystick: Vec<JoystickMove>,
+    knob: Vec<Turn>,
+    stop_loop: Vec<StopLoopChange>,
+    reset: Vec<Reset>,
+    bus: Vec<BusEvent>,
+}
+
+impl Default for File {
+    fn default() -> Self {
+        Self {
+            summary: String::new(),
+            duration: Time::new(60.0),
+            start: None,
+            line: None,
+            vehicle: None,
+            ground: vehicle::Ground::default(),
+            receiver: None,
+            lcd: Lcd::default(),
+            nodes: BTreeMap::new(),
+            fix: Vec::new(),
+            stream: Vec::new(),
+            press: Vec::new(),
+            joystick: Vec::new(),
+            knob: Vec::new(),
+            stop_loop: Vec::new(),
+            reset: Vec::new(),
+            bus: Vec::new(),
+        }
+    }
+}
+
+/// A [`KnobTurn`].
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Turn {
+    node: String,
+    at: Time,
+    position: Ratio,
+}
+
+/// A [`ResetEvent`].
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Reset {
+    node: String,
+    at: Time,
+    until: Option<Time>,
+}
+
+impl File {
+    /// The scenario, with the manifest's values where the file has none.
+    pub(super) fn complete(self, vehicle: &Vehicle, name: &str) -> Result<Scenario, String> {
+        let manifest = vehicle.manifest();
+        let node = |field: String, name: &str| find(vehicle, &field, name);
+        let mut nodes = vec![Clock::default(); manifest.nodes.len()];
+        for (name, clock) in self.nodes {
+            nodes[node("nodes".into(), &name)?.0] = clock;
+        }
+        let reset = self.reset.into_iter().enumerate().map(|(i, reset)| {
+            Ok(ResetEvent {
+                node: node(format!("reset[{i}].node"), &reset.node)?,
+                at: reset.at,
+                until: reset.until,
+            })
+        });
+        let knob = self.knob.into_iter().enumerate().map(|(i, turn)| {
+            Ok(KnobTurn {
+                node: node(format!("knob[{i}].node"), &turn.node)?,
+                at: turn.at,
+                position: turn.position,
+            })
+        });
+        let line = line(vehicle, self.line)?;
+        Ok(Scenario {
+            name: name.into(),
+            summary: self.summary,
+            duration: self.duration,
+            start: start(vehicle, line.as_ref(), self.start)?,
+            line,
+            vehicle: machine(vehicle, self.vehicle)?,
+            ground: self.ground,
+            receiver: receiver(vehicle, self.receiver)?,
+            lcd: self.lcd,
+            nodes,
+            fix: self.fix,
+            stream: self.stream,
+            press: self.press,
+            joystick: self.joystick,
+            knob: knob.collect::<Result<_, String>>()?,
+            stop_loop: self.stop_loop,
+            reset: reset.collect::<Result<_, String>>()?,
+            bus: self.bus,
+        })
+    }
+}
+
+fn find(vehicle: &Vehicle, field: &str, name: &str) -> Result<NodeIndex, String> {
+    vehicle.find_node(name).ok_or_else(|| {
+        let nodes = vehicle.manifest().nodes.iter();
+        let names: Vec<&str> = nodes.map(|node| node.name.as_str()).collect();
+        format!("{field}: there is no node {name:?}: {}", names.join(", "))
+    })
+}
+
+fn line(vehicle: &Vehicle, line: Option<Line>) -> Result<Option<Line>, String> {
+    let manifest = vehicle.manifest();
+    if manifest.machine.is_none() {
+        return match line {
+            None => Ok(None),
+            Some(_) => Err(without(vehicle, "line", "a machine")),
+        };
+    }
+    let point = |point: &vehicle_model::manifest::Waypoint| Point {
+        north: point.north,
+        east: point.east,
+    };
+    let ends = manifest.waypoints.first().zip(manifest.waypoints.last());
+    Ok(line.or_else(|| {
+        ends.map(|(from, to)| Line {
+            from: point(from),
+            to: point(to),
+        })
+    }))
+}
+
+fn start(
+    vehicle: &Vehicle,
+    line: Option<&Line>,
+    changes: Option<StartChanges>,
+) -> Result<Start, String> {
+    let mut start = Start::of(line);
+    match changes {
+        Some(_) if vehicle.manifest().machine.is_none() => {
+            return Err(without(vehicle, "start", "a machine"));
+        }
+        Some(changes) => changes.apply(&mut start),
+        None => {}
+    }
+    Ok(start)
+}
+
+fn machine(
+    vehicle: &Vehicle,
+    changes: Option<vehicle::Changes>,
+) -> Result<Option<vehicle::Parameters>, String> {
+    let Some(machine) = &vehicle.manifest().machine else {
+        return match changes {
+            None => Ok(None),
+            Some(_) => Err(without(vehicle, "vehicle", "a machine")),
+        };
+    };
+    let mut parameters = vehicle::Parameters::from(machine);
+    changes.unwrap_or_default().apply(&mut parameters);
+    Ok(Some(parameters))
+}
+
+fn receiver(
+    vehicle: &Vehicle,
+    changes: Option<receiver::Changes>,
+) -> Result<Option<receiver::Parameters>, String> {
+    let wired = vehicle.node_of(Device::SatelliteReceiver);
+    let Some((receiver, _)) = vehicle.manifest().receiver.as_ref().zip(wired) else {
+        return match changes {
+            None => Ok(None),
+            Some(_) => Err(without(vehicle, "receiver", "a satellite receiver")),
+        };
+    };
+    let mut parameters = receiver::Parameters::of(receiver);
+    changes.unwrap_or_default().apply(&mut parameters);
+    Ok(Some(parameters))
+}
+
+/// The sentence about a table for something that the vehicle does not have.
+pub(super) fn without(vehicle: &Vehicle, table: &str, what: &str) -> String {
+    format!("{table}: vehicle {:?} is without {what}", vehicle.name())
+}

@@ -1,0 +1,55 @@
+//! The voltages and logic levels that devices put on the nodes' pins.
+
+use vehicle_model::NodeIndex;
+
+/// An analogue voltage that a node converts.
+#[derive(Copy, Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Analog {
+    /// Joystick, sideways: right is positive.
+    JoystickX,
+    /// Joystick, fore and aft: forward is positive.
+    JoystickY,
+    /// Potentiometer of the steering actuator.
+    SteeringPot,
+    /// A knob at the `pot` connector of this node.
+    Knob(NodeIndex),
+}
+
+/// A logic level at the node that has the operator's switches.
+#[derive(Copy, Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Input {
+    /// Remote button A, high while pressed.
+    RemoteA,
+    /// Remote button B, high while pressed.
+    RemoteB,
+    /// Remote button C, high while pressed.
+    RemoteC,
+    /// Remote button D, high while pressed.
+    RemoteD,
+    /// Switch of the joystick, low while pressed.
+    JoystickSwitch,
+    /// Emergency-stop loop, normally closed to ground: high means stop.
+    StopLoop,
+}
+
+impl Input {
+    /// All inputs.
+    pub const ALL: [Self; 6] = [
+        Self::RemoteA,
+        Self::RemoteB,
+        Self::RemoteC,
+        Self::RemoteD,
+        Self::JoystickSwitch,
+        Self::StopLoop,
+    ];
+
+    /// The level while nobody touches it.
+    #[must_use]
+    pub const fn idle(self) -> bool {
+        matches!(self, Self::JoystickSwitch)
+    }
+
+    pub(crate) const fn index(self) -> usize {
+        self as usize
+    }
+}
