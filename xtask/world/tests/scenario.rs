@@ -313,7 +313,7 @@ fn boards_without_a_machine_have_a_world() {
     world.serial(uagv::DRIVE, Device::BenchMotor, 255, second(0.1), end);
     world.advance_to(second(1.0));
     assert_eq!(world.effort(uagv::DRIVE), 1.0);
-    assert_eq!(world.efforts().len(), 2);
+    assert_eq!(world.efforts().len(), 1);
     assert!(world.states().is_empty() && world.machine().is_none());
 }
 
