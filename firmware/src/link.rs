@@ -54,7 +54,11 @@ pub trait Port {
     fn join_bus(&mut self) -> bool;
 }
 
-impl<I: sled_common::can::FilterOwner> Port for sled_common::can::Port<I> {
+impl<I, R> Port for sled_common::can::Port<I, R>
+where
+    I: sled_common::can::FilterOwner,
+    R: sled_common::can::Registers,
+{
     #[inline]
     fn receive(&mut self) -> Option<Received> {
         self.receive()

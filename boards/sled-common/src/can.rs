@@ -13,6 +13,7 @@
 
 pub use bxcan::FilterOwner;
 use bxcan::Interrupt;
+use core::marker::PhantomData;
 use ttcan::{BitTiming, Frame, Id};
 
 /// What came out of the receive FIFO.
@@ -56,28 +57,64 @@ pub struct ErrorState {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Occupied;
 
-// Register offsets in bytes.
-const MCR: usize = 0x000;
-const MSR: usize = 0x004;
-const TSR: usize = 0x008;
-const RF0R: usize = 0x00C;
-const IER: usize = 0x014;
-const ESR: usize = 0x018;
-const TI0R: usize = 0x180;
-const TDT0R: usize = 0x184;
-const TDL0R: usize = 0x188;
-const TDH0R: usize = 0x18C;
-const RI0R: usize = 0x1B0;
-const RDT0R: usize = 0x1B4;
-const RDL0R: usize = 0x1B8;
-const RDH0R: usize = 0x1BC;
-const FMR: usize = 0x200;
-const FM1R: usize = 0x204;
-const FS1R: usize = 0x20C;
-const FFA1R: usize = 0x214;
-const FA1R: usize = 0x21C;
-const F0R1: usize = 0x240;
-const F0R2: usize = 0x244;
+/// A register of the cell that is used at run time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Register {
+    /// Master control.
+    Mcr,
+    /// Master status.
+    Msr,
+    /// Transmit status.
+    Tsr,
+    /// Receive FIFO 0.
+    Rf0r,
+    /// Interrupt enable.
+    Ier,
+    /// Error status.
+    Esr,
+    /// Identifier of mailbox 0.
+    Ti0r,
+    /// Length of mailbox 0.
+    Tdt0r,
+    /// Bytes 0 to 3 of mailbox 0.
+    Tdl0r,
+    /// Bytes 4 to 7 of mailbox 0.
+    Tdh0r,
+    /// Identifier of the oldest frame in FIFO 0.
+    Ri0r,
+    /// Length of the oldest frame in FIFO 0.
+    Rdt0r,
+    /// Bytes 0 to 3 of the oldest frame in FIFO 0.
+    Rdl0r,
+    /// Bytes 4 to 7 of the oldest frame in FIFO 0.
+    Rdh0r,
+    /// Filter control.
+    Fmr,
+    /// Filter mode: mask or list.
+    Fm1r,
+    /// Filter scale.
+    Fs1r,
+    /// FIFO of each filter.
+    Ffa1r,
+    /// Filters that are active.
+    Fa1r,
+    /// First word of filter bank 0.
+    F0r1,
+    /// Second word of filter bank 0.
+    F0r2,
+}
+
+/// The registers of a cell, as the board's peripheral access crate knows them.
+///
+/// The two crates are of different generations, one with fields and one with functions, so
+/// that no code can be written against both. This trait is what they have in common.
+///
+/// # Safety
+/// The address is that of a register of the cell that the port owns.
+pub unsafe trait Registers {
+    /// The address of a register.
+    fn address(register: Register) -> *mut u32;
+}
 
 const FMR_FINIT: u32 = 1 << 0;
 
@@ -113,12 +150,13 @@ const ESR_WARNING: u32 = 1 << 0;
 const ESR_PASSIVE: u32 = 1 << 1;
 const ESR_BUS_OFF: u32 = 1 << 2;
 
-/// The CAN port of a sled.
-pub struct Port<I: FilterOwner> {
+/// The CAN port of a sled: the cell `I` with the registers `R`.
+pub struct Port<I: FilterOwner, R: Registers> {
     can: bxcan::Can<I>,
+    registers: PhantomData<R>,
 }
 
-impl<I: FilterOwner> Port<I> {
+impl<I: FilterOwner, R: Registers> Port<I, R> {
     /// Configures the cell and asks it to join the bus, which it does after eleven
     /// recessive bits; nothing waits for that.
     ///
@@ -131,42 +169,50 @@ impl<I: FilterOwner> Port<I> {
             .leave_disabled();
         can.enable_interrupt(Interrupt::Fifo0MessagePending);
         can.enable_interrupt(Interrupt::TransmitMailboxEmpty);
-        let mut port = Self { can };
+        let mut port = Self {
+            can,
+            registers: PhantomData,
+        };
         port.accept_all();
         // The crate has no name for the bus-off interrupt.
-        let enabled = port.read(IER);
-        port.write(IER, enabled | IER_BOFIE | IER_ERRIE);
-        port.write(MCR, MCR_RUN);
+        let enabled = port.read(Register::Ier);
+        port.write(Register::Ier, enabled | IER_BOFIE | IER_ERRIE);
+        port.write(Register::Mcr, MCR_RUN);
         port
     }
 
     /// Filter bank 0 as one 32-bit mask that asks for nothing, into FIFO 0. The crate's own
     /// way checks the bank's number at run time and could panic.
     fn accept_all(&mut self) {
-        let mode = self.read(FMR);
-        self.write(FMR, mode | FMR_FINIT);
-        for (register, set) in [(FM1R, false), (FS1R, true), (FFA1R, false), (FA1R, true)] {
+        let mode = self.read(Register::Fmr);
+        self.write(Register::Fmr, mode | FMR_FINIT);
+        for (register, set) in [
+            (Register::Fm1r, false),
+            (Register::Fs1r, true),
+            (Register::Ffa1r, false),
+            (Register::Fa1r, true),
+        ] {
             let banks = self.read(register) & !1;
-            if register == FA1R {
-                self.write(F0R1, 0);
-                self.write(F0R2, 0);
+            if register == Register::Fa1r {
+                self.write(Register::F0r1, 0);
+                self.write(Register::F0r2, 0);
             }
             self.write(register, banks | u32::from(set));
         }
-        self.write(FMR, mode & !FMR_FINIT);
+        self.write(Register::Fmr, mode & !FMR_FINIT);
     }
 
     /// Takes the oldest frame out of the FIFO; `None` when it is empty.
     #[inline]
     pub fn receive(&mut self) -> Option<Received> {
-        if self.read(RF0R) & RF0R_FMP == 0 {
+        if self.read(Register::Rf0r) & RF0R_FMP == 0 {
             return None;
         }
-        let identifier = self.read(RI0R);
-        let length = (self.read(RDT0R) & 0xF) as u8;
-        let [a, b, c, d] = self.read(RDL0R).to_le_bytes();
-        let [e, f, g, h] = self.read(RDH0R).to_le_bytes();
-        self.write(RF0R, RF0R_RFOM);
+        let identifier = self.read(Register::Ri0r);
+        let length = (self.read(Register::Rdt0r) & 0xF) as u8;
+        let [a, b, c, d] = self.read(Register::Rdl0r).to_le_bytes();
+        let [e, f, g, h] = self.read(Register::Rdh0r).to_le_bytes();
+        self.write(Register::Rf0r, RF0R_RFOM);
         // Both fields are as wide as the identifiers, so neither is ever `None`.
         let id = if identifier & TIR_IDE == 0 {
             Id::standard((identifier >> 21) as u16)
@@ -183,9 +229,9 @@ impl<I: FilterOwner> Port<I> {
     /// Whether the FIFO lost a frame since the last call.
     #[inline]
     pub fn take_overrun(&mut self) -> bool {
-        let lost = self.read(RF0R) & RF0R_FOVR != 0;
+        let lost = self.read(Register::Rf0r) & RF0R_FOVR != 0;
         if lost {
-            self.write(RF0R, RF0R_FOVR);
+            self.write(Register::Rf0r, RF0R_FOVR);
         }
         lost
     }
@@ -197,7 +243,7 @@ impl<I: FilterOwner> Port<I> {
     /// [`Occupied`] while an earlier frame is pending.
     #[inline]
     pub fn load(&mut self, frame: &Frame) -> Result<(), Occupied> {
-        if self.read(TSR) & TSR_TME0 == 0 {
+        if self.read(Register::Tsr) & TSR_TME0 == 0 {
             return Err(Occupied);
         }
         let [a, b, c, d, e, f, g, h] = frame.buffer();
@@ -208,10 +254,10 @@ impl<I: FilterOwner> Port<I> {
             id.raw() << 21
         };
         // Whole words: a TGT bit left from before would overwrite the last two bytes.
-        self.write(TDT0R, u32::from(frame.len()));
-        self.write(TDL0R, u32::from_le_bytes([a, b, c, d]));
-        self.write(TDH0R, u32::from_le_bytes([e, f, g, h]));
-        self.write(TI0R, identifier | TIR_TXRQ);
+        self.write(Register::Tdt0r, u32::from(frame.len()));
+        self.write(Register::Tdl0r, u32::from_le_bytes([a, b, c, d]));
+        self.write(Register::Tdh0r, u32::from_le_bytes([e, f, g, h]));
+        self.write(Register::Ti0r, identifier | TIR_TXRQ);
         Ok(())
     }
 
@@ -219,18 +265,18 @@ impl<I: FilterOwner> Port<I> {
     /// either way [`Port::outcome`] tells.
     #[inline]
     pub fn abort(&mut self) {
-        self.write(TSR, TSR_ABRQ0);
+        self.write(Register::Tsr, TSR_ABRQ0);
     }
 
     /// Acknowledges a finished attempt and says how it ended; `None` when none has ended
     /// since the last call.
     #[inline]
     pub fn outcome(&mut self) -> Option<Outcome> {
-        let status = self.read(TSR);
+        let status = self.read(Register::Tsr);
         if status & TSR_RQCP0 == 0 {
             return None;
         }
-        self.write(TSR, TSR_RQCP0);
+        self.write(Register::Tsr, TSR_RQCP0);
         Some(if status & TSR_TXOK0 != 0 {
             Outcome::Complete
         } else if status & TSR_ALST0 != 0 {
@@ -245,7 +291,7 @@ impl<I: FilterOwner> Port<I> {
     /// The error counters and states as they are now.
     #[inline]
     pub fn error_state(&self) -> ErrorState {
-        let status = self.read(ESR);
+        let status = self.read(Register::Esr);
         ErrorState {
             transmit: (status >> 16) as u8,
             receive: (status >> 24) as u8,
@@ -258,22 +304,22 @@ impl<I: FilterOwner> Port<I> {
     /// Acknowledges the status-change interrupt.
     #[inline]
     pub fn acknowledge_error(&mut self) {
-        self.write(MSR, MSR_ERRI);
+        self.write(Register::Msr, MSR_ERRI);
     }
 
     /// Leaves the bus: enters initialisation, in which the cell sends no dominant bit, and
     /// drops a pending frame. First half of the recovery from bus-off.
     pub fn leave_bus(&mut self) {
-        self.write(MCR, MCR_RUN | MCR_INRQ);
+        self.write(Register::Mcr, MCR_RUN | MCR_INRQ);
     }
 
     /// Second half: once the cell is in initialisation, lets it go. It takes part again
     /// after eleven recessive bits, after bus-off 128 times that. Returns false, and does
     /// nothing, while it is not there yet.
     pub fn join_bus(&mut self) -> bool {
-        let there = self.read(MSR) & MSR_INAK != 0;
+        let there = self.read(Register::Msr) & MSR_INAK != 0;
         if there {
-            self.write(MCR, MCR_RUN);
+            self.write(Register::Mcr, MCR_RUN);
         }
         there
     }
@@ -283,27 +329,15 @@ impl<I: FilterOwner> Port<I> {
         self.can.instance()
     }
 
-    #[inline]
-    fn read(&self, offset: usize) -> u32 {
-        // SAFETY: an aligned register inside the block that `self` owns.
-        unsafe {
-            I::REGISTERS
-                .cast::<u8>()
-                .add(offset)
-                .cast::<u32>()
-                .read_volatile()
-        }
+    #[inline(always)]
+    fn read(&self, register: Register) -> u32 {
+        // SAFETY: a register of the cell that `self` owns.
+        unsafe { R::address(register).read_volatile() }
     }
 
-    #[inline]
-    fn write(&mut self, offset: usize, value: u32) {
-        // SAFETY: an aligned register inside the block that `self` owns.
-        unsafe {
-            I::REGISTERS
-                .cast::<u8>()
-                .add(offset)
-                .cast::<u32>()
-                .write_volatile(value);
-        }
+    #[inline(always)]
+    fn write(&mut self, register: Register, value: u32) {
+        // SAFETY: a register of the cell that `self` owns.
+        unsafe { R::address(register).write_volatile(value) }
     }
 }

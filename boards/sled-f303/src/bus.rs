@@ -1,6 +1,7 @@
 //! The CAN port: RX PA11, TX PA12, 250 kbit/s from 36 MHz or, on the RC oscillator, 32 MHz.
 
 use crate::{clocks, pac};
+use sled_common::can::{Register, Registers};
 use sled_common::clock::Oscillator;
 use ttcan::BitTiming;
 
@@ -38,7 +39,7 @@ unsafe impl bxcan::FilterOwner for Cell {
 }
 
 /// The CAN port of this sled.
-pub type CanPort = sled_common::can::Port<Cell>;
+pub type CanPort = sled_common::can::Port<Cell, Cell>;
 
 /// The pins are in their function and the cell's clock is on.
 pub(crate) fn start(cell: pac::CAN, oscillator: Oscillator) -> CanPort {
@@ -47,4 +48,36 @@ pub(crate) fn start(cell: pac::CAN, oscillator: Oscillator) -> CanPort {
         Oscillator::Internal => INTERNAL_TIMING,
     };
     CanPort::new(Cell { _cell: cell }, timing)
+}
+
+// SAFETY: every address comes from the register block of the cell.
+unsafe impl Registers for Cell {
+    #[inline(always)]
+    fn address(register: Register) -> *mut u32 {
+        // SAFETY: the block exists for ever; nothing is read or written here.
+        let can = unsafe { &*pac::CAN::ptr() };
+        match register {
+            Register::Mcr => can.mcr.as_ptr(),
+            Register::Msr => can.msr.as_ptr(),
+            Register::Tsr => can.tsr.as_ptr(),
+            Register::Ier => can.ier.as_ptr(),
+            Register::Esr => can.esr.as_ptr(),
+            Register::Fmr => can.fmr.as_ptr(),
+            Register::Fm1r => can.fm1r.as_ptr(),
+            Register::Fs1r => can.fs1r.as_ptr(),
+            Register::Ffa1r => can.ffa1r.as_ptr(),
+            Register::Fa1r => can.fa1r.as_ptr(),
+            Register::Rf0r => can.rfr[0].as_ptr(),
+            Register::Ti0r => can.tx[0].tir.as_ptr(),
+            Register::Tdt0r => can.tx[0].tdtr.as_ptr(),
+            Register::Tdl0r => can.tx[0].tdlr.as_ptr(),
+            Register::Tdh0r => can.tx[0].tdhr.as_ptr(),
+            Register::Ri0r => can.rx[0].rir.as_ptr(),
+            Register::Rdt0r => can.rx[0].rdtr.as_ptr(),
+            Register::Rdl0r => can.rx[0].rdlr.as_ptr(),
+            Register::Rdh0r => can.rx[0].rdhr.as_ptr(),
+            Register::F0r1 => can.fb[0].fr1.as_ptr(),
+            Register::F0r2 => can.fb[0].fr2.as_ptr(),
+        }
+    }
 }

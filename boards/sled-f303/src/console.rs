@@ -1,8 +1,11 @@
 //! The console: USART2, TX PA2, RX PA15, 115 200 baud 8N1, sent by DMA1 channel 7.
 
 use crate::pac;
+use crate::registers::{dma, usart};
 use sled_common::dma::Shared;
 use sled_common::lines::{LineQueue, Transmitter};
+use stm32f3xx_hal::dma::Direction;
+use stm32f3xx_hal::dma::{Channel, Event, dma1::C7};
 
 /// Bits per second.
 pub const BAUD: u32 = 115_200;
@@ -17,53 +20,38 @@ static MEMORY: Shared<u8, TOTAL> = Shared::new(0);
 /// The queue of lines in front of the port.
 pub type Console = LineQueue<Port, LINES, WIDTH, TOTAL>;
 
-/// USART2's transmitter with its DMA channel. The channel is this type's alone; the other
-/// channels of DMA1 belong to others, so its registers are reached through the pointer.
-pub struct Port(());
+/// USART2's transmitter with its DMA channel.
+pub struct Port {
+    channel: C7,
+}
 
-/// The clocks of USART2 and DMA1 are on.
-pub(crate) fn start(usart: pac::USART2, clock: u32) -> Option<Console> {
+impl Port {
+    fn registers() -> &'static pac::dma1::CH {
+        // SAFETY: the channel is the port's.
+        unsafe { &(*pac::DMA1::ptr()).ch7 }
+    }
+}
+
+/// `clock` is the rate of USART2 in hertz. Its clock gate is open.
+pub(crate) fn start(port: &pac::USART2, clock: u32, mut channel: C7) -> Option<Console> {
     let memory = MEMORY.take()?;
-    // Divider of RM0316 29.5.4 for oversampling by 16, rounded to the nearest.
-    let divider = (clock + BAUD / 2) / BAUD;
-    // SAFETY: 278 or 313, which the register holds.
-    usart.brr.write(|w| unsafe { w.bits(divider) });
-    usart.cr3.write(|w| w.dmat().set_bit());
-    usart
-        .cr1
-        .write(|w| w.ue().set_bit().te().set_bit().re().set_bit());
-    Some(LineQueue::new(Port(()), memory))
+    usart::start(port, clock, BAUD, true);
+    channel.set_direction(Direction::FromMemory);
+    channel.enable_interrupt(Event::TransferComplete);
+    channel.enable_interrupt(Event::TransferError);
+    dma::set_memory_increment(Port::registers());
+    dma::set_register(Port::registers(), usart::transmit_register(port));
+    Some(LineQueue::new(Port { channel }, memory))
 }
 
 impl Transmitter for Port {
     fn start(&mut self, address: u32, length: u16) {
-        // SAFETY: channel 7 is this type's; memory to peripheral, one byte at a time, from
-        // memory that the queue leaves alone until the transfer has ended.
-        unsafe {
-            let channel = &(*pac::DMA1::ptr()).ch7;
-            channel.cr.write(|w| w.en().clear_bit());
-            channel
-                .par
-                .write(|w| w.bits((*pac::USART2::ptr()).tdr.as_ptr() as u32));
-            channel.mar.write(|w| w.bits(address));
-            channel.ndtr.write(|w| w.ndt().bits(length));
-            channel.cr.write(|w| {
-                w.dir().set_bit();
-                w.minc().set_bit();
-                w.tcie().set_bit();
-                w.teie().set_bit();
-                w.en().set_bit()
-            });
-        }
+        self.channel.disable();
+        dma::set_memory(Self::registers(), address, length);
+        self.channel.enable();
     }
 
     fn finished(&mut self) -> bool {
-        // SAFETY: reads and clears the flags of channel 7 only (bits 24..=27).
-        unsafe {
-            let dma = &*pac::DMA1::ptr();
-            let flags = dma.isr.read().bits() & (0b1111 << 24);
-            dma.ifcr.write(|w| w.bits(flags));
-            flags & (1 << 25 | 1 << 27) != 0
-        }
+        dma::finished_7()
     }
 }

@@ -28,6 +28,20 @@
 //! mode, but without the relay no current flows. During reset PA8 floats; its resistor opens
 //! the relay.
 //!
+//! # What the HAL does
+//!
+//! | hardware | through the HAL | by registers, in `registers` |
+//! | --- | --- | --- |
+//! | pins | all of them | |
+//! | clock gates | `rcc::Enable` | |
+//! | DMA | channels: direction, interrupts, enable | addresses, lengths, sizes: the setters assert; the end of a transfer in one read |
+//! | CAN | configuration by `bxcan`; the HAL has no driver | mailbox, FIFO, outcome of an attempt: `sled_common::can` |
+//! | watchdog | `watchdog::IndependentWatchDog` | |
+//! | clock tree | | bounded wait, HSI without HSE, clock security system |
+//! | time base | | free-running counter with two compare interrupts |
+//! | periodic timer, serial ports | | rates need `rcc::Clocks`, which only the HAL's clock tree makes |
+//! | converter | | the HAL has neither trigger nor DMA for it |
+//!
 //! # Timers
 //!
 //! TIM2 is the time base and window timer ([`time`]), TIM3 starts the potentiometer's
@@ -37,24 +51,26 @@
 
 mod agreement;
 mod bus;
-pub mod clocks;
 pub mod console;
 pub mod led;
 pub mod motor;
 pub mod pot;
-pub mod time;
+mod registers;
 pub mod watchdog;
 
 pub use bus::{BIT_RATE, CanPort, EXTERNAL_TIMING, INTERNAL_TIMING};
 pub use motor::stop as stop_actuator;
 pub use parts::SLED_F303 as FACTS;
+pub use registers::{clocks, time};
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
 pub use sled_common::{can, clock, dma, fault, lines};
 pub use stm32f3xx_hal::pac;
 
 use clock::{Clocks, ResetCause};
+use stm32f3xx_hal::dma::{DmaExt, dma1::C1};
 use stm32f3xx_hal::prelude::*;
+use stm32f3xx_hal::rcc::Enable;
 
 /// What every node on this sled has.
 pub struct Sled {
@@ -85,6 +101,7 @@ pub struct Rest {
     adc: pac::ADC1,
     adc_common: pac::ADC1_2,
     adc_timer: pac::TIM3,
+    adc_channel: C1,
     clocks: Clocks,
 }
 
@@ -97,22 +114,19 @@ impl Sled {
     pub fn start(device: pac::Peripherals) -> Option<Self> {
         let reset_cause = clocks::reset_cause(&device.RCC);
         let clocks = clocks::start(&device.RCC, &device.FLASH);
-        let rcc = &device.RCC;
-        rcc.apb2enr.modify(|_, w| w.usart1en().enabled());
-        rcc.apb1enr.modify(|_, w| {
-            w.canen().enabled();
-            w.usart2en().enabled();
-            w.tim3en().enabled()
-        });
-        rcc.ahbenr
-            .modify(|_, w| w.dma1en().enabled().adc12en().enabled().iopaen().enabled());
-        rcc.cfgr3.modify(|_, w| w.usart1sw().sysclk());
+        let mut rcc = device.RCC.constrain();
+        pac::USART1::enable(&mut rcc.apb2);
         // Before the pin is the port's: the line then goes from floating to idle.
         let mut motor = motor::start(device.USART1, clocks.core);
-        let (clock, alarms) = time::start(device.TIM2, rcc);
-        let console = console::start(device.USART2, clocks.apb1)?;
+        pac::TIM2::enable(&mut rcc.apb1);
+        let (clock, alarms) = time::start(device.TIM2);
+        pac::USART2::enable(&mut rcc.apb1);
+        let channels = device.DMA1.split(&mut rcc.ahb);
+        let console = console::start(&device.USART2, clocks.apb1, channels.ch7)?;
+        pac::CAN::enable(&mut rcc.apb1);
+        pac::TIM3::enable(&mut rcc.apb1);
+        pac::ADC1_2::enable(&mut rcc.ahb);
 
-        let mut rcc = device.RCC.constrain();
         let mut a = device.GPIOA.split(&mut rcc.ahb);
         let mut b = device.GPIOB.split(&mut rcc.ahb);
         let relay = a.pa8.into_push_pull_output(&mut a.moder, &mut a.otyper);
@@ -143,6 +157,7 @@ impl Sled {
                 adc: device.ADC1,
                 adc_common: device.ADC1_2,
                 adc_timer: device.TIM3,
+                adc_channel: channels.ch1,
                 clocks,
             },
         })
@@ -154,9 +169,10 @@ impl Rest {
     /// does not get ready.
     pub fn pot(self) -> Option<pot::Pot> {
         pot::start(
-            self.adc,
+            &self.adc,
             &self.adc_common,
-            self.adc_timer,
+            &self.adc_timer,
+            self.adc_channel,
             self.clocks.core,
             2 * self.clocks.apb1,
         )

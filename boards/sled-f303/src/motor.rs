@@ -8,6 +8,7 @@
 //! watchdog, a lost supply, lets go of the pin, which a resistor then pulls to ground.
 
 use crate::pac;
+use crate::registers::usart;
 use stm32f3xx_hal::gpio::{Output, PA8, PushPull};
 use stm32f3xx_hal::prelude::*;
 
@@ -24,24 +25,16 @@ pub struct Motor {
 
 /// Starts the port, idle. USART1 runs on the system clock, `clock` Hz, which the caller
 /// has selected: its default differs between variants of the part. Its bus clock is on.
-pub(crate) fn start(usart: pac::USART1, clock: u32) -> Motor {
-    // Divider of RM0316 29.5.4 for oversampling by 16, rounded to the nearest.
-    let divider = (clock + BAUD / 2) / BAUD;
-    // SAFETY: 1667 or 1875, which the register holds.
-    usart.brr.write(|w| unsafe { w.bits(divider) });
-    usart.cr1.write(|w| w.ue().set_bit().te().set_bit());
-    Motor { usart }
+pub(crate) fn start(port: pac::USART1, clock: u32) -> Motor {
+    usart::start(&port, clock, BAUD, false);
+    Motor { usart: port }
 }
 
 impl Motor {
     /// Sends one command byte. While the one before waits for its turn, which takes at
     /// most 260 us, the newer is dropped and false returned.
     pub fn send(&mut self, command: u8) -> bool {
-        let free = self.usart.isr.read().txe().bit_is_set();
-        if free {
-            self.usart.tdr.write(|w| w.tdr().bits(u16::from(command)));
-        }
-        free
+        usart::send(&self.usart, command)
     }
 }
 
@@ -111,23 +104,10 @@ impl MotorOutput {
     }
 }
 
-/// Polls for one byte to leave, about 6 cycles each: longer than the 260 us of a byte.
-const POLLS: u32 = 10_000;
-
 /// Opens the relay and sends the stop command, without any state, and waits until that has
 /// left the pin.
 ///
 /// For the end of the program: the bytes before it are waited for, each within a bound.
 pub fn stop() {
-    // SAFETY: nothing else runs any more; resets the output of PA8 (RM0316 11.4.7), which
-    // changes nothing when the port has no clock.
-    unsafe { (*pac::GPIOA::ptr()).bsrr.write(|w| w.bits(1 << (16 + 8))) };
-    // SAFETY: nothing else runs any more; a port that was never started takes no byte.
-    let usart = unsafe { &*pac::USART1::ptr() };
-    if usart.cr1.read().ue().bit_is_clear() {
-        return;
-    }
-    let _ = (0..POLLS).any(|_| usart.isr.read().txe().bit_is_set());
-    usart.tdr.write(|w| w.tdr().bits(u16::from(STOP)));
-    let _ = (0..2 * POLLS).any(|_| usart.isr.read().tc().bit_is_set());
+    usart::end(STOP);
 }

@@ -1,45 +1,37 @@
 //! The independent watchdog (RM0316 chapter 25), on its own 40 kHz oscillator.
 
 use crate::pac;
+use stm32f3xx_hal::hal::watchdog::{Watchdog as _, WatchdogEnable};
+use stm32f3xx_hal::time::duration::Milliseconds;
+use stm32f3xx_hal::watchdog::IndependentWatchDog;
 
 /// The watchdog before it is started.
-pub struct Idle {
-    iwdg: pac::IWDG,
-}
+pub struct Idle(IndependentWatchDog);
 
 /// The running watchdog; nothing but a reset stops it.
-pub struct Watchdog {
-    iwdg: pac::IWDG,
-}
+pub struct Watchdog(IndependentWatchDog);
 
 impl Idle {
     pub(crate) fn new(iwdg: pac::IWDG) -> Self {
-        Self { iwdg }
+        Self(IndependentWatchDog::new(iwdg))
     }
 
-    /// Starts it. `milliseconds` is nominal, 1..=3276: the oscillator is somewhere between
+    /// Starts it. `milliseconds` is nominal, 1 to 26214: the oscillator is somewhere between
     /// 30 and 50 kHz (data sheet, table of LSI characteristics), so the real time is
     /// between 0.8 and 1.34 times as long.
+    #[inline]
     pub fn start(self, milliseconds: u16) -> Watchdog {
-        let iwdg = self.iwdg;
-        // SAFETY: key values and fields of RM0316 25.4; 40 kHz / 32 = 1.25 kHz.
-        unsafe {
-            iwdg.kr.write(|w| w.bits(0xCCCC));
-            iwdg.kr.write(|w| w.bits(0x5555));
-            iwdg.pr.write(|w| w.bits(0b011));
-            iwdg.rlr
-                .write(|w| w.bits(u32::from(milliseconds.min(3276)) * 5 / 4));
-        }
-        let mut watchdog = Watchdog { iwdg };
+        let mut watchdog = self.0;
+        watchdog.start(Milliseconds(u32::from(milliseconds)));
         watchdog.feed();
-        watchdog
+        Watchdog(watchdog)
     }
 }
 
 impl Watchdog {
     /// Gives it its full time again.
+    #[inline]
     pub fn feed(&mut self) {
-        // SAFETY: the reload key of RM0316 25.4.1.
-        self.iwdg.kr.write(|w| unsafe { w.bits(0xAAAA) });
+        self.0.feed();
     }
 }

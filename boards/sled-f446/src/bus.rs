@@ -1,14 +1,18 @@
 //! The CAN port: CAN1, RX PB8, TX PB9, 250 kbit/s from 45 MHz.
 
 use crate::{clocks::APB1_HZ, pac};
+use sled_common::can::{Register, Registers};
 use stm32f4xx_hal::can::Can;
 use ttcan::BitTiming;
 
 /// Bits per second.
 pub const BIT_RATE: u32 = 250_000;
 
+/// The registers of CAN1.
+pub struct Cell;
+
 /// The CAN port of this sled.
-pub type CanPort = sled_common::can::Port<Can<pac::CAN1>>;
+pub type CanPort = sled_common::can::Port<Can<pac::CAN1>, Cell>;
 
 /// 250 kbit/s from 45 MHz; the build fails when no setting fits.
 pub const BIT_TIMING: BitTiming = BitTiming::constant::<APB1_HZ, BIT_RATE>();
@@ -22,4 +26,36 @@ const _: () = assert!(
 
 pub(crate) fn start(instance: Can<pac::CAN1>) -> CanPort {
     CanPort::new(instance, BIT_TIMING)
+}
+
+// SAFETY: every address comes from the register block of the cell.
+unsafe impl Registers for Cell {
+    #[inline(always)]
+    fn address(register: Register) -> *mut u32 {
+        // SAFETY: the block exists for ever; nothing is read or written here.
+        let can = unsafe { &*pac::CAN1::ptr() };
+        match register {
+            Register::Mcr => can.mcr().as_ptr(),
+            Register::Msr => can.msr().as_ptr(),
+            Register::Tsr => can.tsr().as_ptr(),
+            Register::Ier => can.ier().as_ptr(),
+            Register::Esr => can.esr().as_ptr(),
+            Register::Fmr => can.fmr().as_ptr(),
+            Register::Fm1r => can.fm1r().as_ptr(),
+            Register::Fs1r => can.fs1r().as_ptr(),
+            Register::Ffa1r => can.ffa1r().as_ptr(),
+            Register::Fa1r => can.fa1r().as_ptr(),
+            Register::Rf0r => can.rfr(0).as_ptr(),
+            Register::Ti0r => can.tx(0).tir().as_ptr(),
+            Register::Tdt0r => can.tx(0).tdtr().as_ptr(),
+            Register::Tdl0r => can.tx(0).tdlr().as_ptr(),
+            Register::Tdh0r => can.tx(0).tdhr().as_ptr(),
+            Register::Ri0r => can.rx(0).rir().as_ptr(),
+            Register::Rdt0r => can.rx(0).rdtr().as_ptr(),
+            Register::Rdl0r => can.rx(0).rdlr().as_ptr(),
+            Register::Rdh0r => can.rx(0).rdhr().as_ptr(),
+            Register::F0r1 => can.fb(0).fr1().as_ptr(),
+            Register::F0r2 => can.fb(0).fr2().as_ptr(),
+        }
+    }
 }

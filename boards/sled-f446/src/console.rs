@@ -1,6 +1,8 @@
 //! The console: USART2, TX PA2, RX PA3, 115 200 baud 8N1, sent by DMA1 stream 6.
 
-use crate::{clocks::APB1_HZ, pac, stream::Stream};
+use crate::dma::{self, DmaChannel, Stream6};
+use crate::pac;
+use crate::registers::{clocks::APB1_HZ, usart, usart::Uses};
 use sled_common::dma::Shared;
 use sled_common::lines::{LineQueue, Transmitter};
 
@@ -18,34 +20,32 @@ static MEMORY: Shared<u8, TOTAL> = Shared::new(0);
 pub type Console = LineQueue<Port, LINES, WIDTH, TOTAL>;
 
 /// USART2's transmitter with its DMA stream.
-pub struct Port(Stream<6>);
+pub struct Port {
+    stream: Stream6<pac::DMA1>,
+}
 
-pub(crate) fn start(usart: pac::USART2, rcc: &pac::RCC) -> Option<Console> {
+/// DMA request channel of USART2_TX on stream 6 (RM0390 table 28).
+const CHANNEL: DmaChannel = DmaChannel::Channel4;
+
+/// The clock gate of USART2 is open.
+pub(crate) fn start(port: &pac::USART2, mut stream: Stream6<pac::DMA1>) -> Option<Console> {
     let memory = MEMORY.take()?;
-    rcc.apb1enr().modify(|_, w| w.usart2en().set_bit());
-    rcc.ahb1enr().modify(|_, w| w.dma1en().set_bit());
-    // SAFETY: divider of RM0390 25.4.4 for oversampling by 16, rounded to the nearest.
-    usart
-        .brr()
-        .write(|w| unsafe { w.bits(((APB1_HZ + BAUD / 2) / BAUD) as u16) });
-    usart.cr3().write(|w| w.dmat().set_bit());
-    usart
-        .cr1()
-        .write(|w| w.ue().set_bit().te().set_bit().re().set_bit());
-    Some(LineQueue::new(Port(Stream::new()), memory))
+    let uses = Uses {
+        transmit_dma: true,
+        ..Uses::default()
+    };
+    usart::start(port, APB1_HZ, BAUD, uses);
+    dma::feed(&mut stream, CHANNEL, usart::data_register(port));
+    Some(LineQueue::new(Port { stream }, memory))
 }
 
 impl Transmitter for Port {
     fn start(&mut self, address: u32, length: u16) {
-        // SAFETY: the queue leaves its memory alone until the transfer has ended; USART2's
-        // requests come to stream 6.
-        unsafe {
-            let register = (*pac::USART2::ptr()).dr().as_ptr() as u32;
-            self.0.start(address, length, register);
-        }
+        // SAFETY: the queue leaves its memory alone until the transfer has ended.
+        unsafe { dma::send(&mut self.stream, address, length) };
     }
 
     fn finished(&mut self) -> bool {
-        self.0.finished()
+        dma::finished(&mut self.stream)
     }
 }

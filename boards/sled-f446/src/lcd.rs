@@ -4,11 +4,10 @@
 //! The display answers 0x55 to every command that it accepted (thesis 6.2.4.5); the bytes
 //! arrive by interrupt, one at a time.
 
-use crate::{
-    clocks::{APB1_HZ, APB1_TIMER_HZ},
-    pac,
-    stream::Stream,
-};
+use crate::dma::{self, DmaChannel, Stream3};
+use crate::pac;
+use crate::registers::timer::{self, Effect};
+use crate::registers::{clocks::APB1_HZ, usart, usart::Uses};
 use sled_common::dma::{Shared, Window};
 
 /// Bits per second.
@@ -22,9 +21,7 @@ static MEMORY: Shared<u8, CAPACITY> = Shared::new(0);
 
 /// The way to the display.
 pub struct Lcd {
-    /// Address of the port's data register.
-    register: u32,
-    stream: Stream<3>,
+    stream: Stream3<pac::DMA1>,
     memory: Window<u8, CAPACITY>,
     busy: bool,
 }
@@ -39,40 +36,31 @@ pub struct Tick {
     timer: pac::TIM4,
 }
 
-pub(crate) fn start(usart: pac::USART3, timer: pac::TIM4) -> Option<(Lcd, Replies, Tick)> {
-    let memory = MEMORY.take()?;
-    // SAFETY: divider of RM0390 25.4.4 for oversampling by 16, rounded to the nearest.
-    usart
-        .brr()
-        .write(|w| unsafe { w.bits(((APB1_HZ + BAUD / 2) / BAUD) as u16) });
-    usart.cr3().write(|w| w.dmat().set_bit());
-    usart.cr1().write(|w| {
-        w.ue().set_bit();
-        w.te().set_bit();
-        w.re().set_bit();
-        w.rxneie().set_bit()
-    });
+/// DMA request channel of USART3_TX on stream 3 (RM0390 table 28).
+const CHANNEL: DmaChannel = DmaChannel::Channel4;
 
+/// The clock gates of USART3 and TIM4 are open.
+pub(crate) fn start(
+    port: pac::USART3,
+    clock: pac::TIM4,
+    mut stream: Stream3<pac::DMA1>,
+) -> Option<(Lcd, Replies, Tick)> {
+    let memory = MEMORY.take()?;
+    let uses = Uses {
+        transmit_dma: true,
+        received: true,
+        ..Uses::default()
+    };
+    usart::start(&port, APB1_HZ, BAUD, uses);
+    dma::feed(&mut stream, CHANNEL, usart::data_register(&port));
     // 90 MHz / 9000 = 10 kHz, / 2000 = 5 Hz.
-    const PRESCALER: u32 = 9000;
-    const PERIOD: u32 = APB1_TIMER_HZ / PRESCALER / REFRESH_HZ;
-    const { assert!(PRESCALER * PERIOD * REFRESH_HZ == APB1_TIMER_HZ && PERIOD <= 0x1_0000) };
-    timer.psc().write(|w| w.psc().set((PRESCALER - 1) as u16));
-    timer.arr().write(|w| w.arr().set((PERIOD - 1) as u16));
-    timer.egr().write(|w| w.ug().set_bit());
-    timer.sr().modify(|_, w| w.uif().clear_bit());
-    timer.dier().write(|w| w.uie().set_bit());
-    timer.cr1().write(|w| w.cen().set_bit());
-    Some((
-        Lcd {
-            register: usart.dr().as_ptr() as u32,
-            stream: Stream::new(),
-            memory,
-            busy: false,
-        },
-        Replies { usart },
-        Tick { timer },
-    ))
+    timer::start::<9000, REFRESH_HZ>(&clock, Effect::Interrupt);
+    let lcd = Lcd {
+        stream,
+        memory,
+        busy: false,
+    };
+    Some((lcd, Replies { usart: port }, Tick { timer: clock }))
 }
 
 impl Lcd {
@@ -94,14 +82,14 @@ impl Lcd {
         }
         self.busy = true;
         let address = self.memory.address();
-        // SAFETY: the memory is left alone while `busy`; USART3's requests come to stream 3.
-        unsafe { self.stream.start(address, length as u16, self.register) };
+        // SAFETY: the memory is left alone while `busy`.
+        unsafe { dma::send(&mut self.stream, address, length as u16) };
         true
     }
 
     /// To be called by the task that is bound to the end of the DMA transfer.
     pub fn on_transfer_complete(&mut self) {
-        if self.stream.finished() {
+        if dma::finished(&mut self.stream) {
             self.busy = false;
         }
     }
@@ -110,18 +98,13 @@ impl Lcd {
 impl Replies {
     /// The byte that the display sent, to be called by the task that is bound to USART3.
     pub fn received(&mut self) -> Option<u8> {
-        let status = self.usart.sr().read();
-        if status.rxne().bit_is_set() || status.ore().bit_is_set() {
-            Some(self.usart.dr().read().bits() as u8)
-        } else {
-            None
-        }
+        usart::received(&self.usart)
     }
 }
 
 impl Tick {
     /// Acknowledges the tick.
     pub fn acknowledge(&mut self) {
-        self.timer.sr().modify(|_, w| w.uif().clear_bit());
+        timer::acknowledge(&self.timer);
     }
 }

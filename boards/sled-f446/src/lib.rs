@@ -27,6 +27,20 @@
 //! 5.2.4.2). The transceiver runs on 3.3 V; its RS pin is at ground (high speed). The bus
 //! is terminated with 120 ohm at the two outermost sleds. All grounds are the chassis.
 //!
+//! # What the HAL does
+//!
+//! | hardware | through the HAL | by registers, in `registers` |
+//! | --- | --- | --- |
+//! | pins | all of them | |
+//! | clock gates, resets | `rcc::Enable`, `rcc::Reset` | |
+//! | DMA | streams | |
+//! | CAN | `can::Can`, configuration by `bxcan` | mailbox, FIFO, outcome of an attempt: `sled_common::can` |
+//! | watchdog | `watchdog::IndependentWatchdog` | |
+//! | clock tree | | bounded wait, HSI without HSE, clock security system |
+//! | time base | | free-running counter with two compare interrupts |
+//! | periodic timers, serial ports | | rates need `rcc::Clocks`, which only the HAL's clock tree makes |
+//! | converter | | no constructor without an unbounded wait |
+//!
 //! # Timers
 //!
 //! TIM2 is the time base and window timer ([`time`]), TIM3 starts the joystick's scan,
@@ -36,27 +50,27 @@
 
 mod agreement;
 mod bus;
-pub mod clocks;
 pub mod console;
+mod dma;
 pub mod lcd;
 pub mod led;
 pub mod panel;
 pub mod receiver;
-mod stream;
-pub mod time;
+mod registers;
 pub mod watchdog;
 
 pub use bus::{BIT_RATE, BIT_TIMING, CanPort};
 pub use parts::SLED_F446 as FACTS;
+pub use registers::{clocks, time};
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
-pub use sled_common::{can, clock, dma, fault, lines};
+pub use sled_common::{can, clock, fault, lines};
 pub use stm32f4xx_hal::pac;
 
 use clock::{Clocks, ResetCause};
 use stm32f4xx_hal::can::CanExt;
 use stm32f4xx_hal::gpio::{self, GpioExt, alt::usart1, alt::usart2, alt::usart3};
-use stm32f4xx_hal::rcc::RccExt;
+use stm32f4xx_hal::rcc::{Enable, Rcc, RccExt};
 
 /// What every node on this sled has.
 pub struct Sled {
@@ -88,7 +102,9 @@ pub struct Rest {
     adc: pac::ADC1,
     adc_common: pac::ADC_COMMON,
     adc_timer: pac::TIM3,
-    rcc: stm32f4xx_hal::rcc::Rcc,
+    display_stream: dma::Stream3<pac::DMA1>,
+    dma2: pac::DMA2,
+    rcc: Rcc,
     receiver_pins: (gpio::PA9, gpio::PA10),
     axes: (gpio::PA0, gpio::PA1),
     port_c: gpio::gpioc::Parts,
@@ -102,9 +118,12 @@ impl Sled {
     pub fn start(device: pac::Peripherals) -> Option<Self> {
         let reset_cause = clocks::reset_cause(&device.RCC);
         let clocks = clocks::start(&device.RCC, &device.PWR, &device.FLASH);
-        let (clock, alarms) = time::start(device.TIM2, &device.RCC);
-        let console = console::start(device.USART2, &device.RCC)?;
         let mut rcc = device.RCC.constrain();
+        pac::TIM2::enable(&mut rcc);
+        let (clock, alarms) = time::start(device.TIM2);
+        pac::USART2::enable(&mut rcc);
+        let streams = dma::StreamsTuple::new(device.DMA1, &mut rcc);
+        let console = console::start(&device.USART2, streams.6)?;
         let port_a = device.GPIOA.split(&mut rcc);
         let port_b = device.GPIOB.split(&mut rcc);
         let port_c = device.GPIOC.split(&mut rcc);
@@ -126,6 +145,8 @@ impl Sled {
                 adc: device.ADC1,
                 adc_common: device.ADC_COMMON,
                 adc_timer: device.TIM3,
+                display_stream: streams.3,
+                dma2: device.DMA2,
                 rcc,
                 receiver_pins: (port_a.pa9, port_a.pa10),
                 axes: (port_a.pa0, port_a.pa1),
@@ -152,30 +173,29 @@ pub struct Operator {
 impl Rest {
     /// Starts the satellite receiver's port (node gps).
     pub fn receiver(self) -> Option<receiver::Receiver> {
-        let rcc = &self.rcc;
-        rcc.apb2enr().modify(|_, w| w.usart1en().set_bit());
-        rcc.ahb1enr().modify(|_, w| w.dma2en().set_bit());
+        let mut rcc = self.rcc;
+        pac::USART1::enable(&mut rcc);
+        let streams = dma::StreamsTuple::new(self.dma2, &mut rcc);
         let (tx, rx) = self.receiver_pins;
         let _: (usart1::Tx, usart1::Rx) = (tx.into(), rx.into());
-        receiver::start(self.receiver)
+        receiver::start(self.receiver, streams.2)
     }
 
     /// Starts joystick, buttons and display (node controller).
     pub fn operator(self) -> Option<Operator> {
-        let rcc = &self.rcc;
-        rcc.apb1enr().modify(|_, w| {
-            w.usart3en().set_bit();
-            w.tim3en().set_bit();
-            w.tim4en().set_bit()
-        });
-        rcc.apb2enr().modify(|_, w| w.adc1en().set_bit());
-        rcc.ahb1enr()
-            .modify(|_, w| w.dma1en().set_bit().dma2en().set_bit());
+        let mut rcc = self.rcc;
+        pac::USART3::enable(&mut rcc);
+        pac::TIM3::enable(&mut rcc);
+        pac::TIM4::enable(&mut rcc);
+        pac::ADC1::enable(&mut rcc);
+        let streams = dma::StreamsTuple::new(self.dma2, &mut rcc);
         let _ = (self.axes.0.into_analog(), self.axes.1.into_analog());
         let _: (usart3::Tx, usart3::Rx) = (self.port_c.pc10.into(), self.port_c.pc11.into());
-        let (lcd, replies, tick) = lcd::start(self.display, self.display_tick)?;
+        let (lcd, replies, tick) =
+            lcd::start(self.display, self.display_tick, self.display_stream)?;
+        let joystick = panel::start(&self.adc, &self.adc_common, &self.adc_timer, streams.0)?;
         Some(Operator {
-            joystick: panel::start(self.adc, &self.adc_common, self.adc_timer)?,
+            joystick,
             buttons: panel::Buttons {
                 a: self.port_c.pc0.into_pull_down_input(),
                 b: self.port_c.pc1.into_pull_down_input(),

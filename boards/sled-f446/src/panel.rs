@@ -3,7 +3,10 @@
 //! The joystick's two axes are scanned by ADC1 at 200 Hz, started by TIM3's trigger output
 //! and stored by DMA2 stream 0 (thesis 6.2.4.2).
 
-use crate::{clocks::APB1_TIMER_HZ, pac};
+use crate::dma::{self, DmaChannel, DmaDataSize, Priority, Ring, Stream0};
+use crate::pac;
+use crate::registers::scan;
+use crate::registers::timer::{self, Effect};
 use sled_common::dma::{Shared, Window};
 use stm32f4xx_hal::gpio::{Input, PC0, PC1, PC2, PC3, PC4, PC5};
 
@@ -14,6 +17,7 @@ static MEMORY: Shared<u16, 2> = Shared::new(2048);
 
 /// The joystick.
 pub struct Joystick {
+    stream: Stream0<pac::DMA2>,
     memory: Window<u16, 2>,
 }
 
@@ -59,71 +63,38 @@ impl Levels {
     }
 }
 
-/// Starts the scan. The clocks of ADC1, TIM3 and DMA2 are on.
+/// DMA request channel of ADC1 on stream 0 (RM0390 table 29).
+const CHANNEL: DmaChannel = DmaChannel::Channel0;
+
+/// Starts the scan. The clock gates of ADC1 and TIM3 are open.
 pub(crate) fn start(
-    adc: pac::ADC1,
+    adc: &pac::ADC1,
     common: &pac::ADC_COMMON,
-    timer: pac::TIM3,
+    clock: &pac::TIM3,
+    mut stream: Stream0<pac::DMA2>,
 ) -> Option<Joystick> {
     let memory = MEMORY.take()?;
-    // SAFETY: stream 0, channel 0 belongs to ADC1; peripheral to memory, half-words, round
-    // and round the two elements.
-    unsafe {
-        let stream = (*pac::DMA2::ptr()).st(0);
-        stream.par().write(|w| w.bits(adc.dr().as_ptr() as u32));
-        stream.m0ar().write(|w| w.bits(memory.address()));
-        stream.ndtr().write(|w| w.ndt().bits(memory.len()));
-        stream.cr().write(|w| {
-            w.chsel().bits(0);
-            w.dir().peripheral_to_memory();
-            w.psize().bits16();
-            w.msize().bits16();
-            w.minc().set_bit();
-            w.circ().set_bit();
-            w.tcie().set_bit();
-            w.en().set_bit()
-        });
-    }
-
-    // 90 MHz / 4 = 22.5 MHz, below the 36 MHz that the data sheet allows.
-    common.ccr().modify(|_, w| w.adcpre().div4());
-    adc.cr1().write(|w| w.scan().set_bit());
-    // SAFETY: sample times of channels 0 and 1: code 4 = 84 cycles (RM0390 13.13.5); a
-    // sequence of two conversions, channel 0 then 1; trigger 8 = TIM3_TRGO (table 69).
-    unsafe {
-        adc.smpr2().write(|w| w.bits(4 << 3 | 4));
-        adc.sqr1().write(|w| w.bits(1 << 20));
-        adc.sqr3().write(|w| w.bits(1 << 5));
-        adc.cr2().write(|w| {
-            w.extsel().bits(8);
-            w.exten().rising_edge();
-            w.dma().set_bit();
-            w.dds().set_bit();
-            w.adon().set_bit()
-        });
-    }
-
+    let ring = Ring {
+        channel: CHANNEL,
+        register: adc.dr().as_ptr() as u32,
+        address: memory.address(),
+        length: memory.len(),
+        size: DmaDataSize::HalfWord,
+        priority: Priority::Low,
+        halves: false,
+    };
+    // SAFETY: the memory is a window, which is read volatile.
+    unsafe { dma::circulate(&mut stream, &ring) };
+    scan::start(adc, common);
     // 90 MHz / 90 = 1 MHz, / 5000 = 200 Hz.
-    const PRESCALER: u32 = 90;
-    const PERIOD: u32 = APB1_TIMER_HZ / PRESCALER / SCAN_HZ;
-    const { assert!(PRESCALER * PERIOD * SCAN_HZ == APB1_TIMER_HZ && PERIOD <= 0x1_0000) };
-    timer.psc().write(|w| w.psc().set((PRESCALER - 1) as u16));
-    timer.arr().write(|w| w.arr().set((PERIOD - 1) as u16));
-    timer.egr().write(|w| w.ug().set_bit());
-    timer.cr2().write(|w| w.mms().update());
-    timer.cr1().write(|w| w.cen().set_bit());
-    Some(Joystick { memory })
+    timer::start::<90, SCAN_HZ>(clock, Effect::Trigger);
+    Some(Joystick { stream, memory })
 }
 
 impl Joystick {
     /// Acknowledges the end of a scan.
     pub fn acknowledge(&mut self) {
-        // SAFETY: reads and clears the flags of stream 0 only (bits 0..=5 of LISR).
-        unsafe {
-            let dma = &*pac::DMA2::ptr();
-            let flags = dma.lisr().read().bits() & 0b11_1101;
-            dma.lifcr().write(|w| w.bits(flags));
-        }
+        dma::acknowledge(&mut self.stream);
     }
 
     /// The latest samples of x and y, 12-bit counts.

@@ -1,44 +1,37 @@
 //! The independent watchdog (RM0390 chapter 22), on its own 32 kHz oscillator.
 
 use crate::pac;
+use stm32f4xx_hal::watchdog::IndependentWatchdog;
 
 /// The watchdog before it is started.
-pub struct Idle {
-    iwdg: pac::IWDG,
-}
+pub struct Idle(IndependentWatchdog);
 
 /// The running watchdog; nothing but a reset stops it.
-pub struct Watchdog {
-    iwdg: pac::IWDG,
-}
+pub struct Watchdog(IndependentWatchdog);
 
 impl Idle {
     pub(crate) fn new(iwdg: pac::IWDG) -> Self {
-        Self { iwdg }
+        Self(IndependentWatchdog::new(iwdg))
     }
 
-    /// Starts it. `milliseconds` is nominal, 1..=4095: the oscillator is somewhere between
+    /// Starts it. `milliseconds` is nominal, 1 to 32767: the oscillator is somewhere between
     /// 17 and 47 kHz (data sheet, table of LSI characteristics), so the real time is
-    /// between 0.68 and 1.9 times as long.
+    /// between 0.68 and 1.9 times as long. The HAL rounds it up to steps of 8 ms.
+    #[inline]
     pub fn start(self, milliseconds: u16) -> Watchdog {
-        let iwdg = self.iwdg;
-        // SAFETY: key values and fields of RM0390 22.4; 32 kHz / 32 = 1 kHz.
-        unsafe {
-            iwdg.kr().write(|w| w.bits(0xCCCC));
-            iwdg.kr().write(|w| w.bits(0x5555));
-            iwdg.pr().write(|w| w.bits(0b011));
-            iwdg.rlr().write(|w| w.bits(milliseconds.min(0xFFF)));
-        }
-        let mut watchdog = Watchdog { iwdg };
+        let mut watchdog = self.0;
+        watchdog.start(fugit::MillisDurationU32::millis(
+            u32::from(milliseconds).min(0x7FFF),
+        ));
         watchdog.feed();
-        watchdog
+        Watchdog(watchdog)
     }
 }
 
 impl Watchdog {
     /// Gives it its full time again.
+    #[inline]
     pub fn feed(&mut self) {
-        // SAFETY: the reload key of RM0390 22.4.1.
-        self.iwdg.kr().write(|w| unsafe { w.bits(0xAAAA) });
+        self.0.feed();
     }
 }

@@ -32,9 +32,8 @@ pub struct Alarms {
     timer: pac::TIM2,
 }
 
-/// Starts the time base.
-pub(crate) fn start(timer: pac::TIM2, rcc: &pac::RCC) -> (Clock, Alarms) {
-    rcc.apb1enr.modify(|_, w| w.tim2en().set_bit());
+/// Starts the time base. The clock gate of TIM2 is open.
+pub(crate) fn start(timer: pac::TIM2) -> (Clock, Alarms) {
     timer.psc.write(|w| w.psc().bits((PRESCALER - 1) as u16));
     timer.arr.write(|w| w.arr().bits(u32::MAX));
     // The update event loads the prescaler; its flag must not be taken for an alarm.

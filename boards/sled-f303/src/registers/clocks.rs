@@ -75,6 +75,8 @@ pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Clocks {
     while rcc.cr.read().pllrdy().bit_is_clear() {}
     rcc.cfgr.modify(|_, w| w.sw().pll());
     while !rcc.cfgr.read().sws().is_pll() {}
+    // USART1 on the system clock: its default differs between variants of the part.
+    rcc.cfgr3.modify(|_, w| w.usart1sw().sysclk());
 
     if external { EXTERNAL } else { INTERNAL }
 }

@@ -26,9 +26,8 @@ pub struct Alarms {
     timer: pac::TIM2,
 }
 
-/// Starts the time base.
-pub(crate) fn start(timer: pac::TIM2, rcc: &pac::RCC) -> (Clock, Alarms) {
-    rcc.apb1enr().modify(|_, w| w.tim2en().set_bit());
+/// Starts the time base. The clock gate of TIM2 is open.
+pub(crate) fn start(timer: pac::TIM2) -> (Clock, Alarms) {
     // SAFETY: the prescaler is 16 bits wide and PRESCALER fits.
     timer
         .psc()
