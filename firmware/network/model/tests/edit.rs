@@ -1,12 +1,20 @@
 //! Windows are written into a network file without touching the rest of it.
 
+use std::sync::LazyLock;
+
 use network_model::{Assignment, Network, Window, WindowKind, generate};
 use proptest::prelude::*;
 
-const VEHICLE: &str = include_str!("../../../vehicles/uagv/network.dbc");
+/// The vehicle's file, in which no message needs another: any order of windows will do.
+static VEHICLE: LazyLock<String> = LazyLock::new(|| {
+    let file = include_str!("../../../vehicles/uagv/network.dbc");
+    let (before, after) = file.split_once("BA_ \"After\" BO_ 300").unwrap();
+    let (_, rest) = after.split_once('\n').unwrap();
+    format!("{before}{rest}")
+});
 
 fn vehicle() -> Network {
-    Network::parse(VEHICLE).unwrap()
+    Network::parse(&VEHICLE).unwrap()
 }
 
 fn sorted(mut assignment: Assignment) -> Assignment {
@@ -39,7 +47,7 @@ proptest! {
     #[test]
     fn a_written_file_reads_back(order in Just((0..11).collect::<Vec<_>>()).prop_shuffle()) {
         let assignment = dealt(&order);
-        let text = assignment.write(VEHICLE);
+        let text = assignment.write(&VEHICLE);
         let network = Network::parse(&text).unwrap();
         prop_assert_eq!(sorted(Assignment::of(&network)), assignment);
         // Only starts change, in their own lines.
@@ -48,13 +56,13 @@ proptest! {
             prop_assert!(new == old || new.starts_with("BA_ \"WindowStart\" BO_ "), "{}", new);
         }
         // And back again.
-        prop_assert_eq!(sorted(Assignment::of(&vehicle())).write(&text), VEHICLE);
+        prop_assert_eq!(&sorted(Assignment::of(&vehicle())).write(&text), &*VEHICLE);
     }
 }
 
 #[test]
 fn the_schedule_that_a_file_has_changes_nothing() {
-    assert_eq!(Assignment::of(&vehicle()).write(VEHICLE), VEHICLE);
+    assert_eq!(Assignment::of(&vehicle()).write(&VEHICLE), *VEHICLE);
 }
 
 #[test]
@@ -73,7 +81,7 @@ fn a_message_may_have_several_windows() {
             message.windows = vec![window(6_000, 0), window(20_000, 1), window(30_000, 3)];
         }
     }
-    let text = assignment.write(VEHICLE);
+    let text = assignment.write(&VEHICLE);
     assert!(text.contains("BA_ \"FurtherWindows\" BO_ 206 \"20000 4 1, 30000 4 3\";\n"));
     // Three times in 400 ms is no period in whole milliseconds.
     let refused = Network::parse(&text).unwrap_err().to_string();
@@ -106,7 +114,7 @@ fn a_message_may_have_several_windows() {
             "{refused}"
         );
     }
-    let shared = assignment.write(VEHICLE).replace(
+    let shared = assignment.write(&VEHICLE).replace(
         "BA_ \"FurtherWindows\" BO_ 206",
         "BA_ \"FurtherWindows\" BO_ 501",
     );
@@ -123,5 +131,5 @@ fn comments_and_lists_of_keywords_are_no_attributes() {
     order.reverse();
     let written = dealt(&order).write(&text);
     assert!(written.contains(trap));
-    assert_eq!(written.replace(trap, ""), dealt(&order).write(VEHICLE));
+    assert_eq!(written.replace(trap, ""), dealt(&order).write(&VEHICLE));
 }

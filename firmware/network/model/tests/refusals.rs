@@ -319,10 +319,12 @@ fn the_longest_frame_takes_135_bit_times() {
     assert_eq!(worst_case_bits(0), 55);
 }
 
-/// The good file with a message `Command` that needs `after`, in a window at `start` us.
-fn with_command(after: &str, start: u32) -> Result<Network, String> {
+/// The good file with a message `Command` that needs `after` and then takes `preparation` us,
+/// in a window at `start` us.
+fn with_command(after: &str, preparation: u32, start: u32) -> Result<Network, String> {
     let window = format!(
-        "BA_ \"After\" BO_ 300 \"{after}\";\nBA_ \"WindowKind\" BO_ 300 2;\n\
+        "BA_ \"After\" BO_ 300 \"{after}\";\nBA_ \"Preparation\" BO_ 300 {preparation};\n\
+         BA_ \"WindowKind\" BO_ 300 2;\n\
          BA_ \"WindowStart\" BO_ 300 {start};\nVAL_ 600"
     );
     let text = GOOD
@@ -337,22 +339,25 @@ fn with_command(after: &str, start: u32) -> Result<Network, String> {
 
 #[test]
 fn a_message_before_one_that_it_needs_is_refused() {
-    let network = with_command("Speed", 3000).unwrap();
+    let network = with_command("Speed", 1300, 3000).unwrap();
     let command = network.message(300).unwrap();
     // The window at 1000 us, 64 us until the frame begins, 135 bits of 4 us.
     assert_eq!(network.release_us(command), Some(1700));
-    let told = with_command("Speed", 0).unwrap_err();
+    let told = with_command("Speed", 0, 0).unwrap_err();
     assert!(
         told.contains("message Command (300) is scheduled before Speed, which it needs"),
         "{told}"
     );
-    // Speed's window is over at 2000 us; 1700 us and 300 us of preparation are 2000 us.
-    assert!(with_command("Speed", 2000).is_ok());
-    let told = with_command("Sped", 3000).unwrap_err();
+    let told = with_command("Speed", 1400, 3000).unwrap_err();
+    assert!(
+        told.contains("it needs has arrived at 1700 us, and its Preparation takes 1400 us"),
+        "{told}"
+    );
+    let told = with_command("Sped", 0, 3000).unwrap_err();
     assert!(
         told.contains("Command (300) needs Sped by its attribute After"),
         "{told}"
     );
-    let told = with_command("Alarm", 3000).unwrap_err();
+    let told = with_command("Alarm", 0, 3000).unwrap_err();
     assert!(told.contains("both must have exclusive windows"), "{told}");
 }
