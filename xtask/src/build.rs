@@ -15,8 +15,7 @@ use crate::{
     Failure, Workspace, audit,
     cli::Build,
     size::{self, Size},
-    target::{self, Target},
-    vehicle,
+    target, vehicle,
 };
 
 /// A release image.
@@ -99,13 +98,13 @@ pub fn images(
     vehicle: &Vehicle,
     nodes: &[NodeIndex],
 ) -> Result<Vec<Image>, Failure> {
-    let target = target::ensure(workspace)?;
+    target::ensure(workspace)?;
     let mut images = Vec::new();
     for board in Sled::ALL {
         let on_board = |node: &NodeIndex| vehicle::board(vehicle, *node) == board;
         let nodes: Vec<NodeIndex> = nodes.iter().copied().filter(on_board).collect();
         if !nodes.is_empty() {
-            let cargo = command(workspace, &target, vehicle, &nodes)?;
+            let cargo = command(workspace, vehicle, &nodes)?;
             images.extend(finish(cargo, vehicle, &nodes)?);
         }
     }
@@ -120,11 +119,10 @@ pub fn images(
 /// The vehicle's package cannot be read.
 pub fn command(
     workspace: &Workspace,
-    target: &Target,
     vehicle: &Vehicle,
     nodes: &[NodeIndex],
 ) -> Result<Command, Failure> {
-    let mut cargo = target.cargo(workspace, "build");
+    let mut cargo = target::cargo(workspace, "build");
     cargo.args(["--release", "--package", &vehicle::package(vehicle)?]);
     if let Some(&node) = nodes.first() {
         cargo.args(["--features", vehicle::board(vehicle, node).name]);

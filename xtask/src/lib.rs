@@ -20,7 +20,6 @@ pub mod target;
 pub mod test;
 pub mod vehicle;
 
-mod debian;
 mod failure;
 mod workspace;
 
@@ -31,10 +30,6 @@ use std::{ffi::OsString, process::ExitCode};
 
 /// Runs the command that the arguments (the program's name first) ask for.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let arguments: Vec<OsString> = arguments.into_iter().collect();
-    if let Some(code) = debian::wrap(&arguments) {
-        return code;
-    }
     match cli::parse(arguments).and_then(execute) {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Shown) => ExitCode::FAILURE,

@@ -1,73 +1,42 @@
-//! The compilation target of the images, found or installed.
-//!
-//! In this order: it is there; rustup installs it; Debian's packages hold the
-//! core library's source for Debian's compiler, which builds it with the image.
+//! The compilation target of the images: found, or installed by rustup.
 
-use std::{env, ffi::OsString, fs, path::Path, process::Command};
+use std::{env, fs, path::Path, process::Command};
 
-use crate::{Failure, Workspace, debian, workspace::output};
+use crate::{Failure, Workspace, workspace::output};
 
 /// The target of both boards: Cortex-M4 with its floating point unit.
 pub const TRIPLE: &str = "thumbv7em-none-eabihf";
 
-/// How cargo builds for the target on this machine.
-///
-/// The default is a toolchain that has the target installed.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Target {
-    environment: Vec<(OsString, OsString)>,
-    arguments: Vec<OsString>,
+/// A cargo command (`build`, `clippy`, `doc`) for the target.
+pub fn cargo(workspace: &Workspace, command: &str) -> Command {
+    let mut cargo = workspace.cargo();
+    cargo.arg(command).args(["--target", TRIPLE]);
+    cargo
 }
 
-impl Target {
-    /// A cargo command (`build`, `clippy`, `doc`) for the target.
-    pub fn cargo(&self, workspace: &Workspace, command: &str) -> Command {
-        let mut cargo = workspace.cargo();
-        cargo.arg(command).args(["--target", TRIPLE]);
-        cargo.args(&self.arguments);
-        cargo.envs(self.environment.iter().map(|(name, value)| (name, value)));
-        cargo
-    }
-
-    /// Whether clippy and rustdoc work for the target: they belong to the pinned
-    /// toolchain and read no other compiler's libraries.
-    pub fn has_tools(&self) -> bool {
-        self.arguments.is_empty()
-    }
-}
-
-/// Finds the target, installing it if need be.
+/// Finds the target; rustup installs it when it is missing.
 ///
 /// # Errors
 ///
-/// It is not there and nothing on this machine can install it.
-pub fn ensure(workspace: &Workspace) -> Result<Target, Failure> {
+/// It is missing and rustup does not install it.
+pub fn ensure(workspace: &Workspace) -> Result<(), Failure> {
     if has_core(workspace) {
-        return Ok(Target::default());
+        return Ok(());
     }
     eprintln!("The target {TRIPLE} is not installed.");
-    if output(workspace.program("rustup").arg("--version")).is_some() {
-        eprintln!("Installing it: rustup target add {TRIPLE}");
-        let added = workspace
-            .program("rustup")
-            .args(["target", "add", TRIPLE])
-            .status();
-        if added.is_ok_and(|status| status.success()) && has_core(workspace) {
-            return Ok(Target::default());
-        }
+    if output(workspace.program("rustup").arg("--version")).is_none() {
+        return Err(missing("there is no rustup"));
     }
-    if !debian::is_here() {
-        return Err(missing("rustup cannot fetch it"));
+    eprintln!("Installing it: rustup target add {TRIPLE}");
+    let added = workspace
+        .program("rustup")
+        .args(["target", "add", TRIPLE])
+        .status();
+    if added.is_ok_and(|status| status.success()) && has_core(workspace) {
+        Ok(())
+    } else {
+        Err(missing("rustup cannot fetch it"))
     }
-    let environment = debian::environment(workspace).map_err(|why| {
-        missing(&format!(
-            "rustup cannot fetch it, nor can Debian's compiler: {why}"
-        ))
-    })?;
-    Ok(Target {
-        environment,
-        arguments: debian::arguments(),
-    })
 }
 
 fn missing(why: &str) -> Failure {
@@ -112,21 +81,6 @@ mod tests {
         assert!(!holds_core(folder.path()));
         fs::write(folder.path().join("libcore-1f2e.rlib"), "").unwrap();
         assert!(holds_core(folder.path()));
-    }
-
-    #[test]
-    fn the_recipe_of_debian_builds_the_core_library() {
-        let workspace = Workspace::find().unwrap();
-        let target = Target {
-            environment: vec![("RUSTC".into(), "/usr/bin/rustc".into())],
-            arguments: debian::arguments(),
-        };
-        let cargo = target.cargo(&workspace, "build");
-        let arguments: Vec<_> = cargo.get_args().collect();
-        assert_eq!(arguments[..3], ["build", "--target", TRIPLE]);
-        assert!(arguments.contains(&"-Zbuild-std=core".as_ref()));
-        assert_eq!(cargo.get_envs().count(), 1);
-        assert!(!target.has_tools());
     }
 
     #[test]

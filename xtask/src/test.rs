@@ -16,9 +16,7 @@ use parts::Sled;
 use crate::{
     Failure, Workspace, build,
     cli::Test,
-    schedulability, sim, size,
-    target::{self, Target},
-    vehicle,
+    schedulability, sim, size, target, vehicle,
     workspace::{succeed, typed},
 };
 
@@ -28,12 +26,10 @@ use crate::{
 ///
 /// Any step failed; which ones is on the screen.
 pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
-    let target = if options.list {
-        Target::default()
-    } else {
-        target::ensure(workspace)?
-    };
-    let steps = steps(workspace, &target, options.random);
+    if !options.list {
+        target::ensure(workspace)?;
+    }
+    let steps = steps(workspace, options.random);
     if options.list {
         for step in &steps {
             println!("{}", step.name);
@@ -47,7 +43,6 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                 Work::Images => println!("    cargo xtask build"),
                 Work::Drive => println!("    cargo xtask sim {DRIVE} --seconds {DRIVE_SECONDS}"),
                 Work::Schedulability => println!("    cargo xtask schedulability"),
-                Work::Impossible(why) => println!("    left out: {why}"),
             }
         }
         return Ok(());
@@ -88,14 +83,11 @@ enum Work {
     Drive,
     /// Whether the deadlines hold.
     Schedulability,
-    /// Nothing, for this reason.
-    Impossible(&'static str),
 }
 
 /// How a step ended.
 enum Outcome {
     Passed,
-    LeftOut(&'static str),
     Failed(Vec<String>),
 }
 
@@ -109,7 +101,6 @@ impl Step {
 
     fn run(self, workspace: &Workspace) -> Outcome {
         let failures = match self.work {
-            Work::Impossible(why) => return Outcome::LeftOut(why),
             Work::Faults => vehicle::find(workspace, vehicle::DEFAULT)
                 .and_then(|vehicle| sim::first_faults(workspace, &vehicle, FAULTS))
                 .unwrap_or_else(|failure| vec![failure.to_string()]),
@@ -145,7 +136,7 @@ const BOARDS: [&str; 2] = ["sled-f446", "sled-f303"];
 /// judged by the same inputs as the one before it.
 const PROPERTY_SEED: (&str, &str) = ("PROPTEST_RNG_SEED", "2017");
 
-fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
+fn steps(workspace: &Workspace, random: bool) -> Vec<Step> {
     let host = |command: &str, rest: &[&str]| {
         let mut cargo = workspace.cargo();
         cargo.args([command, "--workspace"]);
@@ -167,7 +158,7 @@ fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
     let on_target = |command: &str, rest: &[&str]| -> Vec<Command> {
         let boards = Sled::ALL.into_iter();
         let command = |board: &Sled| {
-            let mut cargo = target.cargo(workspace, command);
+            let mut cargo = target::cargo(workspace, command);
             cargo.args(["--package", "firmware", "--package", "uagv"]);
             cargo.args(["--features", board.name, "--package", board.package]);
             cargo.args(rest);
@@ -176,18 +167,10 @@ fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
         };
         boards.map(command).collect()
     };
-    let with_tools = |name, command, rest: &[&str]| {
-        let work = if target.has_tools() {
-            Work::Commands(on_target(command, rest))
-        } else {
-            Work::Impossible("Debian's compiler comes without clippy and rustdoc for the target")
-        };
-        Step { name, work }
-    };
     vec![
         Step::commands("format", vec![format]),
         Step::commands("lints, host", vec![lints]),
-        with_tools("lints, images", "clippy", &strict),
+        Step::commands("lints, images", on_target("clippy", &strict)),
         Step::commands("tests, host", vec![tests]),
         Step {
             name: "images",
@@ -202,7 +185,7 @@ fn steps(workspace: &Workspace, target: &Target, random: bool) -> Vec<Step> {
             work: Work::Schedulability,
         },
         Step::commands("documentation, host", vec![documentation]),
-        with_tools("documentation, images", "doc", &["--no-deps"]),
+        Step::commands("documentation, images", on_target("doc", &["--no-deps"])),
         Step {
             name: "random faults",
             work: Work::Faults,
@@ -300,7 +283,6 @@ impl Finished {
     fn line(&self) -> String {
         let outcome = match &self.outcome {
             Outcome::Passed => "passed".into(),
-            Outcome::LeftOut(why) => format!("left out: {why}"),
             Outcome::Failed(failures) => format!("FAILED: {}", failures.join("; ")),
         };
         let seconds = self.took.as_secs_f64();
@@ -371,8 +353,8 @@ mod tests {
             finished(Outcome::Failed(vec!["why".into()])),
         ]);
         assert_eq!(failure, Err(Failure::Failed("1 of 2 steps failed".into())));
-        let left_out = finished(Outcome::LeftOut("no tool")).line();
-        assert!(left_out.contains("1.5 s  left out: no tool"), "{left_out}");
+        let passed = finished(Outcome::Passed).line();
+        assert!(passed.contains("1.5 s  passed"), "{passed}");
     }
 
     #[test]
@@ -451,7 +433,7 @@ mod tests {
     #[test]
     fn the_boards_are_left_to_the_target() {
         let workspace = Workspace::find().unwrap();
-        let steps = steps(&workspace, &Target::default(), false);
+        let steps = steps(&workspace, false);
         let Some(Work::Commands(commands)) = steps
             .iter()
             .find(|step| step.name == "tests, host")

@@ -13,9 +13,8 @@ fn programs() -> &'static Path {
         let package = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/programs");
         let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("programs");
         let workspace = xtask::Workspace::find().expect("the workspace");
-        let triple = xtask::target::ensure(&workspace).expect("the target");
-        let status = triple
-            .cargo(&workspace, "build")
+        xtask::target::ensure(&workspace).expect("the target");
+        let status = xtask::target::cargo(&workspace, "build")
             .current_dir(&package)
             .args(["--quiet", "--release"])
             .env("CARGO_TARGET_DIR", &target)

@@ -116,9 +116,8 @@ fn package() -> &'static Path {
             update(&programs.join(format!("{program}.rs")), &changed);
         }
         let workspace = xtask::Workspace::find().unwrap();
-        let triple = xtask::target::ensure(&workspace).unwrap();
-        let status = triple
-            .cargo(&workspace, "build")
+        xtask::target::ensure(&workspace).unwrap();
+        let status = xtask::target::cargo(&workspace, "build")
             .current_dir(&package)
             .args(["--quiet", "--release", "--bins"])
             .env("CARGO_TARGET_DIR", package.join("target"))

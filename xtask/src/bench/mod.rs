@@ -11,11 +11,7 @@ use std::{env, fmt::Write, path::PathBuf, process::Stdio};
 use schedulability::results::KernelReport;
 use serde_json::{Value, json};
 
-use crate::{
-    Failure, Workspace, build,
-    cli::Bench,
-    target::{self, Target},
-};
+use crate::{Failure, Workspace, build, cli::Bench, target};
 
 /// The package with the stack's programs, from the root of the workspace.
 const STACK: &str = "ttcan/benches/image/Cargo.toml";
@@ -89,7 +85,6 @@ impl Profile {
 #[derive(Debug)]
 pub struct Builder<'w> {
     workspace: &'w Workspace,
-    target: Target,
 }
 
 impl<'w> Builder<'w> {
@@ -99,10 +94,7 @@ impl<'w> Builder<'w> {
     ///
     /// It is not there and cannot be installed.
     pub fn new(workspace: &'w Workspace) -> Result<Self, Failure> {
-        Ok(Self {
-            workspace,
-            target: target::ensure(workspace)?,
-        })
+        Ok(Self { workspace })
     }
 
     /// Builds a program of the stack's; the bytes of its ELF file.
@@ -134,7 +126,7 @@ impl<'w> Builder<'w> {
         let folder = env::var_os("CARGO_TARGET_DIR")
             .map_or_else(|| self.workspace.root().join("target"), PathBuf::from)
             .join("bench");
-        let mut cargo = self.target.cargo(self.workspace, "build");
+        let mut cargo = target::cargo(self.workspace, "build");
         cargo.args(["--quiet", "--manifest-path", package, "--bin", name]);
         cargo.args(["--profile", profile.name(), "--features", parts.features]);
         cargo.arg("--target-dir").arg(folder);

@@ -141,9 +141,9 @@ fn plain_controller(
     workspace: &Workspace,
     vehicle: &Vehicle,
 ) -> Result<(NodeIndex, Vec<u8>), Failure> {
-    let target = target::ensure(workspace)?;
+    target::ensure(workspace)?;
     let nodes = vehicle::nodes(vehicle, &["controller".into()])?;
-    let mut cargo = build::command(workspace, &target, vehicle, &nodes)?;
+    let mut cargo = build::command(workspace, vehicle, &nodes)?;
     cargo.args(["--features", "thesis-law"]);
     let images = build::finish(cargo, vehicle, &nodes)?;
     let image = images

@@ -18,7 +18,7 @@ use campaign::agreement::{self, Agreement};
 use twin::{Images, Outcome, Progress, Twin};
 use vehicle_model::Vehicle;
 use world::{
-    Scenario, SimDuration, SimTime,
+    EffortChange, Scenario, SimDuration, SimTime,
     report::{self, GlobalTimeFigures, ModeChange, OutputFolder, Run, Summary, TaskTime},
     time,
 };
@@ -87,13 +87,38 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     } else {
         print!("{}", report::terminal(&summary, Some(finished.wall)));
     }
-    match finished.locked_up().as_slice() {
-        [] => Ok(()),
-        nodes => Err(Failure::Failed(format!(
-            "the program of {} ended in a fault",
-            nodes.join(", ")
+    if let [first, rest @ ..] = finished.locked_up().as_slice() {
+        let nodes = rest
+            .iter()
+            .fold((*first).to_owned(), |all, node| format!("{all}, {node}"));
+        return Err(Failure::Failed(format!(
+            "the program of {nodes} ended in a fault"
+        )));
+    }
+    let mut runs = summary.autonomous_runs.iter();
+    let drove = runs.any(|run| run.until_seconds - run.from_seconds >= LONG_ENOUGH);
+    match idle_motor(&vehicle, run.efforts).filter(|_| drove) {
+        None => Ok(()),
+        Some(node) => Err(Failure::Failed(format!(
+            "the vehicle drove by itself, but node {node} never turned its motor: it refuses every command"
         ))),
     }
+}
+
+/// Shortest time in an autonomous mode in which every motor must turn at some time, s.
+const LONG_ENOUGH: f64 = 3.0;
+
+/// A node that commands can let turn its motor and that never did.
+fn idle_motor<'v>(vehicle: &'v Vehicle, efforts: &[EffortChange]) -> Option<&'v str> {
+    let command = vehicle.manifest().command.as_ref()?;
+    let turned = |node| {
+        let mut changes = efforts.iter();
+        changes.any(|change| change.node == node && change.effort != 0.0)
+    };
+    let motors = command.enable.keys();
+    let mut nodes = motors.filter_map(|&motor| vehicle.node_of(motor));
+    let idle = nodes.find(|&node| !turned(node))?;
+    Some(&vehicle.node(idle).name)
 }
 
 /// The scenario that is run when none is named.
@@ -315,6 +340,41 @@ impl Display {
     fn end(&mut self) {
         if self.terminal && self.last.is_some() {
             eprint!("\r\x1b[K");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motor_that_never_turned_is_named() {
+        let workspace = Workspace::find().unwrap();
+        let vehicle = vehicle::find(&workspace, vehicle::DEFAULT).unwrap();
+        let effort = |name: &str, effort| EffortChange {
+            at: SimTime::from_ticks(1),
+            node: vehicle.find_node(name).unwrap(),
+            byte: 127,
+            effort,
+        };
+        let idle = |efforts: &[EffortChange]| idle_motor(&vehicle, efforts).map(str::to_owned);
+        let drive = effort("drive", 0.5);
+        assert_eq!(
+            idle(&[drive, effort("steering", 0.0)]).as_deref(),
+            Some("steering")
+        );
+        assert_eq!(idle(&[drive, effort("steering", -0.2)]), None);
+    }
+
+    #[test]
+    fn every_vehicle_has_a_scenario_to_begin_with() {
+        let workspace = Workspace::find().unwrap();
+        for name in Vehicle::names(&workspace.vehicles()).unwrap() {
+            let vehicle = vehicle::find(&workspace, &name).unwrap();
+            let scenario = first_scenario(&vehicle).unwrap();
+            assert!(list(&vehicle).unwrap().contains(&scenario), "{name}");
+            Scenario::find(&vehicle, &scenario).unwrap();
         }
     }
 }
