@@ -395,7 +395,6 @@ mod tests {
             "xtask sim --experiment thesis-7 --seeds 0",
             "xtask sim --experiment thesis-7 gps-lost",
             "xtask sim --quick",
-            "xtask schedulability rudder",
             "xtask schedulability --explain a.b --json",
             "xtask priorities gps",
             "xtask sim --faults 0",
