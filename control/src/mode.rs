@@ -6,6 +6,7 @@
 
 /// The operation mode, which decides who commands the actuators.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Mode {
     /// Actuators are still. The mode after start-up.
     #[default]

@@ -16,6 +16,7 @@ use crate::{convert, design, e2e};
 
 /// Why a command frame is not acted on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
 pub enum Refusal {
     /// Not eight bytes, or a signal outside its range.
     Malformed,
@@ -64,6 +65,7 @@ pub struct CommandHold<C> {
     protection: e2e::Receiver,
     command: Option<C>,
     refused: u16,
+    refusal: Option<Refusal>,
 }
 
 impl<C: Command> Default for CommandHold<C> {
@@ -79,6 +81,7 @@ impl<C: Command> CommandHold<C> {
             protection: e2e::Receiver::new(),
             command: None,
             refused: 0,
+            refusal: None,
         }
     }
 
@@ -92,7 +95,10 @@ impl<C: Command> CommandHold<C> {
         let judged = self.judge(data, time);
         match judged {
             Ok(command) => self.command = Some(command),
-            Err(_) => self.refused = self.refused.wrapping_add(1),
+            Err(refusal) => {
+                self.refused = self.refused.wrapping_add(1);
+                self.refusal = Some(refusal);
+            }
         }
         judged
     }
@@ -122,6 +128,11 @@ impl<C: Command> CommandHold<C> {
     /// Frames refused so far; wraps.
     pub const fn refused(&self) -> u16 {
         self.refused
+    }
+
+    /// Why the last of them was refused.
+    pub const fn refusal(&self) -> Option<Refusal> {
+        self.refusal
     }
 }
 
@@ -287,6 +298,11 @@ impl<C: Command> Supervised<C> {
     /// Frames refused so far; wraps.
     pub const fn refused(&self) -> u16 {
         self.hold.refused()
+    }
+
+    /// Why the last of them was refused.
+    pub const fn refusal(&self) -> Option<Refusal> {
+        self.hold.refusal()
     }
 }
 

@@ -4,8 +4,10 @@ use control::mode::Mode;
 use sled_common::can::ErrorState;
 use ttcan::{ErrorLevel, MasterState, Status, SyncState};
 
+use crate::actuator::Refusal;
 use crate::link;
 use crate::navigation::Navigation;
+use crate::pilot::Reason;
 use crate::sbp;
 use crate::text::Text;
 
@@ -56,6 +58,32 @@ impl BusView {
     }
 }
 
+#[cfg(test)]
+impl BusView {
+    /// A follower's view of a bus without errors, the time master of rank `leader`.
+    pub(crate) fn quiet(sync: SyncState, leader: Option<u8>) -> Self {
+        Self {
+            status: Status {
+                sync,
+                master: MasterState::Follower,
+                error_level: ErrorLevel::None,
+                missed_references: 0,
+                cycle: 0,
+                master_rank: leader,
+                initial_watch: false,
+                clock: ttcan::ClockState::Locked,
+                reference_offset: 0,
+            },
+            missed_references: 0,
+            missed_messages: 0,
+            missed_windows: 0,
+            misplaced: 0,
+            errors: ErrorState::default(),
+            link: link::Counters::default(),
+        }
+    }
+}
+
 /// The line about the bus.
 pub fn bus(line: &mut Line, view: &BusView) {
     let status = &view.status;
@@ -100,6 +128,8 @@ pub struct ActuatorView {
     pub byte: u8,
     /// Command frames refused.
     pub refused: u16,
+    /// Why the last of them was refused; for the log.
+    pub refusal: Option<Refusal>,
 }
 
 /// The line about an actuator.
@@ -152,6 +182,8 @@ pub fn receiver(
 pub struct PilotView {
     /// Mode.
     pub mode: Mode,
+    /// Why it was entered; for the log.
+    pub reason: Reason,
     /// Position, north, mm.
     pub north: i32,
     /// Position, east, mm.
@@ -193,6 +225,7 @@ mod tests {
             count: Some(u16::MAX),
             byte: 255,
             refused: u16::MAX,
+            refusal: Some(Refusal::Limits),
         };
         actuator(&mut line, "steering", &view);
         assert_eq!(
@@ -210,6 +243,7 @@ mod tests {
         line.clear();
         let worst = PilotView {
             mode: Mode::Manual,
+            reason: Reason::ButtonB,
             north: i32::MIN,
             east: i32::MIN,
             cross_track: i32::MIN,

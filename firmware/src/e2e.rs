@@ -77,6 +77,7 @@ impl Sender {
 
 /// Why a frame is not acted on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
 pub enum Refusal {
     /// The check value does not fit: altered, or sealed for another identifier or another
     /// basic cycle.

@@ -4,7 +4,8 @@
 use network::Message;
 pub use sled_common::clock::ResetCause;
 
-use sled_common::clock::Oscillator;
+use sled_common::can::ErrorState;
+use sled_common::clock::{Clocks, Oscillator};
 use sled_common::fault::Fault;
 use ttcan::{ErrorLevel, SyncState};
 
@@ -57,8 +58,35 @@ impl Status {
     }
 }
 
+/// What is known of the node's start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Start {
+    /// Why the microcontroller started.
+    pub cause: ResetCause,
+    /// The fault record that outlived the reset.
+    pub record: Option<Fault>,
+    /// The clocks that it runs on.
+    pub clocks: Clocks,
+}
+
+impl Start {
+    /// What went wrong before the start or at it.
+    pub const fn fault(&self) -> Option<NodeFault> {
+        match (self.record, self.cause, self.clocks.oscillator) {
+            (Some(Fault::Panic), ..) => Some(NodeFault::Panic),
+            (Some(Fault::Hard | Fault::Unhandled), ..) => Some(NodeFault::HardFault),
+            (Some(Fault::Start), ..) => Some(NodeFault::StartRefused),
+            (Some(Fault::Clock), ..) => Some(NodeFault::ClockFailure),
+            (None, ResetCause::Watchdog, _) => Some(NodeFault::WatchdogStarved),
+            (None, _, Oscillator::Internal) => Some(NodeFault::ClockFailure),
+            (None, _, Oscillator::External) => None,
+        }
+    }
+}
+
 /// Error state of a CAN controller (ISO 11898-1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
 pub enum BusState {
     /// Takes part without restriction.
     ErrorActive,
@@ -68,8 +96,22 @@ pub enum BusState {
     BusOff,
 }
 
+impl BusState {
+    /// The state that the controller's registers say.
+    pub const fn of(errors: &ErrorState) -> Self {
+        if errors.bus_off {
+            Self::BusOff
+        } else if errors.passive {
+            Self::ErrorPassive
+        } else {
+            Self::ErrorActive
+        }
+    }
+}
+
 /// What went wrong in a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
 pub enum NodeFault {
     /// The program panicked.
     Panic,
@@ -104,19 +146,11 @@ pub struct Housekeeping {
 }
 
 impl Housekeeping {
-    /// `fault` is the record that outlived the reset.
-    pub const fn new(cause: ResetCause, fault: Option<Fault>, oscillator: Oscillator) -> Self {
+    /// Housekeeping that has done no step yet.
+    pub const fn new(start: &Start) -> Self {
         Self {
-            cause,
-            fault: match (fault, cause, oscillator) {
-                (Some(Fault::Panic), ..) => Some(NodeFault::Panic),
-                (Some(Fault::Hard | Fault::Unhandled), ..) => Some(NodeFault::HardFault),
-                (Some(Fault::Start), ..) => Some(NodeFault::StartRefused),
-                (Some(Fault::Clock), ..) => Some(NodeFault::ClockFailure),
-                (None, ResetCause::Watchdog, _) => Some(NodeFault::WatchdogStarved),
-                (None, _, Oscillator::Internal) => Some(NodeFault::ClockFailure),
-                (None, _, Oscillator::External) => None,
-            },
+            cause: start.cause,
+            fault: start.fault(),
             steps: 0,
             services: 0,
             work: 0,
@@ -160,13 +194,7 @@ impl Housekeeping {
         let status = Status {
             reset_cause: self.cause,
             error_level: bus.status.error_level,
-            bus: if bus.errors.bus_off {
-                BusState::BusOff
-            } else if bus.errors.passive {
-                BusState::ErrorPassive
-            } else {
-                BusState::ErrorActive
-            },
+            bus: BusState::of(&bus.errors),
             fault: self.fault,
             transmit_errors: bus.errors.transmit,
             receive_errors: bus.errors.receive,
@@ -211,38 +239,26 @@ impl Housekeeping {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link;
-    use sled_common::can::ErrorState;
-    use ttcan::{ClockState, MasterState, Status};
+
+    fn start(cause: ResetCause, record: Option<Fault>) -> Start {
+        let clocks = Clocks::of(parts::Sled::F303, Oscillator::External);
+        Start {
+            cause,
+            record,
+            clocks,
+        }
+    }
 
     fn view(sync: SyncState, services: u32) -> BusView {
-        BusView {
-            status: Status {
-                sync,
-                master: MasterState::Follower,
-                error_level: ErrorLevel::None,
-                missed_references: 0,
-                cycle: 0,
-                master_rank: Some(0),
-                initial_watch: false,
-                clock: ClockState::Locked,
-                reference_offset: 0,
-            },
-            missed_references: 0,
-            missed_messages: 0,
-            missed_windows: 70_000,
-            misplaced: 0,
-            errors: ErrorState::default(),
-            link: link::Counters {
-                services,
-                ..link::Counters::default()
-            },
-        }
+        let mut view = BusView::quiet(sync, Some(0));
+        view.missed_windows = 70_000;
+        view.link.services = services;
+        view
     }
 
     #[test]
     fn the_watchdog_starves_when_the_schedule_or_the_work_stands_still() {
-        let new = || Housekeeping::new(ResetCause::Pin, None, Oscillator::External);
+        let new = || Housekeeping::new(&start(ResetCause::Pin, None));
         let mut keeping = new();
         for step in 0..100 {
             assert!(keeping.step(&view(SyncState::InSchedule, step), step).feed);
@@ -267,11 +283,7 @@ mod tests {
 
     #[test]
     fn the_cause_is_reported_once() {
-        let mut keeping = Housekeeping::new(
-            ResetCause::Software,
-            Some(Fault::Panic),
-            Oscillator::External,
-        );
+        let mut keeping = Housekeeping::new(&start(ResetCause::Software, Some(Fault::Panic)));
         assert_eq!(
             keeping.step(&view(SyncState::Synchronising, 0), 0).report,
             None

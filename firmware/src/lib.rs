@@ -9,7 +9,8 @@
 //! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: what it says, for the bus;
 //! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law;
 //! - [`text`], [`display`], [`console`]: what the operator reads;
-//! - [`housekeeping`]: watchdog, status messages, LED.
+//! - [`housekeeping`]: watchdog, status messages, LED;
+//! - [`log`]: which lines a debug probe shows.
 //!
 //! Everything but the modules of the target runs, and is tested, on the host.
 
@@ -27,6 +28,7 @@ pub mod display;
 pub mod e2e;
 pub mod housekeeping;
 pub mod link;
+pub mod log;
 pub mod machine;
 pub mod navigation;
 pub mod pilot;

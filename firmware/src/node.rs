@@ -3,10 +3,10 @@
 use crate::board;
 use crate::console::{self, BusView, Line};
 use crate::design;
-use crate::housekeeping::{Housekeeping, StatusMessage};
+use crate::housekeeping::{Housekeeping, Start, StatusMessage};
 use crate::link::{Identity, Link, Stack, WindowTimer};
-use board::clock::{Clocks, Oscillator, ResetCause};
-use board::fault::Fault;
+use crate::log::{Changes, Own};
+use board::clock::{Clocks, Oscillator};
 use board::led::Led;
 use board::watchdog::{self, Watchdog};
 use core::future::{Future, pending};
@@ -16,7 +16,7 @@ use rtic::Mutex;
 use rtic_monotonics::TimerQueueBackend;
 use rtic_monotonics::systick::SystickBackend;
 use rtic_monotonics::systick::prelude::*;
-use ttcan::{ConfigError, ErrorLevel, MasterState, Micros, NodeConfig, StampLatency, SyncState};
+use ttcan::{ConfigError, Micros, NodeConfig, StampLatency};
 
 /// The time base and its compare channels, as the link uses them.
 pub struct Timer {
@@ -119,42 +119,24 @@ pub fn link<const WINDOWS: usize, const NODES: usize>(
     Link::new(place, identity.schedule, config, can, timer)
 }
 
-/// Logs changes of the bus state for a debug probe. For tasks of the lowest priority only.
-/// Without a probe, or with a slow one, the message is dropped and no task waits.
-#[derive(Default)]
+/// Writes what changes to the log of a debug probe. For the task of the lowest priority only.
+/// Without a probe, or with a slow one, the line is dropped and no task waits.
 pub struct Log {
-    last: Option<(SyncState, MasterState, u8, u16)>,
+    changes: Changes,
 }
 
 impl Log {
-    /// A log without entries.
-    pub const fn new() -> Self {
-        Self { last: None }
+    /// A log that begins with the node's start.
+    pub const fn new(start: &Start) -> Self {
+        Self {
+            changes: Changes::new(start),
+        }
     }
 
-    /// Logs the state of the bus if it differs from the last one logged.
-    pub fn bus(&mut self, view: &BusView) {
-        let level = match view.status.error_level {
-            ErrorLevel::None => 0,
-            ErrorLevel::Warning => 1,
-            ErrorLevel::Error => 2,
-            ErrorLevel::Severe(_) => 3,
-        };
-        let now = (
-            view.status.sync,
-            view.status.master,
-            level,
-            view.link.bus_off,
-        );
-        if self.last != Some(now) {
-            self.last = Some(now);
-            defmt::info!(
-                "sync {=u8} master {=u8} level S{=u8} bus-off {=u16}",
-                view.status.sync as u8,
-                view.status.master as u8,
-                level,
-                view.link.bus_off
-            );
+    /// Writes one line at most.
+    fn pass(&mut self, bus: &BusView, own: &Own) {
+        if let Some(entry) = self.changes.next(bus, own) {
+            defmt::info!("{}", entry);
         }
     }
 }
@@ -225,20 +207,17 @@ pub struct Keeper {
 
 impl Keeper {
     /// Starts watchdog and tick: SysTick, from the core clock; `system` sets its priority.
-    /// `fault` is the record that outlived the reset.
     pub fn start(
         tick: SYST,
         system: &mut SCB,
-        clocks: Clocks,
         led: Led,
         watchdog: watchdog::Idle,
-        cause: ResetCause,
-        fault: Option<Fault>,
+        start: &Start,
     ) -> Self {
         board::tick::set_priority(system, board::pac::NVIC_PRIO_BITS);
-        Mono::start(tick, clocks.core);
+        Mono::start(tick, start.clocks.core);
         Self {
-            housekeeping: Housekeeping::new(cause, fault, clocks.oscillator),
+            housekeeping: Housekeeping::new(start),
             watchdog: watchdog.start(WATCHDOG.ticks() as u16),
             led,
             shown: None,
@@ -286,19 +265,21 @@ impl Keeper {
     }
 }
 
-/// The console task: the line about the bus, and one of the node's own.
+/// The console task: the line about the bus, the node's line, which `show` writes, and the
+/// log, in which `own` is told.
 pub fn report<const WINDOWS: usize, const NODES: usize>(
     link: &mut impl Mutex<T = BoardLink<WINDOWS, NODES>>,
     console: &mut impl Mutex<T = board::console::Console>,
     log: &mut Log,
-    own: impl FnOnce(&mut Line),
+    own: &Own,
+    show: impl FnOnce(&mut Line),
 ) {
     let bus = link.lock(|link| BusView::of(link));
-    log.bus(&bus);
+    log.pass(&bus, own);
     let mut line = Line::new();
     console::bus(&mut line, &bus);
     console.lock(|console| console.push(line.as_bytes()));
     line.clear();
-    own(&mut line);
+    show(&mut line);
     console.lock(|console| console.push(line.as_bytes()));
 }

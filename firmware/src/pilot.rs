@@ -89,6 +89,7 @@ pub struct Change {
 
 /// Why a mode was entered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
 pub enum Reason {
     /// The node started.
     StartUp,
@@ -142,6 +143,8 @@ pub struct Pilot<M> {
     position_missing: u8,
     request: Request,
     request_reason: Reason,
+    /// Why the present mode was entered.
+    mode_reason: Reason,
     fixed: bool,
     finished: bool,
     steps: u32,
@@ -168,6 +171,7 @@ impl<M: Machine> Pilot<M> {
             position_missing: design::POSITION_PATIENCE,
             request: Request::None,
             request_reason: Reason::StartUp,
+            mode_reason: Reason::StartUp,
             fixed: false,
             finished: false,
             steps: 0,
@@ -257,20 +261,24 @@ impl<M: Machine> Pilot<M> {
             self.request_reason = Reason::PathEnd;
         }
         let mode = self.modes.step(request, conditions);
-        (mode != previous).then_some(Change {
+        if mode == previous {
+            return None;
+        }
+        self.mode_reason = if conditions.stop_loop_open {
+            Reason::StopLoop
+        } else if conditions.fault && !inputs.in_schedule {
+            Reason::BusFault
+        } else if conditions.fault {
+            Reason::NodeFault
+        } else if request != Request::None {
+            self.request_reason
+        } else {
+            Reason::FixLost
+        };
+        Some(Change {
             previous,
             mode,
-            reason: if conditions.stop_loop_open {
-                Reason::StopLoop
-            } else if conditions.fault && !inputs.in_schedule {
-                Reason::BusFault
-            } else if conditions.fault {
-                Reason::NodeFault
-            } else if request != Request::None {
-                self.request_reason
-            } else {
-                Reason::FixLost
-            },
+            reason: self.mode_reason,
         })
     }
 
@@ -299,6 +307,7 @@ impl<M: Machine> Pilot<M> {
     pub fn line(&self, display: bool) -> PilotView {
         PilotView {
             mode: self.modes.mode(),
+            reason: self.mode_reason,
             north: self.position.north,
             east: self.position.east,
             cross_track: convert::millimetres(self.tracking.cross_track),

@@ -5,6 +5,7 @@ use crate::matrix::NodeId;
 
 /// Error level of a node (ISO 11898-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ErrorLevel {
     /// S0: no error.
     None,
@@ -21,6 +22,7 @@ pub enum ErrorLevel {
 
 /// Cause of S3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Severe {
     /// The watch trigger (Watch_Trigger): references ceased.
     Watch,

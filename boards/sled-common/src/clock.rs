@@ -2,6 +2,7 @@
 
 /// The oscillator that the system clock is made from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Oscillator {
     /// The 8 MHz clock that the on-board debugger feeds into the HSE input.
     External,
@@ -45,6 +46,7 @@ impl Clocks {
 
 /// Why the microcontroller started (RM0390 6.3.21, RM0316 9.4.10).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetCause {
     /// Power came up, or dipped below the brown-out level.
     #[default]

@@ -7,6 +7,7 @@ use super::Frame;
 
 /// Quality of a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
 pub enum Fix {
     /// No valid position.
     #[default]

@@ -7,6 +7,7 @@ use crate::supervision::ErrorLevel;
 
 /// Synchronisation state (ISO 11898-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SyncState {
     /// Not started, or stopped by S3.
     Off,
@@ -20,6 +21,7 @@ pub enum SyncState {
 
 /// Master state (ISO 11898-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MasterState {
     /// Not started, or stopped by S3.
     Off,

@@ -22,6 +22,8 @@ mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, Sled, pac::Interrupt, time::Clock};
     use firmware::console::BusView;
+    use firmware::housekeeping::Start;
+    use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
     use firmware::{e2e, fault};
     use rtic::Mutex as _;
@@ -47,26 +49,25 @@ mod app {
 
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
-        let last_fault = board::fault::take();
+        let record = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
         };
-        let clocks = sled.clocks;
+        let start = Start {
+            cause: sled.reset_cause,
+            record,
+            clocks: sled.clocks,
+        };
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(MASTER),
-            clocks,
+            start.clocks,
             sled.can,
             sled.clock,
             sled.alarms,
         ) else {
             fault::stop(Fault::Start)
         };
-        defmt::info!(
-            "master: core {=u32} Hz, reset cause {=u8}",
-            clocks.core,
-            sled.reset_cause.code()
-        );
         link.start();
         let _ = housekeeping::spawn();
         (
@@ -81,13 +82,11 @@ mod app {
                 keeper: Keeper::start(
                     cx.core.SYST,
                     &mut cx.core.SCB,
-                    clocks,
                     sled.led,
                     sled.watchdog,
-                    sled.reset_cause,
-                    last_fault,
+                    &start,
                 ),
-                log: Log::new(),
+                log: Log::new(&start),
             },
         )
     }
@@ -180,6 +179,7 @@ mod app {
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
+            &Own::default(),
             |line| {
                 line.str("master knob ").unsigned(u32::from(knob));
                 line.str(" commands ").unsigned(commands).str("\r\n");

@@ -35,6 +35,8 @@ mod app {
     use firmware::buttons::{Button, Buttons};
     use firmware::console::{self as lines, BusView};
     use firmware::display::{self, Plain, Supervision};
+    use firmware::housekeeping::Start;
+    use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
     use firmware::text::Text;
     use firmware::{design, e2e, fault};
@@ -75,15 +77,19 @@ mod app {
 
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
-        let last_fault = board::fault::take();
+        let record = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
         };
-        let clocks = sled.clocks;
+        let start = Start {
+            cause: sled.reset_cause,
+            record,
+            clocks: sled.clocks,
+        };
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(CONTROLLER),
-            clocks,
+            start.clocks,
             sled.can,
             sled.clock,
             sled.alarms,
@@ -93,11 +99,6 @@ mod app {
         let (Some(operator), Ok(pilot)) = (sled.rest.operator(), Pilot::new()) else {
             fault::stop(Fault::Start)
         };
-        defmt::info!(
-            "controller: core {=u32} Hz, reset cause {=u8}",
-            clocks.core,
-            sled.reset_cause.code()
-        );
         link.release_in(BASIC_CYCLE);
         let _ = housekeeping::spawn();
         (
@@ -123,13 +124,11 @@ mod app {
                 keeper: Keeper::start(
                     cx.core.SYST,
                     &mut cx.core.SCB,
-                    clocks,
                     sled.led,
                     sled.watchdog,
-                    sled.reset_cause,
-                    last_fault,
+                    &start,
                 ),
-                log: Log::new(),
+                log: Log::new(&start),
             },
         )
     }
@@ -315,6 +314,7 @@ mod app {
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
+            &Own::from(&view),
             |line| lines::pilot(line, "uagv", &view),
         );
     }

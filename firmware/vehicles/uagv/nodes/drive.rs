@@ -24,6 +24,8 @@ mod app {
     use firmware::board::{self, Sled, motor::MotorOutput, pac::Interrupt, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
     use firmware::fault;
+    use firmware::housekeeping::Start;
+    use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
     use rtic::Mutex as _;
     use uagv::design::COMMAND_TIMEOUT;
@@ -48,33 +50,32 @@ mod app {
 
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
-        let last_fault = board::fault::take();
+        let record = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
         };
-        let clocks = sled.clocks;
+        let start = Start {
+            cause: sled.reset_cause,
+            record,
+            clocks: sled.clocks,
+        };
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(DRIVE),
-            clocks,
+            start.clocks,
             sled.can,
             sled.clock,
             sled.alarms,
         ) else {
             fault::stop(Fault::Start)
         };
-        defmt::info!(
-            "drive: core {=u32} Hz, reset cause {=u8}",
-            clocks.core,
-            sled.reset_cause.code()
-        );
         link.start();
         let _ = housekeeping::spawn();
         (
             Shared {
                 clock: sled.clock,
                 link,
-                driving: Driving::new(Times::new(COMMAND_TIMEOUT, clocks.ticks_per_us)),
+                driving: Driving::new(Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us)),
                 output: sled.motor,
                 console: sled.console,
             },
@@ -82,13 +83,11 @@ mod app {
                 keeper: Keeper::start(
                     cx.core.SYST,
                     &mut cx.core.SCB,
-                    clocks,
                     sled.led,
                     sled.watchdog,
-                    sled.reset_cause,
-                    last_fault,
+                    &start,
                 ),
-                log: Log::new(),
+                log: Log::new(&start),
             },
         )
     }
@@ -187,11 +186,13 @@ mod app {
             count: None,
             byte,
             refused: driving.supervised.refused(),
+            refusal: driving.supervised.refusal(),
         });
         node::report(
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
+            &Own::from(&view),
             |line| lines::actuator(line, "drive", &view),
         );
     }

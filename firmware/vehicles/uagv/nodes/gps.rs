@@ -24,6 +24,8 @@ mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, Sled, pac::Interrupt, receiver::Receiver, time::Clock};
     use firmware::console::{self as lines, BusView};
+    use firmware::housekeeping::Start;
+    use firmware::log::Own;
     use firmware::navigation::{Pause, Station, Step, trim};
     use firmware::node::{self, Keeper, Log, Pace};
     use firmware::{design, fault};
@@ -51,15 +53,19 @@ mod app {
 
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
-        let last_fault = board::fault::take();
+        let record = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
         };
-        let clocks = sled.clocks;
+        let start = Start {
+            cause: sled.reset_cause,
+            record,
+            clocks: sled.clocks,
+        };
         let Ok(link) = node::link(
             cx.local.stack,
             identity(GPS),
-            clocks,
+            start.clocks,
             sled.can,
             sled.clock,
             sled.alarms,
@@ -69,11 +75,6 @@ mod app {
         let Some(receiver) = sled.rest.receiver() else {
             fault::stop(Fault::Start)
         };
-        defmt::info!(
-            "gps: core {=u32} Hz, reset cause {=u8}",
-            clocks.core,
-            sled.reset_cause.code()
-        );
         let _ = housekeeping::spawn();
         (
             Shared {
@@ -87,13 +88,11 @@ mod app {
                 keeper: Keeper::start(
                     cx.core.SYST,
                     &mut cx.core.SCB,
-                    clocks,
                     sled.led,
                     sled.watchdog,
-                    sled.reset_cause,
-                    last_fault,
+                    &start,
                 ),
-                log: Log::new(),
+                log: Log::new(&start),
             },
         )
     }
@@ -259,6 +258,7 @@ mod app {
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
+            &Own::from(&navigation),
             |line| lines::receiver(line, &navigation, age, counters),
         );
     }

@@ -26,7 +26,9 @@ mod app {
     use firmware::board::{self, Sled, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
     use firmware::fault;
+    use firmware::housekeeping::Start;
     use firmware::link::padded;
+    use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
     use network::Message as _;
     use rtic::Mutex as _;
@@ -53,15 +55,19 @@ mod app {
 
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
-        let last_fault = board::fault::take();
+        let record = board::fault::take();
         let Some(sled) = Sled::start(cx.device) else {
             fault::stop(Fault::Start)
         };
-        let clocks = sled.clocks;
+        let start = Start {
+            cause: sled.reset_cause,
+            record,
+            clocks: sled.clocks,
+        };
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(STEERING),
-            clocks,
+            start.clocks,
             sled.can,
             sled.clock,
             sled.alarms,
@@ -71,18 +77,13 @@ mod app {
         let Some(pot) = sled.rest.pot() else {
             fault::stop(Fault::Start)
         };
-        defmt::info!(
-            "steering: core {=u32} Hz, reset cause {=u8}",
-            clocks.core,
-            sled.reset_cause.code()
-        );
         link.start();
         let _ = housekeeping::spawn();
         (
             Shared {
                 clock: sled.clock,
                 link,
-                steering: Steering::new(Times::new(COMMAND_TIMEOUT, clocks.ticks_per_us)),
+                steering: Steering::new(Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us)),
                 output: sled.motor,
                 console: sled.console,
             },
@@ -91,13 +92,11 @@ mod app {
                 keeper: Keeper::start(
                     cx.core.SYST,
                     &mut cx.core.SCB,
-                    clocks,
                     sled.led,
                     sled.watchdog,
-                    sled.reset_cause,
-                    last_fault,
+                    &start,
                 ),
-                log: Log::new(),
+                log: Log::new(&start),
             },
         )
     }
@@ -220,11 +219,13 @@ mod app {
             count: steering.count(),
             byte,
             refused: steering.supervised.refused(),
+            refusal: steering.supervised.refusal(),
         });
         node::report(
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
+            &Own::from(&view),
             |line| lines::actuator(line, "steering", &view),
         );
     }

@@ -1,0 +1,366 @@
+//! Which lines go to the log of a debug probe, and when.
+//!
+//! The console's task shows [`Changes`] the state of its node in each pass. A pass gives one
+//! line at most: the first fact that differs from what the log has said about it. So a pass
+//! takes a bounded time, and tasks of higher priorities do nothing for the log. The price: of
+//! a state that comes and goes between two passes only a counter tells.
+
+use control::mode::Mode;
+use sled_common::clock::{Oscillator, ResetCause};
+use ttcan::{ErrorLevel, MasterState, SyncState};
+
+use crate::actuator::Refusal;
+use crate::console::{ActuatorView, BusView, PilotView};
+use crate::housekeeping::{BusState, NodeFault, Start};
+use crate::navigation::Navigation;
+use crate::pilot::Reason;
+use crate::sbp::Fix;
+
+/// A line of the log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
+pub enum Entry {
+    /// The node started.
+    Start(ResetCause),
+    /// The clocks that it runs on.
+    Clocks {
+        /// Where the clock comes from.
+        oscillator: Oscillator,
+        /// Core clock, kHz.
+        core_khz: u32,
+    },
+    /// What went wrong before the start or at it.
+    Fault(NodeFault),
+    /// The operation mode.
+    Mode(Mode, Reason),
+    /// Quality of the satellite receiver's position.
+    Fix(Fix),
+    /// Whether a command is in force.
+    Command(bool),
+    /// The CAN controller.
+    Bus(Bus),
+    /// The node's part in the schedule of the bus.
+    Schedule(Schedule),
+    /// A command was refused.
+    Refused(Refused),
+}
+
+/// State of the CAN controller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
+pub struct Bus {
+    /// Error state.
+    pub state: BusState,
+    /// Bus-off states so far; wraps.
+    pub bus_offs: u16,
+}
+
+/// The node's part in the schedule of the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
+pub struct Schedule {
+    /// Synchronisation state.
+    pub sync: SyncState,
+    /// Master state of the node itself.
+    pub master: MasterState,
+    /// Rank of the time master.
+    pub leader: Option<u8>,
+    /// Error level.
+    pub level: ErrorLevel,
+}
+
+/// Commands that were refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
+pub struct Refused {
+    /// How many so far; wraps.
+    pub count: u16,
+    /// Why the last one was refused.
+    pub why: Refusal,
+}
+
+/// What the log says about a node beyond its bus; a node without such a fact leaves it out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Own {
+    /// Operation mode, and why it was entered.
+    pub mode: Option<(Mode, Reason)>,
+    /// Quality of the satellite receiver's position.
+    pub fix: Option<Fix>,
+    /// Whether a command is in force.
+    pub command: Option<bool>,
+    /// Commands that were refused.
+    pub refused: Option<Refused>,
+}
+
+impl From<&PilotView> for Own {
+    fn from(view: &PilotView) -> Self {
+        Self {
+            mode: Some((view.mode, view.reason)),
+            ..Self::default()
+        }
+    }
+}
+
+impl From<&Navigation> for Own {
+    fn from(navigation: &Navigation) -> Self {
+        Self {
+            fix: Some(navigation.fix()),
+            ..Self::default()
+        }
+    }
+}
+
+impl From<&ActuatorView> for Own {
+    fn from(view: &ActuatorView) -> Self {
+        let count = view.refused;
+        Self {
+            command: Some(view.command.is_some()),
+            refused: view.refusal.map(|why| Refused { count, why }),
+            ..Self::default()
+        }
+    }
+}
+
+/// What the log has said.
+#[derive(Clone, Copy, Debug)]
+pub struct Changes {
+    start: Option<ResetCause>,
+    clocks: Option<(Oscillator, u32)>,
+    fault: Option<NodeFault>,
+    own: Own,
+    bus: Option<Bus>,
+    schedule: Option<Schedule>,
+}
+
+impl Changes {
+    /// A log that has said nothing yet.
+    pub const fn new(start: &Start) -> Self {
+        Self {
+            start: Some(start.cause),
+            clocks: Some((start.clocks.oscillator, start.clocks.core / 1000)),
+            fault: start.fault(),
+            own: Own {
+                mode: None,
+                fix: None,
+                command: None,
+                refused: None,
+            },
+            bus: None,
+            schedule: None,
+        }
+    }
+
+    /// The line for this pass. Start, clocks and fault come first, once. What can change most
+    /// often comes last, so that it never holds back the rest for good.
+    pub fn next(&mut self, bus: &BusView, own: &Own) -> Option<Entry> {
+        let said = &mut self.own;
+        let controller = Bus {
+            state: BusState::of(&bus.errors),
+            bus_offs: bus.link.bus_off,
+        };
+        let schedule = Schedule {
+            sync: bus.status.sync,
+            master: bus.status.master,
+            leader: bus.status.master_rank,
+            level: bus.status.error_level,
+        };
+        None.or_else(|| self.start.take().map(Entry::Start))
+            .or_else(|| {
+                let (oscillator, core_khz) = self.clocks.take()?;
+                Some(Entry::Clocks {
+                    oscillator,
+                    core_khz,
+                })
+            })
+            .or_else(|| self.fault.take().map(Entry::Fault))
+            .or_else(|| news(&mut said.mode, own.mode).map(|(mode, why)| Entry::Mode(mode, why)))
+            .or_else(|| news(&mut said.fix, own.fix).map(Entry::Fix))
+            .or_else(|| news(&mut said.command, own.command).map(Entry::Command))
+            .or_else(|| news(&mut self.bus, Some(controller)).map(Entry::Bus))
+            .or_else(|| news(&mut self.schedule, Some(schedule)).map(Entry::Schedule))
+            .or_else(|| news(&mut said.refused, own.refused).map(Entry::Refused))
+    }
+}
+
+/// What is to be said of a fact, of which `said` has been said.
+fn news<T: Copy + PartialEq>(said: &mut Option<T>, now: Option<T>) -> Option<T> {
+    // Before anything else: where a node never has the fact, the compiler leaves out its line.
+    let now = now?;
+    let is_new = *said != Some(now);
+    *said = Some(now);
+    is_new.then_some(now)
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::e2e;
+    use sled_common::clock::Clocks;
+    use sled_common::fault::Fault;
+    use std::vec::Vec;
+
+    const CLOCKS: Clocks = Clocks::of(parts::Sled::F446, Oscillator::External);
+
+    const fn start(cause: ResetCause, record: Option<Fault>) -> Start {
+        Start {
+            cause,
+            record,
+            clocks: CLOCKS,
+        }
+    }
+
+    fn running() -> BusView {
+        BusView::quiet(SyncState::InSchedule, Some(0))
+    }
+
+    /// Lines of passes over states that stand for a while, one state after the other.
+    fn lines(changes: &mut Changes, states: &[(BusView, Own)]) -> Vec<Entry> {
+        let passes = states.iter().flat_map(|state| [state; 12]);
+        passes
+            .filter_map(|(bus, own)| changes.next(bus, own))
+            .collect()
+    }
+
+    /// A log that has said what it says of a node in operation.
+    fn after_the_start(own: Own) -> Changes {
+        let mut changes = Changes::new(&start(ResetCause::Power, None));
+        lines(&mut changes, &[(running(), own)]);
+        changes
+    }
+
+    const fn schedule(sync: SyncState, leader: Option<u8>) -> Entry {
+        Entry::Schedule(Schedule {
+            sync,
+            master: MasterState::Follower,
+            leader,
+            level: ErrorLevel::None,
+        })
+    }
+
+    #[test]
+    fn a_start_is_told_line_by_line_and_once() {
+        let mut changes = Changes::new(&start(ResetCause::Software, Some(Fault::Panic)));
+        let waiting = BusView::quiet(SyncState::Synchronising, None);
+        let told = lines(
+            &mut changes,
+            &[(waiting, Own::default()), (running(), Own::default())],
+        );
+        let quiet = Entry::Bus(Bus {
+            state: BusState::ErrorActive,
+            bus_offs: 0,
+        });
+        assert_eq!(
+            told,
+            [
+                Entry::Start(ResetCause::Software),
+                Entry::Clocks {
+                    oscillator: Oscillator::External,
+                    core_khz: CLOCKS.core / 1000,
+                },
+                Entry::Fault(NodeFault::Panic),
+                quiet,
+                schedule(SyncState::Synchronising, None),
+                schedule(SyncState::InSchedule, Some(0)),
+            ]
+        );
+        assert_eq!(lines(&mut changes, &[(running(), Own::default())]), []);
+    }
+
+    #[test]
+    fn modes_fixes_and_time_masters_are_told_when_they_change() {
+        let own = |mode, why, fix| Own {
+            mode: Some((mode, why)),
+            fix: Some(fix),
+            ..Own::default()
+        };
+        let ready = own(Mode::AutonomousReady, Reason::ButtonC, Fix::Fixed);
+        let run = own(Mode::AutonomousRun, Reason::ButtonC, Fix::Fixed);
+        let lost = own(Mode::AutonomousReady, Reason::FixLost, Fix::Float);
+        let mut changes = after_the_start(ready);
+        let backup = BusView::quiet(SyncState::InSchedule, Some(1));
+        assert_eq!(
+            lines(
+                &mut changes,
+                &[(running(), run), (running(), lost), (backup, lost)]
+            ),
+            [
+                Entry::Mode(Mode::AutonomousRun, Reason::ButtonC),
+                Entry::Mode(Mode::AutonomousReady, Reason::FixLost),
+                Entry::Fix(Fix::Float),
+                schedule(SyncState::InSchedule, Some(1)),
+            ]
+        );
+    }
+
+    #[test]
+    fn a_bus_off_between_two_passes_leaves_a_line() {
+        let mut changes = after_the_start(Own::default());
+        let mut passive = running();
+        passive.errors.passive = true;
+        let mut back = running();
+        back.link.bus_off = 1;
+        let told = lines(
+            &mut changes,
+            &[(passive, Own::default()), (back, Own::default())],
+        );
+        let line = |state, bus_offs| Entry::Bus(Bus { state, bus_offs });
+        assert_eq!(
+            told,
+            [
+                line(BusState::ErrorPassive, 0),
+                line(BusState::ErrorActive, 1)
+            ]
+        );
+    }
+
+    #[test]
+    fn commands_that_are_refused_all_the_time_hold_back_nothing() {
+        let own = |count| Own {
+            command: Some(false),
+            refused: Some(Refused {
+                count,
+                why: Refusal::Protection(e2e::Refusal::Altered),
+            }),
+            ..Own::default()
+        };
+        let mut changes = after_the_start(own(0));
+        let told = [1, 2, 3].map(|count| changes.next(&running(), &own(count)));
+        let refused = told.iter().flatten();
+        assert!(
+            refused
+                .clone()
+                .all(|entry| matches!(entry, Entry::Refused(_)))
+        );
+        assert_eq!(refused.count(), 3);
+        let backup = BusView::quiet(SyncState::InSchedule, Some(1));
+        assert_eq!(
+            changes.next(&backup, &own(4)),
+            Some(schedule(SyncState::InSchedule, Some(1)))
+        );
+    }
+
+    #[test]
+    fn what_a_node_shows_on_its_console_is_what_its_log_tells() {
+        let view = ActuatorView {
+            command: Some(5),
+            refused: 2,
+            refusal: Some(Refusal::Limits),
+            ..ActuatorView::default()
+        };
+        let told = Own {
+            command: Some(true),
+            refused: Some(Refused {
+                count: 2,
+                why: Refusal::Limits,
+            }),
+            ..Own::default()
+        };
+        assert_eq!(Own::from(&view), told);
+        let silent = Own {
+            fix: Some(Fix::None),
+            ..Own::default()
+        };
+        assert_eq!(Own::from(&Navigation::new()), silent);
+    }
+}
