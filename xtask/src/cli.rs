@@ -294,7 +294,7 @@ pub struct Priorities {
     cargo xtask test           all steps; exit code 1 if any of them fails\n  \
     cargo xtask test --random  the property tests try other inputs than last time\n  \
     cargo xtask test --list    name the steps and their commands\n\n\
-    One step runs the first 200 random fault sequences; `cargo xtask sim --faults N` runs more.")]
+    One step runs the first 60 random fault sequences; `cargo xtask sim --faults N` runs more.")]
 pub struct Test {
     /// Name the steps instead of running them
     #[arg(long)]

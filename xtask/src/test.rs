@@ -6,12 +6,12 @@ use std::{
 };
 
 use world::{
-    Scenario,
     report::{self, Summary},
     time::from_seconds,
 };
 
 use parts::Sled;
+use vehicle_model::Vehicle;
 
 use crate::{
     Failure, Workspace, build,
@@ -29,7 +29,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
     if !options.list {
         target::ensure(workspace)?;
     }
-    let steps = steps(workspace, options.random);
+    let steps = steps(workspace, options.random)?;
     if options.list {
         for step in &steps {
             println!("{}", step.name);
@@ -40,9 +40,13 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                     }
                 }
                 Work::Faults => println!("    cargo xtask sim --faults {FAULTS}"),
-                Work::Images => println!("    cargo xtask build"),
-                Work::Drive => println!("    cargo xtask sim {DRIVE} --seconds {DRIVE_SECONDS}"),
-                Work::Schedulability => println!("    cargo xtask schedulability"),
+                Work::Images(vehicle) => println!("    cargo xtask build --vehicle {vehicle}"),
+                Work::Drive(vehicle) => {
+                    println!("    cargo xtask sim --vehicle {vehicle} --seconds {DRIVE_SECONDS}");
+                }
+                Work::Schedulability(vehicle) => {
+                    println!("    cargo xtask schedulability --vehicle {vehicle}");
+                }
             }
         }
         return Ok(());
@@ -51,7 +55,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
     let count = steps.len();
     let mut finished = Vec::new();
     for (index, step) in steps.into_iter().enumerate() {
-        let name = step.name;
+        let name = step.name.clone();
         eprintln!("\n[{}/{count}] {name}", index + 1);
         let start = Instant::now();
         let outcome = step.run(workspace);
@@ -68,7 +72,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
 
 /// One step of the test.
 struct Step {
-    name: &'static str,
+    name: String,
     work: Work,
 }
 
@@ -77,12 +81,12 @@ enum Work {
     Commands(Vec<Command>),
     /// Random fault sequences against the images.
     Faults,
-    /// The images: that they build, are within their budgets and do not panic.
-    Images,
-    /// A short run of the images on the twin.
-    Drive,
-    /// Whether the deadlines hold.
-    Schedulability,
+    /// The images of a vehicle: that they build, are within their budgets and do not panic.
+    Images(String),
+    /// A short run of a vehicle's images on the twin.
+    Drive(String),
+    /// Whether the deadlines of a vehicle hold.
+    Schedulability(String),
 }
 
 /// How a step ended.
@@ -92,25 +96,29 @@ enum Outcome {
 }
 
 impl Step {
-    fn commands(name: &'static str, commands: Vec<Command>) -> Self {
+    fn new(name: impl Into<String>, work: Work) -> Self {
         Self {
-            name,
-            work: Work::Commands(commands),
+            name: name.into(),
+            work,
         }
     }
 
     fn run(self, workspace: &Workspace) -> Outcome {
+        let found = |name: &str| vehicle::find(workspace, name);
+        let failed = |failure: Failure| vec![failure.to_string()];
         let failures = match self.work {
-            Work::Faults => vehicle::find(workspace, vehicle::DEFAULT)
+            Work::Faults => found(vehicle::DEFAULT)
                 .and_then(|vehicle| sim::first_faults(workspace, &vehicle, FAULTS))
-                .unwrap_or_else(|failure| vec![failure.to_string()]),
-            Work::Images => match images(workspace) {
-                Ok(()) => Vec::new(),
-                Err(failure) => vec![failure.to_string()],
-            },
-            Work::Schedulability => schedulability::regressions(workspace)
-                .unwrap_or_else(|failure| vec![failure.to_string()]),
-            Work::Drive => drive(workspace).unwrap_or_else(|failure| vec![failure.to_string()]),
+                .unwrap_or_else(failed),
+            Work::Images(name) => found(&name)
+                .and_then(|vehicle| images(workspace, &vehicle))
+                .unwrap_or_else(failed),
+            Work::Drive(name) => found(&name)
+                .and_then(|vehicle| drive(workspace, &vehicle))
+                .unwrap_or_else(failed),
+            Work::Schedulability(name) => found(&name)
+                .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
+                .unwrap_or_else(failed),
             Work::Commands(commands) => {
                 let run = |mut command: Command| {
                     let what = format!("`{}`", typed(&command));
@@ -136,82 +144,123 @@ const BOARDS: [&str; 2] = ["sled-f446", "sled-f303"];
 /// judged by the same inputs as the one before it.
 const PROPERTY_SEED: (&str, &str) = ("PROPTEST_RNG_SEED", "2017");
 
-fn steps(workspace: &Workspace, random: bool) -> Vec<Step> {
-    let host = |command: &str, rest: &[&str]| {
-        let mut cargo = workspace.cargo();
-        cargo.args([command, "--workspace"]);
-        cargo.args(BOARDS.iter().flat_map(|board| ["--exclude", board]));
-        cargo.args(rest);
-        cargo
-    };
-    let mut tests = host("test", &["--no-fail-fast"]);
-    if !random {
-        tests.env(PROPERTY_SEED.0, PROPERTY_SEED.1);
-    }
-    let mut format = workspace.cargo();
-    format.args(["fmt", "--all", "--check"]);
-    let strict = ["--", "--deny", "warnings"];
-    let lints = host("clippy", &[&["--all-targets"], strict.as_slice()].concat());
-    let mut documentation = host("doc", &["--no-deps"]);
-    documentation.env("RUSTDOCFLAGS", "--deny warnings");
-
-    let on_target = |command: &str, rest: &[&str]| -> Vec<Command> {
-        let boards = Sled::ALL.into_iter();
-        let command = |board: &Sled| {
-            let mut cargo = target::cargo(workspace, command);
-            cargo.args(["--package", "firmware", "--package", "uagv"]);
-            cargo.args(["--features", board.name, "--package", board.package]);
-            cargo.args(rest);
-            cargo.env("RUSTDOCFLAGS", "--deny warnings");
-            cargo
+fn steps(workspace: &Workspace, random: bool) -> Result<Vec<Step>, Failure> {
+    let names = vehicle::names(workspace)?;
+    let mut steps = vec![
+        Step::new("format", Work::Commands(vec![format(workspace)])),
+        Step::new("lints, host", Work::Commands(vec![lints(workspace)])),
+        Step::new(
+            "lints, images",
+            Work::Commands(on_target(workspace, &names, "clippy", &DENIED)?),
+        ),
+        Step::new(
+            "tests, host",
+            Work::Commands(vec![tests(workspace, random)]),
+        ),
+    ];
+    for name in &names {
+        let step = |what: &str, work: fn(String) -> Work| {
+            Step::new(format!("{what}, {name}"), work(name.clone()))
         };
-        boards.map(command).collect()
-    };
-    vec![
-        Step::commands("format", vec![format]),
-        Step::commands("lints, host", vec![lints]),
-        Step::commands("lints, images", on_target("clippy", &strict)),
-        Step::commands("tests, host", vec![tests]),
-        Step {
-            name: "images",
-            work: Work::Images,
-        },
-        Step {
-            name: "twin",
-            work: Work::Drive,
-        },
-        Step {
-            name: "schedulability",
-            work: Work::Schedulability,
-        },
-        Step::commands("documentation, host", vec![documentation]),
-        Step::commands("documentation, images", on_target("doc", &["--no-deps"])),
-        Step {
-            name: "random faults",
-            work: Work::Faults,
-        },
-    ]
-}
-
-/// Fault sequences of the step: what two cores do in some five minutes. A night's worth is
-/// `cargo xtask sim --faults` with its own number.
-pub(crate) const FAULTS: u64 = 200;
-
-fn images(workspace: &Workspace) -> Result<(), Failure> {
-    let vehicle = vehicle::find(workspace, vehicle::DEFAULT)?;
-    let nodes: Vec<_> = vehicle.nodes().collect();
-    let images = build::images(workspace, &vehicle, &nodes)?;
-    let build::Checked { sizes, complaints } = build::check(&vehicle, &images)?;
-    eprint!("{}", size::table(&sizes));
-    match complaints.as_slice() {
-        [] => Ok(()),
-        complaints => Err(Failure::Failed(complaints.join("; "))),
+        steps.push(step("images", Work::Images));
+        steps.push(step("twin", Work::Drive));
+        steps.push(step("schedulability", Work::Schedulability));
     }
+    steps.extend([
+        Step::new(
+            "documentation, host",
+            Work::Commands(vec![documentation(workspace)]),
+        ),
+        Step::new(
+            "documentation, images",
+            Work::Commands(on_target(workspace, &names, "doc", &["--no-deps"])?),
+        ),
+        Step::new("random faults", Work::Faults),
+    ]);
+    Ok(steps)
 }
 
-/// The scenario of the twin's step, and how much of it: start-up, both presses
-/// of the operator's button and some metres down the line.
-const DRIVE: &str = "straight-line";
+/// What makes a warning of clippy an error.
+const DENIED: [&str; 3] = ["--", "--deny", "warnings"];
+
+fn format(workspace: &Workspace) -> Command {
+    let mut cargo = workspace.cargo();
+    cargo.args(["fmt", "--all", "--check"]);
+    cargo
+}
+
+/// A command of cargo on all crates of the host.
+fn on_host(workspace: &Workspace, command: &str) -> Command {
+    let mut cargo = workspace.cargo();
+    cargo.args([command, "--workspace"]);
+    cargo.args(BOARDS.iter().flat_map(|board| ["--exclude", board]));
+    cargo
+}
+
+fn lints(workspace: &Workspace) -> Command {
+    let mut cargo = on_host(workspace, "clippy");
+    cargo.arg("--all-targets").args(DENIED);
+    cargo
+}
+
+fn tests(workspace: &Workspace, random: bool) -> Command {
+    let mut cargo = on_host(workspace, "test");
+    cargo.arg("--no-fail-fast");
+    if !random {
+        cargo.env(PROPERTY_SEED.0, PROPERTY_SEED.1);
+    }
+    cargo
+}
+
+fn documentation(workspace: &Workspace) -> Command {
+    let mut cargo = on_host(workspace, "doc");
+    cargo.arg("--no-deps");
+    cargo.env("RUSTDOCFLAGS", "--deny warnings");
+    cargo
+}
+
+/// A command of cargo on what each board's images are made of: the board's own crate, what
+/// nodes share, and the vehicles that have a node with this board.
+fn on_target(
+    workspace: &Workspace,
+    names: &[String],
+    command: &str,
+    rest: &[&str],
+) -> Result<Vec<Command>, Failure> {
+    let vehicles = names.iter().map(|name| vehicle::find(workspace, name));
+    let vehicles = vehicles.collect::<Result<Vec<_>, _>>()?;
+    let mut commands = Vec::new();
+    for board in Sled::ALL {
+        let mut cargo = target::cargo(workspace, command);
+        cargo.args(["--features", board.name, "--package", board.package]);
+        cargo.args(["--package", "firmware"]);
+        for vehicle in &vehicles {
+            let mut nodes = vehicle.nodes();
+            if nodes.any(|node| vehicle::board(vehicle, node) == board) {
+                cargo.args(["--package", &vehicle::package(vehicle)?]);
+            }
+        }
+        cargo.args(rest);
+        cargo.env("RUSTDOCFLAGS", "--deny warnings");
+        commands.push(cargo);
+    }
+    Ok(commands)
+}
+
+/// Fault sequences of the step: what two cores do in one or two minutes. A night's worth is
+/// `cargo xtask sim --faults` with its own number.
+pub(crate) const FAULTS: u64 = 60;
+
+fn images(workspace: &Workspace, vehicle: &Vehicle) -> Result<Vec<String>, Failure> {
+    let nodes: Vec<_> = vehicle.nodes().collect();
+    let images = build::images(workspace, vehicle, &nodes)?;
+    let build::Checked { sizes, complaints } = build::check(vehicle, &images)?;
+    eprint!("{}", size::table(&sizes));
+    Ok(complaints)
+}
+
+/// How much of a vehicle's usual scenario the twin's step runs: for the UAGV start-up, both
+/// presses of the operator's button and some metres down the line.
 const DRIVE_SECONDS: f64 = 6.0;
 
 /// Latest start of frame after its window's beginning that is accepted; the
@@ -219,17 +268,19 @@ const DRIVE_SECONDS: f64 = 6.0;
 const LATEST_START_US: f64 = 40.0;
 
 /// Drives and says what was wrong with it.
-fn drive(workspace: &Workspace) -> Result<Vec<String>, Failure> {
-    let vehicle = vehicle::find(workspace, vehicle::DEFAULT)?;
-    let scenario =
-        Scenario::find(&vehicle, DRIVE).map_err(|error| Failure::Failed(error.to_string()))?;
+fn drive(workspace: &Workspace, vehicle: &Vehicle) -> Result<Vec<String>, Failure> {
+    let scenario = sim::usual_scenario(vehicle)?;
     let length = from_seconds(DRIVE_SECONDS);
-    let finished = sim::simulate(workspace, &vehicle, &scenario, 1, Some(length))?;
+    let finished = sim::simulate(workspace, vehicle, &scenario, 1, Some(length))?;
     let summary = Summary::of(&finished.run());
     eprint!("{}", report::terminal(&summary, Some(finished.wall())));
     let mut wrong = judge(&summary);
     for node in finished.locked_up() {
         wrong.push(format!("the program of {node} ended in a fault"));
+    }
+    let drives_itself = scenario.vehicle.is_some();
+    if drives_itself && summary.autonomous_runs.is_empty() {
+        wrong.push("the vehicle never drove by itself".into());
     }
     Ok(wrong)
 }
@@ -266,15 +317,12 @@ fn judge(summary: &Summary) -> Vec<String> {
             wrong.push(format!("{count} {what}"));
         }
     }
-    if summary.autonomous_runs.is_empty() {
-        wrong.push("the vehicle never drove by itself".into());
-    }
     wrong
 }
 
 /// A finished step.
 struct Finished {
-    name: &'static str,
+    name: String,
     took: Duration,
     outcome: Outcome,
 }
@@ -313,10 +361,10 @@ fn summary(steps: &[Finished]) -> Result<(), Failure> {
 mod tests {
     use super::*;
 
-    fn scenario() -> Scenario {
+    fn scenario() -> world::Scenario {
         let workspace = Workspace::find().unwrap();
         let vehicle = vehicle::find(&workspace, vehicle::DEFAULT).unwrap();
-        Scenario::find(&vehicle, DRIVE).unwrap()
+        sim::usual_scenario(&vehicle).unwrap()
     }
 
     #[test]
@@ -325,14 +373,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut touch = Command::new("touch");
         touch.arg(folder.path().join("ran"));
-        let step = Step::commands(
-            "two failures",
-            vec![
-                Command::new("false"),
-                touch,
-                Command::new("no-such-program"),
-            ],
-        );
+        let commands = vec![
+            Command::new("false"),
+            touch,
+            Command::new("no-such-program"),
+        ];
+        let step = Step::new("two failures", Work::Commands(commands));
         let Outcome::Failed(failures) = step.run(&workspace) else {
             panic!("it passed");
         };
@@ -343,7 +389,7 @@ mod tests {
     #[test]
     fn a_failed_step_fails_the_whole() {
         let finished = |outcome| Finished {
-            name: "step",
+            name: "step".into(),
             took: Duration::from_millis(1500),
             outcome,
         };
@@ -376,7 +422,6 @@ mod tests {
         };
         let wrong = judge(&Summary::of(&silent)).join("; ");
         assert!(wrong.contains("no frame was on the bus"), "{wrong}");
-        assert!(wrong.contains("never drove"), "{wrong}");
     }
 
     #[test]
@@ -433,15 +478,28 @@ mod tests {
     #[test]
     fn the_boards_are_left_to_the_target() {
         let workspace = Workspace::find().unwrap();
-        let steps = steps(&workspace, false);
-        let Some(Work::Commands(commands)) = steps
-            .iter()
-            .find(|step| step.name == "tests, host")
-            .map(|step| &step.work)
-        else {
-            panic!("no host tests");
-        };
-        let typed = typed(&commands[0]);
+        let typed = typed(&tests(&workspace, false));
         assert!(typed.contains("--exclude sled-f303"), "{typed}");
+    }
+
+    #[test]
+    fn every_vehicle_is_checked_for_the_boards_that_it_has() {
+        let workspace = Workspace::find().unwrap();
+        let names = vehicle::names(&workspace).unwrap();
+        let commands = on_target(&workspace, &names, "clippy", &DENIED).unwrap();
+        assert_eq!(commands.len(), Sled::ALL.len());
+        for command in &commands {
+            let typed = typed(command);
+            for package in ["firmware", "uagv", "two-boards"] {
+                assert!(typed.contains(&format!("--package {package}")), "{typed}");
+            }
+        }
+        let steps = steps(&workspace, false).unwrap();
+        for name in &names {
+            for what in ["images", "twin", "schedulability"] {
+                let step = format!("{what}, {name}");
+                assert!(steps.iter().any(|one| one.name == step), "{step}");
+            }
+        }
     }
 }

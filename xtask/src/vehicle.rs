@@ -19,6 +19,15 @@ pub fn find(workspace: &Workspace, name: &str) -> Result<Vehicle, Failure> {
     Vehicle::find(&workspace.vehicles(), name).map_err(wrong)
 }
 
+/// The names of the workspace's vehicles.
+///
+/// # Errors
+///
+/// Their folder cannot be read.
+pub fn names(workspace: &Workspace) -> Result<Vec<String>, Failure> {
+    Vehicle::names(&workspace.vehicles()).map_err(wrong)
+}
+
 fn wrong(error: VehicleError) -> Failure {
     Failure::Usage(error.to_string())
 }
@@ -72,7 +81,7 @@ pub fn with_node(
     }
     let mut having = Vec::new();
     let mut known = Vec::new();
-    for name in Vehicle::names(&workspace.vehicles()).map_err(wrong)? {
+    for name in names(workspace)? {
         let vehicle = find(workspace, &name)?;
         known.push(format!("{} of {name}", node_names(&vehicle).join(", ")));
         if let Some(index) = vehicle.find_node(node) {

@@ -176,11 +176,13 @@ pub(crate) fn analyse(
 /// # Errors
 ///
 /// As [`analyse`].
-pub(crate) fn regressions(workspace: &Workspace) -> Result<Vec<String>, Failure> {
-    let vehicle = vehicle::find(workspace, vehicle::DEFAULT)?;
+pub(crate) fn regressions(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+) -> Result<Vec<String>, Failure> {
     let nodes: Vec<NodeIndex> = vehicle.nodes().collect();
-    let unproven = models(workspace, &vehicle, &nodes)?.table.unproven;
-    let report = analyse(workspace, &vehicle, &nodes)?;
+    let unproven = models(workspace, vehicle, &nodes)?.table.unproven;
+    let report = analyse(workspace, vehicle, &nodes)?;
     eprint!("{}", report::table(&report));
     Ok(report.regressions(&unproven))
 }

@@ -135,6 +135,16 @@ fn first_scenario(vehicle: &Vehicle) -> Result<String, Failure> {
     })
 }
 
+/// Reads the [`first_scenario`] of a vehicle.
+///
+/// # Errors
+///
+/// The vehicle has none, or its file is wrong.
+pub(crate) fn usual_scenario(vehicle: &Vehicle) -> Result<Scenario, Failure> {
+    let name = first_scenario(vehicle)?;
+    Scenario::find(vehicle, &name).map_err(|error| Failure::Usage(error.to_string()))
+}
+
 /// The vehicle's scenarios, one a line.
 fn list(vehicle: &Vehicle) -> Result<String, world::ScenarioError> {
     let listed = Scenario::list(vehicle)?;
