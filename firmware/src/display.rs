@@ -89,6 +89,7 @@ pub fn write<L: Language>(text: &mut Text<CAPACITY>, view: &View) {
 }
 
 /// Writes one row; rows from [`ROWS`] on do not exist.
+#[expect(clippy::too_many_lines, reason = "one short arm for each row")]
 pub fn write_row<L: Language>(text: &mut Text<CAPACITY>, row: u8, view: &View) {
     let good = |good| if good { Colour::Green } else { Colour::Red };
     let tracking = &view.tracking;

@@ -67,7 +67,7 @@ impl Workspace {
 }
 
 /// What a program printed on its standard output, if it could be run and succeeded.
-pub fn output(command: &mut Command) -> Option<String> {
+pub(crate) fn output(command: &mut Command) -> Option<String> {
     let output = command.stderr(Stdio::null()).output().ok()?;
     output
         .status
@@ -80,7 +80,7 @@ pub fn output(command: &mut Command) -> Option<String> {
 /// # Errors
 ///
 /// It cannot be run or does not succeed, with `what` it was to do.
-pub fn succeed(command: &mut Command, what: &str) -> Result<(), Failure> {
+pub(crate) fn succeed(command: &mut Command, what: &str) -> Result<(), Failure> {
     match command.status() {
         Ok(status) if status.success() => Ok(()),
         Ok(status) => Err(Failure::Failed(format!("{what} failed ({status})"))),
@@ -92,7 +92,7 @@ pub fn succeed(command: &mut Command, what: &str) -> Result<(), Failure> {
 }
 
 /// A command as one would type it.
-pub fn typed(command: &Command) -> String {
+pub(crate) fn typed(command: &Command) -> String {
     // A program is typed by its name, wherever it was found.
     let program = Path::new(command.get_program());
     let program = program.file_name().unwrap_or(program.as_os_str());

@@ -84,7 +84,7 @@ const fn regulator(weights: &RegulatorWeights) -> SteeringWeights<f64> {
 ///
 /// # Errors
 /// No control law can be designed for the machine.
-pub fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
+pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
     let manifest = vehicle.manifest();
     let mut out = String::new();
     let switches = vehicle.node_of(Device::OperatorSwitches);
@@ -215,6 +215,25 @@ fn machine(out: &mut String, machine: &Machine, waypoints: &[Waypoint]) {
         "ACCELERATION: f32",
         &format!("{:?}", single(limits.acceleration)),
     );
+    actuators(out, machine);
+    let millimetres = |length: f64| (length * 1000.0).round() as i32;
+    let points = waypoints.iter().map(|point| {
+        format!(
+            "::control::position::Position::new({}, {})",
+            millimetres(point.north.get()),
+            millimetres(point.east.get())
+        )
+    });
+    constant(
+        out,
+        "The ends of the line that an autonomous run follows, mm north and east.",
+        "ROUTE: [::control::position::Position; 2]",
+        &format!("[{}]", points.collect::<Vec<_>>().join(", ")),
+    );
+}
+
+/// The calibration of the steering and of the drive.
+fn actuators(out: &mut String, machine: &Machine) {
     constant(
         out,
         "The steering's potentiometer. An intact one cannot leave its ends.",
@@ -244,20 +263,6 @@ fn machine(out: &mut String, machine: &Machine, waypoints: &[Waypoint]) {
         "Which way the motor driver's byte 255 turns: true means forward, or to the right.",
         "FULL_BYTE_IS_FORWARD: bool",
         &format!("{:?}", machine.motor_driver.full_byte_is_forward),
-    );
-    let millimetres = |length: f64| (length * 1000.0).round() as i32;
-    let points = waypoints.iter().map(|point| {
-        format!(
-            "::control::position::Position::new({}, {})",
-            millimetres(point.north.get()),
-            millimetres(point.east.get())
-        )
-    });
-    constant(
-        out,
-        "The ends of the line that an autonomous run follows, mm north and east.",
-        "ROUTE: [::control::position::Position; 2]",
-        &format!("[{}]", points.collect::<Vec<_>>().join(", ")),
     );
 }
 

@@ -54,7 +54,7 @@ const fn times_x4(crc: u16) -> u16 {
 /// Eight bits at once without a table: what leaves at the top comes back by the three terms
 /// of the polynomial, the four bits of it that leave once more already added to it.
 #[inline(always)]
-pub const fn update(crc: u16, byte: u8) -> u16 {
+pub(super) const fn update(crc: u16, byte: u8) -> u16 {
     let out = crc >> 8 ^ byte as u16;
     let out = out ^ out >> 4;
     crc << 8 ^ out << 12 ^ out << 5 ^ out
@@ -68,7 +68,7 @@ pub fn crc16(crc: u16, bytes: &[u8]) -> u16 {
 /// The checksum of the type, sender, length and `payload` bytes of payload that lie between
 /// two places of a stream, from its checksums up to there.
 #[inline(always)]
-pub fn between(first: u16, second: u16, payload: u8) -> u16 {
+pub(super) fn between(first: u16, second: u16, payload: u8) -> u16 {
     let row = 2 * usize::from(payload);
     let four = |shift: u32| usize::from(first >> shift & 0xF);
     let left = SHIFTED[row][four(0)]

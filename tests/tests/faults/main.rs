@@ -23,12 +23,12 @@ use world::SimTime;
 
 /// The mode's codes in message 300, as the network file names them.
 mod mode {
-    pub const IDLE: u8 = 0;
-    pub const MANUAL: u8 = 1;
-    pub const READY: u8 = 2;
-    pub const RUN: u8 = 3;
-    pub const STOP: u8 = 4;
-    pub const FAULT: u8 = 5;
+    pub(crate) const IDLE: u8 = 0;
+    pub(crate) const MANUAL: u8 = 1;
+    pub(crate) const READY: u8 = 2;
+    pub(crate) const RUN: u8 = 3;
+    pub(crate) const STOP: u8 = 4;
+    pub(crate) const FAULT: u8 = 5;
 }
 
 /// Start of a scenario that drives along the line from two seconds after power-on.

@@ -332,40 +332,11 @@ impl Mac {
             Phase::InFrame(_) => self.sample_frame(level, driven, events),
             Phase::Flag { .. } => self.sample_flag(level, events),
             Phase::FlagEnd { .. } => self.sample_flag_end(dominant, events),
-            Phase::Delimiter { transmitter, seen } => {
-                let transmitter = *transmitter;
-                if dominant {
-                    if *seen == DELIMITER_BITS - 1 {
-                        self.overload(transmitter);
-                    } else {
-                        self.error(ErrorKind::Form, transmitter, None, 0, events);
-                    }
-                } else {
-                    *seen += 1;
-                    if *seen == DELIMITER_BITS {
-                        self.phase = Phase::Intermission {
-                            transmitter,
-                            seen: 0,
-                        };
-                    }
-                }
+            &mut Phase::Delimiter { transmitter, seen } => {
+                self.sample_delimiter(transmitter, seen, dominant, events);
             }
-            Phase::Intermission { transmitter, seen } => {
-                let (transmitter, third) = (*transmitter, *seen == 2);
-                let must_pause = transmitter && self.counters.state() == ErrorState::Passive;
-                if dominant && third {
-                    self.start_seen(!must_pause, events);
-                } else if dominant {
-                    self.overload(transmitter);
-                } else if third {
-                    self.phase = if must_pause {
-                        Phase::Suspend { seen: 0 }
-                    } else {
-                        Phase::Idle
-                    };
-                } else {
-                    *seen += 1;
-                }
+            &mut Phase::Intermission { transmitter, seen } => {
+                self.sample_intermission(transmitter, seen, dominant, events);
             }
             Phase::Suspend { seen } => {
                 if dominant {
@@ -398,6 +369,61 @@ impl Mac {
                     }
                 }
             }
+        }
+    }
+
+    /// The recessive bits after a flag, of which `seen` have passed.
+    fn sample_delimiter(
+        &mut self,
+        transmitter: bool,
+        seen: u8,
+        dominant: bool,
+        events: &mut Vec<Event>,
+    ) {
+        if !dominant {
+            self.phase = if seen + 1 == DELIMITER_BITS {
+                Phase::Intermission {
+                    transmitter,
+                    seen: 0,
+                }
+            } else {
+                Phase::Delimiter {
+                    transmitter,
+                    seen: seen + 1,
+                }
+            };
+        } else if seen == DELIMITER_BITS - 1 {
+            self.overload(transmitter);
+        } else {
+            self.error(ErrorKind::Form, transmitter, None, 0, events);
+        }
+    }
+
+    /// The three bits between two frames, of which `seen` have passed.
+    fn sample_intermission(
+        &mut self,
+        transmitter: bool,
+        seen: u8,
+        dominant: bool,
+        events: &mut Vec<Event>,
+    ) {
+        let third = seen == 2;
+        let must_pause = transmitter && self.counters.state() == ErrorState::Passive;
+        if dominant && third {
+            self.start_seen(!must_pause, events);
+        } else if dominant {
+            self.overload(transmitter);
+        } else if third {
+            self.phase = if must_pause {
+                Phase::Suspend { seen: 0 }
+            } else {
+                Phase::Idle
+            };
+        } else {
+            self.phase = Phase::Intermission {
+                transmitter,
+                seen: seen + 1,
+            };
         }
     }
 

@@ -13,7 +13,7 @@ const FLASH: u32 = 0x0800_0000;
 
 /// A call, or a jump out of a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Call {
+pub(super) struct Call {
     /// The instruction.
     pub at: u32,
     /// First address of a callee; `None` through a pointer that may go anywhere.
@@ -22,7 +22,7 @@ pub struct Call {
 
 /// What one function does.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Body {
+pub(super) struct Body {
     /// Its calls.
     pub calls: Vec<Call>,
     /// Instructions that trap, where no call that never returns stands just before.
@@ -31,7 +31,7 @@ pub struct Body {
 
 /// The functions that can run.
 #[derive(Debug, Clone)]
-pub struct Calls {
+pub(super) struct Calls {
     bodies: BTreeMap<u32, Body>,
 }
 
@@ -44,7 +44,7 @@ impl Calls {
     ///
     /// The image has no vector table or no symbols, or a reachable function holds what is
     /// no instruction.
-    pub fn of(image: &Image) -> Result<Self, String> {
+    pub(super) fn of(image: &Image) -> Result<Self, String> {
         let roots = vectors(image);
         if roots.is_empty() {
             return Err("no vector table at the start of the flash".into());
@@ -74,7 +74,7 @@ impl Calls {
     }
 
     /// The functions, by their first address.
-    pub fn bodies(&self) -> impl Iterator<Item = (u32, &Body)> {
+    pub(super) fn bodies(&self) -> impl Iterator<Item = (u32, &Body)> {
         self.bodies.iter().map(|(address, body)| (*address, body))
     }
 }

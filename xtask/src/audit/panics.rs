@@ -67,7 +67,7 @@ const MESSAGES: [&[u8]; 7] = [
 ];
 
 /// What stands against an image, one sentence each.
-pub fn complaints(image: &Image, calls: &Calls) -> Vec<String> {
+pub(super) fn complaints(image: &Image, calls: &Calls) -> Vec<String> {
     let mut complaints = Vec::new();
     for (function, body) in calls.bodies() {
         let name = image.name(function);

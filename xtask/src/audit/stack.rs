@@ -16,7 +16,7 @@ use super::calls::Calls;
 /// # Errors
 ///
 /// What keeps it from being known, one sentence each.
-pub fn deepest(image: &Image, calls: &Calls, app: &App) -> Result<u64, Vec<String>> {
+pub(super) fn deepest(image: &Image, calls: &Calls, app: &App) -> Result<u64, Vec<String>> {
     let mut stacks = Stacks::new(image);
     let calls = calls.bodies().flat_map(|(_, body)| &body.calls);
     let mut unknown: Vec<String> = calls

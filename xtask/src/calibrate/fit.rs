@@ -95,7 +95,7 @@ pub struct Side {
 /// # Errors
 ///
 /// A sentence that says what the drive lacks.
-pub fn fit(recording: &Recording) -> Result<Calibration, String> {
+pub(super) fn fit(recording: &Recording) -> Result<Calibration, String> {
     let circles = circles(recording);
     let [right, left] = [1.0, -1.0].map(|side| {
         let one = circles.iter().filter(|circle| circle.angle * side > 0.0);

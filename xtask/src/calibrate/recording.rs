@@ -7,7 +7,7 @@ use uagv::messages::{Command, Position, SteeringPot};
 
 /// What a recording holds for a calibration. Times are seconds from its first line.
 #[derive(Debug, Default)]
-pub struct Recording {
+pub(super) struct Recording {
     /// Potentiometer readings, counts.
     pub pots: Vec<(f64, u16)>,
     /// Commands to the actuators.
@@ -22,7 +22,7 @@ impl Recording {
     /// # Errors
     ///
     /// A sentence that names the line that cannot be read, or the message that is missing.
-    pub fn read(text: &str) -> Result<Self, String> {
+    pub(super) fn read(text: &str) -> Result<Self, String> {
         let mut recording = Self::default();
         let mut first = None;
         for (number, line) in text.lines().enumerate() {

@@ -103,7 +103,7 @@ pub(super) mod tests {
     use super::*;
 
     /// A run with two steady samples.
-    pub fn run(settling: Option<f64>, steady: [f64; 2], sign_changes: usize) -> Figures {
+    pub(crate) fn run(settling: Option<f64>, steady: [f64; 2], sign_changes: usize) -> Figures {
         Figures {
             seed: 1,
             settling,

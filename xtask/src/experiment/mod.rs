@@ -60,21 +60,7 @@ pub fn run(
         .iter()
         .map(|case| case.scenario(vehicle, experiment.name))
         .collect::<Result<Vec<_>, _>>()?;
-    let jobs: Vec<Job> = (0..options.seeds)
-        .flat_map(|k| {
-            let seed = options.seed.wrapping_add(k);
-            let scenarios = scenarios.iter().enumerate();
-            scenarios.flat_map(move |(case, scenario)| {
-                [0, 1].map(|law| Job {
-                    case,
-                    vehicle,
-                    scenario,
-                    law,
-                    seed,
-                })
-            })
-        })
-        .collect();
+    let jobs = jobs(vehicle, &scenarios, options);
     let figures = if options.quick {
         run_all(&jobs, &Job::run_quickly)?
     } else {
@@ -134,6 +120,24 @@ pub fn run(
             missed.join(", ")
         ))),
     }
+}
+
+/// Every case with every seed and both laws.
+fn jobs<'a>(vehicle: &'a Vehicle, scenarios: &'a [Scenario], options: &Sim) -> Vec<Job<'a>> {
+    let seeds = (0..options.seeds).map(|k| options.seed.wrapping_add(k));
+    let jobs = seeds.flat_map(|seed| {
+        let scenarios = scenarios.iter().enumerate();
+        scenarios.flat_map(move |(case, scenario)| {
+            [0, 1].map(|law| Job {
+                case,
+                vehicle,
+                scenario,
+                law,
+                seed,
+            })
+        })
+    });
+    jobs.collect()
 }
 
 /// The node that drives, and its image with the thesis's law.

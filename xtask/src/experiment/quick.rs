@@ -146,6 +146,16 @@ impl Loop {
         }
     }
 
+    /// The converter's latest count when a control step begins.
+    fn potentiometer(&mut self) -> u16 {
+        let sampled = SimTime::from_ticks(self.world.now().as_ticks() - POT_AGE.as_ticks());
+        let moved = self
+            .world
+            .machine()
+            .map_or(sampled, world::vehicle::Vehicle::now);
+        self.world.adc(Analog::SteeringPot, sampled.max(moved))
+    }
+
     /// Tells both motors what to do now.
     fn motors(&mut self, now: SimTime) {
         let count = self.world.adc(Analog::SteeringPot, now);
@@ -200,6 +210,26 @@ fn cycle() -> SimDuration {
     micros(u64::from(matrix::BASIC_CYCLE.ticks()))
 }
 
+/// The frame that asks the actuators for `applied`.
+fn command(applied: safety::Command<f32>, engaged: bool) -> Command {
+    Command {
+        steering_rate: CentidegreesPerSecond(convert::centidegrees_per_second(
+            applied.steering_rate,
+        )),
+        speed: CentimetresPerSecond(convert::centimetres_per_second(applied.speed)),
+        mode: if engaged {
+            Mode::AutonomousRun
+        } else {
+            Mode::AutonomousReady
+        },
+        steering_enabled: engaged,
+        drive_enabled: engaged,
+        emergency_stop: false,
+        counter: 0,
+        check: 0,
+    }
+}
+
 /// Drives `scenario` with `law`; `watch` sees each step.
 ///
 /// # Errors
@@ -237,12 +267,7 @@ pub fn drive(
     let release = micros(u64::from(design::CONTROL_RELEASE.ticks()));
     while after(begin, cycle()) < end {
         all.advance(after(begin, micros(6_000)));
-        let sampled = SimTime::from_ticks(all.world.now().as_ticks() - POT_AGE.as_ticks());
-        let moved = all
-            .world
-            .machine()
-            .map_or(sampled, world::vehicle::Vehicle::now);
-        let count = all.world.adc(Analog::SteeringPot, sampled.max(moved));
+        let count = all.potentiometer();
         let now = after(begin, release);
         all.advance(now);
         let engaged = now >= at(ENGAGED);
@@ -261,22 +286,7 @@ pub fn drive(
         } else {
             safety::Command::still()
         };
-        let command = Command {
-            steering_rate: CentidegreesPerSecond(convert::centidegrees_per_second(
-                applied.steering_rate,
-            )),
-            speed: CentimetresPerSecond(convert::centimetres_per_second(applied.speed)),
-            mode: if engaged {
-                Mode::AutonomousRun
-            } else {
-                Mode::AutonomousReady
-            },
-            steering_enabled: engaged,
-            drive_enabled: engaged,
-            emergency_stop: false,
-            counter: 0,
-            check: 0,
-        };
+        let command = command(applied, engaged);
         all.command = Some(command);
         let mark = after(begin, micros(7_000));
         let mut motors = after(mark, COMMAND_WAY);

@@ -14,7 +14,7 @@ use super::{
 
 /// What an experiment brought.
 #[derive(Debug, Serialize)]
-pub struct Report {
+pub(super) struct Report {
     /// Its name.
     pub experiment: &'static str,
     /// First seed.
@@ -27,7 +27,7 @@ pub struct Report {
 
 /// What a case brought.
 #[derive(Debug, Serialize)]
-pub struct CaseReport {
+pub(super) struct CaseReport {
     /// Its name.
     pub case: &'static str,
     /// What it is.
@@ -48,7 +48,7 @@ pub struct CaseReport {
 
 /// Something asked of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Aim {
+pub(super) struct Aim {
     /// The figure.
     pub figure: &'static str,
     /// What it came to; `None` when it does not exist.
@@ -73,17 +73,17 @@ impl Aim {
 
 /// Names of the figures that aims are about, as the table has them.
 mod figure {
-    pub const SETTLING: &str = "settling, worst";
-    pub const MEAN: &str = "|mean error|";
-    pub const DEVIATION: &str = "deviation";
-    pub const SWINGS: &str = "swings, worst";
-    pub const SIGNS: &str = "sign changes";
-    pub const UNFINISHED: &str = "runs given up";
+    pub(super) const SETTLING: &str = "settling, worst";
+    pub(super) const MEAN: &str = "|mean error|";
+    pub(super) const DEVIATION: &str = "deviation";
+    pub(super) const SWINGS: &str = "swings, worst";
+    pub(super) const SIGNS: &str = "sign changes";
+    pub(super) const UNFINISHED: &str = "runs given up";
 }
 
 impl CaseReport {
     /// Judges the runs of a case.
-    pub fn new(
+    pub(super) fn new(
         case: &Case,
         summary: &str,
         shortest_path_seconds: f64,
@@ -139,19 +139,19 @@ impl CaseReport {
 
 impl Report {
     /// The aims that were missed, each with its case.
-    pub fn missed(&self) -> Vec<String> {
+    pub(super) fn missed(&self) -> Vec<String> {
         self.cases.iter().flat_map(CaseReport::missed).collect()
     }
 
     /// The report for programs.
-    pub fn json(&self) -> String {
+    pub(super) fn json(&self) -> String {
         let mut text = serde_json::to_string_pretty(self).unwrap_or_default();
         text.push('\n');
         text
     }
 
     /// The report for people.
-    pub fn text(&self) -> String {
+    pub(super) fn text(&self) -> String {
         let last = self.first_seed + (self.seeds - 1);
         let mut text = format!(
             "{}: seeds {} to {last}, each with Furrow and with the thesis's plain law\n",

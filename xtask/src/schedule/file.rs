@@ -9,7 +9,7 @@ use std::{
 
 use crate::Failure;
 
-pub fn read(path: &Path) -> Result<String, Failure> {
+pub(super) fn read(path: &Path) -> Result<String, Failure> {
     let failed = |what: String| Failure::Usage(format!("{} {what}", path.display()));
     let bytes = fs::read(path).map_err(|error| failed(format!("cannot be read: {error}")))?;
     String::from_utf8(bytes)
@@ -17,7 +17,7 @@ pub fn read(path: &Path) -> Result<String, Failure> {
 }
 
 /// Replaces a file by a rename, so that it is never there half.
-pub fn replace(path: &Path, text: &str) -> Result<(), Failure> {
+pub(super) fn replace(path: &Path, text: &str) -> Result<(), Failure> {
     try_replace(path, text)
         .map_err(|error| Failure::Usage(format!("{} cannot be written: {error}", path.display())))
 }

@@ -12,14 +12,14 @@ use crate::cli::{Method, Schedule};
 
 /// A schedule that was found.
 #[derive(Debug)]
-pub struct Planned {
+pub(super) struct Planned {
     pub assignment: Assignment,
     pub notes: Vec<Note>,
 }
 
 /// What became of a message's wishes.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Note {
+pub(super) struct Note {
     /// Identifier of the message.
     pub id: u16,
     /// The period asked for, in milliseconds.
@@ -30,7 +30,7 @@ pub struct Note {
 
 /// Finds a schedule for the messages of a network. `arbitrating` is the share of
 /// time for arbitrating windows unless the options say another, in thousandths.
-pub fn find(
+pub(super) fn find(
     network: &Network,
     method: Method,
     options: &Schedule,
@@ -114,7 +114,24 @@ fn assign(
     plan: &Plan,
     wishes: &Wishes,
 ) -> Result<Planned, String> {
-    let basic_cycle_us = plan.basic_cycle.ticks();
+    let (mut assigned, notes) = exclusive(cyclic, plan)?;
+    assigned.extend(references(network, plan, wishes));
+    assigned.extend(arbitrating(events, plan, wishes)?);
+    Ok(Planned {
+        assignment: Assignment {
+            basic_cycle_us: plan.basic_cycle.ticks(),
+            basic_cycles: plan.cycles,
+            messages: assigned,
+        },
+        notes,
+    })
+}
+
+/// The exclusive windows of the cyclic messages.
+fn exclusive(
+    cyclic: &[(&Message, u32)],
+    plan: &Plan,
+) -> Result<(Vec<Assigned>, Vec<Note>), String> {
     let mut assigned = Vec::new();
     let mut notes = Vec::new();
     for (index, &(message, wanted_ms)) in cyclic.iter().enumerate() {
@@ -142,20 +159,27 @@ fn assign(
         });
     }
 
-    // The reference lasts until the first window that a plan may have.
-    let reference = network
+    Ok((assigned, notes))
+}
+
+/// The windows of the reference messages, each as long as its frame and the clocks' uncertainty.
+fn references<'a>(
+    network: &'a Network,
+    plan: &'a Plan,
+    wishes: &'a Wishes,
+) -> impl Iterator<Item = Assigned> + 'a {
+    let references = network
         .messages
         .iter()
         .filter(|message| message.window.kind == WindowKind::Reference);
-    let bits =
-        |message: &Message| network.bits_to_us(network_model::worst_case_bits(message.length));
-    for message in reference.clone() {
+    references.map(|message| {
         let grain = wishes.grain.ticks().max(1);
-        let needed = bits(message) + network.sync_uncertainty_us;
-        assigned.push(Assigned {
+        let bits = network_model::worst_case_bits(message.length);
+        let needed = network.bits_to_us(bits) + network.sync_uncertainty_us;
+        Assigned {
             id: message.id,
             period_ms: match message.send_type {
-                SendType::Cyclic { .. } => Some(basic_cycle_us.div_ceil(1000)),
+                SendType::Cyclic { .. } => Some(plan.basic_cycle.ticks().div_ceil(1000)),
                 SendType::Event { .. } => None,
             },
             windows: vec![Window {
@@ -165,20 +189,22 @@ fn assign(
                 offset: 0,
                 kind: WindowKind::Reference,
             }],
-        });
-    }
+        }
+    })
+}
 
+/// The arbitrating windows. Each stands in the file with an event message.
+fn arbitrating(events: &[&Message], plan: &Plan, wishes: &Wishes) -> Result<Vec<Assigned>, String> {
     let mut shared: Vec<Window> = plan
         .windows
         .iter()
         .filter(|planned| planned.message.is_none())
         .map(|planned| window(planned, WindowKind::Arbitrating))
         .collect();
-    // An arbitrating window stands in the file by way of an event message.
     let share =
         |window: &Window| u64::from(window.length_us) * u64::from(plan.cycles / window.repeat);
     shared.sort_by_key(|window| std::cmp::Reverse(share(window)));
-    let all = u64::from(basic_cycle_us) * u64::from(plan.cycles);
+    let all = u64::from(plan.basic_cycle.ticks()) * u64::from(plan.cycles);
     let kept: u64 = shared.iter().take(events.len()).map(share).sum();
     if kept * 1000 < all * u64::from(wishes.arbitrating_per_mille) {
         return Err(match events.len() {
@@ -196,21 +222,13 @@ fn assign(
                 .into(),
         );
     }
-    for (index, message) in events.iter().enumerate() {
-        assigned.push(Assigned {
-            id: message.id,
-            period_ms: None,
-            windows: vec![shared[index % shared.len()]],
-        });
-    }
-    Ok(Planned {
-        assignment: Assignment {
-            basic_cycle_us,
-            basic_cycles: plan.cycles,
-            messages: assigned,
-        },
-        notes,
-    })
+    let assigned = events.iter().zip(shared.iter().cycle());
+    let assigned = assigned.map(|(message, window)| Assigned {
+        id: message.id,
+        period_ms: None,
+        windows: vec![*window],
+    });
+    Ok(assigned.collect())
 }
 
 fn window(planned: &PlannedWindow, kind: WindowKind) -> Window {
@@ -224,12 +242,12 @@ fn window(planned: &PlannedWindow, kind: WindowKind) -> Window {
 }
 
 /// Share of the arbitrating windows in all time, in thousandths.
-pub fn arbitrating_share(network: &Network) -> u16 {
+pub(super) fn arbitrating_share(network: &Network) -> u16 {
     share(network, WindowKind::Arbitrating).floor() as u16
 }
 
 /// Share of a kind of windows in all time, in thousandths.
-pub fn share(network: &Network, kind: WindowKind) -> f64 {
+pub(super) fn share(network: &Network, kind: WindowKind) -> f64 {
     let cycles = f64::from(network.basic_cycles);
     let taken: f64 = network
         .windows()
@@ -241,7 +259,7 @@ pub fn share(network: &Network, kind: WindowKind) -> f64 {
 }
 
 /// Checks a network by the rules of the protocol crate.
-pub fn check(network: &Network) -> Result<(), String> {
+pub(super) fn check(network: &Network) -> Result<(), String> {
     let mut windows: Vec<ttcan::Window> = Vec::new();
     for message in &network.messages {
         for window in message.windows() {

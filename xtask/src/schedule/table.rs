@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::plan::{self, Note};
 
 /// The matrix as a table: a row for each window, a column for each basic cycle.
-pub fn text(network: &Network, notes: &[Note]) -> String {
+pub(super) fn text(network: &Network, notes: &[Note]) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
     let _ = write_text(&mut out, network, notes);
@@ -146,7 +146,7 @@ fn shares(network: &Network) -> [f64; 4] {
 }
 
 /// The matrix for programs.
-pub fn json(network: &Network, notes: &[Note]) -> String {
+pub(super) fn json(network: &Network, notes: &[Note]) -> String {
     let message = |message: &&Message| {
         let period = match message.send_type {
             SendType::Cyclic { period_ms } => Some(period_ms),

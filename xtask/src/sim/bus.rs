@@ -11,7 +11,7 @@ use world::report::FrameRecord;
 const ERROR_FRAME_BITS: u32 = 14;
 
 /// The frames of a run.
-pub struct Log {
+pub(crate) struct Log {
     /// Every frame that began and was not overtaken in arbitration, in order of time.
     pub frames: Vec<FrameRecord>,
     lines: Vec<Line>,
@@ -19,7 +19,7 @@ pub struct Log {
 
 impl Log {
     /// Puts the frames together from what an analyser wrote down.
-    pub fn new(records: &[Record], bit_time: SimDuration) -> Self {
+    pub(crate) fn new(records: &[Record], bit_time: SimDuration) -> Self {
         let mut log = Self {
             frames: Vec::new(),
             lines: Vec::new(),
@@ -79,7 +79,7 @@ impl Log {
     }
 
     /// The complete frames in the format of `candump -l`, stamped at end of frame.
-    pub fn candump(&self) -> String {
+    pub(crate) fn candump(&self) -> String {
         let mut text = String::new();
         for line in &self.lines {
             // Writing to a string cannot fail.

@@ -8,7 +8,7 @@ use world::{
 };
 
 /// The system matrix as the report wants it.
-pub struct Matrix {
+pub(crate) struct Matrix {
     network: Network,
     /// Where the mode is; `None` when the vehicle has none.
     mode: Option<ModeSignal>,
@@ -18,7 +18,7 @@ pub struct Matrix {
 
 impl Matrix {
     /// The matrix of a vehicle.
-    pub fn new(vehicle: &Vehicle) -> Self {
+    pub(crate) fn new(vehicle: &Vehicle) -> Self {
         let network = vehicle.network().clone();
         Self {
             windows: network.messages.iter().map(window).collect(),
@@ -28,17 +28,17 @@ impl Matrix {
     }
 
     /// Length of the basic cycle.
-    pub fn basic_cycle(&self) -> SimDuration {
+    pub(crate) fn basic_cycle(&self) -> SimDuration {
         micros(self.network.basic_cycle_us)
     }
 
     /// Length of a bit.
-    pub fn bit_time(&self) -> SimDuration {
+    pub(crate) fn bit_time(&self) -> SimDuration {
         SimDuration::from_ticks(1_000_000_000_000 / u64::from(self.network.bit_rate))
     }
 
     /// The changes of the vehicle's mode, read from the message that carries it.
-    pub fn modes(&self, frames: &[FrameRecord]) -> Vec<ModeChange> {
+    pub(crate) fn modes(&self, frames: &[FrameRecord]) -> Vec<ModeChange> {
         let mut modes: Vec<ModeChange> = Vec::new();
         for frame in frames.iter().filter(|frame| frame.complete) {
             let Some(mode) = self.mode(frame) else {

@@ -15,7 +15,7 @@ use syn::{
 /// # Errors
 ///
 /// The source is not Rust, or no RTIC application of the form that the nodes have.
-pub fn names(source: &str) -> syn::Result<BTreeMap<String, String>> {
+pub(super) fn names(source: &str) -> syn::Result<BTreeMap<String, String>> {
     let file: File = syn::parse_str(source)?;
     let mut names = BTreeMap::new();
     for item in &file.items {

@@ -47,7 +47,10 @@ fn main() {
         bus.lock().unwrap().advance_to(until);
         mcu.bus_moved();
     }
-    let wall = begin.elapsed();
+    report(&mut mcu, milliseconds, begin.elapsed());
+}
+
+fn report(mcu: &mut Mcu, milliseconds: u64, wall: std::time::Duration) {
     println!(
         "{} s in {:.3} s wall; core at {} Hz, pc {:#x} in {:?}, exception {}, asleep {}, locked up {}",
         milliseconds as f64 / 1000.0,

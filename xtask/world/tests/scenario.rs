@@ -22,6 +22,7 @@ fn sentence(text: &str) -> String {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a table of mistakes")]
 fn every_mistake_has_its_sentence() {
     let mistakes = [
         ("a wrong unit", "[start]\nspeed = \"1 deg\""),

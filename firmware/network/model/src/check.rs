@@ -12,7 +12,7 @@ use crate::{
 
 /// Everything that is wrong with a network, in the order of its messages; of
 /// windows nothing when they are still to be found.
-pub fn check(network: &Network, unscheduled: bool) -> Vec<Problem> {
+pub(crate) fn check(network: &Network, unscheduled: bool) -> Vec<Problem> {
     let mut problems = Vec::new();
     bus(network, &mut problems);
     if !unscheduled {
@@ -140,36 +140,7 @@ fn masters(network: &Network, problems: &mut Vec<Problem>) {
             .filter(|m| m.sender == node.name)
             .collect();
         match own.as_slice() {
-            [own] => {
-                let id = base.id + u16::from(*rank);
-                if own.id != id || id >> 3 != base.id >> 3 {
-                    refuse(
-                        own.line,
-                        format!(
-                            "reference message {} ({}) of the master of rank {rank} must have the identifier {id}, which must equal that of {} but for its three low bits",
-                            own.name, own.id, base.name
-                        ),
-                    );
-                }
-                if Reference::of(own).is_none() || Reference::of(own) != Reference::of(base) {
-                    refuse(
-                        own.line,
-                        format!(
-                            "reference message {} needs CycleCount (6 bits), Discontinuity and NextIsGap in one byte from its lowest bit; SystemTime (32 bits) and PreviousStart (16 bits), if it has them, big-endian; and the same layout as {}",
-                            own.name, base.name
-                        ),
-                    );
-                }
-                if own.length != base.length || own.shortest != base.shortest {
-                    refuse(
-                        own.line,
-                        format!(
-                            "reference messages {} and {} differ in length",
-                            base.name, own.name
-                        ),
-                    );
-                }
-            }
+            [own] => reference(own, base, *rank, &mut refuse),
             _ => refuse(
                 None,
                 format!(
@@ -190,6 +161,43 @@ fn masters(network: &Network, problems: &mut Vec<Problem>) {
                 ),
             );
         }
+    }
+}
+
+/// The reference message of the master of rank `rank`, beside that of rank 0.
+fn reference(
+    own: &Message,
+    base: &Message,
+    rank: u8,
+    refuse: &mut impl FnMut(Option<usize>, String),
+) {
+    let id = base.id + u16::from(rank);
+    if own.id != id || id >> 3 != base.id >> 3 {
+        refuse(
+            own.line,
+            format!(
+                "reference message {} ({}) of the master of rank {rank} must have the identifier {id}, which must equal that of {} but for its three low bits",
+                own.name, own.id, base.name
+            ),
+        );
+    }
+    if Reference::of(own).is_none() || Reference::of(own) != Reference::of(base) {
+        refuse(
+            own.line,
+            format!(
+                "reference message {} needs CycleCount (6 bits), Discontinuity and NextIsGap in one byte from its lowest bit; SystemTime (32 bits) and PreviousStart (16 bits), if it has them, big-endian; and the same layout as {}",
+                own.name, base.name
+            ),
+        );
+    }
+    if own.length != base.length || own.shortest != base.shortest {
+        refuse(
+            own.line,
+            format!(
+                "reference messages {} and {} differ in length",
+                base.name, own.name
+            ),
+        );
     }
 }
 
@@ -232,54 +240,58 @@ fn data(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
                 }
             }
         }
-        if !(signal.factor.is_finite() && signal.factor > 0.0) {
-            refuse(format!(
-                "{of} has the factor {}: it must be positive",
-                signal.factor
-            ));
-            continue;
-        }
-        let (Some(offset), Some((least, greatest))) =
-            (signal.offset_counts(), signal.count_range())
-        else {
-            refuse(format!(
-                "{of} has an offset or a limit that is no whole number of its factor {}",
-                signal.factor
-            ));
-            continue;
-        };
-        let (raw_least, raw_greatest) = signal.raw_range();
-        if least > greatest || least < raw_least + offset || greatest > raw_greatest + offset {
-            refuse(format!(
-                "{of} has the range {} to {}: its {} bits hold {} to {}",
-                signal.min,
-                signal.max,
-                signal.size,
-                signal.physical(raw_least),
-                signal.physical(raw_greatest)
-            ));
-        }
-        if i64::try_from(least).is_err() || i64::try_from(greatest).is_err() {
-            refuse(format!("{of} exceeds a signed number of 64 bits"));
-        }
-        if let Some(name) = &signal.values
-            && let Some(table) = network.value_tables.iter().find(|t| t.name == *name)
-        {
-            for value in &table.values {
-                if !(least..=greatest).contains(&i128::from(value.raw)) {
-                    refuse(format!(
-                        "value {} ({}) of {of} is outside its range",
-                        value.raw, value.name
-                    ));
-                }
-            }
-        }
-        for receiver in &signal.receivers {
-            if receiver != "Vector__XXX" && !network.nodes.iter().any(|n| n.name == *receiver) {
+        range(network, signal, &of, &mut refuse);
+    }
+}
+
+/// The numbers that a signal may hold, and who receives them.
+fn range(network: &Network, signal: &Signal, of: &str, refuse: &mut impl FnMut(String)) {
+    if !(signal.factor.is_finite() && signal.factor > 0.0) {
+        refuse(format!(
+            "{of} has the factor {}: it must be positive",
+            signal.factor
+        ));
+        return;
+    }
+    let (Some(offset), Some((least, greatest))) = (signal.offset_counts(), signal.count_range())
+    else {
+        refuse(format!(
+            "{of} has an offset or a limit that is no whole number of its factor {}",
+            signal.factor
+        ));
+        return;
+    };
+    let (raw_least, raw_greatest) = signal.raw_range();
+    if least > greatest || least < raw_least + offset || greatest > raw_greatest + offset {
+        refuse(format!(
+            "{of} has the range {} to {}: its {} bits hold {} to {}",
+            signal.min,
+            signal.max,
+            signal.size,
+            signal.physical(raw_least),
+            signal.physical(raw_greatest)
+        ));
+    }
+    if i64::try_from(least).is_err() || i64::try_from(greatest).is_err() {
+        refuse(format!("{of} exceeds a signed number of 64 bits"));
+    }
+    if let Some(name) = &signal.values
+        && let Some(table) = network.value_tables.iter().find(|t| t.name == *name)
+    {
+        for value in &table.values {
+            if !(least..=greatest).contains(&i128::from(value.raw)) {
                 refuse(format!(
-                    "the receiver {receiver} of {of} is no node of the network"
+                    "value {} ({}) of {of} is outside its range",
+                    value.raw, value.name
                 ));
             }
+        }
+    }
+    for receiver in &signal.receivers {
+        if receiver != "Vector__XXX" && !network.nodes.iter().any(|n| n.name == *receiver) {
+            refuse(format!(
+                "the receiver {receiver} of {of} is no node of the network"
+            ));
         }
     }
 }

@@ -238,14 +238,7 @@ impl Reader<'_> {
             Some(value) => integer(value).unwrap_or(-1),
             None => -1,
         };
-        let send_type = match self.word(message.id, "GenMsgSendType", &["Cyclic", "Event"]) {
-            Some("Event") => SendType::Event {
-                interval_ms: self.message_number(message.id, name, "GenMsgDelayTime"),
-            },
-            _ => SendType::Cyclic {
-                period_ms: self.message_number(message.id, name, "GenMsgCycleTime"),
-            },
-        };
+        let send_type = self.send_type(message);
         let condition = match self.word(message.id, "SendCondition", &["Always", "WhileFixed"]) {
             Some("WhileFixed") => Condition::WhileFixed,
             _ => Condition::Always,
@@ -254,44 +247,15 @@ impl Reader<'_> {
             Some(_) => Some(self.message_number(message.id, name, "Deadline")).filter(|us| *us > 0),
             None => None,
         };
-        const KINDS: [&str; 4] = ["None", "Reference", "Exclusive", "Arbitrating"];
-        let kind = match self.word(message.id, "WindowKind", &KINDS) {
-            Some("Reference") => WindowKind::Reference,
-            Some("Exclusive") => WindowKind::Exclusive,
-            Some("Arbitrating") => WindowKind::Arbitrating,
-            _ if self.unscheduled && self.begins_cycles(message) => WindowKind::Reference,
-            _ if self.unscheduled => match send_type {
-                SendType::Cyclic { .. } => WindowKind::Exclusive,
-                SendType::Event { .. } => WindowKind::Arbitrating,
-            },
-            _ => {
-                let what = format!(
-                    "{of} has no window: set WindowKind to Reference, Exclusive or Arbitrating"
-                );
-                self.problem(line, what);
-                return None;
-            }
+        let Some(kind) = self.window_kind(message, send_type) else {
+            let what = format!(
+                "{of} has no window: set WindowKind to Reference, Exclusive or Arbitrating"
+            );
+            self.problem(line, what);
+            return None;
         };
-        let (window, further) = if self.unscheduled {
-            (Window::of_kind(kind), Vec::new())
-        } else {
-            let window = Window {
-                start_us: self.message_number(message.id, name, "WindowStart"),
-                length_us: self.message_number(message.id, name, "WindowLength"),
-                repeat: self.message_number(message.id, name, "WindowRepeat"),
-                offset: self.message_number(message.id, name, "WindowOffset"),
-                kind,
-            };
-            (window, self.further(message, window))
-        };
-        let after = match self.dbc.resolved_message_attribute(message.id, "After") {
-            Some(AttributeValue::String(names)) => names
-                .split([' ', ','])
-                .filter(|name| !name.is_empty())
-                .map(str::to_owned)
-                .collect(),
-            _ => Vec::new(),
-        };
+        let (window, further) = self.windows(message, kind);
+        let after = self.after(message);
         let mut signals = Vec::new();
         for signal in &message.signals {
             signals.extend(self.signal(message, signal, tables, line));
@@ -320,6 +284,67 @@ impl Reader<'_> {
             signals,
             line,
         })
+    }
+
+    fn send_type(&mut self, message: &can_dbc::Message) -> SendType {
+        let name = &message.name;
+        match self.word(message.id, "GenMsgSendType", &["Cyclic", "Event"]) {
+            Some("Event") => SendType::Event {
+                interval_ms: self.message_number(message.id, name, "GenMsgDelayTime"),
+            },
+            _ => SendType::Cyclic {
+                period_ms: self.message_number(message.id, name, "GenMsgCycleTime"),
+            },
+        }
+    }
+
+    /// The messages that must be sent before a message in each chain.
+    fn after(&self, message: &can_dbc::Message) -> Vec<String> {
+        match self.dbc.resolved_message_attribute(message.id, "After") {
+            Some(AttributeValue::String(names)) => names
+                .split([' ', ','])
+                .filter(|name| !name.is_empty())
+                .map(str::to_owned)
+                .collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// The kind of a message's window. A message without one gets it from its use when the file
+    /// needs no schedule yet.
+    fn window_kind(
+        &mut self,
+        message: &can_dbc::Message,
+        send_type: SendType,
+    ) -> Option<WindowKind> {
+        const KINDS: [&str; 4] = ["None", "Reference", "Exclusive", "Arbitrating"];
+        match self.word(message.id, "WindowKind", &KINDS) {
+            Some("Reference") => Some(WindowKind::Reference),
+            Some("Exclusive") => Some(WindowKind::Exclusive),
+            Some("Arbitrating") => Some(WindowKind::Arbitrating),
+            _ if self.unscheduled && self.begins_cycles(message) => Some(WindowKind::Reference),
+            _ if self.unscheduled => Some(match send_type {
+                SendType::Cyclic { .. } => WindowKind::Exclusive,
+                SendType::Event { .. } => WindowKind::Arbitrating,
+            }),
+            _ => None,
+        }
+    }
+
+    /// The first window of a message, and the further ones.
+    fn windows(&mut self, message: &can_dbc::Message, kind: WindowKind) -> (Window, Vec<Window>) {
+        if self.unscheduled {
+            return (Window::of_kind(kind), Vec::new());
+        }
+        let name = &message.name;
+        let window = Window {
+            start_us: self.message_number(message.id, name, "WindowStart"),
+            length_us: self.message_number(message.id, name, "WindowLength"),
+            repeat: self.message_number(message.id, name, "WindowRepeat"),
+            offset: self.message_number(message.id, name, "WindowOffset"),
+            kind,
+        };
+        (window, self.further(message, window))
     }
 
     /// Whether it has the signals that a master's reference message needs.

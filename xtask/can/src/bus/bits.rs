@@ -12,6 +12,21 @@ use crate::tester::Tester;
 use crate::time::{Ps, instant};
 use crate::wire::Level;
 
+/// Who starts a frame with a bit.
+struct Started {
+    ids: Vec<Id>,
+    first_sender: Option<usize>,
+    /// Whether no node is in the midst of anything.
+    all_waiting: bool,
+    some_idle: bool,
+}
+
+impl Started {
+    fn starting(&self) -> bool {
+        !self.ids.is_empty()
+    }
+}
+
 impl Bus {
     /// Tells a node on a resting segment of the bits that have passed on its own grid.
     pub(super) fn catch_up(&mut self, index: usize, now: Ps) {
@@ -54,14 +69,27 @@ impl Bus {
 
     /// Begins a bit now.
     fn begin_bit(&mut self, segment: usize) {
-        let now = self.now;
         let members: Vec<usize> = self.members(segment).map(|(index, _)| index).collect();
+        let started = self.start_frames(&members);
+        let level = self.driven_level(segment, &members);
+        self.count_position(segment, &started, level);
+        let level = if segment == 0 {
+            self.disturbed_level(&members, level)
+        } else {
+            level
+        };
+        self.choose_pace(segment, &members, started.first_sender);
+        self.plan_samples(segment, &members, &started, level);
+    }
 
+    /// Starts the pending frames of the idle nodes.
+    fn start_frames(&mut self, members: &[usize]) -> Started {
+        let now = self.now;
         let mut ids: Vec<Id> = Vec::new();
         let mut first_sender = None;
         let mut all_waiting = true;
         let mut some_idle = false;
-        for &index in &members {
+        for &index in members {
             let node = &mut self.nodes[index];
             all_waiting &= node.mac.can_wait();
             if !node.mac.is_idle() {
@@ -82,9 +110,19 @@ impl Bus {
                 });
             }
         }
+        Started {
+            ids,
+            first_sender,
+            all_waiting,
+            some_idle,
+        }
+    }
 
+    /// What the nodes drive together.
+    fn driven_level(&mut self, segment: usize, members: &[usize]) -> Level {
+        let now = self.now;
         let mut level = Level::Recessive;
-        for &index in &members {
+        for &index in members {
             let node = &mut self.nodes[index];
             if !node.mac.silent {
                 level = level.and(node.mac.drive());
@@ -96,55 +134,67 @@ impl Bus {
                 self.segments[segment].disturbed = true;
             }
         }
+        level
+    }
 
+    /// Counts the bits since the start of frame.
+    fn count_position(&mut self, segment: usize, started: &Started, level: Level) {
+        let now = self.now;
         let state = &mut self.segments[segment];
-        let starting = !ids.is_empty();
-        if starting || all_waiting {
+        let starting = started.starting();
+        if starting || started.all_waiting {
             state.position = 0;
             state.frame_start = now;
             state.disturbed = !starting;
             // A foreign dominant bit is a start of frame for whoever was idle.
-            let counts = starting || (some_idle && level == Level::Dominant);
+            let counts = starting || (started.some_idle && level == Level::Dominant);
             if segment == 0 && counts {
                 for active in &mut self.disturbances {
-                    active.frame_started(self.frames_started, &ids);
+                    active.frame_started(self.frames_started, &started.ids);
                 }
                 self.frames_started += 1;
             }
         } else {
             state.position = state.position.saturating_add(1);
         }
+    }
 
-        if segment == 0 {
-            let in_frame = members
-                .iter()
-                .any(|index| self.nodes[*index].mac.is_in_frame())
-                .then_some(state.position);
-            for active in &mut self.disturbances {
-                if let Some(stuck) = active.stuck(now) {
-                    state.disturbed |= stuck != level;
-                    level = stuck;
-                }
-                match active.flips(now, in_frame) {
-                    Some(SeenBy::All) => {
-                        level = level.inverted();
-                        state.disturbed = true;
-                    }
-                    Some(SeenBy::Node(NodeId(index))) => {
-                        state.disturbed = true;
-                        if let Some(node) = self.nodes.get_mut(index)
-                            && node.segment == segment
-                            && !node.mac.is_detached()
-                        {
-                            node.flipped = true;
-                        }
-                    }
-                    None => {}
-                }
+    /// The level of the first segment after what disturbs it.
+    fn disturbed_level(&mut self, members: &[usize], mut level: Level) -> Level {
+        let now = self.now;
+        let state = &mut self.segments[0];
+        let in_frame = members
+            .iter()
+            .any(|index| self.nodes[*index].mac.is_in_frame())
+            .then_some(state.position);
+        for active in &mut self.disturbances {
+            if let Some(stuck) = active.stuck(now) {
+                state.disturbed |= stuck != level;
+                level = stuck;
             }
-            self.disturbances.retain(|active| !active.is_over(now));
+            match active.flips(now, in_frame) {
+                Some(SeenBy::All) => {
+                    level = level.inverted();
+                    state.disturbed = true;
+                }
+                Some(SeenBy::Node(NodeId(index))) => {
+                    state.disturbed = true;
+                    if let Some(node) = self.nodes.get_mut(index)
+                        && node.segment == 0
+                        && !node.mac.is_detached()
+                    {
+                        node.flipped = true;
+                    }
+                }
+                None => {}
+            }
         }
+        self.disturbances.retain(|active| !active.is_over(now));
+        level
+    }
 
+    /// The node whose bit time the segment follows: the first sender, while it sends.
+    fn choose_pace(&mut self, segment: usize, members: &[usize], first_sender: Option<usize>) {
         let state = &mut self.segments[segment];
         let pace_is_sender = self
             .nodes
@@ -164,6 +214,13 @@ impl Bus {
                 .find(|index| !self.nodes[*index].mac.is_detached())
                 .unwrap_or(usize::MAX);
         }
+    }
+
+    /// Notes the bit and when each node samples it.
+    fn plan_samples(&mut self, segment: usize, members: &[usize], started: &Started, level: Level) {
+        let now = self.now;
+        let starting = started.starting();
+        let state = &mut self.segments[segment];
         let bit = self
             .nodes
             .get(state.pace)
@@ -177,7 +234,7 @@ impl Bus {
         });
         let pace = state.pace;
 
-        for &index in &members {
+        for &index in members {
             let node = &mut self.nodes[index];
             if node.mac.is_detached() {
                 if edge
@@ -192,7 +249,7 @@ impl Bus {
             if index == pace {
                 node.lag = 0;
             } else if edge {
-                node.resynchronise(starting || all_waiting);
+                node.resynchronise(starting || started.all_waiting);
             }
             let sample = now.cast_signed() + node.lag + node.time.sample.cast_signed();
             let inside = now.cast_signed() <= sample && sample < end.cast_signed();

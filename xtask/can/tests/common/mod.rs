@@ -6,73 +6,73 @@
 use can_bus::{Bus, ClockRate, Frame, NodeId, Part, SimDuration, SimTime};
 use embedded_can::Id;
 
-pub const MCR: u32 = 0x000;
-pub const MSR: u32 = 0x004;
-pub const TSR: u32 = 0x008;
-pub const RF0R: u32 = 0x00C;
-pub const RF1R: u32 = 0x010;
-pub const IER: u32 = 0x014;
-pub const ESR: u32 = 0x018;
-pub const BTR: u32 = 0x01C;
-pub const TI0R: u32 = 0x180;
-pub const RI0R: u32 = 0x1B0;
-pub const FMR: u32 = 0x200;
-pub const FM1R: u32 = 0x204;
-pub const FS1R: u32 = 0x20C;
-pub const FFA1R: u32 = 0x214;
-pub const FA1R: u32 = 0x21C;
-pub const F0R1: u32 = 0x240;
+pub(crate) const MCR: u32 = 0x000;
+pub(crate) const MSR: u32 = 0x004;
+pub(crate) const TSR: u32 = 0x008;
+pub(crate) const RF0R: u32 = 0x00C;
+pub(crate) const RF1R: u32 = 0x010;
+pub(crate) const IER: u32 = 0x014;
+pub(crate) const ESR: u32 = 0x018;
+pub(crate) const BTR: u32 = 0x01C;
+pub(crate) const TI0R: u32 = 0x180;
+pub(crate) const RI0R: u32 = 0x1B0;
+pub(crate) const FMR: u32 = 0x200;
+pub(crate) const FM1R: u32 = 0x204;
+pub(crate) const FS1R: u32 = 0x20C;
+pub(crate) const FFA1R: u32 = 0x214;
+pub(crate) const FA1R: u32 = 0x21C;
+pub(crate) const F0R1: u32 = 0x240;
 
-pub const INRQ: u32 = 1;
-pub const SLEEP: u32 = 1 << 1;
-pub const TXFP: u32 = 1 << 2;
-pub const RFLM: u32 = 1 << 3;
-pub const NART: u32 = 1 << 4;
-pub const AWUM: u32 = 1 << 5;
-pub const ABOM: u32 = 1 << 6;
-pub const TTCM: u32 = 1 << 7;
+pub(crate) const INRQ: u32 = 1;
+pub(crate) const SLEEP: u32 = 1 << 1;
+pub(crate) const TXFP: u32 = 1 << 2;
+pub(crate) const RFLM: u32 = 1 << 3;
+pub(crate) const NART: u32 = 1 << 4;
+pub(crate) const AWUM: u32 = 1 << 5;
+pub(crate) const ABOM: u32 = 1 << 6;
+pub(crate) const TTCM: u32 = 1 << 7;
 
 /// One bit at 250 kbit/s, in picoseconds.
-pub const BIT: u64 = 4_000_000;
+pub(crate) const BIT: u64 = 4_000_000;
 
 /// 45 MHz / 12 / 15 quanta, sample point behind the 11th.
-pub const BTR_250K_F446: u32 = 3 << 20 | 9 << 16 | 11;
+pub(crate) const BTR_250K_F446: u32 = 3 << 20 | 9 << 16 | 11;
 /// 36 MHz / 9 / 16 quanta, sample point behind the 12th.
-pub const BTR_250K_F303: u32 = 3 << 20 | 10 << 16 | 8;
+pub(crate) const BTR_250K_F303: u32 = 3 << 20 | 10 << 16 | 8;
 
-pub const fn at_us(us: u64) -> SimTime {
+pub(crate) const fn at_us(us: u64) -> SimTime {
     SimTime::from_ticks(us * 1_000_000)
 }
 
-pub const fn ps(ps: u64) -> SimTime {
+pub(crate) const fn ps(ps: u64) -> SimTime {
     SimTime::from_ticks(ps)
 }
 
-pub fn bits(n: u64) -> SimDuration {
+pub(crate) fn bits(n: u64) -> SimDuration {
     SimDuration::from_ticks(n * BIT)
 }
 
-pub fn frame(id: u16, data: &[u8]) -> Frame {
+pub(crate) fn frame(id: u16, data: &[u8]) -> Frame {
     Frame::standard(id, data).expect("the test's frames are valid")
 }
 
-pub fn f446() -> ClockRate {
+pub(crate) fn f446() -> ClockRate {
     ClockRate::new(45_000_000)
 }
 
-pub fn f303() -> ClockRate {
+pub(crate) fn f303() -> ClockRate {
     ClockRate::new(36_000_000)
 }
 
 /// Adds an F446 controller and brings it to normal mode with one filter that accepts everything
 /// into FIFO 0, `options` being further bits of MCR. The bus stands 100 us later then.
-pub fn normal_node(bus: &mut Bus, options: u32) -> NodeId {
+pub(crate) fn normal_node(bus: &mut Bus, options: u32) -> NodeId {
     let node = bus.add_bxcan(Part::F446, f446());
     configure(bus, node, options, BTR_250K_F446);
     node
 }
 
-pub fn configure(bus: &mut Bus, node: NodeId, options: u32, btr: u32) {
+pub(crate) fn configure(bus: &mut Bus, node: NodeId, options: u32, btr: u32) {
     let now = bus.now();
     bus.write(node, MCR, INRQ | options, now);
     bus.advance_to(now);
@@ -88,7 +88,7 @@ pub fn configure(bus: &mut Bus, node: NodeId, options: u32, btr: u32) {
 }
 
 /// Loads a mailbox and requests its transmission.
-pub fn request(bus: &mut Bus, node: NodeId, mailbox: u32, frame: &Frame, at: SimTime) {
+pub(crate) fn request(bus: &mut Bus, node: NodeId, mailbox: u32, frame: &Frame, at: SimTime) {
     let base = TI0R + 0x10 * mailbox;
     let word = |from: usize| {
         frame
@@ -111,7 +111,7 @@ pub fn request(bus: &mut Bus, node: NodeId, mailbox: u32, frame: &Frame, at: Sim
 }
 
 /// Takes the oldest message out of FIFO 0: RIxR, RDTxR and the data.
-pub fn take(bus: &mut Bus, node: NodeId) -> Option<(u32, u32, [u32; 2])> {
+pub(crate) fn take(bus: &mut Bus, node: NodeId) -> Option<(u32, u32, [u32; 2])> {
     if bus.read(node, RF0R) & 3 == 0 {
         return None;
     }
@@ -124,19 +124,19 @@ pub fn take(bus: &mut Bus, node: NodeId) -> Option<(u32, u32, [u32; 2])> {
     Some(message)
 }
 
-pub fn tec(bus: &Bus, node: NodeId) -> u32 {
+pub(crate) fn tec(bus: &Bus, node: NodeId) -> u32 {
     bus.read(node, ESR) >> 16 & 0xFF
 }
 
-pub fn rec(bus: &Bus, node: NodeId) -> u32 {
+pub(crate) fn rec(bus: &Bus, node: NodeId) -> u32 {
     bus.read(node, ESR) >> 24
 }
 
-pub fn lec(bus: &Bus, node: NodeId) -> u32 {
+pub(crate) fn lec(bus: &Bus, node: NodeId) -> u32 {
     bus.read(node, ESR) >> 4 & 7
 }
 
 /// The same frame with other data, for collisions of equal identifiers.
-pub fn same_id(id: u16, byte: u8) -> Frame {
+pub(crate) fn same_id(id: u16, byte: u8) -> Frame {
     frame(id, &[byte])
 }

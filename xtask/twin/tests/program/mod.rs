@@ -7,16 +7,16 @@ use twin::mcu::{Board, Mcu};
 use twin::part::Part;
 
 /// Writes Thumb instructions behind a vector table (ARMv7-M architecture manual A7.7).
-pub struct Program {
+pub(crate) struct Program {
     code: Vec<u8>,
 }
 
 /// Entries of the vector table.
-pub const VECTORS: usize = 112;
+pub(crate) const VECTORS: usize = 112;
 
 impl Program {
     /// All vectors lead to an endless loop; the program begins behind it.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let mut program = Self {
             code: vec![0; VECTORS * 4],
         };
@@ -32,7 +32,7 @@ impl Program {
     }
 
     /// Offset of the next instruction.
-    pub fn here(&self) -> usize {
+    pub(crate) fn here(&self) -> usize {
         self.code.len()
     }
 
@@ -42,19 +42,19 @@ impl Program {
     }
 
     /// The handler of an exception begins here.
-    pub fn handler(&mut self, number: usize) {
+    pub(crate) fn handler(&mut self, number: usize) {
         let here = self.here();
         self.vector(number, here);
     }
 
     /// Appends a halfword.
-    pub fn half(&mut self, instruction: u16) -> &mut Self {
+    pub(crate) fn half(&mut self, instruction: u16) -> &mut Self {
         self.code.extend(instruction.to_le_bytes());
         self
     }
 
     /// MOVW and MOVT.
-    pub fn constant(&mut self, register: u16, value: u32) -> &mut Self {
+    pub(crate) fn constant(&mut self, register: u16, value: u32) -> &mut Self {
         for (opcode, half) in [(0xF240, value & 0xFFFF), (0xF2C0, value >> 16)] {
             let half = half as u16;
             self.half(opcode | (half >> 11 & 1) << 10 | half >> 12);
@@ -64,55 +64,55 @@ impl Program {
     }
 
     /// Stores a constant; uses r0 and r1.
-    pub fn poke(&mut self, address: u32, value: u32) -> &mut Self {
+    pub(crate) fn poke(&mut self, address: u32, value: u32) -> &mut Self {
         // STR r1, [r0]
         self.constant(0, address).constant(1, value).half(0x6001)
     }
 
     /// Loads a word into r2; uses r0.
-    pub fn peek(&mut self, address: u32) -> &mut Self {
+    pub(crate) fn peek(&mut self, address: u32) -> &mut Self {
         // LDR r2, [r0]
         self.constant(0, address).half(0x6802)
     }
 
     /// Loads until the word under the mask is the mask; uses r0 to r3.
-    pub fn wait(&mut self, address: u32, mask: u32) -> &mut Self {
+    pub(crate) fn wait(&mut self, address: u32, mask: u32) -> &mut Self {
         self.constant(0, address).constant(3, mask);
         // loop: LDR r2, [r0]; ANDS r2, r3; CMP r2, r3; BNE loop
         self.half(0x6802).half(0x401A).half(0x429A).half(0xD1FB)
     }
 
     /// Lets an interrupt through the NVIC.
-    pub fn enable(&mut self, irq: u32) -> &mut Self {
+    pub(crate) fn enable(&mut self, irq: u32) -> &mut Self {
         self.poke(0xE000_E100 + 4 * (irq / 32), 1 << (irq % 32))
     }
 
     /// Loads until no bit of the word under the mask is set; uses r0 to r3.
-    pub fn wait_clear(&mut self, address: u32, mask: u32) -> &mut Self {
+    pub(crate) fn wait_clear(&mut self, address: u32, mask: u32) -> &mut Self {
         self.constant(0, address).constant(3, mask);
         // loop: LDR r2, [r0]; TST r2, r3; BNE loop
         self.half(0x6802).half(0x421A).half(0xD1FC)
     }
 
     /// Sleeps between interrupts.
-    pub fn sleep_for_ever(&mut self) -> &mut Self {
+    pub(crate) fn sleep_for_ever(&mut self) -> &mut Self {
         // loop: WFI; B loop
         self.half(0xBF30).half(0xE7FD)
     }
 
     /// The end of a handler.
-    pub fn return_from_handler(&mut self) -> &mut Self {
+    pub(crate) fn return_from_handler(&mut self) -> &mut Self {
         // BX LR
         self.half(0x4770)
     }
 
     /// The program in the flash of a part.
-    pub fn image(&self, part: &'static Part) -> Arc<Image> {
+    pub(crate) fn image(&self, part: &'static Part) -> Arc<Image> {
         Arc::new(Image::from_code(part, &self.code).expect("the program fits"))
     }
 
     /// A microcontroller alone that runs it.
-    pub fn start(&self, part: &'static Part, board: &Board) -> Mcu {
+    pub(crate) fn start(&self, part: &'static Part, board: &Board) -> Mcu {
         Mcu::new(self.image(part), board, None)
     }
 }

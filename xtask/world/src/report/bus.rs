@@ -113,10 +113,6 @@ pub(super) fn figures(run: &Run) -> BusFigures {
         .sum();
     let complete = || run.frames.iter().filter(|frame| frame.complete);
 
-    let mut counts = BTreeMap::<u16, u64>::new();
-    for frame in complete() {
-        *counts.entry(frame.id).or_default() += 1;
-    }
     let known = |id: u16| run.windows.iter().find(|window| window.id == id);
 
     let mut exclusive: Vec<&Window> = run
@@ -174,14 +170,7 @@ pub(super) fn figures(run: &Run) -> BusFigures {
         frames: complete().count() as u64,
         error_frames: (run.frames.len() - complete().count()) as u64,
         basic_cycles: cycles.len() as u64,
-        frames_per_id: counts
-            .into_iter()
-            .map(|(id, frames)| IdFigures {
-                id,
-                message: known(id).map_or(String::new(), |window| window.message.clone()),
-                frames,
-            })
-            .collect(),
+        frames_per_id: frames_per_id(run),
         latest_start_us: latest.map(|(_, latest, _)| rounded(latest, 3)),
         latest_start_id: latest.map(|(_, _, id)| id),
         earliest_start_us: earliest.map(|us| rounded(us, 3)),
@@ -192,6 +181,23 @@ pub(super) fn figures(run: &Run) -> BusFigures {
         takeovers: takeovers(run, &cycles),
         windows,
     }
+}
+
+fn frames_per_id(run: &Run) -> Vec<IdFigures> {
+    let mut counts = BTreeMap::<u16, u64>::new();
+    for frame in run.frames.iter().filter(|frame| frame.complete) {
+        *counts.entry(frame.id).or_default() += 1;
+    }
+    let message = |id: u16| {
+        let window = run.windows.iter().find(|window| window.id == id);
+        window.map_or(String::new(), |window| window.message.clone())
+    };
+    let figures = counts.into_iter().map(|(id, frames)| IdFigures {
+        id,
+        message: message(id),
+        frames,
+    });
+    figures.collect()
 }
 
 /// Offset of a backup from the master that is one rank better, and what the nodes' clocks may

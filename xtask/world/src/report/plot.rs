@@ -4,16 +4,16 @@ use core::fmt::Write;
 
 /// Colours that stay apart for colour-blind readers (after Okabe and Ito) and in print.
 pub(super) mod colour {
-    pub const INK: &str = "#22303a";
-    pub const MUTED: &str = "#66747e";
-    pub const GRID: &str = "#e3e8eb";
-    pub const FRAME: &str = "#aab5bc";
-    pub const BLUE: &str = "#0072b2";
-    pub const ORANGE: &str = "#d55e00";
-    pub const GREEN: &str = "#009e73";
-    pub const BAND: &str = "#009e73";
-    pub const SHADE: &str = "#eef4f8";
-    pub const WARNING: &str = "#f8e6db";
+    pub(crate) const INK: &str = "#22303a";
+    pub(crate) const MUTED: &str = "#66747e";
+    pub(crate) const GRID: &str = "#e3e8eb";
+    pub(crate) const FRAME: &str = "#aab5bc";
+    pub(crate) const BLUE: &str = "#0072b2";
+    pub(crate) const ORANGE: &str = "#d55e00";
+    pub(crate) const GREEN: &str = "#009e73";
+    pub(crate) const BAND: &str = "#009e73";
+    pub(crate) const SHADE: &str = "#eef4f8";
+    pub(crate) const WARNING: &str = "#f8e6db";
 }
 
 /// `text` with the characters escaped that mean something in XML.

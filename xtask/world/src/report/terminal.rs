@@ -3,7 +3,10 @@
 use core::fmt::Write;
 use std::time::Duration;
 
-use super::Summary;
+use super::{
+    Summary,
+    summary::{AutonomousRun, BusFigures},
+};
 
 fn figure(value: Option<f64>, digits: usize, unit: &str) -> String {
     value.map_or_else(
@@ -37,6 +40,12 @@ fn write_all(t: &mut String, s: &Summary, wall: Option<Duration>) -> core::fmt::
         )?;
     }
 
+    write_guidance(t, s)?;
+    write_bus(t, &s.bus)?;
+    write_tasks(t, s)
+}
+
+fn write_guidance(t: &mut String, s: &Summary) -> core::fmt::Result {
     writeln!(t, "\nGuidance")?;
     writeln!(
         t,
@@ -47,34 +56,7 @@ fn write_all(t: &mut String, s: &Summary, wall: Option<Duration>) -> core::fmt::
         writeln!(t, "  no autonomous run")?;
     }
     for run in &s.autonomous_runs {
-        writeln!(
-            t,
-            "  autonomous {:.2} s to {:.2} s, from {:.1} cm off the line:",
-            run.from_seconds, run.until_seconds, run.initial_cross_track_error_cm
-        )?;
-        let rows = [
-            ("settled to 5 cm in", figure(run.settling_seconds, 2, "s")),
-            (
-                "mean cross-track error",
-                figure(run.mean_cross_track_error_cm, 2, "cm"),
-            ),
-            (
-                "standard deviation",
-                figure(run.standard_deviation_cm, 2, "cm"),
-            ),
-            (
-                "largest once settled",
-                figure(run.largest_cross_track_error_cm, 2, "cm"),
-            ),
-            ("overshoot", figure(Some(run.overshoot_cm), 2, "cm")),
-            (
-                "steering reversals",
-                figure(run.steering_reversals_per_second, 2, "per s"),
-            ),
-        ];
-        for (name, value) in rows {
-            writeln!(t, "    {name:<24}{value:>12}")?;
-        }
+        write_run(t, run)?;
     }
     for mode in &s.modes {
         writeln!(t, "  {:>10.3} s  {}", mode.at_seconds, mode.mode)?;
@@ -87,8 +69,42 @@ fn write_all(t: &mut String, s: &Summary, wall: Option<Duration>) -> core::fmt::
             });
         writeln!(t, "  {:>10.3} s  {}: {after}", stop.at_seconds, stop.event)?;
     }
+    Ok(())
+}
 
-    let bus = &s.bus;
+fn write_run(t: &mut String, run: &AutonomousRun) -> core::fmt::Result {
+    writeln!(
+        t,
+        "  autonomous {:.2} s to {:.2} s, from {:.1} cm off the line:",
+        run.from_seconds, run.until_seconds, run.initial_cross_track_error_cm
+    )?;
+    let rows = [
+        ("settled to 5 cm in", figure(run.settling_seconds, 2, "s")),
+        (
+            "mean cross-track error",
+            figure(run.mean_cross_track_error_cm, 2, "cm"),
+        ),
+        (
+            "standard deviation",
+            figure(run.standard_deviation_cm, 2, "cm"),
+        ),
+        (
+            "largest once settled",
+            figure(run.largest_cross_track_error_cm, 2, "cm"),
+        ),
+        ("overshoot", figure(Some(run.overshoot_cm), 2, "cm")),
+        (
+            "steering reversals",
+            figure(run.steering_reversals_per_second, 2, "per s"),
+        ),
+    ];
+    for (name, value) in rows {
+        writeln!(t, "    {name:<24}{value:>12}")?;
+    }
+    Ok(())
+}
+
+fn write_bus(t: &mut String, bus: &BusFigures) -> core::fmt::Result {
     writeln!(t, "\nBus")?;
     writeln!(
         t,
@@ -132,6 +148,10 @@ fn write_all(t: &mut String, s: &Summary, wall: Option<Duration>) -> core::fmt::
             takeover.at_seconds, takeover.master, takeover.windows_lost
         )?;
     }
+    write_windows(t, bus)
+}
+
+fn write_windows(t: &mut String, bus: &BusFigures) -> core::fmt::Result {
     if !bus.windows.is_empty() {
         writeln!(
             t,
@@ -171,7 +191,10 @@ fn write_all(t: &mut String, s: &Summary, wall: Option<Duration>) -> core::fmt::
     if !others.is_empty() {
         writeln!(t, "  other frames: {}", others.join(", "))?;
     }
+    Ok(())
+}
 
+fn write_tasks(t: &mut String, s: &Summary) -> core::fmt::Result {
     if !s.tasks.is_empty() {
         writeln!(t, "\nLongest observed times of tasks")?;
         writeln!(

@@ -13,14 +13,14 @@ const GAINS: [f64; 3] = [0.888_975, 2.040_970, 2.198_963];
 /// Speed that the pilot drives at.
 const SPEED: f64 = 1.0;
 
-pub struct Pilot {
+pub(crate) struct Pilot {
     pub world: World,
     stream: Vec<u8>,
     line_free: SimTime,
 }
 
 impl Pilot {
-    pub fn new(scenario: &Scenario, seed: u64) -> Self {
+    pub(crate) fn new(scenario: &Scenario, seed: u64) -> Self {
         Self {
             world: World::new(&uagv::vehicle(), scenario, seed),
             stream: Vec::new(),
@@ -29,7 +29,7 @@ impl Pilot {
     }
 
     /// Runs from `start`, standing still before, until `end`.
-    pub fn run(&mut self, start: SimDuration, end: SimDuration) {
+    pub(crate) fn run(&mut self, start: SimDuration, end: SimDuration) {
         let (mut fixed, mut position, mut velocity) = (false, (0.0, 0.0), (0.0, 0.0));
         while let Some(next) = self.world.next_event().filter(|next| *next <= at(end)) {
             self.world.advance_to(next);

@@ -197,6 +197,19 @@ fn write_matrix(out: &mut String, network: &Network) -> std::fmt::Result {
         "    sync_uncertainty: Micros::micros({}),",
         network.sync_uncertainty_us
     )?;
+    write_matrix_windows(out, network)?;
+    write_matrix_events(out, network)?;
+    writeln!(out, "}});\n")?;
+    writeln!(out, "ttcan::schedule!(")?;
+    writeln!(
+        out,
+        "    /// The schedule compiled from [`MATRIX`], the same on every node."
+    )?;
+    writeln!(out, "    pub static SCHEDULE = MATRIX")?;
+    writeln!(out, ");")
+}
+
+fn write_matrix_windows(out: &mut String, network: &Network) -> std::fmt::Result {
     writeln!(out, "    windows: &[")?;
     for named in named(network) {
         let Window {
@@ -222,7 +235,10 @@ fn write_matrix(out: &mut String, network: &Network) -> std::fmt::Result {
         }
         writeln!(out, "        {window},")?;
     }
-    writeln!(out, "    ],")?;
+    writeln!(out, "    ],")
+}
+
+fn write_matrix_events(out: &mut String, network: &Network) -> std::fmt::Result {
     writeln!(out, "    events: &[")?;
     for message in &network.messages {
         if message.window.kind == WindowKind::Arbitrating {
@@ -236,12 +252,5 @@ fn write_matrix(out: &mut String, network: &Network) -> std::fmt::Result {
             )?;
         }
     }
-    writeln!(out, "    ],\n}});\n")?;
-    writeln!(out, "ttcan::schedule!(")?;
-    writeln!(
-        out,
-        "    /// The schedule compiled from [`MATRIX`], the same on every node."
-    )?;
-    writeln!(out, "    pub static SCHEDULE = MATRIX")?;
-    writeln!(out, ");")
+    writeln!(out, "    ],")
 }

@@ -1,7 +1,7 @@
 //! Names and comments in the spelling of Rust.
 
 /// `SteeringRate` and `steering_rate` as `steering_rate`.
-pub fn snake(name: &str) -> String {
+pub(super) fn snake(name: &str) -> String {
     let mut snake = String::new();
     for (index, letter) in name.chars().enumerate() {
         if letter.is_uppercase() && index > 0 && !snake.ends_with('_') {
@@ -13,12 +13,12 @@ pub fn snake(name: &str) -> String {
 }
 
 /// `SteeringRate` as `STEERING_RATE`.
-pub fn screaming(name: &str) -> String {
+pub(super) fn screaming(name: &str) -> String {
     snake(name).to_uppercase()
 }
 
 /// `gps` as `Gps`.
-pub fn pascal(name: &str) -> String {
+pub(super) fn pascal(name: &str) -> String {
     let mut letters = name.chars();
     match letters.next() {
         Some(first) => first.to_uppercase().chain(letters).collect(),
@@ -27,7 +27,7 @@ pub fn pascal(name: &str) -> String {
 }
 
 /// A comment of the file as text of a doc comment.
-pub fn doc(comment: &str) -> String {
+pub(super) fn doc(comment: &str) -> String {
     comment
         .replace('[', "\\[")
         .replace('<', "\\<")

@@ -4,7 +4,7 @@ use crate::{network::Network, signal::Signal};
 
 /// An integer type of Rust.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Integer {
+pub(super) struct Integer {
     pub signed: bool,
     /// 8, 16, 32 or 64.
     pub bits: u8,
@@ -12,7 +12,7 @@ pub struct Integer {
 
 impl Integer {
     /// The smallest type that holds all counts from `least` to `greatest`.
-    pub fn holding(least: i128, greatest: i128) -> Integer {
+    pub(super) fn holding(least: i128, greatest: i128) -> Integer {
         let signed = least < 0;
         let bits = [8, 16, 32]
             .into_iter()
@@ -25,18 +25,18 @@ impl Integer {
     }
 
     /// The unsigned type of the same width.
-    pub fn unsigned(bits: u8) -> Integer {
+    pub(super) fn unsigned(bits: u8) -> Integer {
         Integer {
             signed: false,
             bits,
         }
     }
 
-    pub fn name(self) -> String {
+    pub(super) fn name(self) -> String {
         format!("{}{}", if self.signed { 'i' } else { 'u' }, self.bits)
     }
 
-    pub fn least(self) -> i128 {
+    pub(super) fn least(self) -> i128 {
         if self.signed {
             -(1 << (self.bits - 1))
         } else {
@@ -44,14 +44,14 @@ impl Integer {
         }
     }
 
-    pub fn greatest(self) -> i128 {
+    pub(super) fn greatest(self) -> i128 {
         (1 << (self.bits - u8::from(self.signed))) - 1
     }
 }
 
 /// The Rust type of a field.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Field {
+pub(super) enum Field {
     Bool,
     /// An enumeration, by its value table.
     Values(String),
@@ -61,7 +61,7 @@ pub enum Field {
 }
 
 impl Field {
-    pub fn of(network: &Network, signal: &Signal) -> Field {
+    pub(super) fn of(network: &Network, signal: &Signal) -> Field {
         let (least, greatest) = counts(signal);
         if let Some(table) = &signal.values {
             Field::Values(table.clone())
@@ -74,7 +74,7 @@ impl Field {
         }
     }
 
-    pub fn name(&self) -> String {
+    pub(super) fn name(&self) -> String {
         match self {
             Field::Bool => "bool".into(),
             Field::Values(table) => table.clone(),
@@ -85,13 +85,13 @@ impl Field {
 }
 
 /// Least and greatest count of a checked signal.
-pub fn counts(signal: &Signal) -> (i128, i128) {
+pub(super) fn counts(signal: &Signal) -> (i128, i128) {
     signal.count_range().unwrap_or((0, 0))
 }
 
 /// A unit and the size of a count in it, and the newtype that carries both.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Quantity {
+pub(super) struct Quantity {
     pub unit: &'static str,
     pub factor: f64,
     pub name: &'static str,
@@ -172,14 +172,14 @@ const fn quantity(
 
 impl Quantity {
     /// The quantity of a signal, if it has one.
-    pub fn of(signal: &Signal) -> Option<Quantity> {
+    pub(super) fn of(signal: &Signal) -> Option<Quantity> {
         QUANTITIES
             .into_iter()
             .find(|q| q.unit == signal.unit && q.factor == signal.factor)
     }
 
     /// The quantities that a network uses.
-    pub fn used(network: &Network) -> Vec<Quantity> {
+    pub(super) fn used(network: &Network) -> Vec<Quantity> {
         QUANTITIES
             .into_iter()
             .filter(|quantity| quantity.signals(network).next().is_some())
@@ -187,7 +187,7 @@ impl Quantity {
     }
 
     /// The one integer type that holds every signal of the quantity.
-    pub fn integer(&self, network: &Network) -> Integer {
+    pub(super) fn integer(&self, network: &Network) -> Integer {
         let (least, greatest) = self
             .signals(network)
             .map(counts)
