@@ -48,7 +48,8 @@ pub const INTERMISSION_BITS: u32 = 3;
 /// Equal bits after which a bit of the other level is stuffed.
 const STUFF_RUN: u8 = 5;
 
-/// One step of the CRC-15 of ISO 11898-1 (polynomial 0x4599).
+/// One step of the CRC-15 of ISO 11898-1 (polynomial 0x4599). The library `crc` takes whole
+/// bytes; the part of a frame that this CRC covers is any number of bits.
 const fn crc15_step(crc: u16, bit: bool) -> u16 {
     let feedback = ((crc >> 14) & 1 == 1) != bit;
     let shifted = (crc << 1) & 0x7FFF;

@@ -7,10 +7,10 @@
 
 pub mod earth;
 mod parameters;
-pub mod sbp;
+mod solution;
 mod stream;
 
-use libm::{cos, exp, round, sin, sqrt};
+use libm::{cos, exp, sin, sqrt};
 
 pub(crate) use parameters::Changes;
 pub use parameters::{Base, Fix, FixChange, Parameters, StreamFault, StreamFaultKind};
@@ -21,7 +21,7 @@ use crate::time::{PER_SECOND, SimDuration, SimTime, after, from_seconds, seconds
 use crate::units::Time;
 use crate::vehicle::Motion;
 use earth::Geodetic;
-use sbp::{Accuracy, Message, Vector};
+use solution::{Solution, heartbeat};
 use stream::Damage;
 
 /// Frames and bytes of a burst without a heartbeat.
@@ -33,17 +33,8 @@ const BAUD: u32 = 1_000_000;
 /// Bits of a byte on the serial line: start, eight data, stop.
 const BITS: u64 = 10;
 
-/// SBP sender id of the receiver, as a fresh Piksi uses a number of its serial number.
-const SENDER: u16 = 0x88D3;
-
-/// GPS week in which every run takes place: that of 6 March 2016.
-const WEEK: u16 = 1887;
-
 /// Time of week near which every run starts, milliseconds: Monday, noon.
 const TOW: u64 = 129_600_000;
-
-/// Seconds by which GPS time was ahead of UTC in 2016.
-const LEAP_SECONDS: u64 = 17;
 
 /// Time constant of the slowly wandering error of a float or single solution, seconds.
 const WANDER: f64 = 60.0;
@@ -162,11 +153,7 @@ impl Receiver {
     /// it leads to, in order.
     pub fn measure(&mut self, antenna: &Motion, fix: Fix) -> Vec<TimedByte> {
         let epoch = self.epoch;
-        let frames: Vec<Vec<u8>> = self
-            .solution(antenna, fix)
-            .iter()
-            .map(|message| message.frame(SENDER))
-            .collect();
+        let frames = self.frames(antenna, fix);
         let jitter = self.timing.uniform() * self.parameters.latency_jitter.get();
         let latency = from_seconds(self.parameters.latency.get() + jitter);
         let begin = after(epoch, latency).max(self.line_free);
@@ -220,121 +207,37 @@ impl Receiver {
         (TOW + self.periods() * self.period.as_ticks() / (PER_SECOND / 1000)) as u32
     }
 
-    fn solution(&mut self, antenna: &Motion, fix: Fix) -> Vec<Message> {
-        let tow = self.tow();
+    fn solution(&mut self, antenna: &Motion, fix: Fix) -> Solution {
         let noise = self.errors_now(fix);
         let true_position = [antenna.north, antenna.east, -(antenna.height + GROUND)];
-        let position = [0, 1, 2].map(|i| true_position[i] + noise.position[i]);
         let (s, c) = (
             sin(self.parameters.heading_bias.get()),
             cos(self.parameters.heading_bias.get()),
         );
-        let velocity = [
-            c * antenna.north_speed - s * antenna.east_speed + noise.velocity[0],
-            s * antenna.north_speed + c * antenna.east_speed + noise.velocity[1],
-            noise.velocity[2],
-        ];
-
-        let solved = fix != Fix::None;
-        let satellites = match fix {
-            Fix::None => 0,
-            Fix::Single => 7,
-            Fix::Float => 8,
-            Fix::Fixed => 10,
-        };
-        let accuracy = Accuracy::Split(millimetres(noise.sigma), millimetres(1.5 * noise.sigma));
-        let accuracy_all = Accuracy::Overall(millimetres(1.8 * noise.sigma));
-        let v_accuracy = millimetres(self.parameters.velocity_noise.get());
-        let zero_unless = |yes: bool, components: [f64; 3]| {
-            if yes { components } else { [0.0; 3] }
-        };
-        let whole = |v: [f64; 3]| v.map(|metres| round(metres * 1000.0) as i32);
-
-        let place = self.base.offset(zero_unless(solved, position));
-        let baseline = zero_unless(fix.has_baseline(), position);
-        let velocity = zero_unless(solved, velocity);
-        let heading = if fix.has_baseline() {
-            let angle = libm::atan2(baseline[1], baseline[0]).to_degrees();
-            round((angle + 360.0) % 360.0 * 1000.0) as u32 % 360_000
-        } else {
-            0
-        };
-        let degrees = zero_unless(
-            solved,
-            [
-                place.latitude.to_degrees(),
-                place.longitude.to_degrees(),
-                place.height,
+        Solution {
+            tow: self.tow(),
+            fix,
+            position: [0, 1, 2].map(|i| true_position[i] + noise.position[i]),
+            position_sigma: noise.sigma,
+            velocity: [
+                c * antenna.north_speed - s * antenna.east_speed + noise.velocity[0],
+                s * antenna.north_speed + c * antenna.east_speed + noise.velocity[1],
+                noise.velocity[2],
             ],
-        );
-        let metres = |components, accuracy| Vector {
-            tow,
-            components,
-            accuracy,
-            satellites,
-            flags: fix.position_flags(),
-        };
-        let integers = |components, accuracy, flags| Vector {
-            tow,
-            components: whole(components),
-            accuracy,
-            satellites,
-            flags,
-        };
-        let baseline_flags = fix.baseline_flags();
-        let velocity_flags = u8::from(solved);
+            velocity_sigma: self.parameters.velocity_noise.get(),
+        }
+    }
 
-        let mut messages = vec![
-            Message::GpsTime {
-                week: WEEK,
-                tow,
-                residual: 0,
-                flags: u8::from(solved),
-            },
-            utc(tow, solved),
-            Message::PositionLlh(metres(degrees, accuracy)),
-            Message::PositionEcef(metres(zero_unless(solved, place.ecef()), accuracy_all)),
-            Message::VelocityNed(integers(
-                velocity,
-                Accuracy::Split(v_accuracy, v_accuracy),
-                velocity_flags,
-            )),
-            Message::VelocityEcef(integers(
-                self.base.rotate(velocity),
-                Accuracy::Overall(v_accuracy),
-                velocity_flags,
-            )),
-            Message::Dops {
-                tow,
-                values: if solved {
-                    [180, 160, 90, 80, 130]
-                } else {
-                    [u16::MAX; 5]
-                },
-                flags: fix.position_flags(),
-            },
-            Message::BaselineNed(integers(baseline, accuracy, baseline_flags)),
-            Message::BaselineEcef(integers(
-                self.base.rotate(baseline),
-                accuracy_all,
-                baseline_flags,
-            )),
-            Message::BaselineHeading {
-                tow,
-                heading,
-                satellites,
-                flags: baseline_flags,
-            },
-            Message::AgeOfCorrections {
-                tow,
-                age: if fix.has_baseline() { 10 } else { u16::MAX },
-            },
-        ];
+    /// The frames of the current solution; one of them each second is a heartbeat.
+    fn frames(&mut self, antenna: &Motion, fix: Fix) -> Vec<Vec<u8>> {
+        let mut messages = self.solution(antenna, fix).messages(self.base);
         let per_second = (PER_SECOND / self.period.as_ticks()).max(1);
         if self.count.is_multiple_of(per_second) {
-            messages.push(Message::Heartbeat(0));
+            messages.push(heartbeat());
         }
-        messages
+        // Only a message of more than 255 bytes cannot be written.
+        let frames = messages.iter().map(sbp::to_vec);
+        frames.map(Result::unwrap_or_default).collect()
     }
 
     /// Draws the errors of one solution. The same numbers are drawn in every fix state, so that
@@ -372,28 +275,6 @@ struct Errors {
     position: [f64; 3],
     velocity: [f64; 3],
     sigma: f64,
-}
-
-fn millimetres(metres: f64) -> u16 {
-    round(metres * 1000.0).clamp(0.0, 65_535.0) as u16
-}
-
-fn utc(tow: u32, solved: bool) -> Message {
-    let second = u64::from(tow) / 1000 - LEAP_SECONDS;
-    Message::UtcTime {
-        flags: u8::from(solved),
-        tow,
-        year: 2016,
-        fields: [
-            3,
-            // The week begins on Sunday, 6 March.
-            6 + (second / 86_400) as u8,
-            (second / 3600 % 24) as u8,
-            (second / 60 % 60) as u8,
-            (second % 60) as u8,
-        ],
-        nanoseconds: tow % 1000 * 1_000_000,
-    }
 }
 
 /// The pause between two frames with which a burst without a heartbeat lasts so long; none when

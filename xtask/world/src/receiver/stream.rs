@@ -1,9 +1,16 @@
 //! Damage to the receiver's byte stream.
 
+use crc::{CRC_16_XMODEM, Crc};
+
 use super::parameters::{StreamFault, StreamFaultKind};
-use super::sbp;
 use crate::random::{Purpose, Stream};
 use crate::time::{SimTime, seconds};
+
+/// Bytes of a frame besides its payload: preamble, type, sender, length, checksum.
+const OVERHEAD: usize = sbp::HEADER_LEN + sbp::CRC_LEN;
+
+/// The checksum of the Swift Binary Protocol, over type to payload.
+const CHECKSUM: Crc<u16> = Crc::<u16>::new(&CRC_16_XMODEM);
 
 /// Applies the faults that a scenario asks for.
 #[derive(Clone, Debug)]
@@ -51,11 +58,11 @@ impl Damage {
                 }
                 StreamFaultKind::Length => {
                     for frame in &mut frames {
-                        if self.random.uniform() < rate && frame.len() > sbp::OVERHEAD {
+                        if self.random.uniform() < rate && frame.len() > OVERHEAD {
                             let length = self.random.byte();
                             let end = frame.len() - 2;
                             frame[5] = length;
-                            let crc = sbp::crc(&frame[1..end]).to_le_bytes();
+                            let crc = CHECKSUM.checksum(&frame[1..end]).to_le_bytes();
                             frame[end..].copy_from_slice(&crc);
                         }
                     }
