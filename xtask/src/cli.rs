@@ -6,7 +6,10 @@ use clap::{Args, CommandFactory, Parser, Subcommand, error::ErrorKind};
 
 use world::{SimDuration, time::from_seconds};
 
-use crate::{Failure, vehicle::DEFAULT};
+use crate::{
+    Failure,
+    vehicle::{DEFAULT, SMALLEST},
+};
 
 /// Builds, flashes, simulates and tests the nodes of the vehicle.
 #[derive(Debug, Parser)]
@@ -37,6 +40,8 @@ pub enum Command {
     Flash(Flash),
     /// Let the release images drive the virtual vehicle and report.
     Sim(Sim),
+    /// Write the folder of a new vehicle.
+    New(New),
     /// Fit the steering's calibration to a recorded drive.
     Calibrate(Calibrate),
     /// Measure what protocol stack and control step cost: cycles, code, RAM.
@@ -85,6 +90,34 @@ pub struct Flash {
     /// Print the commands instead of running them
     #[arg(long)]
     pub dry_run: bool,
+}
+
+/// Options of `new`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask new vehicle sprayer                two boards on a bench, without a machine\n  \
+    cargo xtask new vehicle sprayer --like uagv    four nodes, a steered and driven machine\n\n\
+    The folder firmware/vehicles/NAME builds and runs at once; firmware/PORTING.md leads on.")]
+pub struct New {
+    /// What to make
+    #[arg(value_name = "KIND", value_enum)]
+    pub kind: Kind,
+    /// Its name, also of its folder and of its package
+    #[arg(value_name = "NAME")]
+    pub name: String,
+    /// Vehicle to copy, a folder below firmware/vehicles
+    #[arg(long, value_name = "VEHICLE", default_value = SMALLEST)]
+    pub like: String,
+    /// Print folder and nodes as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `new` makes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Kind {
+    /// A vehicle's folder.
+    Vehicle,
 }
 
 /// Options of `sim`.
@@ -397,6 +430,9 @@ mod tests {
             "xtask sim --quick",
             "xtask schedulability --explain a.b --json",
             "xtask priorities gps",
+            "xtask new",
+            "xtask new node rudder",
+            "xtask new vehicle",
             "xtask sim --faults 0",
             "xtask sim --faults many",
             "xtask sim --faults 8 gps-lost",

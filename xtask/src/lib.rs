@@ -12,6 +12,7 @@ pub mod calibrate;
 pub mod cli;
 pub mod experiment;
 pub mod flash;
+pub mod new;
 pub mod schedulability;
 pub mod schedule;
 pub mod sim;
@@ -54,6 +55,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
         cli::Command::Calibrate(options) => calibrate::run(&options),
         cli::Command::Bench(options) => bench::run(&workspace, &options),
         cli::Command::Flash(options) => flash::run(&workspace, &options),
+        cli::Command::New(options) => new::run(&workspace, &options),
         cli::Command::Schedule(options) => schedule::run(&options),
         cli::Command::Schedulability(options) => schedulability::run(&workspace, &options),
         cli::Command::Priorities(options) => schedulability::run_priorities(&workspace, &options),

@@ -1,6 +1,6 @@
 //! The vehicles of the workspace and their nodes, by the names on the command line.
 
-use std::fs;
+use std::{fs, path::Path};
 
 use parts::Sled;
 use vehicle_model::{NodeIndex, Vehicle, VehicleError};
@@ -9,6 +9,9 @@ use crate::{Failure, Workspace};
 
 /// The vehicle that a command means when none is named.
 pub const DEFAULT: &str = "uagv";
+
+/// The vehicle with the fewest nodes: what a new one is copied from when nothing else is named.
+pub const SMALLEST: &str = "two-boards";
 
 /// Reads the vehicle of that name.
 ///
@@ -26,6 +29,15 @@ pub fn find(workspace: &Workspace, name: &str) -> Result<Vehicle, Failure> {
 /// Their folder cannot be read.
 pub fn names(workspace: &Workspace) -> Result<Vec<String>, Failure> {
     Vehicle::names(&workspace.vehicles()).map_err(wrong)
+}
+
+/// Reads the vehicle of a folder.
+///
+/// # Errors
+///
+/// The folder is wrong ([`Failure::Usage`]).
+pub fn read(folder: &Path) -> Result<Vehicle, Failure> {
+    Vehicle::read(folder).map_err(wrong)
 }
 
 fn wrong(error: VehicleError) -> Failure {
@@ -143,6 +155,20 @@ mod tests {
         find(&Workspace::find().unwrap(), DEFAULT).unwrap()
     }
 
+    /// A workspace with copies of the vehicle under these names.
+    fn workspace(names: &[&str]) -> (tempfile::TempDir, Workspace) {
+        let folder = tempfile::tempdir().unwrap();
+        for name in names {
+            let to = folder.path().join("firmware/vehicles").join(name);
+            fs::create_dir_all(&to).unwrap();
+            for file in ["vehicle.toml", "network.dbc"] {
+                fs::copy(uagv().folder().join(file), to.join(file)).unwrap();
+            }
+        }
+        let workspace = Workspace::at(folder.path());
+        (folder, workspace)
+    }
+
     #[test]
     fn nodes_are_named_in_any_order() {
         let vehicle = uagv();
@@ -165,7 +191,7 @@ mod tests {
 
     #[test]
     fn a_node_is_found_in_the_vehicle_that_has_it() {
-        let workspace = Workspace::find().unwrap();
+        let (_folder, workspace) = workspace(&["uagv"]);
         let (vehicle, node) = with_node(&workspace, "steering", None).unwrap();
         assert_eq!((vehicle.name(), node), ("uagv", NodeIndex(2)));
         let failure = with_node(&workspace, "rudder", None).unwrap_err();
@@ -182,15 +208,7 @@ mod tests {
 
     #[test]
     fn a_node_that_two_vehicles_have_is_asked_back() {
-        let folder = tempfile::tempdir().unwrap();
-        for name in ["one", "two"] {
-            let to = folder.path().join("firmware/vehicles").join(name);
-            fs::create_dir_all(&to).unwrap();
-            for file in ["vehicle.toml", "network.dbc"] {
-                fs::copy(uagv().folder().join(file), to.join(file)).unwrap();
-            }
-        }
-        let workspace = Workspace::at(folder.path());
+        let (_folder, workspace) = workspace(&["one", "two"]);
         let failure = with_node(&workspace, "gps", None).unwrap_err();
         assert_eq!(failure.exit_code(), 2);
         assert_eq!(

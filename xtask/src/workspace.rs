@@ -35,8 +35,7 @@ impl Workspace {
     }
 
     /// The workspace with this root folder.
-    #[cfg(test)]
-    pub(crate) fn at(root: &Path) -> Self {
+    pub fn at(root: &Path) -> Self {
         Self { root: root.into() }
     }
 
