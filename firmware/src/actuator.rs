@@ -7,6 +7,7 @@
 use core::marker::PhantomData;
 
 use control::calibration::Actuator;
+use control::feedback::Limits;
 use network::Message;
 use ttcan::Micros;
 
@@ -151,12 +152,25 @@ pub fn steering_effort<M: Machine>(
     if !command.steering_enabled() || command.emergency_stop() {
         return 0.0;
     }
-    let largest = M::LIMITS.steering_rate;
-    let rate = command.steering_rate().clamp(-largest, largest);
-    let limit = M::LIMITS.steering_angle;
+    limited_effort(&M::LIMITS, &M::STEERING, command.steering_rate(), angle)
+}
+
+/// Effort for a steering rate, rad/s, at a steering angle, rad, within the limits and away from
+/// the end stops; see [`steering_effort`].
+#[inline]
+pub fn limited_effort(
+    limits: &Limits<f32>,
+    actuator: &Actuator<f32>,
+    rate: f32,
+    angle: f32,
+) -> f32 {
+    let largest = limits.steering_rate;
+    // Not `clamp`, which panics when its limits are no numbers.
+    let rate = rate.max(-largest).min(largest);
+    let limit = limits.steering_angle;
     let right = ((limit - angle) / design::END_STOP_HORIZON).max(0.0);
     let left = ((limit + angle) / design::END_STOP_HORIZON).max(0.0);
-    effort(&M::STEERING, rate.min(right).max(-left))
+    effort(actuator, rate.min(right).max(-left))
 }
 
 /// The drive motor's speed with its slew.

@@ -197,19 +197,22 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
 /// Options of `calibrate`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    cargo xtask calibrate bus.log                                 figures and vehicle file on the terminal\n  \
-    cargo xtask calibrate bus.log --out calibration.toml     its lines for vehicle.toml\n  \
-    cargo xtask sim calibration --out drive                       such a drive of the virtual vehicle\n\n\
+    cargo xtask calibrate bus.log              figures, and what they would change in vehicle.toml\n  \
+    cargo xtask calibrate bus.log --write      the same, and change it\n  \
+    cargo xtask sim calibration --out drive    such a drive of the virtual vehicle\n\n\
     The drive: in manual mode with an RTK-fixed solution, circles to both sides with the\n\
     steering held, and the steering moved to both sides at several rates. The images must\n\
-    be those of this tree: their calibration tells what effort a command became.")]
+    be those of this tree, before --write: their calibration tells what effort a command became.")]
 pub struct Calibrate {
     /// The log of a drive, as `candump -l` writes it
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
-    /// Write the vehicle file there
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
+    /// Vehicle, a folder below firmware/vehicles
+    #[arg(long, value_name = "NAME", default_value = DEFAULT)]
+    pub vehicle: String,
+    /// Write the figures into the vehicle's manifest
+    #[arg(long)]
+    pub write: bool,
     /// Print the figures as JSON
     #[arg(long)]
     pub json: bool,
@@ -218,9 +221,13 @@ pub struct Calibrate {
 /// Options of `bench`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    cargo xtask bench           tables of cycles and bytes\n  \
-    cargo xtask bench --json    the same for programs")]
+    cargo xtask bench                     tables of cycles and bytes\n  \
+    cargo xtask bench --vehicle sprayer    the control step with another vehicle's settings\n  \
+    cargo xtask bench --json              the same for programs")]
 pub struct Bench {
+    /// Vehicle whose control law is measured, a folder below firmware/vehicles
+    #[arg(long, value_name = "NAME", default_value = DEFAULT)]
+    pub vehicle: String,
     /// Print the figures as JSON
     #[arg(long)]
     pub json: bool,
@@ -229,18 +236,22 @@ pub struct Bench {
 /// Options of `schedule`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    cargo xtask schedule firmware/vehicles/uagv/network.dbc          the matrix that the file has, checked\n  \
-    cargo xtask schedule my.dbc --method least-jitter       another one, on the terminal\n  \
-    cargo xtask schedule my.dbc --method power-of-two --write\n\n\
+    cargo xtask schedule                                 the matrix that the file has, checked\n  \
+    cargo xtask schedule --method least-jitter           another one, on the terminal\n  \
+    cargo xtask schedule --vehicle two-boards --method power-of-two --write\n  \
+    cargo xtask schedule my.dbc                          of a file by itself\n\n\
     Methods:\n  \
     power-of-two   every period becomes the shortest one times a power of two; no jitter\n             \
     (thesis, 4.3.6.3)\n  \
     least-jitter   periods stay; as little jitter as a search finds\n\n\
     Without a method the file's windows stay as they are, and --write changes nothing.")]
 pub struct Schedule {
-    /// Network file (DBC)
-    #[arg(value_name = "FILE")]
-    pub file: PathBuf,
+    /// Network file (DBC) [default: the vehicle's]
+    #[arg(value_name = "FILE", conflicts_with = "vehicle")]
+    pub file: Option<PathBuf>,
+    /// Vehicle, a folder below firmware/vehicles
+    #[arg(long, value_name = "NAME", default_value = DEFAULT)]
+    pub vehicle: String,
     /// Find windows for all messages from their lengths, periods and deadlines
     #[arg(long, value_enum)]
     pub method: Option<Method>,
@@ -431,6 +442,7 @@ mod tests {
             "xtask schedulability --explain a.b --json",
             "xtask priorities gps",
             "xtask new",
+            "xtask schedule my.dbc --vehicle uagv",
             "xtask new node rudder",
             "xtask new vehicle",
             "xtask sim --faults 0",

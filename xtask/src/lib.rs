@@ -22,6 +22,7 @@ pub mod test;
 pub mod vehicle;
 
 mod failure;
+mod file;
 mod workspace;
 
 pub use failure::Failure;
@@ -52,11 +53,11 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
     let workspace = Workspace::find()?;
     match command {
         cli::Command::Build(options) => build::run(&workspace, &options),
-        cli::Command::Calibrate(options) => calibrate::run(&options),
+        cli::Command::Calibrate(options) => calibrate::run(&workspace, &options),
         cli::Command::Bench(options) => bench::run(&workspace, &options),
         cli::Command::Flash(options) => flash::run(&workspace, &options),
         cli::Command::New(options) => new::run(&workspace, &options),
-        cli::Command::Schedule(options) => schedule::run(&options),
+        cli::Command::Schedule(options) => schedule::run(&workspace, &options),
         cli::Command::Schedulability(options) => schedulability::run(&workspace, &options),
         cli::Command::Priorities(options) => schedulability::run_priorities(&workspace, &options),
         cli::Command::Sim(options) => sim::run(&workspace, &options),

@@ -13,6 +13,8 @@ use crate::Failure;
 #[derive(Debug, Clone)]
 pub struct Workspace {
     root: PathBuf,
+    /// Cargo's target folder, where it is not the usual one.
+    target: Option<PathBuf>,
 }
 
 impl Workspace {
@@ -28,7 +30,7 @@ impl Workspace {
         package
             .parent()
             .filter(|root| root.join("Cargo.toml").is_file())
-            .map(|root| Self { root: root.into() })
+            .map(Self::at)
             .ok_or_else(|| {
                 Failure::Failed("the workspace is not found: run this as `cargo xtask`".into())
             })
@@ -36,7 +38,19 @@ impl Workspace {
 
     /// The workspace with this root folder.
     pub fn at(root: &Path) -> Self {
-        Self { root: root.into() }
+        Self {
+            root: root.into(),
+            target: None,
+        }
+    }
+
+    /// The same workspace, built in another target folder.
+    #[must_use]
+    pub fn with_target_folder(self, target: &Path) -> Self {
+        Self {
+            target: Some(target.into()),
+            ..self
+        }
     }
 
     /// The folder of its vehicles.
@@ -53,6 +67,9 @@ impl Workspace {
     pub fn cargo(&self) -> Command {
         let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         command.current_dir(&self.root);
+        if let Some(target) = &self.target {
+            command.env("CARGO_TARGET_DIR", target);
+        }
         command
     }
 

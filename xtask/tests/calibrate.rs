@@ -3,7 +3,8 @@
 
 use std::{ffi::OsString, fs, path::Path};
 
-use xtask::calibrate::calibrate;
+use vehicle_model::Vehicle;
+use xtask::{Workspace, calibrate::Calibration, vehicle};
 
 /// Messages 200, 206 and 300 of the scenario `calibration` with the release images of the
 /// default vehicle file, on a vehicle with other numbers:
@@ -17,6 +18,14 @@ use xtask::calibrate::calibrate;
 /// actuator_gain = "88 %"   # of 25 deg/s
 /// ```
 const DRIVE: &str = include_str!("data/calibration.candump.log");
+
+fn uagv() -> Vehicle {
+    vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap()
+}
+
+fn calibrate(log: &str) -> Result<Calibration, String> {
+    xtask::calibrate::calibrate(&uagv(), log)
+}
 
 fn lines(keep: impl Fn(f64, &str) -> bool) -> String {
     let time = |line: &str| line[1..18].parse::<f64>().unwrap();
@@ -74,15 +83,17 @@ fn what_a_drive_lacks_is_said() {
     }
 }
 
-fn run(log: &Path, out: &Path) -> String {
+/// Runs the command on a log of a workspace; the sentence when it is refused.
+fn run(workspace: &Workspace, log: &Path, more: &[&str]) -> String {
     let words = ["xtask", "calibrate"].map(OsString::from).into_iter();
-    let words = words.chain([log.into(), "--out".into(), out.into()]);
+    let words = words.chain([log.into()]);
+    let words = words.chain(more.iter().map(OsString::from));
     let Ok(xtask::cli::Request::Run(xtask::cli::Command::Calibrate(options))) =
         xtask::cli::parse(words)
     else {
         panic!("not read");
     };
-    match xtask::calibrate::run(&options) {
+    match xtask::calibrate::run(workspace, &options) {
         Ok(()) => String::new(),
         Err(failure) => {
             assert_eq!(failure.exit_code(), 2);
@@ -91,23 +102,77 @@ fn run(log: &Path, out: &Path) -> String {
     }
 }
 
-#[test]
-fn the_vehicle_file_is_written_whole_or_not_at_all() {
+/// A workspace with a copy of the vehicles' manifests and networks.
+fn copy() -> (tempfile::TempDir, Workspace) {
     let folder = tempfile::tempdir().unwrap();
-    let (log, out) = (folder.path().join("bus.log"), folder.path().join("v.toml"));
-    let error = run(&log, &out);
+    let workspace = Workspace::at(folder.path());
+    for name in ["uagv", "two-boards"] {
+        let own = vehicle::find(&Workspace::find().unwrap(), name).unwrap();
+        let to = workspace.vehicles().join(name);
+        fs::create_dir_all(&to).unwrap();
+        for file in [own.manifest_file(), own.network_file()] {
+            fs::copy(&file, to.join(file.file_name().unwrap())).unwrap();
+        }
+    }
+    (folder, workspace)
+}
+
+#[test]
+fn the_manifest_is_changed_in_place_and_only_when_asked() {
+    let (folder, workspace) = copy();
+    let log = folder.path().join("bus.log");
+    fs::write(&log, DRIVE).unwrap();
+    let path = workspace.vehicles().join("uagv/vehicle.toml");
+    let before = fs::read_to_string(&path).unwrap();
+    assert_eq!(run(&workspace, &log, &[]), "");
+    assert_eq!(fs::read_to_string(&path).unwrap(), before);
+
+    assert_eq!(run(&workspace, &log, &["--write"]), "");
+    let after = fs::read_to_string(&path).unwrap();
+    let changed: Vec<_> = before
+        .lines()
+        .zip(after.lines())
+        .filter(|(before, after)| before != after)
+        .collect();
+    assert_eq!(before.lines().count(), after.lines().count());
+    let names = [
+        "centre",
+        "slope",
+        "dead_band",
+        "full_rate",
+        "dead_band",
+        "full_rate",
+    ];
+    assert_eq!(changed.len(), names.len(), "{changed:?}");
+    for ((_, after), name) in changed.iter().zip(names) {
+        assert!(after.starts_with(&format!("{name} = \"")), "{after}");
+    }
+
+    let vehicle = vehicle::find(&workspace, "uagv").unwrap();
+    let machine = vehicle.manifest().machine.as_ref().unwrap();
+    assert!((machine.potentiometer.centre.get() - 2080.0).abs() < 6.0);
+    assert!((machine.steering.right.dead_band.get() - 0.07).abs() < 0.01);
+    assert!((machine.steering.left.full_rate.get().to_degrees() - 22.0).abs() < 0.4);
+    let folder = fs::read_dir(path.parent().unwrap()).unwrap();
+    assert_eq!(folder.count(), 2);
+}
+
+#[test]
+fn a_manifest_stays_when_there_is_nothing_to_write() {
+    let (folder, workspace) = copy();
+    let log = folder.path().join("bus.log");
+    let path = workspace.vehicles().join("uagv/vehicle.toml");
+    let before = fs::read_to_string(&path).unwrap();
+    let error = run(&workspace, &log, &["--write"]);
     assert!(error.contains("bus.log: it cannot be read"), "{error}");
     fs::write(&log, lines(|time, _| time < 40.0)).unwrap();
-    fs::write(&out, "what was there").unwrap();
-    assert!(!run(&log, &out).is_empty());
-    assert_eq!(fs::read_to_string(&out).unwrap(), "what was there");
+    let error = run(&workspace, &log, &["--write"]);
+    assert!(error.contains("0 circles to the right"), "{error}");
     fs::write(&log, DRIVE).unwrap();
-    assert_eq!(run(&log, &out), "");
-    let written = fs::read_to_string(&out).unwrap();
-    for part in ["[potentiometer]", "[steering.right]", "[steering.left]"] {
-        assert!(written.contains(part), "{written}");
-    }
-    let error = run(&log, &folder.path().join("none/v.toml"));
-    assert!(error.contains("it cannot be written"), "{error}");
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    let error = run(&workspace, &log, &["--vehicle", "two-boards", "--write"]);
+    assert!(
+        error.contains("\"two-boards\" has nothing to calibrate"),
+        "{error}"
+    );
+    assert_eq!(fs::read_to_string(&path).unwrap(), before);
 }

@@ -5,8 +5,10 @@ use std::fmt::Display;
 
 use network_model::Network;
 
-use crate::manifest::{Command, Device, Machine, Manifest, Node, Receiver};
-use crate::units::{Kind, Quantity};
+use crate::manifest::{
+    Calibration, Command, Device, Machine, Manifest, Node, Receiver, SignalPath,
+};
+use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
 /// Boards that an image can be built for.
 pub const BOARDS: [&str; 2] = ["f446", "f303"];
@@ -30,6 +32,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     }
     if let Some(command) = &manifest.command {
         self::command(command, manifest, network)?;
+    }
+    if let Some(calibration) = &manifest.calibration {
+        self::calibration(calibration, manifest, network)?;
     }
     if let Some(receiver) = &manifest.receiver {
         self::receiver(receiver)?;
@@ -161,6 +166,55 @@ fn command(command: &Command, manifest: &Manifest, network: &Network) -> Result<
         }
     }
     Ok(())
+}
+
+fn calibration(
+    calibration: &Calibration,
+    manifest: &Manifest,
+    network: &Network,
+) -> Result<(), String> {
+    if manifest.machine.is_none() {
+        return Err("calibration: the manifest has no [machine]".into());
+    }
+    let commands = manifest.command.as_ref().filter(|command| {
+        let enables = command.enable.contains_key(&Device::SteeringMotor);
+        enables && command.message == calibration.steering_rate.message
+    });
+    if commands.is_none() {
+        return Err(format!(
+            "calibration.steering_rate: message {:?} is not the [command] that enables a \
+             steering-motor",
+            calibration.steering_rate.message
+        ));
+    }
+    if calibration.north.message != calibration.east.message {
+        return Err("calibration.east is not in the message of calibration.north".into());
+    }
+    signal::<CountKind>("potentiometer", &calibration.potentiometer, network)?;
+    signal::<RateKind>("steering_rate", &calibration.steering_rate, network)?;
+    signal::<LengthKind>("north", &calibration.north, network)?;
+    signal::<LengthKind>("east", &calibration.east, network)
+}
+
+/// Checks that a signal exists and has a unit of `K`.
+fn signal<K: Kind>(field: &str, path: &SignalPath, network: &Network) -> Result<(), String> {
+    let SignalPath { message, signal } = path;
+    let mut messages = network.messages.iter();
+    let found = messages
+        .find(|other| other.name == *message)
+        .ok_or_else(|| format!("calibration.{field}: there is no message {message:?}"))?;
+    let mut signals = found.signals.iter();
+    let found = signals.find(|other| other.name == *signal).ok_or_else(|| {
+        format!("calibration.{field}: message {message:?} has no signal {signal:?}")
+    })?;
+    match factor::<K>(&found.unit) {
+        Some(_) => Ok(()),
+        None => Err(format!(
+            "calibration.{field}: the unit of signal {signal:?} is {:?}: {} is accepted",
+            found.unit,
+            units_of::<K>()
+        )),
+    }
 }
 
 fn receiver(receiver: &Receiver) -> Result<(), String> {

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use control::calibration::{self, Actuator};
 use control::controller::Settings;
 use control::design::SteeringWeights;
 use control::feedback::Limits;
@@ -177,7 +178,7 @@ fn single<K: Kind>(quantity: Quantity<K>) -> f32 {
 }
 
 fn machine(out: &mut String, machine: &Machine, waypoints: &[Waypoint]) {
-    let limits = &machine.limits;
+    let limits = limits(machine);
     constant(
         out,
         "Rear axle to antenna and antenna to front axle, m.",
@@ -204,16 +205,14 @@ fn machine(out: &mut String, machine: &Machine, waypoints: &[Waypoint]) {
         "LIMITS: ::control::feedback::Limits<f32>",
         &format!(
             "::control::feedback::Limits {{ steering_angle: {:?}, steering_rate: {:?}, speed: {:?} }}",
-            single(limits.steering_angle),
-            single(limits.steering_rate),
-            single(limits.speed)
+            limits.steering_angle, limits.steering_rate, limits.speed
         ),
     );
     constant(
         out,
         "Largest growth of the drive speed, m/s each second.",
         "ACCELERATION: f32",
-        &format!("{:?}", single(limits.acceleration)),
+        &format!("{:?}", single(machine.limits.acceleration)),
     );
     actuators(out, machine);
     let millimetres = |length: f64| (length * 1000.0).round() as i32;
@@ -238,25 +237,26 @@ fn actuators(out: &mut String, machine: &Machine) {
         out,
         "The steering's potentiometer. An intact one cannot leave its ends.",
         "POTENTIOMETER: ::control::calibration::Potentiometer<f32>",
-        &potentiometer(&machine.potentiometer),
+        &potentiometer_source(&potentiometer(&machine.potentiometer)),
     );
-    let steering = &machine.steering;
     constant(
         out,
         "The steering actuator on its motor driver, rad/s; positive to the right.",
         "STEERING: ::control::calibration::Actuator<f32>",
-        &actuator(&direction(&steering.right), &direction(&steering.left)),
+        &actuator_source(&steering(machine)),
     );
-    let drive = format!(
-        "::control::calibration::Direction {{ dead_band: {:?}, full_rate: {:?} }}",
-        single(machine.drive.dead_band),
-        single(machine.drive.full_speed)
-    );
+    let drive = calibration::Direction {
+        dead_band: single(machine.drive.dead_band),
+        full_rate: single(machine.drive.full_speed),
+    };
     constant(
         out,
         "The drive motor on its motor driver, m/s.",
         "DRIVE: ::control::calibration::Actuator<f32>",
-        &actuator(&drive, &drive),
+        &actuator_source(&Actuator {
+            positive: drive,
+            negative: drive,
+        }),
     );
     constant(
         out,
@@ -266,26 +266,63 @@ fn actuators(out: &mut String, machine: &Machine) {
     );
 }
 
-fn direction(direction: &Direction) -> String {
+fn direction(direction: &Direction) -> calibration::Direction<f32> {
+    calibration::Direction {
+        dead_band: single(direction.dead_band),
+        full_rate: single(direction.full_rate),
+    }
+}
+
+/// The steering actuator of a machine, as its images have it.
+#[must_use]
+pub fn steering(machine: &Machine) -> Actuator<f32> {
+    Actuator {
+        positive: direction(&machine.steering.right),
+        negative: direction(&machine.steering.left),
+    }
+}
+
+/// A potentiometer, as the images of its machine have it. Beyond its ends it is not believed.
+#[must_use]
+pub fn potentiometer(pot: &Potentiometer) -> calibration::Potentiometer<f32> {
+    let range = (pot.slope.get() * MECHANICAL_RANGE.to_radians()).abs();
+    calibration::Potentiometer {
+        centre: single(pot.centre),
+        counts_per_radian: single(pot.slope),
+        lowest: (pot.centre.get() - range).round() as u16,
+        highest: (pot.centre.get() + range).round() as u16,
+    }
+}
+
+/// What the actuators of a machine may be asked for, as its images have it.
+#[must_use]
+pub fn limits(machine: &Machine) -> Limits<f32> {
+    Limits {
+        steering_angle: single(machine.limits.steering_angle),
+        steering_rate: single(machine.limits.steering_rate),
+        speed: single(machine.limits.speed),
+    }
+}
+
+fn direction_source(direction: &calibration::Direction<f32>) -> String {
     format!(
         "::control::calibration::Direction {{ dead_band: {:?}, full_rate: {:?} }}",
-        single(direction.dead_band),
-        single(direction.full_rate)
+        direction.dead_band, direction.full_rate
     )
 }
 
-fn actuator(positive: &str, negative: &str) -> String {
-    format!("::control::calibration::Actuator {{ positive: {positive}, negative: {negative} }}")
+fn actuator_source(actuator: &Actuator<f32>) -> String {
+    format!(
+        "::control::calibration::Actuator {{ positive: {}, negative: {} }}",
+        direction_source(&actuator.positive),
+        direction_source(&actuator.negative)
+    )
 }
 
-fn potentiometer(pot: &Potentiometer) -> String {
-    let range = (pot.slope.get() * MECHANICAL_RANGE.to_radians()).abs();
+fn potentiometer_source(pot: &calibration::Potentiometer<f32>) -> String {
     format!(
         "::control::calibration::Potentiometer {{ centre: {:?}, counts_per_radian: {:?}, lowest: {}, highest: {} }}",
-        single(pot.centre),
-        single(pot.slope),
-        (pot.centre.get() - range).round() as u16,
-        (pot.centre.get() + range).round() as u16
+        pot.centre, pot.counts_per_radian, pot.lowest, pot.highest
     )
 }
 

@@ -22,6 +22,8 @@ pub struct Manifest {
     pub mode: Option<ModeSignal>,
     /// What commands the motors; `None` when nothing does.
     pub command: Option<Command>,
+    /// Which signals `cargo xtask calibrate` reads; `None` when there is nothing to calibrate.
+    pub calibration: Option<Calibration>,
     /// What the operator holds. Default: a momentary remote control.
     #[serde(default)]
     pub operator: Operator,
@@ -168,6 +170,46 @@ pub struct Command {
     pub message: String,
     /// For each motor the signal of one bit that lets it turn.
     pub enable: BTreeMap<Device, String>,
+}
+
+/// The signals of a recorded drive from which the steering is calibrated.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// Reading of the steering's potentiometer, counts.
+    pub potentiometer: SignalPath,
+    /// Commanded steering rate, positive to the right; a signal of the command message.
+    pub steering_rate: SignalPath,
+    /// Northing of the antenna, sent with an RTK-fixed solution only.
+    pub north: SignalPath,
+    /// Easting of the antenna, in the same message.
+    pub east: SignalPath,
+}
+
+/// A signal and its message, written `Message.Signal`.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub struct SignalPath {
+    /// The message.
+    pub message: String,
+    /// The signal.
+    pub signal: String,
+}
+
+impl TryFrom<String> for SignalPath {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        match text.split_once('.') {
+            Some((message, signal)) if !message.is_empty() && !signal.is_empty() => Ok(Self {
+                message: message.into(),
+                signal: signal.into(),
+            }),
+            _ => Err(format!(
+                "{text:?} is no signal: write the message's name, a dot and the signal's name"
+            )),
+        }
+    }
 }
 
 /// What the operator holds.

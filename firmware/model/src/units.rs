@@ -140,8 +140,16 @@ impl<K: Kind> fmt::Debug for Quantity<K> {
     }
 }
 
+/// The factor from a unit of `K` to the base unit; `None` when it is no unit of `K`.
+#[must_use]
+pub fn factor<K: Kind>(unit: &str) -> Option<f64> {
+    let mut units = K::UNITS.iter();
+    let (_, factor, divisor) = units.find(|(name, ..)| *name == unit)?;
+    Some(factor / divisor)
+}
+
 /// The units of `K` as a list for messages: `s, ms, us or min`.
-fn units_of<K: Kind>() -> String {
+pub(crate) fn units_of<K: Kind>() -> String {
     let names: Vec<&str> = K::UNITS.iter().map(|(unit, ..)| *unit).collect();
     match names.split_last() {
         Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),

@@ -103,6 +103,22 @@ fn what_makes_no_sense_is_refused_in_one_sentence() {
             "mode.autonomous: signal \"Mode\" has no value \"Run\"",
         ),
         (
+            "steering_rate = \"Command.SteeringRate\"",
+            "steering_rate = \"Command.Speed\"",
+            "calibration.steering_rate: the unit of signal \"Speed\" is \"cm/s\": deg/s or rad/s \
+             is accepted",
+        ),
+        (
+            "potentiometer = \"SteeringPot.Count\"",
+            "potentiometer = \"SteeringPot\"",
+            "calibration.potentiometer: \"SteeringPot\" is no signal: write",
+        ),
+        (
+            "east = \"Position.East\"",
+            "east = \"Velocity.East\"",
+            "calibration.east is not in the message of calibration.north",
+        ),
+        (
             "north = \"243 m\"",
             "north = \"0.5 m\"",
             "waypoint: the run is 0.500 m long: 1 m or more is accepted",

@@ -8,10 +8,12 @@ pub mod size;
 
 use std::{env, fmt::Write, path::PathBuf, process::Stdio};
 
+use ::control::{controller::Settings, vehicle::source};
 use schedulability::results::KernelReport;
 use serde_json::{Value, json};
+use vehicle_model::Vehicle;
 
-use crate::{Failure, Workspace, build, cli::Bench, target};
+use crate::{Failure, Workspace, build, cli::Bench, target, vehicle};
 
 /// The package with the stack's programs, from the root of the workspace.
 const STACK: &str = "ttcan/benches/image/Cargo.toml";
@@ -85,6 +87,8 @@ impl Profile {
 #[derive(Debug)]
 pub struct Builder<'w> {
     workspace: &'w Workspace,
+    /// File with the settings of the control law; none: those of an example.
+    settings: Option<PathBuf>,
 }
 
 impl<'w> Builder<'w> {
@@ -94,7 +98,32 @@ impl<'w> Builder<'w> {
     ///
     /// It is not there and cannot be installed.
     pub fn new(workspace: &'w Workspace) -> Result<Self, Failure> {
-        Ok(Self { workspace })
+        Ok(Self {
+            workspace,
+            settings: None,
+        })
+    }
+
+    /// The folder of what is built.
+    fn folder(&self) -> PathBuf {
+        env::var_os("CARGO_TARGET_DIR")
+            .map_or_else(|| self.workspace.root().join("target"), PathBuf::from)
+            .join("bench")
+    }
+
+    /// The same with the settings of a control law, as Rust source.
+    fn with_settings(self, source: &str) -> Result<Self, Failure> {
+        let file = self.folder().join("settings.rs");
+        let written = std::fs::create_dir_all(self.folder())
+            .and_then(|()| std::fs::write(&file, source))
+            .and_then(|()| file.canonicalize());
+        let file = written.map_err(|error| {
+            Failure::Failed(format!("{} cannot be written: {error}", file.display()))
+        })?;
+        Ok(Self {
+            settings: Some(file),
+            ..self
+        })
     }
 
     /// Builds a program of the stack's; the bytes of its ELF file.
@@ -123,13 +152,13 @@ impl<'w> Builder<'w> {
         parts: Parts,
         profile: Profile,
     ) -> Result<PathBuf, Failure> {
-        let folder = env::var_os("CARGO_TARGET_DIR")
-            .map_or_else(|| self.workspace.root().join("target"), PathBuf::from)
-            .join("bench");
         let mut cargo = target::cargo(self.workspace, "build");
         cargo.args(["--quiet", "--manifest-path", package, "--bin", name]);
         cargo.args(["--profile", profile.name(), "--features", parts.features]);
-        cargo.arg("--target-dir").arg(folder);
+        cargo.arg("--target-dir").arg(self.folder());
+        if let Some(settings) = &self.settings {
+            cargo.env("CONTROL_SETTINGS", settings);
+        }
         cargo.arg("--message-format=json-render-diagnostics");
         let output = cargo
             .stderr(Stdio::inherit())
@@ -152,6 +181,8 @@ impl<'w> Builder<'w> {
 ///
 /// A program does not build or does not do as it should.
 pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
+    let vehicle = vehicle::find(workspace, &options.vehicle)?;
+    let settings = settings(&vehicle)?;
     let builder = Builder::new(workspace)?;
     let cycles = [EVERYTHING, LEAST]
         .into_iter()
@@ -165,18 +196,38 @@ pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
             Ok((parts, small, release))
         })
         .collect::<Result<Vec<_>, Failure>>()?;
-    let step = control::measure(&builder)?;
     let kernels = kernels::measure(&builder)?;
+    let step = match settings {
+        Some(source) => control::measure(&builder.with_settings(&source)?)?,
+        None => Vec::new(),
+    };
     if options.json {
         println!("{}", report_json(&cycles, &sizes, &step, &kernels));
     } else {
-        print!("{}\n{}", report(&cycles, &sizes), control::report(&step));
+        println!("{}", report(&cycles, &sizes));
+        if step.is_empty() {
+            let name = vehicle.name();
+            println!("Vehicle {name:?} has no machine, and no control step.");
+        } else {
+            print!("{}", control::report(&step));
+        }
         println!(
             "\nCycles of the execution-time analysis' kernels, without wait states and with five"
         );
         print!("{}", schedulability::report::kernels(&kernels));
     }
     Ok(())
+}
+
+/// The settings of a vehicle's control law, as Rust source; `None` without a machine.
+fn settings(vehicle: &Vehicle) -> Result<Option<String>, Failure> {
+    let Some(description) = vehicle_model::description(vehicle) else {
+        return Ok(None);
+    };
+    let settings = Settings::<f32>::for_vehicle(&description).map_err(|error| {
+        Failure::Usage(format!("{}: {error}", vehicle.manifest_file().display()))
+    })?;
+    Ok(Some(source(&settings).to_string()))
 }
 
 type Cycles = [(Parts, Vec<cycles::Cost>)];

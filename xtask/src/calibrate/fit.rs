@@ -8,11 +8,54 @@
 use control::calibration::{
     Actuator, ActuatorFit, CircleFit, FitError, LineFit, Potentiometer, angle_on_circle,
 };
-use firmware::{actuator::steering_effort, convert, machine::MotionCommand as _};
+use control::feedback::Limits;
+use control::model::{Antenna, Geometry};
+use firmware::{actuator::limited_effort, convert};
 use serde::Serialize;
-use uagv::{Uagv, design, messages::Command};
+use vehicle_model::Vehicle;
 
-use super::recording::Recording;
+use super::recording::{Command, Recording};
+
+/// The numbers of the machine that the images of a drive were built with.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Machine {
+    geometry: Geometry<f64>,
+    antenna: Antenna<f64>,
+    limits: Limits<f32>,
+    potentiometer: Potentiometer<f32>,
+    actuator: Actuator<f32>,
+    full_byte_is_forward: bool,
+}
+
+impl Machine {
+    /// Those of a vehicle; `None` when it has no machine.
+    pub(super) fn of(vehicle: &Vehicle) -> Option<Self> {
+        let description = vehicle_model::description(vehicle)?;
+        let machine = vehicle.manifest().machine.as_ref()?;
+        Some(Self {
+            geometry: description.geometry,
+            antenna: description.antenna,
+            limits: vehicle_model::limits(machine),
+            potentiometer: vehicle_model::potentiometer(&machine.potentiometer),
+            actuator: vehicle_model::steering(machine),
+            full_byte_is_forward: machine.motor_driver.full_byte_is_forward,
+        })
+    }
+
+    /// The motor driver's effort, -1 to 1, that a rate (rad/s) becomes at a reading of the
+    /// potentiometer. `None` where the reading is not believed, and near an end stop, where the
+    /// node slows its motor.
+    fn effort(&self, rate: f64, count: u16) -> Option<f64> {
+        let angle = self.potentiometer.angle(count).ok()?;
+        let at = |angle| limited_effort(&self.limits, &self.actuator, rate as f32, angle);
+        let effort = at(angle);
+        if (effort - at(0.0)).abs() > 1e-3 {
+            return None;
+        }
+        let byte = convert::motor_byte(effort, self.full_byte_is_forward);
+        Some((f64::from(byte) - 127.0) / 127.0)
+    }
+}
 
 /// Longest difference of two readings of a steering that is held, counts: six standard
 /// deviations of the noise to either side.
@@ -95,8 +138,8 @@ pub struct Side {
 /// # Errors
 ///
 /// A sentence that says what the drive lacks.
-pub(super) fn fit(recording: &Recording) -> Result<Calibration, String> {
-    let circles = circles(recording);
+pub(super) fn fit(machine: &Machine, recording: &Recording) -> Result<Calibration, String> {
+    let circles = circles(machine, recording);
     let [right, left] = [1.0, -1.0].map(|side| {
         let one = circles.iter().filter(|circle| circle.angle * side > 0.0);
         one.count()
@@ -119,7 +162,7 @@ pub(super) fn fit(recording: &Recording) -> Result<Calibration, String> {
         read.to_degrees() - circle.angle
     };
 
-    let movements = movements(recording, potentiometer.counts_per_radian);
+    let movements = movements(machine, recording, potentiometer.counts_per_radian);
     let mut actuator = ActuatorFit::new(STANDING);
     for movement in &movements {
         actuator.add(movement.effort, movement.rate.to_radians());
@@ -183,7 +226,7 @@ fn root_mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 }
 
 /// The stretches in which the steering was held and the vehicle drove an arc.
-fn circles(recording: &Recording) -> Vec<Circle> {
+fn circles(machine: &Machine, recording: &Recording) -> Vec<Circle> {
     let mut circles = Vec::new();
     let mut rest = recording.pots.as_slice();
     while let Some(&(from, first)) = rest.first() {
@@ -198,7 +241,7 @@ fn circles(recording: &Recording) -> Vec<Circle> {
         let until = held.last().map_or(from, |(time, _)| *time);
         // The data are of a moment before: what they say of the first half second is old.
         if let Some(circle) = (until - from >= HELD)
-            .then(|| circle(recording, held, from + 0.5, until))
+            .then(|| circle(machine, recording, held, from + 0.5, until))
             .flatten()
         {
             circles.push(circle);
@@ -210,7 +253,13 @@ fn circles(recording: &Recording) -> Vec<Circle> {
     circles
 }
 
-fn circle(recording: &Recording, held: &[(f64, u16)], from: f64, until: f64) -> Option<Circle> {
+fn circle(
+    machine: &Machine,
+    recording: &Recording,
+    held: &[(f64, u16)],
+    from: f64,
+    until: f64,
+) -> Option<Circle> {
     let ways = recording.positions.iter();
     let places: Vec<(f64, f64)> = ways
         .filter(|(time, ..)| (from..=until).contains(time))
@@ -234,7 +283,7 @@ fn circle(recording: &Recording, held: &[(f64, u16)], from: f64, until: f64) -> 
         return None;
     }
     let radius = found.radius.copysign(turned);
-    let angle = angle_on_circle(&design::GEOMETRY, &design::ANTENNA, radius)?;
+    let angle = angle_on_circle(&machine.geometry, &machine.antenna, radius)?;
     let counts = held.iter().filter(|(time, _)| *time >= from);
     let counts: Vec<f64> = counts.map(|(_, count)| f64::from(*count)).collect();
     Some(Circle {
@@ -246,28 +295,28 @@ fn circle(recording: &Recording, held: &[(f64, u16)], from: f64, until: f64) -> 
 }
 
 /// The movements at one commanded rate.
-fn movements(recording: &Recording, counts_per_radian: f64) -> Vec<Movement> {
-    let rate = |command: &Command| f64::from(command.steering_rate());
+fn movements(machine: &Machine, recording: &Recording, counts_per_radian: f64) -> Vec<Movement> {
     let mut movements = Vec::new();
     let mut rest = recording.commands.as_slice();
     while let Some(&(from, first)) = rest.first() {
-        let wanted = rate(&first);
+        let wanted = first.rate;
         let same = rest.iter().take_while(|(_, command)| {
-            command.steering_enabled && (rate(command) - wanted).abs() <= SAME_RATE.to_radians()
+            command.enabled && (command.rate - wanted).abs() <= SAME_RATE.to_radians()
         });
         let length = same.count().max(1);
         let (same, after) = rest.split_at(length);
         rest = after;
-        if wanted == 0.0 || !first.steering_enabled {
+        if wanted == 0.0 || !first.enabled {
             continue;
         }
-        movements.extend(movement(recording, same, from, counts_per_radian));
+        movements.extend(movement(machine, recording, same, from, counts_per_radian));
     }
     movements
 }
 
 /// The movement under commands that are all the same.
 fn movement(
+    machine: &Machine,
     recording: &Recording,
     same: &[(f64, Command)],
     from: f64,
@@ -283,16 +332,10 @@ fn movement(
         let pots = recording.pots.iter();
         let during = pots.filter(|(time, _)| (*begun..until).contains(time));
         for (time, count) in during {
-            let angle = design::POTENTIOMETER.angle(*count).ok();
-            let effort = steering_effort::<Uagv>(Some(command), angle);
-            let free = steering_effort::<Uagv>(Some(command), Some(0.0));
-            // Near the end stop the node slows its motor.
-            if angle.is_none() || (effort - free).abs() > 1e-3 {
+            let Some(effort) = machine.effort(command.rate, *count) else {
                 continue;
-            }
-            let steps =
-                f64::from(convert::motor_byte(effort, design::FULL_BYTE_IS_FORWARD)) - 127.0;
-            efforts += steps / 127.0;
+            };
+            efforts += effort;
             readings += 1;
             line.add(*time, f64::from(*count));
         }

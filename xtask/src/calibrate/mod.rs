@@ -1,99 +1,87 @@
 //! `calibrate`: the steering's calibration from a recorded drive (thesis 5.2.6).
 
 mod fit;
+mod manifest;
 mod recording;
 
-use std::{
-    fmt::Write as _,
-    fs,
-    io::Write as _,
-    path::{Path, PathBuf},
-    process,
-};
+use std::{fmt::Write as _, fs};
 
-use crate::{Failure, cli::Calibrate};
+use serde::Serialize;
+use vehicle_model::Vehicle;
+
+use crate::{Failure, Workspace, cli::Calibrate, file, vehicle};
 pub use fit::{Calibration, Circle, Movement, Side};
 
-use recording::Recording;
+use manifest::{Change, Edited};
+use recording::{Recording, Signals};
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Report<'c> {
+    #[serde(flatten)]
+    found: &'c Calibration,
+    changes: &'c [Change],
+    written: bool,
+}
 
 /// Runs the command.
 ///
 /// # Errors
 ///
-/// [`Failure::Usage`] when the log cannot be read or does not hold what a calibration
-/// needs, or the vehicle file cannot be written.
-pub fn run(options: &Calibrate) -> Result<(), Failure> {
-    let usage = |path: &Path, what: String| Failure::Usage(format!("{}: {what}", path.display()));
+/// [`Failure::Usage`] when the vehicle has nothing to calibrate, the log cannot be read or does
+/// not hold what a calibration needs, or the manifest does not accept what was found or cannot
+/// be written.
+pub fn run(workspace: &Workspace, options: &Calibrate) -> Result<(), Failure> {
+    let vehicle = vehicle::find(workspace, &options.vehicle)?;
+    let usage = |what: String| Failure::Usage(format!("{}: {what}", options.log.display()));
     let text = fs::read_to_string(&options.log)
-        .map_err(|error| usage(&options.log, format!("it cannot be read: {error}")))?;
-    let found = calibrate(&text).map_err(|what| usage(&options.log, what))?;
-    let vehicle = vehicle_file(&found);
-    if let Some(path) = &options.out {
-        write(path, &vehicle)
-            .map_err(|error| usage(path, format!("it cannot be written: {error}")))?;
+        .map_err(|error| usage(format!("it cannot be read: {error}")))?;
+    let found = calibrate(&vehicle, &text).map_err(usage)?;
+    if !options.json {
+        println!("{}", report(&found));
+    }
+    let Edited { text, changes } = manifest::edit(&vehicle, &found).map_err(usage)?;
+    let path = vehicle.manifest_file();
+    if options.write {
+        file::replace(&path, &text)?;
     }
     if options.json {
-        let json = serde_json::to_string_pretty(&found).unwrap_or_default();
+        let report = Report {
+            found: &found,
+            changes: &changes,
+            written: options.write,
+        };
+        let json = serde_json::to_string_pretty(&report).unwrap_or_default();
         println!("{json}");
+        return Ok(());
+    }
+    for Change { field, from, to } in &changes {
+        println!("  {field:<35}{from:>16}  ->  {to}");
+    }
+    let shown = path.strip_prefix(workspace.root()).unwrap_or(&path);
+    let shown = shown.display();
+    if options.write {
+        println!("\nThe values were written to {shown}.");
     } else {
-        print!("{}", report(&found));
-        match &options.out {
-            Some(path) => println!("\nWrote {}.", path.display()),
-            None => print!("\n{vehicle}"),
-        }
+        println!("\nThese would be the changes of {shown}; --write makes them.");
     }
     Ok(())
 }
 
-/// The calibration in a candump log.
+/// The calibration in a candump log of a vehicle.
 ///
 /// # Errors
 ///
-/// A sentence that says what is wrong with the log.
-pub fn calibrate(log: &str) -> Result<Calibration, String> {
-    fit::fit(&Recording::read(log)?)
-}
-
-/// The numbers of the calibration, as TOML.
-fn vehicle_file(found: &Calibration) -> String {
-    let side = |name: &str, side: &Side| {
+/// A sentence that says what is wrong with the log, or that the vehicle has nothing to calibrate.
+pub fn calibrate(vehicle: &Vehicle, log: &str) -> Result<Calibration, String> {
+    let parts = Signals::of(vehicle).zip(fit::Machine::of(vehicle));
+    let (signals, machine) = parts.ok_or_else(|| {
         format!(
-            "\n[steering.{name}]\n# Share of the full effort that moves nothing.\n\
-             dead_band = {:.4}\n# Degrees a second at full effort.\nfull_rate = {:.3}\n",
-            side.dead_band, side.full_rate
+            "vehicle {:?} has nothing to calibrate: its manifest has no [calibration]",
+            vehicle.name()
         )
-    };
-    format!(
-        "# The numbers of one machine, as `cargo xtask calibrate` found them in a drive.\n\n\
-         # Steering potentiometer: linear (thesis Figure 5.18).\n\
-         [potentiometer]\n# Counts with the wheels straight.\ncentre = {:.2}\n\
-         # Counts for a degree to the right; negative when it runs the other way.\n\
-         counts_per_degree = {:.3}\n\n\
-         # Steering actuator on its motor driver: linear beyond a dead band, one line for\n\
-         # each direction (thesis 5.2.6, Figure 5.20).{}{}",
-        found.centre,
-        found.counts_per_degree,
-        side("right", &found.right),
-        side("left", &found.left)
-    )
-}
-
-/// Writes a file at once or not at all.
-fn write(path: &Path, text: &str) -> std::io::Result<()> {
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(format!(".{}", process::id()));
-    let beside = PathBuf::from(beside);
-    let written = fs::File::create_new(&beside)
-        .and_then(|mut file| {
-            file.write_all(text.as_bytes())?;
-            file.sync_all()
-        })
-        .and_then(|()| fs::rename(&beside, path));
-    if written.is_err() {
-        // What was wrong is told; a file that was never made cannot be removed.
-        let _ = fs::remove_file(&beside);
-    }
-    written
+    })?;
+    fit::fit(&machine, &Recording::read(&signals, log)?)
 }
 
 /// The report for people.

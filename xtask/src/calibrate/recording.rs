@@ -2,27 +2,112 @@
 
 use can_bus::candump::Line;
 use embedded_can::Id;
-use network::{DecodeError, Message};
-use uagv::messages::{Command, Position, SteeringPot};
+use network_model::{Message, Network, Signal};
+use vehicle_model::manifest::SignalPath;
+use vehicle_model::units::{CountKind, LengthKind, RateKind, factor};
+use vehicle_model::{Device, Vehicle};
+
+/// A signal and the message that carries it.
+#[derive(Debug, Clone)]
+struct Field {
+    message: Message,
+    signal: Signal,
+    /// From the signal's unit to the base unit.
+    factor: f64,
+}
+
+impl Field {
+    fn new(network: &Network, message: &str, signal: &str) -> Option<Self> {
+        let mut messages = network.messages.iter();
+        let message = messages.find(|other| other.name == message)?;
+        let mut signals = message.signals.iter();
+        let signal = signals.find(|other| other.name == signal)?;
+        Some(Self {
+            message: message.clone(),
+            signal: signal.clone(),
+            factor: 1.0,
+        })
+    }
+
+    /// The signal's value in base units; why there is none.
+    fn value(&self, data: &[u8]) -> Result<f64, String> {
+        let Message {
+            shortest, length, ..
+        } = self.message;
+        if !(usize::from(shortest)..=usize::from(length)).contains(&data.len()) {
+            return Err(format!(
+                "it has {} data bytes, {length} are accepted",
+                data.len()
+            ));
+        }
+        let Signal { name, min, max, .. } = &self.signal;
+        let value = self.signal.physical(self.signal.extract(data));
+        if !(*min..=*max).contains(&value) {
+            return Err(format!("{name} is {value}: {min} to {max} is accepted"));
+        }
+        Ok(value * self.factor)
+    }
+}
+
+/// The signals of a vehicle that a calibration reads.
+#[derive(Debug, Clone)]
+pub(super) struct Signals {
+    pot: Field,
+    rate: Field,
+    enabled: Field,
+    north: Field,
+    east: Field,
+}
+
+impl Signals {
+    /// Those that the vehicle's manifest names; `None` when it names none.
+    pub(super) fn of(vehicle: &Vehicle) -> Option<Self> {
+        let (network, manifest) = (vehicle.network(), vehicle.manifest());
+        let named = manifest.calibration.as_ref()?;
+        let enabled = manifest.command.as_ref()?;
+        let field = |path: &SignalPath, factor: fn(&str) -> Option<f64>| {
+            let field = Field::new(network, &path.message, &path.signal)?;
+            let factor = factor(&field.signal.unit)?;
+            Some(Field { factor, ..field })
+        };
+        let motor = enabled.enable.get(&Device::SteeringMotor)?;
+        Some(Self {
+            pot: field(&named.potentiometer, factor::<CountKind>)?,
+            rate: field(&named.steering_rate, factor::<RateKind>)?,
+            enabled: Field::new(network, &enabled.message, motor)?,
+            north: field(&named.north, factor::<LengthKind>)?,
+            east: field(&named.east, factor::<LengthKind>)?,
+        })
+    }
+}
+
+/// What a command asks of the steering.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Command {
+    /// Steering rate, rad/s, positive to the right.
+    pub(super) rate: f64,
+    /// Whether the steering may move.
+    pub(super) enabled: bool,
+}
 
 /// What a recording holds for a calibration. Times are seconds from its first line.
 #[derive(Debug, Default)]
 pub(super) struct Recording {
     /// Potentiometer readings, counts.
-    pub pots: Vec<(f64, u16)>,
+    pub(super) pots: Vec<(f64, u16)>,
     /// Commands to the actuators.
-    pub commands: Vec<(f64, Command)>,
+    pub(super) commands: Vec<(f64, Command)>,
     /// Positions of the antenna with an RTK-fixed solution, m north and east.
-    pub positions: Vec<(f64, f64, f64)>,
+    pub(super) positions: Vec<(f64, f64, f64)>,
 }
 
 impl Recording {
-    /// Reads a candump log; frames that are not of the network are passed over.
+    /// Reads a candump log; frames that carry none of the signals are passed over.
     ///
     /// # Errors
     ///
     /// A sentence that names the line that cannot be read, or the message that is missing.
-    pub(super) fn read(text: &str) -> Result<Self, String> {
+    pub(super) fn read(signals: &Signals, text: &str) -> Result<Self, String> {
         let mut recording = Self::default();
         let mut first = None;
         for (number, line) in text.lines().enumerate() {
@@ -39,42 +124,57 @@ impl Recording {
                 continue;
             };
             let time = line.at.as_ticks() as f64 * 1e-12;
-            let data = line.frame.data();
-            let wrong = |error: DecodeError| wrong(&format!("message {}: {error}", id.as_raw()));
-            match id.as_raw() {
-                SteeringPot::ID => {
-                    let SteeringPot { count } = SteeringPot::decode(data).map_err(wrong)?;
-                    recording.pots.push((time, count.0));
-                }
-                Command::ID => {
-                    let command = Command::decode(data).map_err(wrong)?;
-                    recording.commands.push((time, command));
-                }
-                Position::ID => {
-                    let Position { north, east } = Position::decode(data).map_err(wrong)?;
-                    let metres = |millimetres: i32| f64::from(millimetres) * 1e-3;
-                    let (north, east) = (metres(north.0), metres(east.0));
-                    recording.positions.push((time, north, east));
-                }
-                _ => {}
-            }
+            recording
+                .add(signals, time, id.as_raw(), line.frame.data())
+                .map_err(|what| wrong(&format!("message {}: {what}", id.as_raw())))?;
         }
-        for (empty, what) in [
-            (recording.pots.is_empty(), "206 (steering potentiometer)"),
-            (recording.commands.is_empty(), "300 (command)"),
-            (recording.positions.is_empty(), "200 (position, RTK-fixed)"),
-        ] {
-            if empty {
-                return Err(format!(
-                    "there is no message {what}, which a calibration needs beside \
-                     the others of 200, 206 and 300"
-                ));
-            }
+        recording.check(signals)
+    }
+
+    fn add(&mut self, signals: &Signals, time: f64, id: u16, data: &[u8]) -> Result<(), String> {
+        let Signals {
+            pot,
+            rate,
+            enabled,
+            north,
+            east,
+        } = signals;
+        if id == pot.message.id {
+            self.pots.push((time, pot.value(data)?.round() as u16));
         }
-        Ok(recording)
+        if id == rate.message.id {
+            let command = Command {
+                rate: rate.value(data)?,
+                enabled: enabled.value(data)? != 0.0,
+            };
+            self.commands.push((time, command));
+        }
+        if id == north.message.id {
+            let position = (time, north.value(data)?, east.value(data)?);
+            self.positions.push(position);
+        }
+        Ok(())
+    }
+
+    /// The recording, if it has all that a calibration needs.
+    fn check(self, signals: &Signals) -> Result<Self, String> {
+        let needed = [
+            (self.pots.is_empty(), &signals.pot),
+            (self.commands.is_empty(), &signals.rate),
+            (self.positions.is_empty(), &signals.north),
+        ];
+        let all = needed.map(|(_, field)| field.message.id.to_string());
+        match needed.iter().find(|(empty, _)| *empty) {
+            Some((_, Field { message, .. })) => Err(format!(
+                "there is no message {} ({}): a calibration needs all of {}",
+                message.id,
+                message.name,
+                all.join(", ")
+            )),
+            None => Ok(self),
+        }
     }
 }
-
 /// The line with its whole seconds counted from those of the first line: loggers write the
 /// time of day, decades in seconds. False when they are fewer.
 fn from_zero(line: &str, first: &mut Option<u64>) -> (bool, String) {
@@ -96,6 +196,11 @@ fn from_zero(line: &str, first: &mut Option<u64>) -> (bool, String) {
 mod tests {
     use super::*;
 
+    fn signals() -> Signals {
+        let workspace = crate::Workspace::find().unwrap();
+        Signals::of(&crate::vehicle::find(&workspace, "uagv").unwrap()).unwrap()
+    }
+
     /// One period of the thesis's vehicle, with the time of day.
     const PERIOD: &str = "\
         (1436509052.249713) can0 0C8#EAFFFFFF36000000\n\
@@ -104,7 +209,7 @@ mod tests {
 
     #[test]
     fn times_count_from_the_first_line() {
-        let recording = Recording::read(PERIOD).unwrap();
+        let recording = Recording::read(&signals(), PERIOD).unwrap();
         let [(pot_at, 828)] = recording.pots[..] else {
             panic!("{:?}", recording.pots);
         };
@@ -132,7 +237,7 @@ mod tests {
             ("12C#", "12D#", "there is no message 300"),
             ("0C8#", "0C9#", "there is no message 200"),
         ] {
-            let error = Recording::read(&PERIOD.replace(from, to)).unwrap_err();
+            let error = Recording::read(&signals(), &PERIOD.replace(from, to)).unwrap_err();
             assert!(error.contains(named), "{error}");
             assert!(!error.contains('\n'), "{error}");
         }

@@ -1,7 +1,6 @@
 //! `schedule`: the system matrix of a network file, shown, checked, or found anew
 //! and written back.
 
-mod file;
 mod plan;
 mod table;
 
@@ -9,7 +8,7 @@ use std::path::Path;
 
 use network_model::{Assignment, Network};
 
-use crate::{Failure, cli::Schedule};
+use crate::{Failure, Workspace, cli::Schedule, file, vehicle};
 
 /// A schedule on its way to the screen and the file.
 struct Scheduled {
@@ -24,10 +23,14 @@ struct Scheduled {
 ///
 /// # Errors
 ///
-/// [`Failure::Usage`]: the file cannot be read or written, something in it is
-/// wrong, or its messages have no schedule.
-pub fn run(options: &Schedule) -> Result<(), Failure> {
-    let path = options.file.as_path();
+/// [`Failure::Usage`]: there is no such vehicle; the file cannot be read or written, something
+/// in it is wrong, or its messages have no schedule.
+pub fn run(workspace: &Workspace, options: &Schedule) -> Result<(), Failure> {
+    let path = match &options.file {
+        Some(path) => path.clone(),
+        None => vehicle::find(workspace, &options.vehicle)?.network_file(),
+    };
+    let path = path.as_path();
     let text = file::read(path)?;
     let scheduled = schedule(&text, options).map_err(|what| wrong(path, &what))?;
     if options.json {

@@ -48,9 +48,14 @@ BA_ "GenMsgSendType" BO_ 600 1;
 VAL_ 600 Kind 1 "Fire" 0 "Water" ;
 "#;
 
+fn workspace() -> Workspace {
+    Workspace::find().unwrap()
+}
+
 fn options(method: Option<Method>) -> Schedule {
     Schedule {
-        file: PathBuf::from("test.dbc"),
+        file: Some(PathBuf::from("test.dbc")),
+        vehicle: String::from("uagv"),
         method,
         write: false,
         json: false,
@@ -106,20 +111,20 @@ fn the_file_is_left_alone_unless_its_schedule_changes() {
     let path = folder.path().join("uagv.dbc");
     fs::write(&path, vehicle()).unwrap();
     let mut options = options(None);
-    options.file = path.clone();
+    options.file = Some(path.clone());
     options.write = true;
-    run(&options).unwrap();
+    run(&workspace(), &options).unwrap();
     assert_eq!(fs::read_to_string(&path).unwrap(), vehicle());
 
     options.method = Some(Method::PowerOfTwo);
-    run(&options).unwrap();
+    run(&workspace(), &options).unwrap();
     let written = fs::read_to_string(&path).unwrap();
     assert_ne!(written, vehicle());
     let expected = schedule(&vehicle(), &options).unwrap();
     assert_eq!(written, expected.text);
     assert_eq!(Network::parse(&written).unwrap(), expected.network);
     // Once more, and there is nothing left to change.
-    run(&options).unwrap();
+    run(&workspace(), &options).unwrap();
     assert_eq!(fs::read_to_string(&path).unwrap(), written);
 }
 
@@ -272,7 +277,7 @@ fn a_bad_file_is_one_sentence_and_stays() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bad.dbc");
     let mut options = options(Some(Method::PowerOfTwo));
-    options.file = path.clone();
+    options.file = Some(path.clone());
     options.write = true;
     for text in [
         "",
@@ -280,7 +285,7 @@ fn a_bad_file_is_one_sentence_and_stays() {
         &vehicle().replace("BO_ 300 Command: 8", "BO_ 300 Command: 2"),
     ] {
         fs::write(&path, text).unwrap();
-        let failure = run(&options).unwrap_err();
+        let failure = run(&workspace(), &options).unwrap_err();
         assert_eq!(failure.exit_code(), 2);
         let said = failure.to_string();
         assert!(said.contains("bad.dbc") && !said.contains('\n'), "{said}");

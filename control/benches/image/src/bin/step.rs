@@ -19,7 +19,7 @@ use control::safety::{Command, SafetyFilter};
 use control::scalar::Scalar;
 use nalgebra::SVector;
 
-// SETTINGS, the example vehicle's.
+// SETTINGS, a vehicle's.
 include!(concat!(env!("OUT_DIR"), "/settings.rs"));
 
 /// Time between two steps, s.

@@ -1,4 +1,4 @@
-//! The network file, read whole and replaced whole.
+//! Files of a vehicle, read whole and replaced whole.
 
 use std::{
     fs,
@@ -9,15 +9,23 @@ use std::{
 
 use crate::Failure;
 
-pub(super) fn read(path: &Path) -> Result<String, Failure> {
+/// Reads a text file.
+///
+/// # Errors
+///
+/// It cannot be read, or is no text ([`Failure::Usage`]).
+pub(crate) fn read(path: &Path) -> Result<String, Failure> {
     let failed = |what: String| Failure::Usage(format!("{} {what}", path.display()));
     let bytes = fs::read(path).map_err(|error| failed(format!("cannot be read: {error}")))?;
-    String::from_utf8(bytes)
-        .map_err(|_| failed("is not UTF-8 text, as a network file must be".into()))
+    String::from_utf8(bytes).map_err(|_| failed("is not UTF-8 text".into()))
 }
 
 /// Replaces a file by a rename, so that it is never there half.
-pub(super) fn replace(path: &Path, text: &str) -> Result<(), Failure> {
+///
+/// # Errors
+///
+/// It cannot be written ([`Failure::Usage`]); what was there stays.
+pub(crate) fn replace(path: &Path, text: &str) -> Result<(), Failure> {
     try_replace(path, text)
         .map_err(|error| Failure::Usage(format!("{} cannot be written: {error}", path.display())))
 }

@@ -1,0 +1,103 @@
+//! The calibration in a vehicle's manifest, which keeps its comments and its order.
+
+use std::fs;
+
+use serde::Serialize;
+use toml_edit::{DocumentMut, Item, Value};
+use vehicle_model::Vehicle;
+
+use super::fit::Calibration;
+
+/// A value of the manifest before and after.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(super) struct Change {
+    /// Its place, such as `machine.potentiometer.centre`.
+    pub(super) field: &'static str,
+    /// What the manifest says.
+    pub(super) from: String,
+    /// What was found.
+    pub(super) to: String,
+}
+
+/// A manifest that holds a calibration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Edited {
+    /// Its text.
+    pub(super) text: String,
+    /// What was changed.
+    pub(super) changes: Vec<Change>,
+}
+
+/// The values that a calibration brings, as the manifest writes them.
+fn values(found: &Calibration) -> [(&'static str, String); 6] {
+    let percent = |share: f64| format!("{:.2} %", share * 100.0);
+    let rate = |rate: f64| format!("{rate:.3} deg/s");
+    [
+        (
+            "machine.potentiometer.centre",
+            format!("{:.2} counts", found.centre),
+        ),
+        (
+            "machine.potentiometer.slope",
+            format!("{:.3} counts/deg", found.counts_per_degree),
+        ),
+        (
+            "machine.steering.right.dead_band",
+            percent(found.right.dead_band),
+        ),
+        (
+            "machine.steering.right.full_rate",
+            rate(found.right.full_rate),
+        ),
+        (
+            "machine.steering.left.dead_band",
+            percent(found.left.dead_band),
+        ),
+        (
+            "machine.steering.left.full_rate",
+            rate(found.left.full_rate),
+        ),
+    ]
+}
+
+/// The vehicle's manifest with a calibration in it, read back and checked.
+///
+/// # Errors
+///
+/// A sentence: a file cannot be read, or the vehicle does not accept what was found.
+pub(super) fn edit(vehicle: &Vehicle, found: &Calibration) -> Result<Edited, String> {
+    let path = vehicle.manifest_file();
+    let read = |path: &std::path::Path| {
+        fs::read_to_string(path)
+            .map_err(|error| format!("{} cannot be read: {error}", path.display()))
+    };
+    let (manifest, network) = (read(&path)?, read(&vehicle.network_file())?);
+    let wrong = |what: &str| format!("{}: {what}", path.display());
+    let mut document: DocumentMut = manifest
+        .parse()
+        .map_err(|error: toml_edit::TomlError| wrong(&error.message().replace('\n', "; ")))?;
+    let mut changes = Vec::new();
+    for (field, to) in values(found) {
+        let value =
+            value(&mut document, field).ok_or_else(|| wrong(&format!("{field} is missing")))?;
+        let from = value.as_str().unwrap_or_default().to_owned();
+        let mut new = Value::from(to.as_str());
+        // What stands around a value is its comment.
+        *new.decor_mut() = value.decor().clone();
+        *value = new;
+        changes.push(Change { field, from, to });
+    }
+    let text = document.to_string();
+    Vehicle::parse(vehicle.name(), vehicle.folder(), &text, &network)
+        .map_err(|error| format!("what was found is not accepted: {error}"))?;
+    Ok(Edited { text, changes })
+}
+
+/// The value at a path of keys with dots between them.
+fn value<'d>(document: &'d mut DocumentMut, field: &str) -> Option<&'d mut Value> {
+    let mut item: &mut Item = document.as_item_mut();
+    for key in field.split('.') {
+        item = item.get_mut(key)?;
+    }
+    item.as_value_mut()
+}
