@@ -1,7 +1,7 @@
 //! `build`: release images of the nodes, their sizes, and what they must not do.
 
 use std::{
-    fs,
+    fs, io,
     path::PathBuf,
     process::{Command, Stdio},
 };
@@ -12,11 +12,34 @@ use parts::Sled;
 use vehicle_model::{NodeIndex, Vehicle};
 
 use crate::{
-    Failure, Workspace, audit,
+    Failure, ReadError, Workspace, audit,
     cli::Build,
     size::{self, Size},
     target, vehicle,
 };
+
+/// Why there is no sound image.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The images break rules, one sentence each.
+    #[error("{}", .0.join("; "))]
+    Complaints(Vec<String>),
+    /// There is no cargo to build with.
+    #[error("cargo cannot be run: {0}")]
+    NoCargo(#[source] io::Error),
+    /// The compiler refused them.
+    #[error("{} did not build", nodes.join(", "))]
+    NotBuilt {
+        /// The nodes.
+        nodes: Vec<String>,
+    },
+    /// The build left nothing.
+    #[error("cargo built no image for {node}")]
+    NoImage {
+        /// The node.
+        node: String,
+    },
+}
 
 /// A release image.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -49,7 +72,7 @@ pub fn run(workspace: &Workspace, options: &Build) -> Result<(), Failure> {
     }
     match complaints.as_slice() {
         [] => Ok(()),
-        complaints => Err(Failure::Failed(complaints.join("; "))),
+        complaints => Err(Error::Complaints(complaints.to_vec()).into()),
     }
 }
 
@@ -147,22 +170,20 @@ pub(crate) fn finish(
     let output = cargo
         .stderr(Stdio::inherit())
         .output()
-        .map_err(|error| Failure::Failed(format!("cargo cannot be run: {error}")))?;
+        .map_err(Error::NoCargo)?;
     if !output.status.success() {
-        let names = nodes.iter().map(|&node| vehicle.node(node).name.as_str());
-        let names: Vec<&str> = names.collect();
-        return Err(Failure::Failed(format!(
-            "{} did not build",
-            names.join(", ")
-        )));
+        let names = nodes.iter().map(|&node| vehicle.node(node).name.clone());
+        let nodes = names.collect();
+        return Err(Error::NotBuilt { nodes }.into());
     }
     let messages = String::from_utf8_lossy(&output.stdout);
     nodes
         .iter()
         .map(|&node| {
             let name = vehicle.node(node).name.clone();
-            let path = executable(&messages, &name)
-                .ok_or_else(|| Failure::Failed(format!("cargo built no image for {name}")))?;
+            let Some(path) = executable(&messages, &name) else {
+                return Err(Error::NoImage { node: name }.into());
+            };
             Ok(Image {
                 node,
                 name,
@@ -179,12 +200,8 @@ pub(crate) fn finish(
 ///
 /// A file cannot be read.
 pub fn read(images: &[Image]) -> Result<twin::Images, Failure> {
-    let read = |image: &Image| {
-        fs::read(&image.path).map_err(|error| {
-            Failure::Failed(format!("{} cannot be read: {error}", image.path.display()))
-        })
-    };
-    let files: Result<Vec<_>, Failure> = images.iter().map(read).collect();
+    let read = |image: &Image| fs::read(&image.path).map_err(ReadError::of(&image.path));
+    let files: Result<Vec<_>, ReadError> = images.iter().map(read).collect();
     Ok(twin::Images::new(files?))
 }
 

@@ -6,10 +6,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand, error::ErrorKind};
 
 use world::{SimDuration, time::from_seconds};
 
-use crate::{
-    Failure,
-    vehicle::{DEFAULT, SMALLEST},
-};
+use crate::vehicle::{DEFAULT, SMALLEST};
 
 /// Builds, flashes, simulates and tests the nodes of the vehicle.
 #[derive(Debug, Parser)]
@@ -349,6 +346,20 @@ pub struct Test {
     pub random: bool,
 }
 
+/// What is wrong with the command line.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// It names no command.
+    #[error(
+        "no command is given: {} are accepted; see `cargo xtask --help`",
+        commands().join(", ")
+    )]
+    NoCommand,
+    /// A word is not accepted, or one is missing.
+    #[error("{}", sentence(.0))]
+    Words(clap::Error),
+}
+
 /// What the command line asks for.
 #[derive(Debug)]
 pub enum Request {
@@ -362,8 +373,8 @@ pub enum Request {
 ///
 /// # Errors
 ///
-/// [`Failure::Usage`] in one sentence that says what is wrong and what is accepted.
-pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, Failure> {
+/// One sentence that says what is wrong and what is accepted.
+pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, Error> {
     match Cli::try_parse_from(arguments) {
         Ok(cli) => Ok(Request::Run(cli.command)),
         Err(error) => match error.kind() {
@@ -371,12 +382,9 @@ pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, F
                 Ok(Request::Show(error.render().to_string()))
             }
             ErrorKind::MissingSubcommand | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-                Err(Failure::Usage(format!(
-                    "no command is given: {} are accepted; see `cargo xtask --help`",
-                    commands().join(", ")
-                )))
+                Err(Error::NoCommand)
             }
-            _ => Err(Failure::Usage(sentence(&error))),
+            _ => Err(Error::Words(error)),
         },
     }
 }
@@ -400,13 +408,14 @@ fn sentence(error: &clap::Error) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Failure;
 
-    fn words(line: &str) -> Result<Request, Failure> {
+    fn words(line: &str) -> Result<Request, Error> {
         parse(line.split(' ').map(OsString::from))
     }
 
     fn refused(line: &str) -> String {
-        let failure = words(line).unwrap_err();
+        let failure = Failure::from(words(line).unwrap_err());
         assert_eq!(failure.exit_code(), 2);
         failure.to_string()
     }

@@ -1,35 +1,101 @@
 //! Why a command ends without success.
 
-use std::fmt;
+use std::{io, path::PathBuf};
+
+use crate::{
+    audit, bench, build, cli, experiment, file, flash, new, schedulability, sim, size, target,
+    test, vehicle, workspace,
+};
 
 /// Why a command ends without success; displays as one sentence.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// The command line or an input file is wrong: exit code 2.
+    /// `calibrate` and `schedule`: an input file is wrong.
+    #[error("{0}")]
     Usage(String),
-    /// Something did not work: exit code 1.
-    Failed(String),
-    /// As `Failed`, but what was wrong is on the screen already.
+    /// An image's audit.
+    #[error(transparent)]
+    Audit(#[from] audit::Error),
+    /// `bench`.
+    #[error(transparent)]
+    Bench(#[from] bench::Error),
+    /// The command line.
+    #[error(transparent)]
+    Cli(#[from] cli::Error),
+    /// A file of a vehicle.
+    #[error(transparent)]
+    File(#[from] file::Error),
+    /// `new`.
+    #[error(transparent)]
+    New(#[from] new::Error),
+    /// `build`.
+    #[error(transparent)]
+    Build(#[from] build::Error),
+    /// `sim --experiment`.
+    #[error(transparent)]
+    Experiment(#[from] experiment::Error),
+    /// `flash`.
+    #[error(transparent)]
+    Flash(#[from] flash::Error),
+    /// `schedulability` and `priorities`.
+    #[error(transparent)]
+    Schedulability(#[from] schedulability::Error),
+    /// `sim`.
+    #[error(transparent)]
+    Sim(#[from] sim::Error),
+    /// An image's size.
+    #[error(transparent)]
+    Size(#[from] size::Error),
+    /// The compilation target.
+    #[error(transparent)]
+    Target(#[from] target::Missing),
+    /// `test`.
+    #[error(transparent)]
+    Test(#[from] test::Error),
+    /// The vehicle or a node.
+    #[error(transparent)]
+    Vehicle(#[from] vehicle::Error),
+    /// The workspace and the programs that run in it.
+    #[error(transparent)]
+    Workspace(#[from] workspace::Error),
+    /// A file cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// What was wrong is on the screen already.
+    #[error("failed as shown above")]
     Shown,
 }
 
 impl Failure {
-    /// The exit code of the program.
+    /// The exit code of the program: 2 when the command line or an input file is wrong, else 1.
     pub fn exit_code(&self) -> u8 {
-        match self {
-            Failure::Usage(_) => 2,
-            Failure::Failed(_) | Failure::Shown => 1,
-        }
+        let usage = match self {
+            Failure::Usage(_) => true,
+            Failure::Cli(_) | Failure::File(_) | Failure::Vehicle(_) => true,
+            Failure::Bench(error) => error.is_usage(),
+            Failure::New(error) => error.is_usage(),
+            Failure::Experiment(error) => error.is_usage(),
+            Failure::Schedulability(error) => error.is_usage(),
+            Failure::Sim(error) => error.is_usage(),
+            _ => false,
+        };
+        if usage { 2 } else { 1 }
     }
 }
 
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Failure::Usage(what) | Failure::Failed(what) => f.write_str(what),
-            Failure::Shown => f.write_str("failed as shown above"),
-        }
-    }
+/// A file cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[error("{} cannot be read: {error}", path.display())]
+pub struct ReadError {
+    path: PathBuf,
+    #[source]
+    error: io::Error,
 }
 
-impl std::error::Error for Failure {}
+impl ReadError {
+    /// Makes the error of reading `path` from the cause.
+    pub(crate) fn of(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
+        let path = path.into();
+        |error| Self { path, error }
+    }
+}

@@ -3,31 +3,53 @@
 use std::{
     fs,
     io::{self, Write},
-    path::Path,
+    path::{Path, PathBuf},
     process,
 };
 
-use crate::Failure;
+/// A file of a vehicle cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+#[error("{} {why}", path.display())]
+pub struct Error {
+    path: PathBuf,
+    #[source]
+    why: Why,
+}
+
+#[derive(Debug, thiserror::Error)]
+enum Why {
+    #[error("cannot be read: {0}")]
+    Read(io::Error),
+    #[error("is not UTF-8 text")]
+    NotText,
+    #[error("cannot be written: {0}")]
+    Write(io::Error),
+}
+
+impl Error {
+    fn of(path: &Path, why: Why) -> Self {
+        let path = path.into();
+        Self { path, why }
+    }
+}
 
 /// Reads a text file.
 ///
 /// # Errors
 ///
-/// It cannot be read, or is no text ([`Failure::Usage`]).
-pub(crate) fn read(path: &Path) -> Result<String, Failure> {
-    let failed = |what: String| Failure::Usage(format!("{} {what}", path.display()));
-    let bytes = fs::read(path).map_err(|error| failed(format!("cannot be read: {error}")))?;
-    String::from_utf8(bytes).map_err(|_| failed("is not UTF-8 text".into()))
+/// It cannot be read, or is no text.
+pub(crate) fn read(path: &Path) -> Result<String, Error> {
+    let bytes = fs::read(path).map_err(|error| Error::of(path, Why::Read(error)))?;
+    String::from_utf8(bytes).map_err(|_| Error::of(path, Why::NotText))
 }
 
 /// Replaces a file by a rename, so that it is never there half.
 ///
 /// # Errors
 ///
-/// It cannot be written ([`Failure::Usage`]); what was there stays.
-pub(crate) fn replace(path: &Path, text: &str) -> Result<(), Failure> {
-    try_replace(path, text)
-        .map_err(|error| Failure::Usage(format!("{} cannot be written: {error}", path.display())))
+/// It cannot be written; what was there stays.
+pub(crate) fn replace(path: &Path, text: &str) -> Result<(), Error> {
+    try_replace(path, text).map_err(|error| Error::of(path, Why::Write(error)))
 }
 
 fn try_replace(path: &Path, text: &str) -> io::Result<()> {
@@ -78,8 +100,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("absent.dbc");
         for failure in [read(&path).unwrap_err(), replace(&path, "").unwrap_err()] {
-            assert_eq!(failure.exit_code(), 2);
             assert!(failure.to_string().contains("absent.dbc"), "{failure}");
+            assert_eq!(crate::Failure::from(failure).exit_code(), 2);
         }
         let latin = folder.path().join("latin.dbc");
         fs::write(&latin, [b'"', 0xB0, b'"']).unwrap();

@@ -11,6 +11,20 @@ use crate::{
     workspace::{output, succeed, typed},
 };
 
+/// Why a board cannot be flashed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Error {
+    /// probe-rs is not there.
+    #[error("probe-rs is not installed: `cargo install probe-rs-tools --locked` installs it")]
+    NotInstalled,
+    /// No debug probe is there.
+    #[error("no debug probe is connected: connect the board of {node} by USB")]
+    NoProbe {
+        /// The node whose board it would flash.
+        node: String,
+    },
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -47,14 +61,10 @@ fn commands(workspace: &Workspace, board: &Sled, image: &Path) -> [Command; 2] {
 }
 
 /// Whether probe-rs and a probe are there, before the time for a build is spent.
-fn ready(workspace: &Workspace, node: &str) -> Result<(), Failure> {
+fn ready(workspace: &Workspace, node: &str) -> Result<(), Error> {
     match output(workspace.program("probe-rs").arg("list")) {
-        None => Err(Failure::Failed(
-            "probe-rs is not installed: `cargo install probe-rs-tools --locked` installs it".into(),
-        )),
-        Some(list) if !has_probe(&list) => Err(Failure::Failed(format!(
-            "no debug probe is connected: connect the board of {node} by USB"
-        ))),
+        None => Err(Error::NotInstalled),
+        Some(list) if !has_probe(&list) => Err(Error::NoProbe { node: node.into() }),
         Some(_) => Ok(()),
     }
 }

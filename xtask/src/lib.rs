@@ -23,16 +23,21 @@ pub mod vehicle;
 
 mod failure;
 mod file;
+mod progress;
 mod workspace;
 
-pub use failure::Failure;
-pub use workspace::Workspace;
+pub use failure::{Failure, ReadError};
+pub use file::Error as FileError;
+pub use workspace::{Error as WorkspaceError, Workspace};
 
 use std::{ffi::OsString, process::ExitCode};
 
 /// Runs the command that the arguments (the program's name first) ask for.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    match cli::parse(arguments).and_then(execute) {
+    match cli::parse(arguments)
+        .map_err(Failure::from)
+        .and_then(execute)
+    {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Shown) => ExitCode::FAILURE,
         Err(failure) => {

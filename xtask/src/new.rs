@@ -10,6 +10,76 @@ use vehicle_model::Vehicle;
 
 use crate::{Failure, Workspace, cli::New, vehicle};
 
+/// Why no vehicle is made.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The name is not accepted.
+    #[error("vehicle name {name:?}: {why}")]
+    Name {
+        /// The name.
+        name: String,
+        /// What is wrong with it.
+        #[source]
+        why: NameError,
+    },
+    /// The folder to copy cannot be read.
+    #[error("{} cannot be copied: {error}", folder.display())]
+    Copy {
+        /// The folder.
+        folder: PathBuf,
+        /// Why not.
+        #[source]
+        error: io::Error,
+    },
+    /// The new folder cannot be written.
+    #[error("{} cannot be written: {error}", folder.display())]
+    Write {
+        /// The folder.
+        folder: PathBuf,
+        /// Why not.
+        #[source]
+        error: io::Error,
+    },
+}
+
+impl Error {
+    /// Whether the command line or an input file is wrong.
+    pub(crate) fn is_usage(&self) -> bool {
+        matches!(self, Self::Name { .. })
+    }
+}
+
+/// What is wrong with the name of a vehicle.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    /// It cannot be that of a package, or is too long.
+    #[error(
+        "up to {LONGEST} lower-case letters, digits and single hyphens between them are \
+         accepted, a letter first"
+    )]
+    Form,
+    /// It is a keyword.
+    #[error("a keyword of Rust is no name of a crate")]
+    Keyword,
+    /// A crate of Rust has it.
+    #[error("a crate of Rust itself has this name")]
+    BuiltIn,
+    /// A folder has it.
+    #[error("there is such a folder already")]
+    Folder,
+    /// A package has it.
+    #[error("the workspace has such a package already")]
+    Package,
+    /// The vehicle to copy uses it for something else.
+    #[error("the word {word} means something else in {model} already")]
+    Word {
+        /// The name in one of its forms.
+        word: String,
+        /// The vehicle.
+        model: String,
+    },
+}
+
 /// Longest name of a vehicle. Longer ones do not fit a line of the console.
 const LONGEST: usize = 24;
 /// Crates that every program has, beside those of the workspace.
@@ -59,29 +129,37 @@ pub fn run(workspace: &Workspace, options: &New) -> Result<(), Failure> {
 ///
 /// As [`run`].
 pub fn create(workspace: &Workspace, model: &Vehicle, name: &str) -> Result<Vehicle, Failure> {
-    let refused = |why: String| Failure::Usage(format!("vehicle name {name:?}: {why}"));
+    let refused = |why| Error::Name {
+        name: name.into(),
+        why,
+    };
     is_package_name(name).map_err(refused)?;
     let folder = workspace.vehicles().join(name);
     if folder.exists() {
-        return Err(refused("there is such a folder already".into()));
+        return Err(refused(NameError::Folder).into());
     }
     if packages(workspace).iter().any(|package| package == name) {
-        return Err(refused("the workspace has such a package already".into()));
+        return Err(refused(NameError::Package).into());
     }
     let package = vehicle::package(model)?;
     let (from, to) = (Names::of(&package), Names::of(name));
 
-    let unreadable = |error| failed(model.folder(), "copied", &error);
+    let unreadable = |error| Error::Copy {
+        folder: model.folder().into(),
+        error,
+    };
     let files = files(model.folder()).map_err(unreadable)?;
     let texts = files.iter().filter_map(|file| file.text());
     if let Some(word) = texts.flat_map(words).find(|word| to.has(word)) {
-        return Err(refused(format!(
-            "the word {word} means something else in {} already",
-            model.name()
-        )));
+        let word = word.to_owned();
+        let model = model.name().to_owned();
+        return Err(refused(NameError::Word { word, model }).into());
     }
 
-    let unwritable = |error| failed(&folder, "written", &error);
+    let unwritable = |error| Error::Write {
+        folder: folder.clone(),
+        error,
+    };
     // Beside the vehicles and not among them, where cargo would take it for a package.
     let temporary = tempfile::tempdir_in(workspace.root().join("firmware")).map_err(unwritable)?;
     let draft = temporary.path().join(name);
@@ -90,32 +168,25 @@ pub fn create(workspace: &Workspace, model: &Vehicle, name: &str) -> Result<Vehi
     }
     vehicle::read(&draft)?;
     fs::rename(&draft, &folder).map_err(unwritable)?;
-    vehicle::find(workspace, name)
-}
-
-fn failed(path: &Path, done: &str, error: &io::Error) -> Failure {
-    Failure::Failed(format!("{} cannot be {done}: {error}", path.display()))
+    Ok(vehicle::find(workspace, name)?)
 }
 
 /// Whether a name can be that of a package and of its crate; why not, if it cannot.
-fn is_package_name(name: &str) -> Result<(), String> {
+fn is_package_name(name: &str) -> Result<(), NameError> {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit();
     let words = name.split('-');
     let form = name.starts_with(|c: char| c.is_ascii_lowercase())
         && words.into_iter().all(|word| !word.is_empty())
         && name.chars().all(|c| plain(c) || c == '-');
     if !form || name.len() > LONGEST {
-        return Err(format!(
-            "up to {LONGEST} lower-case letters, digits and single hyphens between them are \
-             accepted, a letter first"
-        ));
+        return Err(NameError::Form);
     }
     // A crate's name must be an identifier, and keywords are none.
     if syn::parse_str::<syn::Ident>(&name.replace('-', "_")).is_err() {
-        return Err("a keyword of Rust is no name of a crate".into());
+        return Err(NameError::Keyword);
     }
     if BUILT_IN.contains(&name) {
-        return Err("a crate of Rust itself has this name".into());
+        return Err(NameError::BuiltIn);
     }
     Ok(())
 }

@@ -1,6 +1,10 @@
 //! What an image takes of its board's memories.
 
-use std::{fmt::Write, fs, path::Path};
+use std::{
+    fmt::Write,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use object::{
     LittleEndian, Object, ObjectSection, ObjectSymbol,
@@ -11,7 +15,58 @@ use serde::Serialize;
 
 use parts::{Memory, Sled};
 
-use crate::Failure;
+use crate::{Failure, ReadError};
+
+/// A file that cannot be measured.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {why}", path.display())]
+pub struct Error {
+    path: PathBuf,
+    #[source]
+    why: Unfit,
+}
+
+/// Why an ELF file is no image for a board.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Unfit {
+    /// It is no ELF file of 32 bits.
+    #[error("not an image: {0}")]
+    NotAnImage(object::Error),
+    /// A segment is loaded to where there is no flash.
+    #[error("{size} bytes at {address:#010x} are outside the flash of {board}")]
+    OutsideFlash {
+        /// Its length.
+        size: u64,
+        /// Where it is loaded.
+        address: u64,
+        /// The board.
+        board: &'static str,
+    },
+    /// A section lies in none of the board's memories.
+    #[error("section {name} at {address:#010x} is in no memory of {board}")]
+    Section {
+        /// Its name.
+        name: String,
+        /// Its first address.
+        address: u64,
+        /// The board.
+        board: &'static str,
+    },
+    /// A symbol of the linker script is missing.
+    #[error("the image has no symbol {0}")]
+    NoSymbol(&'static str),
+    /// The stack has less than no bytes.
+    #[error("the stack's top is below its end")]
+    UpsideDown,
+    /// The stack lies in no RAM.
+    #[error("the stack at {bottom:#010x} is in no RAM of {board}")]
+    Stack {
+        /// Its lowest address.
+        bottom: u64,
+        /// The board.
+        board: &'static str,
+    },
+}
 
 /// Bytes that an image takes of its board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -44,15 +99,16 @@ pub struct Size {
 /// The file cannot be read, is no ELF file of 32 bits, or holds something that
 /// lies in none of the board's memories.
 pub fn measure(path: &Path, board: &Sled) -> Result<Usage, Failure> {
-    let name = path.display();
-    let data = fs::read(path)
-        .map_err(|error| Failure::Failed(format!("{name} cannot be read: {error}")))?;
-    usage(&data, board).map_err(|what| Failure::Failed(format!("{name}: {what}")))
+    let data = fs::read(path).map_err(ReadError::of(path))?;
+    let usage = usage(&data, board).map_err(|why| Error {
+        path: path.into(),
+        why,
+    });
+    Ok(usage?)
 }
 
-fn usage(data: &[u8], board: &Sled) -> Result<Usage, String> {
-    let file = ElfFile::<FileHeader32<LittleEndian>>::parse(data)
-        .map_err(|error| format!("not an image: {error}"))?;
+fn usage(data: &[u8], board: &Sled) -> Result<Usage, Unfit> {
+    let file = ElfFile::<FileHeader32<LittleEndian>>::parse(data).map_err(Unfit::NotAnImage)?;
     let endian = file.endian();
 
     let mut flash = 0;
@@ -63,10 +119,11 @@ fn usage(data: &[u8], board: &Sled) -> Result<Usage, String> {
         }
         let address = u64::from(segment.p_paddr(endian));
         if !fits(&board.part.flash, address, size) {
-            return Err(format!(
-                "{size} bytes at {address:#010x} are outside the flash of {}",
-                board.name
-            ));
+            return Err(Unfit::OutsideFlash {
+                size,
+                address,
+                board: board.name,
+            });
         }
         flash += size;
     }
@@ -81,29 +138,29 @@ fn usage(data: &[u8], board: &Sled) -> Result<Usage, String> {
         if board.part.ram.iter().any(|ram| fits(ram, address, size)) {
             statics += size;
         } else if !fits(&board.part.flash, address, size) {
-            return Err(format!(
-                "section {} at {address:#010x} is in no memory of {}",
-                section.name().unwrap_or("without a name"),
-                board.name
-            ));
+            return Err(Unfit::Section {
+                name: section.name().unwrap_or("without a name").into(),
+                address,
+                board: board.name,
+            });
         }
     }
 
-    let symbol = |name: &str| {
+    let symbol = |name: &'static str| {
         file.symbols()
             .find(|symbol| symbol.name() == Ok(name))
             .map(|symbol| symbol.address())
-            .ok_or_else(|| format!("the image has no symbol {name}"))
+            .ok_or(Unfit::NoSymbol(name))
     };
     // The linker script leaves the stack between these two; it grows downwards.
     let (top, bottom) = (symbol("_stack_start")?, symbol("_stack_end")?);
     let stack = top.checked_sub(bottom);
-    let stack = stack.ok_or("the stack's top is below its end")?;
+    let stack = stack.ok_or(Unfit::UpsideDown)?;
     if !board.part.ram.iter().any(|ram| fits(ram, bottom, stack)) {
-        return Err(format!(
-            "the stack at {bottom:#010x} is in no RAM of {}",
-            board.name
-        ));
+        return Err(Unfit::Stack {
+            bottom,
+            board: board.name,
+        });
     }
     Ok(Usage {
         flash,
@@ -343,24 +400,26 @@ mod tests {
     fn what_lies_outside_the_memories_is_refused() {
         let mut elf = Elf::f303();
         elf.segments[1] = (0x0800_FFF8, 0x10);
-        let refusal = usage(&elf.bytes(), Sled::F303).unwrap_err();
+        let refusal = usage(&elf.bytes(), Sled::F303).unwrap_err().to_string();
         assert!(refusal.contains("outside the flash of f303"), "{refusal}");
 
         let mut elf = Elf::f303();
         elf.sections[3] = (0x2000_2FF0, 0x20, false);
-        let refusal = usage(&elf.bytes(), Sled::F303).unwrap_err();
+        let refusal = usage(&elf.bytes(), Sled::F303).unwrap_err().to_string();
         assert!(refusal.contains("0x20002ff0 is in no memory"), "{refusal}");
 
         let mut elf = Elf::f303();
         elf.stack = (0x2002_1000, 0x2002_0000);
-        let refusal = usage(&elf.bytes(), Sled::F446).unwrap_err();
+        let refusal = usage(&elf.bytes(), Sled::F446).unwrap_err().to_string();
         assert!(refusal.contains("stack at 0x20020000"), "{refusal}");
     }
 
     #[test]
     fn a_file_that_is_no_image_is_refused() {
         assert!(usage(b"not an image", Sled::F446).is_err());
-        let failure = measure(Path::new("no/such/image"), Sled::F446).unwrap_err();
+        let failure = measure(Path::new("no/such/image"), Sled::F446)
+            .unwrap_err()
+            .to_string();
         assert!(
             failure
                 .to_string()

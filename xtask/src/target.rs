@@ -2,10 +2,25 @@
 
 use std::{env, fs, path::Path, process::Command};
 
-use crate::{Failure, Workspace, workspace::output};
+use crate::{Workspace, workspace::output};
 
 /// The target of both boards: Cortex-M4 with its floating point unit.
 pub const TRIPLE: &str = "thumbv7em-none-eabihf";
+
+/// The target is not installed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Missing {
+    /// There is no rustup that could install it.
+    #[error(
+        "the target {TRIPLE} is missing and there is no rustup: install it with `rustup target add {TRIPLE}` where the network allows it"
+    )]
+    NoRustup,
+    /// Rustup cannot install it.
+    #[error(
+        "the target {TRIPLE} is missing and rustup cannot fetch it: install it with `rustup target add {TRIPLE}` where the network allows it"
+    )]
+    NotFetched,
+}
 
 /// A cargo command (`build`, `clippy`, `doc`) for the target.
 pub fn cargo(workspace: &Workspace, command: &str) -> Command {
@@ -19,13 +34,13 @@ pub fn cargo(workspace: &Workspace, command: &str) -> Command {
 /// # Errors
 ///
 /// It is missing and rustup does not install it.
-pub fn ensure(workspace: &Workspace) -> Result<(), Failure> {
+pub fn ensure(workspace: &Workspace) -> Result<(), Missing> {
     if has_core(workspace) {
         return Ok(());
     }
     eprintln!("The target {TRIPLE} is not installed.");
     if output(workspace.program("rustup").arg("--version")).is_none() {
-        return Err(missing("there is no rustup"));
+        return Err(Missing::NoRustup);
     }
     eprintln!("Installing it: rustup target add {TRIPLE}");
     let added = workspace
@@ -35,14 +50,8 @@ pub fn ensure(workspace: &Workspace) -> Result<(), Failure> {
     if added.is_ok_and(|status| status.success()) && has_core(workspace) {
         Ok(())
     } else {
-        Err(missing("rustup cannot fetch it"))
+        Err(Missing::NotFetched)
     }
-}
-
-fn missing(why: &str) -> Failure {
-    Failure::Failed(format!(
-        "the target {TRIPLE} is missing and {why}: install it with `rustup target add {TRIPLE}` where the network allows it"
-    ))
 }
 
 /// Whether the toolchain has the core library of the target.
@@ -85,8 +94,10 @@ mod tests {
 
     #[test]
     fn the_sentence_says_what_to_do() {
-        let sentence = missing("nobody has it").to_string();
-        assert!(sentence.contains("rustup target add"), "{sentence}");
-        assert!(!sentence.contains('\n'));
+        for missing in [Missing::NoRustup, Missing::NotFetched] {
+            let sentence = missing.to_string();
+            assert!(sentence.contains("rustup target add"), "{sentence}");
+            assert!(!sentence.contains('\n'));
+        }
     }
 }

@@ -20,6 +20,14 @@ use crate::{
     workspace::{succeed, typed},
 };
 
+/// Steps failed, as shown on the screen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("{failed} of {of} steps failed")]
+pub struct Error {
+    failed: usize,
+    of: usize,
+}
+
 /// Runs the command: every step, even after one failed.
 ///
 /// # Errors
@@ -67,7 +75,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
         eprintln!("[{}/{count}] {}", index + 1, step.line());
         finished.push(step);
     }
-    summary(&finished)
+    Ok(summary(&finished)?)
 }
 
 /// One step of the test.
@@ -104,7 +112,7 @@ impl Step {
     }
 
     fn run(self, workspace: &Workspace) -> Outcome {
-        let found = |name: &str| vehicle::find(workspace, name);
+        let found = |name: &str| vehicle::find(workspace, name).map_err(Failure::from);
         let failed = |failure: Failure| vec![failure.to_string()];
         let failures = match self.work {
             Work::Faults => found(vehicle::DEFAULT)
@@ -339,7 +347,7 @@ impl Finished {
 }
 
 /// One line for each step on standard output.
-fn summary(steps: &[Finished]) -> Result<(), Failure> {
+fn summary(steps: &[Finished]) -> Result<(), Error> {
     eprintln!();
     for step in steps {
         println!("{}", step.line());
@@ -350,10 +358,10 @@ fn summary(steps: &[Finished]) -> Result<(), Failure> {
         .count();
     match failed {
         0 => Ok(()),
-        _ => Err(Failure::Failed(format!(
-            "{failed} of {} steps failed",
-            steps.len()
-        ))),
+        _ => Err(Error {
+            failed,
+            of: steps.len(),
+        }),
     }
 }
 
@@ -398,7 +406,7 @@ mod tests {
             finished(Outcome::Passed),
             finished(Outcome::Failed(vec!["why".into()])),
         ]);
-        assert_eq!(failure, Err(Failure::Failed("1 of 2 steps failed".into())));
+        assert_eq!(failure.unwrap_err().to_string(), "1 of 2 steps failed");
         let passed = finished(Outcome::Passed).line();
         assert!(passed.contains("1.5 s  passed"), "{passed}");
     }

@@ -1,11 +1,69 @@
 //! The vehicles of the workspace and their nodes, by the names on the command line.
 
-use std::{fs, path::Path};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
 
 use parts::Sled;
 use vehicle_model::{NodeIndex, Vehicle, VehicleError};
 
-use crate::{Failure, Workspace};
+use crate::Workspace;
+
+/// Why a vehicle or a node cannot be used: the command line or the vehicle's folder is wrong.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// There is no such vehicle, or its folder is wrong.
+    #[error(transparent)]
+    Vehicle(#[from] VehicleError),
+    /// The vehicle has no such node.
+    #[error("there is no node {node}: {known}")]
+    NoNode {
+        /// The name.
+        node: String,
+        /// The nodes that there are.
+        known: String,
+    },
+    /// No vehicle has such a node.
+    #[error("there is no node {node}: there are {known}")]
+    NoNodeAnywhere {
+        /// The name.
+        node: String,
+        /// The nodes of each vehicle.
+        known: String,
+    },
+    /// Several vehicles have such a node.
+    #[error("more than one vehicle has a node {node}: which one, {choices}?")]
+    WhichVehicle {
+        /// The name.
+        node: String,
+        /// The options that name each vehicle.
+        choices: String,
+    },
+    /// The package of a vehicle cannot be read.
+    #[error("{}: {why}", path.display())]
+    Package {
+        /// Its manifest.
+        path: PathBuf,
+        /// What is wrong with it.
+        #[source]
+        why: PackageError,
+    },
+}
+
+/// What is wrong with the manifest of a package.
+#[derive(Debug, thiserror::Error)]
+pub enum PackageError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Read(#[from] io::Error),
+    /// It is no TOML.
+    #[error("{}", .0.to_string().replace('\n', "; "))]
+    Syntax(#[from] toml::de::Error),
+    /// A name is missing.
+    #[error("it names no package")]
+    NoName,
+}
 
 /// The vehicle that a command means when none is named.
 pub const DEFAULT: &str = "uagv";
@@ -17,9 +75,9 @@ pub const SMALLEST: &str = "two-boards";
 ///
 /// # Errors
 ///
-/// There is none, or its folder is wrong ([`Failure::Usage`]).
-pub fn find(workspace: &Workspace, name: &str) -> Result<Vehicle, Failure> {
-    Vehicle::find(&workspace.vehicles(), name).map_err(wrong)
+/// There is none, or its folder is wrong.
+pub fn find(workspace: &Workspace, name: &str) -> Result<Vehicle, Error> {
+    Ok(Vehicle::find(&workspace.vehicles(), name)?)
 }
 
 /// The names of the workspace's vehicles.
@@ -27,21 +85,17 @@ pub fn find(workspace: &Workspace, name: &str) -> Result<Vehicle, Failure> {
 /// # Errors
 ///
 /// Their folder cannot be read.
-pub fn names(workspace: &Workspace) -> Result<Vec<String>, Failure> {
-    Vehicle::names(&workspace.vehicles()).map_err(wrong)
+pub fn names(workspace: &Workspace) -> Result<Vec<String>, Error> {
+    Ok(Vehicle::names(&workspace.vehicles())?)
 }
 
 /// Reads the vehicle of a folder.
 ///
 /// # Errors
 ///
-/// The folder is wrong ([`Failure::Usage`]).
-pub fn read(folder: &Path) -> Result<Vehicle, Failure> {
-    Vehicle::read(folder).map_err(wrong)
-}
-
-fn wrong(error: VehicleError) -> Failure {
-    Failure::Usage(error.to_string())
+/// The folder is wrong.
+pub fn read(folder: &Path) -> Result<Vehicle, Error> {
+    Ok(Vehicle::read(folder)?)
 }
 
 /// The nodes of these names in the order of the manifest; all when none is named.
@@ -49,15 +103,15 @@ fn wrong(error: VehicleError) -> Failure {
 /// # Errors
 ///
 /// The vehicle has no node of one of the names.
-pub fn nodes(vehicle: &Vehicle, names: &[String]) -> Result<Vec<NodeIndex>, Failure> {
+pub fn nodes(vehicle: &Vehicle, names: &[String]) -> Result<Vec<NodeIndex>, Error> {
     if names.is_empty() {
         return Ok(vehicle.nodes().collect());
     }
     let mut nodes = Vec::new();
     for name in names {
-        nodes.push(vehicle.find_node(name).ok_or_else(|| {
-            let known = node_names(vehicle).join(", ");
-            Failure::Usage(format!("there is no node {name}: {known}"))
+        nodes.push(vehicle.find_node(name).ok_or_else(|| Error::NoNode {
+            node: name.clone(),
+            known: node_names(vehicle).join(", "),
         })?);
     }
     nodes.sort();
@@ -82,14 +136,14 @@ pub fn with_node(
     workspace: &Workspace,
     node: &str,
     vehicle: Option<&str>,
-) -> Result<(Vehicle, NodeIndex), Failure> {
+) -> Result<(Vehicle, NodeIndex), Error> {
     if let Some(name) = vehicle {
         let vehicle = find(workspace, name)?;
-        let index = nodes(&vehicle, &[node.to_owned()])?;
-        return index
-            .first()
-            .map(|&index| (vehicle, index))
-            .ok_or_else(|| Failure::Usage(format!("there is no node {node}")));
+        let index = vehicle.find_node(node).ok_or_else(|| Error::NoNode {
+            node: node.into(),
+            known: node_names(&vehicle).join(", "),
+        })?;
+        return Ok((vehicle, index));
     }
     let mut having = Vec::new();
     let mut known = Vec::new();
@@ -106,14 +160,14 @@ pub fn with_node(
         .collect();
     match (having.pop(), having.is_empty()) {
         (Some(one), true) => Ok(one),
-        (Some(_), false) => Err(Failure::Usage(format!(
-            "more than one vehicle has a node {node}: which one, {}?",
-            names.join(" or ")
-        ))),
-        (None, _) => Err(Failure::Usage(format!(
-            "there is no node {node}: there are {}",
-            known.join("; ")
-        ))),
+        (Some(_), false) => Err(Error::WhichVehicle {
+            node: node.into(),
+            choices: names.join(" or "),
+        }),
+        (None, _) => Err(Error::NoNodeAnywhere {
+            node: node.into(),
+            known: known.join("; "),
+        }),
     }
 }
 
@@ -133,23 +187,27 @@ pub fn board(vehicle: &Vehicle, node: NodeIndex) -> &'static Sled {
 /// # Errors
 ///
 /// Its manifest cannot be read.
-pub fn package(vehicle: &Vehicle) -> Result<String, Failure> {
+pub fn package(vehicle: &Vehicle) -> Result<String, Error> {
     let manifest = vehicle.folder().join("Cargo.toml");
-    let wrong = |error: String| Failure::Usage(format!("{}: {error}", manifest.display()));
-    let text = fs::read_to_string(&manifest).map_err(|error| wrong(error.to_string()))?;
+    let wrong = |why| Error::Package {
+        path: manifest.clone(),
+        why,
+    };
+    let text = fs::read_to_string(&manifest).map_err(|error| wrong(PackageError::Read(error)))?;
     let table: toml::Table = text
         .parse()
-        .map_err(|error: toml::de::Error| wrong(error.to_string().replace('\n', "; ")))?;
+        .map_err(|error| wrong(PackageError::Syntax(error)))?;
     let name = table
         .get("package")
         .and_then(|package| package.get("name")?.as_str());
     name.map(str::to_owned)
-        .ok_or_else(|| wrong("it names no package".into()))
+        .ok_or_else(|| wrong(PackageError::NoName))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Failure;
 
     fn uagv() -> Vehicle {
         find(&Workspace::find().unwrap(), DEFAULT).unwrap()
@@ -181,7 +239,7 @@ mod tests {
             named(&["drive", "gps", "drive"]).unwrap(),
             [NodeIndex(0), NodeIndex(3)]
         );
-        let failure = named(&["gps", "rudder"]).unwrap_err();
+        let failure = Failure::from(named(&["gps", "rudder"]).unwrap_err());
         assert_eq!(failure.exit_code(), 2);
         assert_eq!(
             failure.to_string(),
@@ -209,7 +267,7 @@ mod tests {
     #[test]
     fn a_node_that_two_vehicles_have_is_asked_back() {
         let (_folder, workspace) = workspace(&["one", "two"]);
-        let failure = with_node(&workspace, "gps", None).unwrap_err();
+        let failure = Failure::from(with_node(&workspace, "gps", None).unwrap_err());
         assert_eq!(failure.exit_code(), 2);
         assert_eq!(
             failure.to_string(),

@@ -3,11 +3,37 @@
 use std::{
     env,
     ffi::OsStr,
+    io,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{Command, ExitStatus, Stdio},
 };
 
-use crate::Failure;
+/// What goes wrong with the workspace or a program that runs in it.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// It is not where it should be.
+    #[error("the workspace is not found: run this as `cargo xtask`")]
+    NotFound,
+    /// A program did not succeed.
+    #[error("{what} failed ({status})")]
+    Unsuccessful {
+        /// What it was to do.
+        what: String,
+        /// How it ended.
+        status: ExitStatus,
+    },
+    /// A program cannot be run.
+    #[error("{what} failed: {program} cannot be run: {error}")]
+    Program {
+        /// What it was to do.
+        what: String,
+        /// Its name.
+        program: String,
+        /// Why it cannot be run.
+        #[source]
+        error: io::Error,
+    },
+}
 
 /// The workspace that the commands work on.
 #[derive(Debug, Clone)]
@@ -24,16 +50,14 @@ impl Workspace {
     ///
     /// It is not where it was when the program was built, and cargo does not
     /// say where it is.
-    pub fn find() -> Result<Self, Failure> {
+    pub fn find() -> Result<Self, Error> {
         let package = env::var_os("CARGO_MANIFEST_DIR")
             .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
         package
             .parent()
             .filter(|root| root.join("Cargo.toml").is_file())
             .map(Self::at)
-            .ok_or_else(|| {
-                Failure::Failed("the workspace is not found: run this as `cargo xtask`".into())
-            })
+            .ok_or(Error::NotFound)
     }
 
     /// The workspace with this root folder.
@@ -96,14 +120,16 @@ pub(crate) fn output(command: &mut Command) -> Option<String> {
 /// # Errors
 ///
 /// It cannot be run or does not succeed, with `what` it was to do.
-pub(crate) fn succeed(command: &mut Command, what: &str) -> Result<(), Failure> {
+pub(crate) fn succeed(command: &mut Command, what: &str) -> Result<(), Error> {
+    let what = what.to_owned();
     match command.status() {
         Ok(status) if status.success() => Ok(()),
-        Ok(status) => Err(Failure::Failed(format!("{what} failed ({status})"))),
-        Err(error) => Err(Failure::Failed(format!(
-            "{what} failed: {} cannot be run: {error}",
-            command.get_program().to_string_lossy()
-        ))),
+        Ok(status) => Err(Error::Unsuccessful { what, status }),
+        Err(error) => Err(Error::Program {
+            what,
+            program: command.get_program().to_string_lossy().into_owned(),
+            error,
+        }),
     }
 }
 

@@ -11,6 +11,20 @@ use wcet::{
 /// Start of the flash, where the vector table stands.
 const FLASH: u32 = 0x0800_0000;
 
+/// Why the calls of an image cannot be followed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum CallsError {
+    /// The flash begins with something else.
+    #[error("no vector table at the start of the flash")]
+    NoVectorTable,
+    /// A function holds what is no instruction.
+    #[error("no instruction at {place}")]
+    NoInstruction {
+        /// The address, and what is there.
+        place: String,
+    },
+}
+
 /// A call, or a jump out of a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Call {
@@ -44,10 +58,10 @@ impl Calls {
     ///
     /// The image has no vector table or no symbols, or a reachable function holds what is
     /// no instruction.
-    pub(super) fn of(image: &Image) -> Result<Self, String> {
+    pub(super) fn of(image: &Image) -> Result<Self, CallsError> {
         let roots = vectors(image);
         if roots.is_empty() {
-            return Err("no vector table at the start of the flash".into());
+            return Err(CallsError::NoVectorTable);
         }
         let mut bodies = BTreeMap::new();
         let mut work: Vec<u32> = roots.into_iter().collect();
@@ -90,7 +104,7 @@ fn vectors(image: &Image) -> BTreeSet<u32> {
 }
 
 /// The instructions of a function, one after the other; data among them is left out.
-fn instructions(image: &Image, function: u32) -> Result<Vec<Instruction>, String> {
+fn instructions(image: &Image, function: u32) -> Result<Vec<Instruction>, CallsError> {
     let size = image.function(function).map_or(0, |known| known.size);
     let next = image
         .functions()
@@ -107,15 +121,16 @@ fn instructions(image: &Image, function: u32) -> Result<Vec<Instruction>, String
             address += 2;
             continue;
         }
-        let instruction = decode(image, address, 0)
-            .map_err(|_| format!("no instruction at {}", image.describe(address)))?;
+        let instruction = decode(image, address, 0).map_err(|_| CallsError::NoInstruction {
+            place: image.describe(address),
+        })?;
         address += instruction.size;
         instructions.push(instruction);
     }
     Ok(instructions)
 }
 
-fn body(image: &Image, function: u32) -> Result<Body, String> {
+fn body(image: &Image, function: u32) -> Result<Body, CallsError> {
     let mut body = Body::default();
     let mut after_call = false;
     for instruction in instructions(image, function)? {

@@ -8,14 +8,39 @@ mod calls;
 mod panics;
 mod stack;
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
-use schedulability::tasks::App;
-use wcet::image::Image;
+use schedulability::tasks::{App, SourceError};
+use wcet::image::{Image, ImageError};
 
-use crate::Failure;
+use crate::{Failure, ReadError};
+
+pub use calls::CallsError;
 
 pub use panics::{ALLOWED, Allowed, Place};
+
+/// Why an image cannot be audited.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The source holds no RTIC application.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The file is no image.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// The image's calls cannot be followed.
+    #[error("{}: {error}", path.display())]
+    Calls {
+        /// The image.
+        path: PathBuf,
+        /// What is wrong with it.
+        #[source]
+        error: CallsError,
+    },
+}
 
 /// What the audit of an image found.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,9 +58,8 @@ pub struct Audit {
 /// It cannot be read, or holds none.
 pub fn application(source: &Path) -> Result<App, Failure> {
     let name = source.display().to_string();
-    let text = fs::read_to_string(source)
-        .map_err(|error| Failure::Failed(format!("{name} cannot be read: {error}")))?;
-    App::parse(&name, &text).map_err(|error| Failure::Failed(error.to_string()))
+    let text = fs::read_to_string(source).map_err(ReadError::of(source))?;
+    Ok(App::parse(&name, &text).map_err(Error::from)?)
 }
 
 /// Audits the image at `path` of an application, whose priorities say who interrupts whom.
@@ -44,10 +68,11 @@ pub fn application(source: &Path) -> Result<App, Failure> {
 ///
 /// The file cannot be read or is no image.
 pub fn audit(path: &Path, app: &App) -> Result<Audit, Failure> {
-    let failed = |error: String| Failure::Failed(error);
-    let image = Image::read(path).map_err(|error| failed(error.to_string()))?;
-    let calls =
-        calls::Calls::of(&image).map_err(|what| failed(format!("{}: {what}", path.display())))?;
+    let image = Image::read(path).map_err(Error::from)?;
+    let calls = calls::Calls::of(&image).map_err(|error| Error::Calls {
+        path: path.into(),
+        error,
+    })?;
     let mut complaints = panics::complaints(&image, &calls);
     let deepest = stack::deepest(&image, &calls, app).unwrap_or_else(|unknown| {
         complaints.extend(unknown);

@@ -9,7 +9,7 @@ use twin::{
 };
 
 use super::{
-    Builder, CONTROL, Parts, Profile,
+    Builder, CONTROL, Error, Parts, Profile,
     cycles::{BUDGET, IDLE, call, function},
 };
 use crate::Failure;
@@ -24,6 +24,9 @@ pub struct Cost {
     /// Cycles while it keeps it.
     pub there: Option<u64>,
 }
+
+/// The program that is measured.
+const PROGRAM: &str = "the control step's program";
 
 /// Parts, what their functions' names end with, and whether they are measured on the line too.
 const PARTS: [(&str, &str, bool); 6] = [
@@ -46,24 +49,22 @@ pub fn measure(builder: &Builder) -> Result<Vec<Cost>, Failure> {
         features: "",
     };
     let elf = builder.build(CONTROL, "step", parts, Profile::Release)?;
-    let image = Image::from_elf(Part::F446, &elf)
-        .map_err(|error| Failure::Failed(format!("the control step's program: {error}")))?;
+    let image = Image::from_elf(Part::F446, &elf).map_err(|error| Error::Image {
+        program: PROGRAM,
+        error,
+    })?;
     let image = Arc::new(image);
-    let cost = |prepare: &str, part: &str| -> Result<u64, Failure> {
+    let cost = |prepare: &str, part: &str| -> Result<u64, Error> {
         let mut core = Mcu::new(Arc::clone(&image), &Board::default(), None);
         if !core.run_to(IDLE, BUDGET) {
-            return Err(Failure::Failed(
-                "the control step's program does not start".into(),
-            ));
+            return Err(Error::NoStart { program: PROGRAM });
         }
         call(&mut core, function(&elf, &format!("prepare_{prepare}"))?)?;
         let cycles = call(&mut core, function(&elf, &format!("run_{part}"))?)?;
         if core.register(0) == 1 {
             Ok(cycles)
         } else {
-            Err(Failure::Failed(format!(
-                "the part `{part}` of the control step did not do its work"
-            )))
+            Err(Error::Idle { part: part.into() })
         }
     };
     PARTS

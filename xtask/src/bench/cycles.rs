@@ -9,7 +9,7 @@ use twin::{
     part::Part,
 };
 
-use super::{Builder, Parts, Profile};
+use super::{Builder, Error, Parts, Profile};
 use crate::Failure;
 
 /// What an event costs.
@@ -30,6 +30,8 @@ const EVENTS: [(&str, &str); 3] = [
     ("own window begins", "window"),
 ];
 
+/// The program that is measured.
+const PROGRAM: &str = "the program `cycles`";
 /// Where a node is kept.
 const PLACE: u32 = 0x2000_1000;
 /// Where the program waits, and functions return to.
@@ -46,15 +48,15 @@ pub(super) const BUDGET: u64 = 10_000_000;
 /// The program does not build, or an event did not go as it should.
 pub fn measure(builder: &Builder, parts: Parts) -> Result<Vec<Cost>, Failure> {
     let elf = builder.program("cycles", parts, Profile::Release)?;
-    let image = Image::from_elf(Part::F446, &elf)
-        .map_err(|error| Failure::Failed(format!("the program `cycles`: {error}")))?;
+    let image = Image::from_elf(Part::F446, &elf).map_err(|error| Error::Image {
+        program: PROGRAM,
+        error,
+    })?;
     let image = Arc::new(image);
-    let cost = |size: &str, event: &str| -> Result<u64, Failure> {
+    let cost = |size: &str, event: &str| -> Result<u64, Error> {
         let mut core = Mcu::new(Arc::clone(&image), &Board::default(), None);
         if !core.run_to(IDLE, BUDGET) {
-            return Err(Failure::Failed(
-                "the program `cycles` does not start".into(),
-            ));
+            return Err(Error::NoStart { program: PROGRAM });
         }
         call(
             &mut core,
@@ -64,9 +66,10 @@ pub fn measure(builder: &Builder, parts: Parts) -> Result<Vec<Cost>, Failure> {
         if core.register(0) == 1 {
             Ok(cycles)
         } else {
-            Err(Failure::Failed(format!(
-                "the event `{event}` ({size} windows) did not come about"
-            )))
+            Err(Error::NoEvent {
+                event: event.into(),
+                size: size.into(),
+            })
         }
     };
     EVENTS
@@ -83,7 +86,7 @@ pub fn measure(builder: &Builder, parts: Parts) -> Result<Vec<Cost>, Failure> {
 
 /// Calls a function with the node's place; the cycles from its first instruction
 /// to its return.
-pub(super) fn call(core: &mut Mcu, address: u32) -> Result<u64, Failure> {
+pub(super) fn call(core: &mut Mcu, address: u32) -> Result<u64, Error> {
     core.set_register(0, PLACE);
     core.set_register(13, STACK);
     core.set_register(14, IDLE | 1);
@@ -92,12 +95,12 @@ pub(super) fn call(core: &mut Mcu, address: u32) -> Result<u64, Failure> {
     if core.run_to(IDLE, BUDGET) && !core.is_locked_up() {
         Ok(core.cycles() - begin)
     } else {
-        Err(Failure::Failed(format!("no return from {address:#010x}")))
+        Err(Error::NoReturn { address })
     }
 }
 
-pub(super) fn function(elf: &[u8], name: &str) -> Result<u32, Failure> {
-    let missing = || Failure::Failed(format!("the program `cycles` has no function {name}"));
+pub(super) fn function(elf: &[u8], name: &str) -> Result<u32, Error> {
+    let missing = || Error::NoFunction { name: name.into() };
     let file = object::File::parse(elf).map_err(|_| missing())?;
     let found = file.symbols().find(|symbol| {
         let symbol = symbol.name().unwrap_or_default();

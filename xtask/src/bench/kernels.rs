@@ -1,7 +1,7 @@
 //! The kernels of the execution-time analysis: the bound of each beside the longest of
 //! many emulated runs.
 
-use std::{sync::Arc, thread};
+use std::{path::Path, sync::Arc, thread};
 
 use schedulability::results::KernelReport;
 use twin::{
@@ -13,7 +13,7 @@ use wcet::{
     annotation::Annotations,
     bound::Entry,
     cycles::{Cycles, Model},
-    image::Image,
+    image::{Image, ImageError},
     kernels::{INPUT, NAMES, find, input},
     register::Register,
     timing::Timing,
@@ -22,6 +22,53 @@ use world::random::{Purpose, Stream};
 
 use super::{Builder, LEAST, Profile, cycles::BUDGET};
 use crate::Failure;
+
+/// Why the kernels cannot be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The analysis cannot read their image.
+    #[error("the kernels: {0}")]
+    Image(#[from] ImageError),
+    /// The emulator cannot load their image.
+    #[error(transparent)]
+    Emulated(twin::image::ImageError),
+    /// One of them is missing.
+    #[error("the kernels: there is no {name}")]
+    Missing {
+        /// Its name.
+        name: &'static str,
+    },
+    /// One of them has no bound.
+    #[error("the kernels: {name} has no bound: {problem}")]
+    NoBound {
+        /// Its name.
+        name: &'static str,
+        /// What the analysis cannot follow.
+        problem: String,
+    },
+    /// A thread of the emulation panicked.
+    #[error("the kernels: the emulation broke down")]
+    BrokenDown,
+    /// One of them ran for longer than its bound.
+    #[error(
+        "the kernels: {name} takes {} and {} cycles, more than its bounds of {} and {}: the analysis is unsound",
+        seen.zero_wait, seen.flashed, bound.zero_wait, bound.flashed
+    )]
+    Unsound {
+        /// Its name.
+        name: &'static str,
+        /// Its longest run.
+        seen: Cycles,
+        /// Its bound.
+        bound: Cycles,
+    },
+    /// The program does not reach its waiting place.
+    #[error("the kernels do not start")]
+    NoStart,
+    /// One of them does not return.
+    #[error("the kernels do not return")]
+    NoReturn,
+}
 
 /// Their package, from the root of the workspace.
 const PACKAGE: &str = "xtask/wcet/kernels/Cargo.toml";
@@ -52,16 +99,21 @@ const IDLE: u32 = 0x0800_020C;
 /// They do not build, one of them has no bound, or runs longer than its bound says.
 pub fn measure(builder: &Builder) -> Result<Vec<KernelReport>, Failure> {
     let path = builder.file(PACKAGE, "kernels", LEAST, Profile::Release)?;
-    let failed = |what: String| Failure::Failed(format!("the kernels: {what}"));
-    let image = Image::read(&path).map_err(|error| failed(error.to_string()))?;
+    let kernels = run_all(builder, &path)?;
+    Ok(kernels)
+}
+
+fn run_all(builder: &Builder, path: &Path) -> Result<Vec<KernelReport>, super::Error> {
+    let image = Image::read(path).map_err(Error::from)?;
     let annotations = Annotations::new(builder.workspace.root());
     let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
     let mut kernels = Vec::new();
     for name in NAMES {
-        let entry = find(&image, name).ok_or_else(|| failed(format!("there is no {name}")))?;
+        let entry = find(&image, name).ok_or(Error::Missing { name })?;
         let bound = analysis.run_with(entry, Entry::Function, &[(Register::R0, INPUT)]);
         if let Some(problem) = bound.problems.first() {
-            return Err(failed(format!("{name} has no bound: {problem}")));
+            let problem = problem.to_string();
+            return Err(Error::NoBound { name, problem }.into());
         }
         kernels.push((name, entry, bound.cycles));
     }
@@ -73,7 +125,7 @@ pub fn measure(builder: &Builder) -> Result<Vec<KernelReport>, Failure> {
         let handles = timings.map(|timing| scope.spawn(move || run(timing)));
         handles.map(thread::ScopedJoinHandle::join)
     });
-    let broken = |_| failed("the emulation broke down".to_owned());
+    let broken = |_| Error::BrokenDown;
     let (zero, flash) = (zero.map_err(broken)??, flash.map_err(broken)??);
     let seen = zero.into_iter().zip(flash);
     kernels
@@ -82,11 +134,7 @@ pub fn measure(builder: &Builder) -> Result<Vec<KernelReport>, Failure> {
         .map(|((name, _, bound), (zero_wait, flashed))| {
             let seen = Cycles { zero_wait, flashed };
             if Model::ALL.iter().any(|model| seen[*model] > bound[*model]) {
-                return Err(failed(format!(
-                    "{name} takes {zero_wait} and {flashed} cycles, more than its bounds of {} and {}: \
-                     the analysis is unsound",
-                    bound.zero_wait, bound.flashed
-                )));
+                return Err(Error::Unsound { name, seen, bound }.into());
             }
             Ok(KernelReport {
                 name: name.to_owned(),
@@ -126,17 +174,16 @@ impl Memory {
 }
 
 /// The longest run of each kernel.
-fn longest(memory: &Memory, entries: &[u32], flash: FlashTiming) -> Result<Vec<u64>, Failure> {
-    let failed = |what: &str| Failure::Failed(format!("the kernels {what}"));
-    let image = twin::image::Image::from_code(Part::F446, &memory.flash)
-        .map_err(|error| Failure::Failed(error.to_string()))?;
+fn longest(memory: &Memory, entries: &[u32], flash: FlashTiming) -> Result<Vec<u64>, Error> {
+    let image =
+        twin::image::Image::from_code(Part::F446, &memory.flash).map_err(Error::Emulated)?;
     let board = Board {
         flash,
         ..Board::default()
     };
     let mut core = Mcu::new(Arc::new(image), &board, None);
     if !core.run_to(IDLE, BUDGET) {
-        return Err(failed("do not start"));
+        return Err(Error::NoStart);
     }
     let mut all = Vec::new();
     for &entry in entries {
@@ -155,7 +202,7 @@ fn longest(memory: &Memory, entries: &[u32], flash: FlashTiming) -> Result<Vec<u
             core.set_register(15, entry);
             let begin = core.cycles();
             if !core.run_to(IDLE, BUDGET) || core.is_locked_up() {
-                return Err(failed("do not return"));
+                return Err(Error::NoReturn);
             }
             longest = longest.max(core.cycles() - begin);
         }

@@ -6,14 +6,106 @@ pub mod cycles;
 pub mod kernels;
 pub mod size;
 
-use std::{env, fmt::Write, path::PathBuf, process::Stdio};
+use std::{env, fmt::Write, io, path::PathBuf, process::Stdio};
 
-use ::control::{controller::Settings, vehicle::source};
+use ::control::{
+    controller::Settings,
+    vehicle::{Refusal, source},
+};
 use schedulability::results::KernelReport;
 use serde_json::{Value, json};
+use twin::image::ImageError;
 use vehicle_model::Vehicle;
 
-use crate::{Failure, Workspace, build, cli::Bench, target, vehicle};
+use crate::{Failure, ReadError, Workspace, build, cli::Bench, target, vehicle};
+
+/// Why a measurement fails.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A program does not build.
+    #[error("the program `{program}` ({parts}) did not build")]
+    NotBuilt {
+        /// Its name.
+        program: String,
+        /// The choice of its parts.
+        parts: &'static str,
+    },
+    /// A program is no image.
+    #[error("{program}: {error}")]
+    Image {
+        /// What it is.
+        program: &'static str,
+        /// What is wrong with it.
+        #[source]
+        error: ImageError,
+    },
+    /// A program does not reach its waiting place.
+    #[error("{program} does not start")]
+    NoStart {
+        /// What it is.
+        program: &'static str,
+    },
+    /// A program lacks a function.
+    #[error("the program `cycles` has no function {name}")]
+    NoFunction {
+        /// Its name.
+        name: String,
+    },
+    /// A function does not return.
+    #[error("no return from {address:#010x}")]
+    NoReturn {
+        /// Where it is.
+        address: u32,
+    },
+    /// An event did not happen.
+    #[error("the event `{event}` ({size} windows) did not come about")]
+    NoEvent {
+        /// The event.
+        event: String,
+        /// How many windows the schedule has.
+        size: String,
+    },
+    /// A part of the control step did nothing.
+    #[error("the part `{part}` of the control step did not do its work")]
+    Idle {
+        /// The part.
+        part: String,
+    },
+    /// The program whose bytes are counted has another shape.
+    #[error("the program `node` ({parts}) is not as expected")]
+    Unexpected {
+        /// The choice of its parts.
+        parts: &'static str,
+    },
+    /// A file cannot be written.
+    #[error("{} cannot be written: {error}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        error: io::Error,
+    },
+    /// The vehicle has no settings of a control law.
+    #[error("{}: {error}", path.display())]
+    Settings {
+        /// Its manifest.
+        path: PathBuf,
+        /// What is wrong with it.
+        #[source]
+        error: Refusal,
+    },
+    /// The kernels of the execution-time analysis.
+    #[error(transparent)]
+    Kernels(#[from] kernels::Error),
+}
+
+impl Error {
+    /// Whether the command line or an input file is wrong.
+    pub(crate) fn is_usage(&self) -> bool {
+        matches!(self, Self::Settings { .. })
+    }
+}
 
 /// The package with the stack's programs, from the root of the workspace.
 const STACK: &str = "ttcan/benches/image/Cargo.toml";
@@ -117,9 +209,7 @@ impl<'w> Builder<'w> {
         let written = std::fs::create_dir_all(self.folder())
             .and_then(|()| std::fs::write(&file, source))
             .and_then(|()| file.canonicalize());
-        let file = written.map_err(|error| {
-            Failure::Failed(format!("{} cannot be written: {error}", file.display()))
-        })?;
+        let file = written.map_err(|error| Error::Write { path: file, error })?;
         Ok(Self {
             settings: Some(file),
             ..self
@@ -140,8 +230,7 @@ impl<'w> Builder<'w> {
         profile: Profile,
     ) -> Result<Vec<u8>, Failure> {
         let path = self.file(package, name, parts, profile)?;
-        std::fs::read(&path)
-            .map_err(|error| Failure::Failed(format!("{} cannot be read: {error}", path.display())))
+        Ok(std::fs::read(&path).map_err(ReadError::of(path))?)
     }
 
     /// Builds a program of a package; where its ELF file is.
@@ -163,15 +252,14 @@ impl<'w> Builder<'w> {
         let output = cargo
             .stderr(Stdio::inherit())
             .output()
-            .map_err(|error| Failure::Failed(format!("cargo cannot be run: {error}")))?;
+            .map_err(build::Error::NoCargo)?;
         let messages = String::from_utf8_lossy(&output.stdout);
         let path = build::executable(&messages, name).filter(|_| output.status.success());
-        path.ok_or_else(|| {
-            Failure::Failed(format!(
-                "the program `{name}` ({}) did not build",
-                parts.name
-            ))
-        })
+        let not_built = || Error::NotBuilt {
+            program: name.into(),
+            parts: parts.name,
+        };
+        Ok(path.ok_or_else(not_built)?)
     }
 }
 
@@ -224,8 +312,10 @@ fn settings(vehicle: &Vehicle) -> Result<Option<String>, Failure> {
     let Some(description) = vehicle_model::description(vehicle) else {
         return Ok(None);
     };
-    let settings = Settings::<f32>::for_vehicle(&description).map_err(|error| {
-        Failure::Usage(format!("{}: {error}", vehicle.manifest_file().display()))
+    let settings = Settings::<f32>::for_vehicle(&description);
+    let settings = settings.map_err(|error| Error::Settings {
+        path: vehicle.manifest_file(),
+        error,
     })?;
     Ok(Some(source(&settings).to_string()))
 }

@@ -2,7 +2,7 @@
 
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
-use super::{Builder, Parts, Profile};
+use super::{Builder, Error, Parts, Profile};
 use crate::Failure;
 
 /// Bytes.
@@ -25,12 +25,8 @@ pub struct Size {
 /// It does not build, or does not hold what it should.
 pub fn measure(builder: &Builder, parts: Parts, profile: Profile) -> Result<Size, Failure> {
     let elf = builder.program("node", parts, profile)?;
-    sizes(&elf).ok_or_else(|| {
-        Failure::Failed(format!(
-            "the program `node` ({}) is not as expected",
-            parts.name
-        ))
-    })
+    let unexpected = Error::Unexpected { parts: parts.name };
+    Ok(sizes(&elf).ok_or(unexpected)?)
 }
 
 fn sizes(elf: &[u8]) -> Option<Size> {

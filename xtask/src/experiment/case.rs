@@ -4,7 +4,7 @@ use control::dubins::{Pose, shortest_to_line};
 use vehicle_model::Vehicle;
 use world::Scenario;
 
-use crate::Failure;
+use super::Error;
 
 /// Several scenarios, each run over many seeds and judged by aims.
 pub struct Experiment {
@@ -87,16 +87,10 @@ impl Experiment {
     /// # Errors
     ///
     /// There is none; the sentence names those that there are.
-    pub fn find(name: &str) -> Result<&'static Self, Failure> {
+    pub fn find(name: &str) -> Result<&'static Self, Error> {
         ALL.iter()
             .find(|experiment| experiment.name == name)
-            .ok_or_else(|| {
-                let names: Vec<&str> = ALL.iter().map(|experiment| experiment.name).collect();
-                Failure::Usage(format!(
-                    "there is no experiment {name:?}: {} is accepted",
-                    names.join(", ")
-                ))
-            })
+            .ok_or_else(|| Error::Unknown { name: name.into() })
     }
 }
 
@@ -106,9 +100,11 @@ impl Case {
     /// # Errors
     ///
     /// The vehicle has none, or its file is wrong.
-    pub fn scenario(&self, vehicle: &Vehicle, experiment: &str) -> Result<Scenario, Failure> {
-        Scenario::find(vehicle, &format!("{experiment}/{}", self.name))
-            .map_err(|error| Failure::Usage(error.to_string()))
+    pub fn scenario(&self, vehicle: &Vehicle, experiment: &str) -> Result<Scenario, Error> {
+        Ok(Scenario::find(
+            vehicle,
+            &format!("{experiment}/{}", self.name),
+        )?)
     }
 }
 
@@ -119,10 +115,12 @@ impl Case {
 /// # Errors
 ///
 /// The vehicle has no machine, or one that cannot turn.
-pub fn shortest_seconds(scenario: &Scenario) -> Result<f64, Failure> {
-    let failed = |what: String| Failure::Failed(format!("{}: {what}", scenario.name));
+pub fn shortest_seconds(scenario: &Scenario) -> Result<f64, Error> {
+    let name = &scenario.name;
     let (Some(vehicle), Some(line)) = (&scenario.vehicle, &scenario.line) else {
-        return Err(failed("the vehicle has no machine".into()));
+        return Err(Error::NoMachine {
+            scenario: name.clone(),
+        });
     };
     let heading = scenario.start.heading.get() - line.direction();
     let (along, cross_track) = line.locate(scenario.start.north.get(), scenario.start.east.get());
@@ -133,7 +131,10 @@ pub fn shortest_seconds(scenario: &Scenario) -> Result<f64, Failure> {
         heading,
     };
     let radius = vehicle.wheelbase() / vehicle.steering_limit.get().tan();
-    let path = shortest_to_line(start, radius).map_err(|error| failed(error.to_string()))?;
+    let path = shortest_to_line(start, radius).map_err(|error| Error::NoPath {
+        scenario: name.clone(),
+        error,
+    })?;
     Ok(path.length() / SPEED)
 }
 
@@ -142,6 +143,7 @@ mod tests {
     use std::f64::consts::{FRAC_PI_2, PI};
 
     use super::*;
+    use crate::Failure;
 
     fn uagv() -> Vehicle {
         let workspace = crate::Workspace::find().unwrap();
@@ -173,8 +175,8 @@ mod tests {
     #[test]
     fn an_unknown_experiment_is_refused_in_one_sentence() {
         let failure = Experiment::find("thesis-8").err().unwrap();
-        assert_eq!(failure.exit_code(), 2);
         let text = failure.to_string();
+        assert_eq!(Failure::from(failure).exit_code(), 2);
         assert!(
             text.contains("thesis-8") && text.contains("thesis-7"),
             "{text}"

@@ -10,32 +10,126 @@ mod report;
 use std::{
     fmt::Write as _,
     fs,
-    io::{IsTerminal, Write as _},
     num::NonZero,
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicUsize, Ordering},
     },
     thread,
-    time::Instant,
+    time::Duration,
 };
 
-use twin::{Images, Options};
+use control::{controller::SettingsError, dubins::DubinsError, line::LineError};
+use twin::{Images, Options, TwinError};
 use vehicle_model::{NodeIndex, Vehicle};
 use world::{
-    Scenario, SimDuration,
-    report::{OutputFolder, Run},
+    Scenario, ScenarioError, SimDuration,
+    report::{FolderError, OutputFolder, Run},
 };
 
 use crate::{
-    Failure, Workspace, build,
+    Failure, ReadError, Workspace, build,
     cli::Sim,
+    progress::Display,
     sim::{self, bus::Log, matrix::Matrix},
     target, vehicle,
 };
 use case::Experiment;
 use measure::Figures;
 use report::{CaseReport, Report};
+
+/// Why an experiment fails.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// There is no experiment of that name.
+    #[error("there is no experiment {name:?}: {} is accepted", known())]
+    Unknown {
+        /// The name.
+        name: String,
+    },
+    /// A case's scenario is wrong.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// The output folder is wrong.
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    /// The build left no image with the thesis's law.
+    #[error("cargo built no image")]
+    NoImage,
+    /// The waypoints make no line.
+    #[error(transparent)]
+    Line(#[from] LineError),
+    /// A setting of the law is unusable.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The vehicle lacks a motor that the law needs.
+    #[error("the vehicle has no such motor")]
+    NoMotor,
+    /// The vehicle cannot drive.
+    #[error("{scenario}: the vehicle has no machine")]
+    NoMachine {
+        /// The scenario.
+        scenario: String,
+    },
+    /// No path leads onto the line.
+    #[error("{scenario}: {error}")]
+    NoPath {
+        /// The scenario.
+        scenario: String,
+        /// Why there is none.
+        #[source]
+        error: DubinsError,
+    },
+    /// A run failed.
+    #[error("{scenario}, seed {seed}, {law}: {why}")]
+    Run {
+        /// The scenario.
+        scenario: String,
+        /// The seed.
+        seed: u64,
+        /// The law.
+        law: &'static str,
+        /// Why it failed.
+        #[source]
+        why: RunError,
+    },
+    /// Aims are missed.
+    #[error("aims missed: {}", .0.join(", "))]
+    Missed(Vec<String>),
+}
+
+impl Error {
+    /// Whether the command line or an input file is wrong.
+    pub(crate) fn is_usage(&self) -> bool {
+        matches!(
+            self,
+            Self::Unknown { .. } | Self::Scenario(_) | Self::Folder(_)
+        )
+    }
+}
+
+/// Why a run fails.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The virtual vehicle cannot be built.
+    #[error(transparent)]
+    Twin(#[from] TwinError),
+    /// A program ended in a fault that it could not handle.
+    #[error("the program of {node} ended in a fault")]
+    Fault {
+        /// Its node.
+        node: String,
+    },
+    /// There is nothing to judge.
+    #[error("the vehicle never drove by itself")]
+    NeverDrove,
+}
+
+/// The names of the experiments.
+fn known() -> String {
+    let names: Vec<&str> = case::ALL.iter().map(|experiment| experiment.name).collect();
+    names.join(", ")
+}
 
 /// Runs the experiment of that name.
 ///
@@ -49,10 +143,9 @@ pub fn run(
     name: &str,
     options: &Sim,
 ) -> Result<(), Failure> {
-    let usage = |error: String| Failure::Usage(error);
     let experiment = Experiment::find(name)?;
     let folder = match &options.out {
-        Some(path) => Some(OutputFolder::create(path).map_err(|error| usage(error.to_string()))?),
+        Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
         None => None,
     };
     let scenarios = experiment
@@ -92,7 +185,7 @@ pub fn run(
                 &plain,
             ))
         })
-        .collect::<Result<Vec<_>, Failure>>()?;
+        .collect::<Result<Vec<_>, Error>>()?;
     let report = Report {
         experiment: experiment.name,
         first_seed: options.seed,
@@ -105,7 +198,7 @@ pub fn run(
             .write("experiment.json", report.json().as_bytes())
             .and_then(|()| folder.write("runs.csv", runs_csv(&jobs, &figures).as_bytes()))
             .and_then(|()| folder.finish())
-            .map_err(|error| usage(error.to_string()))?;
+            .map_err(Error::from)?;
         eprintln!("Wrote experiment.json and runs.csv to {}.", path.display());
     }
     if options.json {
@@ -115,10 +208,7 @@ pub fn run(
     }
     match report.missed().as_slice() {
         [] => Ok(()),
-        missed => Err(Failure::Failed(format!(
-            "aims missed: {}",
-            missed.join(", ")
-        ))),
+        missed => Err(Error::Missed(missed.to_vec()).into()),
     }
 }
 
@@ -150,12 +240,8 @@ fn plain_controller(
     let mut cargo = build::command(workspace, vehicle, &nodes)?;
     cargo.args(["--features", "thesis-law"]);
     let images = build::finish(cargo, vehicle, &nodes)?;
-    let image = images
-        .first()
-        .ok_or_else(|| Failure::Failed("cargo built no image".into()))?;
-    let bytes = fs::read(&image.path).map_err(|error| {
-        Failure::Failed(format!("{} cannot be read: {error}", image.path.display()))
-    })?;
+    let image = images.first().ok_or(Error::NoImage)?;
+    let bytes = fs::read(&image.path).map_err(ReadError::of(&image.path))?;
     Ok((image.node, bytes))
 }
 
@@ -173,15 +259,17 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    fn failed(&self, what: &str) -> Failure {
-        Failure::Failed(format!(
-            "{}, seed {}, {}: {what}",
-            self.scenario.name, self.seed, LAWS[self.law]
-        ))
+    fn failed(&self, why: RunError) -> Error {
+        Error::Run {
+            scenario: self.scenario.name.clone(),
+            seed: self.seed,
+            law: LAWS[self.law],
+            why,
+        }
     }
 
     /// The run with the law alone, without images and bus.
-    fn run_quickly(&self) -> Result<Figures, Failure> {
+    fn run_quickly(&self) -> Result<Figures, Error> {
         let mut law = quick::law(&quick::settings(), self.law == 1)?;
         quick::drive(
             self.vehicle,
@@ -191,20 +279,20 @@ impl Job<'_> {
             |_, _, _| (),
         )?
         .figures()
-        .ok_or_else(|| self.failed("the vehicle never drove by itself"))
+        .ok_or_else(|| self.failed(RunError::NeverDrove))
     }
 
-    fn run(&self, images: &Images, matrix: &Matrix) -> Result<Figures, Failure> {
+    fn run(&self, images: &Images, matrix: &Matrix) -> Result<Figures, Error> {
         let options = Options {
             seed: self.seed,
             ..Options::default()
         };
-        let failed = |what: String| self.failed(&what);
         let outcome = twin::run(self.vehicle, self.scenario, images, &options, |_| {})
-            .map_err(|error| failed(error.to_string()))?;
+            .map_err(|error| self.failed(error.into()))?;
         if let Some(node) = outcome.nodes.iter().find(|node| node.locked_up) {
-            let name = &node.name;
-            return Err(failed(format!("the program of {name} ended in a fault")));
+            return Err(self.failed(RunError::Fault {
+                node: node.name.clone(),
+            }));
         }
         let log = Log::new(&outcome.records, matrix.bit_time());
         let modes = matrix.modes(&log.frames);
@@ -222,7 +310,7 @@ impl Job<'_> {
             modes: &modes,
             tasks: &[],
         })
-        .ok_or_else(|| failed("the vehicle never drove by itself".into()))
+        .ok_or_else(|| self.failed(RunError::NeverDrove))
     }
 }
 
@@ -230,11 +318,10 @@ impl Job<'_> {
 /// run changes nothing: a run depends on its job alone.
 fn run_all<'a>(
     jobs: &[Job<'a>],
-    make: &(dyn Fn(&Job<'a>) -> Result<Figures, Failure> + Sync),
-) -> Result<Vec<Figures>, Failure> {
+    make: &(dyn Fn(&Job<'a>) -> Result<Figures, Error> + Sync),
+) -> Result<Vec<Figures>, Error> {
     let next = AtomicUsize::new(0);
-    let done = Mutex::new(Vec::new());
-    let start = Instant::now();
+    let done = Mutex::new((Vec::new(), Display::new()));
     let work = || {
         while let Some((number, job)) = {
             let number = next.fetch_add(1, Ordering::Relaxed);
@@ -243,8 +330,9 @@ fn run_all<'a>(
             let figures = make(job);
             let failed = figures.is_err();
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+            let (done, display) = &mut *done;
             done.push((number, figures));
-            show(job, done.len(), jobs.len(), start);
+            display.show(|wall| progress(job, done.len(), jobs.len(), wall));
             if failed {
                 // Nobody needs the others.
                 next.store(jobs.len(), Ordering::Relaxed);
@@ -257,28 +345,19 @@ fn run_all<'a>(
             scope.spawn(work);
         }
     });
-    if std::io::stderr().is_terminal() {
-        eprint!("\r\x1b[K");
-    }
-    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let (mut done, mut display) = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    display.end();
     done.sort_by_key(|(number, _)| *number);
     done.into_iter().map(|(_, figures)| figures).collect()
 }
 
-/// Progress: one line that is written over, or, into a file, a line for each run.
-fn show(job: &Job, done: usize, all: usize, start: Instant) {
-    let left = start.elapsed().as_secs_f64() / done as f64 * (all - done) as f64 / 60.0;
-    let line = format!(
+/// How far the runs are after `wall`.
+fn progress(job: &Job, done: usize, all: usize, wall: Duration) -> String {
+    let left = wall.as_secs_f64() / done as f64 * (all - done) as f64 / 60.0;
+    format!(
         "{done} of {all} runs, {} with seed {} last, {left:.0} min left",
         job.scenario.name, job.seed
-    );
-    let mut stderr = std::io::stderr();
-    // Progress that cannot be shown is no reason to stop.
-    let _ = if stderr.is_terminal() {
-        write!(stderr, "\r{line}\x1b[K").and_then(|()| stderr.flush())
-    } else {
-        writeln!(stderr, "{line}")
-    };
+    )
 }
 
 /// One line for each run.

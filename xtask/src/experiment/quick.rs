@@ -32,8 +32,8 @@ use world::{
     time::{after, at},
 };
 
+use super::Error;
 use super::measure::Figures;
-use crate::Failure;
 
 /// A steering law.
 pub trait Law {
@@ -64,9 +64,9 @@ pub fn settings() -> Settings<f32> {
 /// # Errors
 ///
 /// The waypoints make none.
-pub fn line() -> Result<Line<f32>, Failure> {
+pub fn line() -> Result<Line<f32>, Error> {
     let [from, to] = design::ROUTE;
-    Line::new(from, to).map_err(|error| Failure::Failed(error.to_string()))
+    Ok(Line::new(from, to)?)
 }
 
 /// Furrow's law with `settings`, or the thesis's.
@@ -74,12 +74,11 @@ pub fn line() -> Result<Line<f32>, Failure> {
 /// # Errors
 ///
 /// A setting is unusable.
-pub fn law(settings: &Settings<f32>, plain: bool) -> Result<Box<dyn Law>, Failure> {
-    let unusable = |error: control::controller::SettingsError| Failure::Failed(error.to_string());
+pub fn law(settings: &Settings<f32>, plain: bool) -> Result<Box<dyn Law>, Error> {
     Ok(if plain {
-        Box::new(PlainController::new(*settings, line()?).map_err(unusable)?)
+        Box::new(PlainController::new(*settings, line()?)?)
     } else {
-        Box::new(Controller::new(*settings, line()?).map_err(unusable)?)
+        Box::new(Controller::new(*settings, line()?)?)
     })
 }
 
@@ -241,11 +240,10 @@ pub fn drive(
     seed: u64,
     law: &mut dyn Law,
     mut watch: impl FnMut(&World, &Sample<f32>, &Outcome<f32>),
-) -> Result<Record, Failure> {
+) -> Result<Record, Error> {
     let motor = |device| {
         let node = vehicle.node_of(device);
-        let node = node.ok_or_else(|| Failure::Failed("the vehicle has no such motor".into()))?;
-        Ok((node, device))
+        node.map(|node| (node, device)).ok_or(Error::NoMotor)
     };
     let mut all = Loop {
         world: World::new(vehicle, scenario, seed),

@@ -3,9 +3,13 @@
 
 pub mod follow;
 pub mod observe;
-mod progress;
 
-use std::{collections::BTreeMap, fs, path::PathBuf, sync::Mutex};
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    path::{Path, PathBuf},
+    sync::Mutex,
+};
 
 use schedulability::{
     models::{InputError, Models},
@@ -14,15 +18,93 @@ use schedulability::{
     system::{Inputs, Programs},
 };
 
+use twin::TwinError;
 use vehicle_model::{NodeIndex, Vehicle};
+use wcet::image::ImageError;
+use world::ScenarioError;
 
 use crate::{
     Failure, Workspace, bench,
     build::{self, Image},
     cli::{Priorities, Schedulability},
+    progress::Display,
     vehicle,
 };
-use progress::Display;
+
+/// Why an analysis fails.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The table, the network file or a source is wrong.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// The scenario of the observed run is wrong.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// A file cannot be written.
+    #[error("{} cannot be written: {error}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        error: io::Error,
+    },
+    /// There is no such task.
+    #[error(
+        "there is no task {task} among the nodes analysed: {} are accepted",
+        known.join(", ")
+    )]
+    NoTask {
+        /// The name.
+        task: String,
+        /// The tasks that there are.
+        known: Vec<String>,
+    },
+    /// The virtual vehicle cannot be built.
+    #[error(transparent)]
+    Twin(#[from] TwinError),
+    /// An image cannot be read.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// A thread of the simulation panicked.
+    #[error("the simulation broke down")]
+    BrokenDown,
+    /// Memory changed that the analysis takes for constant after start-up.
+    #[error(
+        "{node} is not as analysed: the word at {address:#010x}, which start-up leaves at {left:#010x} for good, holds {found:#010x} at the end of the run"
+    )]
+    Changed {
+        /// The node.
+        node: String,
+        /// Where the word is.
+        address: u32,
+        /// What start-up leaves there.
+        left: u32,
+        /// What the run left there.
+        found: u32,
+    },
+    /// A deadline does not hold, or is not proven to.
+    #[error("not schedulable: {0}")]
+    Unschedulable(String),
+}
+
+impl Error {
+    /// Whether the command line or an input file is wrong.
+    pub(crate) fn is_usage(&self) -> bool {
+        matches!(
+            self,
+            Self::Input(_) | Self::Scenario(_) | Self::Write { .. } | Self::NoTask { .. }
+        )
+    }
+
+    /// Makes the error of writing `path` from the cause.
+    fn writing(path: &Path) -> impl FnOnce(io::Error) -> Self {
+        |error| Self::Write {
+            path: path.into(),
+            error,
+        }
+    }
+}
 
 /// Runs `schedulability`.
 ///
@@ -41,12 +123,11 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
         None => None,
     };
     if let Some(path) = &options.html {
-        fs::write(path, "").map_err(|error| unwritable(path, &error.to_string()))?;
+        fs::write(path, "").map_err(Error::writing(path))?;
     }
     let report = analyse(workspace, &vehicle, &nodes)?;
     if let Some(path) = &options.html {
-        fs::write(path, report::html(&report))
-            .map_err(|error| unwritable(path, &error.to_string()))?;
+        fs::write(path, report::html(&report)).map_err(Error::writing(path))?;
         eprintln!("Wrote {}.", path.display());
     }
     if options.json {
@@ -59,7 +140,7 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
         // The verdict is its last line.
         return judge(&report).map_err(|_| Failure::Shown);
     }
-    judge(&report)
+    Ok(judge(&report)?)
 }
 
 /// Runs `priorities`. Where a source differs from the proposal, its image says
@@ -90,7 +171,7 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
         let report = Programs::read(&inputs(workspace, &vehicle, &images), &show)
             .and_then(|programs| programs.report(&BTreeMap::new(), &show));
         end(&display);
-        report.map_err(wrong)?.nodes
+        report.map_err(Error::from)?.nodes
     };
     let nodes = models.nodes.iter().map(|(node, _)| {
         let answer = answers.iter().find(|answer| answer.name == node.name);
@@ -125,7 +206,7 @@ fn inputs(workspace: &Workspace, vehicle: &Vehicle, images: &[Image]) -> Inputs 
 fn shown_on(display: &Mutex<Display>) -> impl Fn(&str) + Sync {
     |what| {
         if let Ok(mut display) = display.lock() {
-            display.show(what);
+            display.show(|wall| format!("{:4} s  {what}", wall.as_secs()));
         }
     }
 }
@@ -158,10 +239,10 @@ pub(crate) fn analyse(
     let display = Mutex::new(Display::new());
     let show = shown_on(&display);
     let report = Programs::read(&inputs(workspace, vehicle, &wanted), &show)
-        .map_err(wrong)
+        .map_err(|error| Error::from(error).into())
         .and_then(|programs| {
             let observed = observe::observe(vehicle, &images, &programs, &mut |what| show(what))?;
-            let mut report = programs.report(&observed, &show).map_err(wrong)?;
+            let mut report = programs.report(&observed, &show).map_err(Error::from)?;
             show("kernels");
             report.kernels = bench::kernels::measure(&bench::Builder::new(workspace)?)?;
             Ok(report)
@@ -188,26 +269,14 @@ pub(crate) fn regressions(
 }
 
 /// An answer that is no ends the program with exit code 1.
-fn judge(report: &Report) -> Result<(), Failure> {
+fn judge(report: &Report) -> Result<(), Error> {
     match report.first_miss() {
         None => Ok(()),
-        Some(miss) => Err(Failure::Failed(format!("not schedulable: {miss}"))),
+        Some(miss) => Err(Error::Unschedulable(miss)),
     }
 }
 
-fn wrong(error: InputError) -> Failure {
-    Failure::Usage(error.to_string())
-}
-
-fn unwritable(path: &std::path::Path, why: &str) -> Failure {
-    Failure::Usage(format!("{} cannot be written: {why}", path.display()))
-}
-
-fn models(
-    workspace: &Workspace,
-    vehicle: &Vehicle,
-    nodes: &[NodeIndex],
-) -> Result<Models, Failure> {
+fn models(workspace: &Workspace, vehicle: &Vehicle, nodes: &[NodeIndex]) -> Result<Models, Error> {
     let sources: BTreeMap<&str, PathBuf> = nodes
         .iter()
         .map(|&node| {
@@ -217,17 +286,16 @@ fn models(
         .collect();
     let root = workspace.root();
     let sources = sources.iter().map(|(name, path)| (*name, path.as_path()));
-    Models::read(
+    Ok(Models::read(
         root,
         &vehicle.task_table(),
         &vehicle.network_file(),
         sources,
-    )
-    .map_err(wrong)
+    )?)
 }
 
 /// The task that `--explain` names, as node and task.
-fn explained<'a>(models: &Models, task: &'a str) -> Result<(&'a str, &'a str), Failure> {
+fn explained<'a>(models: &Models, task: &'a str) -> Result<(&'a str, &'a str), Error> {
     let all = models.nodes.iter().flat_map(|(node, _)| {
         let name = &node.name;
         node.tasks.iter().map(move |task| (name, &task.name))
@@ -236,11 +304,11 @@ fn explained<'a>(models: &Models, task: &'a str) -> Result<(&'a str, &'a str), F
         .split_once('.')
         .filter(|(n, t)| all.clone().any(|(node, task)| node == n && task == t));
     named.ok_or_else(|| {
-        let names: Vec<String> = all.map(|(node, task)| format!("{node}.{task}")).collect();
-        Failure::Usage(format!(
-            "there is no task {task} among the nodes analysed: {} are accepted",
-            names.join(", ")
-        ))
+        let known = all.map(|(node, task)| format!("{node}.{task}")).collect();
+        Error::NoTask {
+            task: task.into(),
+            known,
+        }
     })
 }
 
@@ -280,16 +348,16 @@ mod tests {
 
     #[test]
     fn the_exit_code_says_whether_it_holds() {
-        assert_eq!(judge(&report(Some(5_000_000))), Ok(()));
+        assert!(judge(&report(Some(5_000_000))).is_ok());
         let late = judge(&report(Some(6_000_000))).unwrap_err();
-        assert_eq!(late.exit_code(), 1);
         assert_eq!(
             late.to_string(),
             "not schedulable: chain `button to motor` takes up to 6.00 us, its deadline is 5.00 us"
         );
+        assert_eq!(Failure::from(late).exit_code(), 1);
         let unknown = judge(&report(None)).unwrap_err();
-        assert_eq!(unknown.exit_code(), 1);
         assert!(unknown.to_string().contains("panel.scan"), "{unknown}");
+        assert_eq!(Failure::from(unknown).exit_code(), 1);
     }
 
     #[test]
@@ -299,13 +367,13 @@ mod tests {
         let drive = vehicle.find_node("drive").unwrap();
         let models = models(&workspace, &vehicle, &[drive]).unwrap();
         assert_eq!(
-            explained(&models, "drive.actuate"),
-            Ok(("drive", "actuate"))
+            explained(&models, "drive.actuate").unwrap(),
+            ("drive", "actuate")
         );
         for wrong in ["drive", "drive.rudder", "gps.ring"] {
             let failure = explained(&models, wrong).unwrap_err();
-            assert_eq!(failure.exit_code(), 2);
             assert!(failure.to_string().contains("drive.actuate"), "{failure}");
+            assert_eq!(Failure::from(failure).exit_code(), 2);
         }
     }
 }

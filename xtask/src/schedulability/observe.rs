@@ -17,7 +17,10 @@ use vehicle_model::Vehicle;
 use wcet::{cycles::Model, watch::Watch};
 use world::{Scenario, time::seconds};
 
-use super::follow::{Findings, Follower, lock};
+use super::{
+    Error,
+    follow::{Findings, Follower, lock},
+};
 use crate::{
     Failure,
     build::{self, Image},
@@ -43,9 +46,9 @@ pub(super) fn observe(
     let bytes = build::read(images)?;
     let scenario = scenario(vehicle)?;
     let progress = Mutex::new(progress);
-    let run = |flash: FlashTiming| -> Result<Followed, Failure> {
-        let mut twin = Twin::with_flash(vehicle, &scenario, SEED, &bytes, flash)
-            .map_err(|error| Failure::Failed(error.to_string()))?;
+    let run = |flash: FlashTiming| -> Result<Followed, Error> {
+        let mut twin =
+            Twin::with_flash(vehicle, &scenario, SEED, &bytes, flash).map_err(Error::from)?;
         let findings = vehicle.nodes().map(|node| {
             let name = &vehicle.node(node).name;
             let watches = programs.watches(name).map(|(_, watch)| watch);
@@ -72,8 +75,7 @@ pub(super) fn observe(
     });
     let mut all = BTreeMap::new();
     for (model, outcome) in Model::ALL.into_iter().zip(outcomes) {
-        let outcome =
-            outcome.map_err(|_| Failure::Failed("the simulation broke down".into()))??;
+        let outcome = outcome.map_err(|_| Error::BrokenDown)??;
         note(&mut all, model, &outcome, images)?;
     }
     Ok(all)
@@ -88,13 +90,15 @@ fn hold(
     node: &str,
     mut lasting: impl Iterator<Item = (u32, u32)>,
     read: impl Fn(u32) -> Option<u32>,
-) -> Result<(), Failure> {
+) -> Result<(), Error> {
     match lasting.find(|&(address, word)| read(address) != Some(word)) {
         None => Ok(()),
-        Some((address, word)) => Err(Failure::Failed(format!(
-            "{node} is not as analysed: the word at {address:#010x}, which start-up leaves at {word:#010x} for good, holds {:#010x} at the end of the run",
-            read(address).unwrap_or_default()
-        ))),
+        Some((address, left)) => Err(Error::Changed {
+            node: node.into(),
+            address,
+            left,
+            found: read(address).unwrap_or_default(),
+        }),
     }
 }
 
@@ -121,10 +125,9 @@ pub fn follow<'w>(
     findings
 }
 
-fn scenario(vehicle: &Vehicle) -> Result<Scenario, Failure> {
+fn scenario(vehicle: &Vehicle) -> Result<Scenario, Error> {
     let path = vehicle.folder().join(SCENARIO);
-    Scenario::find(vehicle, &path.to_string_lossy())
-        .map_err(|error| Failure::Usage(error.to_string()))
+    Ok(Scenario::find(vehicle, &path.to_string_lossy())?)
 }
 
 /// Adds what a run of a timing model brought to what is known.
@@ -133,7 +136,7 @@ fn note(
     model: Model,
     (outcome, findings): &Followed,
     images: &[Image],
-) -> Result<(), Failure> {
+) -> Result<(), Error> {
     for (node, findings) in outcome.nodes.iter().zip(findings) {
         let name = node.name.as_str();
         let of_node = all.entry(name.to_owned()).or_default();
@@ -144,9 +147,7 @@ fn note(
         } else {
             None
         };
-        let image = image
-            .transpose()
-            .map_err(|error| Failure::Failed(error.to_string()))?;
+        let image = image.transpose()?;
         for task in &node.load.tasks {
             let seen: &mut Seen = of_node.entry(task.name.clone()).or_default();
             seen.longest[model] = seen.longest[model].max(task.longest);

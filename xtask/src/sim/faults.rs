@@ -1,15 +1,11 @@
 //! `sim --faults`: random fault sequences against the images, judged by rules.
 
-use std::{
-    io::{IsTerminal, Write},
-    time::{Duration, Instant},
-};
-
 use campaign::{Options, Progress, Report, Shard};
 use vehicle_model::Vehicle;
 use world::report::OutputFolder;
 
-use crate::{Failure, Workspace, cli::Sim};
+use super::Error;
+use crate::{Failure, Workspace, cli::Sim, progress::Display};
 
 /// Runs so many sequences, or this shard's part of them.
 ///
@@ -23,9 +19,8 @@ pub(super) fn run(
     options: &Sim,
     sequences: u64,
 ) -> Result<(), Failure> {
-    let usage = |error: String| Failure::Usage(error);
     let folder = match &options.out {
-        Some(path) => Some(OutputFolder::create(path).map_err(|error| usage(error.to_string()))?),
+        Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
         None => None,
     };
     let campaign = Options {
@@ -39,7 +34,7 @@ pub(super) fn run(
         let path = folder
             .write("faults.json", report.json().as_bytes())
             .and_then(|()| folder.finish())
-            .map_err(|error| usage(error.to_string()))?;
+            .map_err(Error::from)?;
         eprintln!("Wrote faults.json to {}.", path.display());
     }
     if options.json {
@@ -84,52 +79,12 @@ fn judged(workspace: &Workspace, vehicle: &Vehicle, campaign: &Options) -> Resul
     let images = super::images(workspace, vehicle)?;
     let mut display = Display::new();
     let report = campaign::run(vehicle, &images, campaign, |progress| {
-        display.show(progress)
+        let Progress { done, all, failed } = progress;
+        display.show(|wall| {
+            let pace = done as f64 / wall.as_secs_f64().max(1e-9);
+            format!("{done} of {all} fault sequences, {failed} broke a rule, {pace:.2} a second")
+        });
     });
     display.end();
-    report.map_err(|error| Failure::Failed(error.to_string()))
-}
-
-/// Progress on the terminal: one line that is written over, or, into a file, a line now and
-/// then.
-struct Display {
-    start: Instant,
-    last: Option<Instant>,
-    terminal: bool,
-}
-
-impl Display {
-    fn new() -> Self {
-        Self {
-            start: Instant::now(),
-            last: None,
-            terminal: std::io::stderr().is_terminal(),
-        }
-    }
-
-    fn show(&mut self, progress: Progress) {
-        let pause = Duration::from_millis(if self.terminal { 200 } else { 5000 });
-        let now = Instant::now();
-        if self.last.is_some_and(|last| now - last < pause) {
-            return;
-        }
-        self.last = Some(now);
-        let Progress { done, all, failed } = progress;
-        let pace = done as f64 / (now - self.start).as_secs_f64().max(1e-9);
-        let line =
-            format!("{done} of {all} fault sequences, {failed} broke a rule, {pace:.2} a second");
-        let mut stderr = std::io::stderr();
-        // Progress that cannot be shown is no reason to stop.
-        let _ = if self.terminal {
-            write!(stderr, "\r{line}\x1b[K").and_then(|()| stderr.flush())
-        } else {
-            writeln!(stderr, "{line}")
-        };
-    }
-
-    fn end(&mut self) {
-        if self.terminal && self.last.is_some() {
-            eprint!("\r\x1b[K");
-        }
-    }
+    Ok(report.map_err(Error::from)?)
 }

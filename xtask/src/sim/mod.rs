@@ -8,24 +8,90 @@ mod tasks;
 pub(crate) use faults::first as first_faults;
 
 use std::{
-    fs,
-    io::{IsTerminal, Write},
+    fs, io,
+    path::PathBuf,
     time::{Duration, Instant},
 };
 use world::time::Span as _;
 
 use campaign::agreement::{self, Agreement};
-use twin::{Images, Outcome, Progress, Twin};
+use twin::{Images, Outcome, Twin, TwinError};
 use vehicle_model::Vehicle;
 use world::{
-    EffortChange, Scenario, SimDuration, SimTime,
-    report::{self, GlobalTimeFigures, ModeChange, OutputFolder, Run, Summary, TaskTime},
+    EffortChange, Scenario, ScenarioError, SimDuration, SimTime,
+    report::{
+        self, FolderError, GlobalTimeFigures, ModeChange, OutputFolder, Run, Summary, TaskTime,
+    },
     time,
 };
 
-use crate::{Failure, Workspace, build, cli::Sim, experiment, vehicle};
+use crate::{Failure, Workspace, build, cli::Sim, experiment, progress::Display, vehicle};
 use bus::Log;
 use matrix::Matrix;
+
+/// Why a simulation fails.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The scenario is wrong.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// The vehicle has no scenario and none is named.
+    #[error("vehicle {vehicle:?} has no scenario: name a file")]
+    NoScenario {
+        /// The vehicle.
+        vehicle: String,
+    },
+    /// The output folder is wrong.
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    /// The virtual vehicle cannot be built.
+    #[error(transparent)]
+    Twin(#[from] TwinError),
+    /// The source of a node cannot be read.
+    #[error("{}: {error}", path.display())]
+    Source {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        #[source]
+        error: SourceError,
+    },
+    /// Programs ended in a fault that they could not handle.
+    #[error("the program of {} ended in a fault", nodes.join(", "))]
+    Fault {
+        /// The nodes.
+        nodes: Vec<String>,
+    },
+    /// A motor never turned while the vehicle drove by itself.
+    #[error(
+        "the vehicle drove by itself, but node {node} never turned its motor: it refuses every command"
+    )]
+    IdleMotor {
+        /// The node with the motor.
+        node: String,
+    },
+}
+
+impl Error {
+    /// Whether the command line or an input file is wrong.
+    pub(crate) fn is_usage(&self) -> bool {
+        matches!(
+            self,
+            Self::Scenario(_) | Self::NoScenario { .. } | Self::Folder(_)
+        )
+    }
+}
+
+/// What is wrong with the source of a node.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Read(#[from] io::Error),
+    /// It is not Rust.
+    #[error(transparent)]
+    Syntax(#[from] syn::Error),
+}
 
 /// Runs the command.
 ///
@@ -42,21 +108,17 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         return faults::run(workspace, &vehicle, options, sequences);
     }
     // What is wrong with the words is said before the time for a build is spent.
-    let usage = |error: String| Failure::Usage(error);
     if options.list {
-        print!(
-            "{}",
-            list(&vehicle).map_err(|error| usage(error.to_string()))?
-        );
+        print!("{}", list(&vehicle).map_err(Error::from)?);
         return Ok(());
     }
     let name = match &options.scenario {
         Some(name) => name.clone(),
         None => first_scenario(&vehicle)?,
     };
-    let scenario = Scenario::find(&vehicle, &name).map_err(|error| usage(error.to_string()))?;
+    let scenario = Scenario::find(&vehicle, &name).map_err(Error::from)?;
     let folder = match &options.out {
-        Some(path) => Some(OutputFolder::create(path).map_err(|error| usage(error.to_string()))?),
+        Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
         None => None,
     };
 
@@ -75,7 +137,7 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
             .write("bus.log", finished.log.candump().as_bytes())
             .and_then(|()| report::write(&run, &summary, &mut folder))
             .and_then(|()| folder.finish())
-            .map_err(|error| usage(error.to_string()))?;
+            .map_err(Error::from)?;
         let files = match &scenario.vehicle {
             Some(_) => "bus.log, states.csv, summary.json and track.svg",
             None => "bus.log and summary.json",
@@ -87,21 +149,16 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     } else {
         print!("{}", report::terminal(&summary, Some(finished.wall)));
     }
-    if let [first, rest @ ..] = finished.locked_up().as_slice() {
-        let nodes = rest
-            .iter()
-            .fold((*first).to_owned(), |all, node| format!("{all}, {node}"));
-        return Err(Failure::Failed(format!(
-            "the program of {nodes} ended in a fault"
-        )));
+    let faulty = finished.locked_up();
+    if !faulty.is_empty() {
+        let nodes = faulty.into_iter().map(String::from).collect();
+        return Err(Error::Fault { nodes }.into());
     }
     let mut runs = summary.autonomous_runs.iter();
     let drove = runs.any(|run| run.until_seconds - run.from_seconds >= LONG_ENOUGH);
     match idle_motor(&vehicle, run.efforts).filter(|_| drove) {
         None => Ok(()),
-        Some(node) => Err(Failure::Failed(format!(
-            "the vehicle drove by itself, but node {node} never turned its motor: it refuses every command"
-        ))),
+        Some(node) => Err(Error::IdleMotor { node: node.into() }.into()),
     }
 }
 
@@ -125,14 +182,15 @@ fn idle_motor<'v>(vehicle: &'v Vehicle, efforts: &[EffortChange]) -> Option<&'v 
 const USUAL: &str = "straight-line";
 
 /// The usual scenario if the vehicle has it, or else its first one.
-fn first_scenario(vehicle: &Vehicle) -> Result<String, Failure> {
-    let listed = Scenario::list(vehicle).map_err(|error| Failure::Usage(error.to_string()))?;
+fn first_scenario(vehicle: &Vehicle) -> Result<String, Error> {
+    let listed = Scenario::list(vehicle)?;
     let usual = listed.iter().find(|listed| listed.name == USUAL);
     let first = usual.or(listed.first());
-    first.map(|listed| listed.name.clone()).ok_or_else(|| {
-        let name = vehicle.name();
-        Failure::Usage(format!("vehicle {name:?} has no scenario: name a file"))
-    })
+    first
+        .map(|listed| listed.name.clone())
+        .ok_or_else(|| Error::NoScenario {
+            vehicle: vehicle.name().into(),
+        })
 }
 
 /// Reads the [`first_scenario`] of a vehicle.
@@ -140,9 +198,9 @@ fn first_scenario(vehicle: &Vehicle) -> Result<String, Failure> {
 /// # Errors
 ///
 /// The vehicle has none, or its file is wrong.
-pub(crate) fn usual_scenario(vehicle: &Vehicle) -> Result<Scenario, Failure> {
+pub(crate) fn usual_scenario(vehicle: &Vehicle) -> Result<Scenario, Error> {
     let name = first_scenario(vehicle)?;
-    Scenario::find(vehicle, &name).map_err(|error| Failure::Usage(error.to_string()))
+    Ok(Scenario::find(vehicle, &name)?)
 }
 
 /// The vehicle's scenarios, one a line.
@@ -184,9 +242,8 @@ pub(crate) fn simulate<'s>(
     let matrix = Matrix::new(vehicle);
     let images = images(workspace, vehicle)?;
     let start = Instant::now();
-    let mut display = Display::new(start);
-    let mut twin = Twin::new(vehicle, scenario, seed, &images)
-        .map_err(|error| Failure::Failed(error.to_string()))?;
+    let mut display = Display::new();
+    let mut twin = Twin::new(vehicle, scenario, seed, &images).map_err(Error::from)?;
     let mut agreement = Agreement::new(&images);
     let end = SimTime::from_ticks(0) + length.unwrap_or_else(|| scenario.duration.span());
     while twin.now() < end {
@@ -194,8 +251,11 @@ pub(crate) fn simulate<'s>(
         if let Some(agreement) = &mut agreement {
             agreement.compare(&mut twin);
         }
-        let now = twin.now();
-        display.show(Progress { now, end });
+        let (done, all) = (time::seconds(twin.now()), time::seconds(end));
+        display.show(|wall| {
+            let pace = done / wall.as_secs_f64().max(1e-9);
+            format!("{done:5.0} of {all:.0} s simulated, {pace:.2} seconds per second")
+        });
     }
     let outcome = twin.finish();
     display.end();
@@ -291,13 +351,16 @@ pub(crate) fn images(workspace: &Workspace, vehicle: &Vehicle) -> Result<Images,
 
 /// The tasks by the names that the nodes' sources give them; an exception that
 /// is no task keeps its own.
-fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Failure> {
+fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Error> {
     let mut times = Vec::new();
     for node in &outcome.nodes {
         let file = vehicle.source(node.node);
-        let unreadable = |error: String| Failure::Failed(format!("{}: {error}", file.display()));
-        let source = fs::read_to_string(&file).map_err(|error| unreadable(error.to_string()))?;
-        let names = tasks::names(&source).map_err(|error| unreadable(error.to_string()))?;
+        let unreadable = |error| Error::Source {
+            path: file.clone(),
+            error,
+        };
+        let source = fs::read_to_string(&file).map_err(|error| unreadable(error.into()))?;
+        let names = tasks::names(&source).map_err(|error| unreadable(error.into()))?;
         for task in &node.load.tasks {
             times.push(TaskTime {
                 node: node.name.clone(),
@@ -309,49 +372,6 @@ fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Failure>
         }
     }
     Ok(times)
-}
-
-/// Progress on the terminal: one line that is written over, or, into a file, a
-/// line now and then.
-struct Display {
-    start: Instant,
-    last: Option<Instant>,
-    terminal: bool,
-}
-
-impl Display {
-    fn new(start: Instant) -> Self {
-        Self {
-            start,
-            last: None,
-            terminal: std::io::stderr().is_terminal(),
-        }
-    }
-
-    fn show(&mut self, progress: Progress) {
-        let pause = Duration::from_millis(if self.terminal { 200 } else { 5000 });
-        let now = Instant::now();
-        if self.last.is_some_and(|last| now - last < pause) {
-            return;
-        }
-        self.last = Some(now);
-        let (done, all) = (time::seconds(progress.now), time::seconds(progress.end));
-        let pace = done / (now - self.start).as_secs_f64().max(1e-9);
-        let line = format!("{done:5.0} of {all:.0} s simulated, {pace:.2} seconds per second");
-        let mut stderr = std::io::stderr();
-        // Progress that cannot be shown is no reason to stop.
-        let _ = if self.terminal {
-            write!(stderr, "\r{line}\x1b[K").and_then(|()| stderr.flush())
-        } else {
-            writeln!(stderr, "{line}")
-        };
-    }
-
-    fn end(&mut self) {
-        if self.terminal && self.last.is_some() {
-            eprint!("\r\x1b[K");
-        }
-    }
 }
 
 #[cfg(test)]
