@@ -12,7 +12,7 @@ use control::model::{Antenna, Geometry};
 use control::position::Position;
 use control::safety::Command;
 use control::scalar::Scalar;
-use control::vehicle::{Description, Weights, degrees, source};
+use control::vehicle::{Description, Misalignment, Sensors, Weights, degrees, source};
 
 /// Number of random vehicles.
 const VEHICLES: u64 = 400;
@@ -54,8 +54,28 @@ fn random(noise: &mut Noise) -> Description {
         cruise,
         period: [0.1, 0.05][usize::from(between(0.0, 1.0) > 0.7)],
         drive_lag: between(0.1, 0.6),
+        sensors: Sensors {
+            position: between(0.002, 0.012),
+            velocity: between(0.005, 0.04),
+            steering: degrees(between(0.01, 0.2)),
+            age: between(0.0, 0.1),
+        },
+        cornering: between(2.0, 20.0),
+        misalignment: Misalignment {
+            heading: degrees(between(0.1, 5.0)),
+            steering: degrees(between(0.1, 5.0)),
+        },
         weights: None,
-        ..common::example::VEHICLE
+    }
+}
+
+/// A run in which the receiver is as the vehicle's description says.
+fn described(vehicle: &Description) -> Conditions {
+    Conditions {
+        position_noise: vehicle.sensors.position,
+        velocity_noise: vehicle.sensors.velocity,
+        delay: vehicle.sensors.age,
+        ..Conditions::default()
     }
 }
 
@@ -100,7 +120,7 @@ fn any_sound_vehicle_settles() {
         let way = shortest_to_line(start, radius).unwrap().length();
         let travel = 4.0 * swing / vehicle.limits.steering_rate;
         let allowed = 2.0 * (way / vehicle.cruise + travel) + 8.0;
-        let run = drive(vehicle, Conditions::default(), seed, allowed + 60.0);
+        let run = drive(vehicle, described(&vehicle), seed, allowed + 60.0);
         let settled = run.settled();
         assert!(
             settled <= allowed,
@@ -142,7 +162,7 @@ fn any_sound_vehicle_turns_around() {
         let conditions = Conditions {
             offset: 5.0,
             heading,
-            ..Conditions::default()
+            ..described(&vehicle)
         };
         let settled = drive(vehicle, conditions, seed, allowed + 20.0).settled();
         assert!(
