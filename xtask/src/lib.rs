@@ -65,7 +65,10 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
         cli::Command::Schedule(options) => schedule::run(&workspace, &options),
         cli::Command::Schedulability(options) => schedulability::run(&workspace, &options),
         cli::Command::Priorities(options) => schedulability::run_priorities(&workspace, &options),
-        cli::Command::Sim(options) => sim::run(&workspace, &options),
+        cli::Command::Sim(options) => match &options.experiment {
+            Some(name) => experiment::run(&workspace, name, &options),
+            None => sim::run(&workspace, &options),
+        },
         cli::Command::Test(options) => test::run(&workspace, &options),
     }
 }

@@ -3,7 +3,19 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use crate::run::{Options, Verdict};
+use crate::options::Options;
+use crate::rules::Violation;
+
+/// What became of one sequence.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Verdict {
+    /// Its seed, which replays it.
+    pub seed: u64,
+    /// What happened, one sentence each.
+    pub story: Vec<String>,
+    /// The rules that were broken; empty when all is well.
+    pub violations: Vec<Violation>,
+}
 
 /// What became of all sequences.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]

@@ -1,7 +1,6 @@
 //! Many sequences on all cores.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
 
@@ -9,76 +8,10 @@ use twin::{Images, Twin, TwinError};
 use vehicle_model::{NodeIndex, Vehicle};
 use world::{SimDuration, SimTime};
 
-use crate::report::Report;
+use crate::options::{Options, Shard};
+use crate::report::{Report, Verdict};
 use crate::rules::{Violation, judge};
 use crate::sequence::{END, Sequence};
-
-/// Which part of the sequences is run here: every `of`-th, from the `index`-th on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shard {
-    index: u64,
-    of: u64,
-}
-
-impl Default for Shard {
-    /// All of them.
-    fn default() -> Self {
-        Self { index: 1, of: 1 }
-    }
-}
-
-/// A text that names no shard.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ShardError(String);
-
-impl std::fmt::Display for ShardError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "{:?} is no shard: write its number and how many there are, such as \"2/8\"",
-            self.0
-        )
-    }
-}
-
-impl std::error::Error for ShardError {}
-
-impl FromStr for Shard {
-    type Err = ShardError;
-
-    /// Reads `i/n` with 1 <= i <= n.
-    ///
-    /// # Errors
-    /// When it is anything else.
-    fn from_str(text: &str) -> Result<Self, ShardError> {
-        let parsed = text
-            .split_once('/')
-            .and_then(|(index, of)| Some((index.parse().ok()?, of.parse().ok()?)))
-            .filter(|&(index, of): &(u64, u64)| 1 <= index && index <= of);
-        let (index, of) = parsed.ok_or_else(|| ShardError(text.to_owned()))?;
-        Ok(Self { index, of })
-    }
-}
-
-impl std::fmt::Display for Shard {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}/{}", self.index, self.of)
-    }
-}
-
-/// What is run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
-    /// Number of sequences in all shards together.
-    pub sequences: u64,
-    /// Seed of the first one; the next ones have the seeds after it, so that one sequence with
-    /// the seed of a failure repeats it.
-    pub seed: u64,
-    /// The part of them that is run here.
-    pub shard: Shard,
-    /// Threads; as many as there are cores when `None`.
-    pub threads: Option<usize>,
-}
 
 /// How far it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,17 +22,6 @@ pub struct Progress {
     pub all: u64,
     /// Sequences that broke a rule so far.
     pub failed: u64,
-}
-
-/// What became of one sequence.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Verdict {
-    /// Its seed, which replays it.
-    pub seed: u64,
-    /// What happened, one sentence each.
-    pub story: Vec<String>,
-    /// The rules that were broken; empty when all is well.
-    pub violations: Vec<Violation>,
 }
 
 /// Runs the sequence of one seed.

@@ -2,7 +2,7 @@
 
 use embedded_can::Id;
 
-use crate::bus::NodeId;
+use crate::node_id::NodeId;
 use crate::time::{Ps, SimTime};
 use crate::wire::Level;
 

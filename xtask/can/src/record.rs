@@ -1,8 +1,8 @@
 //! What an ideal analyser on the bus writes down.
 
 use crate::Frame;
-use crate::bus::NodeId;
 use crate::confinement::{ErrorKind, ErrorState};
+use crate::node_id::NodeId;
 use crate::time::SimTime;
 
 /// Something that happened on the bus.

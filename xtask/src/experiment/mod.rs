@@ -135,14 +135,9 @@ fn known() -> String {
 ///
 /// # Errors
 ///
-/// There is no such experiment or the output folder is wrong
-/// ([`Failure::Usage`]); an image does not build or run, or an aim is missed.
-pub fn run(
-    workspace: &Workspace,
-    vehicle: &Vehicle,
-    name: &str,
-    options: &Sim,
-) -> Result<(), Failure> {
+/// There is no such vehicle or experiment, or the output folder is wrong (exit code 2); an image does not build or run, or an aim is missed.
+pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
+    let vehicle = &vehicle::find(workspace, &options.vehicle)?;
     let experiment = Experiment::find(name)?;
     let folder = match &options.out {
         Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),

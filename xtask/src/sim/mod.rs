@@ -25,7 +25,7 @@ use world::{
     time,
 };
 
-use crate::{Failure, Workspace, build, cli::Sim, experiment, progress::Display, vehicle};
+use crate::{Failure, Workspace, build, cli::Sim, progress::Display, vehicle};
 use bus::Log;
 use matrix::Matrix;
 
@@ -101,9 +101,6 @@ pub enum SourceError {
 /// does not build or run.
 pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     let vehicle = vehicle::find(workspace, &options.vehicle)?;
-    if let Some(name) = &options.experiment {
-        return experiment::run(workspace, &vehicle, name, options);
-    }
     if let Some(sequences) = options.faults {
         return faults::run(workspace, &vehicle, options, sequences);
     }

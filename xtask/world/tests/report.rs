@@ -457,7 +457,7 @@ fn the_picture_is_svg_with_everything_inside() {
         "a < b & \"c\"",
         "start",
         "end",
-        "path of antenna",
+        "path",
         "way along the line (m)",
         "right of line (m)",
         "time (s)",

@@ -4,9 +4,10 @@ use embedded_can::Id;
 
 use super::node::{Device, Node};
 use super::segment::Bit;
-use super::{Bus, DEFAULT_BIT, NodeId};
+use super::{Bus, DEFAULT_BIT};
 use crate::disturbance::SeenBy;
 use crate::mac::Event;
+use crate::node_id::NodeId;
 use crate::record::{Record, RecordKind};
 use crate::tester::Tester;
 use crate::time::{Ps, instant};

@@ -1,7 +1,8 @@
 //! How far nodes may run ahead of the bus.
 
 use super::node::Device;
-use super::{Bus, DEFAULT_BIT, NodeId};
+use super::{Bus, DEFAULT_BIT};
+use crate::node_id::NodeId;
 use crate::tester::Tester;
 use crate::time::{Ps, SimTime, instant};
 use crate::wire::{INTERMISSION_BITS, TAIL_BITS};

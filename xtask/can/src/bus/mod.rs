@@ -12,6 +12,7 @@ use crate::bxcan::{BxCan, FilterBanks, IrqLines, LineStatus, WireStatus};
 use crate::confinement::{ErrorCounters, ErrorState};
 use crate::disturbance::{Active, Disturbance};
 use crate::mac::{Event, Mac};
+use crate::node_id::NodeId;
 use crate::record::Record;
 use crate::tester::{Retry, Tester};
 use crate::time::{BitTime, ClockRate, Ps, SimTime, instant};
@@ -19,18 +20,6 @@ use crate::wire::Level;
 use crate::{Frame, Part};
 use node::{Action, Device, Node};
 use segment::Segment;
-
-/// A node on a [`Bus`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct NodeId(usize);
-
-impl NodeId {
-    /// The number of the node: 0 for the first one added to its bus.
-    #[must_use]
-    pub const fn index(self) -> usize {
-        self.0
-    }
-}
 
 /// Bit time of a bus on which no node has a clock.
 const DEFAULT_BIT: Ps = 4_000_000;

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use super::summary::{
+use super::figures::{
     BusFigures, IdFigures, TakeoverFigures, WindowFigures, micros_between, rounded,
 };
 use super::{Due, FrameRecord, Run, Window, WindowKind};

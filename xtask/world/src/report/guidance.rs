@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::Run;
-use super::summary::{AutonomousRun, StopFigures, rounded};
+use super::figures::{AutonomousRun, StopFigures, rounded};
 use crate::receiver::Fix;
 use crate::record::StateSample;
 use crate::time::Span as _;

@@ -6,6 +6,7 @@
 //! machine that simulates: the same run gives the same bytes.
 
 mod bus;
+mod figures;
 mod folder;
 mod guidance;
 mod plot;
@@ -18,12 +19,13 @@ use crate::record::{EffortChange, StateSample};
 use crate::scenario::Scenario;
 use crate::time::{SimDuration, SimTime};
 
-pub use folder::{FolderError, OutputFolder};
-pub use states::states_csv;
-pub use summary::{
-    AutonomousRun, BusFigures, GlobalTimeFigures, IdFigures, ModeFigures, StopFigures, Summary,
+pub use figures::{
+    AutonomousRun, BusFigures, GlobalTimeFigures, IdFigures, ModeFigures, StopFigures,
     TakeoverFigures, TaskFigures, WindowFigures,
 };
+pub use folder::{FolderError, OutputFolder};
+pub use states::states_csv;
+pub use summary::Summary;
 pub use terminal::terminal;
 pub use track::track_svg;
 

@@ -34,7 +34,7 @@ pub fn states_csv(run: &Run) -> Option<String> {
             (state.drive_effort, 4),
         ];
         for (value, digits) in columns {
-            let value = super::summary::rounded(value, digits as i32);
+            let value = super::figures::rounded(value, digits as i32);
             // Writing to a string cannot fail.
             let _ = write!(text, "{value:.digits$},");
         }

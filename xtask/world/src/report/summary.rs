@@ -2,8 +2,9 @@
 
 use serde::Serialize;
 
+use super::figures::{AutonomousRun, BusFigures, ModeFigures, StopFigures, TaskFigures, rounded};
 use super::{Run, bus, guidance};
-use crate::time::{seconds, since, span_seconds};
+use crate::time::{seconds, span_seconds};
 
 /// The figures of a run. The fields' names and meanings are those of `summary.json`; units are
 /// part of the names because JSON has no types for them. A figure that does not exist, such as
@@ -18,7 +19,7 @@ pub struct Summary {
     pub simulated_seconds: f64,
     /// One entry for each time that the vehicle drove autonomously.
     pub autonomous_runs: Vec<AutonomousRun>,
-    /// Way of the antenna.
+    /// Way of the point of the centre line beside the antenna.
     pub distance_m: f64,
     /// Largest speed of the wheels, either direction.
     pub largest_speed_m_s: f64,
@@ -32,183 +33,6 @@ pub struct Summary {
     pub bus: BusFigures,
     /// The nodes' tasks.
     pub tasks: Vec<TaskFigures>,
-}
-
-/// One uninterrupted time in an autonomous mode.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AutonomousRun {
-    /// Its begin.
-    pub from_seconds: f64,
-    /// Its end.
-    pub until_seconds: f64,
-    /// Cross-track error of the antenna at its begin, positive right of the line.
-    pub initial_cross_track_error_cm: f64,
-    /// Begin to the first instant from which the cross-track error stays within 5 cm for at
-    /// least 3 s.
-    pub settling_seconds: Option<f64>,
-    /// Mean of the cross-track error from then on.
-    pub mean_cross_track_error_cm: Option<f64>,
-    /// Standard deviation of the cross-track error from then on.
-    pub standard_deviation_cm: Option<f64>,
-    /// Largest cross-track error from then on, either side.
-    pub largest_cross_track_error_cm: Option<f64>,
-    /// Largest cross-track error past the line, on the side away from the start; the overshoot.
-    pub overshoot_cm: f64,
-    /// Changes of sign of the steering effort per second from then on, standstill left out.
-    pub steering_reversals_per_second: Option<f64>,
-}
-
-/// How the motors came to rest after an event.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct StopFigures {
-    /// What happened.
-    pub event: String,
-    /// When.
-    pub at_seconds: f64,
-    /// Time until both motor drivers were told to stop; 0 when they stood already, `null` when
-    /// they were not stopped before the next event.
-    pub motors_stopped_after_ms: Option<f64>,
-}
-
-/// A mode of the vehicle.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ModeFigures {
-    /// When it began.
-    pub at_seconds: f64,
-    /// Its name.
-    pub mode: String,
-}
-
-/// Figures of the bus.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct BusFigures {
-    /// Share of the time in which the bus is busy: frames, error frames, intermissions.
-    pub load_percent: f64,
-    /// Complete frames.
-    pub frames: u64,
-    /// Frames that ended in an error frame.
-    pub error_frames: u64,
-    /// Basic cycles: reference messages.
-    pub basic_cycles: u64,
-    /// Frames for each identifier that was seen, in order of the identifier.
-    pub frames_per_id: Vec<IdFigures>,
-    /// Latest start of frame after its window's begin, over the exclusive windows.
-    pub latest_start_us: Option<f64>,
-    /// Identifier of that frame.
-    pub latest_start_id: Option<u16>,
-    /// Earliest start of frame against its window's begin, negative when early.
-    pub earliest_start_us: Option<f64>,
-    /// Exclusive windows that stayed empty although their message was due and had been on the
-    /// bus before.
-    pub missed_windows: u64,
-    /// Complete frames whose identifier has a window but that started outside of it.
-    pub frames_outside_their_window: u64,
-    /// Complete frames whose identifier has no window.
-    pub foreign_frames: u64,
-    /// How well the nodes agreed on the global time; `null` when nobody compared them.
-    pub global_time: Option<GlobalTimeFigures>,
-    /// One entry for each time that the time master was held in reset.
-    pub takeovers: Vec<TakeoverFigures>,
-    /// Figures for each exclusive window, in order of the basic cycle.
-    pub windows: Vec<WindowFigures>,
-}
-
-/// Differences between the nodes' global times, from one second after they know it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct GlobalTimeFigures {
-    /// Number of instants at which they were compared.
-    pub instants: usize,
-    /// Largest difference between any two nodes.
-    pub largest_difference_us: f64,
-    /// Difference that 99 % of the instants stay within.
-    pub p99_difference_us: f64,
-}
-
-impl GlobalTimeFigures {
-    /// Figures in microseconds, rounded.
-    #[must_use]
-    pub fn new(instants: usize, largest_us: f64, p99_us: f64) -> Self {
-        Self {
-            instants,
-            largest_difference_us: rounded(largest_us, 3),
-            p99_difference_us: rounded(p99_us, 3),
-        }
-    }
-}
-
-/// What happened when the time master died.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TakeoverFigures {
-    /// The time master.
-    pub master: String,
-    /// When it died.
-    pub at_seconds: f64,
-    /// From its last reference message to the next one of another master; `null` when none came.
-    pub next_reference_after_us: Option<f64>,
-    /// The longest that this may take: a basic cycle and the offset of the backup.
-    pub bound_us: f64,
-    /// Exclusive windows of other nodes that stayed empty in the basic cycle in which the master
-    /// died and in the next one.
-    pub windows_lost: u64,
-}
-
-/// Frames of one identifier.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct IdFigures {
-    /// Identifier.
-    pub id: u16,
-    /// Name of the message; empty when the matrix does not know it.
-    pub message: String,
-    /// Complete frames.
-    pub frames: u64,
-}
-
-/// Figures of one exclusive window.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct WindowFigures {
-    /// Identifier of its message.
-    pub id: u16,
-    /// Name of its message.
-    pub message: String,
-    /// Sender of its message.
-    pub sender: String,
-    /// Begin of the window, counted from the reference message's start of frame.
-    pub window_start_us: f64,
-    /// Cycles in which its message was on the bus in the window.
-    pub frames: u64,
-    /// Cycles in which the window stayed empty although the message was due and had been on the
-    /// bus before.
-    pub missed: u64,
-    /// Earliest start of frame after the window's begin, negative when early.
-    pub earliest_start_us: Option<f64>,
-    /// Mean start of frame after the window's begin.
-    pub mean_start_us: Option<f64>,
-    /// Latest start of frame after the window's begin.
-    pub latest_start_us: Option<f64>,
-}
-
-/// Figures of one task of one node.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TaskFigures {
-    /// Node.
-    pub node: String,
-    /// Task.
-    pub task: String,
-    /// How often it ran.
-    pub runs: u64,
-    /// Core cycles of its longest run.
-    pub longest_cycles: u64,
-    /// The same as a time at the node's nominal clock.
-    pub longest_us: f64,
-}
-
-/// `value` rounded to `digits` decimals, so that files are legible and differences of the last
-/// bit do not show.
-pub(super) fn rounded(value: f64, digits: i32) -> f64 {
-    let scale = 10_f64.powi(digits);
-    let rounded = (value * scale).round() / scale;
-    // No negative zero.
-    rounded + 0.0
 }
 
 impl Summary {
@@ -267,11 +91,4 @@ impl Summary {
         text.push('\n');
         text
     }
-}
-
-/// Microseconds from `earlier` to `later`, negative when it is the other way round.
-pub(super) fn micros_between(earlier: crate::SimTime, later: crate::SimTime) -> f64 {
-    let ahead = since(later, earlier).as_ticks() as f64;
-    let behind = since(earlier, later).as_ticks() as f64;
-    (ahead - behind) / 1e6
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::{
     Summary,
-    summary::{AutonomousRun, BusFigures},
+    figures::{AutonomousRun, BusFigures},
 };
 
 fn figure(value: Option<f64>, digits: usize, unit: &str) -> String {

@@ -130,7 +130,10 @@ fn cross_track(canvas: &mut Canvas, run: &Run, summary: &Summary, panels: &Panel
     let Panels { whole, steady, .. } = panels;
     let errors: Vec<(f64, f64)> = errors(run).collect();
     whole.axes(canvas, "", "right of line (m)");
-    whole.heading(canvas, "Cross-track error of the antenna");
+    whole.heading(
+        canvas,
+        "Cross-track error of the centre line beside the antenna",
+    );
     whole.band(canvas, -BAND, BAND, colour::BAND);
     whole.level(canvas, 0.0, colour::INK, "");
     whole.curve(canvas, errors.iter().copied(), colour::BLUE, 1.8);
@@ -223,7 +226,7 @@ fn from_above(canvas: &mut Canvas, line: &Line, panels: &Panels, path: &[(f64, f
     };
     plan.heading(canvas, &text);
     plan.legend(canvas, 168.0, colour::ORANGE, "7 4", "line");
-    plan.legend(canvas, 98.0, colour::BLUE, "", "path of antenna");
+    plan.legend(canvas, 98.0, colour::BLUE, "", "path");
 
     let ends = [(0.0, 0.0), (line.length(), 0.0)];
     plan.level(canvas, 0.0, colour::GRID, "");

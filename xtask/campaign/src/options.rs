@@ -1,0 +1,70 @@
+//! What a campaign runs.
+
+use std::str::FromStr;
+
+/// Which part of the sequences is run here: every `of`-th, from the `index`-th on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    pub(crate) index: u64,
+    pub(crate) of: u64,
+}
+
+impl Default for Shard {
+    /// All of them.
+    fn default() -> Self {
+        Self { index: 1, of: 1 }
+    }
+}
+
+/// A text that names no shard.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ShardError(String);
+
+impl std::fmt::Display for ShardError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{:?} is no shard: write its number and how many there are, such as \"2/8\"",
+            self.0
+        )
+    }
+}
+
+impl std::error::Error for ShardError {}
+
+impl FromStr for Shard {
+    type Err = ShardError;
+
+    /// Reads `i/n` with 1 <= i <= n.
+    ///
+    /// # Errors
+    /// When it is anything else.
+    fn from_str(text: &str) -> Result<Self, ShardError> {
+        let parsed = text
+            .split_once('/')
+            .and_then(|(index, of)| Some((index.parse().ok()?, of.parse().ok()?)))
+            .filter(|&(index, of): &(u64, u64)| 1 <= index && index <= of);
+        let (index, of) = parsed.ok_or_else(|| ShardError(text.to_owned()))?;
+        Ok(Self { index, of })
+    }
+}
+
+impl std::fmt::Display for Shard {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}/{}", self.index, self.of)
+    }
+}
+
+/// What is run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Number of sequences in all shards together.
+    pub sequences: u64,
+    /// Seed of the first one; the next ones have the seeds after it, so that one sequence with
+    /// the seed of a failure repeats it.
+    pub seed: u64,
+    /// The part of them that is run here.
+    pub shard: Shard,
+    /// Threads; as many as there are cores when `None`.
+    pub threads: Option<usize>,
+}
