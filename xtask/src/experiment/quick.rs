@@ -188,7 +188,12 @@ pub struct Record {
 impl Record {
     /// The figures, `None` when the vehicle never drove by itself.
     pub fn figures(&self) -> Option<Figures> {
-        Figures::of(&Run {
+        Figures::of(&self.run())
+    }
+
+    /// The recordings as the report wants them.
+    pub fn run(&self) -> Run<'_> {
+        Run {
             scenario: &self.scenario,
             nodes: &[],
             seed: self.seed,
@@ -201,7 +206,7 @@ impl Record {
             bit_time: micros(4),
             modes: &self.modes,
             tasks: &[],
-        })
+        }
     }
 }
 
