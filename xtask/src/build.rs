@@ -1,4 +1,4 @@
-//! `build`: release images of the nodes, their sizes, and what they must not do.
+//! `build`: builds the release images of the nodes, measures and audits them.
 
 use std::{
     fs, io,
@@ -18,7 +18,7 @@ use crate::{
     target, vehicle,
 };
 
-/// Why there is no sound image.
+/// Why a build fails.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The images break rules, one sentence each.
@@ -54,11 +54,11 @@ pub struct Image {
     pub path: PathBuf,
 }
 
-/// Runs the command: the nodes named, or all.
+/// Runs the command for the named nodes, or for all of them.
 ///
 /// # Errors
 ///
-/// The vehicle or a node does not exist ([`Failure::Usage`]); an image does not build, is larger
+/// The vehicle or a node does not exist (exit code 2); an image does not build, is larger
 /// than its board's budget, or may panic.
 pub fn run(workspace: &Workspace, options: &Build) -> Result<(), Failure> {
     let vehicle = vehicle::find(workspace, &options.vehicle)?;
@@ -76,12 +76,12 @@ pub fn run(workspace: &Workspace, options: &Build) -> Result<(), Failure> {
     }
 }
 
-/// What a look at images brought.
+/// Result of measuring and auditing images.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Checked {
-    /// What each takes of its board.
+    /// The size of each image.
     pub sizes: Vec<Size>,
-    /// What stands against them, one sentence each.
+    /// Findings, one sentence each.
     pub complaints: Vec<String>,
 }
 
@@ -111,7 +111,7 @@ pub fn check(vehicle: &Vehicle, images: &[Image]) -> Result<Checked, Failure> {
     Ok(Checked { sizes, complaints })
 }
 
-/// Builds the release images of these nodes, each once, in the nodes' own order.
+/// Builds the release images of these nodes. The result is in the order of the manifest.
 ///
 /// # Errors
 ///
@@ -194,7 +194,7 @@ pub(crate) fn finish(
         .collect()
 }
 
-/// Reads images as the virtual vehicle takes them. There must be one for each node.
+/// Reads images for the virtual vehicle. There must be one for each node.
 ///
 /// # Errors
 ///

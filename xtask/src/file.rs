@@ -43,7 +43,7 @@ pub(crate) fn read(path: &Path) -> Result<String, Error> {
     String::from_utf8(bytes).map_err(|_| Error::of(path, Why::NotText))
 }
 
-/// Replaces a file by a rename, so that it is never there half.
+/// Replaces a file by a rename, so that no reader sees a half-written one.
 ///
 /// # Errors
 ///
@@ -53,7 +53,7 @@ pub(crate) fn replace(path: &Path, text: &str) -> Result<(), Error> {
 }
 
 fn try_replace(path: &Path, text: &str) -> io::Result<()> {
-    // The file itself, not a link to it.
+    // A link is followed, so that the file is replaced and not the link.
     let path = fs::canonicalize(path)?;
     let permissions = fs::metadata(&path)?.permissions();
     if permissions.readonly() {
@@ -75,7 +75,7 @@ fn try_replace(path: &Path, text: &str) -> io::Result<()> {
         fs::rename(&temporary, &path)
     })();
     if written.is_err() {
-        // Whatever there is of it is of no use.
+        // An incomplete temporary file is of no use.
         let _ = fs::remove_file(&temporary);
     }
     written

@@ -1,4 +1,4 @@
-//! `flash`: a node's image onto a board.
+//! `flash`: writes a node's image to a board.
 
 use std::{path::Path, process::Command};
 
@@ -29,8 +29,8 @@ pub enum Error {
 ///
 /// # Errors
 ///
-/// There is no such node, or more than one ([`Failure::Usage`]). The image does not build, probe-rs is not installed, no probe is connected,
-/// or probe-rs fails.
+/// There is no such node, or more than one (exit code 2). The image does not build, probe-rs is
+/// not installed, no probe is connected, or probe-rs fails.
 pub fn run(workspace: &Workspace, options: &Flash) -> Result<(), Failure> {
     let (vehicle, node) = vehicle::with_node(workspace, &options.node, options.vehicle.as_deref())?;
     if !options.dry_run {
@@ -60,7 +60,7 @@ fn commands(workspace: &Workspace, board: &Sled, image: &Path) -> [Command; 2] {
     [download, probe("reset")]
 }
 
-/// Whether probe-rs and a probe are there, before the time for a build is spent.
+/// Checks that probe-rs is installed and a probe is connected, before a build that takes time.
 fn ready(workspace: &Workspace, node: &str) -> Result<(), Error> {
     match output(workspace.program("probe-rs").arg("list")) {
         None => Err(Error::NotInstalled),

@@ -1,9 +1,8 @@
 //! The commands of `cargo xtask`, one module each.
 //!
-//! The binary hands its arguments to [`run`]; everything else is here, where
-//! tests reach it. A command returns a [`Failure`] for what it could not do,
-//! said in one sentence: the wrong words on the command line exit with code 2,
-//! everything else with code 1.
+//! The binary only passes its arguments to [`run`], so that tests reach everything else. A
+//! command that fails returns a [`Failure`], which displays as one sentence. The exit code is 2
+//! when the command line or an input file is wrong, else 1.
 
 pub mod audit;
 pub mod bench;

@@ -1,4 +1,4 @@
-//! `cargo xtask`: everything one does with the vehicle. See `cargo xtask --help`.
+//! `cargo xtask`: builds, flashes, simulates and analyses the nodes. See `cargo xtask --help`.
 
 use std::process::ExitCode;
 

@@ -91,7 +91,7 @@ const LEFT_OUT: [&str; 2] = ["target", "tests"];
 ///
 /// # Errors
 ///
-/// The name is not accepted, or the vehicle to copy does not exist ([`Failure::Usage`]). A
+/// The name is not accepted, or the vehicle to copy does not exist (exit code 2). A
 /// folder cannot be read or written.
 pub fn run(workspace: &Workspace, options: &New) -> Result<(), Failure> {
     let model = vehicle::find(workspace, &options.like)?;

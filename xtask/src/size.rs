@@ -1,4 +1,4 @@
-//! What an image takes of its board's memories.
+//! How much of its board's memories an image uses.
 
 use std::{
     fmt::Write,
@@ -55,7 +55,7 @@ pub enum Unfit {
     /// A symbol of the linker script is missing.
     #[error("the image has no symbol {0}")]
     NoSymbol(&'static str),
-    /// The stack has less than no bytes.
+    /// The stack's upper end is below its lower end.
     #[error("the stack's top is below its end")]
     UpsideDown,
     /// The stack lies in no RAM.
@@ -68,7 +68,7 @@ pub enum Unfit {
     },
 }
 
-/// Bytes that an image takes of its board.
+/// Memory that an image uses, bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Usage {
     /// Code, constants and initial values, in flash.
@@ -77,18 +77,18 @@ pub struct Usage {
     pub statics: u64,
     /// Room for the stack.
     pub stack: u64,
-    /// Worst case of the stack; 0 before it was looked for.
+    /// Worst-case stack depth; 0 until the audit has found it.
     pub deepest: u64,
 }
 
-/// What the image of a node takes of its board.
+/// The size of a node's image on its board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Size {
     /// The node.
     pub node: String,
     /// Its board.
     pub board: &'static Sled,
-    /// What its image takes.
+    /// Memory that its image uses.
     pub usage: Usage,
 }
 
@@ -261,11 +261,11 @@ pub fn json(sizes: &[Size]) -> String {
             }
         })
         .collect();
-    // Rows of plain numbers and words always serialise.
+    // Serialising plain numbers and texts cannot fail.
     serde_json::to_string_pretty(&rows).unwrap_or_default()
 }
 
-/// What exceeds its budget, one sentence each.
+/// Exceeded budgets, one sentence each.
 pub fn excess(sizes: &[Size]) -> Vec<String> {
     let mut excess = Vec::new();
     for Size {

@@ -1,4 +1,4 @@
-//! The compilation target of the images: found, or installed by rustup.
+//! The compilation target of the images: found or, if missing, installed by rustup.
 
 use std::{env, fs, path::Path, process::Command};
 

@@ -65,7 +65,7 @@ pub enum PackageError {
     NoName,
 }
 
-/// The vehicle that a command means when none is named.
+/// The vehicle of a command that names none.
 pub const DEFAULT: &str = "uagv";
 
 /// The vehicle with the fewest nodes: what a new one is copied from when nothing else is named.

@@ -1,4 +1,4 @@
-//! Where the workspace is, and cargo run in it.
+//! Finds the workspace, and runs cargo and other programs in it.
 
 use std::{
     env,
@@ -115,11 +115,11 @@ pub(crate) fn output(command: &mut Command) -> Option<String> {
         .then(|| String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// Runs a program to its end; its output goes where ours goes.
+/// Runs a program to its end. It inherits standard output and standard error.
 ///
 /// # Errors
 ///
-/// It cannot be run or does not succeed, with `what` it was to do.
+/// It cannot be run or does not succeed. The error names `what` it was to do.
 pub(crate) fn succeed(command: &mut Command, what: &str) -> Result<(), Error> {
     let what = what.to_owned();
     match command.status() {

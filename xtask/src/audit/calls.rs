@@ -1,4 +1,4 @@
-//! Who calls whom, from the instructions of an image.
+//! The call graph of an image, built from its instructions.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,10 +14,10 @@ const FLASH: u32 = 0x0800_0000;
 /// Why the calls of an image cannot be followed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CallsError {
-    /// The flash begins with something else.
+    /// The flash does not begin with a vector table.
     #[error("no vector table at the start of the flash")]
     NoVectorTable,
-    /// A function holds what is no instruction.
+    /// A function contains bytes that are no instruction.
     #[error("no instruction at {place}")]
     NoInstruction {
         /// The address, and what is there.
@@ -28,36 +28,36 @@ pub enum CallsError {
 /// A call, or a jump out of a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Call {
-    /// The instruction.
+    /// Address of the instruction.
     pub at: u32,
-    /// First address of a callee; `None` through a pointer that may go anywhere.
+    /// First address of the callee; `None` for a call through a pointer with unknown target.
     pub callee: Option<u32>,
 }
 
-/// What one function does.
+/// Calls and traps of one function.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Body {
     /// Its calls.
     pub calls: Vec<Call>,
-    /// Instructions that trap, where no call that never returns stands just before.
+    /// Addresses of trap instructions, except those right after a call: the compiler puts one
+    /// there when the callee never returns.
     pub traps: Vec<u32>,
 }
 
-/// The functions that can run.
+/// The functions that are reachable from the vector table.
 #[derive(Debug, Clone)]
 pub(super) struct Calls {
     bodies: BTreeMap<u32, Body>,
 }
 
 impl Calls {
-    /// Everything that is reachable from the vector table. A function whose address is
-    /// taken anywhere counts as reachable once anything calls through a pointer that may go
-    /// anywhere.
+    /// Follows the calls from the vector table. A call through a pointer with unknown target
+    /// makes every function reachable whose address is taken anywhere.
     ///
     /// # Errors
     ///
-    /// The image has no vector table or no symbols, or a reachable function holds what is
-    /// no instruction.
+    /// The image has no vector table or no symbols, or a reachable function contains bytes
+    /// that are no instruction.
     pub(super) fn of(image: &Image) -> Result<Self, CallsError> {
         let roots = vectors(image);
         if roots.is_empty() {
@@ -93,7 +93,7 @@ impl Calls {
     }
 }
 
-/// Functions that the vector table names.
+/// The functions in the vector table.
 fn vectors(image: &Image) -> BTreeSet<u32> {
     let end = image.functions().next().map_or(FLASH, |(first, _)| first);
     // The first word is the stack pointer.
@@ -103,7 +103,8 @@ fn vectors(image: &Image) -> BTreeSet<u32> {
         .collect()
 }
 
-/// The instructions of a function, one after the other; data among them is left out.
+/// The instructions of a function in the order of their addresses. Data between them is
+/// skipped.
 fn instructions(image: &Image, function: u32) -> Result<Vec<Instruction>, CallsError> {
     let size = image.function(function).map_or(0, |known| known.size);
     let next = image

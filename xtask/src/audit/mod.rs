@@ -1,5 +1,5 @@
-//! What a release image must not do: panic where no fault of the hardware is behind it,
-//! carry the text of a panic, need more stack than there is.
+//! Audit of a release image: it must not panic except after a hardware fault, must not contain
+//! texts of panics, and must not need more stack than there is.
 //!
 //! The instructions are decoded as the emulator decodes them; the call graph is
 //! rebuilt from them and walked from the vector table.
@@ -45,9 +45,9 @@ pub enum Error {
 /// What the audit of an image found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Audit {
-    /// Worst case of the call stack with every priority's preemption, bytes.
+    /// Worst-case stack depth with one preemption by each higher priority, bytes.
     pub deepest: u64,
-    /// What stands against the image, one sentence each, without the image's name.
+    /// Findings, one sentence each, without the image's name.
     pub complaints: Vec<String>,
 }
 
@@ -62,7 +62,7 @@ pub fn application(source: &Path) -> Result<App, Failure> {
     Ok(App::parse(&name, &text).map_err(Error::from)?)
 }
 
-/// Audits the image at `path` of an application, whose priorities say who interrupts whom.
+/// Audits the image at `path`. The priorities of `app` say which task can preempt which.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! Reachable panics, and what is left of their messages.
+//! Finds panics that are reachable and texts of panics that are in the image.
 
 use wcet::{graph::is_panic, image::Image};
 
@@ -13,7 +13,7 @@ pub enum Place {
     Function(&'static str),
 }
 
-/// A way to end the program that an image may hold.
+/// A panic that an image may contain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Allowed {
     /// Where it is.
@@ -22,8 +22,8 @@ pub struct Allowed {
     pub reason: &'static str,
 }
 
-/// Everything that may end the program of a node. All of it leads to the same end: actuator
-/// stopped, cause recorded, reset.
+/// The panics that a node's program may contain. Each has the same effect: the actuator is
+/// stopped, the cause is recorded, the node resets.
 pub const ALLOWED: [Allowed; 5] = [
     Allowed {
         place: Place::Function("HardFault"),
@@ -47,7 +47,7 @@ pub const ALLOWED: [Allowed; 5] = [
     },
 ];
 
-/// What the formatting of panics needs.
+/// Functions that only the formatting of panics uses.
 const FORMATTING: [&str; 4] = [
     "core::fmt::",
     "core::num::fmt::",
@@ -55,7 +55,7 @@ const FORMATTING: [&str; 4] = [
     "<core::panic::",
 ];
 
-/// What messages of panics say. A place in a source file is part of each.
+/// Parts of panic messages. Each message also contains a place in a source file.
 const MESSAGES: [&[u8]; 7] = [
     b".rs",
     b"panicked",
@@ -66,7 +66,7 @@ const MESSAGES: [&[u8]; 7] = [
     b"unreachable code",
 ];
 
-/// What stands against an image, one sentence each.
+/// Findings in an image, one sentence each.
 pub(super) fn complaints(image: &Image, calls: &Calls) -> Vec<String> {
     let mut complaints = Vec::new();
     for (function, body) in calls.bodies() {
@@ -105,7 +105,7 @@ pub(super) fn complaints(image: &Image, calls: &Calls) -> Vec<String> {
     complaints
 }
 
-/// Whether a function is a panic, or what every panic leads to.
+/// True for a function that panics, and for one that every panic calls.
 fn ends_program(name: &str) -> bool {
     is_panic(name) || name.contains("rust_begin_unwind")
 }
@@ -118,13 +118,13 @@ fn is_allowed(image: &Image, function: &str, at: u32) -> bool {
     })
 }
 
-/// The first text of a panic among constants, and where it stands.
+/// The first panic text in the constants, and its address.
 fn message(bytes: &[u8]) -> Option<(usize, String)> {
     let printable = |byte: u8| (0x20..0x7F).contains(&byte);
     let mut from = 0;
     for run in bytes.split_inclusive(|&byte| !printable(byte)) {
         let holds = |part: &&[u8]| run.windows(part.len()).any(|window| window == *part);
-        // Code that happens to spell three letters has no eight more beside them.
+        // Code can look like three letters by chance, but not with eight more beside them.
         if run.len() > 8 && MESSAGES.iter().any(holds) {
             return Some((from, String::from_utf8_lossy(run).trim_end().to_owned()));
         }

@@ -1,4 +1,4 @@
-//! How deep the call stack of a node can become.
+//! The worst-case stack depth of a node.
 
 use std::collections::BTreeMap;
 
@@ -10,12 +10,13 @@ use wcet::{
 
 use super::calls::Calls;
 
-/// The worst case in bytes: the program's own depth, and upon it, for each priority, an
-/// exception frame and the deepest of the tasks that have it.
+/// The worst-case stack depth in bytes: that of the main program, and for each priority an
+/// exception frame and the deepest task of that priority. Tasks of one priority do not preempt
+/// each other, so only one of them is on the stack.
 ///
 /// # Errors
 ///
-/// What keeps it from being known, one sentence each.
+/// The reasons why the depth is unknown, one sentence each.
 pub(super) fn deepest(image: &Image, calls: &Calls, app: &App) -> Result<u64, Vec<String>> {
     let mut stacks = Stacks::new(image);
     let calls = calls.bodies().flat_map(|(_, body)| &body.calls);

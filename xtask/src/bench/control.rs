@@ -14,14 +14,14 @@ use super::{
 };
 use crate::Failure;
 
-/// What a part of the step costs.
+/// The cost of a part of the step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cost {
     /// The part.
     pub part: &'static str,
-    /// Cycles while the vehicle comes onto the line.
+    /// Cycles while the vehicle approaches the line.
     pub coming: u64,
-    /// Cycles while it keeps it.
+    /// Cycles while it follows the line.
     pub there: Option<u64>,
 }
 
@@ -38,11 +38,11 @@ const PARTS: [(&str, &str, bool); 6] = [
     ("predictive, 30 iterations", "mpc", false),
 ];
 
-/// Measures them.
+/// Measures the parts.
 ///
 /// # Errors
 ///
-/// The program does not build, or a part did not do as it should.
+/// The program does not build, or a part did not do its work.
 pub fn measure(builder: &Builder) -> Result<Vec<Cost>, Failure> {
     let parts = Parts {
         name: "control step",
@@ -83,7 +83,7 @@ pub fn measure(builder: &Builder) -> Result<Vec<Cost>, Failure> {
         .collect()
 }
 
-/// The table.
+/// The costs as a table.
 pub fn report(costs: &[Cost]) -> String {
     let mut text = format!(
         "Cycles of a control step on a Cortex-M4 without wait states, opt-level 2\n  {:<28}{:>12}{:>14}\n",

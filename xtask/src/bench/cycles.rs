@@ -12,7 +12,7 @@ use twin::{
 use super::{Builder, Error, Parts, Profile};
 use crate::Failure;
 
-/// What an event costs.
+/// The cost of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cost {
     /// The event.
@@ -23,7 +23,7 @@ pub struct Cost {
     pub many: u64,
 }
 
-/// Events, and what their functions' names end with.
+/// Events, each with the end of its function's name.
 const EVENTS: [(&str, &str); 3] = [
     ("data frame received", "data"),
     ("reference received", "reference"),
@@ -32,20 +32,20 @@ const EVENTS: [(&str, &str); 3] = [
 
 /// The program that is measured.
 const PROGRAM: &str = "the program `cycles`";
-/// Where a node is kept.
+/// Address of the node in RAM.
 const PLACE: u32 = 0x2000_1000;
-/// Where the program waits, and functions return to.
+/// Address of the loop in which the program waits. Functions return there.
 pub(super) const IDLE: u32 = 0x0800_0008;
 /// Top of the stack.
 const STACK: u32 = 0x2002_0000;
-/// No event takes longer.
+/// Most cycles that an event may take.
 pub(super) const BUDGET: u64 = 10_000_000;
 
 /// Measures the events.
 ///
 /// # Errors
 ///
-/// The program does not build, or an event did not go as it should.
+/// The program does not build, or an event did not happen.
 pub fn measure(builder: &Builder, parts: Parts) -> Result<Vec<Cost>, Failure> {
     let elf = builder.program("cycles", parts, Profile::Release)?;
     let image = Image::from_elf(Part::F446, &elf).map_err(|error| Error::Image {
@@ -84,8 +84,8 @@ pub fn measure(builder: &Builder, parts: Parts) -> Result<Vec<Cost>, Failure> {
         .collect()
 }
 
-/// Calls a function with the node's place; the cycles from its first instruction
-/// to its return.
+/// Calls a function with the node's address. Returns the cycles from its first instruction to
+/// its return.
 pub(super) fn call(core: &mut Mcu, address: u32) -> Result<u64, Error> {
     core.set_register(0, PLACE);
     core.set_register(13, STACK);
@@ -104,7 +104,7 @@ pub(super) fn function(elf: &[u8], name: &str) -> Result<u32, Error> {
     let file = object::File::parse(elf).map_err(|_| missing())?;
     let found = file.symbols().find(|symbol| {
         let symbol = symbol.name().unwrap_or_default();
-        // A mangled name: the length stands in front.
+        // In a mangled name, each part follows its length.
         symbol.contains(&format!("{}{name}", name.len()))
     });
     found

@@ -1,4 +1,4 @@
-//! The kernels of the execution-time analysis: the bound of each beside the longest of
+//! The kernels that test the execution-time analysis: the bound of each, and the longest of
 //! many emulated runs.
 
 use std::{path::Path, sync::Arc, thread};
@@ -72,10 +72,9 @@ pub enum Error {
 
 /// Their package, from the root of the workspace.
 const PACKAGE: &str = "xtask/wcet/kernels/Cargo.toml";
-/// Runs of each, under each timing.
+/// Runs of each kernel under each timing.
 const RUNS: u64 = 200;
-/// What stands in front of them: stack pointer and reset vector, and from 0x200 on a
-/// start that turns the floating-point unit on (CPACR), sets flash latency, prefetch and
+/// The vector table in front of the kernels, and from offset 0x200 on a start-up that turns the floating-point unit on (CPACR), sets flash latency, prefetch and
 /// caches as the board does (FLASH_ACR), and waits.
 const VECTORS: [u32; 2] = [INPUT, 0x0800_0201];
 const START: [u32; 9] = [
@@ -89,10 +88,10 @@ const START: [u32; 9] = [
     0x4002_3C00,
     0x0000_0705,
 ];
-/// Where it waits, and kernels return to.
+/// Address of the loop in which it waits. Kernels return there.
 const IDLE: u32 = 0x0800_020C;
 
-/// Bounds and runs them.
+/// Bounds and runs the kernels.
 ///
 /// # Errors
 ///
@@ -145,7 +144,7 @@ fn run_all(builder: &Builder, path: &Path) -> Result<Vec<KernelReport>, super::E
         .collect()
 }
 
-/// What is where before a kernel is called.
+/// Contents of the memories before a kernel is called.
 struct Memory {
     flash: Vec<u8>,
     /// Address and contents.

@@ -109,13 +109,13 @@ impl Error {
 
 /// The package with the stack's programs, from the root of the workspace.
 const STACK: &str = "ttcan/benches/image/Cargo.toml";
-/// That with the control step's.
+/// The package with the programs of the control step.
 const CONTROL: &str = "control/benches/image/Cargo.toml";
 
 /// A choice of the optional parts of the stack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Parts {
-    /// What it is good for.
+    /// What a node with it can do.
     pub name: &'static str,
     /// Features of `ttcan`, with commas.
     pub features: &'static str,
@@ -196,7 +196,7 @@ impl<'w> Builder<'w> {
         })
     }
 
-    /// The folder of what is built.
+    /// The target folder of the programs.
     fn folder(&self) -> PathBuf {
         env::var_os("CARGO_TARGET_DIR")
             .map_or_else(|| self.workspace.root().join("target"), PathBuf::from)
@@ -216,12 +216,12 @@ impl<'w> Builder<'w> {
         })
     }
 
-    /// Builds a program of the stack's; the bytes of its ELF file.
+    /// Builds a program of the protocol stack. Returns its ELF file.
     fn program(&self, name: &str, parts: Parts, profile: Profile) -> Result<Vec<u8>, Failure> {
         self.build(STACK, name, parts, profile)
     }
 
-    /// Builds a program of a package; the bytes of its ELF file.
+    /// Builds a program of a package. Returns its ELF file.
     fn build(
         &self,
         package: &str,
@@ -233,7 +233,7 @@ impl<'w> Builder<'w> {
         Ok(std::fs::read(&path).map_err(ReadError::of(path))?)
     }
 
-    /// Builds a program of a package; where its ELF file is.
+    /// Builds a program of a package. Returns the path of its ELF file.
     fn file(
         &self,
         package: &str,
@@ -267,7 +267,7 @@ impl<'w> Builder<'w> {
 ///
 /// # Errors
 ///
-/// A program does not build or does not do as it should.
+/// A program does not build or does not do its work.
 pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
     let vehicle = vehicle::find(workspace, &options.vehicle)?;
     let settings = settings(&vehicle)?;

@@ -1,11 +1,11 @@
-//! Bytes that the stack takes in an image.
+//! Size of the protocol stack in an image.
 
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
 use super::{Builder, Error, Parts, Profile};
 use crate::Failure;
 
-/// Bytes.
+/// Sizes in bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Size {
     /// Code and constants of the stack.
@@ -18,11 +18,11 @@ pub struct Size {
     pub ram: u64,
 }
 
-/// Builds a program that calls everything that there is, and measures it.
+/// Builds a program that calls every function of the stack, and measures it.
 ///
 /// # Errors
 ///
-/// It does not build, or does not hold what it should.
+/// It does not build, or lacks an expected symbol.
 pub fn measure(builder: &Builder, parts: Parts, profile: Profile) -> Result<Size, Failure> {
     let elf = builder.program("node", parts, profile)?;
     let unexpected = Error::Unexpected { parts: parts.name };
@@ -40,7 +40,7 @@ fn sizes(elf: &[u8]) -> Option<Size> {
             }
             SymbolKind::Text => code += symbol.size(),
             SymbolKind::Data if name.contains("4node") => {
-                // Of the program, not of the stack.
+                // These belong to the program, not to the protocol stack.
                 own_data += symbol.size();
                 if name.contains("8SCHEDULE") {
                     schedule = symbol.size();

@@ -1,4 +1,4 @@
-//! What the runs of one case amount to together.
+//! Statistics over all runs of one case.
 
 use serde::Serialize;
 
@@ -13,17 +13,17 @@ pub struct Aggregate {
     pub settled: usize,
     /// How many of them drove up to the end.
     pub complete: usize,
-    /// Median of the settling times; `None` when it is that of a run that never settled.
+    /// Median of the settling times; `None` when the median run never settled.
     pub settling_median_seconds: Option<f64>,
     /// Longest settling time; `None` when a run never settled.
     pub settling_worst_seconds: Option<f64>,
     /// Mean of the cross-track error over all samples of all runs in steady state.
     pub mean_cm: f64,
-    /// Mean of the run that is farthest off.
+    /// The mean of the run whose mean is farthest from zero.
     pub mean_worst_cm: f64,
     /// Standard deviation over all samples of all runs in steady state.
     pub deviation_cm: f64,
-    /// Standard deviation of the run that is worst.
+    /// Largest standard deviation of a run.
     pub deviation_worst_cm: f64,
     /// Largest overshoot.
     pub overshoot_worst_cm: f64,
@@ -34,7 +34,7 @@ pub struct Aggregate {
 }
 
 impl Aggregate {
-    /// Puts runs together.
+    /// Combines runs.
     pub fn of(runs: &[Figures]) -> Self {
         let mut times: Vec<Option<f64>> = runs.iter().map(|run| run.settling).collect();
         times.sort_by(|a, b| {
@@ -77,7 +77,7 @@ impl Aggregate {
     }
 }
 
-/// Mean and standard deviation; zero of nothing.
+/// Mean and standard deviation; both are zero for an empty list.
 fn moments(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     let count = values.clone().count().max(1) as f64;
     let mean = values.clone().sum::<f64>() / count;
@@ -88,7 +88,7 @@ fn moments(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     (mean, square.sqrt())
 }
 
-/// Median of sorted times, the missing ones last.
+/// Median of sorted times; the missing ones are last.
 fn median(times: &[Option<f64>]) -> Option<f64> {
     let upper = times.get(times.len() / 2).copied().flatten()?;
     let lower = times

@@ -1,4 +1,4 @@
-//! The experiments, their cases and what is asked of them.
+//! The experiments, their cases and their aims.
 
 use control::dubins::{Pose, shortest_to_line};
 use vehicle_model::Vehicle;
@@ -29,9 +29,9 @@ pub struct Case {
 /// How soon the vehicle shall be on the line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Settling {
-    /// Within so many seconds.
+    /// Within this number of seconds.
     Within(f64),
-    /// Within so many times the time that the shortest path takes.
+    /// Within this multiple of the time that the shortest path takes.
     Shortest(f64),
 }
 
@@ -39,10 +39,10 @@ pub enum Settling {
 pub const LARGEST_MEAN_CM: f64 = 0.5;
 /// Largest standard deviation of the cross-track error, cm.
 pub const LARGEST_DEVIATION_CM: f64 = 1.8;
-/// Most passages from beyond the settling band on one side to beyond it on the
-/// other: one overshoot may be, a swing back is an oscillation.
+/// Most crossings of the whole settling band. One is an overshoot, which is accepted; a
+/// second one is an oscillation.
 pub const MOST_SWINGS: usize = 1;
-/// The plain law changes the sign of its command at least so many times as often.
+/// The plain law must change the sign of its command at least this many times as often.
 pub const FEWER_SIGN_CHANGES: f64 = 10.0;
 
 /// Speed of an autonomous run, m/s (thesis 7.3).
@@ -108,9 +108,8 @@ impl Case {
     }
 }
 
-/// Time that the shortest path under the steering limit takes from the start of a
-/// scenario onto its line, s: for the rear axle, which is the point that turns no
-/// tighter than the steering limit has it.
+/// Time that the shortest path from the start of a scenario onto its line takes, s. The path is
+/// that of the rear axle, whose smallest turning radius follows from the steering limit.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! What one run amounts to.
+//! The figures of one run.
 
 use world::{
     report::{Run, Summary},
@@ -9,10 +9,10 @@ use world::{
 /// steering rate, little-endian.
 const COMMAND: u16 = 300;
 
-/// Cross-track error that counts as on the line, m: the settling band of the report.
+/// Largest cross-track error that counts as on the line, m: the settling band of the report.
 const BAND: f64 = 0.05;
 
-/// What stands for the steady state of a run that never settles: its last seconds.
+/// For a run that never settles, the last seconds of this length count as its steady state.
 const TAIL: f64 = 10.0;
 
 /// Figures of one run from the moment when the vehicle drives by itself.
@@ -30,7 +30,7 @@ pub struct Figures {
     pub sign_changes: usize,
     /// Largest cross-track error on the far side of the line, cm.
     pub overshoot: f64,
-    /// Passages from beyond the band on one side to beyond it on the other.
+    /// Crossings of the whole band, from one side to the other.
     pub swings: usize,
     /// Whether the vehicle drove by itself up to the end.
     pub complete: bool,
@@ -80,7 +80,7 @@ impl Figures {
     }
 }
 
-/// Changes of sign; zeros between are passed over.
+/// Changes of sign; zeros in between are ignored.
 fn sign_changes(values: impl Iterator<Item = i16>) -> usize {
     let mut last = 0;
     let mut changes = 0;
@@ -91,7 +91,7 @@ fn sign_changes(values: impl Iterator<Item = i16>) -> usize {
     changes
 }
 
-/// Passages from beyond the band on one side to beyond it on the other.
+/// Crossings of the whole band, from one side to the other.
 fn swings(errors: impl Iterator<Item = f64>) -> usize {
     let beyond = errors.filter(|error| error.abs() > BAND);
     sign_changes(beyond.map(|error| if error > 0.0 { 1 } else { -1 }))

@@ -135,7 +135,8 @@ fn known() -> String {
 ///
 /// # Errors
 ///
-/// There is no such vehicle or experiment, or the output folder is wrong (exit code 2); an image does not build or run, or an aim is missed.
+/// There is no such vehicle or experiment, or the output folder is wrong (exit code 2); an
+/// image does not build or run, or an aim is missed.
 pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
     let vehicle = &vehicle::find(workspace, &options.vehicle)?;
     let experiment = Experiment::find(name)?;
@@ -153,7 +154,8 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
         run_all(&jobs, &Job::run_quickly)?
     } else {
         let matrix = Matrix::new(vehicle);
-        // The plain image first, so that the one left behind is the one to flash.
+        // The plain image first: the one built last stays in the target folder and is the one to
+        // flash.
         let (controller, plain) = plain_controller(workspace, vehicle)?;
         let furrow = sim::images(workspace, vehicle)?;
         let plain = furrow.clone().with(controller, plain);
@@ -225,7 +227,7 @@ fn jobs<'a>(vehicle: &'a Vehicle, scenarios: &'a [Scenario], options: &Sim) -> V
     jobs.collect()
 }
 
-/// The node that drives, and its image with the thesis's law.
+/// The controller node, and its image with the thesis's law.
 fn plain_controller(
     workspace: &Workspace,
     vehicle: &Vehicle,
@@ -243,7 +245,7 @@ fn plain_controller(
 /// Names of the laws in files.
 const LAWS: [&str; 2] = ["furrow", "plain"];
 
-/// One run to be made.
+/// A run that is to be done.
 struct Job<'a> {
     case: usize,
     vehicle: &'a Vehicle,
@@ -309,8 +311,8 @@ impl Job<'_> {
     }
 }
 
-/// Makes all runs, as many at a time as there are processors. Which of them makes which
-/// run changes nothing: a run depends on its job alone.
+/// Does all runs, as many at a time as there are processors. The result of a run depends on its
+/// job alone, not on the thread or the order.
 fn run_all<'a>(
     jobs: &[Job<'a>],
     make: &(dyn Fn(&Job<'a>) -> Result<Figures, Error> + Sync),
@@ -329,7 +331,7 @@ fn run_all<'a>(
             done.push((number, figures));
             display.show(|wall| progress(job, done.len(), jobs.len(), wall));
             if failed {
-                // Nobody needs the others.
+                // After a failure, the remaining runs are of no use.
                 next.store(jobs.len(), Ordering::Relaxed);
             }
         }

@@ -1,11 +1,10 @@
-//! A run without bus, boards and images: receiver, estimator, law and actuators
-//! joined directly, a hundred times as fast as with them.
+//! A run without bus, boards and images: receiver, estimator, law and actuators are connected
+//! directly. This is about a hundred times as fast.
 //!
-//! What stands between them on the vehicle is kept: the receiver's bytes and
-//! their parser, the age of the data when the step is released, the command's
-//! resolution and its way to the motors, the motor drivers' bytes and the end
-//! stops. What is left out cannot lose or delay a message here. For exploring;
-//! what is reported comes from the images.
+//! Kept as on the vehicle: the receiver's bytes and their parser, the age of the data when the
+//! control step is released, the command's resolution and its delay to the motors, the motor
+//! drivers' bytes, and the end stops. No message is lost or late here. Use it to explore; the
+//! figures of a report come from the images.
 
 use control::{
     controller::{Controller, Outcome, Sample, Settings},
@@ -37,7 +36,7 @@ use super::measure::Figures;
 
 /// A steering law.
 pub trait Law {
-    /// Its step in each basic cycle.
+    /// The control step of a basic cycle.
     fn step(&mut self, sample: &Sample<f32>) -> Outcome<f32>;
 }
 
@@ -53,7 +52,7 @@ impl Law for PlainController<f32> {
     }
 }
 
-/// The settings with which the firmware drives.
+/// The firmware's settings of the control law.
 #[must_use]
 pub fn settings() -> Settings<f32> {
     design::SETTINGS
@@ -63,7 +62,7 @@ pub fn settings() -> Settings<f32> {
 ///
 /// # Errors
 ///
-/// The waypoints make none.
+/// The waypoints are no line.
 pub fn line() -> Result<Line<f32>, Error> {
     let [from, to] = design::ROUTE;
     Ok(Line::new(from, to)?)
@@ -93,12 +92,12 @@ const MOTOR_PERIOD: SimDuration = micros(10_000);
 /// Age of the potentiometer's sample when its window begins: half a period of the
 /// converter on average.
 const POT_AGE: SimDuration = micros(2_500);
-/// From the command window's mark until the actuator nodes have the frame.
+/// Time from the start of the command's window until the actuator nodes have its frame.
 const COMMAND_WAY: SimDuration = micros(550);
 /// When the joystick's button takes effect: the second press of the scenarios.
 const ENGAGED: SimDuration = micros(1_500_000);
 
-/// The loop under way.
+/// The state of a run.
 struct Loop {
     world: World,
     /// Steering and drive.
@@ -155,7 +154,7 @@ impl Loop {
         self.world.adc(Analog::SteeringPot, sampled.max(moved))
     }
 
-    /// Tells both motors what to do now.
+    /// Commands both motors.
     fn motors(&mut self, now: SimTime) {
         let count = self.world.adc(Analog::SteeringPot, now);
         let byte = |effort| convert::motor_byte(effort, design::FULL_BYTE_IS_FORWARD);
@@ -174,7 +173,7 @@ impl Loop {
     }
 }
 
-/// What came of a run: the world at its end and the frames that the report reads.
+/// A finished run: the world at its end and the frames that the report reads.
 pub struct Record {
     scenario: Scenario,
     seed: u64,

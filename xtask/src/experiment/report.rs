@@ -12,7 +12,7 @@ use super::{
     measure::Figures,
 };
 
-/// What an experiment brought.
+/// The result of an experiment.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     /// Its name.
@@ -25,12 +25,12 @@ pub(super) struct Report {
     pub cases: Vec<CaseReport>,
 }
 
-/// What a case brought.
+/// The result of a case.
 #[derive(Debug, Serialize)]
 pub(super) struct CaseReport {
     /// Its name.
     pub case: &'static str,
-    /// What it is.
+    /// What it shows.
     pub summary: String,
     /// Mean cross-track error that the thesis reports.
     pub thesis_mean_cm: Option<f64>,
@@ -42,20 +42,20 @@ pub(super) struct CaseReport {
     pub furrow: Aggregate,
     /// The image with the thesis's law.
     pub plain: Aggregate,
-    /// What was asked of the former.
+    /// The aims of the flashed image, met or missed.
     pub aims: Vec<Aim>,
 }
 
-/// Something asked of a case.
+/// An aim of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Aim {
     /// The figure.
     pub figure: &'static str,
-    /// What it came to; `None` when it does not exist.
+    /// The measured value; `None` when there is none.
     pub value: Option<f64>,
-    /// What it may come to.
+    /// The largest accepted value.
     pub limit: f64,
-    /// Whether it keeps within.
+    /// Whether the aim is met.
     pub met: bool,
 }
 
@@ -71,7 +71,7 @@ impl Aim {
     }
 }
 
-/// Names of the figures that aims are about, as the table has them.
+/// Names of the figures that have aims, as in the table.
 mod figure {
     pub(super) const SETTLING: &str = "settling, worst";
     pub(super) const MEAN: &str = "|mean error|";
@@ -101,7 +101,7 @@ impl CaseReport {
             Some(furrow.sign_changes_per_second),
             plain.sign_changes_per_second / FEWER_SIGN_CHANGES,
         );
-        // Fewer than, not at most: no changes against none would prove nothing.
+        // Strictly fewer: if neither law changed the sign, nothing would be shown.
         signs.met = furrow.sign_changes_per_second < signs.limit;
         let aims = vec![
             Aim::at_most(figure::SETTLING, furrow.settling_worst_seconds, soonest),

@@ -1,5 +1,5 @@
-//! Follows every activation of a node's handlers in a run, and says where it
-//! leaves what was analysed.
+//! Follows every activation of a node's interrupt handlers in a run, and reports where one
+//! leaves the analysed paths.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -7,32 +7,33 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use twin::mcu::{Seen, Trace};
 use wcet::watch::{Activation, Refuted, Watch};
 
-/// What was found of one handler.
+/// Findings about one handler.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Found {
     /// Activations followed to their end.
     pub activations: u64,
-    /// What does not hold; of several about one place the one furthest off.
+    /// Assumptions of the analysis that the run refuted. For each place only the worst one is
+    /// kept.
     pub refuted: Vec<Refuted>,
 }
 
-/// What was found, by the number of the exception.
+/// Findings by exception number.
 pub type Findings = BTreeMap<u16, Found>;
 
-/// A handler in hand: its exception and, where it is watched, how far it is.
+/// An active handler: its exception and, if it is watched, its position in the analysed graph.
 type InHand = (u16, Option<Activation>);
 
 /// Follows one node.
 #[derive(Debug)]
 pub struct Follower {
     watches: BTreeMap<u16, Arc<Watch>>,
-    /// The handlers in hand, the one that runs last.
+    /// The active handlers; the running one is last.
     stack: Vec<InHand>,
     findings: Arc<Mutex<Findings>>,
 }
 
 impl Follower {
-    /// With what each exception's handler must keep to.
+    /// Follows the handlers of these exceptions, each with its watch.
     #[must_use]
     pub fn new(watches: BTreeMap<u16, Arc<Watch>>) -> Self {
         Self {
@@ -42,7 +43,7 @@ impl Follower {
         }
     }
 
-    /// Where the findings are gathered.
+    /// The collected findings.
     #[must_use]
     pub fn findings(&self) -> Arc<Mutex<Findings>> {
         Arc::clone(&self.findings)
@@ -97,17 +98,17 @@ impl Follower {
     }
 }
 
-/// What is found out of a mutex that nobody can leave half-written.
+/// Locks the findings. Poisoning is ignored: no panic can leave them half-written.
 pub fn lock(findings: &Mutex<Findings>) -> MutexGuard<'_, Findings> {
     findings.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Adds to what is refuted; one place is named once, with its largest count.
+/// Adds a refuted assumption. Each place is listed once, with its largest count.
 fn note(all: &mut Vec<Refuted>, new: Refuted) {
     let known = all.iter_mut().find(|known| match (&**known, &new) {
         (Refuted::Turns { at, .. }, Refuted::Turns { at: other, .. })
         | (Refuted::Times { at, .. }, Refuted::Times { at: other, .. }) => at == other,
-        // Whatever follows the first step out of the graph is out of it too.
+        // Every step after the first one that leaves the graph is outside of it too.
         (Refuted::Outside(_), Refuted::Outside(_)) => true,
         _ => false,
     });

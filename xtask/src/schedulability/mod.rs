@@ -1,5 +1,4 @@
-//! `schedulability` and `priorities`: whether every deadline holds, and with
-//! which priorities.
+//! `schedulability` shows whether every deadline holds; `priorities` proposes task priorities.
 
 pub mod follow;
 pub mod observe;
@@ -111,12 +110,12 @@ impl Error {
 /// # Errors
 ///
 /// Something on the command line, in the table, in the network file or in a
-/// source is wrong ([`Failure::Usage`]), an image does not build, or a deadline
+/// source is wrong (exit code 2), an image does not build, or a deadline
 /// does not hold.
 pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failure> {
     let vehicle = vehicle::find(workspace, &options.vehicle)?;
     let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
-    // What is wrong with the words is said before the time for a build is spent.
+    // Wrong input is reported before a build that takes time.
     let models = models(workspace, &vehicle, &nodes)?;
     let explained = match &options.explain {
         Some(task) => Some(explained(&models, task)?),
@@ -143,8 +142,8 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
     Ok(judge(&report)?)
 }
 
-/// Runs `priorities`. Where a source differs from the proposal, its image says
-/// whether the order that it has holds all the same.
+/// Runs `priorities`. Where a source differs from the proposal, the image of that node is
+/// analysed to see whether the priorities in the source also meet every deadline.
 ///
 /// # Errors
 ///
@@ -185,7 +184,7 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
     Ok(())
 }
 
-/// What to analyse, with these images.
+/// The inputs of an analysis of these images.
 fn inputs(workspace: &Workspace, vehicle: &Vehicle, images: &[Image]) -> Inputs {
     let root = workspace.root().to_path_buf();
     Inputs {
@@ -202,7 +201,7 @@ fn inputs(workspace: &Workspace, vehicle: &Vehicle, images: &[Image]) -> Inputs 
     }
 }
 
-/// Tells what is under way, from any thread.
+/// Shows the current activity; callable from any thread.
 fn shown_on(display: &Mutex<Display>) -> impl Fn(&str) + Sync {
     |what| {
         if let Ok(mut display) = display.lock() {
@@ -217,18 +216,18 @@ fn end(display: &Mutex<Display>) {
     }
 }
 
-/// Builds the images, bounds their tasks, lets them run to see whether they keep
-/// to what was analysed, and answers for these nodes.
+/// Builds the images, bounds their tasks, runs them to check the assumptions of the analysis,
+/// and reports on these nodes.
 ///
 /// # Errors
 ///
-/// As [`run`], except that an answer that is no is no error.
+/// As [`run`], except that a missed deadline is no error.
 pub(crate) fn analyse(
     workspace: &Workspace,
     vehicle: &Vehicle,
     nodes: &[NodeIndex],
 ) -> Result<Report, Failure> {
-    // All nodes: a node alone has no bus, and nothing to do.
+    // All nodes: without the others, a node has no bus traffic to handle.
     let all: Vec<NodeIndex> = vehicle.nodes().collect();
     let images = build::images(workspace, vehicle, &all)?;
     let wanted: Vec<Image> = images
@@ -251,8 +250,8 @@ pub(crate) fn analyse(
     report
 }
 
-/// What continuous integration does not accept: a bound below what was seen, or
-/// anything that does not hold and is not said to be unproven yet.
+/// Findings that continuous integration refuses: a bound below an observed time, or a deadline
+/// that does not hold and is not listed as unproven.
 ///
 /// # Errors
 ///
@@ -268,7 +267,7 @@ pub(crate) fn regressions(
     Ok(report.regressions(&unproven))
 }
 
-/// An answer that is no ends the program with exit code 1.
+/// The first missed deadline as an error, which makes the exit code 1.
 fn judge(report: &Report) -> Result<(), Error> {
     match report.first_miss() {
         None => Ok(()),

@@ -1,5 +1,5 @@
-//! What the tasks do on the emulated vehicle: the longest time of each, and
-//! whether they keep to what was analysed.
+//! Observes the tasks on the emulated vehicle: the longest time of each, and whether the
+//! assumptions of the analysis hold.
 
 use std::{
     collections::BTreeMap,
@@ -26,17 +26,17 @@ use crate::{
     build::{self, Image},
 };
 
-/// The run that the analysis watches, in the vehicle's folder.
+/// Scenario of the observed run, in the vehicle's folder.
 const SCENARIO: &str = "busy.toml";
-/// Seed of everything that is left to chance.
+/// Seed of all random numbers of the run.
 const SEED: u64 = 1;
-/// Flash without wait states, and as the parts have it.
+/// Flash without wait states, and with those of the part.
 const TIMINGS: [FlashTiming; 2] = [FlashTiming::Immediate, FlashTiming::WaitStates];
 
-/// What a run brought, with what was found of each node in the order of the manifest.
+/// The outcome of a run, and the findings about each node in the order of the manifest.
 type Followed = (Outcome, Vec<Arc<Mutex<Findings>>>);
 
-/// What is seen of each node's handlers.
+/// Runs the vehicle under both timings and observes each node's handlers.
 pub(super) fn observe(
     vehicle: &Vehicle,
     images: &[Image],
@@ -81,11 +81,11 @@ pub(super) fn observe(
     Ok(all)
 }
 
-/// Whether a node's memory, read word by word, holds at the end of the run what
-/// start-up left in it for good, on which the bounds rest.
+/// Checks that words of a node's memory that the analysis takes for constant after start-up
+/// still have their values at the end of the run.
 ///
 /// # Errors
-/// The sentence that says which word changed.
+/// A word changed; the error says which one.
 fn hold(
     node: &str,
     mut lasting: impl Iterator<Item = (u32, u32)>,
@@ -107,8 +107,8 @@ fn word(mcu: &Mcu, address: u32) -> Option<u32> {
     Some(u32::from_le_bytes(bytes.try_into().ok()?))
 }
 
-/// Follows a core from now on: each of its handlers must keep to the watch that
-/// was made for its address.
+/// Follows a core from now on. Each handler is compared with the watch that was made for its
+/// address.
 pub fn follow<'w>(
     mcu: &mut Mcu,
     watches: impl Iterator<Item = &'w Arc<Watch>>,
@@ -130,7 +130,7 @@ fn scenario(vehicle: &Vehicle) -> Result<Scenario, Error> {
     Ok(Scenario::find(vehicle, &path.to_string_lossy())?)
 }
 
-/// Adds what a run of a timing model brought to what is known.
+/// Adds the outcome of a run under one timing model to the observations.
 fn note(
     all: &mut BTreeMap<String, Observed>,
     model: Model,

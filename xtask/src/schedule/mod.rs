@@ -1,5 +1,5 @@
-//! `schedule`: the system matrix of a network file, shown, checked, or found anew
-//! and written back.
+//! `schedule`: shows and checks the system matrix of a network file, or finds a new one and
+//! writes it to the file.
 
 mod plan;
 mod table;
@@ -10,12 +10,12 @@ use network_model::{Assignment, Network};
 
 use crate::{Failure, Workspace, cli::Schedule, file, vehicle};
 
-/// A schedule on its way to the screen and the file.
+/// A schedule to show and to write.
 struct Scheduled {
     network: Network,
     /// The file's text with this schedule.
     text: String,
-    /// What a plan changes besides windows; nothing for the file's own schedule.
+    /// Changes of periods by a plan; empty for the schedule of the file.
     notes: Vec<plan::Note>,
 }
 
@@ -75,7 +75,7 @@ fn schedule(text: &str, options: &Schedule) -> Result<Scheduled, String> {
             }
         }
     };
-    // The crate that the images are built with has the last word.
+    // The images are built with `ttcan`, so its own check decides.
     plan::check(&scheduled.network)?;
     Ok(scheduled)
 }

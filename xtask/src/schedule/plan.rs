@@ -1,4 +1,4 @@
-//! Between network files and the types of the protocol crate.
+//! Converts between network files and the types of the protocol crate.
 
 use network_model::{
     Assigned, Assignment, Message, Network, Reference, SendType, Window, WindowKind,
@@ -17,7 +17,7 @@ pub(super) struct Planned {
     pub notes: Vec<Note>,
 }
 
-/// What became of a message's wishes.
+/// How the schedule of a message differs from what was asked for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Note {
     /// Identifier of the message.

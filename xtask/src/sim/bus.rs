@@ -1,4 +1,4 @@
-//! What went over the bus, as the report and other tools read it.
+//! The frames of a run, in the forms that the report and other tools read.
 
 use std::{collections::BTreeMap, fmt::Write};
 
@@ -12,13 +12,13 @@ const ERROR_FRAME_BITS: u32 = 14;
 
 /// The frames of a run.
 pub(crate) struct Log {
-    /// Every frame that began and was not overtaken in arbitration, in order of time.
+    /// Every frame that began and did not lose arbitration, in order of time.
     pub frames: Vec<FrameRecord>,
     lines: Vec<Line>,
 }
 
 impl Log {
-    /// Puts the frames together from what an analyser wrote down.
+    /// Reconstructs the frames from the records of the bus model.
     pub(crate) fn new(records: &[Record], bit_time: SimDuration) -> Self {
         let mut log = Self {
             frames: Vec::new(),
@@ -59,7 +59,7 @@ impl Log {
         log
     }
 
-    /// The report knows frames with identifiers of 11 bits, as the network has them.
+    /// The report handles frames with 11-bit identifiers only, like the network.
     fn end(&mut self, frame: Frame, start: SimTime, end: SimTime, complete: bool) {
         let Id::Standard(id) = frame.id() else {
             return;
@@ -89,7 +89,7 @@ impl Log {
     }
 }
 
-/// The frame that the sender of an error's frame had begun last.
+/// The frame that was destroyed by an error: the last one that its sender had begun.
 fn sent_by(records: &[Record], error: &Record) -> Option<Frame> {
     let before = records.partition_point(|record| record.at <= error.at);
     records
@@ -124,7 +124,7 @@ mod tests {
         // Both at once: the lower identifier wins and the other one follows.
         bus.send_at(first, micros(1000), low, Retry::UntilSent);
         bus.send_at(second, micros(1000), high, Retry::UntilSent);
-        // Another one is destroyed and sent again.
+        // A further frame is destroyed and sent again.
         bus.send_at(first, micros(3000), low, Retry::UntilSent);
         bus.disturb(Disturbance::Flip {
             frame: FrameSelect::Id {

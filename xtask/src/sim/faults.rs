@@ -7,11 +7,11 @@ use world::report::OutputFolder;
 use super::Error;
 use crate::{Failure, Workspace, cli::Sim, progress::Display};
 
-/// Runs so many sequences, or this shard's part of them.
+/// Runs `sequences` sequences, or this shard's part of them.
 ///
 /// # Errors
 ///
-/// The output folder is wrong ([`Failure::Usage`]), an image does not build, or a
+/// The output folder is wrong (exit code 2), an image does not build, or a
 /// sequence broke a rule.
 pub(super) fn run(
     workspace: &Workspace,
@@ -49,8 +49,8 @@ pub(super) fn run(
     }
 }
 
-/// Runs the first `sequences` sequences and says which of them broke a rule, with what
-/// repeats them.
+/// Runs the first `sequences` sequences. Returns a sentence for each that broke a rule, with the
+/// command that repeats it.
 ///
 /// # Errors
 ///

@@ -7,10 +7,10 @@ use world::{
     report::{Due, FrameRecord, ModeChange, Window, WindowKind},
 };
 
-/// The system matrix as the report wants it.
+/// The system matrix in the form that the report needs.
 pub(crate) struct Matrix {
     network: Network,
-    /// Where the mode is; `None` when the vehicle has none.
+    /// The signal that carries the mode; `None` when the vehicle has none.
     mode: Option<ModeSignal>,
     /// One entry for each message.
     pub windows: Vec<Window>,

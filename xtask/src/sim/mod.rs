@@ -1,4 +1,4 @@
-//! `sim`: the release images drive the virtual vehicle, and what comes of it.
+//! `sim`: runs the release images on the virtual vehicle and reports the result.
 
 pub(crate) mod bus;
 mod faults;
@@ -97,14 +97,14 @@ pub enum SourceError {
 ///
 /// # Errors
 ///
-/// The scenario or the output folder is wrong ([`Failure::Usage`]), or an image
+/// The scenario or the output folder is wrong (exit code 2), or an image
 /// does not build or run.
 pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     let vehicle = vehicle::find(workspace, &options.vehicle)?;
     if let Some(sequences) = options.faults {
         return faults::run(workspace, &vehicle, options, sequences);
     }
-    // What is wrong with the words is said before the time for a build is spent.
+    // Wrong input is reported before a build that takes time.
     if options.list {
         print!("{}", list(&vehicle).map_err(Error::from)?);
         return Ok(());
@@ -159,10 +159,10 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     }
 }
 
-/// Shortest time in an autonomous mode in which every motor must turn at some time, s.
+/// An autonomous run of at least this length must turn every motor, s.
 const LONG_ENOUGH: f64 = 3.0;
 
-/// A node that commands can let turn its motor and that never did.
+/// A node whose motor can be commanded and never turned.
 fn idle_motor<'v>(vehicle: &'v Vehicle, efforts: &[EffortChange]) -> Option<&'v str> {
     let command = vehicle.manifest().command.as_ref()?;
     let turned = |node| {
@@ -210,7 +210,7 @@ fn list(vehicle: &Vehicle) -> Result<String, world::ScenarioError> {
         .collect())
 }
 
-/// A finished simulation with all that a report needs.
+/// A finished simulation with everything that a report needs.
 pub(crate) struct Finished<'s> {
     scenario: &'s Scenario,
     nodes: Vec<String>,
@@ -276,7 +276,7 @@ pub(crate) fn simulate<'s>(
 }
 
 impl Finished<'_> {
-    /// The recordings as the report wants them.
+    /// The recordings in the form that the report needs.
     pub(crate) fn run(&self) -> Run<'_> {
         Run {
             scenario: self.scenario,
@@ -294,7 +294,7 @@ impl Finished<'_> {
         }
     }
 
-    /// The figures, with those that no recording holds.
+    /// The figures, including those that are not in the recordings.
     pub(crate) fn summary(&self) -> Summary {
         let mut summary = Summary::of(&self.run());
         summary.bus.global_time = self.agreement.map(|figures| {
@@ -317,7 +317,7 @@ impl Finished<'_> {
             .collect()
     }
 
-    /// Says what the simulation could not do as the hardware does.
+    /// Warns of registers that the simulation does not model.
     fn warn(&self) {
         for node in &self.outcome.nodes {
             if !node.unmodelled.is_empty() {
@@ -346,8 +346,7 @@ pub(crate) fn images(workspace: &Workspace, vehicle: &Vehicle) -> Result<Images,
     build::read(&build::images(workspace, vehicle, &nodes)?)
 }
 
-/// The tasks by the names that the nodes' sources give them; an exception that
-/// is no task keeps its own.
+/// The tasks, named as in the nodes' sources. An exception that is no task keeps its own name.
 fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Error> {
     let mut times = Vec::new();
     for node in &outcome.nodes {

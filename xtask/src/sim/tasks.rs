@@ -1,4 +1,4 @@
-//! The names that the RTIC applications give their exceptions.
+//! The task names that belong to the exceptions of an RTIC application.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -57,11 +57,11 @@ fn is(attribute: &Attribute, path: &[&str]) -> bool {
     segments.len() == path.len() && segments.iter().zip(path).all(|(s, p)| s.ident == p)
 }
 
-/// What a `#[task(..)]` says that matters here.
+/// The used arguments of a `#[task(..)]`.
 #[derive(Default)]
 struct Task {
     binds: Option<String>,
-    /// RTIC's own default for software tasks, of which `binds` makes no use.
+    /// 0 is RTIC's default for software tasks.
     priority: u8,
 }
 
@@ -103,7 +103,7 @@ fn dispatchers(app: &Attribute) -> syn::Result<Vec<String>> {
     Ok(dispatchers)
 }
 
-/// Passes over a value up to the next comma.
+/// Skips a value up to the next comma.
 fn skip(value: ParseStream) -> syn::Result<()> {
     while !value.is_empty() && !value.peek(Token![,]) {
         value.step(|cursor| match cursor.token_tree() {
