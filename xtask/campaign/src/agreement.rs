@@ -81,7 +81,7 @@ impl Agreement {
         }
     }
 
-    /// What the comparisons showed; `None` before the first one.
+    /// Figures of the comparisons; `None` before the first one.
     #[must_use]
     pub fn figures(&self) -> Option<Figures> {
         let mut errors = self.errors.clone();
@@ -182,7 +182,7 @@ fn fields(file: &object::File) -> Option<HashMap<String, usize>> {
             Some(name.to_string_lossy().into_owned())
         };
         let mut tree = unit.entries();
-        // The fields of the structure under way, and its depth.
+        // The fields of the current structure, and its depth.
         let mut found: Option<HashMap<String, usize>> = None;
         while let Ok(Some(entry)) = tree.next_dfs() {
             if entry.tag() == gimli::DW_TAG_member {

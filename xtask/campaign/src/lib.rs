@@ -1,6 +1,6 @@
 //! Random fault sequences against the release images of a vehicle.
 //!
-//! [`Sequence`] draws from a seed what goes wrong, where and when; [`judge`](rules::judge) says
+//! [`Sequence`] draws from a seed which faults occur, where and when; [`judge`](rules::judge) says
 //! which of the [`rules`] the run broke; [`run`] does that for many seeds on all cores and sums
 //! them up in a [`Report`]. [`agreement`] compares the nodes' global times; [`traffic`] puts the
 //! frames of any run together and judges their places by the network file.

@@ -1,4 +1,4 @@
-//! What a campaign runs.
+//! Options of a campaign.
 
 use std::str::FromStr;
 
@@ -55,12 +55,12 @@ impl std::fmt::Display for Shard {
     }
 }
 
-/// What is run.
+/// The sequences of a campaign, and the part of them that is run here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Number of sequences in all shards together.
     pub sequences: u64,
-    /// Seed of the first one; the next ones have the seeds after it, so that one sequence with
+    /// Seed of the first sequence; each further one has the next seed, so that one sequence with
     /// the seed of a failure repeats it.
     pub seed: u64,
     /// The part of them that is run here.

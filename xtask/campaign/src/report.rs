@@ -6,18 +6,18 @@ use std::fmt;
 use crate::options::Options;
 use crate::rules::Violation;
 
-/// What became of one sequence.
+/// The outcome of one sequence.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Verdict {
     /// Its seed, which replays it.
     pub seed: u64,
-    /// What happened, one sentence each.
+    /// The events of the sequence, one sentence each.
     pub story: Vec<String>,
     /// The rules that were broken; empty when all is well.
     pub violations: Vec<Violation>,
 }
 
-/// What became of all sequences.
+/// The outcome of all sequences.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Report {
     /// Seed of the first sequence of all shards.

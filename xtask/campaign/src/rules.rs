@@ -39,7 +39,7 @@ const REACTION: f64 = 0.001;
 /// its sampling period at full rate (0.125 degrees).
 const STEERING_MARGIN: f64 = 0.5;
 
-/// A run and what it is judged by.
+/// A run, with the data by which it is judged.
 struct Judge<'a> {
     vehicle: &'a Vehicle,
     sequence: &'a Sequence,
@@ -188,7 +188,7 @@ impl Judge<'_> {
             && !self.matrix.is_reference(message.id)
     }
 
-    /// Who can be is back in schedule at the end.
+    /// Every node that can be back in schedule at the end of the run is.
     fn presence(&self) -> Vec<Violation> {
         let Some(leader) = self.leader() else {
             // No time master is left.
@@ -225,7 +225,7 @@ impl Judge<'_> {
         violations
     }
 
-    /// A node that sends nothing periodic says on its console what it does.
+    /// The state of a node that sends no periodic message is read from its console.
     fn silent(&self, node: NodeIndex) -> Option<Violation> {
         let mut messages = self.matrix.messages().iter();
         let speaks = messages.any(|message| {
@@ -265,7 +265,7 @@ impl Judge<'_> {
         })
     }
 
-    /// Every reset has its cause in the sequence.
+    /// Every reset is caused by an event of the sequence.
     fn resets(&self, node: NodeIndex) -> Option<Violation> {
         let of = self.outcome.nodes.iter().find(|of| of.node == node)?;
         let name = &of.name;

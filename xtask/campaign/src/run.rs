@@ -73,7 +73,7 @@ fn drive(
     Ok(judge(vehicle, sequence, &twin.finish()))
 }
 
-/// What strikes a node between two steps of the simulation.
+/// A fault that is applied to a node between two steps of the simulation.
 type Strike = fn(&mut Twin, NodeIndex);
 
 /// Stops the external clock of a node, if it runs on it at this moment.
@@ -81,7 +81,7 @@ fn stop_clock(twin: &mut Twin, node: NodeIndex) {
     twin.node_mut(node).lose_external_clock();
 }
 
-/// Stalls a core in its next interrupt. A node without one in 30 ms stands still already.
+/// Stalls a core in its next interrupt. A node without an interrupt in 30 ms is stalled already.
 ///
 /// # Panics
 /// Never: every board has RAM at the lower end of its call stack.

@@ -1,4 +1,4 @@
-//! What goes wrong in a run, drawn from a seed.
+//! The faults of a run, drawn from a seed.
 
 use network_model::{Message, WindowKind};
 use vehicle_model::{Device, NodeIndex, Vehicle};
@@ -14,14 +14,14 @@ use world::units::{Angle, Length, Ppm, Ratio, Time};
 /// is that of the steering's node.
 const BEYOND: f64 = 7.0;
 
-/// Begin beside the line, metres.
+/// Distance from the line at the start, metres.
 const BESIDE: f64 = 0.5;
 
-/// Faults begin from here on, s: the vehicle is under way.
+/// Faults begin from this time on, s: the vehicle is driving then.
 const FIRST: f64 = 1.9;
 /// No fault begins later, s.
 const LAST: f64 = 3.2;
-/// What is to end has ended by then, s. A node that its watchdog had to reset is back by then.
+/// Faults with an end have ended by this time, s. A node that its watchdog reset runs again.
 pub(crate) const OVER: f64 = 4.2;
 /// From here on everybody keeps the schedule again, s.
 pub(crate) const SETTLED: f64 = 5.7;
@@ -32,7 +32,7 @@ pub(crate) const END: f64 = 6.5;
 /// nothing of the same or a lower priority runs again until the watchdog bites.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Upset {
-    /// Whose core.
+    /// The node whose core stalls.
     pub node: NodeIndex,
     /// From when on its next interrupt is its last, s.
     pub at: f64,
@@ -41,7 +41,7 @@ pub struct Upset {
 /// A node's external clock stops for good.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClockLoss {
-    /// Whose clock.
+    /// The node whose clock stops.
     pub node: NodeIndex,
     /// From when on, s.
     pub at: f64,
@@ -58,7 +58,7 @@ pub struct Sequence {
     pub upsets: Vec<Upset>,
     /// Clocks that stop.
     pub clock_losses: Vec<ClockLoss>,
-    /// What happens, one sentence each.
+    /// The events, one sentence each.
     pub story: Vec<String>,
 }
 
@@ -109,7 +109,7 @@ impl Sequence {
     }
 }
 
-/// What every sequence begins with.
+/// The first events of every sequence.
 ///
 /// # Panics
 /// Never: an empty scenario is one of every vehicle.
@@ -159,7 +159,7 @@ impl Drawing<'_> {
     }
 
     fn within(&mut self, from: f64, to: f64) -> f64 {
-        // Whole microseconds, so that the story tells all of it.
+        // Whole microseconds, so that the story shows the exact time.
         ((from + (to - from) * self.stream.uniform()) * 1e6).round() * 1e-6
     }
 
@@ -180,7 +180,7 @@ impl Drawing<'_> {
         });
     }
 
-    /// What the vehicle does when the first fault meets it.
+    /// What the vehicle does when the first fault occurs.
     fn operator(&mut self) {
         let turn = self.stream.below(8);
         if !self.has(Device::OperatorSwitches) {
@@ -389,7 +389,7 @@ impl Drawing<'_> {
         }
     }
 
-    /// What is wrong from the beginning.
+    /// Faults that are present from the start.
     fn board(&mut self) {
         let internal = self.internal();
         let nodes = self.vehicle.nodes().len();

@@ -1,4 +1,4 @@
-//! What the nodes sent, and whether it stood in its place.
+//! The frames that the nodes sent, and whether each was in its window.
 
 use can_bus::{NodeId, Record, RecordKind, SimDuration, SimTime};
 use embedded_can::Id;
@@ -92,7 +92,7 @@ impl Traffic {
                 RecordKind::ArbitrationLost { .. } => {
                     if let Some(open) = open {
                         let (_, index) = begun.swap_remove(open);
-                        // No length: marked for removal, so that the indices stay.
+                        // Length zero marks it for removal; removing it now would shift the indices.
                         frames[index].data.clear();
                         frames[index].id = u16::MAX;
                     }
@@ -126,7 +126,7 @@ impl Traffic {
     }
 }
 
-/// The system matrix as the network file has it.
+/// The system matrix of the network file.
 #[derive(Clone, Debug)]
 pub struct Matrix {
     network: Network,
@@ -134,7 +134,7 @@ pub struct Matrix {
     nodes: Vec<String>,
 }
 
-/// A frame out of its place.
+/// A frame outside of its window.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Misplaced {
     /// The frame.

@@ -1,4 +1,4 @@
-//! Fields that a scenario may change of what a vehicle's manifest says.
+//! Values of a vehicle's manifest that a scenario may change.
 
 /// Makes a struct in which every field of another one may be left out.
 ///
@@ -21,7 +21,7 @@ macro_rules! changes {
         }
 
         impl $name {
-            /// Takes over what is there.
+            /// Applies the fields that are present.
             pub(crate) fn apply(self, whole: &mut $whole) {
                 $(if let Some(value) = self.$field {
                     whole.$field = value;

@@ -26,7 +26,7 @@ pub trait Display {
     /// command that the byte completes and begins to acknowledge it.
     fn receive(&mut self, byte: u8, at: SimTime) -> Option<SimTime>;
 
-    /// What the display shows, row by row.
+    /// The text on the display, row by row.
     fn text(&self) -> String;
 
     /// Commands executed.

@@ -1,4 +1,4 @@
-//! What surrounds the nodes of a vehicle, for simulation on a PC.
+//! The surroundings of a vehicle's nodes, for simulation on a PC.
 //!
 //! The vehicle's manifest (`vehicle-model`) says which devices are wired to which node and
 //! what the machine measures; a scenario says what happens in a run.

@@ -6,7 +6,7 @@
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// What a random stream is for. Streams of different purposes never share numbers, so that one
+/// Purpose of a random stream. Streams of different purposes never share numbers, so that one
 /// more draw in one place leaves all others as they were.
 #[derive(Copy, Clone, Debug, PartialEq, Eq)]
 #[repr(u64)]

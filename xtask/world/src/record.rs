@@ -1,4 +1,4 @@
-//! What a run leaves behind of the world.
+//! Recordings of a run.
 
 use crate::receiver::Fix;
 use crate::time::SimTime;
@@ -55,6 +55,6 @@ pub struct Counters {
     pub lcd_refused: u64,
     /// Bytes lost at the display because of a wrong baud rate.
     pub lcd_wrong_baud: u64,
-    /// Bytes sent to a device that listens to nobody, such as the receiver.
+    /// Bytes sent to a device that ignores its input, such as the receiver.
     pub unheard_bytes: u64,
 }

@@ -43,7 +43,7 @@ impl Input {
         Self::StopLoop,
     ];
 
-    /// The level while nobody touches it.
+    /// The level while it is not operated.
     #[must_use]
     pub const fn idle(self) -> bool {
         matches!(self, Self::JoystickSwitch)

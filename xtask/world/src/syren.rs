@@ -17,7 +17,7 @@ pub const STOP: u8 = 127;
 /// receiver that samples mid-bit loses a ten-bit character at 5 %, and each side may take half.
 const TOLERANCE: f64 = 0.025;
 
-/// What became of a byte.
+/// The effect of a byte.
 #[derive(Copy, Clone, Debug, PartialEq, Eq)]
 pub enum Reception {
     /// The byte was read.
@@ -46,7 +46,7 @@ pub struct Syren {
 }
 
 impl Syren {
-    /// A driver that has heard nothing, its relay open: the motor stands.
+    /// A driver that has received nothing and whose relay is open: the motor is at rest.
     #[must_use]
     pub fn new(reversed: bool) -> Self {
         Self {

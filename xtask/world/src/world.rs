@@ -38,7 +38,7 @@ const JOYSTICK_NOISE: f64 = 2.0;
 /// Standard deviation of the noise on a knob's voltage, counts.
 const KNOB_NOISE: f64 = 1.0;
 
-/// What a simulation of the bus is asked to do.
+/// A disturbance that the bus model must apply.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Disturbance {
     /// A foreign node queues a data frame.
@@ -64,7 +64,7 @@ pub enum Disturbance {
     },
 }
 
-/// What happens at the nodes or on the bus.
+/// An effect on the nodes or on the bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Effect {
     /// A byte has arrived at a node's serial input: its stop bit ends now.
@@ -253,7 +253,7 @@ impl World {
         self
     }
 
-    /// Queues what the scenario fixes beforehand.
+    /// Queues the events of the scenario.
     fn script(&mut self, remote: Remote) {
         if let Some(node) = self.switches {
             for change in operator::level_changes(&self.scenario, remote) {
@@ -277,7 +277,7 @@ impl World {
         }
     }
 
-    /// Queues what a scenario does on the bus.
+    /// Queues the disturbances of the bus.
     fn script_bus(&mut self, event: BusEvent) {
         match event {
             BusEvent::Frame {
@@ -397,7 +397,7 @@ impl World {
             if next > to {
                 break;
             }
-            // A fixed order within an instant: record, measure, then what reaches the nodes.
+            // A fixed order within an instant: record, measure, then effects on the nodes.
             if self.next_record == next {
                 self.record(next);
             } else if self.next_epoch() == Some(next) {
@@ -659,7 +659,7 @@ impl World {
         self.machine.as_ref()
     }
 
-    /// What the display shows.
+    /// The text on the display.
     #[must_use]
     pub fn lcd_text(&self) -> String {
         self.screen.display.text()

@@ -181,8 +181,8 @@ impl Receiver {
         bytes
     }
 
-    /// Solutions are steered to whole periods of GPS time; without satellites the receiver runs on
-    /// its own clock, and returns to the grid when they come back.
+    /// Solutions are at whole periods of GPS time. Without satellites the receiver runs on its own
+    /// clock; when they are back, it returns to whole periods.
     fn advance_epoch(&mut self, fix: Fix) {
         self.count += 1;
         let step = self.period.as_ticks() as f64;

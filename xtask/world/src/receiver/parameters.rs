@@ -1,4 +1,4 @@
-//! What a scenario may say about the receiver.
+//! Parameters of the receiver.
 
 use serde::{Deserialize, Serialize};
 
@@ -30,7 +30,7 @@ pub struct Parameters {
     pub phase: Option<Time>,
     /// Fix at the start of the run. Default fixed.
     pub fix: Fix,
-    /// Where the base station stands.
+    /// Position of the base station.
     pub base: Base,
 }
 
@@ -57,7 +57,7 @@ impl Parameters {
 }
 
 changes! {
-    /// What a scenario changes of the receiver that the manifest describes.
+    /// Changes of a scenario to the manifest's receiver.
     pub(crate) struct Changes of Parameters {
         noise: Length,
         velocity_noise: Speed,

@@ -14,7 +14,7 @@ use sbp::messages::{
 use super::earth::Geodetic;
 use super::parameters::Fix;
 
-/// SBP sender id of the receiver, as a fresh Piksi uses a number of its serial number.
+/// SBP sender id of the receiver; a Piksi derives it from its serial number.
 const SENDER: Option<u16> = Some(0x88D3);
 
 /// GPS week in which every run takes place: that of 6 March 2016.
@@ -23,7 +23,7 @@ const WEEK: u16 = 1887;
 /// Seconds by which GPS time was ahead of UTC in 2016.
 const LEAP_SECONDS: u64 = 17;
 
-/// What the receiver found at one epoch. Vectors are north, east, down from the base station's
+/// The receiver's solution at one epoch. Vectors are north, east, down from the base station's
 /// antenna, metres and metres per second.
 pub(super) struct Solution {
     /// Time of week, milliseconds.
@@ -251,7 +251,7 @@ fn zero_unless(yes: bool, components: [f64; 3]) -> [f64; 3] {
     if yes { components } else { [0.0; 3] }
 }
 
-/// Metres in whole millimetres.
+/// Converts metres to whole millimetres.
 fn whole(metres: [f64; 3]) -> [i32; 3] {
     metres.map(|metres| round(metres * 1000.0) as i32)
 }

@@ -1,4 +1,4 @@
-//! What happened on the bus, judged by the system matrix.
+//! Figures of the bus: the frames of a run compared with the system matrix.
 //!
 //! A basic cycle begins with the start of frame of its reference message and lasts until the next
 //! one, at most one and a half basic cycles: without a reference no window exists.
@@ -200,12 +200,12 @@ fn frames_per_id(run: &Run) -> Vec<IdFigures> {
     figures.collect()
 }
 
-/// Offset of a backup from the master that is one rank better, and what the nodes' clocks may
-/// differ in a basic cycle, microseconds.
+/// Offset of a backup from the master that is one rank better, and the largest difference of
+/// the nodes' clocks after a basic cycle, microseconds.
 const BACKUP_OFFSET: f64 = 16.0;
 const UNCERTAINTY: f64 = 20.0;
 
-/// What happened when the node that had sent the last reference was held in reset.
+/// Takeovers: the node that had sent the last reference was held in reset.
 fn takeovers(run: &Run, cycles: &[Cycle]) -> Vec<TakeoverFigures> {
     let mut references: Vec<&Window> = run
         .windows

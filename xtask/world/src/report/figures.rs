@@ -7,14 +7,14 @@ use crate::time::since;
 /// One uninterrupted time in an autonomous mode.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AutonomousRun {
-    /// Its begin.
+    /// When it began.
     pub from_seconds: f64,
-    /// Its end.
+    /// When it ended.
     pub until_seconds: f64,
-    /// Cross-track error at its begin, positive right of the line.
+    /// Cross-track error at the start, positive right of the line.
     pub initial_cross_track_error_cm: f64,
-    /// Begin to the first instant from which the cross-track error stays within 5 cm for at
-    /// least 3 s.
+    /// Time from the start to the first instant from which the cross-track error stays within
+    /// 5 cm for at least 3 s.
     pub settling_seconds: Option<f64>,
     /// Mean of the cross-track error from then on.
     pub mean_cross_track_error_cm: Option<f64>,
@@ -24,7 +24,7 @@ pub struct AutonomousRun {
     pub largest_cross_track_error_cm: Option<f64>,
     /// Largest cross-track error past the line, on the side away from the start; the overshoot.
     pub overshoot_cm: f64,
-    /// Changes of sign of the steering effort per second from then on, standstill left out.
+    /// Changes of sign of the steering effort per second from then on, without standstill.
     pub steering_reversals_per_second: Option<f64>,
 }
 
@@ -35,8 +35,8 @@ pub struct StopFigures {
     pub event: String,
     /// When.
     pub at_seconds: f64,
-    /// Time until both motor drivers were told to stop; 0 when they stood already, `null` when
-    /// they were not stopped before the next event.
+    /// Time until both motor drivers were commanded to stop; 0 when they had stopped before,
+    /// `null` when they were not stopped before the next event.
     pub motors_stopped_after_ms: Option<f64>,
 }
 
@@ -75,7 +75,7 @@ pub struct BusFigures {
     pub frames_outside_their_window: u64,
     /// Complete frames whose identifier has no window.
     pub foreign_frames: u64,
-    /// How well the nodes agreed on the global time; `null` when nobody compared them.
+    /// How well the nodes agreed on the global time; `null` when they were not compared.
     pub global_time: Option<GlobalTimeFigures>,
     /// One entry for each time that the time master was held in reset.
     pub takeovers: Vec<TakeoverFigures>,
@@ -106,12 +106,12 @@ impl GlobalTimeFigures {
     }
 }
 
-/// What happened when the time master died.
+/// A takeover after the time master was held in reset.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TakeoverFigures {
     /// The time master.
     pub master: String,
-    /// When it died.
+    /// When it was held in reset.
     pub at_seconds: f64,
     /// From its last reference message to the next one of another master; `null` when none came.
     pub next_reference_after_us: Option<f64>,

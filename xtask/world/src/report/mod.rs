@@ -1,9 +1,9 @@
 //! Figures, tables and pictures of a finished run.
 //!
-//! [`Run`] is what was recorded, [`Summary`] what it amounts to. [`write()`] puts the summary
-//! (`summary.json`), the vehicle's states (`states.csv`) and a picture (`track.svg`) into an
-//! [`OutputFolder`]; [`terminal`] is the summary as text. Nothing written to files depends on the
-//! machine that simulates: the same run gives the same bytes.
+//! [`Run`] is the recordings, [`Summary`] the figures computed from them. [`write()`] puts the
+//! summary (`summary.json`), the vehicle's states (`states.csv`) and a picture (`track.svg`) into
+//! an [`OutputFolder`]; [`terminal`] is the summary as text. Nothing written to files depends on
+//! the machine that simulates: the same run gives the same bytes.
 
 mod bus;
 mod figures;
@@ -94,7 +94,7 @@ pub enum WindowKind {
     Reference,
     /// One message of one sender.
     Exclusive,
-    /// Whoever wins the arbitration.
+    /// The node that wins the arbitration sends.
     Arbitrating,
 }
 

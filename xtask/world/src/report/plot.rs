@@ -126,7 +126,7 @@ impl Canvas {
         ));
     }
 
-    /// The whole document; `title` and `description` are for readers that cannot see it.
+    /// The whole document; `title` and `description` are for screen readers.
     pub(super) fn finish(self, title: &str, description: &str) -> String {
         format!(
             r#"<svg xmlns="http://www.w3.org/2000/svg" width="{w}" height="{h}" viewBox="0 0 {w} {h}" role="img" font-family="Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif">

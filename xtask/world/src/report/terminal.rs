@@ -218,7 +218,7 @@ fn write_tasks(t: &mut String, s: &Summary) -> core::fmt::Result {
     Ok(())
 }
 
-/// What the thesis measured for the same work on an F446 at 180 MHz (6.2.4.1): its control
+/// The time that the thesis measured for the same work on an F446 at 180 MHz (6.2.4.1): its control
 /// step, and that with the display's string.
 fn thesis(node: &str, task: &str) -> &'static str {
     match (node, task) {

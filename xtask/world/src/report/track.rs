@@ -125,7 +125,7 @@ impl Panels {
     }
 }
 
-/// The cross-track error, all of it and near the line.
+/// The cross-track error: the full range, and near the line.
 fn cross_track(canvas: &mut Canvas, run: &Run, summary: &Summary, panels: &Panels) {
     let Panels { whole, steady, .. } = panels;
     let errors: Vec<(f64, f64)> = errors(run).collect();

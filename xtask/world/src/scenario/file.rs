@@ -1,4 +1,4 @@
-//! A scenario file as it is written, before the vehicle's manifest fills its gaps.
+//! The contents of a scenario file. Missing values come from the vehicle's manifest.
 
 use std::collections::BTreeMap;
 

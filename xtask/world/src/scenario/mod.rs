@@ -1,4 +1,4 @@
-//! Scenarios: what happens around the nodes in a run, as a TOML file.
+//! Scenarios: the events around the nodes in a run, as a TOML file.
 //!
 //! Quantities are strings with a unit (`"1 m/s"`); a missing table or field takes its default; an
 //! unknown field is refused. [`Scenario::find`] takes the name of a scenario in the vehicle's
@@ -87,7 +87,7 @@ pub struct Start {
 }
 
 changes! {
-    /// What a scenario says of the start.
+    /// The start as the scenario gives it.
     struct StartChanges of Start {
         north: Length,
         east: Length,

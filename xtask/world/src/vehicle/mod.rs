@@ -170,7 +170,7 @@ impl Vehicle {
         }
     }
 
-    /// The point of the centre line beside the antenna: the point whose way is judged.
+    /// The point of the centre line beside the antenna, whose cross-track error is reported.
     #[must_use]
     pub fn beside_antenna(&self) -> Motion {
         self.point(self.parameters.rear_to_antenna.get(), 0.0)

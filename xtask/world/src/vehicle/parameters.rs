@@ -1,4 +1,4 @@
-//! Numbers that belong to one machine and to the ground it stands on.
+//! Parameters of a machine and of the ground.
 
 use serde::Deserialize;
 use vehicle_model::Machine;
@@ -81,7 +81,7 @@ impl From<&Machine> for Parameters {
 }
 
 changes! {
-    /// What a scenario changes of the machine that the manifest describes.
+    /// Changes of a scenario to the manifest's machine.
     pub(crate) struct Changes of Parameters {
         rear_to_antenna: Length,
         antenna_to_front: Length,
