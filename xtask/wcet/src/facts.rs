@@ -25,7 +25,7 @@ pub struct BlockId {
 }
 
 /// An edge of the control flow.
-pub type Edge = (BlockId, To);
+pub(crate) type Edge = (BlockId, To);
 
 /// Flow facts of one activation, for the integer program and for checks.
 #[derive(Debug, Default, Clone)]

@@ -7,7 +7,7 @@ use super::value::Value;
 
 /// The values from which the flags were computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
+pub(crate) enum Source {
     /// The difference of two values, as `CMP` and `SUBS` do.
     Difference(Value, Value),
     /// A result; N and Z are its sign and whether it is zero.
@@ -16,7 +16,7 @@ pub enum Source {
 
 /// The four condition flags.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Flags {
+pub(crate) struct Flags {
     /// One bit for each combination of N, Z, C, V read as a binary number.
     pub possible: u16,
     /// The values that set them, if a condition can restrict these values.
@@ -30,7 +30,7 @@ const V: u32 = 1;
 
 /// Combinations of the flags that pass `condition`.
 #[must_use]
-pub fn passing(condition: Cond) -> u16 {
+pub(crate) fn passing(condition: Cond) -> u16 {
     (0..16u32)
         .filter(|combination| condition.passes(combination << 28))
         .fold(0, |set, combination| set | 1 << combination)
@@ -45,14 +45,14 @@ fn select(keep: impl Fn(u32) -> bool) -> u16 {
 
 impl Flags {
     /// Nothing is known.
-    pub const ANY: Self = Self {
+    pub(crate) const ANY: Self = Self {
         possible: u16::MAX,
         source: None,
     };
 
     /// After `a - b`.
     #[must_use]
-    pub fn difference(a: Value, b: Value) -> Self {
+    pub(crate) fn difference(a: Value, b: Value) -> Self {
         let source = Some(Source::Difference(a, b));
         if let (Some(x), Some(y)) = (a.as_constant(), b.as_constant()) {
             let (result, borrow) = x.overflowing_sub(y);
@@ -94,7 +94,7 @@ impl Flags {
 
     /// After `a + b`.
     #[must_use]
-    pub fn sum(a: Value, b: Value) -> Self {
+    pub(crate) fn sum(a: Value, b: Value) -> Self {
         // Adding a constant is the same as subtracting its negative, flags included, except for
         // the two numbers that are their own negatives.
         if let Some(constant) = b.as_constant()
@@ -115,7 +115,7 @@ impl Flags {
     /// After an operation that sets N and Z by `result`. V stays as it was, and C does too unless
     /// `carry_lost`.
     #[must_use]
-    pub fn result(self, result: Value, carry_lost: bool) -> Self {
+    pub(crate) fn result(self, result: Value, carry_lost: bool) -> Self {
         let (negative, positive) = signs(result.range);
         let zero = result.range.contains(0);
         let old = self.possible;
@@ -134,7 +134,7 @@ impl Flags {
 
     /// The carry, if it is known.
     #[must_use]
-    pub fn carry(&self) -> Option<bool> {
+    pub(crate) fn carry(&self) -> Option<bool> {
         let set = select(|flags| flags & C != 0) & self.possible != 0;
         let clear = select(|flags| flags & C == 0) & self.possible != 0;
         match (set, clear) {
@@ -171,7 +171,7 @@ fn sign_fits(flags: u32, negative: bool, positive: bool, zero: bool) -> bool {
 /// Restrictions that a condition puts on the values which set the flags: each value, and the set in
 /// which it must lie.
 #[must_use]
-pub fn consequences(source: &Source, condition: Cond) -> Vec<(Value, Range)> {
+pub(crate) fn consequences(source: &Source, condition: Cond) -> Vec<(Value, Range)> {
     match *source {
         Source::Difference(a, b) => {
             let (a_low, a_high) = a.range.unsigned();

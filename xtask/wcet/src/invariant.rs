@@ -40,7 +40,7 @@ enum Cell {
 
 /// The guessed state and assumptions; see the module.
 #[derive(Debug)]
-pub struct Invariant {
+pub(crate) struct Invariant {
     state: State,
     rules: HashMap<Cell, Rule>,
 }
@@ -111,7 +111,7 @@ fn within(inner: Range, outer: Range) -> bool {
 impl Invariant {
     /// Guesses from a turn that led from `before` to `next`. At most `turns` more follow.
     #[must_use]
-    pub fn guess(before: &State, next: State, turns: u64, symbols: &mut Symbols) -> Self {
+    pub(crate) fn guess(before: &State, next: State, turns: u64, symbols: &mut Symbols) -> Self {
         let earlier: HashMap<Cell, Value> = cells(before).into_iter().collect();
         let mut state = next;
         state.flags = Flags::ANY;
@@ -153,14 +153,14 @@ impl Invariant {
 
     /// The state that is assumed at the first block of every turn.
     #[must_use]
-    pub fn state(&self) -> &State {
+    pub(crate) fn state(&self) -> &State {
         &self.state
     }
 
     /// Whether a turn from [`Self::state`] that led to `after` confirms it. If not, less is
     /// assumed from now on.
     #[must_use]
-    pub fn holds(&mut self, after: &State, symbols: &mut Symbols) -> bool {
+    pub(crate) fn holds(&mut self, after: &State, symbols: &mut Symbols) -> bool {
         let found: HashMap<Cell, Value> = cells(after).into_iter().collect();
         let mut confirmed = true;
         for (cell, value) in cells(&self.state) {

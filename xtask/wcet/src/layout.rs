@@ -7,28 +7,28 @@ use super::range::Range;
 /// No part of the targets maps this address, so a stack address is never equal to that of a
 /// static variable. The real stack is elsewhere; the two have only the low three bits in
 /// common, as the stack is 8-byte aligned on entry.
-pub const STACK_TOP: u32 = 0xa010_0000;
+pub(crate) const STACK_TOP: u32 = 0xa010_0000;
 /// Lowest address of the stack as the analysis places it.
 const STACK_LIMIT: u32 = 0xa000_0000;
 /// Every address taken for the stack, the callers' frames above [`STACK_TOP`] included.
-pub const STACK: Range = Range::arc(STACK_LIMIT, 0x0020_0000, 1);
+pub(crate) const STACK: Range = Range::arc(STACK_LIMIT, 0x0020_0000, 1);
 
 /// Flash of the parts.
-pub const FLASH: Range = Range::between(0x0800_0000, 0x0fff_ffff);
+pub(crate) const FLASH: Range = Range::between(0x0800_0000, 0x0fff_ffff);
 /// Address space of RAM.
-pub const RAM: Range = Range::between(0x1000_0000, 0x21ff_ffff);
+pub(crate) const RAM: Range = Range::between(0x1000_0000, 0x21ff_ffff);
 /// The most RAM that a part has: core-coupled, and on the bus matrix.
-pub const FITTED_RAM: [Range; 2] = [
+pub(crate) const FITTED_RAM: [Range; 2] = [
     Range::between(0x1000_0000, 0x1000_ffff),
     Range::between(0x2000_0000, 0x2002_ffff),
 ];
 /// Bit-band alias of RAM: each word stands for one bit.
-pub const BIT_BAND: Range = Range::between(0x2200_0000, 0x23ff_ffff);
+pub(crate) const BIT_BAND: Range = Range::between(0x2200_0000, 0x23ff_ffff);
 /// Peripherals.
-pub const PERIPHERALS: Range = Range::between(0x4000_0000, 0x5fff_ffff);
+pub(crate) const PERIPHERALS: Range = Range::between(0x4000_0000, 0x5fff_ffff);
 
 /// Whether `word` may be an address of flash or RAM.
 #[must_use]
-pub fn leads_to_memory(word: u32) -> bool {
+pub(crate) fn leads_to_memory(word: u32) -> bool {
     FLASH.contains(word) || RAM.contains(word)
 }

@@ -1,10 +1,10 @@
 //! Worst-case execution times (WCET) from the image.
 //!
-//! [`analysis`] runs every path of a task at once on an abstract machine ([`state`],
-//! [`execute`]). Registers and stack words hold sets of values. A branch is not followed in a
+//! [`analysis`] runs every path of a task at once on an abstract machine (`state`,
+//! `execute`). Registers and stack words hold sets of values. A branch is not followed in a
 //! direction that no element of its operands allows. Loops run turn by turn until no element
 //! stays inside. The result is a bound, together with facts about the edges: which are possible
-//! and how often ([`facts`]). From these, [`ipet`] builds an integer linear program whose
+//! and how often (`facts`). From these, [`ipet`] builds an integer linear program whose
 //! solution is the longest path.
 //!
 //! ```text
@@ -18,29 +18,29 @@ pub mod annotation;
 mod arrays;
 pub mod bound;
 pub mod cycles;
-pub mod execute;
-pub mod extent;
-pub mod facts;
-pub mod flags;
+mod execute;
+mod extent;
+mod facts;
+mod flags;
 pub mod graph;
 pub mod image;
 pub mod instruction;
-pub mod invariant;
+mod invariant;
 pub mod ipet;
 pub mod kernels;
 pub mod lasting;
-pub mod layout;
+mod layout;
 pub mod mask;
 mod merge;
-pub mod program;
-pub mod range;
+mod program;
+mod range;
 pub mod register;
-pub mod runtime;
-pub mod slots;
+mod runtime;
+mod slots;
 pub mod software;
 pub mod stack;
-pub mod state;
-pub mod symbols;
+mod state;
+mod symbols;
 pub mod timing;
-pub mod value;
+mod value;
 pub mod watch;

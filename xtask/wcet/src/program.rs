@@ -9,7 +9,7 @@ use super::image::{Image, Place};
 
 /// An image with its annotations and its control-flow graphs.
 #[derive(Debug)]
-pub struct Program<'a> {
+pub(crate) struct Program<'a> {
     /// The image.
     pub image: &'a Image,
     /// Loop bounds in the sources.
@@ -22,7 +22,7 @@ pub struct Program<'a> {
 impl<'a> Program<'a> {
     /// Without any known target of an indirect jump.
     #[must_use]
-    pub fn new(image: &'a Image, annotations: &'a Annotations) -> Self {
+    pub(crate) fn new(image: &'a Image, annotations: &'a Annotations) -> Self {
         Self {
             image,
             annotations,
@@ -33,7 +33,7 @@ impl<'a> Program<'a> {
     }
 
     /// The control flow of the function at `entry`, as far as it is known.
-    pub fn graph(&mut self, entry: u32) -> Option<Rc<Graph>> {
+    pub(crate) fn graph(&mut self, entry: u32) -> Option<Rc<Graph>> {
         if let Some(graph) = self.graphs.get(&entry) {
             return Some(graph.clone());
         }
@@ -45,13 +45,13 @@ impl<'a> Program<'a> {
 
     /// Whether `target` is a known target of the indirect jump at `jump`.
     #[must_use]
-    pub fn has_target(&self, jump: u32, target: u32) -> bool {
+    pub(crate) fn has_target(&self, jump: u32, target: u32) -> bool {
         let known = self.targets.get(&jump);
         known.is_some_and(|known| known.contains(&target))
     }
 
     /// Adds targets of indirect jumps. The graphs are built anew.
-    pub fn add_targets(&mut self, found: Targets) {
+    pub(crate) fn add_targets(&mut self, found: Targets) {
         for (jump, targets) in found {
             self.targets.entry(jump).or_default().extend(targets);
         }
@@ -60,7 +60,7 @@ impl<'a> Program<'a> {
 
     /// The annotated bound of loop `number` of `graph`, and the place of the loop.
     #[must_use]
-    pub fn annotation(&self, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+    pub(crate) fn annotation(&self, graph: &Graph, number: usize) -> Option<(Place, u64)> {
         self.annotations.bound(self.image, graph, number)
     }
 }

@@ -201,10 +201,6 @@ impl Range {
 
     /// All sums of an element of each.
     #[must_use]
-    #[expect(
-        clippy::should_implement_trait,
-        reason = "it is named like its neighbours, for which there is no operator"
-    )]
     pub fn add(self, other: Self) -> Self {
         match self.span.checked_add(other.span) {
             Some(span) => Self::arc(

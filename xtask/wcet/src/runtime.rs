@@ -28,7 +28,7 @@ const LOGGER: [&str; 4] = [
 
 /// The most bytes that the function `caller` copies at once, if that is known.
 #[must_use]
-pub fn most_copied(caller: &str) -> Option<u64> {
+pub(crate) fn most_copied(caller: &str) -> Option<u64> {
     LOGGER.iter().any(|name| caller.contains(name)).then_some(1)
 }
 
@@ -53,7 +53,7 @@ fn is_retry(graph: &Graph, number: usize) -> bool {
 
 /// The bound of loop `number` of `graph` and the reason for it, if the loop is known.
 #[must_use]
-pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static str, u64)> {
+pub(crate) fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static str, u64)> {
     if is_retry(graph, number) {
         return Some(("store-exclusive, repeated when interrupted", 1));
     }
@@ -65,7 +65,7 @@ pub fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static st
 /// The register that holds the number of bytes on entry of a function that copies, fills or
 /// encodes memory (run-time ABI for the Arm architecture, 4.3.4).
 #[must_use]
-pub fn length_register(name: &str) -> Option<Register> {
+pub(crate) fn length_register(name: &str) -> Option<Register> {
     let name = name.rsplit("::").next().unwrap_or(name);
     let plain = name.trim_end_matches(['4', '8']);
     match plain {
@@ -82,14 +82,14 @@ pub fn length_register(name: &str) -> Option<Register> {
 /// The register that holds the number of bytes which a function writes from the address in `r0`
 /// on; `None` for a function that also writes elsewhere.
 #[must_use]
-pub fn destination_length(name: &str) -> Option<Register> {
+pub(crate) fn destination_length(name: &str) -> Option<Register> {
     length_register(name).filter(|_| name != "_defmt_write")
 }
 
 /// The most turns of loop `number` in a function that writes `bytes` bytes, each of them once:
 /// `bytes` divided by the number that the loop's first block stores in one turn.
 #[must_use]
-pub fn copying(graph: &Graph, number: usize, bytes: u64) -> u64 {
+pub(crate) fn copying(graph: &Graph, number: usize, bytes: u64) -> u64 {
     let header = &graph.blocks[graph.loops[number].header];
     let stored: u64 = header
         .instructions

@@ -10,7 +10,7 @@ const MAX_POINTER_REACH: u64 = 0x400;
 
 /// A known piece of the stack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Slot {
+pub(crate) struct Slot {
     /// Address of its first byte.
     pub address: u32,
     /// Number of bytes.
@@ -22,37 +22,37 @@ pub struct Slot {
 impl Slot {
     /// Address behind its last byte.
     #[must_use]
-    pub const fn end(&self) -> u32 {
+    pub(crate) const fn end(&self) -> u32 {
         self.address + self.size
     }
 
     /// Whether it is at the same bytes as `other`.
     #[must_use]
-    pub const fn same_place(&self, other: &Self) -> bool {
+    pub(crate) const fn same_place(&self, other: &Self) -> bool {
         self.address == other.address && self.size == other.size
     }
 }
 
 /// Known pieces of the stack, by address. They do not overlap.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Slots(Rc<Vec<Slot>>);
+pub(crate) struct Slots(Rc<Vec<Slot>>);
 
 impl Slots {
     /// These pieces, which are in order and do not overlap.
     #[must_use]
-    pub fn from_sorted(slots: Vec<Slot>) -> Self {
+    pub(crate) fn from_sorted(slots: Vec<Slot>) -> Self {
         Self(Rc::new(slots))
     }
 
     /// Whether the two share their storage, and so are equal.
     #[must_use]
-    pub fn shares(&self, other: &Self) -> bool {
+    pub(crate) fn shares(&self, other: &Self) -> bool {
         Rc::ptr_eq(&self.0, &other.0)
     }
 
     /// All pieces.
     #[must_use]
-    pub fn as_slice(&self) -> &[Slot] {
+    pub(crate) fn as_slice(&self) -> &[Slot] {
         &self.0
     }
 
@@ -63,7 +63,7 @@ impl Slots {
 
     /// Reads `size` bytes at a known address.
     #[must_use]
-    pub fn load(&self, address: u32, size: u32) -> Option<Value> {
+    pub(crate) fn load(&self, address: u32, size: u32) -> Option<Value> {
         let index = self.index(address);
         let slot = self.0.get(index)?;
         if slot.address == address && slot.size == size {
@@ -94,7 +94,7 @@ impl Slots {
     }
 
     /// Writes `size` bytes at a known address.
-    pub fn store(&mut self, address: u32, size: u32, value: Value) {
+    pub(crate) fn store(&mut self, address: u32, size: u32, value: Value) {
         // A constant that covers more bytes than this write keeps the others.
         let index = self.index(address);
         if let Some(slot) = self.0.get(index)
@@ -122,7 +122,7 @@ impl Slots {
 
     /// Sets this piece: replaces one at the same bytes or adds a new one, which must not
     /// overlap another.
-    pub fn put(&mut self, new: Slot) {
+    pub(crate) fn put(&mut self, new: Slot) {
         let slots = Rc::make_mut(&mut self.0);
         let index = slots.partition_point(|slot| slot.address < new.address);
         match slots.get_mut(index) {
@@ -132,7 +132,7 @@ impl Slots {
     }
 
     /// Applies `change` to every value.
-    pub fn update(&mut self, change: impl FnMut(&mut Value)) {
+    pub(crate) fn update(&mut self, change: impl FnMut(&mut Value)) {
         let slots = Rc::make_mut(&mut self.0).iter_mut();
         slots.map(|slot| &mut slot.value).for_each(change);
     }
@@ -143,7 +143,7 @@ impl Slots {
     ///
     /// Returns true if that address may now be anywhere on the stack, untracked.
     #[must_use]
-    pub fn weaken(&mut self, addresses: Range, size: u32, pointer: bool) -> bool {
+    pub(crate) fn weaken(&mut self, addresses: Range, size: u32, pointer: bool) -> bool {
         let touched = touching(addresses, size);
         if self.0.iter().any(&touched) {
             for slot in Rc::make_mut(&mut self.0) {
@@ -180,7 +180,7 @@ impl Slots {
     }
 
     /// Forgets every piece below the stack pointer.
-    pub fn drop_below(&mut self, pointer: u32) {
+    pub(crate) fn drop_below(&mut self, pointer: u32) {
         if self.0.first().is_some_and(|slot| slot.address < pointer) {
             Rc::make_mut(&mut self.0).retain(|slot| slot.address >= pointer);
         }

@@ -20,16 +20,16 @@ use super::value::Value;
 
 /// The core registers `r0` to `r14`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Registers([Value; 15]);
+pub(crate) struct Registers([Value; 15]);
 
 impl Registers {
     /// The registers in ascending order.
-    pub fn iter(&self) -> impl Iterator<Item = (Register, &Value)> {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (Register, &Value)> {
         (0..).map(Register::new).zip(&self.0)
     }
 
     /// The values, to change them.
-    pub fn values_mut(&mut self) -> impl Iterator<Item = &mut Value> {
+    pub(crate) fn values_mut(&mut self) -> impl Iterator<Item = &mut Value> {
         self.0.iter_mut()
     }
 }
@@ -50,7 +50,7 @@ impl IndexMut<Register> for Registers {
 
 /// Everything that holds at one point of a path, for every execution that reaches it.
 #[derive(Debug, Clone)]
-pub struct State {
+pub(crate) struct State {
     /// `r0` to `r12`, the stack pointer and the link register.
     pub registers: Registers,
     /// The single-precision registers, as words.
@@ -83,7 +83,7 @@ pub struct State {
 impl State {
     /// At the entry of a function with unknown arguments.
     #[must_use]
-    pub fn entry(symbols: &mut Symbols) -> Self {
+    pub(crate) fn entry(symbols: &mut Symbols) -> Self {
         let mut registers = Registers([Value::ANY; 15]);
         for register in registers.values_mut() {
             *register = symbols.unknown();
@@ -112,12 +112,12 @@ impl State {
 
     /// The stack pointer, if it is known.
     #[must_use]
-    pub fn stack_pointer(&self) -> Option<u32> {
+    pub(crate) fn stack_pointer(&self) -> Option<u32> {
         self.registers[Register::SP].as_constant()
     }
 
     /// Adds `cycles` to every clock of this path.
-    pub fn spend(&mut self, cycles: Cycles) {
+    pub(crate) fn spend(&mut self, cycles: Cycles) {
         self.cycles += cycles;
         for section in &mut self.masked {
             section.cycles += cycles;
@@ -125,7 +125,7 @@ impl State {
     }
 
     /// Sets a floating-point register.
-    pub fn set_float(&mut self, index: usize, value: Value) {
+    pub(crate) fn set_float(&mut self, index: usize, value: Value) {
         if self.floats[index] != value {
             Rc::make_mut(&mut self.floats)[index] = value;
         }
@@ -134,7 +134,7 @@ impl State {
     /// Restricts the path to executions on which `value` lies in `range`. False if there are
     /// none.
     #[must_use]
-    pub fn assume(&mut self, value: &Value, range: Range) -> bool {
+    pub(crate) fn assume(&mut self, value: &Value, range: Range) -> bool {
         let Some(kept) = value.range.meet(range) else {
             return false;
         };
@@ -189,7 +189,7 @@ impl State {
 
     /// The executions of this path on which `condition` holds, if any.
     #[must_use]
-    pub fn given(&self, condition: Cond) -> Option<Self> {
+    pub(crate) fn given(&self, condition: Cond) -> Option<Self> {
         let possible = self.flags.possible & flags::passing(condition);
         if possible == 0 {
             return None;
@@ -210,7 +210,7 @@ impl State {
 
     /// Everything that holds on both paths. Clocks keep the longer time.
     #[must_use]
-    pub fn join(&self, other: &Self, symbols: &mut Symbols) -> Self {
+    pub(crate) fn join(&self, other: &Self, symbols: &mut Symbols) -> Self {
         let mut merge = Merge::new(symbols);
         let mut registers = self.registers;
         for (register, (_, theirs)) in registers.values_mut().zip(other.registers.iter()) {
@@ -261,7 +261,7 @@ impl State {
     /// Whether `other` differs only in the names of symbols and in clocks, so that running on
     /// from either one gives the same result.
     #[must_use]
-    pub fn same_machine(&self, other: &Self) -> bool {
+    pub(crate) fn same_machine(&self, other: &Self) -> bool {
         if self.flags.possible != other.flags.possible
             || self.primask != other.primask
             || self.escaped != other.escaped
@@ -314,7 +314,7 @@ fn join_sections(ours: &[Masked], theirs: &[Masked]) -> Vec<Masked> {
 
 /// The words that are the same in both.
 #[must_use]
-pub fn common(a: &Rc<Words>, b: &Rc<Words>) -> Rc<Words> {
+pub(crate) fn common(a: &Rc<Words>, b: &Rc<Words>) -> Rc<Words> {
     if Rc::ptr_eq(a, b) || a == b {
         return a.clone();
     }

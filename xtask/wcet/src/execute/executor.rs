@@ -22,7 +22,7 @@ pub struct Access {
 
 /// Effects of an instruction outside the state.
 #[derive(Debug, Clone, Default)]
-pub struct Effects {
+pub(crate) struct Effects {
     /// Its memory access.
     pub access: Option<Access>,
     /// Critical sections that end with it.
@@ -35,7 +35,7 @@ pub struct Effects {
 
 /// Executes instructions of one image.
 #[derive(Debug)]
-pub struct Executor<'a> {
+pub(crate) struct Executor<'a> {
     /// The image, which holds the constants.
     pub image: &'a Image,
     /// Names of unknown words.
@@ -47,7 +47,7 @@ pub struct Executor<'a> {
 impl Executor<'_> {
     /// The facts about memory at the end.
     #[must_use]
-    pub fn into_memory(self) -> Memory {
+    pub(crate) fn into_memory(self) -> Memory {
         Memory {
             lost: self.memory.lost || self.symbols.mixed,
             ..self.memory

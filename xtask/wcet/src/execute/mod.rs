@@ -16,7 +16,7 @@ use std::rc::Rc;
 
 use rsemu::cpu::arm::v7m::isa::Insn;
 
-pub use executor::{Access, Effects, Executor};
+pub(crate) use executor::{Access, Effects, Executor};
 use step::Step;
 
 use super::instruction::Instruction;
@@ -24,7 +24,7 @@ use super::state::State;
 
 impl Executor<'_> {
     /// Executes `instruction`; its condition is taken to hold.
-    pub fn execute(&mut self, state: &mut State, instruction: &Instruction) -> Effects {
+    pub(crate) fn execute(&mut self, state: &mut State, instruction: &Instruction) -> Effects {
         let started = state.started;
         let mut step = Step {
             machine: self,
