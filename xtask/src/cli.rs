@@ -333,13 +333,18 @@ pub struct Priorities {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask test           all steps; exit code 1 if any of them fails\n  \
+    cargo xtask test --long    what a night has time for: the slow tests too, more faults\n  \
     cargo xtask test --random  the property tests try other inputs than last time\n  \
     cargo xtask test --list    name the steps and their commands\n\n\
-    One step runs the first 60 random fault sequences; `cargo xtask sim --faults N` runs more.")]
+    One step runs the first 60 random fault sequences, with --long 1000;\n\
+    `cargo xtask sim --faults N` runs as many as you like.")]
 pub struct Test {
     /// Name the steps instead of running them
     #[arg(long)]
     pub list: bool,
+    /// Run the slow tests too, and more random fault sequences
+    #[arg(long)]
+    pub long: bool,
     /// Give the property tests inputs that nobody has tried; without it they try the same
     /// ones every time
     #[arg(long)]

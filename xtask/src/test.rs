@@ -37,7 +37,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
     if !options.list {
         target::ensure(workspace)?;
     }
-    let steps = steps(workspace, options.random)?;
+    let steps = steps(workspace, options)?;
     if options.list {
         for step in &steps {
             println!("{}", step.name);
@@ -47,7 +47,7 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                         println!("    {}", typed(command));
                     }
                 }
-                Work::Faults => println!("    cargo xtask sim --faults {FAULTS}"),
+                Work::Faults(count) => println!("    cargo xtask sim --faults {count}"),
                 Work::Images(vehicle) => println!("    cargo xtask build --vehicle {vehicle}"),
                 Work::Drive(vehicle) => {
                     println!("    cargo xtask sim --vehicle {vehicle} --seconds {DRIVE_SECONDS}");
@@ -87,8 +87,8 @@ struct Step {
 enum Work {
     /// Commands that must succeed, all of them run.
     Commands(Vec<Command>),
-    /// Random fault sequences against the images.
-    Faults,
+    /// So many random fault sequences against the images.
+    Faults(u64),
     /// The images of a vehicle: that they build, are within their budgets and do not panic.
     Images(String),
     /// A short run of a vehicle's images on the twin.
@@ -115,8 +115,8 @@ impl Step {
         let found = |name: &str| vehicle::find(workspace, name).map_err(Failure::from);
         let failed = |failure: Failure| vec![failure.to_string()];
         let failures = match self.work {
-            Work::Faults => found(vehicle::DEFAULT)
-                .and_then(|vehicle| sim::first_faults(workspace, &vehicle, FAULTS))
+            Work::Faults(count) => found(vehicle::DEFAULT)
+                .and_then(|vehicle| sim::first_faults(workspace, &vehicle, count))
                 .unwrap_or_else(failed),
             Work::Images(name) => found(&name)
                 .and_then(|vehicle| images(workspace, &vehicle))
@@ -152,7 +152,7 @@ const BOARDS: [&str; 2] = ["sled-f446", "sled-f303"];
 /// judged by the same inputs as the one before it.
 const PROPERTY_SEED: (&str, &str) = ("PROPTEST_RNG_SEED", "2017");
 
-fn steps(workspace: &Workspace, random: bool) -> Result<Vec<Step>, Failure> {
+fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
     let names = vehicle::names(workspace)?;
     let mut steps = vec![
         Step::new("format", Work::Commands(vec![format(workspace)])),
@@ -163,7 +163,7 @@ fn steps(workspace: &Workspace, random: bool) -> Result<Vec<Step>, Failure> {
         ),
         Step::new(
             "tests, host",
-            Work::Commands(vec![tests(workspace, random)]),
+            Work::Commands(vec![tests(workspace, options)]),
         ),
     ];
     for name in &names {
@@ -183,7 +183,10 @@ fn steps(workspace: &Workspace, random: bool) -> Result<Vec<Step>, Failure> {
             "documentation, images",
             Work::Commands(on_target(workspace, &names, "doc", &["--no-deps"])?),
         ),
-        Step::new("random faults", Work::Faults),
+        Step::new(
+            "random faults",
+            Work::Faults(if options.long { LONG_FAULTS } else { FAULTS }),
+        ),
     ]);
     Ok(steps)
 }
@@ -211,11 +214,14 @@ fn lints(workspace: &Workspace) -> Command {
     cargo
 }
 
-fn tests(workspace: &Workspace, random: bool) -> Command {
+fn tests(workspace: &Workspace, options: &Test) -> Command {
     let mut cargo = on_host(workspace, "test");
     cargo.arg("--no-fail-fast");
-    if !random {
+    if !options.random {
         cargo.env(PROPERTY_SEED.0, PROPERTY_SEED.1);
+    }
+    if options.long {
+        cargo.args(["--", "--include-ignored"]);
     }
     cargo
 }
@@ -258,6 +264,9 @@ fn on_target(
 /// Fault sequences of the step: what two cores do in one or two minutes. A night's worth is
 /// `cargo xtask sim --faults` with its own number.
 pub(crate) const FAULTS: u64 = 60;
+
+/// The same with `--long`.
+const LONG_FAULTS: u64 = 1000;
 
 fn images(workspace: &Workspace, vehicle: &Vehicle) -> Result<Vec<String>, Failure> {
     let nodes: Vec<_> = vehicle.nodes().collect();
@@ -368,6 +377,12 @@ fn summary(steps: &[Finished]) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const USUAL: Test = Test {
+        list: false,
+        long: false,
+        random: false,
+    };
 
     fn scenario() -> world::Scenario {
         let workspace = Workspace::find().unwrap();
@@ -486,8 +501,15 @@ mod tests {
     #[test]
     fn the_boards_are_left_to_the_target() {
         let workspace = Workspace::find().unwrap();
-        let typed = typed(&tests(&workspace, false));
-        assert!(typed.contains("--exclude sled-f303"), "{typed}");
+        let usual = typed(&tests(&workspace, &USUAL));
+        assert!(usual.contains("--exclude sled-f303"), "{usual}");
+        assert!(!usual.contains("ignored"), "{usual}");
+        let long = Test {
+            long: true,
+            ..USUAL
+        };
+        let long = typed(&tests(&workspace, &long));
+        assert!(long.ends_with("-- --include-ignored"), "{long}");
     }
 
     #[test]
@@ -502,7 +524,7 @@ mod tests {
                 assert!(typed.contains(&format!("--package {package}")), "{typed}");
             }
         }
-        let steps = steps(&workspace, false).unwrap();
+        let steps = steps(&workspace, &USUAL).unwrap();
         for name in &names {
             for what in ["images", "twin", "schedulability"] {
                 let step = format!("{what}, {name}");

@@ -423,6 +423,7 @@ fn another_wheelbase() {
 }
 
 #[test]
+#[ignore = "builds images of its own: `cargo xtask test --long`"]
 fn another_actuator() {
     let (vehicle, outcome) = drive("walk-actuator", "straight-line", SETTLED);
     assert_settled(&outcome);
@@ -453,6 +454,7 @@ fn one_more_message() {
 }
 
 #[test]
+#[ignore = "builds images of its own: `cargo xtask test --long`"]
 fn one_more_node() {
     let (vehicle, outcome) = drive("walk-node", "turn", 5.0);
     assert!(!frames(&vehicle, &outcome, "follower", 513).is_empty());
