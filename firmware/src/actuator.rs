@@ -239,8 +239,8 @@ pub struct Times {
 }
 
 impl Times {
-    /// Times on a time base of `ticks_per_us`; `command` is [`design::command_timeout`] of
-    /// the network.
+    /// Times on a time base of `ticks_per_us`; `command` is when the network's command is
+    /// overdue.
     pub const fn new(command: Micros, ticks_per_us: u32) -> Self {
         Self {
             command: command.ticks().saturating_mul(ticks_per_us),

@@ -9,19 +9,6 @@ use ttcan::Micros;
 /// asks for a rate that would reach the stop sooner than in this time, s.
 pub const END_STOP_HORIZON: f32 = 0.05;
 
-/// Basic periods that the reference or the command may be missing before an actuator stops
-/// (thesis 6.2.4.4).
-pub const MISSED_PERIODS: u32 = 2;
-
-/// After the end of a command frame, the time when the second frame after it is overdue: two
-/// periods, the difference in length between the shortest and the longest 8-byte frame (24
-/// bits), and 100 us for the jitter of both starts. `cycle` is the basic cycle, in each of
-/// which one command is sent at `bit_rate`.
-pub const fn command_timeout(cycle: Micros, bit_rate: u32) -> Micros {
-    let stuffing = 24 * 1_000_000 / bit_rate;
-    Micros::micros(MISSED_PERIODS * cycle.ticks() + stuffing + 100)
-}
-
 /// Age at which a sample of the potentiometer cannot be believed any more: ten of its
 /// periods of 5 ms.
 pub const SAMPLE_TIMEOUT: Micros = Micros::millis(50);

@@ -525,7 +525,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             && self
                 .node
                 .window(command as u16)
-                .is_some_and(|status| u32::from(status.missed) < crate::design::MISSED_PERIODS)
+                .is_some_and(|status| u32::from(status.missed) < network::MISSED_PERIODS)
     }
 
     /// Global time now, ms; 0 before it is known.

@@ -178,8 +178,7 @@ pub fn with_node(
 /// Never for a vehicle that was read: its boards are checked.
 #[must_use]
 pub fn board(vehicle: &Vehicle, node: NodeIndex) -> &'static Sled {
-    let name = &vehicle.node(node).board;
-    Sled::named(name).expect("the manifest's boards are checked")
+    vehicle.board(node)
 }
 
 /// The package that builds a vehicle's images.

@@ -6,11 +6,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
+use parts::Sled;
 use schedulability::models::{InputError, Models};
 use schedulability::node::{Observed, Seen};
 use schedulability::priorities;
 use schedulability::results::Report;
-use schedulability::system::{Inputs, Programs};
+use schedulability::system::{Inputs, Program, Programs};
 use twin::mcu::{Board, Mcu};
 use twin::part::Part;
 use wcet::cycles::{Cycles, Model};
@@ -177,7 +178,14 @@ fn inputs(program: &str) -> Inputs {
         table: here.join("tests/node/tasks.toml"),
         // It has no part in this network, and the network none in its answer.
         network: here.join("../firmware/vehicles/uagv/network.dbc"),
-        nodes: BTreeMap::from([("node".to_owned(), (source, image(program)))]),
+        nodes: BTreeMap::from([(
+            "node".to_owned(),
+            Program {
+                board: Sled::F446,
+                source,
+                image: image(program),
+            },
+        )]),
     }
 }
 
@@ -310,7 +318,7 @@ fn the_swap_is_seen_without_an_image() {
     } = inputs("swapped");
     let sources = nodes
         .iter()
-        .map(|(node, (source, _))| (node.as_str(), source.as_path()));
+        .map(|(node, program)| (node.as_str(), program.board, program.source.as_path()));
     let models = Models::read(&root, &table, &network, sources).unwrap();
     let shown = priorities::show(models.nodes.iter().map(|(node, _)| (node, None)));
     let text = from_package(&shown);

@@ -4,14 +4,12 @@ use std::collections::BTreeSet;
 use std::fmt::Display;
 
 use network_model::Network;
+use parts::Sled;
 
 use crate::manifest::{
     Calibration, Command, Device, Machine, Manifest, Node, Receiver, SignalPath,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
-
-/// Boards that an image can be built for.
-pub const BOARDS: [&str; 2] = ["f446", "f303"];
 
 /// Farthest that an intact steering can be from straight ahead, degrees: beyond it the
 /// potentiometer's reading is not believed.
@@ -55,11 +53,11 @@ fn nodes(nodes: &[Node], network: &Network) -> Result<(), String> {
         if !names.insert(name) {
             return Err(format!("node {name:?} stands twice"));
         }
-        if !BOARDS.contains(&node.board.as_str()) {
+        if Sled::named(&node.board).is_none() {
             return Err(format!(
                 "node {name:?}: there is no board {:?}: {} are accepted",
                 node.board,
-                BOARDS.join(" and ")
+                Sled::ALL.map(|sled| sled.name).join(" and ")
             ));
         }
         if !network.nodes.iter().any(|other| other.name == *name) {

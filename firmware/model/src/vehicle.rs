@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use network_model::Network;
+use parts::Sled;
 
 use crate::check;
 use crate::error::VehicleError;
@@ -176,6 +177,16 @@ impl Vehicle {
     #[must_use]
     pub fn node(&self, index: NodeIndex) -> &Node {
         &self.manifest.nodes[index.0]
+    }
+
+    /// The board of a node.
+    ///
+    /// # Panics
+    /// When the place is another vehicle's and beyond the end of this one's nodes.
+    #[must_use]
+    pub fn board(&self, index: NodeIndex) -> &'static Sled {
+        let name = &self.node(index).board;
+        Sled::named(name).expect("the manifest's boards are checked")
     }
 
     /// The place of the node of that name.

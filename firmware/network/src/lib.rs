@@ -8,4 +8,8 @@
 
 mod message;
 
+/// Periods that a reference or a command may be missing before an actuator stops
+/// (thesis 6.2.4.4).
+pub const MISSED_PERIODS: u32 = 2;
+
 pub use message::{DecodeError, Message, Signal};

@@ -2,11 +2,7 @@
 
 use crate::{RUNNING, assert_never_reset, mode};
 use furrow_tests::Journey;
-use furrow_tests::nodes;
-
-/// The F303's call stack: its core-coupled memory, filled from the top down.
-const STACK: u32 = 0x1000_0000;
-const SIZE: usize = 0x1000;
+use furrow_tests::{nodes, vehicle};
 
 /// A word that no program writes by chance throughout a page.
 const PAINT: [u8; 4] = [0xA5, 0x5A, 0xC3, 0x3C];
@@ -33,18 +29,26 @@ fn the_call_stacks_keep_a_quarter_of_their_memory_free() {
     );
     let mut journey = Journey::of(&text);
     for node in [nodes::STEERING, nodes::DRIVE] {
-        let paint = PAINT.repeat(SIZE / 4);
-        assert!(journey.vehicle.node_mut(node).set_memory(STACK, &paint));
+        let stack = vehicle().board(node).stack;
+        let paint = PAINT.repeat(stack.size as usize / 4);
+        assert!(
+            journey
+                .vehicle
+                .node_mut(node)
+                .set_memory(stack.base, &paint)
+        );
     }
     journey.to(2.4);
     assert_eq!(journey.mode(), Some(mode::RUN));
     journey.to(5.0);
     assert_never_reset(&journey);
     for node in [nodes::STEERING, nodes::DRIVE] {
-        let memory = journey.vehicle.node(node).memory(STACK, SIZE);
+        let stack = vehicle().board(node).stack;
+        let size = stack.size as usize;
+        let memory = journey.vehicle.node(node).memory(stack.base, size);
         let memory = memory.expect("the part has this memory");
         let free = memory.chunks(4).take_while(|word| *word == PAINT).count() * 4;
-        assert!(free < SIZE, "{node:?} never used its stack");
-        assert!(free >= SIZE / 4, "{node:?} has {free} of {SIZE} bytes left");
+        assert!(free < size, "{node:?} never used its stack");
+        assert!(free >= size / 4, "{node:?} has {free} of {size} bytes left");
     }
 }

@@ -6,7 +6,7 @@ use network_model::Network;
 
 use crate::arrivals::{Arrivals, Kind, Sporadic, Timetable};
 use crate::releases::Bus;
-use crate::table::{BusEvent, By, NodeTable, TaskTable};
+use crate::table::{BusEvent, By, Delay, NodeTable, TaskTable};
 use crate::tasks::{App, TIMER};
 use crate::units::{MICROSECOND, Picoseconds};
 
@@ -228,12 +228,12 @@ fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, TaskFault> {
         let mut table = bus
             .message(message)
             .ok_or_else(|| TaskFault::NotReceived(message.clone()))?;
-        if entry.delay_us > 0 {
+        if let Some(Delay::Us(us)) = entry.delay {
             // The delay begins when the message has been handled: between its reception and
             // the deadline for handling it.
             for job in &mut table.jobs {
-                job.earliest += entry.delay_us * MICROSECOND;
-                job.latest += entry.delay_us * MICROSECOND + bus.fifo_margin();
+                job.earliest += us * MICROSECOND;
+                job.latest += us * MICROSECOND + bus.fifo_margin();
             }
         }
         tables.push(table);

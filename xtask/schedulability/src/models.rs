@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use network_model::Network;
+use parts::Sled;
 
 use crate::chains::ChainError;
 use crate::execution::ExecutionError;
@@ -77,8 +78,8 @@ pub struct Models {
 }
 
 impl Models {
-    /// Reads the sources of these nodes, each by its name in the table. Error messages show
-    /// paths relative to `root`.
+    /// Reads the sources of these nodes, each with its name in the table and its board. Error
+    /// messages show paths relative to `root`.
     ///
     /// # Errors
     /// A file cannot be read, or the files do not fit together.
@@ -86,7 +87,7 @@ impl Models {
         root: &Path,
         table: &Path,
         network: &Path,
-        sources: impl IntoIterator<Item = (&'a str, &'a Path)>,
+        programs: impl IntoIterator<Item = (&'a str, &'static Sled, &'a Path)>,
     ) -> Result<Self, InputError> {
         let name = |path: &Path| {
             let short = path.strip_prefix(root).unwrap_or(path);
@@ -103,16 +104,17 @@ impl Models {
         })?;
         let parsed = parsed.resolve(&file, &network)?;
         let mut nodes = Vec::new();
-        for (node, source) in sources {
+        for (node, board, source) in programs {
             let of_node = parsed.node.get(node).ok_or_else(|| InputError::NoNode {
                 file: file.clone(),
                 node: node.to_owned(),
             })?;
             let source_name = name(source);
             let app = App::parse(&source_name, &read(source, &source_name)?)?;
-            let mut model = NodeModel::new(node, &app, of_node, &network, &file)?;
+            let on_board = of_node.on(board);
+            let mut model = NodeModel::new(node, &app, &on_board, &network, &file)?;
             model.source = source_name;
-            nodes.push((model, of_node.clone()));
+            nodes.push((model, on_board));
         }
         Ok(Self {
             table: parsed,

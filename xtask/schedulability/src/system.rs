@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
+use parts::Sled;
+
 use crate::execution::Execution;
 use crate::model::NodeModel;
 use crate::models::{InputError, Models};
@@ -25,8 +27,19 @@ pub struct Inputs {
     pub table: PathBuf,
     /// The network file.
     pub network: PathBuf,
-    /// Source and image of each node, by its name in the table.
-    pub nodes: BTreeMap<String, (PathBuf, PathBuf)>,
+    /// The program of each node, by its name in the table.
+    pub nodes: BTreeMap<String, Program>,
+}
+
+/// The program of a node.
+#[derive(Debug, Clone)]
+pub struct Program {
+    /// The board that it runs on.
+    pub board: &'static Sled,
+    /// Its source.
+    pub source: PathBuf,
+    /// Its image.
+    pub image: PathBuf,
 }
 
 /// Everything that follows from sources, tables and images. Only the observations of runs are
@@ -47,7 +60,7 @@ impl Programs {
         let sources = inputs
             .nodes
             .iter()
-            .map(|(node, (source, _))| (node.as_str(), source.as_path()));
+            .map(|(node, program)| (node.as_str(), program.board, program.source.as_path()));
         let models = Models::read(&inputs.root, &inputs.table, &inputs.network, sources)?;
         let executions = side_by_side(&models.nodes, |(model, table)| {
             execution(inputs, model, table, progress)
@@ -133,10 +146,10 @@ fn execution(
     table: &NodeTable,
     progress: &(dyn Fn(&str) + Sync),
 ) -> Result<Execution, InputError> {
-    let Some((_, elf)) = inputs.nodes.get(&model.name) else {
+    let Some(program) = inputs.nodes.get(&model.name) else {
         return Err(InputError::NoImage(model.name.clone()));
     };
-    let image = Image::read(elf)?;
+    let image = Image::read(&program.image)?;
     let annotations = Annotations::new(&inputs.root);
     let of_node = |task: &str| progress(&format!("{}.{task}", model.name));
     let execution = Execution::of(model, table, &image, &annotations, &of_node)?;

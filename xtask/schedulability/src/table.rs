@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 use network_model::Network;
 use parts::Sled;
 use serde::Deserialize;
-use serde::de::{Deserializer, Error};
 
 use crate::arrivals::Kind;
 
@@ -18,7 +17,7 @@ use crate::arrivals::Kind;
 #[serde(deny_unknown_fields)]
 pub struct Table {
     /// Nodes by the names of their images.
-    pub node: BTreeMap<String, NodeTable>,
+    pub node: BTreeMap<String, NodeEntry>,
     /// Chains across nodes.
     #[serde(default)]
     pub chain: Vec<Chain>,
@@ -65,6 +64,9 @@ pub enum TableFault {
     /// `at` names a message that depends on no other one, or no message.
     #[error("`at` names {0}, which is no message that has the attribute After in the network file")]
     At(String),
+    /// `delay` names no message.
+    #[error("`delay` names {0}, which is no message of the network file")]
+    Overdue(String),
     /// A step of a chain names none or several of the three.
     #[error("each step of chain `{0}` is either a `task`, a `message` or `other`")]
     Step(String),
@@ -104,12 +106,32 @@ pub struct BusTable {
 /// One node.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct NodeTable {
-    /// The board, whose clocks, stack and transmit lead come from [`parts`].
-    #[serde(deserialize_with = "board")]
-    pub board: &'static Sled,
+pub struct NodeEntry {
     /// The clocks that the program runs on.
     #[serde(default)]
+    pub clocks: Clocks,
+    /// Tasks by name; `SysTick` for the timer of the software tasks.
+    pub task: BTreeMap<String, TaskTable>,
+}
+
+impl NodeEntry {
+    /// The node on its board.
+    #[must_use]
+    pub fn on(&self, board: &'static Sled) -> NodeTable {
+        NodeTable {
+            board,
+            clocks: self.clocks,
+            task: self.task.clone(),
+        }
+    }
+}
+
+/// A node on its board.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NodeTable {
+    /// The board, whose clocks, stack and transmit lead come from [`parts`].
+    pub board: &'static Sled,
+    /// The clocks that the program runs on.
     pub clocks: Clocks,
     /// Tasks by name; `SysTick` for the timer of the software tasks.
     pub task: BTreeMap<String, TaskTable>,
@@ -136,15 +158,6 @@ impl NodeTable {
     }
 }
 
-/// The board with the name in the table.
-fn board<'de, D: Deserializer<'de>>(from: D) -> Result<&'static Sled, D::Error> {
-    let name = String::deserialize(from)?;
-    Sled::named(&name).ok_or_else(|| {
-        let known = Sled::ALL.map(|sled| sled.name).join(", ");
-        D::Error::custom(format!("there is no board {name}: {known} are known"))
-    })
-}
-
 /// One task.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -161,9 +174,8 @@ pub struct TaskTable {
     /// Messages of other nodes whose reception releases it.
     #[serde(default)]
     pub receives: Several<String>,
-    /// Delay from the handling of these messages to its release, in microseconds.
-    #[serde(default)]
-    pub delay_us: u64,
+    /// Delay from the handling of these messages to its release ([`Table::resolve`]).
+    pub delay: Option<Delay>,
     /// Functions that its jobs of a kind never call. Those jobs get a bound of their own,
     /// without the functions.
     #[serde(default)]
@@ -187,6 +199,16 @@ pub struct TaskTable {
     /// microseconds.
     #[serde(default)]
     pub jitter_us: u64,
+}
+
+/// A delay after a message.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Delay {
+    /// In microseconds.
+    Us(u64),
+    /// Until the second frame after the last one of this message is overdue.
+    Overdue(String),
 }
 
 /// A limit to the releases over a longer time.
@@ -301,10 +323,10 @@ impl Table {
         })
     }
 
-    /// Replaces the messages that `at` names by their instants in the network.
+    /// Replaces the messages that `at` and `delay` name by their times in the network.
     ///
     /// # Errors
-    /// `at` names a message that depends on no other one.
+    /// `at` names a message that depends on no other one, or `delay` one that is not there.
     pub fn resolve(mut self, file: &str, network: &Network) -> Result<Self, TableError> {
         let release = |name: &String| {
             let mut messages = network.messages.iter();
@@ -318,12 +340,25 @@ impl Table {
                     fault: TableFault::At(name.clone()),
                 })
         };
+        let overdue = |name: &String| {
+            let mut messages = network.messages.iter();
+            let message = messages.find(|message| message.name == *name);
+            let us = message.map(|message| u64::from(network.overdue_us(message)));
+            us.ok_or_else(|| TableError {
+                file: file.to_owned(),
+                line: None,
+                fault: TableFault::Overdue(name.clone()),
+            })
+        };
         let nodes = self.node.values_mut();
         for task in nodes.flat_map(|node| node.task.values_mut()) {
             if let Some(name) = &task.at {
                 let mut instants = task.at_us.as_slice().to_vec();
                 instants.push(release(name)?);
                 task.at_us = Several::Many(instants);
+            }
+            if let Some(Delay::Overdue(name)) = &task.delay {
+                task.delay = Some(Delay::Us(overdue(name)?));
             }
         }
         for step in self.chain.iter_mut().flat_map(|chain| &mut chain.steps) {

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use network_model::Network;
+use parts::Sled;
 use schedulability::arrivals::{Job, Kind};
 use schedulability::execution::{Execution, Handler, Section};
 use schedulability::model::NodeModel;
@@ -16,6 +17,7 @@ use schedulability::table::{NodeTable, Table};
 use schedulability::tasks::App;
 use schedulability::units::time;
 use schedulability::{bus, chains, report};
+use vehicle_model::Vehicle;
 use wcet::bound::Problem;
 use wcet::cycles::{Cycles, Model};
 
@@ -38,6 +40,12 @@ fn table() -> Table {
     table.resolve("tasks.toml", &network()).unwrap()
 }
 
+/// The board of a node, as the manifest says.
+fn board(node: &str) -> &'static Sled {
+    let vehicle = Vehicle::read(&root().join("firmware/vehicles/uagv")).unwrap();
+    vehicle.board(vehicle.find_node(node).unwrap())
+}
+
 fn network() -> Network {
     Network::parse(&text("firmware/vehicles/uagv/network.dbc")).unwrap()
 }
@@ -45,7 +53,7 @@ fn network() -> Network {
 /// The model of `node` from this source.
 fn model(node: &str, source: &str) -> Result<(NodeModel, NodeTable), String> {
     let app = App::parse("node.rs", source).map_err(|error| error.to_string())?;
-    let table = table().node[node].clone();
+    let table = table().node[node].on(board(node));
     NodeModel::new(node, &app, &table, &network(), "tasks.toml")
         .map(|model| (model, table))
         .map_err(|error| error.to_string())
@@ -143,7 +151,9 @@ fn the_table_fits_the_sources() {
         &root,
         &root.join("firmware/vehicles/uagv/tasks.toml"),
         &root.join("firmware/vehicles/uagv/network.dbc"),
-        sources.iter().map(|(node, path)| (*node, path.as_path())),
+        sources
+            .iter()
+            .map(|(node, path)| (*node, board(node), path.as_path())),
     )
     .unwrap();
     assert_eq!(models.nodes.len(), 4);
@@ -346,7 +356,7 @@ fn table_and_source_must_fit() {
         word.starts_with("tasks.toml:") && word.contains("noon"),
         "{word}"
     );
-    let mut of_drive = table().node["drive"].clone();
+    let mut of_drive = table().node["drive"].on(board("drive"));
     let actuate = text("firmware/vehicles/uagv/tasks.toml")
         .replace("receives = \"Command\"", "receives = \"Order\"");
     of_drive

@@ -9,7 +9,7 @@ use wcet::{
 };
 
 /// Start of the flash, where the vector table stands.
-const FLASH: u32 = 0x0800_0000;
+const FLASH: u32 = parts::F446.flash.base;
 
 /// Why the calls of an image cannot be followed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

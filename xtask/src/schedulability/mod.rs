@@ -14,7 +14,7 @@ use schedulability::{
     models::{InputError, Models},
     priorities, report,
     results::{NodeReport, Report, TaskReport},
-    system::{Inputs, Programs},
+    system::{Inputs, Program, Programs},
 };
 
 use twin::TwinError;
@@ -193,8 +193,12 @@ fn inputs(workspace: &Workspace, vehicle: &Vehicle, images: &[Image]) -> Inputs 
         nodes: images
             .iter()
             .map(|image| {
-                let source = vehicle.source(image.node);
-                (image.name.clone(), (source, image.path.clone()))
+                let program = Program {
+                    board: image.board,
+                    source: vehicle.source(image.node),
+                    image: image.path.clone(),
+                };
+                (image.name.clone(), program)
             })
             .collect(),
         root,
@@ -276,20 +280,22 @@ fn judge(report: &Report) -> Result<(), Error> {
 }
 
 fn models(workspace: &Workspace, vehicle: &Vehicle, nodes: &[NodeIndex]) -> Result<Models, Error> {
-    let sources: BTreeMap<&str, PathBuf> = nodes
+    let programs: BTreeMap<&str, _> = nodes
         .iter()
         .map(|&node| {
             let name = vehicle.node(node).name.as_str();
-            (name, vehicle.source(node))
+            (name, (vehicle.board(node), vehicle.source(node)))
         })
         .collect();
     let root = workspace.root();
-    let sources = sources.iter().map(|(name, path)| (*name, path.as_path()));
+    let programs = programs
+        .iter()
+        .map(|(name, (board, source))| (*name, *board, source.as_path()));
     Ok(Models::read(
         root,
         &vehicle.task_table(),
         &vehicle.network_file(),
-        sources,
+        programs,
     )?)
 }
 

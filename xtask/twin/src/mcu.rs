@@ -55,10 +55,10 @@ pub enum FlashTiming {
 }
 
 impl Default for Board {
-    /// The Nucleo boards' 8 MHz, exact, on from the beginning.
+    /// The clock of the Nucleo-F446RE, exact, on from the beginning.
     fn default() -> Self {
         Self {
-            external_clock: Some(8_000_000),
+            external_clock: Some(parts::Sled::F446.external_hz),
             crystal_ppb: 0,
             rc_ppb: 0,
             power_on: SimTime::from_ticks(0),

@@ -26,9 +26,6 @@ pub(crate) struct Wiring {
 /// Why a node cannot be wired as the manifest says.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WiringError {
-    /// A board of that name does not exist.
-    #[error("there is no board {0:?}")]
-    Board(String),
     /// The board does not have that connector.
     #[error("board {board:?} has no connector {connector:?}")]
     Connector {
@@ -42,9 +39,8 @@ pub enum WiringError {
 impl Wiring {
     /// The wiring of a node.
     pub(crate) fn new(vehicle: &Vehicle, node: NodeIndex) -> Result<Self, WiringError> {
+        let sled = vehicle.board(node);
         let node = vehicle.node(node);
-        let sled =
-            Sled::named(&node.board).ok_or_else(|| WiringError::Board(node.board.clone()))?;
         let mut plugs = Vec::new();
         let mut relay = None;
         for (name, &device) in &node.wiring {

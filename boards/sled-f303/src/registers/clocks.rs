@@ -26,13 +26,21 @@ const fn is_made_here(clocks: &Clocks, core: u32) -> bool {
     clocks.core == core
         && clocks.apb1 == core / APB1_DIVIDER
         && clocks.apb2 == core / APB2_DIVIDER
-        && matches!(SLED_F303.part.flash_access.wait_states(core), Some(2))
+        && wait_states(core) == wait_states(EXTERNAL.core)
 }
 const _: () = assert!(
     is_made_here(&EXTERNAL, SLED_F303.external_hz * TIMES_EXTERNAL)
         && is_made_here(&INTERNAL, SLED_F303.part.hsi.hz / 2 * TIMES_INTERNAL),
-    "multipliers, dividers and wait states below make the clocks of the crate parts"
+    "multipliers and dividers below make the clocks of the crate parts"
 );
+
+/// Wait states of the flash at a core clock.
+const fn wait_states(core: u32) -> u8 {
+    match SLED_F303.part.flash_access.wait_states(core) {
+        Some(states) => states,
+        None => panic!("the core is faster than its flash"),
+    }
+}
 
 /// Polls that the external clock is given, about 10 cycles of the 8 MHz HSI each: 25 ms.
 /// The debugger's clock is there before the reset line is released.
@@ -55,9 +63,11 @@ pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Clocks {
         rcc.cr.modify(|_, w| w.hseon().clear_bit());
     }
 
-    flash
-        .acr
-        .modify(|_, w| w.prftbe().set_bit().latency().ws2());
+    flash.acr.modify(|_, w| {
+        w.prftbe().set_bit();
+        // SAFETY: wait states that the part has (RM0316 4.5.1), 0..=7.
+        unsafe { w.latency().bits(const { wait_states(EXTERNAL.core) }) }
+    });
 
     rcc.cfgr.modify(|_, w| {
         w.hpre().div1();

@@ -39,9 +39,15 @@ const fn is_made_here(sled: &Sled) -> bool {
         && PLL_M_INTERNAL as u32 * PLL_INPUT_HZ == sled.part.hsi.hz
 }
 const _: () = assert!(
-    is_made_here(&SLED_F446) && matches!(SLED_F446.part.flash_access.wait_states(CORE_HZ), Some(5)),
-    "dividers and wait states below make the clocks of the crate parts"
+    is_made_here(&SLED_F446),
+    "dividers below make the clocks of the crate parts"
 );
+
+/// Wait states of the flash at the core's clock.
+const WAIT_STATES: u8 = match SLED_F446.part.flash_access.wait_states(CORE_HZ) {
+    Some(states) => states,
+    None => panic!("the core is faster than its flash"),
+};
 
 /// Polls that the external clock is given, about 10 cycles of the 16 MHz HSI each:
 /// 25 ms. The debugger's clock is there before the reset line is released.
@@ -90,12 +96,13 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Clocks {
     while pwr.csr().read().odswrdy().bit_is_clear() {}
 
     flash.acr().write(|w| {
-        w.latency().ws5();
+        // SAFETY: wait states that the part has (RM0390 3.4.1), 0..=15.
+        unsafe { w.latency().bits(WAIT_STATES) };
         w.prften().set_bit();
         w.icen().set_bit();
         w.dcen().set_bit()
     });
-    while !flash.acr().read().latency().is_ws5() {}
+    while flash.acr().read().latency().bits() != WAIT_STATES {}
 
     while rcc.cr().read().pllrdy().bit_is_clear() {}
     rcc.cfgr().modify(|_, w| {

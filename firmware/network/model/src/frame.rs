@@ -9,3 +9,8 @@
 pub const fn worst_case_bits(data_bytes: u8) -> u32 {
     55 + 10 * data_bytes as u32
 }
+
+/// Shortest length of such a frame: without stuffing, with the interframe space.
+pub(crate) const fn shortest_bits(data_bytes: u8) -> u32 {
+    47 + 8 * data_bytes as u32
+}

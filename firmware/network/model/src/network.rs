@@ -1,6 +1,6 @@
 //! The network as plain data.
 
-use crate::frame::worst_case_bits;
+use crate::frame::{shortest_bits, worst_case_bits};
 use crate::signal::Signal;
 
 /// A checked network: its nodes, its messages and the time frame they live in.
@@ -187,6 +187,10 @@ impl Message {
 }
 
 impl Network {
+    /// Two frames of a message may start this much more or less than their period apart, in
+    /// microseconds.
+    pub const START_JITTER_US: u32 = 100;
+
     /// Releases of steps are multiples of this, in microseconds.
     pub const RELEASE_GRAIN_US: u32 = 100;
 
@@ -226,6 +230,18 @@ impl Network {
         });
         let last = arrivals.max()?;
         Some(last.div_ceil(Self::RELEASE_GRAIN_US) * Self::RELEASE_GRAIN_US)
+    }
+
+    /// How long after the end of a frame of `message` in an exclusive window, in microseconds,
+    /// the second one after it is overdue ([`network::MISSED_PERIODS`]).
+    ///
+    /// That many periods, the difference between its shortest and its longest frame, and
+    /// [`Network::START_JITTER_US`].
+    #[must_use]
+    pub fn overdue_us(&self, message: &Message) -> u32 {
+        let period = self.basic_cycle_us * u32::from(message.window.repeat.max(1));
+        let stuffing = worst_case_bits(message.length) - shortest_bits(message.length);
+        network::MISSED_PERIODS * period + self.bits_to_us(stuffing) + Self::START_JITTER_US
     }
 
     /// The windows of the matrix in order of their start, each once.

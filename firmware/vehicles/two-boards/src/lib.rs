@@ -17,8 +17,7 @@ use ttcan::{ErrorLevel, Micros};
 use crate::messages::{self as named, Command, MasterStatus, MotorStatus};
 
 /// How long after the end of a command frame the second one after it is overdue.
-pub const COMMAND_TIMEOUT: Micros =
-    firmware::design::command_timeout(matrix::BASIC_CYCLE, matrix::BIT_RATE);
+pub const COMMAND_TIMEOUT: Micros = matrix::overdue::COMMAND;
 
 /// The command for a position of the knob, in the basic cycle that began at system time
 /// `time` (ms): the speed follows the knob to both sides of a dead zone in its middle, and

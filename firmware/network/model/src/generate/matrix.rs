@@ -120,7 +120,29 @@ fn write_windows(out: &mut String, network: &Network) -> std::fmt::Result {
         )?;
     }
     writeln!(out, "}}\n")?;
-    write_releases(out, network)
+    write_releases(out, network)?;
+    write_overdue(out, network)
+}
+
+/// When messages of exclusive windows are overdue.
+fn write_overdue(out: &mut String, network: &Network) -> std::fmt::Result {
+    let messages = network.messages.iter();
+    let exclusive = messages.filter(|message| message.window.kind == WindowKind::Exclusive);
+    writeln!(
+        out,
+        "/// How long after the end of a message's frame the second one after it is overdue."
+    )?;
+    writeln!(out, "pub mod overdue {{\n    use ttcan::Micros;\n")?;
+    for message in exclusive {
+        writeln!(out, "    /// Message `{}` ({}).", message.name, message.id)?;
+        writeln!(
+            out,
+            "    pub const {}: Micros = Micros::micros({});",
+            screaming(&message.name),
+            network.overdue_us(message)
+        )?;
+    }
+    writeln!(out, "}}\n")
 }
 
 /// The instants at which the steps of the senders are released.
