@@ -15,32 +15,33 @@ use crate::link::Arrival;
 use crate::machine::{Machine, MotionCommand};
 use crate::{convert, design, e2e};
 
-/// Why a command frame is not acted on.
+/// Why a command frame is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "target", derive(defmt::Format))]
 pub enum Refusal {
     /// Not eight bytes, or a signal outside its range.
     Malformed,
-    /// The end-to-end protection.
+    /// The end-to-end protection refuses it.
     Protection(e2e::Refusal),
-    /// Outside the limits of the vehicle (thesis 5.3).
+    /// A value is outside the limits of the vehicle (thesis 5.3).
     Limits,
-    /// An actuator is enabled in a mode in which all stand still.
+    /// It enables an actuator in a mode in which all actuators stand still.
     Mode,
 }
 
 /// A message that commands actuators: eight bytes, of which the last two are the sequence
 /// counter and the check value of [`e2e`].
 pub trait Command: Message {
-    /// Says whether the command makes sense; its end-to-end protection and its signals'
-    /// ranges hold.
+    /// Checks that the values of the command make sense. The caller has already checked its
+    /// end-to-end protection and the ranges of its signals.
     ///
     /// # Errors
     /// [`Refusal`] says why not.
     fn check(&self) -> Result<(), Refusal>;
 }
 
-/// Whether a machine may do what a command asks: [`Command::check`] of such a command.
+/// Checks that a machine may do what a motion command asks: an implementation of
+/// [`Command::check`].
 ///
 /// # Errors
 /// The command is beyond the machine's limits, or enables an actuator in a mode in which all
@@ -114,8 +115,8 @@ impl<C: Command> CommandHold<C> {
         Ok(command)
     }
 
-    /// The command is too old, or the network is gone: nothing is in force, and the sender
-    /// must begin a sequence anew.
+    /// Drops the command, because it is too old or the network is gone. The sender must begin a
+    /// new sequence.
     pub fn expire(&mut self) {
         self.command = None;
         self.protection.forget();
@@ -131,17 +132,17 @@ impl<C: Command> CommandHold<C> {
         self.refused
     }
 
-    /// Why the last of them was refused.
+    /// Why the last refused frame was refused.
     pub const fn refusal(&self) -> Option<Refusal> {
         self.refusal
     }
 }
 
-/// Effort for the steering actuator, -1..=1. `angle` is the steering angle, rad, `None` when
-/// the potentiometer cannot be believed: then nothing moves.
+/// Effort for the steering actuator, -1..=1. `angle` is the steering angle, rad. Without an
+/// angle (`None`: the potentiometer's sample is stale or implausible) the effort is zero.
 ///
-/// Towards an end stop the rate is limited so that the stop is not reached within
-/// [`design::END_STOP_HORIZON`]; at or beyond it only the way back is open.
+/// Towards an end stop the rate is limited so that the actuator does not reach the stop within
+/// [`design::END_STOP_HORIZON`]. At or beyond the stop only the way back is open.
 pub fn steering_effort<M: Machine>(
     command: Option<&impl MotionCommand>,
     angle: Option<f32>,
@@ -165,7 +166,7 @@ pub fn limited_effort(
     angle: f32,
 ) -> f32 {
     let largest = limits.steering_rate;
-    // Not `clamp`, which panics when its limits are no numbers.
+    // Not `clamp`, which panics if a limit is NaN.
     let rate = rate.max(-largest).min(largest);
     let limit = limits.steering_angle;
     let right = ((limit - angle) / design::END_STOP_HORIZON).max(0.0);
@@ -173,7 +174,7 @@ pub fn limited_effort(
     effort(actuator, rate.min(right).max(-left))
 }
 
-/// The drive motor's speed with its slew.
+/// Slew-rate limiter of the drive motor's speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive<M> {
     speed: f32,
@@ -187,7 +188,7 @@ impl<M: Machine> Default for Drive<M> {
 }
 
 impl<M: Machine> Drive<M> {
-    /// At standstill.
+    /// A limiter at standstill.
     pub const fn new() -> Self {
         Self {
             speed: 0.0,
@@ -195,8 +196,8 @@ impl<M: Machine> Drive<M> {
         }
     }
 
-    /// Effort for the drive motor, -1..=1, `dt` seconds after the last call. Growing speed is
-    /// slewed, also through zero when the direction changes; slowing down is not.
+    /// Effort for the drive motor, -1..=1, `dt` seconds after the last call. Acceleration is
+    /// limited, also away from zero after a change of direction; slowing down is not.
     pub fn effort(&mut self, command: Option<&impl MotionCommand>, dt: f32) -> f32 {
         let limit = M::LIMITS.speed;
         let wanted = match command {
@@ -211,36 +212,36 @@ impl<M: Machine> Drive<M> {
             self.speed.abs()
         };
         let largest = start + M::ACCELERATION * dt;
-        // Not `clamp`, which panics when its limits are no numbers.
+        // Not `clamp`, which panics if a limit is NaN.
         self.speed = wanted.max(-largest).min(largest);
         effort(&M::DRIVE, self.speed)
     }
 
-    /// The motor was stopped.
+    /// Notes that the motor was stopped: the limiter starts again from standstill.
     pub fn stop(&mut self) {
         self.speed = 0.0;
     }
 
-    /// Commanded speed after the slew, m/s.
+    /// Commanded speed behind the limiter, m/s.
     pub const fn speed(&self) -> f32 {
         self.speed
     }
 }
 
-/// Times of an actuator node, in ticks of its time base.
+/// Time limits of an actuator node, in ticks of its time base.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Times {
     /// Age at which a command expires.
     pub command: u32,
-    /// Age at which the potentiometer's sample cannot be believed any more.
+    /// Age above which a sample of the potentiometer is stale.
     pub sample: u32,
     /// Ticks per microsecond.
     pub per_us: u32,
 }
 
 impl Times {
-    /// Times on a time base of `ticks_per_us`; `command` is when the network's command is
-    /// overdue.
+    /// The limits on a time base of `ticks_per_us`. `command` is the age at which the network's
+    /// command is overdue.
     pub const fn new(command: Micros, ticks_per_us: u32) -> Self {
         Self {
             command: command.ticks().saturating_mul(ticks_per_us),
@@ -259,7 +260,7 @@ pub struct Supervised<C> {
 }
 
 impl<C: Command> Supervised<C> {
-    /// No command.
+    /// A supervisor without a command.
     pub const fn new(times: Times) -> Self {
         Self {
             hold: CommandHold::new(),
@@ -281,9 +282,9 @@ impl<C: Command> Supervised<C> {
         judged
     }
 
-    /// For the task of an actuator node that is released by commands and by their absence:
-    /// judges the frame of `arrival` and drops a command that has expired. True when a new
-    /// command is in force.
+    /// One job of an actuator node's task, which a command or its absence releases: judges the
+    /// frame of `arrival`, and drops the command if it has expired. True if a new command is in
+    /// force.
     pub fn attend(&mut self, arrival: &Arrival, now: u32) -> bool {
         let Arrival { frame, time, alive } = arrival;
         let accepted = frame
@@ -293,8 +294,8 @@ impl<C: Command> Supervised<C> {
         accepted && self.command().is_some()
     }
 
-    /// Drops the command when it is too old or when `alive` is false: the network is gone, or
-    /// the command was missed twice. True when a command was dropped.
+    /// Drops the command if it is too old or if `alive` is false (the network is gone, or two
+    /// commands in a row are missing). True if a command was dropped.
     pub fn supervise(&mut self, alive: bool, now: u32) -> bool {
         let held = self.hold.command().is_some();
         let expired = held && now.wrapping_sub(self.accepted_at) >= self.times.command;
@@ -314,13 +315,13 @@ impl<C: Command> Supervised<C> {
         self.hold.refused()
     }
 
-    /// Why the last of them was refused.
+    /// Why the last refused frame was refused.
     pub const fn refusal(&self) -> Option<Refusal> {
         self.hold.refusal()
     }
 }
 
-/// What the steering node does.
+/// State and control of the steering node.
 #[derive(Clone, Copy, Debug)]
 pub struct Steering<M, C> {
     /// The command.
@@ -330,7 +331,7 @@ pub struct Steering<M, C> {
 }
 
 impl<M: Machine, C: MotionCommand> Steering<M, C> {
-    /// Standing still.
+    /// A steering node that stands still.
     pub const fn new(times: Times) -> Self {
         Self {
             supervised: Supervised::new(times),
@@ -353,8 +354,8 @@ impl<M: Machine, C: MotionCommand> Steering<M, C> {
         M::POTENTIOMETER.angle(count).ok()
     }
 
-    /// Whether the last sample is fresh. One that is not is forgotten, before the counter
-    /// comes round to its stamp again.
+    /// Whether the last sample is fresh. A stale sample is forgotten: after the counter has
+    /// wrapped, its time stamp would look fresh again.
     pub fn has_sample(&mut self, now: u32) -> bool {
         let limit = self.supervised.times.sample;
         self.sample = self.sample.filter(|(_, at)| now.wrapping_sub(*at) <= limit);
@@ -374,7 +375,7 @@ impl<M: Machine, C: MotionCommand> Steering<M, C> {
     }
 }
 
-/// What the drive node does.
+/// State and control of the drive node.
 #[derive(Clone, Copy, Debug)]
 pub struct Driving<M, C> {
     /// The command.
@@ -384,7 +385,7 @@ pub struct Driving<M, C> {
 }
 
 impl<M: Machine, C: MotionCommand> Driving<M, C> {
-    /// Standing still.
+    /// A drive node that stands still.
     pub const fn new(times: Times) -> Self {
         Self {
             supervised: Supervised::new(times),
@@ -393,27 +394,27 @@ impl<M: Machine, C: MotionCommand> Driving<M, C> {
         }
     }
 
-    /// The motor driver's byte, `None` when no command is in force; advances the slew by the
-    /// time since the last call.
+    /// The motor driver's byte, `None` when no command is in force. Advances the slew-rate
+    /// limiter by the time since the last call.
     pub fn byte(&mut self, now: u32) -> Option<u8> {
         let ticks = now.wrapping_sub(self.stepped_at);
         self.stepped_at = now;
         let micros = ticks.checked_div(self.supervised.times.per_us).unwrap_or(0);
-        // The first call has no past, and a long pause earns no jump.
+        // Bounded, so that neither the first call nor a long pause makes the speed jump.
         let dt = (micros.min(design::LONGEST_SLEW_STEP.ticks())) as f32 * 1e-6;
         let command = self.supervised.command();
         let effort = self.drive.effort(command, dt);
         command.map(|_| convert::motor_byte(effort, M::FULL_BYTE_IS_FORWARD))
     }
 
-    /// Commanded speed after the slew, m/s.
+    /// Commanded speed behind the slew-rate limiter, m/s.
     pub const fn speed(&self) -> f32 {
         self.drive.speed
     }
 }
 
-/// Rates below a thousandth of the full one are none: the dead band is not jumped over for
-/// them.
+/// Rates below a thousandth of the full rate give no effort: they are not worth a jump across
+/// the dead band.
 fn effort(actuator: &Actuator<f32>, rate: f32) -> f32 {
     let least = 1e-3 * actuator.positive.full_rate;
     if rate.abs() < least {

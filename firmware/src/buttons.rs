@@ -1,4 +1,4 @@
-//! Debouncing of buttons and switches, and what the operator asks for with them.
+//! Debouncing of buttons and switches, and the events that they raise.
 
 /// Samples that an input must hold a new level before it counts: 20 ms at 200 Hz. A remote
 /// control's relay and a tactile switch bounce for less than 10 ms.
@@ -36,7 +36,7 @@ impl Debounced {
         Some(if level { Edge::Pressed } else { Edge::Released })
     }
 
-    /// Takes a level as the present one, without a change.
+    /// Takes a level as the debounced one without reporting a change.
     const fn settle(&mut self, level: bool) {
         self.level = level;
         self.differing = 0;
@@ -76,7 +76,7 @@ impl Button {
         Self::StopLoop,
     ];
 
-    /// Whether the remote control has it.
+    /// Whether the button is on the remote control.
     pub const fn is_remote(self) -> bool {
         matches!(self, Self::A | Self::B | Self::C | Self::D)
     }
@@ -95,8 +95,8 @@ pub enum Remote {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Buttons {
     inputs: [Debounced; 6],
-    /// Whether a sample was taken. Before the first one the outputs of a toggling remote
-    /// control may be at either level.
+    /// Whether a sample was taken before. The outputs of a toggling remote control may start at
+    /// either level, so the first sample is not a press.
     sampled: bool,
 }
 
@@ -153,8 +153,8 @@ mod tests {
         assert!(buttons.is_pressed(Button::StopLoop));
     }
 
-    /// What is seen of a remote control whose output C has these levels, each for 20 samples;
-    /// the joystick's switch has the same.
+    /// The events of a remote control whose output C has these levels, each for 20 samples. The
+    /// joystick's switch has the same levels.
     fn presses(remote: Remote, levels: &[bool]) -> Vec<(Button, Edge)> {
         let mut buttons = Buttons::default();
         let mut seen = Vec::new();

@@ -1,4 +1,4 @@
-//! Console lines (thesis 6.2.4.6): what a node knows, ten times a second, on a serial port.
+//! Console lines (thesis 6.2.4.6): the state of a node, ten times a second, on a serial port.
 
 use control::mode::Mode;
 use sled_common::can::ErrorState;
@@ -11,7 +11,7 @@ use crate::pilot::Reason;
 use crate::sbp;
 use crate::text::Text;
 
-/// Longest line, line ending included; a line of the boards' queue.
+/// Longest line in bytes, line ending included: the line width of the boards' queue.
 pub const WIDTH: usize = 128;
 
 /// One line.
@@ -22,14 +22,15 @@ pub type Line = Text<WIDTH>;
 pub struct BusView {
     /// State of the protocol.
     pub status: Status,
-    /// References that did not come.
+    /// Reference messages that were missed.
     pub missed_references: u32,
-    /// Messages that did not come.
+    /// Messages of other nodes that were missed.
     pub missed_messages: u32,
-    /// Own windows missed: asked for too late, suppressed by the error level, destroyed. An
-    /// event that lost arbitration and the reference of a backup master are no misses.
+    /// Own windows missed: requested too late, suppressed by the error level, or destroyed on
+    /// the bus. An event message that lost arbitration is not a miss, nor is the reference of a
+    /// backup master.
     pub missed_windows: u32,
-    /// Frames that were foreign or out of place.
+    /// Frames with an unknown identifier or outside their window.
     pub misplaced: u32,
     /// Error counters of the controller.
     pub errors: ErrorState,
@@ -38,7 +39,7 @@ pub struct BusView {
 }
 
 impl BusView {
-    /// The present state of a link.
+    /// The current state of a link.
     pub fn of<P: link::Port, T: link::WindowTimer, const WINDOWS: usize, const NODES: usize>(
         link: &link::Link<P, T, WINDOWS, NODES>,
     ) -> Self {
@@ -128,7 +129,7 @@ pub struct ActuatorView {
     pub byte: u8,
     /// Command frames refused.
     pub refused: u16,
-    /// Why the last of them was refused; for the log.
+    /// Why the last refused frame was refused; for the log.
     pub refusal: Option<Refusal>,
 }
 
@@ -265,7 +266,8 @@ mod tests {
             clock: ttcan::ClockState::Locked,
             reference_offset: -127,
         };
-        // Three counters at their most in one line is more than a lifetime of the vehicle.
+        // Even three counters at their largest values in one line are more than the vehicle's
+        // lifetime brings.
         let worst = BusView {
             status,
             missed_references: 9_999_999,

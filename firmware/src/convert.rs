@@ -1,5 +1,5 @@
-//! The one place where raw codes and physical units meet. A vehicle's crate puts the codes
-//! into its messages.
+//! The only place where raw codes are converted to physical units and back. A vehicle's crate
+//! puts the codes into its messages.
 
 use control::scalar::Scalar as _;
 
@@ -63,8 +63,9 @@ pub fn heading_q8(heading: f32) -> i32 {
     degrees_q8(heading).rem_euclid(360 * 256)
 }
 
-/// Heading of a velocity over ground, thousandths of a degree clockwise from north in
-/// [0, 360 000); `None` when it is too slow to have one.
+/// Heading of a velocity over ground, thousandths of a degree clockwise from north in [0, 360
+/// 000). `north` and `east` are in mm/s. `None` if the vehicle is too slow for the velocity to
+/// show a heading.
 pub fn heading_of(north: i32, east: i32) -> Option<i32> {
     // As floats, so that nothing overflows; exact below 16 m/s.
     let (north, east) = (north as f32, east as f32);
@@ -75,37 +76,36 @@ pub fn heading_of(north: i32, east: i32) -> Option<i32> {
     Some(millidegrees(east.angle_of(north)).rem_euclid(360_000))
 }
 
-/// An angle on the earth, taken apart.
+/// An angle on the earth, split into the parts that the messages carry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Geodetic {
     /// Whole degrees, truncated towards zero.
     pub whole: i16,
-    /// Magnitude of the part after the point, 1e-10 degrees.
+    /// Magnitude of the decimal places, in units of 1e-10 degrees.
     pub fraction: u64,
     /// Whether the angle is negative.
     pub negative: bool,
 }
 
-/// Takes an angle in degrees apart, rounded to the nearest unit of its fraction; `None` when
-/// it is not within -180..=180.
+/// Splits an angle in degrees, rounded to 1e-10 degrees. `None` if it is not within -180..=180.
 ///
-/// In whole numbers: a double's multiplication, division and comparisons cost the core, which
-/// computes with floats only, ten times as much.
+/// Computed in integers: the core has a floating-point unit for `f32` only, so the
+/// multiplication, division and comparisons of `f64` would cost ten times as much.
 pub fn geodetic(degrees: f64) -> Option<Geodetic> {
-    /// Bits behind the point of the magnitude: with eight before it they fill 64.
+    /// Fraction bits of the fixed-point magnitude: with eight integer bits they fill 64.
     const POINT: u32 = 56;
     const LIMIT: u64 = 180 << POINT;
-    /// Bits of a double's fraction, and its exponent for values from 1 to 2.
+    /// Bits of a double's fraction, and the biased exponent of values from 1 to 2.
     const FRACTION: u32 = 52;
     const ONE: u32 = 1023;
     let bits = degrees.to_bits();
     let exponent = (bits >> FRACTION) as u32 & 0x7FF;
     let significand = bits & ((1 << FRACTION) - 1) | 1 << FRACTION;
-    // The highest exponent below 2^8; infinities and NaN have the highest of all.
+    // 2^8 and above are refused. Infinities and NaN have larger exponents still.
     if exponent > ONE + 7 {
         return None;
     }
-    // Bits below the last one, and all of a subnormal number, are below the resolution.
+    // Bits that the shift drops are below the resolution, and so are all subnormal numbers.
     let up = exponent + POINT;
     let magnitude = if up >= ONE + FRACTION {
         significand << (up - ONE - FRACTION)
@@ -115,7 +115,8 @@ pub fn geodetic(degrees: f64) -> Option<Geodetic> {
     if magnitude > LIMIT {
         return None;
     }
-    // 10^10 / 2^56 = 5^10 / 2^46, in two parts of 28 bits; exact to 2^-18, rounded there.
+    // 10^10 / 2^56 = 5^10 / 2^46. The product is computed in two parts of 28 bits: exact to
+    // 2^-18, then rounded.
     const SCALE: u64 = 9_765_625;
     let part = |bits: u64| bits & ((1 << 28) - 1);
     let scaled = part(magnitude >> 28) * SCALE + ((part(magnitude) * SCALE) >> 28);
@@ -134,15 +135,16 @@ pub fn geodetic(degrees: f64) -> Option<Geodetic> {
     })
 }
 
-/// Effort, -1..=1, as the motor driver's byte: 127 stop, 127 steps to each side (the 128th
-/// step, 255, is left out for symmetry). `full_is_forward` says which way 255 turns.
+/// Effort, -1..=1, as the motor driver's byte: 127 is stop, with 127 steps to each side (the
+/// byte 255 would be a 128th step and is left out for symmetry). `full_is_forward` says which
+/// way 255 turns.
 pub fn motor_byte(effort: f32, full_is_forward: bool) -> u8 {
     let steps = rounded(effort * 127.0).clamp(-127, 127);
     let steps = if full_is_forward { steps } else { -steps };
     (127 + steps) as u8
 }
 
-/// A joystick axis as a part of its way, -1..=1, zero within the dead zone and continuous
+/// A joystick axis as a share of its full travel, -1..=1: zero within the dead zone, continuous
 /// at its edge.
 pub fn joystick(count: u16) -> f32 {
     let centre = i32::from(design::JOYSTICK_CENTRE);
@@ -180,7 +182,7 @@ mod tests {
         assert_eq!(heading(-1000, 0), Some(180_000));
         assert_eq!(heading(0, -1000), Some(270_000));
         assert_eq!(heading(100, 100), None);
-        // The log of thesis Figure 6.33: -22, 54 mm/s is too slow to have one.
+        // The log of thesis Figure 6.33: -22, 54 mm/s is too slow to show a heading.
         assert_eq!(heading(-22, 54), None);
     }
 

@@ -1,7 +1,7 @@
 //! The operator's display (thesis 5.2.5, 6.2.4.5).
 //!
-//! The thesis does not name the display's command set, so that stands behind [`Language`].
-//! Everything that has a good and a bad state is green or red, as on the vehicle.
+//! The thesis does not name the display's command set, so the trait [`Language`] stands for it.
+//! Every value that can be good or bad is green or red, as on the vehicle.
 
 use control::controller::Tracking;
 use control::mode::Mode;
@@ -10,10 +10,10 @@ use control::position::Position;
 use crate::convert;
 use crate::text::Text;
 
-/// Longest string of commands: what the port takes.
+/// Longest string of commands, bytes: the capacity of the port.
 pub const CAPACITY: usize = 898;
 
-/// What the display answers to every command that it accepted.
+/// The byte with which the display acknowledges a command.
 pub const ACKNOWLEDGE: u8 = 0x55;
 
 /// A colour of the fonts.
@@ -35,7 +35,7 @@ pub trait Language {
     fn end<const N: usize>(text: &mut Text<N>);
 }
 
-/// Commands in clear: row as two digits, a letter for the colour, the text, a carriage
+/// A readable command set: the row as two digits, a letter for the colour, the text, a carriage
 /// return.
 #[derive(Clone, Copy, Debug)]
 pub struct Plain;
@@ -196,8 +196,8 @@ pub struct Supervision {
 const SILENT_LIMIT: u8 = 5;
 
 impl Supervision {
-    /// A string of `commands` commands is about to be sent; what the last one did not
-    /// acknowledge is missing.
+    /// Notes that a string of `commands` commands is about to be sent. Commands of the last
+    /// string that are still unacknowledged count as missing.
     pub fn sent(&mut self, commands: u8) {
         self.missing = self.missing.wrapping_add(u32::from(self.awaited));
         self.silent_refreshes = if self.awaited > 0 && self.awaited == self.sent {
@@ -223,7 +223,8 @@ impl Supervision {
         self.silent_refreshes < SILENT_LIMIT
     }
 
-    /// Commands never acknowledged, and bytes that were no acknowledge; both wrap.
+    /// Commands that were never acknowledged, and bytes that were no acknowledgement; both
+    /// wrap.
     pub const fn counts(&self) -> (u32, u32) {
         (self.missing, self.strange)
     }

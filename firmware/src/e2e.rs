@@ -1,18 +1,19 @@
 //! End-to-end protection of the actuator commands.
 //!
-//! Message 300 carries a sequence counter (D6) and a check value (D7) over its identifier,
-//! the system time of the basic cycle and D0..D6, after the pattern of the AUTOSAR E2E
-//! profiles (AUTOSAR_PRS_E2EProtocol, profile 2: CRC-8 with polynomial 0x2F, sequence
-//! counter, data identity in the CRC). The differences: the counter has eight bits instead
-//! of four; the CAN identifier stands for the list of data identities; and the system time,
-//! which every node has from the reference of the same cycle, goes into the check value
-//! without being sent, so that the thesis's frame keeps its eight bytes.
+//! Message 300 carries a sequence counter (D6) and a check value (D7). The check value covers
+//! the identifier, the system time of the basic cycle and D0..D6. The scheme follows the
+//! AUTOSAR E2E profiles (AUTOSAR_PRS_E2EProtocol, profile 2: CRC-8 with polynomial 0x2F,
+//! sequence counter, data identity in the CRC), with three differences: the counter has eight
+//! bits instead of four; the CAN identifier replaces the list of data identities; and the
+//! system time enters the check value without being sent. Every node knows the time from the
+//! reference of the same cycle, so the thesis's frame keeps its eight bytes.
 //!
-//! A receiver acts on a frame only when the check value fits and the counter went on by one
-//! or two: a frame that was altered, that belongs to another identifier or another basic
-//! cycle, that is repeated or out of order moves nothing. A whole recorded sequence, played
-//! back at another time, fits with neither. After a start or a longer gap the counter has no
-//! past; then a frame counts only when it continues the one just before it.
+//! A receiver acts on a frame only if the check value matches and the counter has advanced by
+//! one or two. So these frames are refused: altered ones, those of another identifier or
+//! another basic cycle, repeated ones and those out of order. A recorded sequence that is
+//! played back at another time matches neither. After a start or a longer gap there is no last
+//! counter to compare with, so the first frame is refused, and the next one is accepted if it
+//! continues the sequence.
 
 /// Offset of the counter in the data.
 const COUNTER: usize = 6;
@@ -75,18 +76,18 @@ impl Sender {
     }
 }
 
-/// Why a frame is not acted on.
+/// Why a frame is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "target", derive(defmt::Format))]
 pub enum Refusal {
-    /// The check value does not fit: altered, or sealed for another identifier or another
-    /// basic cycle.
+    /// The check value does not match: the frame was altered, or sealed for another identifier
+    /// or another basic cycle.
     Altered,
-    /// The counter did not go on: repeated or stuck.
+    /// The counter did not advance: the frame is a repetition, or the counter is stuck.
     Repeated,
-    /// The counter went back or too far: replayed, out of order, or after a gap.
+    /// The counter went back or too far ahead: a replay, a frame out of order, or a longer gap.
     OutOfSequence,
-    /// The first frame after a start or a gap: there is nothing to compare it with.
+    /// The first frame after a start or a gap: there is no counter to compare with.
     First,
 }
 
@@ -105,9 +106,9 @@ impl Receiver {
     /// Judges a frame that arrived in the basic cycle that began at system time `time`.
     ///
     /// # Errors
-    /// [`Refusal`] says why the frame moves nothing. A frame whose check value fits becomes
-    /// the one that the next must continue, except when it repeats the last: a replay does
-    /// not take the place of the true sequence for longer than until the next true frame.
+    /// [`Refusal`] says why. A refused frame whose check value matches still sets the counter
+    /// that the next frame must continue. So a replayed frame disturbs the true sequence only
+    /// until the next true frame.
     pub fn judge(&mut self, id: u16, time: u32, data: &[u8; 8]) -> Result<(), Refusal> {
         if check_value(id, time, data) != data[CHECK] {
             return Err(Refusal::Altered);
@@ -122,8 +123,7 @@ impl Receiver {
         }
     }
 
-    /// Forgets the sequence: to be called after a gap in which the sender may have started
-    /// anew.
+    /// Forgets the sequence. Call this after a gap in which the sender may have restarted.
     pub fn forget(&mut self) {
         self.last = None;
     }
@@ -196,7 +196,7 @@ mod tests {
     }
 
     proptest! {
-        /// Up to three flipped bits are always seen, in a burst of up to eight bits too.
+        /// Up to three flipped bits are always detected, and so is a burst of up to eight bits.
         #[test]
         fn flipped_bits_are_seen(data: [u8; 7], one in 0usize..64, two in 0usize..64, three in 0usize..64) {
             let [a, b, c, d, e, f, g] = data;
@@ -234,7 +234,7 @@ mod tests {
         }
 
         /// A frame sealed for one basic cycle does not fit another within 255 ms before or
-        /// after it: the CRC sees every change within eight bits in a row.
+        /// after it: the CRC detects every change within eight consecutive bits.
         #[test]
         fn a_neighbouring_cycle_is_seen(data: [u8; 8], start: u32, apart in 1u32..256) {
             let other = start ^ apart;
@@ -242,8 +242,8 @@ mod tests {
         }
     }
 
-    /// A recorded run, played back later, gets one frame in 256 past the check value and
-    /// none past the counter.
+    /// Of a recorded run that is played back later, one frame in 256 passes the check value,
+    /// and none passes the counter.
     #[test]
     fn a_recorded_sequence_does_not_pass_later() {
         let frames = sequence(5000);

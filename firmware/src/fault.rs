@@ -1,7 +1,7 @@
-//! What happens on a panic, a hard fault and an interrupt without a task.
+//! Handling of panics, hard faults and interrupts without a task.
 //!
-//! All three leave a record, bring the actuator to a stop where the node drives one, and
-//! reset the microcontroller. The record is read after the reset.
+//! All three leave a record, stop the actuator if the node drives one, and reset the
+//! microcontroller. The node reads the record after the reset.
 
 use crate::board;
 use board::fault::Fault;
@@ -12,7 +12,7 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     stop(Fault::Panic)
 }
 
-/// Ends this run of the program.
+/// Stops the actuator, records the fault and resets the microcontroller.
 pub fn stop(fault: Fault) -> ! {
     cortex_m::interrupt::disable();
     board::stop_actuator();

@@ -1,5 +1,5 @@
-//! Duties of every node, a hundred times a second: decides whether the watchdog may be fed,
-//! reports the node's state on the bus, sets the LED.
+//! Duties of every node, a hundred times a second: feed the watchdog while schedule and tasks
+//! make progress, report the node's state on the bus, set the LED.
 
 use network::Message;
 pub use sled_common::clock::ResetCause;
@@ -11,19 +11,19 @@ use ttcan::{ErrorLevel, SyncState};
 
 use crate::console::BusView;
 
-/// Steps of 10 ms each after which a schedule or a task without progress counts as stuck:
-/// 150 ms, one and a half basic cycles of 100 ms.
+/// Steps of 10 ms after which a schedule or a task without progress counts as stuck: 150 ms,
+/// one and a half basic cycles of 100 ms.
 const PATIENCE: u8 = 15;
 
 /// Least number of steps between two reports: 100 ms.
 const REPORT_PAUSE: u8 = 10;
 
-/// What the node must do after a step.
+/// Duties of the node after a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Duties {
     /// Feed the watchdog.
     pub feed: bool,
-    /// A status message to be queued.
+    /// A status message to enqueue.
     pub report: Option<Status>,
     /// Level of the LED.
     pub led: bool,
@@ -44,7 +44,7 @@ pub struct Status {
     pub transmit_errors: u8,
     /// Receive error counter.
     pub receive_errors: u8,
-    /// Own windows missed; stays at its largest value.
+    /// Own windows missed; saturates.
     pub missed_windows: u16,
     /// Bus-off states; wraps.
     pub bus_offs: u16,
@@ -58,7 +58,7 @@ impl Status {
     }
 }
 
-/// What is known of the node's start.
+/// How the node started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Start {
     /// Why the microcontroller started.
@@ -88,11 +88,11 @@ impl Start {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "target", derive(defmt::Format))]
 pub enum BusState {
-    /// Takes part without restriction.
+    /// Full participation.
     ErrorActive,
-    /// Takes part, but cannot destroy the frames of others.
+    /// Takes part, but its error flags cannot destroy the frames of others.
     ErrorPassive,
-    /// Takes no part.
+    /// Takes no part in the traffic.
     BusOff,
 }
 
@@ -162,7 +162,8 @@ impl Housekeeping {
     }
 
     /// One step. `work` counts activations of the node's own tasks. While the schedule runs,
-    /// `work` and the window timer's services must grow, or the watchdog is not fed.
+    /// the watchdog is fed only as long as `work` and the window timer's count of services keep
+    /// growing.
     pub fn step(&mut self, bus: &BusView, work: u32) -> Duties {
         self.steps = self.steps.wrapping_add(1);
         let running = bus.status.sync == SyncState::InSchedule;
@@ -185,7 +186,7 @@ impl Housekeeping {
         }
     }
 
-    /// A status message after the start and whenever something but the counters changed.
+    /// A status message after the start and whenever anything except the counters changed.
     fn report(&mut self, bus: &BusView, running: bool) -> Option<Status> {
         self.pause = self.pause.saturating_sub(1);
         if !running || self.pause > 0 {
@@ -212,13 +213,13 @@ impl Housekeeping {
         Some(status)
     }
 
-    /// The queue was full: the report is tried again.
+    /// Notes that the queue was full: the next step tries the report again.
     pub fn report_refused(&mut self) {
         self.reported = None;
     }
 
-    /// Steady: in schedule, one short dark spot a second. Slow blinking: looking for the
-    /// schedule. Fast: off the bus, or S2 and S3.
+    /// The LED's pattern. In the schedule: on, with one short dark spot a second. Looking for
+    /// the schedule: slow blinking. Off the bus, or at error level S2 or S3: fast blinking.
     fn led(&self, bus: &BusView, running: bool) -> bool {
         let phase = self.steps % 100;
         let trouble = bus.errors.bus_off

@@ -1,5 +1,5 @@
-//! What the nodes of all vehicles share. The applications in `vehicles/NAME/nodes` compose
-//! it; nothing here knows a vehicle's numbers or messages.
+//! Code that the nodes of all vehicles share. The applications in `vehicles/NAME/nodes` are
+//! composed of it; nothing here depends on a vehicle's numbers or messages.
 //!
 //! - [`design`]: constants, with unit, source and arithmetic;
 //! - [`machine`]: what a vehicle's crate says about its machine and its commands;

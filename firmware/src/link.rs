@@ -1,10 +1,11 @@
 //! Protocol stack, CAN port and window timer as one value, which the interrupts of the bus
 //! share.
 //!
-//! Each interrupt does one thing. The receive and the transmit interrupt report one frame to
-//! the stack. The window timer's interrupt carries out one action of the stack
-//! ([`Link::service`]); it fires at once when an action is due. So each of them has a bound
-//! that does not depend on how many actions are due at the same time. None of them waits.
+//! Each interrupt does one thing, and none of them waits. The receive and the transmit
+//! interrupt each report one frame to the stack. The window timer's interrupt carries out one
+//! action of the stack ([`Link::service`]); if another action is due, the timer fires again at
+//! once. So the execution time of each interrupt is bounded, however many actions are due at
+//! the same time.
 
 use network::Message;
 use sled_common::can::{ErrorState, Occupied, Outcome, Received};
@@ -13,8 +14,8 @@ use ttcan::{
     ScheduleView, Stamp, TransmitOutcome,
 };
 
-/// Event messages of a node that wait for their window at most. An actuator node sends its
-/// state only.
+/// Capacity of a node's queue of event messages that wait for their window. An actuator node
+/// sends no events but its status.
 pub const EVENT_QUEUE: usize = if cfg!(feature = "f303") { 2 } else { 8 };
 /// The protocol stack of a node of a network with this many windows and nodes.
 pub type Stack<const WINDOWS: usize, const NODES: usize> =
@@ -42,13 +43,13 @@ pub trait Port {
     fn load(&mut self, frame: &Frame) -> Result<(), Occupied>;
     /// Asks to withdraw the pending frame.
     fn abort(&mut self);
-    /// How the last attempt ended, once.
+    /// How the last attempt ended; each outcome is returned once.
     fn outcome(&mut self) -> Option<Outcome>;
     /// Acknowledges the error interrupt.
     fn acknowledge_error(&mut self);
     /// Error counters and states.
     fn error_state(&self) -> ErrorState;
-    /// Leaves the bus: no dominant bit from here on.
+    /// Leaves the bus: sends no dominant bit from now on.
     fn leave_bus(&mut self);
     /// Joins the bus again; false while the controller is still leaving it.
     fn join_bus(&mut self) -> bool;
@@ -99,13 +100,13 @@ where
 pub trait WindowTimer {
     /// The counter now.
     fn now(&self) -> u32;
-    /// Fires when the counter reaches `instant`; at once when that has passed.
+    /// Fires when the counter reaches `instant`; at once if `instant` is in the past.
     fn set_window(&mut self, instant: u32);
-    /// No deadline.
+    /// Disarms the timer.
     fn clear_window(&mut self);
 }
 
-/// News for the application from an interrupt of the bus.
+/// What an interrupt of the bus has brought for the application.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct News {
     /// A basic cycle began.
@@ -130,11 +131,11 @@ pub struct Arrival {
     pub frame: Option<Frame>,
     /// System time at which the current basic cycle began, ms.
     pub time: u32,
-    /// Whether the network lives and the command is not missing for the second time.
+    /// True if the network is alive and at most one command in a row is missing.
     pub alive: bool,
 }
 
-/// Event messages that the application has not taken yet.
+/// Capacity of the queue of event messages that the application has not taken yet.
 const EVENTS: usize = 4;
 
 /// Counters of the link, in addition to those of the stack. Every counter wraps.
@@ -142,15 +143,15 @@ const EVENTS: usize = 4;
 pub struct Counters {
     /// Times the receive FIFO overran.
     pub overruns: u16,
-    /// Remote frames.
+    /// Remote frames received.
     pub remote: u16,
-    /// Requests that found the mailbox occupied.
+    /// Requests to send that found the mailbox occupied.
     pub occupied: u16,
     /// Bus-off states.
     pub bus_off: u16,
     /// Times the node left the bus and joined it again.
     pub rejoins: u16,
-    /// Calls of [`Link::service`]; shows that the window timer lives.
+    /// Calls of [`Link::service`]: a growing count shows that the window timer works.
     pub services: u32,
 }
 
@@ -169,8 +170,8 @@ enum Presence {
 
 /// Protocol stack, port and timer.
 ///
-/// The stack lives in static memory of the application: some 1 KiB that is not moved about
-/// on the call stack while the node starts.
+/// The stack lives in static memory of the application: it takes about 1 KiB, which should not
+/// be moved about on the call stack while the node starts.
 pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
     node: &'static mut Stack<WINDOWS, NODES>,
     port: P,
@@ -184,7 +185,7 @@ pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
     started: bool,
     /// The stack is to be started.
     start_due: bool,
-    /// The mailbox refused a frame, which the stack does not know yet.
+    /// The mailbox refused a frame, and the stack has not been told yet.
     refused: bool,
     reference_byte: u8,
     cycle_time: u32,
@@ -196,7 +197,7 @@ pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
 }
 
 impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, T, WINDOWS, NODES> {
-    /// A link that is silent until [`Link::start`], or until it receives the first frame.
+    /// A link that sends nothing until [`Link::start`] is called or the first frame arrives.
     ///
     /// # Errors
     /// The stack refuses the configuration.
@@ -245,12 +246,12 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.started
     }
 
-    /// Receive interrupt, which comes again while the FIFO holds frames. `stamp` is the time
-    /// base as the task read it first of all.
+    /// Receive interrupt: takes one frame. The interrupt stays pending while the FIFO holds
+    /// frames. `stamp` is the time base, which the task reads before anything else.
     pub fn on_receive(&mut self, stamp: u32) -> News {
         let mut news = News::default();
         if !self.started {
-            // Others keep a schedule already: join it.
+            // Other nodes keep a schedule already: join it.
             self.start();
         }
         if self.port.take_overrun() {
@@ -290,8 +291,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         news
     }
 
-    /// Transmit interrupt. `stamp` is the time base as the task read it first of all.
-    /// True when the node's own reference was sent: a basic cycle began.
+    /// Transmit interrupt. `stamp` is the time base, which the task reads before anything else.
+    /// True if the node's own reference was sent, which begins a basic cycle.
     pub fn on_transmit(&mut self, stamp: u32) -> bool {
         let cycle = self.node.reference_mark();
         if let Some(outcome) = self.port.outcome() {
@@ -384,7 +385,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     /// Sets the window timer to the stack's next deadline, unless it is set to it already.
     fn arm(&mut self) {
         let deadline = self.node.next_deadline();
-        // With an action of the link itself due, the timer has fired already.
+        // If an action of the link itself is due, the timer has fired already.
         if deadline == self.armed || self.start_due || self.refused {
             return;
         }
@@ -402,11 +403,12 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.timer.set_window(now.0);
     }
 
-    /// Brings the node back after bus-off and after S3, and forgives S2 after a pause.
+    /// Brings the node back after bus-off and after error level S3, and clears S2 after a
+    /// pause.
     ///
-    /// The node leaves bus-off and S3 by the software sequence that bxCAN needs with automatic
-    /// bus-off management off: initialisation mode, normal mode, 128 times eleven recessive
-    /// bits. To be called every few milliseconds.
+    /// bxCAN without automatic bus-off management leaves bus-off by a software sequence, which
+    /// also ends S3: initialisation mode, normal mode, then 128 times eleven recessive bits.
+    /// Call this every few milliseconds.
     pub fn keep_present(&mut self) {
         match self.presence {
             Presence::On => self.forgive(),
@@ -425,8 +427,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         }
     }
 
-    /// S2 stops all transmissions but the reference until the application clears it. The cause
-    /// may be over after a pause, so the node tries again then.
+    /// Clears error level S2 after a pause. S2 stops all transmissions except the reference
+    /// until the application clears it. By then its cause may be gone, so the node tries again.
     fn forgive(&mut self) {
         if self.node.status().error_level != ErrorLevel::Error {
             self.troubled_since = None;
@@ -440,15 +442,15 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         }
     }
 
-    /// Whether this node sends its messages: it keeps the schedule, and its error level allows
-    /// it.
+    /// Whether this node sends its messages: it is in the schedule, and its error level permits
+    /// sending.
     pub fn is_heard(&self) -> bool {
         let level = self.node.status().error_level;
         self.node.is_alive() && matches!(level, ErrorLevel::None | ErrorLevel::Warning)
     }
 
-    /// The application's byte of the last reference that another node sent; 0 when this node
-    /// is the time master itself.
+    /// The application's byte of the last reference from another node; 0 if this node itself is
+    /// the time master.
     pub const fn reference_byte(&self) -> u8 {
         self.reference_byte
     }
@@ -458,19 +460,19 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.cycle_time
     }
 
-    /// Hands out the frame that arrived in a window, once.
+    /// Takes the frame that arrived in a window; `None` if there is no new one.
     pub fn take(&mut self, window: usize) -> Option<Frame> {
         self.inbox.get_mut(window).and_then(Option::take)
     }
 
-    /// Hands out the message that arrived in a window, once; `None` also when its data is none
-    /// of this message.
+    /// Takes the message that arrived in a window; `None` if there is no new one or its data
+    /// does not decode as this message.
     pub fn message<M: Message>(&mut self, window: usize) -> Option<M> {
         self.take(window)
             .and_then(|frame| M::decode(frame.data()).ok())
     }
 
-    /// Hands out the frame of the command's window `command`, once, and the state of the bus.
+    /// Takes the frame of the command's window `command`, and reads the state of the bus.
     pub fn arrival(&mut self, command: usize) -> Arrival {
         Arrival {
             frame: self.take(command),
@@ -479,20 +481,20 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         }
     }
 
-    /// Hands out the oldest event message.
+    /// Takes the oldest event message.
     pub fn take_event(&mut self) -> Option<Frame> {
         self.events.pop_front()
     }
 
-    /// Enqueues data for a window of this node. It is sent once: without new data the next
-    /// window stays empty.
+    /// Enqueues data for a window of this node. It is sent once; without new data the next
+    /// occurrence of the window stays empty.
     pub fn put(&mut self, window: usize, data: [u8; 8]) {
         if let Some(slot) = self.outbox.get_mut(window) {
             *slot = Some(data);
         }
     }
 
-    /// Enqueues data for a window of this node, or takes back what was enqueued.
+    /// Enqueues data for a window of this node; `None` removes what was enqueued.
     pub fn replace(&mut self, window: usize, data: Option<[u8; 8]>) {
         if let Some(slot) = self.outbox.get_mut(window) {
             *slot = data;
@@ -518,8 +520,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         queued
     }
 
-    /// Whether an actuator may act on commands: the network lives, and the command, in window
-    /// `command`, is not missing for the second time in a row (thesis 6.2.4.4).
+    /// Whether an actuator may act on commands: the network is alive, and at most one command
+    /// in a row is missing from window `command` (thesis 6.2.4.4).
     pub fn commands_arrive(&self, command: usize) -> bool {
         self.node.is_alive()
             && self
@@ -570,8 +572,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.counters
     }
 
-    /// Ticks of the time base from now until the basic cycle is `time` old; negative when
-    /// that is past. `None` before the first reference.
+    /// Ticks of the time base from now until the age of the basic cycle is `time`; negative if
+    /// that instant has passed. `None` before the first reference.
     pub fn until(&self, time: Micros) -> Option<i32> {
         let now = self.now();
         let age = self.node.cycle_time(now)?;
@@ -587,13 +589,13 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     }
 }
 
-/// System time in a reference message: D1..D4, most significant byte first.
+/// System time in a reference message: bytes D1..D4, most significant byte first.
 const fn time_of(reference: &Frame) -> u32 {
     let [_, a, b, c, d, ..] = reference.buffer();
     u32::from_be_bytes([a, b, c, d])
 }
 
-/// Data of a shorter message in the buffer of a window.
+/// Data of a shorter message, padded with zeros to the size of a window's buffer.
 pub fn padded<const N: usize>(data: [u8; N]) -> [u8; 8] {
     let mut bytes = [0; 8];
     for (to, from) in bytes.iter_mut().zip(data) {
@@ -611,7 +613,7 @@ mod tests {
     use std::vec::Vec;
     use ttcan::{MatrixConfig, ReferenceFormat, SystemMatrix, Window};
 
-    /// A controller's cell that records what it is asked for.
+    /// A CAN controller that records the calls of the link.
     #[derive(Default)]
     struct Cell {
         fifo: VecDeque<Received>,
@@ -678,7 +680,7 @@ mod tests {
     }
 
     const PER_US: u32 = 18;
-    /// The counter wraps within the tests.
+    /// Start of the tests' time base: the counter wraps during them.
     const BEGIN: u32 = u32::MAX - 5_000_000;
 
     const MASTER: NodeId = NodeId(0);
@@ -729,7 +731,7 @@ mod tests {
         .expect("a configuration that fits")
     }
 
-    /// Lets `micros` pass; the window timer's interrupt and the transmit interrupt come when
+    /// Lets `micros` pass. The window timer's interrupt and the transmit interrupt occur when
     /// they are due.
     fn pass(link: &mut TestLink, micros: u32) {
         let end = link.timer.now.wrapping_add(micros * PER_US);
@@ -839,7 +841,8 @@ mod tests {
         assert!(link.is_heard());
         pass(&mut link, 1_000_000);
         assert!(!link.is_heard() && link.port.away);
-        // The software sequence: only after the pause, and not before bus-off has passed.
+        // The software sequence starts only after the pause, and does not end before bus-off
+        // does.
         link.keep_present();
         pass(&mut link, 300_000);
         link.port.errors.bus_off = true;

@@ -1,9 +1,9 @@
-//! Which lines go to the log of a debug probe, and when.
+//! Lines of the log that a debug probe shows.
 //!
-//! The console's task shows [`Changes`] the state of its node in each pass. A pass gives one
-//! line at most: the first fact that differs from what the log has said about it. So a pass
-//! takes a bounded time, and tasks of higher priorities do nothing for the log. The price: of
-//! a state that comes and goes between two passes only a counter tells.
+//! In each pass the console's task hands the state of its node to [`Changes`]. A pass writes at
+//! most one line: about the first fact that differs from what was last logged. So the time of a
+//! pass is bounded, and tasks of higher priority do nothing for the log. The price: a state
+//! that comes and goes between two passes is not logged, although a counter may show it.
 
 use control::mode::Mode;
 use sled_common::clock::{Oscillator, ResetCause};
@@ -79,7 +79,8 @@ pub struct Refused {
     pub why: Refusal,
 }
 
-/// What the log says about a node beyond its bus; a node without such a fact leaves it out.
+/// The facts of a node beyond its bus that the log reports. A fact that a node does not have is
+/// `None`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Own {
     /// Operation mode, and why it was entered.
@@ -121,7 +122,7 @@ impl From<&ActuatorView> for Own {
     }
 }
 
-/// What the log has said.
+/// What was last logged.
 #[derive(Clone, Copy, Debug)]
 pub struct Changes {
     start: Option<ResetCause>,
@@ -133,7 +134,7 @@ pub struct Changes {
 }
 
 impl Changes {
-    /// A log that has said nothing yet.
+    /// A log in which nothing has been written yet.
     pub const fn new(start: &Start) -> Self {
         Self {
             start: Some(start.cause),
@@ -150,8 +151,8 @@ impl Changes {
         }
     }
 
-    /// The line for this pass. Start, clocks and fault come first, once. What can change most
-    /// often comes last, so that it never holds back the rest for good.
+    /// The line for this pass. Start, clocks and fault come first, once each. The facts that
+    /// change most often come last, so that they cannot keep the others out for ever.
     pub fn next(&mut self, bus: &BusView, own: &Own) -> Option<Entry> {
         let said = &mut self.own;
         let controller = Bus {
@@ -182,9 +183,9 @@ impl Changes {
     }
 }
 
-/// What is to be said of a fact, of which `said` has been said.
+/// Returns a fact if it differs from the one last logged, `said`, and notes it there.
 fn news<T: Copy + PartialEq>(said: &mut Option<T>, now: Option<T>) -> Option<T> {
-    // Before anything else: where a node never has the fact, the compiler leaves out its line.
+    // First of all: for a node that never has the fact, the compiler then leaves out the line.
     let now = now?;
     let is_new = *said != Some(now);
     *said = Some(now);
@@ -214,7 +215,7 @@ mod tests {
         BusView::quiet(SyncState::InSchedule, Some(0))
     }
 
-    /// Lines of passes over states that stand for a while, one state after the other.
+    /// The lines that a log writes when each of these states lasts for some passes.
     fn lines(changes: &mut Changes, states: &[(BusView, Own)]) -> Vec<Entry> {
         let passes = states.iter().flat_map(|state| [state; 12]);
         passes
@@ -222,7 +223,7 @@ mod tests {
             .collect()
     }
 
-    /// A log that has said what it says of a node in operation.
+    /// A log that has already written the lines of start-up and of normal operation.
     fn after_the_start(own: Own) -> Changes {
         let mut changes = Changes::new(&start(ResetCause::Power, None));
         lines(&mut changes, &[(running(), own)]);

@@ -1,8 +1,8 @@
 //! Facts about the machine that the shared modules need.
 //!
-//! The numbers stand in the vehicle's manifest; the build script of the vehicle's crate
-//! implements [`Machine`] from them. So the controller and the actuator nodes cannot differ
-//! in a limit.
+//! The numbers are in the vehicle's manifest, from which the build script of the vehicle's
+//! crate implements [`Machine`]. So the controller and the actuator nodes cannot disagree about
+//! a limit.
 
 use control::calibration::{Actuator, Potentiometer};
 use control::controller::Settings;
@@ -13,11 +13,11 @@ use crate::actuator::Command;
 
 /// The numbers of a machine with a steered front axle and a driven rear axle.
 pub trait Machine {
-    /// What the actuators may be asked for: rad, rad/s, m/s.
+    /// Limits of the commands to the actuators: rad, rad/s, m/s.
     const LIMITS: Limits<f32>;
-    /// Largest growth of the drive speed, m/s each second. Slowing down is never delayed.
+    /// Largest acceleration of the drive, m/s^2. Slowing down is not limited.
     const ACCELERATION: f32;
-    /// The potentiometer of the steering. Beyond its ends it is not believed.
+    /// The potentiometer of the steering. A reading beyond its ends is implausible.
     const POTENTIOMETER: Potentiometer<f32>;
     /// The steering actuator on its motor driver, rad/s.
     const STEERING: Actuator<f32>;
@@ -39,7 +39,7 @@ pub trait MotionCommand: Command {
     fn steering_rate(&self) -> f32;
     /// Speed, m/s.
     fn speed(&self) -> f32;
-    /// Whether the mode of the vehicle is one in which it moves.
+    /// Whether the vehicle moves in its current mode.
     fn is_driving_mode(&self) -> bool;
     /// Whether the steering may move.
     fn steering_enabled(&self) -> bool;

@@ -1,4 +1,4 @@
-//! From the satellite receiver's messages to those of its node.
+//! Turns the satellite receiver's messages into those of its node.
 
 use control::position::{Position, Velocity};
 use ttcan::Micros;
@@ -8,11 +8,11 @@ use crate::convert::Geodetic;
 
 use crate::sbp::{self, Fix, Message, Parser, Progress};
 
-/// Bytes that [`Station::step`] reads: as many as the shortest position or velocity has, so
-/// that each of them ends a step of its own.
+/// Bytes that [`Station::step`] reads: as many as the shortest frame of a position or a
+/// velocity, so that each of these frames ends a step.
 pub const STEP: usize = 30;
 
-/// A new value for a message of the node. `None` takes back what was enqueued.
+/// A new value for a message of the node. `None` removes what was enqueued.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Update {
     /// Position of the antenna, mm.
@@ -53,8 +53,8 @@ impl Navigation {
 
     /// Takes one message, decoded at `now` (time base), and hands what it changes to `put`.
     ///
-    /// Position and heading are for the bus only while the solution is fixed; a message that
-    /// ends the fix takes both back at once.
+    /// The position and the heading are sent only while the solution is fixed. A message that
+    /// ends the fix removes both at once.
     pub fn message(&mut self, message: &Message, now: u32, mut put: impl FnMut(Update)) {
         match *message {
             Message::PositionNed(position) => {
@@ -76,7 +76,7 @@ impl Navigation {
                 }
                 let speed = Velocity::new(velocity.north, velocity.east);
                 put(Update::Velocity(Some(speed)));
-                // At walking pace and below the last heading stands.
+                // Walking pace and slower: the last heading stays.
                 if let Some(heading) = convert::heading_of(velocity.north, velocity.east) {
                     self.heading = Some(heading);
                 }
@@ -108,8 +108,8 @@ impl Navigation {
         self.heard_at = Some(now);
     }
 
-    /// Notes that time passes: after `timeout` ticks without a message there is no fix any
-    /// more. True when that just happened. To be called more often than every 2^31 ticks.
+    /// Updates the fix as time passes: after `timeout` ticks without a message the fix is lost.
+    /// True if it was lost in this call. Call this more often than every 2^31 ticks.
     pub fn lapse(&mut self, now: u32, timeout: u32) -> bool {
         let silent = self.age(now).is_some_and(|age| age > timeout);
         if silent {
@@ -124,7 +124,7 @@ impl Navigation {
         self.fix
     }
 
-    /// Satellites used in it.
+    /// Satellites used in that position.
     pub const fn satellites(&self) -> u8 {
         self.satellites
     }
@@ -139,8 +139,8 @@ impl Navigation {
         self.tow
     }
 
-    /// Ticks since the last message; `None` when the receiver is silent. A task of a higher
-    /// priority may have taken a message after `now` was read: its age is 0.
+    /// Ticks since the last message; `None` when the receiver is silent. If a task of a higher
+    /// priority took a message after `now` was read, the age is 0.
     pub fn age(&self, now: u32) -> Option<u32> {
         self.heard_at
             .map(|heard| now.wrapping_sub(heard).cast_signed().max(0).cast_unsigned())
@@ -154,14 +154,14 @@ pub enum Step {
     More,
     /// All bytes are read.
     Drained,
-    /// All bytes are read, for the first time since the line fell idle.
+    /// All bytes are read, for the first time since the line became idle.
     Paused(Pause),
 }
 
-/// Results when all bytes before a pause of the line have been read.
+/// Results when all bytes before an idle phase of the line have been read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pause {
-    /// When the line fell idle, time base.
+    /// When the line became idle, time base.
     pub since: u32,
     /// Whether a measurement epoch began since the last pause.
     pub is_new_epoch: bool,
@@ -171,12 +171,12 @@ pub struct Pause {
     pub fixed: bool,
 }
 
-/// The receiver as seen from its node: bytes in, updates for messages out.
+/// The receiver as its node sees it: bytes go in, updates of messages come out.
 #[derive(Clone, Debug, Default)]
 pub struct Station {
     parser: Parser,
     navigation: Navigation,
-    /// Whether there may be bytes that have not been taken.
+    /// Whether bytes may have arrived that were not taken yet.
     behind: bool,
     idle_since: Option<u32>,
     /// Epochs at the last pause.
@@ -195,7 +195,7 @@ impl Station {
         }
     }
 
-    /// Takes bytes that have arrived, to be read by [`Station::step`]. True if it took
+    /// Takes bytes that have arrived; [`Station::step`] reads them. True if it took
     /// [`sbp::LOT`] of them, so that there may be more.
     #[inline(always)]
     pub fn take(&mut self, bytes: impl ExactSizeIterator<Item = u8>) -> bool {
@@ -203,13 +203,13 @@ impl Station {
         self.behind
     }
 
-    /// Notes that the line fell idle at `now`, behind the bytes that have arrived by then.
+    /// Notes that the line became idle at `now`, after the bytes that have arrived by then.
     pub const fn pause(&mut self, now: u32) {
         self.idle_since = Some(now);
     }
 
-    /// Reads bytes that were taken, at most [`STEP`] of them and to the next position or
-    /// velocity, and hands changes to `put`. To be called again as long as it returns
+    /// Reads bytes that were taken and hands changes to `put`. Stops after [`STEP`] bytes or at
+    /// the end of a position or a velocity. Call this again as long as it returns
     /// [`Step::More`].
     #[inline(always)]
     pub fn step(&mut self, now: u32, put: impl FnMut(Update)) -> Step {
@@ -242,7 +242,7 @@ impl Station {
         &self.navigation
     }
 
-    /// State of the receiver, to note that time passes.
+    /// State of the receiver, for updating it as time passes.
     pub const fn navigation_mut(&mut self) -> &mut Navigation {
         &mut self.navigation
     }
@@ -253,12 +253,12 @@ impl Station {
     }
 }
 
-/// By how many microseconds the basic cycle after this one should be longer so that the
-/// receiver's bursts come to end `lead` before the references. `age` is the
-/// age of the current cycle, of length `cycle`, at the end of a burst.
+/// Correction of the length of the next basic cycle, in microseconds, positive to lengthen it.
+/// It moves the ends of the receiver's bursts to `lead` before the references. `age` is the age
+/// of the current cycle, of length `cycle`, at the end of a burst.
 ///
-/// Proportional to the error with a time constant of 3.2 s, the nearer way round the cycle.
-/// The stack cuts it at what the other nodes bear.
+/// Proportional to the error, with a time constant of 3.2 s; the error is taken the shorter way
+/// round the cycle. The protocol stack limits the correction to what the other nodes tolerate.
 pub fn trim(age: Micros, cycle: Micros, lead: Micros) -> i8 {
     let wanted = cycle.ticks().cast_signed() - lead.ticks().cast_signed();
     let early = wanted - age.ticks().min(cycle.ticks()).cast_signed();
@@ -268,7 +268,8 @@ pub fn trim(age: Micros, cycle: Micros, lead: Micros) -> i8 {
     } else {
         early
     };
-    // A burst that ends too early in its cycle: the references are late, shorten.
+    // A burst that ends too early in its cycle means that the references are late: shorten the
+    // cycle.
     (-nearer / 32).clamp(-100, 100) as i8
 }
 
@@ -303,7 +304,7 @@ mod tests {
 
     /// Length of the basic cycle.
     const CYCLE: Micros = Micros::millis(100);
-    /// How long before a reference a burst shall end.
+    /// How long before a reference a burst should end.
     const LEAD: Micros = Micros::millis(5);
 
     fn puts(navigation: &mut Navigation, message: &Message) -> Vec<Update> {
@@ -327,7 +328,7 @@ mod tests {
         }
         let put = puts(&mut navigation, &position(Fix::Fixed));
         assert_eq!(put, [Update::Position(Some(Position::new(-5, 7)))]);
-        // It stands when the vehicle stops.
+        // The heading stays when the vehicle stops.
         for speed in [-1000, 0] {
             let put = puts(&mut navigation, &velocity(speed));
             assert_eq!(put[1], Update::Heading(Some(180_000)));
@@ -350,16 +351,18 @@ mod tests {
     fn the_cycle_is_pulled_towards_the_bursts() {
         let lead = LEAD.ticks();
         assert_eq!(trim(Micros::micros(100_000 - lead), CYCLE, LEAD), 0);
-        // The burst ends too early: the references come too late after it.
+        // The burst ends too early, so the references come too long after it: shorten the
+        // cycle.
         assert_eq!(trim(Micros::micros(100_000 - lead - 320), CYCLE, LEAD), -10);
         assert_eq!(trim(Micros::micros(100_000 - lead + 320), CYCLE, LEAD), 10);
-        // Just after a reference: the cycle has to grow until the burst is in front of it.
+        // The burst ends just after a reference: lengthen the cycle until the burst ends before
+        // it.
         assert_eq!(trim(Micros::micros(100), CYCLE, LEAD), 100);
         assert_eq!(trim(Micros::micros(60_000), CYCLE, LEAD), -100);
         assert_eq!(trim(Micros::micros(u32::MAX), CYCLE, LEAD), 100);
     }
 
-    /// From any phase the bursts settle in place, with a receiver 50 ppm off.
+    /// From any phase, with a receiver clock 50 ppm off, the bursts settle at their place.
     #[test]
     fn any_phase_settles() {
         for start in (0..100_000).step_by(997) {

@@ -1,4 +1,5 @@
-//! Code of the tasks of every node that uses the board: time base, watchdog, LED, console.
+//! Code that the tasks of every node share and that uses the board: time base, watchdog, LED,
+//! console.
 
 use crate::board;
 use crate::console::{self, BusView, Line};
@@ -44,8 +45,8 @@ impl WindowTimer for Timer {
 }
 
 impl<const WINDOWS: usize, const NODES: usize> BoardLink<WINDOWS, NODES> {
-    /// Interrupt of the time base: loads the mailbox when the window timer fired. True when
-    /// the node's second alarm went off.
+    /// Interrupt of the time base: loads the mailbox if the window timer fired. True if the
+    /// node's second alarm fired.
     pub fn on_timer(&mut self) -> bool {
         let released = self.timer_mut().take_release();
         if self.timer_mut().take_window() {
@@ -54,14 +55,14 @@ impl<const WINDOWS: usize, const NODES: usize> BoardLink<WINDOWS, NODES> {
         released
     }
 
-    /// Sets the node's second alarm to go off in `time`.
+    /// Sets the node's second alarm to fire in `time`.
     pub fn release_in(&mut self, time: Micros) {
         let ticks = self.ticks(time);
         self.timer_mut().release_in(ticks.cast_signed());
     }
 
-    /// Sets the node's second alarm to the cycle time `time` of the current basic cycle; at
-    /// once when that is past.
+    /// Sets the node's second alarm to the cycle time `time` of the current basic cycle. It
+    /// fires at once if that is in the past.
     pub fn release_at(&mut self, time: Micros) {
         if let Some(ticks) = self.until(time) {
             self.timer_mut().release_in(ticks);
@@ -70,27 +71,28 @@ impl<const WINDOWS: usize, const NODES: usize> BoardLink<WINDOWS, NODES> {
 }
 
 impl Timer {
-    /// Acknowledges the window timer; true when it had fired.
+    /// Acknowledges the window timer; true if it had fired.
     #[inline]
     pub fn take_window(&mut self) -> bool {
         self.alarms.take_window()
     }
 
-    /// Sets the second alarm of the node `ticks` from now; at once when negative.
+    /// Sets the node's second alarm to `ticks` from now; it fires at once if that is negative.
     #[inline]
     pub fn release_in(&mut self, ticks: i32) {
         let instant = self.clock.now().wrapping_add_signed(ticks);
         self.alarms.set_release(instant);
     }
 
-    /// Acknowledges the second alarm; true when it had fired.
+    /// Acknowledges the second alarm; true if it had fired.
     #[inline]
     pub fn take_release(&mut self) -> bool {
         self.alarms.take_release()
     }
 }
 
-/// Makes the link of a node, whose protocol stack lives in `place`; it is silent until [`Link::start`].
+/// Makes the link of a node, with its protocol stack in `place`. It is silent until
+/// [`Link::start`].
 ///
 /// # Errors
 /// The protocol stack refuses the configuration.
@@ -110,8 +112,8 @@ pub fn link<const WINDOWS: usize, const NODES: usize>(
             Oscillator::External => design::DRIFT_LIMIT_PPM,
             Oscillator::Internal => design::DRIFT_LIMIT_PPM_INTERNAL,
         },
-        // A master on its RC oscillator is beyond what the others follow: the next in rank
-        // leads, and this node keeps its windows.
+        // The clock of a master on its RC oscillator would be outside what the others can
+        // follow. So the next master in rank leads, and this node keeps its windows.
         may_lead: clocks.oscillator == Oscillator::External,
         ..NodeConfig::new(identity.node, clocks.ticks_per_us)
     };
@@ -119,8 +121,9 @@ pub fn link<const WINDOWS: usize, const NODES: usize>(
     Link::new(place, identity.schedule, config, can, timer)
 }
 
-/// Writes what changes to the log of a debug probe. For the task of the lowest priority only.
-/// Without a probe, or with a slow one, the line is dropped and no task waits.
+/// Writes changes of the node's state to the log of a debug probe. Only the task of the lowest
+/// priority may use it. Without a probe, or with a slow one, the line is dropped and no task
+/// waits.
 pub struct Log {
     changes: Changes,
 }
@@ -169,7 +172,7 @@ systick_monotonic!(Mono, TICKS);
 type Instant = <Mono as Monotonic>::Instant;
 type Duration = <Mono as Monotonic>::Duration;
 
-/// The instants at which a software task goes on, one at each tick.
+/// The wake-up times of a software task, one at each tick.
 pub struct Pace {
     due: Instant,
 }
@@ -180,8 +183,8 @@ impl Pace {
         Self { due: Mono::now() }
     }
 
-    /// Waits for the next instant: a tick after the last one however long the work took.
-    /// Instants that were missed are left out.
+    /// Waits until a tick after the last wake-up time, however long the work took. Wake-up
+    /// times that have passed already are skipped.
     pub fn wait(&mut self) -> impl Future + use<> {
         const TICK: Duration = Duration::from_ticks(1);
         let now = Mono::now();
@@ -189,14 +192,14 @@ impl Pace {
         if self.due <= now {
             self.due = now + TICK;
         }
-        // Of the ways to wait the one without a panic: `Mono::delay_until` is an `async fn`,
-        // which may not be polled once more, and asks whether the timer was started.
+        // This is the way to wait that cannot panic. `Mono::delay_until` is an `async fn`:
+        // polling it after its end panics, and it asserts that the timer was started.
         let queue = SystickBackend::timer_queue();
         queue.timeout_at(self.due.ticks(), pending::<()>())
     }
 }
 
-/// The housekeeping task's own things: watchdog and LED.
+/// What the housekeeping task owns: watchdog and LED.
 pub struct Keeper {
     housekeeping: Housekeeping,
     watchdog: Watchdog,
@@ -225,12 +228,12 @@ impl Keeper {
         }
     }
 
-    /// Sets what the LED shows from the next step on; `None`: the state of the node.
+    /// Sets the LED's level from the next step on; with `None` it shows the state of the node.
     pub const fn show(&mut self, level: Option<bool>) {
         self.shown = level;
     }
 
-    /// Time since the start, as the steps count it; stands at its largest value.
+    /// Time since the start, counted in steps; saturates.
     pub const fn uptime(&self) -> MillisDurationU32 {
         let period = design::HOUSEKEEPING_PERIOD.ticks();
         MillisDurationU32::millis(self.steps.saturating_mul(period))
@@ -265,8 +268,8 @@ impl Keeper {
     }
 }
 
-/// The console task: the line about the bus, the node's line, which `show` writes, and the
-/// log, in which `own` is told.
+/// The console task: writes the line about the bus and the node's own line, which `show`
+/// composes, and logs changes of the bus and of `own`.
 pub fn report<const WINDOWS: usize, const NODES: usize>(
     link: &mut impl Mutex<T = BoardLink<WINDOWS, NODES>>,
     console: &mut impl Mutex<T = board::console::Console>,

@@ -1,5 +1,5 @@
-//! The controller's step: mode, states, control law. The vehicle's crate makes messages of
-//! what it decides.
+//! The controller's step: mode, states, control law. The vehicle's crate turns its decisions
+//! into messages.
 
 use core::marker::PhantomData;
 
@@ -22,10 +22,10 @@ type Law = control::controller::Controller<f32>;
 #[cfg(feature = "thesis-law")]
 type Law = control::plain::PlainController<f32>;
 
-/// Steps that the potentiometer may be missing while actuators move.
+/// Steps without a potentiometer reading that are tolerated while actuators move.
 const POT_PATIENCE: u8 = 3;
 
-/// Tracking before the first step, for the logs.
+/// Tracking before the first step, for the logging messages.
 const AT_REST: Tracking<f32> = Tracking {
     segment: 0,
     along: 0.0,
@@ -36,7 +36,7 @@ const AT_REST: Tracking<f32> = Tracking {
     speed: 0.0,
 };
 
-/// The waypoints or the vehicle's settings make no controller.
+/// Why no controller can be built from the waypoints and the vehicle's settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DesignError {
     /// The waypoints.
@@ -58,12 +58,12 @@ pub struct Inputs {
     pub fixed: bool,
     /// Whether the node keeps the schedule and is not silenced by its errors.
     pub in_schedule: bool,
-    /// Latest samples of the joystick, x and y.
+    /// Latest samples of the joystick, x and y, counts.
     pub joystick: (u16, u16),
 }
 
 impl Default for Inputs {
-    /// Nothing arrived, and the joystick is at rest.
+    /// No messages, and the joystick at rest.
     fn default() -> Self {
         Self {
             position: None,
@@ -103,7 +103,7 @@ pub enum Reason {
     ButtonD,
     /// The emergency stop loop was opened.
     StopLoop,
-    /// The receiver's solution is not fixed any more.
+    /// The receiver's solution is no longer fixed.
     FixLost,
     /// The node lost the schedule of the bus.
     BusFault,
@@ -120,7 +120,7 @@ pub struct Decision {
     pub mode: Mode,
     /// Whether the actuators may move.
     pub moving: bool,
-    /// What the actuators shall do.
+    /// Command to the actuators.
     pub command: safety::Command<f32>,
     /// Where the vehicle is relative to its path.
     pub tracking: Tracking<f32>,
@@ -130,7 +130,7 @@ pub struct Decision {
     pub pot: u16,
 }
 
-/// Everything that the controller node decides with.
+/// Everything that the controller node's decisions depend on.
 #[derive(Clone, Debug)]
 pub struct Pilot<M> {
     modes: ModeMachine,
@@ -143,7 +143,7 @@ pub struct Pilot<M> {
     position_missing: u8,
     request: Request,
     request_reason: Reason,
-    /// Why the present mode was entered.
+    /// Why the current mode was entered.
     mode_reason: Reason,
     fixed: bool,
     finished: bool,
@@ -179,8 +179,8 @@ impl<M: Machine> Pilot<M> {
         })
     }
 
-    /// Notes a button; what it asks for is decided at the next step. An emergency stop is
-    /// never replaced by what comes after it.
+    /// Notes a button; the next step acts on it. A later button never replaces an emergency
+    /// stop.
     pub fn button(&mut self, button: Button, edge: Edge) {
         if edge == Edge::Released || self.request == Request::EmergencyStop {
             return;
@@ -256,7 +256,7 @@ impl<M: Machine> Pilot<M> {
         };
         let mut request = core::mem::take(&mut self.request);
         if self.finished && previous == Mode::AutonomousRun && request == Request::None {
-            // At the end of the path the run ends as if its button were pressed again.
+            // At the end of the path the run ends as if button C were pressed again.
             request = Request::Autonomous;
             self.request_reason = Reason::PathEnd;
         }
@@ -287,8 +287,8 @@ impl<M: Machine> Pilot<M> {
         self.steps
     }
 
-    /// What the display shows at system time `time` (ms); `bus` says whether the schedule is
-    /// kept.
+    /// What the display shows at system time `time` (ms); `bus` says whether the node keeps the
+    /// schedule.
     pub const fn view(&self, time: u32, bus: bool) -> View {
         View {
             from: M::ROUTE[0],
@@ -317,13 +317,13 @@ impl<M: Machine> Pilot<M> {
         }
     }
 
-    /// The present mode.
+    /// The current mode.
     pub const fn mode(&self) -> Mode {
         self.modes.mode()
     }
 }
 
-/// Joystick to command: x steers, y drives, both in proportion.
+/// Joystick to command: x steers and y drives, both proportionally.
 fn joystick_command<M: Machine>((x, y): (u16, u16)) -> safety::Command<f32> {
     safety::Command {
         steering_rate: convert::joystick(x) * M::LIMITS.steering_rate,

@@ -1,7 +1,7 @@
-//! Text for displays and consoles, without the machinery of `core::fmt`: that costs a
-//! microsecond for each number, several kilobytes, and paths that could panic.
+//! Text for displays and consoles, without `core::fmt`: that would cost a microsecond for each
+//! number, several kilobytes of code, and paths that could panic.
 
-/// The smallest numbers of one digit more than those before.
+/// The powers of ten: each is the smallest number with one more digit.
 const POWERS: [u32; 10] = [
     1,
     10,
@@ -101,7 +101,7 @@ impl<const N: usize> Text<N> {
             self.byte(b'-');
         }
         let magnitude = number.unsigned_abs();
-        // `unit` is never zero; the division is spelt so that the compiler knows.
+        // `unit` is never zero; `checked_div` spares the compiler a panic path.
         self.unsigned(magnitude.checked_div(unit).unwrap_or(0));
         if decimals > 0 {
             self.byte(b'.');
@@ -128,7 +128,7 @@ impl<const N: usize> Text<N> {
         self.length == 0
     }
 
-    /// Appends at least `least` digits, at most ten.
+    /// Appends a number with at least `least` digits, at most ten.
     fn digits(&mut self, number: u32, least: u8) -> &mut Self {
         let needed = POWERS.iter().filter(|&&power| number >= power).count();
         let begin = self.length;

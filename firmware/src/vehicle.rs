@@ -1,7 +1,7 @@
 //! The part that the crates of all vehicles have in common.
 
-/// Includes what the build script made of the vehicle's `network.dbc`, and names the types
-/// that follow from it. To be written once, at the top of the vehicle's crate:
+/// Includes the code that the build script generates from the vehicle's `network.dbc`, and
+/// defines the types that follow from it. Write it once, at the top of the vehicle's crate:
 ///
 /// - `messages`: nodes, quantities, enumerations and messages;
 /// - `matrix`: nodes, windows, releases of steps and the system matrix;

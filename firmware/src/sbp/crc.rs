@@ -1,25 +1,25 @@
 //! The checksum of SBP frames: CRC-16, polynomial 0x1021, initial value 0, not reflected
 //! (CRC-16/XMODEM).
 //!
-//! A checksum is the remainder of its bytes, taken as a polynomial over GF(2), times x^16,
-//! modulo x^16 + x^12 + x^5 + 1. From the checksums of a stream up to two of its places
-//! therefore follows that of what lies between them: the first, times x^8 for every byte
-//! between, is what the bytes before it have left in the second ([`between`]). The crate
-//! `crc` has no such operation; without it, each candidate for a frame would cost a pass over
-//! its bytes.
+//! A checksum is the remainder of the bytes, taken as a polynomial over GF(2), times x^16,
+//! modulo x^16 + x^12 + x^5 + 1. The remainder is linear, so the checksum of any stretch of a
+//! stream follows from the checksums of the stream up to its begin and up to its end
+//! ([`between`]): multiply the first by x^8 for every byte of the stretch, and subtract it
+//! (xor) from the second. The crate `crc` has no such operation; without it, each candidate for
+//! a frame would cost a pass over its bytes.
 
-/// Shortest stretch that [`between`] knows, a frame without preamble, payload and checksum:
-/// type, sender and length.
+/// Shortest stretch that [`between`] accepts, in bytes: a frame with an empty payload, without
+/// preamble and checksum (type, sender and length).
 const SHORTEST: usize = 5;
-/// Payloads of 0 to 255 bytes, two rows for a byte, and four rows for the last of them.
+/// A payload of n bytes, 0 to 255, uses the four rows from row 2 n on.
 const ROWS: usize = 2 * 255 + 4;
 
-/// What the 16 polynomials of four bits are times x^4 for each row, after those of
-/// [`SHORTEST`] bytes: 16 KiB that spare a multiplication, half the time of a look at a
-/// candidate.
+/// Row r has the products of the 16 four-bit polynomials with x^(4 r), shifted further by
+/// [`SHORTEST`] bytes. The 16 KiB replace a multiplication, which would double the time to
+/// check a candidate.
 static SHIFTED: [[u16; 16]; ROWS] = {
     let mut rows = [[0; 16]; ROWS];
-    // x^4 for each row, times 1, x, x^2 and x^3.
+    // 1, x, x^2 and x^3, multiplied by x^4 for each row.
     let mut powers = [1, 2, 4, 8];
     let mut row = 0;
     while row < 2 * SHORTEST + ROWS {
@@ -51,8 +51,9 @@ const fn times_x4(crc: u16) -> u16 {
 
 /// Continues `crc` over one byte.
 ///
-/// Eight bits at once without a table: what leaves at the top comes back by the three terms
-/// of the polynomial, the four bits of it that leave once more already added to it.
+/// Eight bits at once without a table. The byte that is shifted out at the top is fed back at
+/// the three terms of the polynomial. Four of its bits would be shifted out a second time; they
+/// are added to it beforehand.
 #[inline(always)]
 pub(super) const fn update(crc: u16, byte: u8) -> u16 {
     let out = crc >> 8 ^ byte as u16;
@@ -65,8 +66,8 @@ pub fn crc16(crc: u16, bytes: &[u8]) -> u16 {
     bytes.iter().fold(crc, |crc, &byte| update(crc, byte))
 }
 
-/// The checksum of the type, sender, length and `payload` bytes of payload that lie between
-/// two places of a stream, from its checksums up to there.
+/// The checksum of the type, sender, length and `payload` bytes of payload that lie between two
+/// places of a stream. `first` and `second` are the stream's checksums up to these places.
 #[inline(always)]
 pub(super) fn between(first: u16, second: u16, payload: u8) -> u16 {
     let row = 2 * usize::from(payload);

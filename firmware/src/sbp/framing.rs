@@ -10,10 +10,10 @@ const LENGTH: usize = 5;
 const HEADER: usize = 6;
 const CHECKSUM: usize = 2;
 
-/// Longest payload that the length byte can say.
+/// Longest payload that the length byte can encode.
 pub const MAX_PAYLOAD: usize = 255;
-/// Bytes that the parser keeps: the longest frame, of which all but the last byte may have
-/// to wait for it, and 7.6 ms of what comes behind it until it is looked at.
+/// Bytes that the parser keeps: the longest frame, which may have to wait for its last byte,
+/// and the bytes that arrive in the next 7.6 ms, until it is checked.
 pub const CAPACITY: usize = 1024;
 const _: () = assert!(CAPACITY.is_power_of_two());
 
@@ -42,7 +42,7 @@ impl Frame<'_> {
         byte(self.cells, self.at.wrapping_add(LENGTH))
     }
 
-    /// `N` bytes of the payload and what follows it, from this one on.
+    /// `N` bytes from offset `from` of the payload on; they may reach beyond its end.
     #[inline(always)]
     pub(super) fn field<const N: usize>(&self, from: usize) -> [u8; N] {
         let begin = self.at.wrapping_add(HEADER + from);
@@ -50,14 +50,14 @@ impl Frame<'_> {
     }
 }
 
-/// How far [`Parser::next`] came.
+/// Why [`Parser::next`] returned.
 #[derive(Clone, Copy)]
 pub enum Progress<'a> {
-    /// To the end of a frame.
+    /// It reached the end of a frame.
     Frame(Frame<'a>),
-    /// As far as one call goes.
+    /// It went as far as one call may go.
     More,
-    /// To where bytes are missing.
+    /// It needs bytes that have not arrived.
     Drained,
 }
 
@@ -74,20 +74,20 @@ pub struct Counters {
 
 /// Streaming parser.
 ///
-/// The bytes of the candidate stay until its checksum is known. When it is wrong only the
-/// preamble is dropped and the rest is looked at again, so that a frame which begins inside
-/// a damaged one is not lost with it. With every byte the checksum of all before it is kept,
-/// from which that of any candidate follows in constant time: however damaged a stream is,
-/// each of its bytes is taken once and decided once.
+/// The bytes of a candidate are kept until its checksum is known. If the checksum is wrong,
+/// only the preamble is dropped and the rest is parsed again: so a frame that begins inside a
+/// damaged one is not lost. With each byte the parser stores the checksum of all bytes before
+/// it. The checksum of any candidate follows from two of these in constant time, so the cost of
+/// a byte is bounded however damaged the stream is.
 #[derive(Clone, Debug)]
 pub struct Parser {
     cells: [Cell; CAPACITY],
-    /// Where the candidate begins, and where the next byte goes. Both count on; their
-    /// remainders are places in the buffer.
+    /// Where the candidate begins, and where the next byte goes. Both only grow; modulo the
+    /// capacity they are indices of the buffer.
     begin: usize,
     end: usize,
     checksum: u16,
-    /// Candidates with a wrong checksum, those with the right one, and the bytes of these.
+    /// Candidates with a wrong checksum, frames, and the bytes of all frames.
     errors: u32,
     frames: u32,
     framed: usize,
@@ -99,7 +99,7 @@ impl Default for Parser {
     }
 }
 
-/// A byte of the stream in the low bits, the checksum of all before it in the high half.
+/// A byte of the stream in the low bits, the checksum of all bytes before it in the high half.
 type Cell = u32;
 
 #[inline(always)]
@@ -140,8 +140,8 @@ impl Parser {
         }
     }
 
-    /// Takes bytes as they come, a [`LOT`] or as many as there is room for. True when it was a
-    /// whole lot: there may be more.
+    /// Takes bytes that have arrived: at most [`LOT`], and only as many as there is room for.
+    /// True if it took a full lot, so that there may be more.
     #[inline(always)]
     pub fn take(&mut self, bytes: impl ExactSizeIterator<Item = u8>) -> bool {
         let room = CAPACITY - self.end.wrapping_sub(self.begin);
@@ -156,9 +156,10 @@ impl Parser {
         count == LOT
     }
 
-    /// Goes over `places` places, or to the end of a frame of this length or longer, which is
-    /// handed out. To be called again as long as bytes are not missing: either way it has gone
-    /// over as many bytes.
+    /// Examines up to `places` positions of the stream. Stops early at the end of a frame that
+    /// is at least `places` bytes long, and returns it; shorter frames are passed over. Call
+    /// this again until it reports missing bytes; each call before that consumes at least
+    /// `places` bytes.
     #[inline(always)]
     pub fn next(&mut self, places: usize) -> Progress<'_> {
         let mut begin = self.begin;

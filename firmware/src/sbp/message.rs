@@ -1,7 +1,7 @@
 //! The messages that the vehicle uses, current and deprecated.
 //!
-//! The receiver's firmware of 2016-17 sent the deprecated types: same layouts, other meaning
-//! of the flags. What a flag says therefore depends on the message type.
+//! The receiver's firmware of 2016-17 sent the deprecated types. They have the same layouts,
+//! but their flags mean something else, so the flags are decoded by message type.
 
 use super::Frame;
 
@@ -73,7 +73,7 @@ pub struct Time {
     pub week: u16,
     /// Time of week, ms.
     pub tow: u32,
-    /// Rest below the millisecond, ns, may be negative.
+    /// Remainder below the millisecond, ns; may be negative.
     pub nanoseconds: i32,
     /// Whether the time is known. The deprecated type does not say; it counts as known.
     pub valid: bool,
@@ -174,7 +174,7 @@ pub fn decode(frame: &Frame<'_>) -> Option<Message> {
             nanoseconds: i32_at(6),
             valid: kind == 0x0100 || u8_at(10) & 0b111 != 0,
         }),
-        // Height and accuracies are passed over here and below.
+        // Heights and accuracies are skipped, here and below.
         (0x020A | 0x0201, 34) => Message::PositionLlh(PositionLlh {
             tow: u32_at(0),
             latitude: f64::from_le_bytes(frame.field(4)),

@@ -2,8 +2,8 @@
 //! vehicle uses.
 //!
 //! Frame: `55 | type u16 | sender u16 | length u8 | payload | CRC u16`, little-endian. The
-//! parser takes bytes as they arrive and looks for frames in short steps; a damaged frame
-//! costs no other frame, because the bytes behind its preamble are read again.
+//! parser takes bytes as they arrive and looks for frames in short steps. A damaged frame does
+//! not cost another one, because the bytes after its preamble are parsed again.
 
 mod crc;
 mod framing;
