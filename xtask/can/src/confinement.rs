@@ -1,31 +1,31 @@
 //! Fault confinement: the two error counters and the states they lead to (ISO 11898-1,
 //! clause 12.1).
 
-/// What a node may still do on the bus.
+/// What a node may do on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ErrorState {
-    /// Takes full part, signals errors with dominant flags.
+    /// It participates fully and signals errors with dominant flags.
     Active,
-    /// Signals errors with recessive flags and pauses between its own frames.
+    /// It signals errors with recessive flags and pauses between its own frames.
     Passive,
-    /// Does not touch the bus.
+    /// It neither sends nor acknowledges.
     BusOff,
 }
 
 /// Kind of an error on the bus, numbered as bxCAN's last error code reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ErrorKind {
-    /// Six equal bits where stuffing applies.
+    /// Six equal bits where bit stuffing applies.
     Stuff = 1,
     /// A dominant bit in a delimiter or in end of frame.
     Form = 2,
     /// No dominant bit in the acknowledge slot.
     Acknowledge = 3,
-    /// Sent recessive, read dominant.
+    /// The node sent recessive and read dominant.
     BitRecessive = 4,
-    /// Sent dominant, read recessive.
+    /// The node sent dominant and read recessive.
     BitDominant = 5,
-    /// The CRC sequence does not fit.
+    /// The CRC sequence is wrong.
     Crc = 6,
 }
 
@@ -49,7 +49,7 @@ impl ErrorCounters {
         self.receive
     }
 
-    /// The state that the counters lead to.
+    /// The state that follows from the counters.
     #[must_use]
     pub const fn state(self) -> ErrorState {
         if self.transmit > 255 {
@@ -67,7 +67,7 @@ impl ErrorCounters {
         self.transmit >= 96 || self.receive >= 96
     }
 
-    /// Adds 8 to the transmit error count (rules c, d and f); nothing beyond bus-off.
+    /// Adds 8 to the transmit error count (rules c, d and f); does nothing in bus-off.
     pub(crate) fn transmit_error(&mut self) {
         if self.transmit < 256 {
             self.transmit += 8;
@@ -79,13 +79,13 @@ impl ErrorCounters {
         self.receive = (self.receive + amount).min(255);
     }
 
-    /// Takes 1 from the transmit error count (rule g).
+    /// Subtracts 1 from the transmit error count (rule g).
     pub(crate) fn transmitted(&mut self) {
         self.transmit = self.transmit.saturating_sub(1);
     }
 
-    /// Takes 1 from the receive error count, or brings it back to 120 from above 128 (rule h
-    /// leaves a value of 119 to 127 open; this is bxCAN's, RM0390, CAN_ESR).
+    /// Subtracts 1 from the receive error count, or sets it to 120 if it is above 128. Rule h
+    /// allows any value from 119 to 127; bxCAN takes 120 (RM0390, CAN_ESR).
     pub(crate) fn received(&mut self) {
         self.receive = if self.receive > 128 {
             120
@@ -94,7 +94,7 @@ impl ErrorCounters {
         };
     }
 
-    /// Both to zero, after recovery from bus-off.
+    /// Sets both counts to zero, after recovery from bus-off.
     pub(crate) fn clear(&mut self) {
         *self = Self::default();
     }

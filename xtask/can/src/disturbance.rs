@@ -6,22 +6,22 @@ use crate::node_id::NodeId;
 use crate::time::{Ps, SimTime};
 use crate::wire::Level;
 
-/// Which attempt to send a frame a disturbance is meant for.
+/// Selects an attempt to send a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameSelect {
-    /// The n-th start of frame on the bus, counted from 0 since its creation.
+    /// The n-th start of frame on the bus, counted from 0 since the bus was created.
     Number(u64),
     /// The n-th attempt (from 0, counted from the call of [`crate::Bus::disturb`]) to send a
     /// frame with this identifier.
     Id {
         /// The identifier.
         id: Id,
-        /// Attempts to let pass.
+        /// Attempts to skip.
         occurrence: u64,
     },
 }
 
-/// Who reads a disturbed bit.
+/// The nodes that read a disturbed bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SeenBy {
     /// Every node: the bus itself has the wrong level.
@@ -30,8 +30,8 @@ pub enum SeenBy {
     Node(NodeId),
 }
 
-/// A disturbance. It acts on bits of frames, error frames and intermissions; a bus at rest is
-/// disturbed by [`Disturbance::Stuck`] only.
+/// A disturbance. It affects the bits of frames, error frames and intermissions. Only
+/// [`Disturbance::Stuck`] affects an idle bus.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Disturbance {
     /// One bit is inverted.
@@ -40,7 +40,7 @@ pub enum Disturbance {
         frame: FrameSelect,
         /// The bit, counted from start of frame as 0, stuff bits included.
         bit: u16,
-        /// Who reads it inverted.
+        /// The nodes that read it inverted.
         seen_by: SeenBy,
     },
     /// Bits are inverted at random, independently of each other.
@@ -49,11 +49,11 @@ pub enum Disturbance {
         per_bit: f64,
         /// Seed of the random sequence.
         seed: u64,
-        /// Who reads them inverted.
+        /// The nodes that read them inverted.
         seen_by: SeenBy,
         /// First instant.
         from: SimTime,
-        /// Behind the last instant.
+        /// The disturbance ends before this time.
         until: SimTime,
     },
     /// The bus is held at one level whatever the nodes drive.
@@ -62,7 +62,7 @@ pub enum Disturbance {
         level: Level,
         /// First instant.
         from: SimTime,
-        /// Behind the last instant.
+        /// The disturbance ends before this time.
         until: SimTime,
     },
 }
@@ -71,11 +71,11 @@ pub enum Disturbance {
 #[derive(Clone, Debug)]
 pub(crate) struct Active {
     what: Disturbance,
-    /// Attempts with the wanted identifier so far, or bits until the next error.
+    /// Attempts with the selected identifier so far, or bits until the next error.
     count: u64,
-    /// Whether the frame in progress is the selected one.
+    /// True if the current frame is the selected one.
     armed: bool,
-    /// A flip has been made, or its frame has passed without that bit.
+    /// True if the flip is done, or its frame has ended without that bit.
     spent: bool,
     random: SplitMix,
 }
@@ -99,7 +99,7 @@ impl Active {
         active
     }
 
-    /// A frame starts: its number and the identifiers being sent.
+    /// A frame starts: its number and the identifiers of its senders.
     pub(crate) fn frame_started(&mut self, number: u64, ids: &[Id]) {
         if let Disturbance::Flip { frame, .. } = self.what {
             self.spent |= self.armed;
@@ -117,8 +117,8 @@ impl Active {
         }
     }
 
-    /// Who reads the bit inverted that starts at `now` and is the given one of a frame (if in
-    /// one). Must be called once for each bit.
+    /// The nodes that read the bit at `now` inverted; `in_frame` is its index if it belongs to a
+    /// frame. Call this exactly once per bit.
     pub(crate) fn flips(&mut self, now: Ps, in_frame: Option<u16>) -> Option<SeenBy> {
         match self.what {
             Disturbance::Flip { bit, seen_by, .. } => {
@@ -149,7 +149,7 @@ impl Active {
         }
     }
 
-    /// The level the bus is held at.
+    /// The level that the bus is forced to.
     pub(crate) fn stuck(&self, now: Ps) -> Option<Level> {
         match self.what {
             Disturbance::Stuck { level, from, until }
@@ -161,7 +161,7 @@ impl Active {
         }
     }
 
-    /// When the disturbance wakes a bus at rest.
+    /// The time at which the disturbance ends the idle state of the bus.
     pub(crate) fn wakes(&self, now: Ps) -> Option<Ps> {
         match self.what {
             Disturbance::Stuck {
@@ -173,7 +173,7 @@ impl Active {
         }
     }
 
-    /// Whether it can do nothing any more.
+    /// True if the disturbance can have no further effect.
     pub(crate) fn is_over(&self, now: Ps) -> bool {
         match self.what {
             Disturbance::Flip { .. } => self.spent,
@@ -183,8 +183,8 @@ impl Active {
         }
     }
 
-    /// The earliest instant at which it may change a bit of the frame that started at `start`,
-    /// `bit` being the time of a bit; `None` if it cannot touch this frame.
+    /// The earliest time at which it may change a bit of the frame that started at `start`. `bit`
+    /// is the bit time. `None` if it cannot affect this frame.
     pub(crate) fn earliest_in_frame(&self, start: Ps, now: Ps, bit: Ps) -> Option<Ps> {
         match self.what {
             Disturbance::Flip { bit: index, .. } => {
@@ -198,7 +198,8 @@ impl Active {
         }
     }
 
-    /// Whether it may strike a frame that has not started yet, and from when.
+    /// The earliest time at which it may affect a frame that has not started yet; `None` if it
+    /// cannot any more.
     pub(crate) fn earliest_in_future(&self, now: Ps) -> Option<Ps> {
         match self.what {
             Disturbance::Flip { .. } => Some(now),
@@ -222,7 +223,7 @@ impl SplitMix {
         z ^ (z >> 31)
     }
 
-    /// Bits that pass before the next error, geometrically distributed.
+    /// Number of bits before the next error, geometrically distributed.
     fn gap(&mut self, per_bit: f64) -> u64 {
         let uniform = ((self.next() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64;
         if per_bit >= 1.0 {

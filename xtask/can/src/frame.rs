@@ -1,11 +1,11 @@
-//! Frames as the data link layer hands them over.
+//! Frames of the data link layer.
 
 use embedded_can::{ExtendedId, Id, StandardId};
 
 /// A classical CAN data or remote frame (ISO 11898-1, clause 10.4).
 ///
-/// The data length code is kept as it travels on the wire, 0 to 15; codes above 8 stand for
-/// eight data bytes.
+/// The data length code is stored as it is on the wire, 0 to 15. Codes above 8 mean eight data
+/// bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Frame {
     id: Id,

@@ -1,4 +1,4 @@
-//! A CAN bus resolved bit by bit, with register-level models of ST's bxCAN on it.
+//! A CAN bus simulated bit by bit, with register-level models of ST's bxCAN.
 //!
 //! - [`Bus`] owns the nodes and the time between them: arbitration, stuffing, acknowledge, error
 //!   frames, error counters, bus-off and recovery follow from what each node drives and reads in
@@ -16,13 +16,13 @@
 //! and resynchronised on edges. Propagation along the cable and through transceivers is not
 //! modelled.
 //!
-//! # Together with emulated microcontrollers
-//! Register writes carry time stamps and may lie ahead of the bus; see [`Bus::horizon_of`] for
-//! how far a node may run ahead without missing anything.
+//! # Use with emulated microcontrollers
+//! Register writes carry time stamps and may be ahead of the bus. [`Bus::horizon_of`] says how far
+//! a node may run ahead without missing an event.
 
 //! # Example
-//! A foreign node sends a frame; a controller in its reset state is set up through its registers
-//! and has it in FIFO 0 afterwards.
+//! A foreign node sends a frame. A controller in its reset state is configured through its
+//! registers and receives the frame in FIFO 0.
 //! ```
 //! use can_bus::{Bus, ClockRate, Frame, Part, Retry, SimTime, Tester};
 //!

@@ -5,9 +5,9 @@ use crate::Frame;
 use crate::confinement::{ErrorCounters, ErrorKind, ErrorState};
 use crate::wire::{Decoder, Field, Level, WireFrame};
 
-/// Recessive bits after which a node that joins takes the bus for idle.
+/// Recessive bits after which a node that joins the bus considers it idle.
 const INTEGRATION_BITS: u8 = 11;
-/// Times that [`INTEGRATION_BITS`] must be seen to leave bus-off.
+/// Number of sequences of [`INTEGRATION_BITS`] recessive bits that end bus-off.
 const RECOVERY_SEQUENCES: u8 = 128;
 /// Length of an error or overload flag.
 const FLAG_BITS: u8 = 6;
@@ -16,21 +16,21 @@ const DELIMITER_BITS: u8 = 8;
 /// Pause of an error-passive transmitter after intermission.
 const SUSPEND_BITS: u8 = 8;
 
-/// What a sampled bit meant to the node.
+/// What a node learned from a sampled bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Event {
     /// Eleven recessive bits seen after joining.
     Synchronised,
-    /// A start of frame was sampled; a node with a frame pending may send its identifier from
-    /// the next bit on.
+    /// A start of frame was sampled. If `may_join`, a node with a pending frame may send its
+    /// identifier from the next bit on.
     StartSeen { may_join: bool },
-    /// Another node's identifier won at this bit of the frame.
+    /// Another node's identifier won the arbitration at this bit of the frame.
     ArbitrationLost { slot: u8, frame: Frame, bit: u16 },
-    /// The node's own frame is complete.
+    /// The node has sent its own frame completely.
     Transmitted { slot: u8, frame: Frame },
     /// A frame became valid for the receiver.
     Received { frame: Frame },
-    /// The node detected an error; the slot is that of its own frame, if it was sending.
+    /// The node detected an error. The slot is that of its own frame, if it was sending one.
     Error {
         kind: ErrorKind,
         slot: Option<u8>,
@@ -77,8 +77,8 @@ enum Phase {
         /// Bits sent (active, overload) or equal bits seen in a row (passive).
         seen: u8,
         last: Option<Level>,
-        /// An error-passive transmitter without acknowledgement counts this error only if it
-        /// reads a dominant bit during its flag.
+        /// An error-passive transmitter without an acknowledge counts this error only if it reads a
+        /// dominant bit during its flag.
         excused: bool,
     },
     FlagEnd {
@@ -110,11 +110,12 @@ enum Phase {
 pub(crate) struct Mac {
     phase: Phase,
     counters: ErrorCounters,
-    /// Never drives the bus; reads its own dominant bits back (listen-only, bxCAN silent mode).
+    /// Listen-only (bxCAN's silent mode): never drives the bus but reads its own dominant bits
+    /// back.
     pub(crate) silent: bool,
-    /// Takes its own frames for acknowledged and receives them (loop back).
+    /// Loop back: treats its own frames as acknowledged and receives them.
     pub(crate) loop_back: bool,
-    /// Begins the recovery from bus-off by itself.
+    /// Starts the recovery from bus-off without a request.
     pub(crate) automatic_recovery: bool,
 }
 
@@ -143,8 +144,7 @@ impl Mac {
         self.phase = Phase::Detached;
     }
 
-    /// Joins the bus, listening for eleven recessive bits first; a node that was off the bus
-    /// begins its recovery.
+    /// Joins the bus after eleven recessive bits. A node in bus-off starts its recovery.
     pub(crate) fn attach(&mut self) {
         self.phase = if self.counters.state() == ErrorState::BusOff {
             Phase::BusOff {
@@ -169,7 +169,7 @@ impl Mac {
         matches!(self.phase, Phase::InFrame(_))
     }
 
-    /// Whether the node neither sends nor receives, so that it may leave the bus.
+    /// True if the node neither sends nor receives, so that it may leave the bus.
     pub(crate) const fn is_quiescent(&self) -> bool {
         matches!(
             self.phase,
@@ -182,7 +182,7 @@ impl Mac {
         )
     }
 
-    /// Whether a recessive bus changes this node only by counting bits.
+    /// True if recessive bits change nothing in this node except its count of them.
     pub(crate) const fn can_wait(&self) -> bool {
         matches!(
             self.phase,
@@ -223,8 +223,7 @@ impl Mac {
         !self.silent && self.is_receiving()
     }
 
-    /// Recessive bits until the node's state changes in a way that others can see, with the bus
-    /// at rest.
+    /// Number of recessive bits on an idle bus after which the node's state changes visibly.
     pub(crate) const fn patience(&self) -> Option<u64> {
         match self.phase {
             Phase::Integrating { seen } => Some((INTEGRATION_BITS - seen) as u64),
@@ -246,7 +245,7 @@ impl Mac {
         }
     }
 
-    /// Counts `bits` recessive bits of a bus at rest; at most [`Self::patience`] of them.
+    /// Counts `bits` recessive bits of an idle bus, at most [`Self::patience`].
     pub(crate) fn wait(&mut self, bits: u64, events: &mut Vec<Event>) {
         if self.patience().is_some() {
             for _ in 0..bits {
@@ -255,7 +254,7 @@ impl Mac {
         }
     }
 
-    /// Begins to send in the bit that starts now; only while idle.
+    /// Starts to send in the bit that begins now. Allowed only while idle.
     pub(crate) fn start(&mut self, slot: u8, frame: Frame) {
         self.phase = Phase::InFrame(Box::new(FrameProgress {
             decoder: Decoder::new(),
@@ -282,7 +281,7 @@ impl Mac {
         }
     }
 
-    /// The level that the node's protocol asks for in the bit that starts now.
+    /// The level that the node drives in the bit that begins now.
     pub(crate) fn drive(&self) -> Level {
         match &self.phase {
             Phase::InFrame(progress) => match &progress.sending {
@@ -305,7 +304,7 @@ impl Mac {
         }
     }
 
-    /// Takes the level at the sample point of a bit.
+    /// Processes the level at the sample point of a bit.
     pub(crate) fn sample(&mut self, level: Level, events: &mut Vec<Event>) {
         let driven = self.drive();
         let level = if self.silent {
@@ -324,7 +323,7 @@ impl Mac {
                 }
             }
             Phase::Idle => {
-                // Whoever had a frame pending has started together with the first sender.
+                // Nodes with a pending frame have started together with the first sender.
                 if dominant {
                     self.start_seen(false, events);
                 }
@@ -372,7 +371,7 @@ impl Mac {
         }
     }
 
-    /// The recessive bits after a flag, of which `seen` have passed.
+    /// One of the recessive bits after a flag, after `seen` of them.
     fn sample_delimiter(
         &mut self,
         transmitter: bool,
@@ -399,7 +398,7 @@ impl Mac {
         }
     }
 
-    /// The three bits between two frames, of which `seen` have passed.
+    /// One of the three bits between two frames, after `seen` of them.
     fn sample_intermission(
         &mut self,
         transmitter: bool,
@@ -427,8 +426,9 @@ impl Mac {
         }
     }
 
-    /// The node has lost step with the bits on the bus, as with a wrong bit rate: inside a frame
-    /// it stumbles over a stuff error, elsewhere it takes the level as it is.
+    /// Processes a level when the node has lost synchronisation with the bits on the bus, as with a
+    /// wrong bit rate. Inside a frame this is an error: a bit error if the node sends the frame,
+    /// otherwise a stuff error. Outside frames the node samples the level as usual.
     pub(crate) fn sample_out_of_step(&mut self, level: Level, events: &mut Vec<Event>) {
         if let Phase::InFrame(progress) = &self.phase {
             let slot = progress.sending.as_ref().map(|sending| sending.slot);
@@ -505,7 +505,7 @@ impl Mac {
             return;
         }
         match field {
-            // Known since the CRC sequence, signalled behind the acknowledge delimiter.
+            // Known since the CRC sequence, signalled after the acknowledge delimiter.
             Field::AcknowledgeDelimiter if !progress.decoder.crc_matches() => {
                 self.error(ErrorKind::Crc, sending, None, bit, events);
             }
@@ -644,7 +644,7 @@ impl Mac {
         };
     }
 
-    /// Counts an error and begins its flag in the next bit.
+    /// Counts an error and starts its flag in the next bit.
     fn error(
         &mut self,
         kind: ErrorKind,
@@ -653,10 +653,10 @@ impl Mac {
         bit: u16,
         events: &mut Vec<Event>,
     ) {
-        // The error that makes a node passive is still signalled with an active flag.
+        // The error that makes a node passive is itself still signalled with an active flag.
         let passive = self.counters.state() == ErrorState::Passive;
         let excused = passive && transmitter && kind == ErrorKind::Acknowledge;
-        // A stuff bit overwritten during arbitration costs its transmitter nothing.
+        // A transmitter does not count a stuff error during arbitration.
         let in_arbitration = slot.is_some() && kind == ErrorKind::Stuff;
         if !transmitter {
             self.counters.receive_error(1);

@@ -1,16 +1,16 @@
-//! What an ideal analyser on the bus writes down.
+//! The records of an ideal bus analyser.
 
 use crate::Frame;
 use crate::confinement::{ErrorKind, ErrorState};
 use crate::node_id::NodeId;
 use crate::time::SimTime;
 
-/// Something that happened on the bus.
+/// An event on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Record {
     /// When.
     pub at: SimTime,
-    /// The node it happened to; for frames, their sender.
+    /// The node that it concerns; for frames, their sender.
     pub node: NodeId,
     /// What.
     pub kind: RecordKind,
@@ -19,14 +19,14 @@ pub struct Record {
 /// The kinds of [`Record`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordKind {
-    /// The node has begun to send: the edge of start of frame, one record for each of several
-    /// simultaneous senders.
+    /// The node has started to send: the edge of start of frame. Simultaneous senders give one
+    /// record each.
     FrameStart {
         /// The frame.
         frame: Frame,
     },
-    /// A frame has been sent: the end of the last bit of end of frame, where a logger on the bus
-    /// sets its time stamp.
+    /// A frame has been sent. The time is the end of the last bit of end of frame, where a logger
+    /// on the bus puts its time stamp.
     FrameEnd {
         /// The frame.
         frame: Frame,
@@ -48,10 +48,10 @@ pub enum RecordKind {
         kind: ErrorKind,
         /// The bit, counted from start of frame as 0; 0 outside frames.
         bit: u16,
-        /// Whether the node was sending the frame.
+        /// True if the node was sending the frame.
         transmitter: bool,
     },
-    /// The node's error state is another one now.
+    /// The node's error state has changed.
     StateChange {
         /// The new state.
         state: ErrorState,

@@ -11,14 +11,14 @@ use crate::wire::Level;
 pub enum Retry {
     /// One attempt.
     Once,
-    /// Until it has been sent.
+    /// Attempts until the frame has been sent.
     UntilSent,
 }
 
 /// A frame that a tester has received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reception {
-    /// When it became valid: the sample point of the last but one bit of end of frame.
+    /// When it became valid: at the sample point of the last but one bit of end of frame.
     pub valid_at: SimTime,
     /// The frame.
     pub frame: Frame,
@@ -44,11 +44,11 @@ struct Raw {
     levels: VecDeque<Level>,
 }
 
-/// Slot numbers under which a tester's frames travel.
+/// The slot numbers that identify a tester's frames.
 const SCRIPT_SLOT: u8 = 0;
 const BABBLE_SLOT: u8 = 1;
 
-/// A node without registers: it sends what it is told and remembers what it receives.
+/// A node without registers: it sends what a test tells it to and records what it receives.
 #[derive(Clone, Debug)]
 pub struct Tester {
     pub(crate) clock: ClockRate,
@@ -73,7 +73,7 @@ impl Tester {
         }
     }
 
-    /// A node that takes full part: it acknowledges, signals errors and can send. 250 kbit/s,
+    /// A node that participates fully: it acknowledges, signals errors and can send. 250 kbit/s,
     /// sample point at 73.3 %.
     #[must_use]
     pub const fn new() -> Self {
@@ -139,7 +139,7 @@ impl Tester {
             .map(|send| (SCRIPT_SLOT, send.frame))
     }
 
-    /// The earliest instant at or after which something waits to be sent.
+    /// The earliest time from which a frame waits to be sent. It may be before `now`.
     pub(crate) fn earliest_request(&self, now: Ps) -> Option<Ps> {
         if self.silent {
             return None;
@@ -158,7 +158,7 @@ impl Tester {
         self.raw.front().map(|raw| raw.at)
     }
 
-    /// The level of a raw sequence for the bit that starts at `now`.
+    /// The level of a raw sequence in the bit that begins at `now`.
     pub(crate) fn raw_level(&mut self, now: Ps) -> Option<Level> {
         let raw = self.raw.front_mut().filter(|raw| raw.at <= now)?;
         let level = raw.levels.pop_front();
@@ -168,7 +168,7 @@ impl Tester {
         level
     }
 
-    /// An attempt has ended, with or without success.
+    /// An attempt has ended, successful or not.
     pub(crate) fn attempted(&mut self, slot: u8, success: bool) {
         if slot == SCRIPT_SLOT
             && self

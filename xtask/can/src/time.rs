@@ -6,15 +6,15 @@ pub type SimTime = fugit_host::MonotonicTimerInstantU64<1_000_000_000_000>;
 /// A span of simulation time, in picoseconds.
 pub type SimDuration = fugit_host::TimerDurationU64<1_000_000_000_000>;
 
-/// Picoseconds, the unit in which the bus computes.
+/// Picoseconds, the internal unit of the bus.
 pub(crate) type Ps = u64;
 
 pub(crate) fn instant(ps: Ps) -> SimTime {
     SimTime::from_ticks(ps)
 }
 
-/// The clock that a controller divides into time quanta: a nominal frequency and the error of
-/// the crystal it comes from.
+/// The clock that a controller divides into time quanta: a nominal frequency and the error of its
+/// crystal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockRate {
     hertz: u32,
@@ -31,8 +31,8 @@ impl ClockRate {
         }
     }
 
-    /// The same clock running fast by `offset_ppb` parts in 10^9 (slow if negative). Offsets
-    /// beyond half the frequency are cut off there.
+    /// The same clock, running fast by `offset_ppb` parts in 10^9 (slow if negative). The offset is
+    /// limited to half the frequency.
     #[must_use]
     pub const fn with_offset_ppb(self, offset_ppb: i32) -> Self {
         const LIMIT: i32 = 500_000_000;
@@ -55,8 +55,8 @@ impl ClockRate {
     }
 }
 
-/// The segments of a bit in time quanta, and the divider that makes a quantum (ISO 11898-1,
-/// clause 11.3; the field names of bxCAN's BTR plus one).
+/// The segments of a bit in time quanta, and the divider that makes a quantum (ISO 11898-1, clause
+/// 11.3). The values are the fields of bxCAN's BTR plus one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BitSegments {
     /// Clock cycles in a time quantum, 1 to 1024.
@@ -90,7 +90,7 @@ impl BitSegments {
     }
 }
 
-/// A bit's durations on one node's clock.
+/// The durations within a bit, by one node's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct BitTime {
     pub bit: Ps,

@@ -1,4 +1,4 @@
-//! The bits of a frame on the wire: field order, CRC, bit stuffing, and back again.
+//! Frames as bits on the wire: field order, CRC and bit stuffing, for both encoding and decoding.
 
 use embedded_can::{ExtendedId, Id, StandardId};
 
@@ -26,7 +26,7 @@ impl Level {
         matches!(self, Self::Recessive)
     }
 
-    /// The level of a bus driven with both.
+    /// The resulting level of a bus that is driven with both.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
         Self::from_bit(self.is_recessive() && other.is_recessive())
@@ -39,17 +39,17 @@ impl Level {
     }
 }
 
-/// Bits behind the CRC sequence: CRC delimiter, acknowledge slot and delimiter, end of frame.
+/// Bits after the CRC sequence: CRC delimiter, acknowledge slot and delimiter, end of frame.
 pub(crate) const TAIL_BITS: usize = 10;
 
 /// Bits between two frames (ISO 11898-1, clause 10.4.6).
 pub const INTERMISSION_BITS: u32 = 3;
 
-/// Equal bits after which a bit of the other level is stuffed.
+/// Number of equal bits after which a stuff bit of the other level is inserted.
 const STUFF_RUN: u8 = 5;
 
-/// One step of the CRC-15 of ISO 11898-1 (polynomial 0x4599). The library `crc` takes whole
-/// bytes; the part of a frame that this CRC covers is any number of bits.
+/// One step of the CRC-15 of ISO 11898-1 (polynomial 0x4599). The crate `crc` only processes whole
+/// bytes, but this CRC covers a number of bits that need not be a multiple of eight.
 const fn crc15_step(crc: u16, bit: bool) -> u16 {
     let feedback = ((crc >> 14) & 1 == 1) != bit;
     let shifted = (crc << 1) & 0x7FFF;
@@ -137,7 +137,7 @@ impl WireFrame {
         self.levels.len()
     }
 
-    /// How many of the bits were stuffed.
+    /// Number of stuff bits.
     #[must_use]
     pub fn stuff_bits(&self) -> usize {
         self.stuff_bits
@@ -163,9 +163,9 @@ pub enum Field {
     Data,
     /// CRC sequence.
     Crc,
-    /// A stuff bit; whether it stands in the arbitration field.
+    /// A stuff bit.
     Stuff {
-        /// The bit before it belongs to the arbitration field.
+        /// True if the bit before it belongs to the arbitration field.
         in_arbitration: bool,
     },
     /// CRC delimiter.
@@ -176,22 +176,22 @@ pub enum Field {
     AcknowledgeDelimiter,
     /// Bit 1 to 7 of end of frame.
     EndOfFrame(u8),
-    /// Behind the last bit of end of frame.
+    /// After the last bit of end of frame.
     Done,
 }
 
-/// Two equal bits followed where a stuff bit of the other level had to come.
+/// The bit after five equal bits had the same level, but must be a stuff bit of the other level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("six equal bits in a row")]
 pub struct StuffError;
 
-/// Takes a frame from the wire bit by bit.
+/// Decodes a frame bit by bit.
 ///
-/// The levels of the fixed-form tail are not judged here: that is the business of the receiver
-/// ([`Field`] tells it where it stands).
+/// The decoder does not check the levels of the fixed-form tail. The receiver must do so;
+/// [`Decoder::next_field`] tells it which field comes next.
 #[derive(Clone, Debug)]
 pub struct Decoder {
-    /// Unstuffed bits so far, the newest in bit 0; 118 at most.
+    /// The unstuffed bits so far, the newest in bit 0; at most 118.
     plain: u128,
     count: u16,
     run: u8,
@@ -274,10 +274,10 @@ impl Decoder {
         self.field_of(self.count)
     }
 
-    /// Takes the next bit.
+    /// Processes the next bit.
     ///
     /// # Errors
-    /// [`StuffError`] if a stuff bit is missing; the frame is then lost.
+    /// [`StuffError`] if a stuff bit is missing. The frame cannot be decoded any further then.
     pub fn push(&mut self, level: Level) -> Result<(), StuffError> {
         if self.body_complete() {
             self.tail = self.tail.saturating_add(1);
@@ -316,11 +316,10 @@ impl Decoder {
         Ok(())
     }
 
-    /// Whether the CRC sequence received equals the computed one; meaningful from the CRC
-    /// delimiter on.
+    /// True if the received CRC sequence equals the computed one; valid from the CRC delimiter on.
     #[must_use]
     pub const fn crc_matches(&self) -> bool {
-        // The remainder over a message and its own CRC is zero.
+        // The remainder of a message followed by its own CRC is zero.
         self.crc == 0
     }
 

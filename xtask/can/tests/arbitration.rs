@@ -1,4 +1,4 @@
-//! Who gets the bus, when, and at whose pace.
+//! Which node gets the bus, when, and whose clock determines the bit time.
 
 mod common;
 
@@ -64,7 +64,7 @@ proptest! {
         }
         normal_node(&mut bus, 0);
         let now = bus.now();
-        // The requests come in the reverse order of urgency.
+        // The nodes request in the reverse order of priority.
         for (node, frame) in nodes.iter().zip(&unique).rev() {
             request(&mut bus, *node, 0, frame, now);
         }
@@ -138,7 +138,8 @@ proptest! {
                     && matches!(record.kind, RecordKind::FrameEnd { frame: f, .. } if f == *frame))
                 .expect("just found")
                 .at;
-            // The sender's clock sets the pace; before it has won, another one's may.
+            // The sender's clock determines the bit time. Before it has won, another node's clock
+            // may.
             let nominal = wire.bits() as u64 * BIT;
             let length = end.as_ticks() - start.as_ticks();
             prop_assert!(length.abs_diff(nominal) <= nominal / 10_000, "{} ps", length);
@@ -182,8 +183,8 @@ proptest! {
         prop_assert_eq!(records, stepped.drain_records());
     }
 
-    /// The promise of the horizon: whatever another node requests from now on, nothing shows at a
-    /// node before its horizon.
+    /// The guarantee of the horizon: whatever the other nodes request from now on, a node's
+    /// registers do not change before its horizon.
     #[test]
     fn nothing_shows_before_the_horizon(
         requests in prop::collection::vec((0..3_usize, 0..1_500_u64, 0..0x40_u16, any::<u8>()), 1..10),
@@ -229,7 +230,7 @@ proptest! {
                 .map(|node| (bus.irq(*node), bus.read(*node, TSR), bus.read(*node, RF0R), bus.read(*node, ESR)))
                 .collect()
         };
-        // A horizon is asked for when the one before has been reached or the node has written.
+        // Ask for a new horizon when the last one has been reached or the node has written.
         let mut promised: Vec<SimTime> = nodes.iter().map(|node| bus.horizon_of(*node)).collect();
         let last = requests.len() - 1;
         for (serial, (node, at, id, byte)) in requests.iter().enumerate() {
@@ -280,7 +281,7 @@ fn a_request_waits_for_the_next_bit_boundary_of_its_own_grid() {
         if asked == 1_001 {
             assert_eq!(began, at_us(start));
         } else {
-            // The end of the frame before has set the grid anew, on the same boundaries.
+            // The end of the previous frame has restarted the grid, on the same boundaries.
             assert_eq!(began.as_ticks() % BIT, 0);
             assert!(began >= at_us(asked) && began < at_us(asked) + common::bits(1));
         }
@@ -294,10 +295,11 @@ fn a_pending_frame_joins_the_start_of_another() {
     let first = bus.add_tester(Tester::new());
     bus.advance_to(at_us(100));
     bus.advance_to(ps(101_000_000));
-    // The second tester's grid lies one microsecond behind the first one's.
+    // The second tester's grid is one microsecond later than the first one's.
     let second = bus.add_tester(Tester::new());
     bus.advance_to(at_us(200));
-    // At 400 us the first one starts; the second one, asked before, would have at 401 us.
+    // The first tester starts at 400 us. The second one has a request by then too, but could start
+    // only at 401 us.
     bus.send_at(first, ps(398_000_000), frame(0x200, &[]), Retry::UntilSent);
     bus.send_at(second, ps(399_000_000), frame(0x100, &[]), Retry::UntilSent);
     bus.advance_to(at_us(1_500));
@@ -357,7 +359,8 @@ fn the_senders_crystal_sets_the_length() {
 
 #[test]
 fn receivers_follow_a_crystal_half_a_percent_off() {
-    // Over a whole frame that is half a bit and more: only resynchronisation keeps step.
+    // Over a whole frame this is more than half a bit: only resynchronisation keeps the nodes in
+    // step.
     for ppb in [-5_000_000, 5_000_000] {
         let mut bus = Bus::new();
         let node = bus.add_bxcan(Part::F446, f446().with_offset_ppb(ppb));

@@ -1,4 +1,4 @@
-//! Register-level tests of the bxCAN model, a test for each behaviour that RM0390 describes.
+//! Register-level tests of the bxCAN model: one for each behaviour that RM0390 describes.
 
 mod common;
 
@@ -125,7 +125,7 @@ fn traffic_delays_the_end_of_initialisation_to_the_end_of_intermission() {
     let sent = frame(0x123, &[0xA5; 8]);
     request(&mut bus, sender, 0, &sent, start);
     bus.write(late, MCR, 0, start + bits(20));
-    // ACK delimiter, end of frame and intermission are the eleven bits.
+    // The ACK delimiter, the end of frame and the intermission are the eleven bits.
     let end = start + bits(WireFrame::encode(&sent).bits() as u64 + 3);
     bus.advance_to(end - bits(1));
     assert_eq!(bus.read(late, MSR) & 3, 1);
@@ -283,8 +283,8 @@ fn lost_arbitration_shows_at_the_bit_that_lost_it() {
     let loser = normal_node(&mut bus, NART);
     bus.write(loser, IER, 1, bus.now());
     let now = bus.now();
-    // The bits so far are 0 0001 111 and then 0 or 1: no stuff bit before the eighth of the
-    // identifier, which is the bit of index 8.
+    // The bits so far are 0 0001 111, then 0 or 1. There is no stuff bit before the eighth bit of
+    // the identifier, whose index is 8.
     request(&mut bus, winner, 0, &frame(0x0F0, &[]), now);
     request(&mut bus, loser, 0, &frame(0x0F8, &[]), now);
     bus.advance_to(now + bits(12));
@@ -347,7 +347,7 @@ fn an_abort_written_ahead_of_the_bus_meets_the_frame_on_the_wire() {
     normal_node(&mut bus, 0);
     let now = bus.now();
     request(&mut bus, node, 0, &frame(0x200, &[]), now);
-    // The bus stands at `now`: the frame will be on the wire ten bits later.
+    // The bus is at `now`; ten bits later the frame is being sent.
     bus.write(node, TSR, ABRQ0, now + bits(10));
     assert_eq!(bus.read(node, TSR) & 0xFF, ABRQ0);
     bus.advance_to(now + bits(100));
@@ -506,7 +506,7 @@ fn interrupts_come_at_their_bits_of_end_of_frame() {
     let sample = BIT * 11 / 15;
     let since = |at: Option<can_bus::SimTime>| at.expect("seen").as_ticks() - start.as_ticks();
     assert_eq!(since(transmitted_at), (length - 1) * BIT + sample);
-    // The receiver samples up to a quantum earlier, by the phase of its own clock.
+    // The receiver samples up to a quantum earlier, depending on the phase of its own clock.
     let early = (length - 2) * BIT + sample - since(received_at);
     assert!(early < BIT / 15, "{early} ps");
 }
@@ -940,7 +940,7 @@ fn the_status_register_shows_who_sends() {
     let receiver = normal_node(&mut bus, 0);
     let now = bus.now();
     request(&mut bus, sender, 0, &frame(0, &[]), now);
-    // Inside the first bits, all dominant.
+    // Within the first bits, which are all dominant.
     bus.advance_to(now + bits(3));
     assert_eq!(bus.read(sender, MSR) >> 8, 0b0001, "TXM, RX dominant");
     assert_eq!(bus.read(receiver, MSR) >> 8, 0b0010, "RXM");
@@ -951,7 +951,7 @@ fn the_status_register_shows_who_sends() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Whatever a program writes, the model goes on and its status stays consistent.
+    /// Whatever a program writes, the model continues and its status stays consistent.
     #[test]
     fn no_sequence_of_writes_upsets_the_model(
         writes in prop::collection::vec(
@@ -976,7 +976,7 @@ proptest! {
         let nodes = [normal_node(&mut bus, 0), normal_node(&mut bus, NART)];
         for (serial, (node, offset, value, us)) in writes.into_iter().enumerate() {
             let at = bus.now() + can_bus::SimDuration::from_ticks(us * 1_000_000);
-            // Sometimes the bus follows the write, sometimes it comes ahead of it.
+            // Every other write is at the time of the bus, the rest are ahead of it.
             if serial % 2 == 0 {
                 bus.advance_to(at);
             }

@@ -1,4 +1,4 @@
-//! The candump log format, with the `socketcan` crate's reader as an oracle.
+//! The candump log format, compared with the reader of the `socketcan` crate.
 
 use can_bus::candump::{Line, ParseError};
 use can_bus::{Frame, SimTime};
@@ -86,7 +86,7 @@ fn what_is_wrong_is_named() {
     }
 }
 
-/// The crate speaks to Linux sockets, too, and builds there only.
+/// The crate also uses Linux sockets and therefore builds only on Linux.
 #[cfg(target_os = "linux")]
 mod oracle {
     use super::*;
@@ -104,7 +104,7 @@ mod oracle {
                 .expect("a record");
             prop_assert_eq!(record.t_us, line.at.as_ticks() / 1_000_000);
             prop_assert_eq!(&record.device, &line.interface);
-            // And back again: what the other one writes, we read.
+            // The reverse: our parser reads what the crate writes.
             prop_assert_eq!(record.to_string().parse::<Line>(), Ok(line.clone()));
             match record.frame {
                 CanAnyFrame::Normal(data) => {

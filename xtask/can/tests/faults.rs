@@ -39,7 +39,7 @@ fn ends(records: &[Record]) -> usize {
         .count()
 }
 
-/// Two nodes and the frame that the first one sends at once; what happened within 400 bits.
+/// Two nodes, a frame that the first one sends at once, and the events of the first 400 bits.
 struct Scene {
     bus: Bus,
     sender: NodeId,
@@ -69,7 +69,7 @@ fn a_flipped_data_bit_destroys_the_frame_for_all_and_it_is_sent_again() {
     let sent = frame(0x123, &[0x55; 4]);
     let scene = disturbed(&sent, |_, _| flip(0, 30, SeenBy::All));
     let found = errors(&scene.records);
-    // The sender notices at the bit; its flag breaks the stuffing rule for the receiver.
+    // The sender notices the error at this bit. Its flag breaks the stuffing rule for the receiver.
     assert_eq!(found[0].0, scene.sender);
     assert_eq!(found[0].2, 30);
     assert!(matches!(
@@ -79,7 +79,7 @@ fn a_flipped_data_bit_destroys_the_frame_for_all_and_it_is_sent_again() {
     assert_eq!((found[1].0, found[1].1), (scene.receiver, ErrorKind::Stuff));
     assert_eq!(ends(&scene.records), 1);
     assert_eq!(scene.bus.read(scene.receiver, RF0R), 1);
-    // +8 for the error, -1 for the success; +1 and -1.
+    // +8 for the error, -1 for the success; for the receiver +1 and -1.
     assert_eq!(tec(&scene.bus, scene.sender), 7);
     assert_eq!(rec(&scene.bus, scene.receiver), 0);
     assert_eq!(scene.bus.read(scene.sender, TSR) & 0xF, 0b0011);
@@ -96,8 +96,8 @@ fn an_error_frame_takes_its_time_on_the_bus() {
         .map(|record| record.at.as_ticks())
         .collect();
     let found = errors(&scene.records);
-    // The receiver's flag follows upon the sender's: superposed, 6 to 12 bits; then delimiter
-    // and intermission.
+    // The receiver's flag follows the sender's. Superposed they take 6 to 12 bits; then come
+    // delimiter and intermission.
     let receiver_bit = u64::from(found[1].2);
     let expected = receiver_bit + 1 + 6 + 8 + 3;
     assert_eq!((starts[1] - starts[0]) / BIT, expected);
@@ -113,8 +113,8 @@ fn a_bit_that_only_the_receiver_misreads_destroys_the_frame() {
         let scene = disturbed(&sent, |_, receiver| flip(0, bit, SeenBy::Node(receiver)));
         let found = errors(&scene.records);
         if found[0].1 == ErrorKind::Acknowledge {
-            // A wrong CRC: no acknowledge, which the sender notices first. The receiver may be a
-            // bit late or early if the flip has made or unmade a stuff bit.
+            // With a wrong CRC there is no acknowledge, which the sender notices first. The
+            // receiver may be a bit late or early if the flip has created or removed a stuff bit.
             let slot = wire.acknowledge_slot() as u16;
             assert_eq!((found[0].0, found[0].2), (scene.sender, slot), "bit {bit}");
             assert_eq!(found[1].0, scene.receiver, "bit {bit}");
@@ -122,7 +122,8 @@ fn a_bit_that_only_the_receiver_misreads_destroys_the_frame() {
             seen.insert("Crc");
         } else {
             assert_eq!(found[0].0, scene.receiver, "bit {bit}");
-            // A bit early, it takes the end of the CRC sequence for the delimiter behind it.
+            // A receiver that is a bit early takes the end of the CRC sequence for the delimiter
+            // after it.
             assert!(
                 matches!(found[0].1, ErrorKind::Stuff | ErrorKind::Form),
                 "bit {bit}"
@@ -142,14 +143,14 @@ fn crc_error_is_flagged_behind_the_acknowledge_delimiter() {
     let sender = normal_node(&mut bus, NART);
     let _good = normal_node(&mut bus, 0);
     let bad = normal_node(&mut bus, 0);
-    // A bit in the midst of a run of changing bits, so that no stuffing rule is touched.
+    // A bit within a run of changing bits, so that the stuffing rule still holds.
     bus.disturb(flip(0, 32, SeenBy::Node(bad)));
     let now = bus.now();
     request(&mut bus, sender, 0, &sent, now);
     bus.advance_to(now + bits(150));
     let found = errors(&bus.drain_records());
     assert_eq!(found[0], (bad, ErrorKind::Crc, slot as u16 + 1));
-    // The flag begins with the first bit of end of frame, where the others see a form error.
+    // The flag begins at the first bit of end of frame, where the other nodes see a form error.
     assert!(
         found[1..]
             .iter()
@@ -177,7 +178,7 @@ fn nobody_acknowledges_a_lonely_node_which_turns_passive_but_not_off() {
     assert_eq!(tec(&bus, node), 128);
     assert_eq!(bus.read(node, ESR) & 7, EWGF | EPVF);
     assert!(bus.irq(node).sce);
-    // Somebody comes: the frame goes out at last.
+    // Another node joins: the frame is sent at last.
     let other = normal_node(&mut bus, 0);
     bus.advance_to(bus.now() + bits(200));
     assert_eq!(bus.read(other, RF0R), 1);
@@ -219,7 +220,7 @@ fn a_passive_sender_pauses_before_its_next_frame() {
     assert_eq!(passive, active + 8);
 }
 
-/// A node driven off the bus by flips in its frames.
+/// A node that flipped bits in its frames have driven into bus-off.
 fn driven_off(options: u32) -> (Bus, NodeId, NodeId) {
     let mut bus = Bus::new();
     let node = normal_node(&mut bus, options);
@@ -300,11 +301,11 @@ fn without_automatic_management_bus_off_lasts_until_software_asks() {
 fn automatic_management_recovers_after_128_times_eleven_bits() {
     let (mut bus, node, other) = driven_off(ABOM);
     let off = bus.now();
-    // Traffic of others does not stop the count, it only interrupts runs: with a frame each
-    // 11 + 50 bits one sequence is counted in each gap.
+    // Other nodes' frames do not stop the recovery, they only interrupt sequences: with a frame
+    // every 11 + 50 bits, one sequence is counted in each gap.
     bus.advance_to(off + bits(128 * 11 - 1));
     assert_eq!(bus.read(node, ESR) & BOFF, BOFF);
-    // What is left of the other's error flag and the wait for a recessive bit.
+    // The rest of the other node's error flag, and the wait for a recessive bit.
     bus.advance_to(off + bits(128 * 11 + 20));
     assert_eq!(bus.read(node, ESR) & 0xFFFF_0007, 0);
     bus.advance_to(off + bits(128 * 11 + 300));
@@ -324,8 +325,8 @@ fn a_node_off_the_bus_neither_acknowledges_nor_receives() {
 
 #[test]
 fn a_receiver_counts_one_and_eight_if_it_was_alone() {
-    // A flip that only one of two receivers sees: its own flag is the first on the bus, so the
-    // others' flags follow and it reads a dominant bit behind its own.
+    // Only one of two receivers sees the flip. Its flag is the first on the bus, the others' flags
+    // follow, and so it reads a dominant bit after its own flag.
     let mut bus = Bus::new();
     let sender = normal_node(&mut bus, NART);
     let good = normal_node(&mut bus, 0);
@@ -359,7 +360,7 @@ fn a_stuck_bus_makes_receivers_passive_and_drives_senders_off() {
     assert_eq!(bus.read(sender, ESR) & BOFF, BOFF);
     assert_eq!(bus.read(receiver, ESR) & 7, EWGF | EPVF);
     assert_eq!(bus.error_counters(receiver).receive(), 255);
-    // Behind the error flag (bit 6) each eight dominant bits count eight.
+    // After the error flag (bit 6), each eight dominant bits add eight.
     bus.advance_to(now + bits(2_000));
     let tester = bus.add_tester(Tester::new());
     bus.advance_to(bus.now() + bits(20));
@@ -384,8 +385,9 @@ fn dominant_bits_behind_a_flag_count_by_eights() {
         from,
         until: from + bits(100),
     });
-    // Bits 0 to 5 break the stuffing rule, 6 to 11 are the flag. Bit 12 is dominant behind a
-    // flag of its own; bit 19 is the 14th dominant one since the flag began, then each eighth.
+    // Bits 0 to 5 break the stuffing rule, 6 to 11 are the flag. Bit 12 is dominant after the
+    // node's own flag. Bit 19 is the 14th dominant one since the flag began; after that each eighth
+    // bit counts.
     for (passed, count) in [
         (5, 0),
         (6, 1),
@@ -401,7 +403,8 @@ fn dominant_bits_behind_a_flag_count_by_eights() {
     }
 }
 
-/// A lonely sender, the bit of its missing acknowledge, and a foreign node for raw bits.
+/// A sender without a receiver, the bit of its missing acknowledge, and a foreign node for raw
+/// bits.
 fn lonely() -> (Bus, NodeId, u64, NodeId) {
     let mut bus = Bus::new();
     let rogue = bus.add_tester(Tester::listener());
@@ -426,7 +429,7 @@ fn a_dominant_bit_in_the_error_delimiter_is_an_error_but_for_its_last() {
             8 * errors_counted,
             "bit {bit_of_delimiter}"
         );
-        // In either case a flag follows: of an error or of an overload.
+        // Either way a flag follows: an error flag or an overload flag.
         assert_eq!(
             bus.read(node, MSR) >> 10 & 1,
             0,
@@ -511,13 +514,13 @@ fn an_open_bus_lets_nobody_through() {
 
 #[test]
 fn a_disturbed_last_bit_duplicates_the_frame() {
-    // The known hole of CAN: a sender that misreads the last bit of end of frame sends again,
-    // although the receivers have taken the frame.
+    // A known weakness of CAN: a sender that misreads the last bit of end of frame sends again,
+    // although the receivers have accepted the frame.
     let sent = frame(0x123, &[7]);
     let last = WireFrame::encode(&sent).bits() - 1;
     let scene = disturbed(&sent, |sender, _| flip(0, last, SeenBy::Node(sender)));
     assert_eq!(scene.bus.read(scene.receiver, RF0R), 2);
-    // A receiver that misreads it answers with an overload frame instead: no error, no repeat.
+    // A receiver that misreads this bit answers with an overload frame: no error and no repetition.
     let scene = disturbed(&sent, |_, receiver| flip(0, last, SeenBy::Node(receiver)));
     assert_eq!(scene.bus.read(scene.receiver, RF0R), 1);
     assert!(errors(&scene.records).is_empty());
@@ -664,9 +667,9 @@ fn nth_frame_of_an_identifier_can_be_chosen() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Under any bit error rate, nothing but what was sent arrives, in its order, and counters and
-    /// states agree. No retried frame is lost as long as all nodes are error-active; an
-    /// error-passive receiver that misreads end of frame cannot make itself heard.
+    /// At any bit error rate only sent frames arrive, in their order, and counters match states. No
+    /// retried frame is lost while all nodes are error-active. An error-passive receiver that
+    /// misreads the end of frame cannot signal it.
     #[test]
     fn noise_never_corrupts_and_retries_get_through(
         seed in any::<u64>(),
@@ -726,7 +729,7 @@ proptest! {
         prop_assert_eq!(last_state, bus.error_counters(tester).state());
     }
 
-    /// The same seed gives the same run, another one another.
+    /// The same seed gives the same run, a different seed a different one.
     #[test]
     fn noise_is_reproducible(seed in any::<u64>()) {
         let run = |seed: u64| {

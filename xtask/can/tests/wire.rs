@@ -1,12 +1,12 @@
-//! Frames on the wire: known answers, and an independent encoder as an oracle.
+//! Frames on the wire: known answers, and an independent encoder to compare with.
 
 use can_bus::Frame;
 use can_bus::wire::{Decoder, Field, Level, WireFrame, crc15};
 use embedded_can::{ExtendedId, Id, StandardId};
 use proptest::prelude::*;
 
-/// Text of zeros and ones from start of frame to the last CRC bit, without stuff bits, by string
-/// formatting instead of shifting.
+/// The bits from start of frame to the last CRC bit, without stuff bits, as a text of zeros and
+/// ones. It is built by string formatting instead of shifting.
 fn plain_text(frame: &Frame) -> String {
     let rtr = u8::from(frame.is_remote());
     let mut text = match frame.id() {
@@ -38,7 +38,7 @@ fn remainder(text: &str) -> String {
     String::from_utf8(dividend[text.len()..].to_vec()).expect("digits")
 }
 
-/// Stuffing by text replacement from the left.
+/// Bit stuffing by text replacement from the left.
 fn stuffed_text(plain: &str) -> String {
     let mut out = String::new();
     for bit in plain.chars() {
@@ -67,7 +67,7 @@ fn any_id() -> impl Strategy<Value = Id> {
     ]
 }
 
-/// Bytes with many long runs, where stuffing is worked hardest.
+/// Bytes with many long runs of equal bits, which need the most stuff bits.
 fn any_byte() -> impl Strategy<Value = u8> {
     prop_oneof![
         any::<u8>(),
@@ -135,7 +135,7 @@ proptest! {
         for (index, level) in wire.levels().iter().enumerate() {
             let level = if index == at { level.inverted() } else { *level };
             noticed |= decoder.push(level).is_err();
-            // What a receiver checks in the fixed-form fields.
+            // The checks that a receiver makes in the fixed-form fields.
             noticed |= decoder.next_field() == Field::Done && index + 1 < wire.bits();
         }
         noticed |= !decoder.crc_matches() || decoder.frame() != Some(frame);
@@ -145,8 +145,8 @@ proptest! {
 
 #[test]
 fn worst_case_lengths_are_reached() {
-    // Davis et al. 2007: 135 bits for an 11-bit identifier and eight bytes. Identifier and data
-    // are chosen so that nearly every possible stuff bit is there; the CRC decides the rest.
+    // Davis et al. 2007: 135 bits for an 11-bit identifier and eight bytes. The identifier and data
+    // are chosen to need nearly every possible stuff bit; the CRC decides the rest.
     let longest = (0..=0x7FF_u16)
         .flat_map(|id| {
             [
@@ -181,8 +181,8 @@ fn crc_check_value_of_the_catalogue() {
 
 #[test]
 fn a_frame_of_zeros_bit_by_bit() {
-    // Identifier 0 without data: 19 dominant bits, whose CRC is 15 more; a recessive bit is
-    // stuffed behind each five of them, and ten recessive bits follow.
+    // Identifier 0 without data: 19 dominant bits and a CRC of 15 more. A recessive stuff bit
+    // follows each five of them, and ten recessive bits end the frame.
     let frame = Frame::standard(0, &[]).expect("valid");
     let wire = WireFrame::encode(&frame);
     assert_eq!(
@@ -194,7 +194,7 @@ fn a_frame_of_zeros_bit_by_bit() {
 
 #[test]
 fn a_stuff_bit_follows_the_last_crc_bit_if_it_completes_a_run() {
-    // ISO 11898-1, clause 10.5: the CRC sequence is stuffed to its end.
+    // ISO 11898-1, clause 10.5: bit stuffing covers the whole CRC sequence.
     let frame = (0..=0x7FF)
         .filter_map(|id| Frame::standard(id, &[]))
         .find(|frame| {

@@ -1,6 +1,8 @@
-//! Runs one image alone and tells what it did; with `internal` nothing feeds its OSC_IN,
-//! with `wait` its flash takes its time:
-//! `cargo run --profile host -p twin --example one_node -- f446 path/to/gps 2 [internal] [wait]`
+//! Runs one image alone and reports what it did:
+//!
+//! `cargo run --profile host -p twin --example one_node -- f446 path/to/gps 2 [internal] [wait]`.
+//!
+//! With `internal` its OSC_IN is not connected; with `wait` its flash has wait states.
 
 use can_bus::SimTime;
 use std::sync::Arc;

@@ -1,8 +1,9 @@
-//! Programs that exercise the processor and leave what they computed in memory, to be run
-//! on the emulated core and on QEMU and compared word by word. Built by `generate.sh`.
+//! Programs that exercise the processor and leave their results in memory. The emulated core and
+//! QEMU run them, and a test compares the results word by word. `generate.sh` builds them.
 //!
-//! Results stand from 0x2000_4000 on: the number of words, then for each kernel its number
-//! in the upper half and the count of its words in the lower half, then these words.
+//! Results start at 0x2000_4000. The first word is their number of words. Each kernel adds a
+//! header, with its number in the upper half and its count of words in the lower half, and then its
+//! words.
 
 #![no_std]
 #![no_main]

@@ -1,4 +1,4 @@
-//! A node's own time: cycles of its core against picoseconds of the simulation.
+//! A node's own time: converts between cycles of its core and picoseconds of the simulation.
 
 /// Cycles of the core clock (HCLK) since the node's power came up.
 pub(crate) type Cycles = u64;
@@ -20,7 +20,7 @@ pub(crate) struct LocalClock {
 }
 
 impl LocalClock {
-    /// A clock of `hertz` that is fast by `ppb` parts in 10^9, at cycle 0 at time `origin`.
+    /// A clock of `hertz` that runs fast by `ppb` parts in 10^9. Its cycle 0 begins at `origin`.
     pub(crate) fn new(hertz: u64, ppb: i64, origin: Ps) -> Self {
         Self {
             origin_cycle: 0,

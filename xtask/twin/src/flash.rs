@@ -1,14 +1,14 @@
-//! What the flash memory costs: wait states, prefetch and the F446's line caches.
+//! Timing of the flash memory: wait states, prefetch and the line caches of the F446.
 //!
-//! The F446 (RM0390 3.4) reads lines of 128 bits. A line that was fetched stays in the
-//! instruction line buffer; with PRFTEN the next one is read ahead; with ICEN a line that
-//! was missed goes into a cache of 64 lines, with DCEN constants into one of 8. The F303
-//! (RM0316 4.2.2) reads 64 bits and has the prefetch buffer only.
+//! The F446 (RM0390 3.4) reads lines of 128 bits. The instruction line buffer holds the line
+//! fetched last. With PRFTEN the next line is prefetched; with ICEN a missed line enters an
+//! instruction cache of 64 lines; with DCEN constants use a data cache of 8 lines. The F303 (RM0316
+//! 4.2.2) reads 64 bits and has only the prefetch buffer.
 //!
-//! The manual tells neither how the caches are organised nor how they replace: here any
-//! line may stand anywhere and the one unused longest goes. A real part may miss more
-//! often. A line on its way is waited for; reads for constants and reads ahead do not
-//! delay each other.
+//! The manual does not say how the caches are organised or which line they replace. The model
+//! assumes full associativity and replaces the least recently used line, so a real part may miss
+//! more often. The core waits for a line that is still being read. Reads of constants and
+//! prefetches do not delay each other.
 
 use crate::clock::Cycles;
 use crate::part::{Family, Part};
@@ -17,7 +17,7 @@ use rsemu::core::space::{AccessConstraints, AccessPurpose, MemAttrs, MemOps, Mem
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// A cache of lines: numbers of the lines, the one used last in front.
+/// A cache: line numbers, the most recently used first.
 #[derive(Debug)]
 struct Lines {
     lines: Vec<u32>,
@@ -32,7 +32,7 @@ impl Lines {
         }
     }
 
-    /// Whether the line is there; it becomes the one used last.
+    /// True on a hit; the line becomes the most recently used.
     fn hit(&mut self, line: u32) -> bool {
         let Some(at) = self.lines.iter().position(|&held| held == line) else {
             return false;
@@ -51,7 +51,7 @@ impl Lines {
     }
 }
 
-/// Settings of FLASH_ACR that matter here.
+/// The fields of FLASH_ACR that affect timing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Control {
     wait_states: u64,
@@ -79,7 +79,8 @@ impl Control {
     }
 }
 
-/// No line: lines are numbered by address over size and never come near it.
+/// Stands for "no line". A line number is an address divided by the line size and never becomes
+/// this large.
 const NONE: u32 = u32::MAX;
 
 #[derive(Debug)]
@@ -87,7 +88,7 @@ struct Accelerator {
     control: Control,
     /// Line in the instruction line buffer.
     current: u32,
-    /// When the line that is read ahead is there.
+    /// When the prefetched line is available.
     next_ready: Cycles,
     instructions: Lines,
     constants: Lines,
@@ -104,7 +105,7 @@ impl Accelerator {
         }
     }
 
-    /// Cycles that the core waits for an instruction in a new line, asked for at `now`.
+    /// Cycles that the core waits for an instruction in a new line requested at `now`.
     fn fetch(&mut self, line: u32, now: Cycles) -> Cycles {
         let control = self.control;
         let ahead = control.prefetch && line == self.current.wrapping_add(1);
@@ -119,7 +120,7 @@ impl Accelerator {
             control.wait_states
         };
         self.current = line;
-        // The read ahead begins when this line is there.
+        // The prefetch of the next line starts when this line has arrived.
         self.next_ready = now + wait + control.wait_states + 1;
         wait
     }
@@ -136,7 +137,7 @@ impl Accelerator {
     }
 }
 
-/// The flash on the core's bus, with the time it takes.
+/// The flash memory on the core's bus, with its access times.
 #[derive(Debug)]
 pub(crate) struct TimedFlash {
     part: &'static Part,
@@ -145,7 +146,7 @@ pub(crate) struct TimedFlash {
     accelerator: Mutex<Accelerator>,
     /// A copy of [`Accelerator::current`] that needs no lock.
     current: AtomicU32,
-    /// FLASH_ACR as last taken over.
+    /// FLASH_ACR as last passed to [`TimedFlash::set_control`].
     acr: AtomicU32,
     now: AtomicU64,
     stall: AtomicU64,
@@ -165,7 +166,7 @@ impl TimedFlash {
         }
     }
 
-    /// An instruction begins at `now`.
+    /// The core starts an instruction at `now`.
     #[inline]
     pub(crate) fn set_now(&self, now: Cycles) {
         self.now.store(now, Ordering::Relaxed);
@@ -181,7 +182,7 @@ impl TimedFlash {
         stall
     }
 
-    /// Takes over FLASH_ACR; its change empties the caches.
+    /// Applies a new FLASH_ACR. A change empties the caches.
     pub(crate) fn set_control(&self, acr: u32) {
         if self.acr.swap(acr, Ordering::Relaxed) != acr {
             let mut accelerator = crate::peripheral::lock(&self.accelerator);
@@ -254,7 +255,7 @@ mod tests {
     fn the_next_line_is_read_while_this_one_is_executed() {
         let mut flash = f446(5 | 1 << 8);
         assert_eq!(flash.fetch(10, 100), 5);
-        // There at 105, the next one 6 cycles later.
+        // The line arrives at cycle 105, the next one 6 cycles later.
         assert_eq!(flash.fetch(11, 108), 3);
         assert_eq!(flash.fetch(12, 120), 0);
         assert_eq!(flash.fetch(14, 140), 5, "not the next line");

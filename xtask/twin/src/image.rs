@@ -1,10 +1,10 @@
-//! Program images: what an ELF file puts where, and what its vectors are called.
+//! Program images: the flash contents of an ELF file and the names of its functions.
 
 use crate::part::Part;
 use object::{Object, ObjectSymbol, SymbolKind};
 use std::collections::BTreeMap;
 
-/// Why a file is not a program for a part.
+/// Why a file is not a program for a microcontroller.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
     /// Not an ELF file, or a damaged one.
@@ -13,10 +13,10 @@ pub enum ImageError {
     /// The file ends before a segment does.
     #[error("the ELF file is cut off")]
     Truncated,
-    /// For another processor.
+    /// It is for another processor.
     #[error("the program is for {0:?}, not for an ARM microcontroller")]
     Architecture(object::Architecture),
-    /// A segment lies outside of the part's memories.
+    /// A segment lies outside the part's flash.
     #[error("the segment at {address:#010x} of {size} bytes lies outside of the {}'s flash", part.title)]
     Outside {
         /// Load address.
@@ -28,7 +28,7 @@ pub enum ImageError {
     },
 }
 
-/// A program as it stands in flash, with the names of its functions.
+/// The contents of the flash, with the names of the program's functions.
 #[derive(Clone, Debug)]
 pub struct Image {
     part: &'static Part,
@@ -41,7 +41,7 @@ impl Image {
     /// Reads an ELF file.
     ///
     /// # Errors
-    /// When it is no ELF file, for another processor, or does not fit into the flash.
+    /// When it is not an ELF file, is for another processor, or does not fit into the flash.
     pub fn from_elf(part: &'static Part, elf: &[u8]) -> Result<Self, ImageError> {
         let file = object::File::parse(elf)?;
         if file.architecture() != object::Architecture::Arm {
@@ -61,8 +61,8 @@ impl Image {
             }
             image.symbols.entry(name.to_owned()).or_insert(address);
             if symbol.kind() == SymbolKind::Text {
-                // Several names may stand for one address: the vector's own name is the
-                // one that is spelled like an interrupt.
+                // Several symbols may share an address. The vector's own name is the one spelled
+                // like an interrupt.
                 let entry = image.functions.entry(address & !1).or_default();
                 if entry.is_empty() || preferred(name, entry) {
                     name.clone_into(entry);
@@ -72,10 +72,10 @@ impl Image {
         Ok(image)
     }
 
-    /// A program given as the bytes of the flash from its beginning: vector table first.
+    /// Makes a program from the bytes of the flash, which begin with the vector table.
     ///
     /// # Errors
-    /// When it is larger than the flash.
+    /// When there are more bytes than flash.
     pub fn from_code(part: &'static Part, code: &[u8]) -> Result<Self, ImageError> {
         let mut image = Self::empty(part);
         image.place(part.flash.base, code)?;
@@ -106,19 +106,19 @@ impl Image {
         Ok(())
     }
 
-    /// The part it is for.
+    /// The part that the program is for.
     #[must_use]
     pub fn part(&self) -> &'static Part {
         self.part
     }
 
-    /// The whole flash, erased bytes 0xFF.
+    /// The contents of the whole flash; erased bytes are 0xFF.
     #[must_use]
     pub fn flash(&self) -> &[u8] {
         &self.flash
     }
 
-    /// The address of a symbol, as the file gives it.
+    /// The address of a symbol, exactly as the ELF file states it.
     #[must_use]
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.symbols.get(name).copied()
@@ -133,8 +133,8 @@ impl Image {
             .map(|(_, name)| name.as_str())
     }
 
-    /// The handler of exception `number`: address, and the name of its symbol or, without
-    /// one, its address in hexadecimal.
+    /// The handler of exception `number`: its address and the name of its symbol. A handler without
+    /// a symbol is named by its address in hexadecimal.
     #[must_use]
     pub fn handler(&self, number: u16) -> Option<(u32, String)> {
         let at = usize::from(number) * 4;

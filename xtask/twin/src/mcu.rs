@@ -1,4 +1,4 @@
-//! One microcontroller: core, memories and peripherals in step.
+//! One microcontroller: core, memories and peripherals, simulated together.
 
 use crate::clock::{Cycles, NEVER, Ps};
 use crate::flash::TimedFlash;
@@ -16,9 +16,9 @@ use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Config};
 use std::sync::Arc;
 
-/// Cycles that the emulated core charges for stacking beyond the architected entry of 12
-/// and return of 10 (Cortex-M4 processor manual 3.9.2): its eight memory accesses, which
-/// on the part run at the same time as the vector fetch.
+/// Cycles that the emulated core adds for stacking to the 12 cycles of an exception entry and the
+/// 10 of a return (Cortex-M4 processor manual 3.9.2). They are its eight memory accesses, which a
+/// real core performs during the vector fetch.
 const STACKING: Cycles = 8;
 const ENTRY: Cycles = 12;
 const RETURN: Cycles = 10;
@@ -28,7 +28,7 @@ const IT_STATE: u32 = 0x3F << 10 | 3 << 25;
 /// Words of floating-point state that a return restores, one cycle each.
 const FP_WORDS: Cycles = 17;
 
-/// What surrounds a microcontroller on its board.
+/// The surroundings of a microcontroller on its board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Board {
     /// Clock at OSC_IN, Hz, or `None` when nothing is connected.
@@ -37,25 +37,25 @@ pub struct Board {
     pub crystal_ppb: i32,
     /// Error of the internal RC oscillator, parts in 10^9.
     pub rc_ppb: i32,
-    /// When its power comes up.
+    /// When its power supply comes on.
     pub power_on: SimTime,
-    /// What reading the flash costs.
+    /// How long reading the flash takes.
     pub flash: FlashTiming,
 }
 
-/// What reading the flash costs the core.
+/// How long reading the flash takes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FlashTiming {
-    /// Nothing: the cycles of the processor manual, zero wait states.
+    /// No wait states: instructions take the cycles of the processor manual.
     #[default]
     Immediate,
-    /// The wait states that the program set, softened by prefetch and caches as it
-    /// enabled them.
+    /// The wait states that the program has set, reduced by prefetch and caches as far as the
+    /// program has enabled them.
     WaitStates,
 }
 
 impl Default for Board {
-    /// The clock of the Nucleo-F446RE, exact, on from the beginning.
+    /// The clock of the Nucleo-F446RE without error, powered from the beginning.
     fn default() -> Self {
         Self {
             external_clock: Some(parts::Sled::F446.external_hz),
@@ -67,22 +67,22 @@ impl Default for Board {
     }
 }
 
-/// What a core is seen to do, in the order in which it does it.
+/// An action of the core, reported in the order of execution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seen {
     /// It executed the instruction at this address.
     Executed(u32),
-    /// It began with this exception; what it did before is interrupted.
+    /// It entered this exception and preempted what it was executing.
     Entered(u16),
-    /// It ended an exception and began with this one.
+    /// It left an exception and entered this one without unstacking (tail-chaining).
     Chained(u16),
-    /// It ended an exception and goes on with what that had interrupted.
+    /// It returned from an exception to the code that this one had preempted.
     Returned,
-    /// It was reset: nothing that was in hand goes on.
+    /// It was reset: no exception is active any more.
     Reset,
 }
 
-/// Called with everything that a core does.
+/// Callback for every action of a core.
 pub type Trace = Box<dyn FnMut(Seen) + Send>;
 
 /// A running microcontroller.
@@ -100,7 +100,7 @@ pub struct Mcu {
     asleep: bool,
     locked: bool,
     held: bool,
-    /// The sleeping core has to look whether it wakes.
+    /// The core sleeps and must check whether to wake up.
     poke: bool,
     observer: Observer,
     trace: Option<Trace>,
@@ -119,8 +119,8 @@ impl std::fmt::Debug for Mcu {
 }
 
 impl Mcu {
-    /// Powers a microcontroller with `image` in its flash up; with `bus`, its CAN
-    /// controller is a node there.
+    /// Powers up a microcontroller with `image` in its flash. With `bus`, its CAN controller
+    /// becomes a node on that bus.
     ///
     /// # Panics
     /// Never for the two parts: their memory maps are consistent.
@@ -209,7 +209,7 @@ impl Mcu {
         self.node
     }
 
-    /// How far it has come.
+    /// The time up to which it has run.
     #[must_use]
     pub fn now(&self) -> SimTime {
         SimTime::from_ticks(self.time(self.now))
@@ -225,14 +225,15 @@ impl Mcu {
         lock(&self.shared.peripherals).clock().time(cycle)
     }
 
-    /// Rate of the core clock, Hz, as its oscillator makes it nominally.
+    /// Nominal frequency of the core clock in Hz, without the error of its oscillator.
     #[must_use]
     pub fn core_hz(&self) -> u64 {
         lock(&self.shared.peripherals).clock().hertz()
     }
 
-    /// Runs up to `until`, past it by at most an instruction. Returns earlier when the
-    /// program wrote to the CAN controller and its own horizon there has come nearer.
+    /// Runs until `until` and past it by at most one instruction. Returns earlier if the program
+    /// wrote to the CAN controller and the horizon of this node has thereby moved to an earlier
+    /// time.
     pub fn run_until(&mut self, until: SimTime) {
         let mut limit = self.limit(until);
         loop {
@@ -267,8 +268,8 @@ impl Mcu {
         }
     }
 
-    /// Executes single instructions until the next one stands at `address`, or `budget`
-    /// cycles are over. Whether it got there.
+    /// Executes single instructions until the program counter is at `address` or `budget` cycles
+    /// have passed. True if it got to the address.
     pub fn run_to(&mut self, address: u32, budget: u64) -> bool {
         let end = self.now.saturating_add(budget);
         while self.now < end {
@@ -293,13 +294,13 @@ impl Mcu {
             .cycle_from(until.as_ticks())
     }
 
-    /// Whether only an event makes it go on.
+    /// True if the core executes nothing until the next event.
     fn stands_still(&self) -> bool {
         self.held || self.locked || (self.asleep && !self.poke)
     }
 
-    /// When it next does anything by itself: now while awake, at its next event while it
-    /// sleeps, `None` when nothing is due.
+    /// The next time at which it acts: now while awake, its next event while asleep, `None` if no
+    /// event is due.
     #[must_use]
     pub fn next_wake(&self) -> Option<SimTime> {
         if !self.stands_still() || self.shared.attention() == 0 {
@@ -309,8 +310,8 @@ impl Mcu {
         (at != NEVER).then(|| SimTime::from_ticks(self.time(at)))
     }
 
-    /// Applies what the peripherals have come to. True when the program has written to
-    /// the CAN controller since.
+    /// Applies the effects of the peripherals on the core. True if the program has written to the
+    /// CAN controller since the last call.
     fn synchronise(&mut self) -> bool {
         let shared = Arc::clone(&self.shared);
         let mut peripherals = lock(&shared.peripherals);
@@ -358,7 +359,7 @@ impl Mcu {
         self.resets.push((SimTime::from_ticks(at), cause));
     }
 
-    /// What only shows when one asks the core: a software reset, a lockup.
+    /// Checks for requests that the core does not announce: software reset and lockup.
     fn check_core(&mut self) {
         if self.core.reset_requested() {
             self.core.clear_reset_request();
@@ -368,7 +369,7 @@ impl Mcu {
         self.locked = self.core.is_locked_up();
     }
 
-    /// Lets a core that does nothing stand still until something is due.
+    /// Skips the time until the next event while the core executes nothing.
     fn skip(&mut self, limit: Cycles) {
         let idle = self.held || self.locked;
         let wrap = self.systick_wrap();
@@ -389,7 +390,7 @@ impl Mcu {
         self.now = to;
     }
 
-    /// Cycle at which SysTick interrupts a core that sleeps.
+    /// Cycle at which SysTick interrupts a sleeping core.
     fn systick_wrap(&self) -> Cycles {
         if self.held || self.locked {
             return NEVER;
@@ -438,22 +439,24 @@ impl Mcu {
         self.observer.step(self.now, used + stall, 0, Switch::None);
         if used == 1 && self.observer.current() == 0 {
             let asleep = self.core.is_asleep();
-            // Having fallen asleep, it looks once whether something is pending already.
+            // A core that has just fallen asleep checks once for interrupts that are already
+            // pending.
             self.poke = asleep && !self.asleep;
             self.asleep = asleep;
         }
     }
 
-    /// After an exception was taken in an IT block: adds what the block has still to decide
-    /// to the stacked xPSR. The emulated core leaves it out, and the rest of the block would
-    /// run unconditionally after the handler (ARMv7-M manual B1.5.6, PushStack).
+    /// After an exception inside an IT block, adds the remaining IT state to the stacked xPSR. The
+    /// emulated core omits it; without it the rest of the block would run unconditionally after the
+    /// handler (ARMv7-M manual B1.5.6, PushStack).
     fn stack_it_state(&mut self, before: u32) {
         let registers = self.core.regs();
         let handler = self.image.handler(registers.exception().0);
         if handler.is_none_or(|(address, _)| address != registers.r[15]) {
             return;
         }
-        // EXC_RETURN bit 2 says which stack has the frame; its eighth word is xPSR.
+        // Bit 2 of EXC_RETURN selects the stack that holds the frame. The eighth word of the frame
+        // is xPSR.
         let frame = match registers.r[14] & 4 {
             0 => registers.msp,
             _ => registers.psp,
@@ -465,7 +468,7 @@ impl Mcu {
         }
     }
 
-    /// The core waited for the flash, and its counters went on.
+    /// The core waited for the flash while its counters continued.
     fn wait(&mut self, stall: Cycles) {
         self.now += stall;
         self.core.with_sys(|sys| {
@@ -476,8 +479,8 @@ impl Mcu {
         });
     }
 
-    /// Shows a step to who looks on: an exception is taken instead of an instruction, and
-    /// ended by one.
+    /// Reports a step to the trace. A step executes an instruction or enters an exception; an
+    /// exception ends with an instruction.
     fn show(&mut self, at: u32, switch: Switch) {
         let Some(trace) = &mut self.trace else { return };
         if !matches!(switch, Switch::Enter(_)) {
@@ -491,7 +494,7 @@ impl Mcu {
         }
     }
 
-    /// A step long enough to have changed the exception in hand.
+    /// Handles a step that took long enough to have changed the active exception.
     fn long_step(&mut self, used: Cycles, stall: Cycles) -> Switch {
         let registers = self.core.regs();
         let exception = registers.exception().0;
@@ -535,7 +538,7 @@ impl Mcu {
         if excess > 0 {
             self.core.with_sys(|sys| give_back(sys, excess as u32));
         }
-        // What an entry waits for is its vector; else it is the instruction.
+        // Flash wait states of an entry belong to the vector fetch, otherwise to the instruction.
         let (own, overhead) = match switch {
             Switch::Enter(_) | Switch::Chain(_) => (own, overhead + stall),
             Switch::None | Switch::Return => (own + stall, overhead),
@@ -563,9 +566,9 @@ impl Mcu {
         result
     }
 
-    /// Takes the external clock away for good, as a broken wire does. What the part does then
-    /// is its clock security system's work; false when that is off, and the part, which
-    /// should stand still, goes on from a clock that is not there.
+    /// Stops the external clock for good, as a broken wire does. True if the clock security system
+    /// handles the failure. False if that is off: a real part would then stop, but the model
+    /// continues as if the clock still ran.
     pub fn lose_external_clock(&mut self) -> bool {
         let interrupts = self.surroundings(Peripherals::lose_external_clock);
         if interrupts {
@@ -576,8 +579,8 @@ impl Mcu {
         interrupts
     }
 
-    /// Drives a pin from outside from now on, or lets go of it (`None`: its pull resistor
-    /// decides).
+    /// Drives a pin from outside from now on. With `None` it is no longer driven, and its pull
+    /// resistor sets the level.
     pub fn drive_pin(&mut self, pin: Pin, level: Option<bool>) {
         self.surroundings(|p| p.drive_pin(pin, level));
     }
@@ -588,14 +591,14 @@ impl Mcu {
         lock(&self.shared.peripherals).pin_level(pin)
     }
 
-    /// Puts a 12-bit count on an analogue input (channel number of ADC1) from now on.
+    /// Sets an analogue input (channel of ADC1) to a 12-bit reading from now on.
     pub fn set_analog(&mut self, channel: usize, count: u16) {
         self.surroundings(|p| p.set_analog(channel, count));
     }
 
-    /// Puts bytes on the receive line of a USART (1..): the first start bit at `start`,
-    /// the others behind it without a pause, at `baud` bit/s. They are lost while the pin
-    /// is not handed to the USART. Calls come in the order of time.
+    /// Sends bytes to the receive line of a USART (numbered from 1) at `baud` bit/s. The first
+    /// start bit is at `start`, the others follow without a pause. Bytes are lost while the pin is
+    /// not assigned to the USART. Calls must be in order of time.
     pub fn feed_uart(&mut self, usart: u8, bytes: &[u8], start: SimTime, baud: u32) {
         let frame = 10_000_000_000_000 / u64::from(baud.max(1));
         for (k, &byte) in (0_u64..).zip(bytes) {
@@ -604,7 +607,7 @@ impl Mcu {
         }
     }
 
-    /// Bytes that left since the last call, in the order in which they ended.
+    /// Bytes transmitted since the last call, in the order in which they ended.
     pub fn drain_uart(&mut self) -> Vec<UartByte> {
         let mut bytes = std::mem::take(&mut lock(&self.shared.peripherals).sent);
         bytes.sort_by_key(|byte| byte.end);
@@ -616,7 +619,7 @@ impl Mcu {
         std::mem::take(&mut lock(&self.shared.peripherals).pins)
     }
 
-    /// Takes over the CAN interrupts after the bus moved on.
+    /// Updates the CAN interrupts after the bus has been simulated further.
     pub fn bus_moved(&mut self) {
         let changed = {
             let mut peripherals = lock(&self.shared.peripherals);
@@ -628,7 +631,7 @@ impl Mcu {
         }
     }
 
-    /// Pulls the reset pin: the part stands still with its outputs released.
+    /// Pulls the reset pin low: the part stops with its outputs released.
     pub fn hold_reset(&mut self) {
         self.held = true;
         let shared = Arc::clone(&self.shared);
@@ -636,7 +639,7 @@ impl Mcu {
         shared.set_attention(0);
     }
 
-    /// Lets the reset pin go: the program starts anew, RAM keeps its contents.
+    /// Releases the reset pin: the program starts anew, RAM keeps its contents.
     pub fn release_reset(&mut self) {
         if std::mem::take(&mut self.held) {
             let now = self.now().as_ticks();
@@ -644,7 +647,7 @@ impl Mcu {
         }
     }
 
-    /// Whether its reset pin is pulled.
+    /// True while its reset pin is held low.
     #[must_use]
     pub fn is_held(&self) -> bool {
         self.held
@@ -658,19 +661,19 @@ impl Mcu {
 
     // -- observation ------------------------------------------------------------------
 
-    /// Reads a peripheral's register as the program would at [`Mcu::now`], with the effects that
-    /// reading has; `None` where nothing is mapped. For looking at counters.
+    /// Reads a peripheral's register as the program would at [`Mcu::now`], including the side
+    /// effects of a read. `None` if no peripheral is mapped there. Meant for reading counters.
     pub fn read_register(&mut self, address: u32) -> Option<u32> {
         self.surroundings(|p| p.read(address).ok())
     }
 
-    /// Whether it sleeps in WFI.
+    /// True while it sleeps in WFI.
     #[must_use]
     pub fn is_asleep(&self) -> bool {
         self.asleep
     }
 
-    /// Whether it met a fault that no handler could take; only a reset helps.
+    /// True if the core is in lockup, a fault that no handler can take. Only a reset ends it.
     #[must_use]
     pub fn is_locked_up(&self) -> bool {
         self.core.is_locked_up()
@@ -688,7 +691,7 @@ impl Mcu {
         self.core.reg(index)
     }
 
-    /// Sets a core register, for programs that are started in the middle.
+    /// Sets a core register, for programs that do not start at their reset handler.
     pub fn set_register(&mut self, index: u8, value: u32) {
         self.core.set_reg(index, value);
     }
@@ -699,21 +702,21 @@ impl Mcu {
         self.core.current_exception().0
     }
 
-    /// Priority of an exception as its register holds it: lower wins.
+    /// Priority of an exception as its register holds it. A lower value is more urgent.
     #[must_use]
     pub fn priority(&self, exception: u16) -> i32 {
         self.core
             .with_sys(|sys| sys.priority_of(Exception(exception)))
     }
 
-    /// Accesses that hit nothing: how many, and the last address.
+    /// Accesses to unmapped addresses: their number, and the last address.
     #[must_use]
     pub fn bus_faults(&self) -> (u64, u32) {
         self.core.bus_faults()
     }
 
-    /// Addresses of peripheral registers that the program touched and that are not
-    /// modelled; they read as zero.
+    /// Addresses of peripheral registers that the program accessed but the model lacks. They read
+    /// as zero.
     #[must_use]
     pub fn unmodelled(&self) -> Vec<u32> {
         lock(&self.shared.peripherals)
@@ -723,18 +726,18 @@ impl Mcu {
             .collect()
     }
 
-    /// Where the cycles went since power-on.
+    /// How the cycles since power-on were spent.
     #[must_use]
     pub fn load(&self) -> Load {
         self.observer.report(&self.image)
     }
 
-    /// Observes everything that the core does from now on, or stops that.
+    /// Calls `trace` for every action of the core from now on; `None` ends this.
     pub fn set_trace(&mut self, trace: Option<Trace>) {
         self.trace = trace;
     }
 
-    /// Reads memory (RAM or flash); `None` outside.
+    /// Reads memory (RAM or flash); `None` outside these.
     #[must_use]
     pub fn memory(&self, address: u32, size: usize) -> Option<Vec<u8>> {
         let flash = self.image.part().flash;
@@ -750,7 +753,7 @@ impl Mcu {
         Some(bytes)
     }
 
-    /// Writes RAM. False outside.
+    /// Writes RAM. False for addresses outside it.
     pub fn set_memory(&mut self, address: u32, bytes: &[u8]) -> bool {
         self.memories.iter().any(|ram| {
             address
@@ -766,7 +769,7 @@ impl Mcu {
     }
 }
 
-/// Takes cycles back that the core charged too many.
+/// Subtracts cycles that the core counted in excess.
 fn give_back(sys: &mut rsemu::cpu::arm::v7m::sys::Sys, excess: u32) {
     if sys.cyccnt_enabled() {
         sys.dwt_cyccnt = sys.dwt_cyccnt.wrapping_sub(excess);
@@ -794,7 +797,7 @@ fn address_space(
             }
         });
         map.map(Arc::clone(&region), u64::from(part.flash.base))?;
-        // The boot pins alias the flash at zero.
+        // The boot pins map the flash to address zero.
         map.map(region, 0)?;
         for ram in memories {
             map.map(

@@ -1,4 +1,4 @@
-//! Microcontrollers on one bus, run in step.
+//! Microcontrollers on one bus, simulated together.
 
 use crate::image::Image;
 use crate::mcu::{Board, Mcu};
@@ -6,15 +6,16 @@ use crate::peripheral::{SharedBus, lock};
 use can_bus::{Bus, SimDuration, SimTime};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// Shortest stretch that the nodes run between two looks at the bus: a quarter of a bit at
-/// 250 kbit/s. A node is never further ahead of the bus than its horizon or this.
+/// Shortest time for which the nodes run between two updates of the bus: a quarter of a bit at 250
+/// kbit/s. A node never runs further ahead of the bus than its horizon or this time, whichever is
+/// later.
 const SLICE: SimDuration = SimDuration::from_ticks(1_000_000);
 
 /// Nodes and the bus between them.
 ///
-/// Within a slice each node runs alone, up to the instant at which something that another
-/// node may do could first reach it ([`Bus::horizon_of`]); then the bus catches up. The
-/// outcome depends on nothing but the programs, the boards and the inputs.
+/// Time advances in slices. Within a slice each node runs alone, up to the earliest time at which
+/// an action of another node could reach it ([`Bus::horizon_of`]); then the bus is simulated up to
+/// the same time. The outcome depends only on the programs, the boards and the inputs.
 pub struct Network {
     bus: SharedBus,
     nodes: Vec<Mcu>,
@@ -60,7 +61,7 @@ impl Network {
         &mut self.nodes[index]
     }
 
-    /// How far all of it has come.
+    /// The time up to which every node and the bus have been simulated.
     #[must_use]
     pub fn now(&self) -> SimTime {
         self.now
@@ -77,7 +78,7 @@ impl Network {
                     reached = reached.min(node.now());
                 }
             }
-            // A node that wrote to its controller stopped where it did.
+            // A node returns early when its program has written to the CAN controller.
             self.now = reached.max(self.now);
             lock(&self.bus).advance_to(self.now);
             for node in &mut self.nodes {
@@ -86,7 +87,7 @@ impl Network {
         }
     }
 
-    /// How far the nodes may run on their own.
+    /// The time up to which the nodes may run without an update of the bus.
     fn target(&self, end: SimTime) -> SimTime {
         let mut wake = end;
         for node in &self.nodes {
@@ -96,7 +97,7 @@ impl Network {
         }
         let bus = lock(&self.bus);
         let target = if wake > self.now {
-            // All sleep: nothing happens before one wakes or the bus wakes it.
+            // All nodes sleep: nothing happens before a node's own event or an event on the bus.
             bus.next_event().map_or(wake, |event| wake.min(event))
         } else {
             bus.horizon()

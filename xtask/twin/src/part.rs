@@ -1,6 +1,6 @@
-//! What the model knows of each part: where each peripheral answers, which clock gate is in
-//! front of it, where its DMA request lines arrive. Memories, clocks, interrupts and pins
-//! come from the crate [`parts`].
+//! Facts about each microcontroller that only the model needs: the addresses of its peripherals,
+//! their clock gates and their DMA request lines. Memories, clocks, interrupts and pins come from
+//! the crate [`parts`].
 //!
 //! STM32F446RE: RM0390 rev 6, memory map 2.2, DMA requests 9.3.4.
 //! STM32F303K8: RM0316 rev 8, memory map 3.2, DMA requests 13.4.7.
@@ -27,7 +27,7 @@ pub(crate) enum Block {
     Can,
 }
 
-/// Where a peripheral answers, and the clock gate in front of it.
+/// The address of a peripheral and its clock gate.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slot {
     pub base: u32,
@@ -127,7 +127,7 @@ pub(crate) enum Request {
     Adc,
 }
 
-/// Where a request line arrives: controller, stream or channel (from 0), selector.
+/// The destination of a request line: controller, stream or channel (from 0), selector.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Route {
     pub request: Request,
@@ -170,8 +170,8 @@ static F303_ROUTES: [Route; 7] = [
     route(Request::UsartTransmit(1), 0, 6, 0),
 ];
 
-/// What the model knows of a part beyond [`parts`]: where its peripherals answer and
-/// where their DMA requests arrive.
+/// Facts about a microcontroller that [`parts`] does not have: the addresses of its peripherals and
+/// the destinations of their DMA requests.
 pub(crate) trait Layout {
     /// The peripherals that are modelled.
     fn slots(&self) -> &'static [Slot];

@@ -1,5 +1,5 @@
-//! What the tasks of a node cost: for each exception its activations, the longest time it
-//! computed itself and the longest time from its entry to its return.
+//! Execution times of a node's tasks: for each exception its number of activations, its longest
+//! execution time and its longest response time.
 
 use crate::clock::Cycles;
 use crate::image::Image;
@@ -14,16 +14,16 @@ pub struct TaskTimes {
     pub name: String,
     /// How often it ran.
     pub activations: u64,
-    /// Longest own time of an activation: from the first instruction to the return,
-    /// without what higher priorities took and without exception entry and return.
+    /// Longest execution time of an activation: from its first instruction to its return, without
+    /// preemption by higher priorities and without exception entry and return.
     pub longest: Cycles,
-    /// Longest response: from the exception entry (stacking included) to the return.
+    /// Longest response time: from the exception entry (stacking included) to the return.
     pub longest_response: Cycles,
-    /// Own time of all activations.
+    /// Sum of the execution times of all activations.
     pub total: Cycles,
 }
 
-/// Where a node's cycles went.
+/// How a node spent its cycles.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Load {
     /// Tasks in the order of their exception number.
@@ -58,7 +58,7 @@ struct Activation {
     own: Cycles,
 }
 
-/// Follows the exceptions of a core.
+/// Follows the nesting of a core's exceptions.
 #[derive(Debug, Default)]
 pub(crate) struct Observer {
     stack: Vec<Activation>,
@@ -68,26 +68,26 @@ pub(crate) struct Observer {
     switching: Cycles,
 }
 
-/// What a step of the core turned out to be.
+/// What a step of the core did to the active exception.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Switch {
-    /// The exception in hand did not change.
+    /// The active exception did not change.
     None,
-    /// A higher priority came in, or thread mode was interrupted.
+    /// An exception preempted the active one or thread mode.
     Enter(u16),
-    /// The handler ended and another began without unstacking.
+    /// The handler ended and another one followed without unstacking (tail-chaining).
     Chain(u16),
-    /// The handler ended and what it had interrupted goes on.
+    /// The handler ended and the code that it had preempted continues.
     Return,
 }
 
 impl Observer {
-    /// The exception in hand; 0 in thread mode.
+    /// The active exception; 0 in thread mode.
     pub(crate) fn current(&self) -> u16 {
         self.stack.last().map_or(0, |top| top.exception)
     }
 
-    /// The exception that is interrupted by the one in hand.
+    /// The exception that the active one has preempted.
     pub(crate) fn below(&self) -> u16 {
         match self.stack.len() {
             0 | 1 => 0,
@@ -95,8 +95,8 @@ impl Observer {
         }
     }
 
-    /// Accounts a step of `own` cycles for what was in hand and `overhead` for switching,
-    /// which ends at `now`.
+    /// Accounts for a step of the core that ends at `now`: `own` cycles for the exception that was
+    /// active before it, `overhead` cycles for switching.
     pub(crate) fn step(&mut self, now: Cycles, own: Cycles, overhead: Cycles, switch: Switch) {
         self.switching += overhead;
         match self.stack.last_mut() {
@@ -132,7 +132,7 @@ impl Observer {
         }
     }
 
-    /// A reset ends whatever was in hand.
+    /// A reset discards all active exceptions.
     pub(crate) fn abandon(&mut self) {
         self.stack.clear();
     }

@@ -1,4 +1,4 @@
-//! A whole vehicle: an image for each node, the bus between them, and the world around them.
+//! A whole vehicle: its nodes with their images, the bus, and the simulated world.
 
 use crate::image::{Image, ImageError};
 use crate::mcu::{Board, FlashTiming, Mcu};
@@ -23,19 +23,19 @@ use world::{Analog, Effect, Input, Output, Scenario, World};
 pub struct Images(Vec<Vec<u8>>);
 
 impl Images {
-    /// The files of these bytes, in the order of the manifest's nodes.
+    /// Takes the contents of the files, in the order of the manifest's nodes.
     #[must_use]
     pub fn new(files: Vec<Vec<u8>>) -> Self {
         Self(files)
     }
 
-    /// The image of a node; no bytes when there is none.
+    /// The image of a node; empty if there is none.
     #[must_use]
     pub fn of(&self, node: NodeIndex) -> &[u8] {
         self.0.get(node.0).map_or(&[], Vec::as_slice)
     }
 
-    /// The same images with another one for a node.
+    /// The same images, except that one node's is replaced.
     #[must_use]
     pub fn with(mut self, node: NodeIndex, file: Vec<u8>) -> Self {
         if let Some(image) = self.0.get_mut(node.0) {
@@ -54,7 +54,7 @@ impl Images {
 /// Why a vehicle cannot be built.
 #[derive(Debug, thiserror::Error)]
 pub enum TwinError {
-    /// An image is none for its node's microcontroller.
+    /// An image does not fit its node's microcontroller.
     #[error("the image of node {node}: {error}")]
     Image {
         /// Name of the node.
@@ -63,7 +63,7 @@ pub enum TwinError {
         #[source]
         error: ImageError,
     },
-    /// The manifest wires what its board does not have.
+    /// The manifest uses a connection that the board does not have.
     #[error("node {node}: {error}")]
     Wiring {
         /// Name of the node.
@@ -74,14 +74,14 @@ pub enum TwinError {
     },
 }
 
-/// The analogue inputs follow the world in steps of this; the nodes sample every 5 ms.
+/// Interval at which the analogue inputs follow the world. The nodes sample every 5 ms.
 const STEP: SimDuration = SimDuration::from_ticks(1_000_000_000);
 
-/// How far ahead of the nodes the world is asked for bytes: more than a byte lasts on any
-/// of its lines, so that each is known before its start bit.
+/// How far ahead of the nodes the world produces bytes. It is longer than a byte on any of its
+/// lines, so that every byte is known before its start bit.
 const LOOK_AHEAD: SimDuration = SimDuration::from_ticks(300_000_000);
 
-/// Bit of a frame that a scenario's corruption inverts: in the data field, or in the
+/// Index of the frame bit that a scenario's corruption inverts. It is in the data field, or in the
 /// checksum of a frame without data.
 const CORRUPTED_BIT: u16 = 25;
 
@@ -91,10 +91,10 @@ pub struct Twin {
     world: World,
     nodes: Vec<Node>,
     foreign: NodeId,
-    /// Outputs of the world that lie ahead of the nodes.
+    /// Outputs of the world that are in the future for the nodes.
     ahead: VecDeque<Output>,
     records: Vec<Record>,
-    /// Starts of frame so far; several nodes may start one.
+    /// Number of starts of frame so far; nodes that start together count as one.
     starts: u64,
     last_start: Option<SimTime>,
 }
@@ -106,17 +106,17 @@ struct Node {
     console: Vec<u8>,
 }
 
-/// Parts in 10^9 from parts in 10^6.
+/// Converts parts in 10^6 to parts in 10^9.
 fn ppb(ppm: f64) -> i32 {
     (ppm * 1000.0).round() as i32
 }
 
 impl Twin {
-    /// Puts the vehicle together; nothing has run yet.
+    /// Builds the vehicle at time zero.
     ///
     /// # Errors
-    /// When an image is no program for its node's microcontroller, or the manifest wires what a
-    /// board does not have.
+    /// When an image does not fit its node's microcontroller, or the manifest uses a connection
+    /// that a board does not have.
     pub fn new(
         vehicle: &Vehicle,
         scenario: &Scenario,
@@ -126,7 +126,7 @@ impl Twin {
         Self::with_flash(vehicle, scenario, seed, images, FlashTiming::default())
     }
 
-    /// The same with a choice of what reading the flash costs.
+    /// Like [`Twin::new`], with a choice of the flash timing.
     ///
     /// # Errors
     /// As [`Twin::new`].
@@ -196,7 +196,7 @@ impl Twin {
         }
     }
 
-    /// The nodes' places, in order.
+    /// The indices of the nodes, in order.
     pub fn nodes(&self) -> impl ExactSizeIterator<Item = NodeIndex> + use<> {
         (0..self.nodes.len()).map(NodeIndex)
     }
@@ -213,7 +213,7 @@ impl Twin {
         self.nodes[node.0].wiring.sled()
     }
 
-    /// How far it has run.
+    /// The time up to which it has run.
     #[must_use]
     pub fn now(&self) -> SimTime {
         self.network.now()
@@ -230,7 +230,7 @@ impl Twin {
         self.network.node_mut(node.0)
     }
 
-    /// The node that has a place on the bus, `None` for testers.
+    /// The node with this number on the bus, `None` for testers.
     #[must_use]
     pub fn node_at(&self, id: NodeId) -> Option<NodeIndex> {
         self.nodes()
@@ -242,19 +242,19 @@ impl Twin {
         &mut self.network
     }
 
-    /// What surrounds the nodes.
+    /// The simulated world.
     #[must_use]
     pub fn world(&self) -> &World {
         &self.world
     }
 
-    /// What went over the bus so far.
+    /// The recorded bus traffic so far.
     #[must_use]
     pub fn records(&self) -> &[Record] {
         &self.records
     }
 
-    /// What a node wrote on its console so far.
+    /// The bytes that a node has written to its console so far.
     #[must_use]
     pub fn console(&self, node: NodeIndex) -> &[u8] {
         &self.nodes[node.0].console
@@ -270,8 +270,8 @@ impl Twin {
                 coupling = self.world.next_coupling();
             }
             let step = end.min(now + STEP).min(coupling);
-            // Not up to the coupling itself: the bytes that the nodes send until then
-            // have to reach the world first.
+            // Stop just before the coupling: the bytes that the nodes send until then must reach
+            // the world first.
             let before = SimTime::from_ticks(coupling.as_ticks() - 1);
             self.world.advance_to(before.min(step + LOOK_AHEAD));
             self.collect();
@@ -285,8 +285,7 @@ impl Twin {
         }
     }
 
-    /// Runs from power-on for `duration`, and tells how far it has come after each stretch of
-    /// `every`.
+    /// Runs from power-on for `duration` and reports the progress after each interval of `every`.
     pub fn run_telling(
         &mut self,
         duration: SimDuration,
@@ -303,7 +302,7 @@ impl Twin {
         }
     }
 
-    /// Puts the voltages of an instant on the nodes' converters.
+    /// Sets the nodes' analogue inputs to the world's voltages at `now`.
     fn convert(&mut self, now: SimTime) {
         let analogs: Vec<(NodeIndex, Analog)> = self.world.analogs().to_vec();
         for (node, analog) in analogs {
@@ -314,7 +313,7 @@ impl Twin {
         }
     }
 
-    /// Takes the world's outputs: bytes go onto their lines at once, the rest waits.
+    /// Fetches the world's outputs. Bytes are sent to their lines at once; the others are queued.
     fn collect(&mut self) {
         while let Some(output) = self.world.poll() {
             if let Effect::Byte {
@@ -392,7 +391,7 @@ impl Twin {
         self.records.extend(records);
     }
 
-    /// Hands what the nodes sent to the world, in the order of time.
+    /// Passes the nodes' outputs to the world, in order of time.
     fn deliver(&mut self) {
         self.take_records();
         let mut sent = Vec::new();
@@ -426,7 +425,7 @@ impl Twin {
         }
     }
 
-    /// Ends the run.
+    /// Ends the run and returns its results.
     #[must_use]
     pub fn finish(self) -> Outcome {
         let outcome = |node: NodeIndex| {
@@ -453,41 +452,41 @@ impl Twin {
     }
 }
 
-/// What leaves a node for the world.
+/// An output of a node to the world.
 enum Sent {
     Byte(UartByte),
     Relay(bool),
 }
 
-/// What became of a node in a run.
+/// The results of one node.
 #[derive(Clone, Debug)]
 pub struct NodeOutcome {
     /// The node.
     pub node: NodeIndex,
     /// Its name.
     pub name: String,
-    /// Its place on the bus, as the records name it.
+    /// Its number on the bus, which the records use.
     pub id: Option<NodeId>,
     /// Rate of its core clock at the end, Hz.
     pub core_hz: u64,
-    /// Where its cycles went, per task.
+    /// How its cycles were spent, per task.
     pub load: Load,
-    /// What it wrote on its console.
+    /// The bytes that it wrote to its console.
     pub console: Vec<u8>,
     /// Its resets, power-on first.
     pub resets: Vec<(SimTime, ResetCause)>,
-    /// Whether it ended in a fault that it could not handle.
+    /// True if it was in lockup at the end.
     pub locked_up: bool,
-    /// Peripheral registers that it used and that are not modelled.
+    /// Peripheral registers that it accessed but the model lacks.
     pub unmodelled: Vec<u32>,
 }
 
-/// What a run brought.
+/// The results of a run.
 #[derive(Debug)]
 pub struct Outcome {
     /// Simulated time.
     pub duration: SimTime,
-    /// What went over the bus, in the order of time.
+    /// The recorded bus traffic, in order of time.
     pub records: Vec<Record>,
     /// The nodes, in the order of the manifest.
     pub nodes: Vec<NodeOutcome>,
@@ -496,7 +495,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// The node that has a place on the bus, `None` for testers.
+    /// The node with this number on the bus, `None` for testers.
     #[must_use]
     pub fn node_at(&self, id: NodeId) -> Option<NodeIndex> {
         self.nodes
@@ -506,25 +505,25 @@ impl Outcome {
     }
 }
 
-/// How far a run has come.
+/// Progress of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// Simulated so far.
+    /// Time simulated so far.
     pub now: SimTime,
-    /// To be simulated.
+    /// Time at which the run ends.
     pub end: SimTime,
 }
 
-/// Settings of a run that are not the scenario's.
+/// Settings of a run that the scenario does not contain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// Seed of everything that is left to chance.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// How long to simulate; the scenario's own duration without it.
+    /// How long to simulate; `None` takes the scenario's duration.
     pub duration: Option<SimDuration>,
     /// Simulated time between two calls of the progress function.
     pub progress_every: SimDuration,
-    /// What reading the flash costs.
+    /// How long reading the flash takes.
     pub flash: FlashTiming,
 }
 

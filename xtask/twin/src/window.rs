@@ -1,5 +1,5 @@
-//! The seam between the emulated core's bus and the peripherals: what the core calls when
-//! a load or a store leaves for a peripheral.
+//! The interface between the core's bus and the peripherals: handles loads and stores to peripheral
+//! addresses.
 
 use crate::clock::Cycles;
 use crate::peripheral::{Nothing, Peripherals, lock};
@@ -8,14 +8,14 @@ use rsemu::core::space::{AccessConstraints, MemAttrs, MemOps, MemResult};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What the core and the peripherals share. All of it belongs to one node and one thread;
-/// the atomics only satisfy the emulator's bounds.
+/// State shared by the core and the peripherals of one node. A single thread uses all of it. The
+/// atomics are there only because the emulator requires `Send` and `Sync`.
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub(crate) peripherals: Mutex<Peripherals>,
-    /// Cycle at which the instruction in hand began.
+    /// Cycle at which the current instruction began.
     now: AtomicU64,
-    /// From this cycle on the run loop has to look at the peripherals.
+    /// The cycle from which the run loop must process the peripherals.
     attention: AtomicU64,
 }
 
@@ -57,7 +57,7 @@ impl Shared {
     }
 }
 
-/// A stretch of the peripheral address space.
+/// A range of peripheral addresses.
 #[derive(Debug)]
 pub(crate) struct Window {
     pub(crate) base: u32,
@@ -67,7 +67,7 @@ pub(crate) struct Window {
 impl MemOps for Window {
     fn read(&self, offset: u64, dst: &mut [u8], attrs: MemAttrs) -> MemResult {
         if attrs.debug {
-            // A look that must change nothing.
+            // A debug read must have no side effects, but reading a register may have some.
             return Err(BusError::BadAccess);
         }
         let address = self.base + offset as u32;

@@ -1,15 +1,15 @@
-//! What is behind the pins of a vehicle's nodes, from its manifest and its boards.
+//! The devices connected to the pins of a vehicle's nodes, from its manifest and its boards.
 
 use parts::{Pin, Role, Sled};
 use vehicle_model::{Device, NodeIndex, Vehicle};
 use world::{Analog, Input};
 
-/// Where a device meets the microcontroller of its node.
+/// The connection of a device to the microcontroller of its node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Plug {
     /// The device.
     pub(crate) device: Device,
-    /// USART behind the connector, from 1.
+    /// Number of the USART at the connector, from 1.
     pub(crate) usart: Option<u8>,
 }
 
@@ -17,9 +17,9 @@ pub(crate) struct Plug {
 #[derive(Clone, Debug)]
 pub(crate) struct Wiring {
     sled: &'static Sled,
-    /// What is plugged in, by the names of the connectors.
+    /// The devices that are plugged in, with the names of their connectors.
     plugs: Vec<Plug>,
-    /// Pin that closes the relay in a motor's lead, high = closed.
+    /// Pin of the relay in the motor's lead; high closes it.
     pub(crate) relay: Option<Pin>,
 }
 
@@ -74,13 +74,13 @@ impl Wiring {
         self.plugs.iter().find(|plug| plug.device == device)?.usart
     }
 
-    /// The device behind a USART.
+    /// The device that is wired to a USART.
     pub(crate) fn device_at(&self, usart: u8) -> Option<Device> {
         let mut plugs = self.plugs.iter();
         Some(plugs.find(|plug| plug.usart == Some(usart))?.device)
     }
 
-    /// The pin of one of the operator's inputs.
+    /// The pin that one of the operator's inputs is wired to.
     pub(crate) fn input(&self, input: Input) -> Option<Pin> {
         let name = match input {
             Input::RemoteA => "a",

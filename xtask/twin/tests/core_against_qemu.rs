@@ -1,7 +1,6 @@
-//! The emulated core against another emulator: the kernels of `kernels/kernels.rs` leave
-//! the same words in memory as on QEMU's Cortex-M4. `kernels/generate.sh` built the image
-//! and wrote down what QEMU computed; this test needs neither a compiler for the target
-//! nor QEMU.
+//! Compares the emulated core with QEMU: the kernels of `kernels/kernels.rs` leave the same words
+//! in memory as on QEMU's Cortex-M4. `kernels/generate.sh` built the image and recorded QEMU's
+//! results, so this test needs neither a compiler for the target nor QEMU.
 
 use std::sync::Arc;
 use twin::image::Image;

@@ -1,4 +1,4 @@
-//! Small programs, written down instruction by instruction, on whole microcontrollers.
+//! Small programs, assembled by hand, on complete microcontrollers.
 
 mod program;
 
@@ -67,7 +67,8 @@ fn both_parts_reach_their_clock_and_sleep() {
     let mut mcu = program.start(Part::F303, &Board::default());
     run(&mut mcu, 10 * MS);
     assert_eq!((mcu.core_hz(), mcu.is_asleep()), (72_000_000, true));
-    // Nobody feeds OSC_IN: it waits for ever on the internal oscillator.
+    // OSC_IN is not connected: the program keeps running on the internal oscillator and waits for
+    // ever.
     let board = Board {
         external_clock: None,
         ..Board::default()
@@ -80,8 +81,8 @@ fn both_parts_reach_their_clock_and_sleep() {
 const GPIOA: u32 = 0x4002_0000;
 const LED: Pin = Pin::new('A', 5);
 
-/// TIM2 counts 18 MHz and interrupts at 18000 and 36000; the handler toggles the LED and
-/// moves the compare value on.
+/// TIM2 counts at 18 MHz and interrupts at 18000 and 36000. The handler toggles the LED and
+/// advances the compare value.
 fn blinker() -> Program {
     let mut program = Program::new();
     to_180_mhz(&mut program);
@@ -122,8 +123,8 @@ fn a_sleeping_core_wakes_in_the_cycle_of_the_compare_match() {
     let edges = mcu.drain_pins();
     assert!(edges.len() > 40);
     assert!(edges.iter().all(|edge| edge.pin == LED));
-    // 18000 ticks of 18 MHz are a millisecond, to the picosecond: the same instructions
-    // stand between the match and the pin each time.
+    // 18000 ticks of 18 MHz are exactly a millisecond, because the same instructions run between
+    // the match and the pin each time.
     for pair in edges.windows(2).skip(1) {
         assert_eq!(pair[1].at.as_ticks() - pair[0].at.as_ticks(), MS);
         assert_ne!(pair[0].high, pair[1].high);
@@ -170,11 +171,11 @@ fn wait_states_cost_the_cycles_that_prefetch_and_caches_leave() {
         mcu.load().tasks[0].clone()
     };
     let lines = 5;
-    // Nothing on: each line waits in full, the first one again in each activation.
+    // No prefetch and no cache: each line waits in full, the first one again in each activation.
     let plain = blinking(5);
     assert_eq!(plain.longest, 40 + 5 * lines);
     assert_eq!(plain.total, plain.activations * (40 + 5 * lines));
-    // Read ahead: a line lasts eight cycles and the next takes six.
+    // Prefetch: executing a line lasts eight cycles and reading the next one takes six.
     let ahead = blinking(5 | 1 << 8);
     assert_eq!(ahead.longest, 40 + 5);
     // Cached: only the first activation waits.
@@ -223,7 +224,7 @@ fn the_watchdog_resets_and_ram_survives() {
         .poke(0x4000_3000, 0x5555)
         .poke(0x4000_3004, 1)
         .poke(0x4000_3008, 99)
-        // Counts its starts at 0x2000_1000; the shorter time holds from the update on.
+        // Counts its starts at 0x2000_1000. The shorter timeout applies once the update is done.
         .peek(0x2000_1000)
         .half(0x3201)
         .half(0x6002)
@@ -234,7 +235,7 @@ fn the_watchdog_resets_and_ram_survives() {
         .poke(0x4000_3000, 0xAAAA)
         .sleep_for_ever();
     let mut mcu = program.start(Part::F446, &Board::default());
-    // 100 counts of 8 / 32 kHz, 25 ms, and a bit for the start.
+    // 100 counts of 8 / 32 kHz, which is 25 ms, and some time for the start.
     run(&mut mcu, 110 * MS);
     let causes: Vec<_> = mcu.resets().iter().map(|(_, cause)| *cause).collect();
     assert_eq!(causes[0], ResetCause::PowerOn);
@@ -311,8 +312,8 @@ fn a_scan_of_two_channels_arrives_in_memory_by_dma() {
     let mut mcu = program.start(Part::F446, &Board::default());
     mcu.set_analog(0, 0x123);
     mcu.set_analog(1, 0x456);
-    // Until MMS is set, TRGO is the bit UG itself: a first scan runs at once, the next
-    // 5 ms later.
+    // Until MMS is set, TRGO follows the UG bit: a first scan starts at once, the next one 5 ms
+    // later.
     run(&mut mcu, 6 * MS);
     mcu.set_analog(0, 0x789);
     run(&mut mcu, 11 * MS);
@@ -414,7 +415,7 @@ fn systick_wakes_a_sleeping_core_at_its_rate() {
     assert_eq!(edges.len(), 99);
     let first = edges[0].at.as_ticks();
     let last = edges[98].at.as_ticks();
-    // 8000 cycles of 8 MHz; a pin may move by the cycle in which the core looks.
+    // 8000 cycles of 8 MHz. A pin may change up to one cycle later, when the core samples it.
     assert!(
         (last - first).abs_diff(98 * MS) <= 98 * 125_000,
         "{}",
@@ -476,7 +477,7 @@ fn exceptions_are_observed_around_their_instructions() {
 #[test]
 fn an_interrupt_in_an_it_block_leaves_its_conditions_standing() {
     let mut program = Program::new();
-    // SysTick every 97 cycles, against a loop of 8: it meets each instruction in turn.
+    // SysTick every 97 cycles, against a loop of 8: it interrupts each instruction in turn.
     program
         .poke(0xE000_E014, 96)
         .poke(0xE000_E018, 0)

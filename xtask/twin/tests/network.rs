@@ -12,8 +12,8 @@ const MS: u64 = 1_000_000_000;
 const US: u64 = 1_000_000;
 const CAN: u32 = 0x4000_6400;
 
-/// Brings the CAN controller onto the bus at 250 kbit/s: 16 quanta of 4 MHz, sampled after
-/// the twelfth; every frame into FIFO 0, single shot.
+/// Connects the CAN controller to the bus at 250 kbit/s: 16 quanta of 4 MHz, sample point after the
+/// twelfth; every frame into FIFO 0, single shot.
 fn join(program: &mut Program, prescaler: u32) {
     program
         .poke(CAN, 1)
@@ -51,7 +51,7 @@ fn sender(pins: bool) -> Program {
         .poke(CAN + 0x188, u32::from_le_bytes(*b"seed"))
         .poke(CAN + 0x180, 0x123 << 21 | 1)
         .sleep_for_ever();
-    // Transmit interrupt: keeps TSR and acknowledges.
+    // Transmit interrupt: stores TSR and acknowledges.
     program.handler(16 + 19);
     program
         .peek(CAN + 0x08)
@@ -62,7 +62,7 @@ fn sender(pins: bool) -> Program {
     program
 }
 
-/// Keeps the data of what it receives and raises PB3.
+/// Stores the data of a received frame and raises PB3.
 fn receiver() -> Program {
     let mut program = Program::new();
     program
@@ -111,8 +111,8 @@ fn a_frame_goes_from_one_program_to_the_other() {
         panic!("{end:?}");
     };
     assert_eq!(frame, expected);
-    // The receiver knows at the last but one bit of the end of frame, 4 us earlier; the
-    // entry of 12 cycles and the first poke take less than 4 us of 8 MHz more.
+    // The receiver accepts the frame at the last but one bit of the end of frame, 4 us earlier. The
+    // exception entry of 12 cycles and the first store take less than 4 us more at 8 MHz.
     let pins = network.node_mut(1).drain_pins();
     let [raised] = &pins[..] else {
         panic!("{pins:?}");

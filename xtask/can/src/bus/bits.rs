@@ -1,4 +1,5 @@
-//! The life of a bit: who starts, what the bus reads, who samples it when and what follows.
+//! Simulates a single bit: which nodes start a frame, which level results, when each node samples
+//! it and what follows.
 
 use embedded_can::Id;
 
@@ -13,11 +14,11 @@ use crate::tester::Tester;
 use crate::time::{Ps, instant};
 use crate::wire::Level;
 
-/// Who starts a frame with a bit.
+/// The nodes that start a frame in a bit.
 struct Started {
     ids: Vec<Id>,
     first_sender: Option<usize>,
-    /// Whether no node is in the midst of anything.
+    /// True if no node is sending or receiving.
     all_waiting: bool,
     some_idle: bool,
 }
@@ -29,7 +30,7 @@ impl Started {
 }
 
 impl Bus {
-    /// Tells a node on a resting segment of the bits that have passed on its own grid.
+    /// Passes the bits of an idle segment to a node, on that node's own bit grid.
     pub(super) fn catch_up(&mut self, index: usize, now: Ps) {
         let node = &mut self.nodes[index];
         if self.segments[node.segment].bit.is_some() {
@@ -45,7 +46,7 @@ impl Bus {
         self.digest(index);
     }
 
-    /// Begins the first bit after a rest.
+    /// Begins the first bit after an idle period.
     pub(super) fn wake(&mut self, segment: usize) {
         let now = self.now;
         let mut first = None;
@@ -119,7 +120,7 @@ impl Bus {
         }
     }
 
-    /// What the nodes drive together.
+    /// The level that results from all nodes.
     fn driven_level(&mut self, segment: usize, members: &[usize]) -> Level {
         let now = self.now;
         let mut level = Level::Recessive;
@@ -147,7 +148,7 @@ impl Bus {
             state.position = 0;
             state.frame_start = now;
             state.disturbed = !starting;
-            // A foreign dominant bit is a start of frame for whoever was idle.
+            // An idle node takes another node's dominant bit for a start of frame.
             let counts = starting || (started.some_idle && level == Level::Dominant);
             if segment == 0 && counts {
                 for active in &mut self.disturbances {
@@ -160,7 +161,7 @@ impl Bus {
         }
     }
 
-    /// The level of the first segment after what disturbs it.
+    /// The level of the first segment, after applying the disturbances.
     fn disturbed_level(&mut self, members: &[usize], mut level: Level) -> Level {
         let now = self.now;
         let state = &mut self.segments[0];
@@ -194,7 +195,7 @@ impl Bus {
         level
     }
 
-    /// The node whose bit time the segment follows: the first sender, while it sends.
+    /// Selects the node whose bit time the segment follows: the first sender, while it sends.
     fn choose_pace(&mut self, segment: usize, members: &[usize], first_sender: Option<usize>) {
         let state = &mut self.segments[segment];
         let pace_is_sender = self
@@ -217,7 +218,7 @@ impl Bus {
         }
     }
 
-    /// Notes the bit and when each node samples it.
+    /// Stores the bit and the time at which each node samples it.
     fn plan_samples(&mut self, segment: usize, members: &[usize], started: &Started, level: Level) {
         let now = self.now;
         let starting = started.starting();
@@ -284,7 +285,7 @@ impl Bus {
         self.digest(index);
     }
 
-    /// Passes on what a node's state machine reports.
+    /// Handles the events that a node's state machine reports.
     pub(super) fn digest(&mut self, index: usize) {
         if !self.events.is_empty() {
             let mut events = std::mem::take(&mut self.events);
@@ -404,7 +405,7 @@ impl Bus {
             });
         }
 
-        // Each node's own bit ends a little before or after the bit of the pace.
+        // Each node's own bit ends a little earlier or later than the bit of the pace-setting node.
         let pace = state.pace;
         let length = bit.end - bit.start;
         for (index, node) in self.nodes.iter_mut().enumerate() {
@@ -427,7 +428,8 @@ impl Bus {
         self.begin_bit(segment);
     }
 
-    /// Whether a segment on which every node waits is driven in the bit that starts now.
+    /// True if, while all nodes wait, one of them or a disturbance drives the segment in the bit
+    /// that begins now.
     fn is_driven(&self, segment: usize) -> bool {
         let now = self.now;
         self.members(segment)
@@ -443,8 +445,8 @@ impl Bus {
                     .any(|active| active.stuck(now) == Some(Level::Dominant)))
     }
 
-    /// After a lost arbitration the pace goes over to a node that still sends. Its own grid may
-    /// lie up to a quantum before the one so far; the difference is left out.
+    /// After a lost arbitration a node that still sends determines the bit time. Its bit grid may
+    /// differ from the previous one by up to a quantum, which the model neglects.
     fn hand_over_pace(&mut self, segment: usize) {
         let pace = self.segments[segment].pace;
         let sends = |node: &Node| node.mac.sending().is_some();

@@ -7,12 +7,11 @@ use crate::tester::Tester;
 use crate::time::{Ps, SimTime, instant};
 use crate::wire::{INTERMISSION_BITS, TAIL_BITS};
 
-/// Bits that pass at least between the start of frame of a node that is unknown yet and the first
-/// thing that a receiver can notice: two senders with equal identifiers disagree no earlier than
-/// behind the arbitration field.
+/// Least number of bits from a start of frame that the bus does not know yet to its first effect on
+/// a receiver: two senders with equal identifiers differ only after the arbitration field.
 const UNKNOWN_START_BITS: u64 = 13;
 
-/// When an undisturbed frame in progress can be noticed next.
+/// The next visible events of the current frame if nothing disturbs it.
 #[derive(Clone, Copy, Debug)]
 struct Outlook {
     receivers: Ps,
@@ -22,9 +21,9 @@ struct Outlook {
 }
 
 impl Bus {
-    /// The earliest instant at which anything can change for any node if no node writes a
-    /// register until then, or an earlier one; later than [`Self::now`] or equal to it if
-    /// something is due. `None` if the bus rests and stays so.
+    /// A lower bound of the time at which any node's state next changes if no node writes a
+    /// register until then. It equals [`Self::now`] if an event is due now and is later otherwise.
+    /// `None` if the bus stays idle.
     #[must_use]
     pub fn next_event(&self) -> Option<SimTime> {
         let actions = self
@@ -41,8 +40,8 @@ impl Bus {
         actions.chain(segments).min().map(instant)
     }
 
-    /// How far every node may run without missing anything, whatever the nodes do: the earliest
-    /// of [`Self::horizon_of`].
+    /// The time up to which every node may run without missing an event, whatever the nodes write:
+    /// the earliest [`Self::horizon_of`].
     #[must_use]
     pub fn horizon(&self) -> SimTime {
         (0..self.nodes.len())
@@ -51,12 +50,12 @@ impl Bus {
             .unwrap_or(SimTime::from_ticks(Ps::MAX))
     }
 
-    /// Up to which instant nothing can change in a node's registers and interrupt lines but by
-    /// its own writes, whatever the other nodes write from [`Self::now`] on. A write of the node
-    /// itself changes it: ask again after it.
+    /// The time before which a node's registers and interrupt lines can change only by its own
+    /// writes, whatever the other nodes write from [`Self::now`] on. After a write of the node
+    /// itself the horizon may be earlier, so call this again.
     ///
-    /// Two things are left out: the bits TXM, RXM, SAMP and RX of MSR, and the reset or cut of
-    /// another node in the midst of its frame.
+    /// Two changes are not covered: those of the bits TXM, RXM, SAMP and RX of MSR, and those
+    /// caused by another node that is reset or disconnected in the middle of its frame.
     #[must_use]
     pub fn horizon_of(&self, node: NodeId) -> SimTime {
         let index = node.0;
@@ -123,7 +122,7 @@ impl Bus {
         active().all(|node| active().all(|other| node.keeps_step_with(other.time.bit)))
     }
 
-    /// The prospect of the frame in progress, if it has one sender and nothing has disturbed it.
+    /// The outlook for the current frame, if it has a single sender and no disturbance.
     fn outlook(&self, segment: usize) -> Option<Outlook> {
         let state = &self.segments[segment];
         let bit = state.bit?;
@@ -138,7 +137,7 @@ impl Bus {
                     return None;
                 }
             } else if let Some(position) = node.mac.position() {
-                // Whoever has counted other bits has seen another start of frame.
+                // A node that has counted other bits has seen another start of frame.
                 let ahead = position.saturating_add(u16::from(node.sample_at.is_some()));
                 if ahead != state.position.saturating_add(1) {
                     return None;
@@ -175,7 +174,8 @@ impl Bus {
         let receivers = if acknowledged {
             valid
         } else {
-            // The sender's error flag reaches the others in the bit behind the acknowledge slot.
+            // The sender's error flag reaches the other nodes in the bit after the acknowledge
+            // slot.
             sent
         };
         let disturbed = self
@@ -194,7 +194,8 @@ impl Bus {
         })
     }
 
-    /// Whether a frame of the node may start after what the bus has processed but before `at`.
+    /// True if a frame of the node may start before `at` but after the time that the bus has
+    /// processed.
     pub(super) fn may_have_started(&self, index: usize, at: Ps) -> bool {
         let node = &self.nodes[index];
         if node.mac.is_detached() {

@@ -1,4 +1,5 @@
-//! The bus: nodes, the level they make together, and the time at which each reads it.
+//! The bus: its nodes, the level that results from them, and the times at which each node samples
+//! it.
 
 mod bits;
 mod horizon;
@@ -30,7 +31,7 @@ pub struct Bus {
     now: Ps,
     nodes: Vec<Node>,
     filters: Vec<FilterBanks>,
-    /// The bus first, then one for each node.
+    /// The bus itself, followed by one private segment per node.
     segments: Vec<Segment>,
     disturbances: Vec<Active>,
     frames_started: u64,
@@ -78,7 +79,7 @@ impl Bus {
         self.add(Device::Controller { can, filters }, clock, time)
     }
 
-    /// Adds the only controller of an F303 or CAN1 of an F446, in reset state; `clock` is its
+    /// Adds the only controller of an F303 or CAN1 of an F446, in its reset state. `clock` is its
     /// APB1 clock.
     pub fn add_bxcan(&mut self, part: &Part, clock: ClockRate) -> NodeId {
         self.filters
@@ -86,14 +87,14 @@ impl Bus {
         self.add_controller(false, self.filters.len() - 1, clock)
     }
 
-    /// Adds CAN1 and CAN2 of an F446, which share the filter banks, in reset state.
+    /// Adds CAN1 and CAN2 of an F446, which share the filter banks, in their reset state.
     pub fn add_bxcan_pair(&mut self, clock: ClockRate) -> (NodeId, NodeId) {
         let first = self.add_bxcan(Part::F446, clock);
         let second = self.add_controller(true, self.filters.len() - 1, clock);
         (first, second)
     }
 
-    /// Adds a foreign node. It joins the bus at once and takes part after eleven recessive bits.
+    /// Adds a foreign node. It joins the bus at once and participates after eleven recessive bits.
     pub fn add_tester(&mut self, tester: Tester) -> NodeId {
         let clock = tester.clock;
         let time = BitTime::new(clock, tester.segments);
@@ -108,9 +109,9 @@ impl Bus {
 
     // Controllers.
 
-    /// Reads a register of a controller, `offset` bytes from its base address, as its own writes
-    /// so far and everything on the bus up to [`Self::now`] have left it. Zero for testers and
-    /// for what is not a register.
+    /// Reads a register of a controller, `offset` bytes from its base address. The value includes
+    /// all writes of this node so far and all events on the bus up to [`Self::now`]. Zero for
+    /// testers and for offsets without a register.
     #[must_use]
     pub fn read(&self, node: NodeId, offset: u32) -> u32 {
         let node = &self.nodes[node.0];
@@ -129,14 +130,14 @@ impl Bus {
         can.read(offset, line, &self.filters[*filters])
     }
 
-    /// Writes a register of a controller at instant `at`, which may lie ahead of
-    /// [`Self::now`]; an earlier one counts as now. Writes of one node must come in order of
-    /// time. Nothing happens for testers.
+    /// Writes a register of a controller at time `at`, which may be later than [`Self::now`]; an
+    /// earlier time counts as now. Writes of one node must be in order of time. Ignored for
+    /// testers.
     ///
-    /// Mailboxes, FIFOs and flags change in the registers at once. A change of mode shows after
-    /// [`Self::advance_to`] has passed `at`, except between sleep and initialisation. An abort
-    /// shows at once if the frame cannot have started before `at`, as far as the bus knows the
-    /// other nodes' requests.
+    /// Mailboxes, FIFOs and flags change in the registers at once. A change of mode is visible
+    /// after [`Self::advance_to`] has passed `at`, except between sleep and initialisation, where
+    /// it is visible at once. An abort is visible at once if, according to the requests known so
+    /// far, the frame cannot have started before `at`.
     pub fn write(&mut self, node: NodeId, offset: u32, value: u32, at: SimTime) {
         let at = at.as_ticks().max(self.now);
         let index = node.0;
@@ -159,7 +160,7 @@ impl Bus {
         }
     }
 
-    /// Levels of a controller's interrupt lines; all low for testers.
+    /// Levels of a controller's interrupt lines; all are low for testers.
     #[must_use]
     pub fn irq(&self, node: NodeId) -> IrqLines {
         match &self.nodes[node.0].device {
@@ -168,8 +169,8 @@ impl Bus {
         }
     }
 
-    /// Resets a controller as a system reset does: registers and filters at once, off the bus
-    /// from `at` on.
+    /// Resets a controller as a system reset does. Its registers and filters are reset at once; it
+    /// leaves the bus at `at`.
     pub fn reset(&mut self, node: NodeId, at: SimTime) {
         let at = at.as_ticks().max(self.now);
         if let Device::Controller { can, filters } = &mut self.nodes[node.0].device {
@@ -180,13 +181,14 @@ impl Bus {
         }
     }
 
-    /// Gives a node's controller another clock from `at` on.
+    /// Changes the clock of a node's controller from `at` on.
     pub fn set_clock(&mut self, node: NodeId, clock: ClockRate, at: SimTime) {
         let at = at.as_ticks().max(self.now);
         self.act(node.0, at, Action::Clock(clock));
     }
 
-    /// Cuts a node off the bus at `at`, or joins it again. A node that is cut off hears itself.
+    /// Disconnects a node from the bus at `at`, or reconnects it. A disconnected node still
+    /// receives itself.
     pub fn set_connected(&mut self, node: NodeId, connected: bool, at: SimTime) {
         let at = at.as_ticks().max(self.now);
         self.act(node.0, at, Action::Connect(connected));
@@ -216,23 +218,23 @@ impl Bus {
         }
     }
 
-    /// Has a tester send a frame at the first chance from `at` on. Frames of one tester go out
-    /// in the order of their instants. Nothing happens for controllers and listeners.
+    /// Makes a tester send a frame as soon as possible from `at` on. Frames of one tester are sent
+    /// in the order of their times. Ignored for controllers and listeners.
     pub fn send_at(&mut self, node: NodeId, at: SimTime, frame: Frame, retry: Retry) {
         self.with_tester(node, |tester, now| {
             tester.schedule(at.as_ticks().max(now), frame, retry);
         });
     }
 
-    /// Has a tester send a frame again and again without a pause, as a babbling idiot does.
+    /// Makes a tester send a frame again and again without a pause, like a babbling idiot.
     pub fn babble(&mut self, node: NodeId, frame: Frame, from: SimTime, until: SimTime) {
         self.with_tester(node, |tester, _| {
             tester.babble(from.as_ticks(), until.as_ticks(), frame);
         });
     }
 
-    /// Has a tester drive bits from `at` on (from the next boundary if the bus is not at rest)
-    /// without regard to what is on the bus.
+    /// Makes a tester drive bits from `at` on, whatever else is on the bus. On a busy bus they
+    /// begin at the next bit boundary.
     pub fn play_raw(&mut self, node: NodeId, at: SimTime, levels: Vec<Level>) {
         if levels.is_empty() {
             return;
@@ -249,13 +251,13 @@ impl Bus {
 
     // Time.
 
-    /// How far the bus has been processed.
+    /// The time up to which the bus has been simulated.
     #[must_use]
     pub fn now(&self) -> SimTime {
         instant(self.now)
     }
 
-    /// Processes everything up to and including `t`.
+    /// Simulates everything up to and including `t`.
     pub fn advance_to(&mut self, t: SimTime) {
         let t = t.as_ticks();
         while let Some((at, step)) = self.next_step().filter(|(at, _)| *at <= t) {
@@ -265,7 +267,7 @@ impl Bus {
         self.now = self.now.max(t);
     }
 
-    /// Takes the records since the last call, in order of time.
+    /// Returns the records since the last call, in order of time.
     pub fn drain_records(&mut self) -> Vec<Record> {
         std::mem::take(&mut self.records)
     }

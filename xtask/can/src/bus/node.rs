@@ -1,4 +1,4 @@
-//! A node: what it is, its clock, and where it stands on its piece of cable.
+//! A node: its kind, its clock, and its state on its cable segment.
 
 use std::collections::VecDeque;
 
@@ -10,7 +10,7 @@ use crate::tester::Tester;
 use crate::time::{BitTime, ClockRate, Ps};
 use crate::wire::Level;
 
-/// Bits between two edges from recessive to dominant, at most, where bits are stuffed.
+/// Largest number of bits between two edges from recessive to dominant where bits are stuffed.
 const LONGEST_WITHOUT_EDGE: u64 = 10;
 
 #[derive(Clone, Debug)]
@@ -19,12 +19,12 @@ pub(super) enum Device {
     Tester(Box<Tester>),
 }
 
-/// Something asked of a node at an instant that the bus has not reached yet.
+/// A request to a node, for a time that the bus has not reached yet.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Action {
-    /// INRQ, SLEEP or ABOM may ask for another mode.
+    /// INRQ, SLEEP or ABOM may request another mode.
     Mode,
-    /// A mailbox's abort is to be decided.
+    /// Decide on the abort of this mailbox.
     Abort(u8),
     Reset,
     Clock(ClockRate),
@@ -38,19 +38,19 @@ pub(super) struct Node {
     pub(super) clock: ClockRate,
     pub(super) time: BitTime,
     pub(super) connected: bool,
-    /// Index of the segment that the node hears: 0 is the bus, others are the node's own.
+    /// Index of the segment that the node is connected to. 0 is the bus; others belong to one node.
     pub(super) segment: usize,
     pub(super) actions: VecDeque<(Ps, Action)>,
-    /// Start of the node's own grid of bits while its segment rests.
+    /// Origin of the node's own bit grid while its segment is idle.
     pub(super) anchor: Ps,
-    /// Bits of that grid that the state machine has been told of.
+    /// Number of bits of that grid that the state machine has processed.
     pub(super) waited: u64,
-    /// How far the node's bit begins behind the segment's bit, in picoseconds.
+    /// Delay of the node's bit after the segment's bit, in picoseconds.
     pub(super) lag: i64,
-    /// Sample point of the bit in progress, unless it has been taken.
+    /// Sample point of the current bit; `None` once it was sampled.
     pub(super) sample_at: Option<Ps>,
     pub(super) out_of_step: bool,
-    /// The node reads the bit in progress inverted.
+    /// True if the node reads the current bit inverted.
     pub(super) flipped: bool,
     pub(super) last_level: Level,
     pub(super) reported: ErrorState,
@@ -77,7 +77,7 @@ impl Node {
         self.anchor + since.div_ceil(self.time.bit) * self.time.bit
     }
 
-    /// When the node, idle on a resting segment, starts to send.
+    /// The time at which the node starts to send while it is idle on an idle segment.
     pub(super) fn start_at(&self, now: Ps) -> Option<Ps> {
         if !self.mac.is_idle() {
             return None;
@@ -86,14 +86,15 @@ impl Node {
             .map(|at| self.boundary(at.max(now)))
     }
 
-    /// When waiting on a resting segment changes the node's state.
+    /// The time at which recessive bits on an idle segment change the node's state.
     pub(super) fn waited_out_at(&self) -> Option<Ps> {
         let bits = self.waited + self.mac.patience()?;
         Some(self.anchor + (bits - 1) * self.time.bit + self.time.sample)
     }
 
-    /// Whether the node keeps in step with another's bits of this length: the drift over the
-    /// longest stretch without an edge stays within both sides of the sample point.
+    /// True if the node stays synchronised with bits of this length: the drift over the longest
+    /// time without an edge is smaller than the distance of the sample point from either end of the
+    /// bit.
     pub(super) fn keeps_step_with(&self, bit: Ps) -> bool {
         let drift = self.time.bit.abs_diff(bit) * LONGEST_WITHOUT_EDGE;
         let slack = self

@@ -1,4 +1,4 @@
-//! What happens next on the bus, and what is asked of nodes from outside.
+//! The next event on the bus, and requests to the nodes from outside.
 
 use super::Bus;
 use super::node::{Action, Device};
@@ -7,7 +7,7 @@ use crate::confinement::ErrorState;
 use crate::tester::Tester;
 use crate::time::{BitTime, Ps};
 
-/// What happens next, in the order of precedence at equal times.
+/// The kinds of event. At equal times the first kind in this order comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Step {
     Sample(usize),
@@ -55,7 +55,7 @@ impl Bus {
         waits.into_iter().chain(start).min()
     }
 
-    /// When a resting segment is driven next.
+    /// The time at which a node next drives an idle segment.
     pub(super) fn start_of_segment(&self, segment: usize) -> Option<Ps> {
         let own = self.members(segment).filter_map(|(_, node)| {
             if node.mac.can_wait() {
@@ -122,7 +122,7 @@ impl Bus {
                 if let Device::Controller { can, .. } = &node.device {
                     node.time = BitTime::new(node.clock, can.segments());
                 }
-                // Writes between the reset and now may already ask for more.
+                // Writes between the reset and now may already request another mode.
                 self.settle_mode(index);
             }
             Action::Clock(clock) => {
@@ -144,7 +144,7 @@ impl Bus {
         }
     }
 
-    /// Follows a controller's INRQ, SLEEP and ABOM.
+    /// Applies a controller's INRQ, SLEEP and ABOM.
     pub(super) fn settle_mode(&mut self, index: usize) {
         let now = self.now;
         let node = &mut self.nodes[index];
@@ -170,7 +170,7 @@ impl Bus {
         }
     }
 
-    /// Puts a node on the bus, or on a segment of its own if it is cut off or loops back.
+    /// Connects a node to the bus, or to its private segment if it is disconnected or in loop back.
     fn choose_segment(&mut self, index: usize) {
         let now = self.now;
         let node = &self.nodes[index];
@@ -181,7 +181,7 @@ impl Bus {
             return;
         }
         match self.segments[old].bit {
-            // The bit in progress ends for the node where it ends for the others.
+            // The current bit ends for the node at the same time as for the others.
             Some(bit) => {
                 let node = &mut self.nodes[index];
                 node.anchor = bit.end;
@@ -199,7 +199,7 @@ impl Bus {
                 ..Segment::new()
             };
         } else {
-            // What the newcomer brings along was not foreseen.
+            // The outlook for the current frame did not include this node.
             self.segments[wanted].disturbed = true;
         }
     }

@@ -1,4 +1,4 @@
-//! Pieces of cable and the bit in progress on each.
+//! Cable segments and the current bit on each.
 
 use crate::Frame;
 use crate::time::Ps;
@@ -11,21 +11,21 @@ pub(super) struct Bit {
     pub(super) level: Level,
 }
 
-/// A piece of cable: the bus, or what a cut-off node hears.
+/// A cable segment: the bus, or the private segment of a disconnected node.
 #[derive(Clone, Debug)]
 pub(super) struct Segment {
-    /// The bit in progress; none while the segment rests.
+    /// The current bit; `None` while the segment is idle.
     pub(super) bit: Option<Bit>,
-    /// Level of the bit before.
+    /// Level of the previous bit.
     pub(super) previous: Level,
-    /// The node whose clock sets the pace.
+    /// The node whose clock determines the bit time.
     pub(super) pace: usize,
-    /// Number of the bit in progress, counted from the latest start of frame.
+    /// Index of the current bit, counted from the latest start of frame.
     pub(super) position: u16,
     pub(super) frame_start: Ps,
-    /// A disturbance has touched the frame in progress.
+    /// True if a disturbance has affected the current frame.
     pub(super) disturbed: bool,
-    /// Frames whose last bit is in progress.
+    /// Frames whose last bit is the current one.
     pub(super) finished: Vec<(usize, Frame)>,
 }
 

@@ -2,7 +2,7 @@
 
 use super::registers::rfr;
 
-/// Messages that a FIFO holds.
+/// Messages that fit into a FIFO.
 const DEPTH: usize = 3;
 
 /// A received message as the four registers of a receive mailbox show it: RIxR, RDTxR, RDLxR,
@@ -19,7 +19,8 @@ pub(crate) struct Fifo {
 }
 
 impl Fifo {
-    /// Takes a message; with the FIFO full it is dropped (`locked`) or replaces the newest.
+    /// Stores a message. If the FIFO is full, the message is dropped (`locked`) or replaces the
+    /// newest one.
     pub(crate) fn store(&mut self, message: Stored, locked: bool) {
         if self.pending < DEPTH {
             self.messages[self.pending] = message;

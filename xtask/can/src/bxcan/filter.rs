@@ -5,18 +5,18 @@ use super::registers as reg;
 /// Banks of a part with two controllers.
 const BANKS: usize = 28;
 
-/// Which of the two receive FIFOs a frame goes to, and the filter match index stored with it.
+/// The receive FIFO that a frame goes to, and the filter match index stored with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Match {
     pub fifo: usize,
     pub index: u8,
 }
 
-/// The filter banks, which two controllers share on parts that have two.
+/// The filter banks. Two controllers share them on parts that have two.
 #[derive(Clone, Debug)]
 pub(crate) struct FilterBanks {
     count: usize,
-    /// Whether CAN2SB divides the banks between two controllers.
+    /// True if CAN2SB divides the banks between two controllers.
     dual: bool,
     fmr: u32,
     mode: u32,
@@ -27,7 +27,7 @@ pub(crate) struct FilterBanks {
 }
 
 impl FilterBanks {
-    /// The banks of one controller (14) or of a pair (28), as after reset.
+    /// The banks of one controller (14) or of a pair (28) after reset.
     pub(crate) fn new(dual: bool) -> Self {
         Self {
             count: if dual { BANKS } else { BANKS / 2 },
@@ -41,7 +41,7 @@ impl FilterBanks {
         }
     }
 
-    /// The same banks after a reset.
+    /// The same number of banks after a reset.
     pub(crate) fn after_reset(&self) -> Self {
         Self::new(self.dual)
     }
@@ -93,11 +93,12 @@ impl FilterBanks {
         (word / 2 < self.count).then_some((word / 2, word % 2))
     }
 
-    /// The best filter for a received identifier, given as RIxR holds it. `second` asks for the
-    /// second controller's banks.
+    /// The best filter for a received identifier in the format of RIxR. With `second`, the banks
+    /// are those of the second controller.
     ///
-    /// A 32-bit filter beats a 16-bit one, then a list beats a mask, then the lower number wins.
-    /// Filter numbers run separately for each FIFO over a controller's own banks, active or not.
+    /// A 32-bit filter takes precedence over a 16-bit one, then a list over a mask, then the lower
+    /// number. Filter numbers count separately for each FIFO over all banks of a controller, active
+    /// or not.
     pub(crate) fn matching(&self, rir: u32, second: bool) -> Option<Match> {
         if self.initialising() {
             return None;
@@ -137,7 +138,7 @@ impl FilterBanks {
     }
 }
 
-/// The number within its bank of the first filter that accepts the identifier.
+/// The number, within its bank, of the first filter that accepts the identifier.
 fn hit(bank: [u32; 2], wide: bool, list: bool, rir: u32) -> Option<u8> {
     if wide {
         let id = rir & !1;

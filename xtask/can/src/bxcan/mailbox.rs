@@ -6,14 +6,14 @@ use super::registers::{ir, tdtr};
 use crate::Frame;
 use crate::time::Ps;
 
-/// One transmit mailbox with its four registers and its part of TSR.
+/// One transmit mailbox with its four registers and its bits of TSR.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Mailbox {
     tir: u32,
     tdtr: u32,
     data: [u32; 2],
     request: Option<Request>,
-    /// From when on the request is to be aborted.
+    /// The time from which the request is to be aborted.
     aborting: Option<Ps>,
     completed: bool,
     succeeded: bool,
@@ -24,7 +24,7 @@ pub(crate) struct Mailbox {
 #[derive(Clone, Copy, Debug)]
 struct Request {
     at: Ps,
-    /// Counts the requests of the controller, for the order of TXFP.
+    /// Number of the request among those of the controller, for the order of TXFP.
     order: u64,
 }
 
@@ -40,12 +40,12 @@ impl Mailbox {
             .map(|request| request.at)
     }
 
-    /// Place in the chronological order of requests.
+    /// Position in the chronological order of requests.
     pub(crate) fn order(&self) -> u64 {
         self.request.map_or(u64::MAX, |request| request.order)
     }
 
-    /// Place in the order of arbitration: the bits as they would compete on the bus.
+    /// Position in the order of arbitration: the bits as they compete on the bus.
     pub(crate) const fn urgency(&self) -> u32 {
         let base = self.tir >> 21;
         let remote = self.tir >> 1 & 1;
@@ -65,8 +65,8 @@ impl Mailbox {
         }
     }
 
-    /// Write to one of the four registers; ignored while a request is pending. Returns whether
-    /// transmission is requested.
+    /// Writes one of the four registers; ignored while a request is pending. True if the write
+    /// requests transmission.
     pub(crate) fn write(&mut self, register: u32, value: u32) -> bool {
         if self.request.is_some() {
             return false;
@@ -95,8 +95,8 @@ impl Mailbox {
         self.failed = false;
     }
 
-    /// The frame to send; `stamp` replaces the last two data bytes of an eight-byte frame if
-    /// the mailbox asks for it.
+    /// The frame to send. If the mailbox requests a time stamp, `stamp` replaces the last two data
+    /// bytes of an eight-byte frame.
     pub(crate) fn frame(&self, stamp: Option<u16>) -> Option<Frame> {
         let id = if self.tir & ir::IDE == 0 {
             Id::Standard(StandardId::new((self.tir >> 21) as u16)?)
@@ -118,12 +118,12 @@ impl Mailbox {
         Frame::from_parts(id, remote, dlc, &bytes[..len])
     }
 
-    /// Records the start-of-frame stamp in TDTxR.
+    /// Stores the time stamp of the start of frame in TDTxR.
     pub(crate) fn stamp(&mut self, stamp: u16) {
         self.tdtr = self.tdtr & 0xFFFF | u32::from(stamp) << 16;
     }
 
-    /// Asks for an abort that waits until the frame on the wire is over.
+    /// Requests an abort at the end of the frame that is being sent.
     pub(crate) fn abort_later(&mut self, at: Ps) {
         if self.request.is_some() {
             self.aborting.get_or_insert(at);
@@ -156,7 +156,8 @@ impl Mailbox {
         self.finish();
     }
 
-    /// An attempt failed; it was the last one if `single_shot` or an abort is waiting.
+    /// Records a failed attempt. It was the last one if `single_shot` is set or an abort is
+    /// pending.
     pub(crate) fn attempt_failed(&mut self, by_arbitration: bool, single_shot: bool) {
         self.succeeded = false;
         self.arbitration_lost = by_arbitration;
@@ -166,7 +167,7 @@ impl Mailbox {
         }
     }
 
-    /// RQCP, TXOK, ALST, TERR and ABRQ in the low byte, as they stand in TSR for this mailbox.
+    /// RQCP, TXOK, ALST, TERR and ABRQ of this mailbox, shifted into the low byte.
     pub(crate) fn status(&self) -> u32 {
         u32::from(self.completed)
             | u32::from(self.succeeded) << 1
@@ -179,7 +180,7 @@ impl Mailbox {
         self.completed
     }
 
-    /// Write of ones to the status bits.
+    /// Writes ones to the status bits.
     pub(crate) fn acknowledge(&mut self, bits: u32) {
         if bits & 1 != 0 {
             self.clear_status();

@@ -1,8 +1,8 @@
-//! The register-level model of ST's bxCAN, from its chapters in RM0390 (STM32F446, two controllers
+//! The register-level model of ST's bxCAN, after its chapters in RM0390 (STM32F446, two controllers
 //! with shared filters) and RM0316 (STM32F303, one controller).
 //!
-//! The controller keeps registers, mailboxes and FIFOs; the bus feeds it with what its medium
-//! access control saw. What the manuals leave open is decided here as follows:
+//! The controller holds registers, mailboxes and FIFOs. The bus reports to it the events of its
+//! medium access control. Where the manuals are silent, the model assumes:
 //!
 //! - ALST and TERR describe the latest attempt; a success clears both.
 //! - FULL is cleared by software only, as the manuals say.
@@ -30,7 +30,7 @@ use registers::{self as reg, btr, esr, ier, ir, mcr, msr};
 /// Levels of a controller's four interrupt lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct IrqLines {
-    /// Transmit: a request has been completed.
+    /// Transmit: a request is complete.
     pub tx: bool,
     /// Receive FIFO 0: message pending, full or overrun.
     pub rx0: bool,
@@ -44,14 +44,14 @@ pub struct IrqLines {
 enum Mode {
     Sleep,
     Init,
-    /// On its way to normal mode, waiting for eleven recessive bits.
+    /// Entering normal mode; waits for eleven recessive bits.
     Joining {
         from_sleep: bool,
     },
     Normal,
 }
 
-/// What the bus knows of the controller's receive pin and activity, for MSR.
+/// What the bus knows of the controller's receive pin and activity; needed for MSR.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LineStatus {
     pub transmitting: bool,
@@ -60,31 +60,32 @@ pub(crate) struct LineStatus {
     pub level: bool,
 }
 
-/// What the bus can tell about a mailbox at the time of a write.
+/// What the bus knows of a mailbox at the time of a write.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WireStatus {
-    /// Mailbox whose frame is on the wire.
+    /// The mailbox whose frame is being sent.
     pub sending: Option<u8>,
-    /// Whether a frame of this controller may have started between the state known to the bus
-    /// and the time of the write.
+    /// True if a frame of this controller may have started between the time that the bus has
+    /// processed and the time of the write.
     pub may_have_started: bool,
 }
 
-/// What a register write asks of the bus.
+/// What the bus must do after a register write.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Effects {
     /// The requested mode may have changed.
     pub mode: bool,
     /// Master reset.
     pub reset: bool,
-    /// Aborts to be decided when the bus gets to the time of the write, a bit for each mailbox.
+    /// Mailboxes whose abort must be decided when the bus reaches the time of the write, one bit
+    /// each.
     pub aborts: u8,
 }
 
 /// One controller.
 #[derive(Clone, Debug)]
 pub(crate) struct BxCan {
-    /// Whether this is CAN2 of a pair, without filter registers of its own.
+    /// True for CAN2 of a pair, which has no filter registers of its own.
     second: bool,
     mode: Mode,
     mode_requested_at: Ps,
@@ -97,9 +98,9 @@ pub(crate) struct BxCan {
     mailboxes: [Mailbox; 3],
     fifos: [Fifo; 2],
     requests: u64,
-    /// Start of the counter of time triggered mode.
+    /// Time at which the counter of time triggered mode was zero.
     timer_origin: Ps,
-    /// Stamp of the latest start of frame.
+    /// Time stamp of the latest start of frame.
     start_stamp: u16,
 }
 
@@ -123,12 +124,12 @@ impl BxCan {
         }
     }
 
-    /// Reset by the clock controller or the whole chip.
+    /// A reset by the clock controller or of the whole chip.
     pub(crate) fn reset(&mut self) {
         *self = Self::new(self.second);
     }
 
-    /// MCR's RESET bit: back to sleep mode with MCR and the FIFOs' counts at their reset values.
+    /// MCR's RESET bit: returns to sleep mode and resets MCR and the FIFOs' counts.
     fn master_reset(&mut self) {
         self.mcr = mcr::AFTER_RESET;
         self.mode = Mode::Sleep;
@@ -170,7 +171,7 @@ impl BxCan {
         self.mcr & mcr::NART != 0
     }
 
-    /// The mode that INRQ and SLEEP ask for.
+    /// The mode that INRQ and SLEEP request.
     const fn wanted(&self) -> Mode {
         match (self.mcr & mcr::INRQ != 0, self.mcr & mcr::SLEEP != 0) {
             (true, false) => Mode::Init,
@@ -183,14 +184,14 @@ impl BxCan {
         }
     }
 
-    /// Whether the controller is to leave the bus as soon as it is quiet.
+    /// True if the controller must leave the bus as soon as it neither sends nor receives.
     pub(crate) fn wants_to_detach(&self, now: Ps) -> bool {
         now >= self.mode_requested_at
             && matches!(self.mode, Mode::Normal | Mode::Joining { .. })
             && self.wanted() != Mode::Normal
     }
 
-    /// Whether the controller is to join the bus.
+    /// True if the controller must join the bus.
     pub(crate) fn wants_to_attach(&self, now: Ps) -> bool {
         now >= self.mode_requested_at
             && matches!(self.mode, Mode::Init | Mode::Sleep)
@@ -202,7 +203,7 @@ impl BxCan {
         self.settle(self.wanted());
     }
 
-    /// The controller listens for eleven recessive bits from `now` on.
+    /// The controller starts to wait for eleven recessive bits at `now`.
     pub(crate) fn attached(&mut self, now: Ps) {
         self.mode = Mode::Joining {
             from_sleep: self.mode == Mode::Sleep,
@@ -210,7 +211,7 @@ impl BxCan {
         self.timer_origin = now;
     }
 
-    /// The eleven recessive bits have been seen.
+    /// The controller has seen the eleven recessive bits.
     pub(crate) fn synchronised(&mut self) {
         if matches!(self.mode, Mode::Joining { .. }) {
             self.mode = Mode::Normal;
@@ -218,7 +219,7 @@ impl BxCan {
         }
     }
 
-    /// A frame starts on the bus while the controller sleeps. Returns whether it wakes up.
+    /// A frame starts on the bus while the controller sleeps. True if the controller wakes up.
     pub(crate) fn start_while_asleep(&mut self, now: Ps) -> bool {
         if self.mode != Mode::Sleep {
             return false;
@@ -232,7 +233,7 @@ impl BxCan {
         true
     }
 
-    /// Whether a frame that starts on the bus would show in this controller's registers at once.
+    /// True if the start of a frame on the bus changes this controller's registers at once.
     pub(crate) const fn minds_start_of_frame(&self) -> bool {
         matches!(self.mode, Mode::Sleep)
             && (self.mcr & mcr::AWUM != 0 || self.ier & ier::WKUIE != 0)
@@ -251,7 +252,7 @@ impl BxCan {
 
     // Transmission.
 
-    /// The mailbox that is sent in a bit that starts at `now`.
+    /// The mailbox to send, and its frame, in a bit that begins at `now`.
     pub(crate) fn pending(&self, now: Ps, bit: Ps) -> Option<(u8, Frame)> {
         if self.silent() && !self.loop_back() {
             return None;
@@ -274,7 +275,7 @@ impl BxCan {
         Some((slot as u8, mailbox.frame(stamp)?))
     }
 
-    /// The earliest request that waits for the bus.
+    /// The time of the earliest request that still waits for the bus.
     pub(crate) fn earliest_request(&self, now: Ps) -> Option<Ps> {
         if self.silent() && !self.loop_back() {
             return None;
@@ -285,7 +286,8 @@ impl BxCan {
             .min()
     }
 
-    /// An abort whose write the bus has got to: at once unless the mailbox is on the wire.
+    /// Decides on an abort once the bus has reached the time of its write: at once, unless the
+    /// mailbox is being sent.
     pub(crate) fn decide_abort(&mut self, slot: u8, sending: Option<u8>) {
         if let Some(mailbox) = self.mailboxes.get_mut(usize::from(slot))
             && mailbox.is_aborting()
@@ -299,7 +301,7 @@ impl BxCan {
         (now.saturating_sub(self.timer_origin) / bit.max(1)) as u16
     }
 
-    /// A start of frame, the controller's own or another's.
+    /// A frame starts: the controller's own or another node's.
     pub(crate) fn frame_started(&mut self, now: Ps, bit: Ps, slot: Option<u8>) {
         if self.time_triggered() {
             self.start_stamp = self.timer(now, bit);
@@ -370,7 +372,7 @@ impl BxCan {
         }
     }
 
-    /// Takes over the error counters and raises ERRI for flags that rise with them.
+    /// Stores the error counters and raises ERRI for error flags that they set.
     pub(crate) fn set_counters(&mut self, counters: ErrorCounters) {
         let before = self.error_flags();
         self.counters = counters;
@@ -528,7 +530,7 @@ impl BxCan {
                 }
                 self.mcr = value & mcr::WRITABLE;
                 self.mode_requested_at = at;
-                // Between sleep and initialisation the bus is not involved.
+                // A change between sleep and initialisation does not involve the bus.
                 if matches!(self.mode, Mode::Init | Mode::Sleep) && self.wanted() != Mode::Normal {
                     let wanted = self.wanted();
                     if wanted != self.mode {
@@ -575,7 +577,7 @@ impl BxCan {
     }
 }
 
-/// Mailbox number and register number of an offset into a block of mailboxes.
+/// Mailbox number and register number for an offset into a block of mailboxes.
 const fn place(offset: u32) -> (usize, u32) {
     (
         (offset / reg::MAILBOX_STRIDE) as usize,

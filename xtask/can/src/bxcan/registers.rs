@@ -18,11 +18,11 @@ pub(crate) const ESR: u32 = 0x018;
 pub(crate) const BTR: u32 = 0x01C;
 /// First transmit mailbox; each takes [`MAILBOX_STRIDE`] bytes.
 pub(crate) const TI0R: u32 = 0x180;
-/// Behind the last transmit mailbox.
+/// End of the transmit mailboxes.
 pub(crate) const TX_END: u32 = TI0R + 3 * MAILBOX_STRIDE;
 /// Output mailbox of the first receive FIFO; each takes [`MAILBOX_STRIDE`] bytes.
 pub(crate) const RI0R: u32 = 0x1B0;
-/// Behind the last receive mailbox.
+/// End of the receive mailboxes.
 pub(crate) const RX_END: u32 = RI0R + 2 * MAILBOX_STRIDE;
 /// Bytes from one mailbox to the next.
 pub(crate) const MAILBOX_STRIDE: u32 = 0x10;

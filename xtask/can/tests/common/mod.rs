@@ -1,5 +1,5 @@
-//! What the register-level tests share: a small driver that sets controllers up as firmware
-//! would, through their registers.
+//! Shared by the register-level tests: a small driver that configures controllers through their
+//! registers, as firmware does.
 
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
@@ -35,9 +35,9 @@ pub(crate) const TTCM: u32 = 1 << 7;
 /// One bit at 250 kbit/s, in picoseconds.
 pub(crate) const BIT: u64 = 4_000_000;
 
-/// 45 MHz / 12 / 15 quanta, sample point behind the 11th.
+/// 45 MHz / 12 / 15 quanta, sample point after the 11th.
 pub(crate) const BTR_250K_F446: u32 = 3 << 20 | 9 << 16 | 11;
-/// 36 MHz / 9 / 16 quanta, sample point behind the 12th.
+/// 36 MHz / 9 / 16 quanta, sample point after the 12th.
 pub(crate) const BTR_250K_F303: u32 = 3 << 20 | 10 << 16 | 8;
 
 pub(crate) const fn at_us(us: u64) -> SimTime {
@@ -65,7 +65,7 @@ pub(crate) fn f303() -> ClockRate {
 }
 
 /// Adds an F446 controller and brings it to normal mode with one filter that accepts everything
-/// into FIFO 0, `options` being further bits of MCR. The bus stands 100 us later then.
+/// into FIFO 0. `options` are further bits of MCR. The bus is at 100 us afterwards.
 pub(crate) fn normal_node(bus: &mut Bus, options: u32) -> NodeId {
     let node = bus.add_bxcan(Part::F446, f446());
     configure(bus, node, options, BTR_250K_F446);
@@ -110,7 +110,7 @@ pub(crate) fn request(bus: &mut Bus, node: NodeId, mailbox: u32, frame: &Frame, 
     bus.write(node, base, tir | remote | 1, at);
 }
 
-/// Takes the oldest message out of FIFO 0: RIxR, RDTxR and the data.
+/// Reads and releases the oldest message of FIFO 0: RIxR, RDTxR and the data.
 pub(crate) fn take(bus: &mut Bus, node: NodeId) -> Option<(u32, u32, [u32; 2])> {
     if bus.read(node, RF0R) & 3 == 0 {
         return None;
@@ -136,7 +136,7 @@ pub(crate) fn lec(bus: &Bus, node: NodeId) -> u32 {
     bus.read(node, ESR) >> 4 & 7
 }
 
-/// The same frame with other data, for collisions of equal identifiers.
+/// A frame with this identifier and other data, for collisions of equal identifiers.
 pub(crate) fn same_id(id: u16, byte: u8) -> Frame {
     frame(id, &[byte])
 }

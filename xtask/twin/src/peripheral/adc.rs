@@ -1,16 +1,16 @@
-//! The first ADC of both parts: sequences started by software or by a timer's trigger,
-//! conversion times, DMA requests (RM0390 chapter 13, RM0316 chapter 15).
+//! The first ADC of both parts: sequences started by software or by a timer's trigger, conversion
+//! times, DMA requests (RM0390 chapter 13, RM0316 chapter 15).
 //!
-//! Inputs are 12-bit counts that the twin holds per channel and that are taken at the end
-//! of the sampling time. Resolution below 12 bits, left alignment, offsets, oversampling,
-//! injected conversions, analogue watchdogs, differential inputs and the dual modes are
-//! not modelled: their registers read back what was written.
+//! The twin holds a 12-bit reading for each channel. A conversion takes the reading at the end of
+//! its sampling time. Not modelled are resolutions below 12 bits, left alignment, offsets,
+//! oversampling, injected conversions, analogue watchdogs, differential inputs and the dual modes:
+//! their registers only read back what was written.
 
 use crate::clock::{Cycles, NEVER};
 use crate::part::Family;
 
-/// Start-up of the F303's voltage regulator: 10 us (data sheet, T_ADCVREG_STUP). Earlier
-/// enabling or calibration is outside the specification and is not carried out.
+/// Start-up of the F303's voltage regulator: 10 us (data sheet, T_ADCVREG_STUP). Enabling or
+/// calibrating earlier violates the data sheet; the model ignores it.
 const REGULATOR_PS: u64 = 10_000_000;
 
 /// Number of channels of an ADC.
@@ -31,15 +31,15 @@ pub(crate) struct Adc {
     family: Family,
     registers: [u32; 0xC0 / 4],
     common: u32,
-    /// Core cycles in a cycle of the converter's clock.
+    /// Core cycles per cycle of the converter's clock.
     clock: u64,
     inputs: [u16; CHANNELS],
     sequence: Option<Sequence>,
     data: u32,
-    /// A value waits to be fetched by the DMA controller.
+    /// A value is ready for the DMA controller.
     request: bool,
-    /// DMA went through its buffer in one-shot mode (DDS or DMACFG clear): no further
-    /// requests.
+    /// The DMA controller has filled its buffer in one-shot mode (DDS or DMACFG clear): there are
+    /// no further requests.
     dma_done: bool,
     // F303 only.
     regulator_ready: Cycles,
@@ -83,7 +83,7 @@ impl Adc {
         }
     }
 
-    /// Reset of the block; what is on the pins stays there.
+    /// Resets the converter. The readings at its inputs stay.
     pub(crate) fn reset(&mut self) {
         let inputs = self.inputs;
         let clock = self.clock;
@@ -98,7 +98,7 @@ impl Adc {
         }
     }
 
-    /// Core cycles in a cycle of APB2 and of the F303's own ADC clock.
+    /// Sets the core cycles per cycle of APB2 and of the F303's own ADC clock.
     pub(crate) fn set_clock(&mut self, apb2: u64, asynchronous: u64) {
         self.clock = match self.family {
             Family::F4 => apb2 * 2 * (u64::from(self.common >> 16 & 3) + 1),
@@ -130,7 +130,7 @@ impl Adc {
         self.registers[(offset / 4) as usize]
     }
 
-    /// Control register that holds the trigger selection and its value.
+    /// The control register that holds the trigger selection, and its value.
     fn trigger_control(&self) -> (u32, u32) {
         match self.family {
             Family::F4 => {
@@ -201,7 +201,7 @@ impl Adc {
         (channel & 0x1F) as usize % CHANNELS
     }
 
-    /// Sampling time in halves of the converter's clock.
+    /// Sampling time in half cycles of the converter's clock.
     fn sampling_halves(&self, channel: usize) -> u64 {
         match self.family {
             Family::F4 => {
@@ -272,7 +272,7 @@ impl Adc {
         }
     }
 
-    /// Requests go on after the DMA controller's buffer is full: DDS, DMACFG.
+    /// True if requests continue after the DMA controller's buffer is full: DDS, DMACFG.
     fn dma_continues(&self) -> bool {
         match self.family {
             Family::F4 => self.get(0x08) & 1 << 9 != 0,
@@ -445,7 +445,7 @@ impl Adc {
 
     /// ADC_CR of the F303: regulator, calibration, enable, start, stop.
     fn write_control(&mut self, value: u32, now: Cycles, cycles_of: impl Fn(u64) -> Cycles) {
-        // Start bits written as zero change nothing; ADVREGEN is an ordinary field.
+        // Writing a start bit as zero changes nothing; ADVREGEN is an ordinary field.
         self.registers[2] = value & 0x7000_0000;
         if value >> 28 & 3 == 1 {
             if self.regulator_ready == NEVER {

@@ -1,13 +1,13 @@
 //! The DMA controllers: streams of the F446 (RM0390 chapter 9), channels of the F303
 //! (RM0316 chapter 13), behind one engine that moves one item for each request.
 //!
-//! A request is served in the cycle in which it is raised; bus arbitration takes no time.
-//! The stream FIFO, bursts and the peripheral flow controller are not modelled: a stream
-//! works in direct mode whatever its FIFO register says.
+//! A request is served in the cycle that raises it; bus arbitration takes no time. The stream FIFO,
+//! bursts and the peripheral flow controller are not modelled: a stream works in direct mode
+//! whatever its FIFO register says.
 
 use crate::part::Family;
 
-/// What a unit is set to move next.
+/// The next item that a unit moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Move {
     pub from: u32,
@@ -22,7 +22,7 @@ pub(crate) struct Move {
 struct Unit {
     /// SxCR or CCRx.
     control: u32,
-    /// NDTR as written, and what is left.
+    /// NDTR as written, and the number of items left.
     count: u32,
     left: u32,
     peripheral: u32,
@@ -126,7 +126,7 @@ impl Dma {
         })
     }
 
-    /// Counts an item that was moved. True when it was the last one of the buffer.
+    /// Counts a moved item. True if it was the last one of the buffer.
     pub(crate) fn moved(&mut self, unit: usize) -> bool {
         let circular = self.circular(self.units[unit].control);
         let family = self.family;
@@ -167,8 +167,8 @@ impl Dma {
                 u.control ^= 1 << 19;
             }
         } else if family == Family::F4 {
-            // The hardware clears EN (RM0390 9.3.9); a channel keeps it set but waits
-            // for a new CNDTR.
+            // The hardware clears EN (RM0390 9.3.9). A channel keeps it set but waits for a new
+            // CNDTR.
             u.control &= !1;
         }
         true
@@ -330,7 +330,7 @@ impl Dma {
         let family = self.family;
         let u = &mut self.units[unit];
         let was = u.control & 1 != 0;
-        // A stream is not enabled while one of its flags stands (RM0390 9.3.18).
+        // A stream cannot be enabled while one of its flags is set (RM0390 9.3.18).
         let refused = family == Family::F4 && !was && (u.half || u.complete || u.error);
         u.control = if refused { value & !1 } else { value };
         if !was && u.control & 1 != 0 {
@@ -340,7 +340,7 @@ impl Dma {
                 u.count = u.left;
             }
         }
-        // Switching a stream off raises its complete flag (RM0390 9.3.18).
+        // Disabling a stream sets its complete flag (RM0390 9.3.18).
         if family == Family::F4 && was && u.control & 1 == 0 {
             u.complete = true;
         }

@@ -1,6 +1,6 @@
-//! A GPIO port: rsemu's register model, with the pins' surroundings added to it.
+//! A GPIO port: rsemu's register model, with external drivers added to its pins.
 //!
-//! A pin that nothing outside drives follows its pull resistor, and low without one.
+//! A pin without an external driver follows its pull resistor. Without that it reads low.
 
 use crate::part::Family;
 use rsemu::core::device::{Device, ResetKind};
@@ -84,7 +84,7 @@ impl Port {
         self.model.pin_levels()
     }
 
-    /// Drives a pin from outside, or lets go of it.
+    /// Drives a pin from outside, or stops driving it (`None`).
     pub(crate) fn drive(&mut self, pin: u8, level: Option<bool>) {
         if let Some(external) = self.external.get_mut(usize::from(pin)) {
             *external = level;
@@ -100,7 +100,7 @@ impl Port {
         }
     }
 
-    /// Whether the pin is handed to alternate function `function`.
+    /// True if the pin is assigned to alternate function `function`.
     pub(crate) fn routed(&self, pin: u8, function: u8) -> bool {
         let mode = self.read(MODER).unwrap_or(0) >> (2 * u32::from(pin)) & 3;
         mode == 2 && self.model.alternate_function(u32::from(pin)) == function

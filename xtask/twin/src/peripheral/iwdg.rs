@@ -1,5 +1,5 @@
-//! The independent watchdog (RM0390 chapter 22, RM0316 chapter 25), on its own RC
-//! oscillator: a 12-bit down-counter behind a prescaler that resets the part at zero.
+//! The independent watchdog (RM0390 chapter 22, RM0316 chapter 25). Its own RC oscillator drives a
+//! prescaler and a 12-bit down-counter, which resets the part at zero.
 
 use crate::clock::{NEVER, Ps};
 use crate::part::Family;
@@ -8,7 +8,7 @@ const UNLOCK: u32 = 0x5555;
 const RELOAD: u32 = 0xAAAA;
 const START: u32 = 0xCCCC;
 
-/// A new prescaler or reload value takes up to five cycles of the oscillator to arrive.
+/// A new prescaler or reload value takes effect after up to five cycles of the oscillator.
 const UPDATE_CYCLES: u64 = 5;
 
 #[derive(Debug)]
@@ -20,10 +20,10 @@ pub(crate) struct Iwdg {
     prescaler: u32,
     reload: u32,
     window: u32,
-    /// Value on its way and when it arrives.
+    /// A written value that has not taken effect yet, and when it will.
     next_prescaler: Option<(u32, Ps)>,
     next_reload: Option<(u32, Ps)>,
-    /// Counter value at an instant, from which it counts down.
+    /// Counter value at a reference time, from which it counts down.
     count: u32,
     since: Ps,
 }
@@ -45,7 +45,7 @@ impl Iwdg {
         }
     }
 
-    /// One count at prescaler code `pr`: 4 << pr cycles, 256 at most.
+    /// Time per count at prescaler code `pr`: 4 << pr cycles, at most 256.
     fn step(&self) -> Ps {
         let divider = 4_u64 << self.prescaler.min(6);
         1_000_000_000_000 * divider / self.hertz
@@ -77,7 +77,7 @@ impl Iwdg {
             .saturating_sub(u32::try_from(gone).unwrap_or(u32::MAX))
     }
 
-    /// When it resets the part if nothing more is written.
+    /// When it resets the part if the program writes nothing more.
     pub(crate) fn expires(&self) -> Ps {
         if !self.running {
             return NEVER;
@@ -85,11 +85,11 @@ impl Iwdg {
         let Some((_, at)) = self.next_prescaler else {
             return self.since + u64::from(self.count + 1) * self.step();
         };
-        // A new prescaler is on its way: look again when it has arrived.
+        // A new prescaler has not taken effect yet: check again when it has.
         at
     }
 
-    /// Whether the counter has run out.
+    /// True if the counter has reached zero.
     pub(crate) fn expired(&mut self, now: Ps) -> bool {
         self.settle(now);
         self.running && now >= self.expires()
@@ -110,7 +110,7 @@ impl Iwdg {
         }
     }
 
-    /// True when the write makes the watchdog reset the part: a reload above the window.
+    /// True if the write resets the part: a reload while the counter is above the window.
     pub(crate) fn write(&mut self, offset: u32, value: u32, now: Ps) -> bool {
         self.settle(now);
         let arrival = now + UPDATE_CYCLES * 1_000_000_000_000 / self.hertz;

@@ -1,9 +1,8 @@
-//! Everything of a microcontroller but the core and the memories, as one synchronous
-//! state that is brought up to date when somebody looks.
+//! The peripherals of a microcontroller as one state, updated whenever the program or the run loop
+//! accesses it.
 //!
-//! Times are core cycles of the node. Between two events nothing changes, so that a node
-//! may sleep from one event to the next and a register shows, whenever it is read, what
-//! it would show in that cycle.
+//! Times are core cycles of the node. Nothing changes between two events. Therefore a node may
+//! sleep from one event to the next, and a register always reads as it would in the current cycle.
 
 mod adc;
 mod dma;
@@ -28,15 +27,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// The bus that the nodes of a network share.
 pub type SharedBus = Arc<Mutex<can_bus::Bus>>;
 
-/// Locks the bus; a run is single-threaded, so that poisoning cannot matter.
+/// Locks the bus. A run has a single thread, so a poisoned lock cannot matter.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A byte that left a node on one of its UARTs.
+/// A byte that a node transmitted on one of its UARTs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UartByte {
-    /// 1 for USART1 and so on.
+    /// Number of the USART: 1 for USART1.
     pub usart: u8,
     /// Beginning of its start bit.
     pub start: SimTime,
@@ -44,7 +43,7 @@ pub struct UartByte {
     pub end: SimTime,
     /// The byte.
     pub byte: u8,
-    /// Baud rate at which it left, bit/s, rounded.
+    /// Baud rate of the byte, bit/s, rounded.
     pub baud: u32,
 }
 
@@ -75,7 +74,7 @@ pub(crate) struct CanLink {
     pub node: NodeId,
 }
 
-/// How far off nominal the oscillators run, parts in 10^9.
+/// Deviation of the oscillators from nominal, parts in 10^9.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Oscillators {
     /// External clock at OSC_IN, Hz; `None`: not connected.
@@ -84,9 +83,8 @@ pub(crate) struct Oscillators {
     pub rc_ppb: i64,
 }
 
-/// Requests of one unit that are served in one go before others get their turn. Nothing
-/// sensible comes near it: it ends the endless transfer of a unit that is pointed at the
-/// wrong register.
+/// Largest number of requests of one unit served in a row before the other units. No sensible
+/// program reaches it. It ends the endless transfer of a unit that points at the wrong register.
 const BEATS: u32 = 4096;
 
 #[derive(Debug)]
@@ -98,7 +96,7 @@ pub(crate) struct Peripherals {
     clock: LocalClock,
     now: Cycles,
     next: Cycles,
-    /// Earliest change that CAN or the watchdog bring, in cycles.
+    /// Next cycle at which the CAN controller or the watchdog may change.
     watchdog_at: Cycles,
     rcc: rcc::Rcc,
     flash: system::Flash,
@@ -127,11 +125,11 @@ pub(crate) struct Peripherals {
     outputs: [u32; 8],
     pub(crate) sent: Vec<UartByte>,
     pub(crate) pins: Vec<PinChange>,
-    /// Registers that the program touched and that no model knows.
+    /// Registers that the program accessed but the model lacks.
     pub(crate) unmodelled: BTreeSet<u32>,
 }
 
-/// What the bus answers to an access outside of every peripheral.
+/// The bus's response to an access outside every peripheral.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Nothing;
 
@@ -202,17 +200,17 @@ impl Peripherals {
         self.flash.read(0).unwrap_or(0)
     }
 
-    /// Whether the run loop has to look, lines aside.
+    /// True if the run loop must process the peripherals, interrupt lines aside.
     pub(crate) fn wants_attention(&self) -> bool {
         self.reset_request.is_some() || self.can_written || self.seen_generation != self.generation
     }
 
-    /// The run loop has looked.
+    /// The run loop has processed the peripherals.
     pub(crate) fn attended(&mut self) {
         self.seen_generation = self.generation;
     }
 
-    /// How far the node may run without missing anything on the bus.
+    /// The time up to which the node may run without missing an event on the bus.
     pub(crate) fn can_horizon(&self) -> SimTime {
         self.can
             .as_ref()
@@ -225,7 +223,7 @@ impl Peripherals {
         SimTime::from_ticks(self.clock.time(self.now))
     }
 
-    /// A reset of the whole part but for its memories.
+    /// Resets the whole part except its memories.
     pub(crate) fn reset(&mut self, cause: ResetCause, now: Cycles) {
         self.catch_up(now);
         self.reset_request = None;
@@ -258,7 +256,7 @@ impl Peripherals {
         self.refresh();
     }
 
-    /// Brings everything up to cycle `now`.
+    /// Updates all peripherals to cycle `now`.
     pub(crate) fn catch_up(&mut self, now: Cycles) {
         while self.next <= now {
             self.now = self.next;
@@ -268,7 +266,7 @@ impl Peripherals {
         self.now = self.now.max(now);
     }
 
-    /// Handles the events of the present cycle.
+    /// Handles the events of the current cycle.
     fn process(&mut self) {
         let now = self.now;
         if self.rcc.next_event(now.saturating_sub(1)) <= now {
@@ -301,7 +299,7 @@ impl Peripherals {
         }
     }
 
-    /// Works out the next event and the interrupt lines after any change.
+    /// Recomputes the next event and the interrupt lines after a change.
     fn refresh(&mut self) {
         self.collect_sent();
         let mut next = self.rcc.next_event(self.now).min(self.watchdog_at);
@@ -367,7 +365,7 @@ impl Peripherals {
 
     // -- clocks ---------------------------------------------------------------------
 
-    /// Takes over what the clock tree has become.
+    /// Applies changes of the clock tree to the peripherals.
     fn retune(&mut self, first: bool) {
         let now = self.now;
         let tree = self.rcc.tree();
@@ -443,7 +441,8 @@ impl Peripherals {
         let levels = self.ports[port].levels();
         let changed = levels ^ self.levels[port];
         self.levels[port] = levels;
-        // A pin that the part lets go of changes too: its pull or its surroundings decide.
+        // A pin that stops being an output changes too: its pull resistor or an external driver
+        // then sets its level.
         let outputs = self.ports[port].outputs();
         let driven = std::mem::replace(&mut self.outputs[port], outputs) | outputs;
         let changed = changed & driven;
@@ -470,7 +469,7 @@ impl Peripherals {
         lock(&link.bus).set_connected(link.node, routed, self.time());
     }
 
-    /// Takes over the interrupt lines of the CAN controller after the bus moved on.
+    /// Updates the interrupt lines of the CAN controller after the bus has been simulated further.
     pub(crate) fn read_can_lines(&mut self) {
         let Some(link) = &self.can else { return };
         let lines = lock(&link.bus).irq(link.node);
@@ -486,7 +485,7 @@ impl Peripherals {
         }
     }
 
-    /// The external clock stops; whether the core gets an NMI for it.
+    /// The external clock stops. True if the core gets an NMI for it.
     pub(crate) fn lose_external_clock(&mut self) -> bool {
         let interrupts = self.rcc.lose_external();
         self.retune(false);
@@ -511,7 +510,8 @@ impl Peripherals {
         self.adc.set_input(channel, count);
     }
 
-    /// A byte begins to arrive at `start` at USART `usart` (1..) with `baud` bit/s.
+    /// A byte starts to arrive at time `start` at USART `usart` (numbered from 1) with `baud`
+    /// bit/s.
     pub(crate) fn feed_uart(&mut self, usart: u8, byte: u8, start: Ps, baud: u32) {
         let index = usize::from(usart).wrapping_sub(1);
         if !routed(&self.ports, self.sled, Role::UsartReceive(usart)) || baud == 0 {
@@ -542,7 +542,7 @@ impl Peripherals {
         if let Some((enable, _, bit)) = slot.gate
             && !self.rcc.enabled(enable, bit)
         {
-            // Without its clock a block answers zero.
+            // A peripheral without its clock reads as zero.
             return Ok(0);
         }
         let offset = address - slot.base;
@@ -568,7 +568,7 @@ impl Peripherals {
             },
         };
         if matches!(slot.block, Block::Usart(_) | Block::Adc) {
-            // Reading their data clears flags and requests.
+            // Reading a data register clears flags and requests.
             self.refresh();
         }
         Ok(value.unwrap_or_else(|| {
@@ -719,8 +719,7 @@ impl Peripherals {
         }
     }
 
-    /// Moves one item; whether it was the last of its buffer, or `None` when there was
-    /// nothing to move.
+    /// Moves one item. True if it was the last of its buffer; `None` if there was nothing to move.
     fn move_item(&mut self, controller: usize, unit: usize) -> Option<bool> {
         let item = self.dmas[controller].item(unit)?;
         let moved = self
@@ -771,8 +770,7 @@ impl Peripherals {
         let slot = self.slot_at(address).ok_or(Nothing)?;
         let mask = u32::MAX >> (32 - 8 * size);
         match slot.block {
-            // The only registers that are written on request. Not `write`, which would
-            // come back here.
+            // DMA writes go to these registers only. Calling `write` here would recurse.
             Block::Usart(k) => self.usarts[k].write(address - slot.base, value & mask, self.now),
             _ => return Err(Nothing),
         }
@@ -783,7 +781,7 @@ impl Peripherals {
 /// The register block of one of rsemu's devices.
 ///
 /// # Panics
-/// When the device has none, which none of those used here is.
+/// If the device has none; all devices used here have one.
 pub(crate) fn registers_of(device: &dyn Device) -> Arc<dyn MemOps> {
     let region = device.region("regs").or_else(|| device.region(""));
     match region.as_ref().map(|region| region.kind()) {
@@ -801,7 +799,7 @@ pub(crate) fn read_word(registers: &dyn MemOps, offset: u32) -> Option<u32> {
 }
 
 pub(crate) fn write_word(registers: &dyn MemOps, offset: u32, value: u32) {
-    // A refused write is one to a register that does not exist.
+    // The write is refused only if the register does not exist.
     let _ = registers.write(u64::from(offset), &value.to_le_bytes(), MemAttrs::DEFAULT);
 }
 

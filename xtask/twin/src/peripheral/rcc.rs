@@ -11,16 +11,17 @@ use crate::part::{Family, Part};
 
 const CR: u32 = 0x00;
 
-/// HSI start-up (data sheets: 2.2 us F446, 1-2 us F303).
+/// HSI start-up (data sheets: 2.2 us on the F446, 1 to 2 us on the F303).
 const HSI_START: Ps = 2_000_000;
-/// HSE in bypass: the clock is there, the ready flag follows after 8 cycles of it or so.
+/// HSE in bypass mode: the clock runs already, and the ready flag follows after about 8 of its
+/// cycles.
 const HSE_START: Ps = 2_000_000;
-/// PLL lock: 200 us is the longest on both parts.
+/// PLL lock: 200 us is the maximum of both parts.
 const PLL_LOCK: Ps = 200_000_000;
 /// LSI start-up: 40 us (F446), 85 us (F303).
 const LSI_START: Ps = 40_000_000;
 
-/// Why the part was reset; the flags of RCC_CSR that remain.
+/// Why the part was reset, as the flags of RCC_CSR report it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResetCause {
     /// Power came up.
@@ -46,15 +47,15 @@ impl ResetCause {
     }
 }
 
-/// The rates that follow from the registers, Hz.
+/// The clock frequencies that follow from the registers, Hz.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Tree {
     pub hclk: u64,
-    /// AHB cycles in a cycle of APB1, APB2, of the timers on APB1.
+    /// AHB cycles per cycle of APB1, of APB2 and of the APB1 timers.
     pub apb1: u64,
     pub apb2: u64,
     pub timer1: u64,
-    /// Whether the system clock comes, directly or not, from the external clock.
+    /// True if the system clock derives, directly or through the PLL, from the external clock.
     pub external: bool,
 }
 
@@ -75,7 +76,7 @@ pub(crate) struct Rcc {
     hse_ready: Cycles,
     pll_ready: Cycles,
     lsi_ready: Cycles,
-    /// SWS: what the system runs from.
+    /// SWS: the source of the system clock.
     switched: u32,
     cause_flags: u32,
 }
@@ -97,8 +98,8 @@ impl Rcc {
         rcc
     }
 
-    /// A system reset: registers to their reset values, `cause` among the flags, which
-    /// only power-on and RMVF clear.
+    /// A system reset: all registers take their reset values. `cause` is added to the reset flags,
+    /// which only power-on and RMVF clear.
     pub(crate) fn reset(&mut self, cause: ResetCause) {
         self.registers = [0; 0x98 / 4];
         // HSION, HSITRIM 16.
@@ -242,9 +243,10 @@ impl Rcc {
         self.settle(now, clock);
     }
 
-    /// The external clock stops. The clock security system (RM0390 6.2.7, RM0316 9.2.7), when
-    /// it is on, takes the system to the HSI, stops what the clock fed and asks for an NMI:
-    /// true then. Without it nothing happens here; nobody tells what such a part does.
+    /// The external clock stops. If the clock security system (RM0390 6.2.7, RM0316 9.2.7) is on,
+    /// it switches the system clock to the HSI, stops what the external clock fed and requests an
+    /// NMI; the result is then true. If it is off, nothing changes here, because the manuals do not
+    /// say what the part does.
     pub(crate) fn lose_external(&mut self) -> bool {
         const CSSON: u32 = 1 << 19;
         let watched = self.registers[0] & CSSON != 0 && self.hse_ready != NEVER;
@@ -281,7 +283,8 @@ impl Rcc {
         }
     }
 
-    /// Lets flags and switch follow the time: called on writes and at [`Rcc::next_event`].
+    /// Updates the flags and the clock switch to `now`. Called on writes and at
+    /// [`Rcc::next_event`].
     pub(crate) fn settle(&mut self, now: Cycles, clock: &LocalClock) {
         let feed_ready = if self.pll_external() {
             now >= self.hse_ready
@@ -301,7 +304,7 @@ impl Rcc {
         }
     }
 
-    /// When a flag comes up that other things may follow from.
+    /// The next time at which a flag changes that affects other state.
     pub(crate) fn next_event(&self, now: Cycles) -> Cycles {
         let wanted = self.get(self.cfgr_offset()) & 0b11;
         let pll_waits = self.registers[0] & 1 << 24 != 0 && self.pll_ready == NEVER;
@@ -315,7 +318,8 @@ impl Rcc {
             .unwrap_or(NEVER)
     }
 
-    /// Start-up times count in real time: they keep it when the core's rate changes.
+    /// Converts pending start-up times when the core's frequency changes, because they are real
+    /// times.
     pub(crate) fn rescale(&mut self, now: Cycles, scale: impl Fn(Cycles) -> Cycles) {
         for at in [
             &mut self.hsi_ready,
@@ -366,7 +370,7 @@ impl Rcc {
         }
     }
 
-    /// What the registers make of the oscillators.
+    /// The clock tree that the registers select.
     pub(crate) fn tree(&self) -> Tree {
         let (system, external) = match self.source() {
             Source::Hsi => (u64::from(self.part.hsi.hz), false),
@@ -398,7 +402,7 @@ fn ahb_divider(code: u32) -> u64 {
     }
 }
 
-/// Starts or stops a flag's delay.
+/// Starts a flag's delay, or cancels it.
 fn start(ready: &mut Cycles, on: bool, at: Cycles) {
     if !on {
         *ready = NEVER;

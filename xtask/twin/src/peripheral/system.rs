@@ -3,8 +3,8 @@
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
 use crate::part::Family;
 
-/// The flash interface (RM0390 3.8, RM0316 4.5): access control only. Programming and
-/// erasing are not modelled, the control registers stay locked.
+/// The flash interface (RM0390 3.8, RM0316 4.5): access control only. Programming and erasing are
+/// not modelled, and the control registers stay locked.
 #[derive(Debug)]
 pub(crate) struct Flash {
     family: Family,

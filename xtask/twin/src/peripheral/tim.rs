@@ -1,5 +1,5 @@
-//! A general-purpose timer: rsemu's model, which counts in ticks of its own clock, set
-//! into the node's core cycles.
+//! A general-purpose timer: rsemu's model, which counts ticks of its own clock, driven by the
+//! node's core cycles.
 
 use crate::clock::{Cycles, NEVER};
 use rsemu::core::device::{Device, ResetKind};
@@ -10,7 +10,7 @@ use rsemu::dev::stm32::tim::{IRQ_PIN, TRGO_PIN, Tim};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// The level of an output wire, and how often it rose.
+/// The level of an output, and the number of its rising edges.
 #[derive(Debug, Default)]
 struct Probe {
     high: AtomicBool,
@@ -33,11 +33,11 @@ pub(crate) struct Timer {
     registers: Arc<dyn MemOps>,
     interrupt: Arc<Probe>,
     trigger: Arc<Probe>,
-    /// Core cycles in a tick, and the tick that a cycle corresponds to.
+    /// Core cycles per tick, and the tick that corresponds to a given cycle.
     divider: u64,
     origin_cycle: Cycles,
     origin_tick: u64,
-    /// The block's clock runs (its gate is open).
+    /// True while the timer's clock gate is open.
     clocked: bool,
 }
 
@@ -85,14 +85,14 @@ impl Timer {
         self.origin_tick + now.saturating_sub(self.origin_cycle) / self.divider
     }
 
-    /// Brings the counter up to date; it stands still while the block is not clocked.
+    /// Updates the counter to `now`. It stops while the timer has no clock.
     pub(crate) fn advance(&mut self, now: Cycles) {
         if self.clocked {
             self.model.advance_to(self.tick(now));
         }
     }
 
-    /// Opens or closes the clock gate, or changes the core cycles in a tick.
+    /// Opens or closes the clock gate, or changes the core cycles per tick.
     pub(crate) fn set_clock(&mut self, now: Cycles, clocked: bool, divider: u64) {
         if clocked == self.clocked && divider == self.divider {
             return;

@@ -1,28 +1,27 @@
-//! The USARTs in asynchronous mode, bit by bit in time: the F446's registers (RM0390
-//! chapter 25) and the F303's (RM0316 chapter 29) over one line model.
+//! The USARTs in asynchronous mode, timed bit by bit: the registers of the F446 (RM0390 chapter 25)
+//! and of the F303 (RM0316 chapter 29) over one model of the line.
 //!
-//! Transmission takes the frame's own number of bit times per byte, with the data
-//! register ahead of the shift register. Reception samples the far end's waveform in the
-//! middle of each of its own bits, so that a wrong baud rate shows as wrong bytes and
-//! framing errors. Parity, the ninth bit, LIN, smartcard, IrDA, mute mode and hardware flow
-//! control are not modelled.
+//! Transmission takes the configured number of bit times per byte, with a data register before the
+//! shift register. Reception samples the sender's waveform in the middle of each of the receiver's
+//! own bits, so a wrong baud rate causes wrong bytes and framing errors. Parity, the ninth bit,
+//! LIN, smartcard, IrDA, mute mode and hardware flow control are not modelled.
 
 use crate::clock::{Cycles, NEVER};
 use crate::part::Family;
 use std::collections::VecDeque;
 
-/// A byte that left on the transmit pin.
+/// A byte sent on the transmit pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Sent {
     /// Beginning of the start bit and end of the last stop bit.
     pub start: Cycles,
     pub end: Cycles,
     pub byte: u8,
-    /// Core cycles in 256 bit times: the baud rate at which it left.
+    /// Core cycles in 256 bit times, which is its baud rate.
     pub bit256: u64,
 }
 
-/// A byte that the far end puts on the receive pin.
+/// A byte that the other device sends to the receive pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Arriving {
     /// Beginning of its start bit.
@@ -33,8 +32,8 @@ pub(crate) struct Arriving {
 }
 
 impl Arriving {
-    /// Level of the line `after` cycles (in 256ths) from the beginning of the start bit:
-    /// start bit, eight data bits, then high.
+    /// Level of the line `after256` / 256 cycles after the beginning of the start bit: start bit,
+    /// eight data bits, then high.
     fn level(self, after256: u64) -> bool {
         match after256 / self.bit256.max(1) {
             0 => false,
@@ -63,16 +62,16 @@ pub(crate) struct Usart {
     brr: u32,
     other: [u32; 2],
     flags: u32,
-    /// Whether the status register was read since the flags it clears came up (F446).
+    /// True if the status register was read since the flags that this clears were set (F446).
     status_read: bool,
-    /// Core cycles in a cycle of the kernel clock.
+    /// Core cycles per cycle of the USART's kernel clock.
     divider: u64,
     data_in: u8,
     data_out: Option<u8>,
-    /// End of what the shift register is sending, and the byte if it is one.
+    /// End of the current transmission, and its byte; `None` for an idle frame.
     shifting: Option<(Cycles, Option<Sent>)>,
     arriving: VecDeque<Arriving>,
-    /// Byte whose stop bit is sampled at the given cycle.
+    /// The byte being received, and the cycle at which its stop bit is sampled.
     receiving: Option<(Cycles, Arriving)>,
     idle_at: Cycles,
     sent: Vec<Sent>,
@@ -100,7 +99,7 @@ impl Usart {
         }
     }
 
-    /// Reset of the block; what is under way on the receive line stays there.
+    /// Resets the USART. A byte on the receive line continues.
     pub(crate) fn reset(&mut self) {
         let arriving = std::mem::take(&mut self.arriving);
         let sent = std::mem::take(&mut self.sent);
@@ -160,7 +159,7 @@ impl Usart {
         (kernel256 * self.divider).max(256)
     }
 
-    /// Bits in a frame, start to last stop bit, in halves: word length and stop bits.
+    /// Bits in a frame, from the start bit to the last stop bit, in half bits.
     fn frame_halves(&self) -> u64 {
         let data = if self.cr1 & 1 << 12 == 0 { 8 } else { 9 };
         let stop_halves = match self.cr2 >> 12 & 3 {
@@ -176,12 +175,12 @@ impl Usart {
         (self.frame_halves() * self.bit256()).div_ceil(512)
     }
 
-    /// Bytes that left since the last call.
+    /// Bytes sent since the last call.
     pub(crate) fn drain_sent(&mut self) -> Vec<Sent> {
         std::mem::take(&mut self.sent)
     }
 
-    /// The far end puts a byte on the line. Bytes come in the order of time.
+    /// The other device sends a byte. Calls must be in order of time.
     pub(crate) fn receive(&mut self, byte: Arriving) {
         self.arriving.push_back(byte);
     }
@@ -203,7 +202,7 @@ impl Usart {
             || enabled(5) && f & (RXNE | ORE) != 0
             || enabled(4) && f & IDLE != 0
             || enabled(8) && f & PE != 0
-            // With DMA, errors interrupt through EIE.
+            // With DMA, errors raise the interrupt if EIE is set.
             || self.cr3 & 1 != 0 && self.cr3 & 1 << 6 != 0 && f & (FE | NF | ORE) != 0
     }
 
@@ -218,7 +217,7 @@ impl Usart {
         shift.min(sample).min(start).min(self.idle_at)
     }
 
-    /// Handles what is due at `now`, which is at most [`Usart::next_event`].
+    /// Processes events up to `now`, which is at most [`Usart::next_event`].
     pub(crate) fn advance(&mut self, now: Cycles) {
         if let Some((end, byte)) = self.shifting
             && end <= now
@@ -248,7 +247,8 @@ impl Usart {
             self.arriving.pop_front();
             self.idle_at = NEVER;
             if self.receives() {
-                // The stop bit is sampled nine and a half of the own bits after the edge.
+                // The stop bit is sampled nine and a half bit times of this receiver after the
+                // edge.
                 let at = byte.start + (self.bit256() * (self.frame_halves() - 1)).div_ceil(512);
                 self.receiving = Some((at, byte));
             }
@@ -280,7 +280,7 @@ impl Usart {
         self.idle_at = stop_end + self.frame_cycles();
     }
 
-    /// Moves the data register into the shift register when that is free.
+    /// Moves the data register into the shift register if that is empty.
     fn load(&mut self, now: Cycles) {
         if self.shifting.is_some() || !self.transmits() {
             return;
@@ -383,7 +383,7 @@ impl Usart {
     pub(crate) fn write(&mut self, offset: u32, value: u32, now: Cycles) {
         match (self.family, offset) {
             (Family::F4, 0x00) => {
-                // Written zeros clear; only these bits can be (RM0390 25.6.1).
+                // Writing zero clears a flag; only these flags can be cleared so (RM0390 25.6.1).
                 self.flags &= value | !(RXNE | TC);
             }
             (Family::F4, 0x04) | (Family::F3, 0x28) => self.write_data(value, now),

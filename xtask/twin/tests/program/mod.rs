@@ -15,7 +15,7 @@ pub(crate) struct Program {
 pub(crate) const VECTORS: usize = 112;
 
 impl Program {
-    /// All vectors lead to an endless loop; the program begins behind it.
+    /// An empty program: all vectors lead to an endless loop, which the program's code follows.
     pub(crate) fn new() -> Self {
         let mut program = Self {
             code: vec![0; VECTORS * 4],
@@ -75,19 +75,19 @@ impl Program {
         self.constant(0, address).half(0x6802)
     }
 
-    /// Loads until the word under the mask is the mask; uses r0 to r3.
+    /// Loads until all bits of `mask` are set in the word; uses r0 to r3.
     pub(crate) fn wait(&mut self, address: u32, mask: u32) -> &mut Self {
         self.constant(0, address).constant(3, mask);
         // loop: LDR r2, [r0]; ANDS r2, r3; CMP r2, r3; BNE loop
         self.half(0x6802).half(0x401A).half(0x429A).half(0xD1FB)
     }
 
-    /// Lets an interrupt through the NVIC.
+    /// Enables an interrupt in the NVIC.
     pub(crate) fn enable(&mut self, irq: u32) -> &mut Self {
         self.poke(0xE000_E100 + 4 * (irq / 32), 1 << (irq % 32))
     }
 
-    /// Loads until no bit of the word under the mask is set; uses r0 to r3.
+    /// Loads until no bit of `mask` is set in the word; uses r0 to r3.
     pub(crate) fn wait_clear(&mut self, address: u32, mask: u32) -> &mut Self {
         self.constant(0, address).constant(3, mask);
         // loop: LDR r2, [r0]; TST r2, r3; BNE loop
@@ -111,7 +111,7 @@ impl Program {
         Arc::new(Image::from_code(part, &self.code).expect("the program fits"))
     }
 
-    /// A microcontroller alone that runs it.
+    /// A microcontroller without a network that runs the program.
     pub(crate) fn start(&self, part: &'static Part, board: &Board) -> Mcu {
         Mcu::new(self.image(part), board, None)
     }
