@@ -1,4 +1,4 @@
-//! A vehicle on its way, step by step, and what tests ask about it.
+//! A running simulation of the vehicle, and the questions that tests ask about it.
 
 use campaign::traffic::{Matrix, Sent, Traffic};
 use twin::Twin;
@@ -9,17 +9,17 @@ use crate::nodes::{DRIVE, STEERING};
 use crate::time::at;
 use crate::{images, vehicle};
 
-/// A scenario from its text.
+/// Parses a scenario.
 ///
 /// # Panics
-/// With the sentence that says what is wrong with the text.
+/// When the text has an error; the message names it.
 #[must_use]
 pub fn scenario(text: &str) -> Scenario {
     Scenario::parse(vehicle(), "test", "the test's scenario", text)
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A vehicle with the release images.
+/// A simulated vehicle with the release images.
 pub struct Journey {
     /// The vehicle.
     pub vehicle: Twin,
@@ -27,7 +27,7 @@ pub struct Journey {
 }
 
 impl Journey {
-    /// Puts the vehicle of a scenario together.
+    /// Sets up the vehicle of a scenario.
     ///
     /// # Panics
     /// When the images cannot be built.
@@ -46,13 +46,13 @@ impl Journey {
         Self::new(&scenario(text), 1)
     }
 
-    /// Runs to so many seconds after power-on.
+    /// Runs until `seconds` after power-on.
     pub fn to(&mut self, seconds: f64) -> &mut Self {
         self.vehicle.run_until(at(seconds));
         self
     }
 
-    /// The frames so far.
+    /// The bus traffic so far.
     #[must_use]
     pub fn traffic(&self) -> Traffic {
         Traffic::so_far(&self.vehicle)
@@ -64,7 +64,7 @@ impl Journey {
         &self.matrix
     }
 
-    /// Data of the last command (message 300) that the controller sent before an instant.
+    /// Data of the last command (message 300) that the controller had sent by `before`.
     #[must_use]
     pub fn command(&self, before: SimTime) -> Option<[u8; 8]> {
         let traffic = self.traffic();
@@ -87,8 +87,8 @@ impl Journey {
             .map_or(0.0, |change| change.effort)
     }
 
-    /// The last instant at which a node's motor driver began to make an effort or changed it
-    /// to another than none, `None` when it never did.
+    /// The last time at which the effort of a node's motor driver changed to a value other than
+    /// zero; `None` if it never did.
     #[must_use]
     pub fn last_moved(&self, node: NodeIndex) -> Option<SimTime> {
         let mut changes = self.vehicle.world().efforts().iter();
@@ -97,7 +97,7 @@ impl Journey {
             .map(|change| change.at)
     }
 
-    /// The first instant from `from` on at which both motor drivers make no effort.
+    /// The first time, `from` or later, at which the effort of both motor drivers is zero.
     #[must_use]
     pub fn stopped(&self, from: SimTime) -> Option<SimTime> {
         let still = |when| {
@@ -116,16 +116,16 @@ impl Journey {
             .find(|&when| still(when))
     }
 
-    /// What a node wrote on its console.
+    /// The text that a node wrote to its console.
     #[must_use]
     pub fn console(&self, node: NodeIndex) -> String {
         String::from_utf8_lossy(self.vehicle.console(node)).into_owned()
     }
 
-    /// Asserts that no frame of the vehicle's nodes stood outside of its window.
+    /// Asserts that all frames of the vehicle's nodes were sent in their windows.
     ///
     /// # Panics
-    /// When one did, with the first of them.
+    /// When one was not; the message shows the first such frame.
     pub fn assert_in_place(&self) {
         let misplaced = self.matrix.misplaced(&self.traffic());
         if let Some(first) = misplaced.first() {

@@ -13,7 +13,7 @@ use vehicle_model::Vehicle;
 /// The vehicle that is tested.
 ///
 /// # Panics
-/// When its folder is wrong; the sentence says what.
+/// When its folder has an error; the message names it.
 pub fn vehicle() -> &'static Vehicle {
     static VEHICLE: OnceLock<Vehicle> = OnceLock::new();
     VEHICLE.get_or_init(|| {
@@ -23,11 +23,11 @@ pub fn vehicle() -> &'static Vehicle {
     })
 }
 
-/// The release images of its nodes, built once for each test program as `cargo xtask build`
-/// builds them.
+/// The release images of its nodes, as `cargo xtask build` makes them. Each test program builds
+/// them only once.
 ///
 /// # Panics
-/// When they do not build; the sentence says why.
+/// When they do not build; the message says why.
 pub fn images() -> &'static Images {
     static IMAGES: OnceLock<Images> = OnceLock::new();
     IMAGES.get_or_init(|| {

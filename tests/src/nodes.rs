@@ -1,4 +1,4 @@
-//! The nodes of the vehicle that is tested, by their places in its manifest.
+//! Indices of the tested vehicle's nodes in its manifest.
 
 use vehicle_model::NodeIndex;
 

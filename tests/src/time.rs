@@ -1,14 +1,14 @@
-//! Simulated time in the units that tests think in.
+//! Conversions between simulated time and seconds.
 
 use world::{SimDuration, SimTime};
 
-/// A span of so many seconds.
+/// A duration of `seconds`.
 #[must_use]
 pub fn span(seconds: f64) -> SimDuration {
     SimDuration::from_ticks((seconds * 1e12).round() as u64)
 }
 
-/// The instant so many seconds after power-on.
+/// The time `seconds` after power-on.
 #[must_use]
 pub fn at(seconds: f64) -> SimTime {
     SimTime::from_ticks(0) + span(seconds)

@@ -1,4 +1,4 @@
-//! What the protocol stack costs on the target.
+//! Cost of the protocol stack on the target.
 
 use xtask::{
     Workspace,
@@ -22,13 +22,13 @@ fn an_event_costs_as_much_with_512_windows_as_with_8() {
             cost.event, cost.few, cost.many
         );
         assert!(cost.few > 50, "an event that costs nothing did not happen");
-        // Nothing but the lengths of address computations may differ.
+        // Only the length of address computations may differ.
         assert!(cost.many.abs_diff(cost.few) <= cost.few / 50, "{cost:?}");
     }
 }
 
-/// The control step is released 600 us before its window, 108 000 cycles at 180 MHz: a tenth
-/// of them leaves room for wait states, other tasks, and a longer path.
+/// The control step is released 600 us before its window, which is 108 000 cycles at 180 MHz.
+/// Limiting it to a tenth of that leaves room for wait states, other tasks and a longer path.
 #[test]
 fn a_control_step_takes_a_tenth_of_its_time() {
     let workspace = workspace();

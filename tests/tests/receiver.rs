@@ -1,5 +1,5 @@
-//! From the receiver's line to the bus: libsbp's packets go into the emulated USART of the
-//! real gps image and come out in its windows as the `sbp` crate decodes them.
+//! From the receiver's serial line to the bus: packets of libsbp go to the emulated USART of the
+//! release gps image. Their contents must appear in its windows as the `sbp` crate decodes them.
 
 use can_bus::{Frame, Record, RecordKind, SimDuration, Tester};
 use embedded_can::Id;
@@ -65,7 +65,7 @@ impl Bench {
         self.records.extend(records);
     }
 
-    /// Puts a packet on the receiver's line and lets two basic cycles go by.
+    /// Sends a packet on the receiver's line and runs for two basic cycles.
     fn feed(&mut self, packet: &[u8]) {
         self.records.clear();
         let start = self.network.now() + SimDuration::from_ticks(MS);
@@ -173,10 +173,10 @@ fn a_damaged_packet_changes_nothing_and_the_next_one_counts() {
     assert!(bench.last::<Velocity>().is_some());
 }
 
-/// North and east of measurements, mm or mm/s.
+/// North and east components of measurements, mm or mm/s.
 type Measurements = Vec<(i32, i32)>;
 
-/// Every velocity and position that a stream holds with a right checksum, at whatever offset.
+/// Every velocity and position with a valid checksum in a stream, at any offset.
 fn spoken(stream: &[u8]) -> (Measurements, Measurements) {
     let (mut velocities, mut positions) = (Vec::new(), Vec::new());
     for begin in (0..stream.len()).filter(|&at| stream[at] == 0x55) {
@@ -245,7 +245,8 @@ fn no_stream_of_the_corpus_disturbs_the_schedule_or_invents_a_measurement() {
         // 251 ms were simulated.
         let references = ends.iter().filter(|frame| is(frame.id(), 100)).count();
         assert!((2..=3).contains(&references), "{name}: {references}");
-        // A length that lies swallows what follows; after that the line is as good as ever.
+        // A wrong length makes the decoder skip the bytes that follow. After that the line works
+        // again.
         bench.feed(&[0; 263]);
         bench.feed(&good);
         assert!(bench.last::<Velocity>().is_some(), "{name}");

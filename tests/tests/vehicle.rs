@@ -12,8 +12,8 @@ use world::Scenario;
 const MS: u64 = 1_000_000_000;
 const US: u64 = 1_000_000;
 
-/// Windows of the system matrix (thesis figure 6.13): identifier, sender, beginning in ms
-/// after the reference mark.
+/// Windows of the system matrix (thesis figure 6.13): identifier, sender, start in ms after the
+/// reference mark.
 const WINDOWS: [(u16, NodeIndex, u64); 12] = [
     (100, nodes::GPS, 0),
     (401, nodes::GPS, 1),
@@ -56,7 +56,7 @@ fn simulate(scenario: &str, seed: u64, milliseconds: u64) -> Outcome {
     .expect("images of the four nodes")
 }
 
-/// Frames that were sent: sender, frame, start, end.
+/// Complete frames: sender, frame, start, end.
 fn frames(outcome: &Outcome) -> Vec<(NodeIndex, Frame, SimTime, SimTime)> {
     let frames = outcome.records.iter().filter_map(|record| {
         let RecordKind::FrameEnd { frame, start, .. } = record.kind else {
@@ -101,7 +101,8 @@ fn every_message_starts_in_its_own_window_and_nobody_disturbs_another() {
             );
         } else {
             assert!(EVENTS.contains(&id), "{id} is in no window");
-            // Nodes agree on time to about a microsecond; a bit earlier is still the mark.
+            // The nodes' times agree to about a microsecond; a start one bit early still counts as
+            // on time.
             let window = 12 * MS - 4 * US..16 * MS;
             assert!(window.contains(&after), "{id} starts at {after} ps");
         }
@@ -111,7 +112,7 @@ fn every_message_starts_in_its_own_window_and_nobody_disturbs_another() {
     }
     let wrong = outcome.records.iter().find(|record| match &record.kind {
         RecordKind::FrameStart { .. } | RecordKind::FrameEnd { .. } => false,
-        // Events share their windows by priority.
+        // Event messages share their windows by priority.
         RecordKind::ArbitrationLost { frame, .. } => !EVENTS.contains(&number(frame)),
         _ => true,
     });
@@ -166,7 +167,7 @@ fn slices_do_not_change_a_run() {
 
 #[test]
 fn a_lost_fix_empties_its_windows_and_stops_the_vehicle() {
-    // Fix lost at 20 s.
+    // The fix is lost at 20 s.
     let outcome = simulate("gps-lost", 1, 21_500);
     assert!(seen_in(&outcome, 200, 18_000, 20_000) >= 19);
     assert!(seen_in(&outcome, 202, 18_000, 20_000) >= 19);

@@ -1,4 +1,4 @@
-//! A disturbed bus: foreign nodes, destroyed frames, a cable held dominant.
+//! Disturbances of the bus: foreign nodes, destroyed frames, a bus held dominant.
 
 use can_bus::{Disturbance, ErrorState, Frame, Level, RecordKind, Tester};
 use furrow_tests::Journey;
@@ -9,10 +9,11 @@ use world::SimTime;
 
 use crate::{assert_never_reset, assert_steady, last_before, mode, next_cycle, running};
 
-/// The reference comes as soon as the bus is free, then the nodes need two of them.
+/// Upper bound for rejoining, s: the reference is sent as soon as the bus is free, then the nodes
+/// need two of them.
 const REJOIN: f64 = 0.3;
 
-/// The instants at which a node entered an error state.
+/// The times at which a node entered an error state.
 fn entered(journey: &Journey, node: NodeIndex, state: ErrorState) -> Vec<SimTime> {
     let id = journey.vehicle.node(node).node();
     let records = journey.vehicle.records().iter();
@@ -114,8 +115,9 @@ fn foreign_frames_in_exclusive_windows_are_counted_and_survived() {
 fn a_node_driven_into_bus_off_comes_back_by_itself() {
     let mut journey = running("");
     let begin = next_cycle(&mut journey);
-    // Held dominant in the middle of the steering node's frame: its error flag is answered
-    // by dominant bits only, and every eight of them count eight (ISO 11898-1).
+    // The bus is held dominant in the middle of the steering node's frame. After the node's error
+    // flag it reads dominant bits only, and every eight of them add eight to its error count (ISO
+    // 11898-1).
     let from = begin + span(0.006_1);
     let until = from + span(0.003);
     journey.vehicle.network().bus().disturb(Disturbance::Stuck {
@@ -128,12 +130,12 @@ fn a_node_driven_into_bus_off_comes_back_by_itself() {
     let off = entered(&journey, nodes::STEERING, ErrorState::BusOff);
     assert_eq!(off.len(), 1, "{off:?}");
     assert!(off[0] < until);
-    // The others go on; the drive stops because the potentiometer is missing.
+    // The other nodes continue; the drive stops because the potentiometer's message is missing.
     assert_steady(&journey, &[100, 300], 1.0, start);
     assert_steady(&journey, &[100, 300], start + 0.1, start + 1.5);
     let back = crate::first_after(&journey, 206, off[0]);
-    // It stays away for two basic cycles, waits 128 times eleven recessive bits (5.6 ms) and
-    // needs two references.
+    // The node stays off the bus for two basic cycles, waits for 128 times eleven recessive bits
+    // (5.6 ms) and needs two references.
     assert!(
         back.start < off[0] + span(0.2 + 0.3),
         "{} s",

@@ -1,4 +1,4 @@
-//! Boards whose clock input is not there.
+//! Boards without a clock at their clock input.
 
 use furrow_tests::Journey;
 use furrow_tests::nodes;

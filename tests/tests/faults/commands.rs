@@ -1,4 +1,4 @@
-//! Somebody else sends commands: the motors never move on them.
+//! A foreign node sends commands: they never move the motors.
 
 use can_bus::{Frame, NodeId, Retry, Tester};
 use furrow_tests::Journey;
@@ -8,9 +8,9 @@ use world::SimTime;
 
 use crate::{assert_never_reset, mode, next_cycle, running};
 
-/// The command's window, after the start of the reference.
+/// Time from the start of the reference message to the command's window, s.
 const WINDOW: f64 = 0.007;
-/// Behind the genuine frame in the same window: it takes at most 540 us.
+/// After the genuine frame in the same window; that frame takes at most 540 us.
 const BEHIND: f64 = WINDOW + 0.000_56;
 /// In a free window.
 const ELSEWHERE: f64 = 0.030;
@@ -33,7 +33,7 @@ impl Attacker {
     }
 }
 
-/// The commands of a run, as somebody listened to them.
+/// The commands of a run, as an eavesdropper records them.
 fn recorded(journey: &Journey) -> Vec<[u8; 8]> {
     let traffic = journey.traffic();
     let frames = traffic
@@ -42,7 +42,7 @@ fn recorded(journey: &Journey) -> Vec<[u8; 8]> {
     frames.map(|frame| frame.bytes()).collect()
 }
 
-/// The vehicle stands still in idle, after a run from which the commands were recorded.
+/// A vehicle at rest in idle, and the commands recorded during its earlier run.
 fn standing() -> (Journey, Vec<[u8; 8]>) {
     let mut journey = running("[[press]]\nat = \"3.05 s\"\nbutton = \"A\"");
     let commands = recorded(&journey);
@@ -57,7 +57,7 @@ fn standing() -> (Journey, Vec<[u8; 8]>) {
     (journey, commands)
 }
 
-/// Asserts that no motor was moved since an instant.
+/// Asserts that no motor has moved since the given time.
 fn assert_still(journey: &Journey, since: SimTime) {
     for node in [nodes::STEERING, nodes::DRIVE] {
         let moved = journey.last_moved(node);
@@ -65,7 +65,7 @@ fn assert_still(journey: &Journey, since: SimTime) {
     }
 }
 
-/// Foreign frames that came through on the bus.
+/// Number of foreign frames that were sent successfully.
 fn foreign(journey: &Journey) -> usize {
     let traffic = journey.traffic();
     let frames = traffic.frames.iter();
@@ -84,16 +84,16 @@ fn replayed_flipped_and_spoofed_commands_move_nothing() {
         let begin = next_cycle(&mut journey);
         let old = commands[cycle % commands.len()];
         let data = match cycle / 8 {
-            // The recorded sequence, in its own order.
+            // The recorded commands in their own order.
             0 => old,
-            // The controller's present command with bits inverted: those that enable, and others.
+            // The controller's current command with inverted bits: the enable bits, and others.
             1 => {
                 let mut data = journey.command(begin).expect("a command");
                 data[5] ^= 0b11;
                 data[2] ^= 1 << (cycle % 8);
                 data
             }
-            // A sequence of its own: full speed, with the counter that is due.
+            // Made-up commands: full speed, with the next counter value.
             _ => {
                 let counter = journey.command(begin).expect("a command")[6].wrapping_add(2);
                 [0, 0, 200, 0, mode::MANUAL, 3, counter, cycle as u8]
@@ -137,12 +137,12 @@ fn foreign_commands_during_a_run_change_no_motor_beyond_it() {
         let mut data = genuine;
         data[..4].copy_from_slice(&[0xC4, 0x09, 200, 0]);
         data[6] = data[6].wrapping_add(1 + cycle % 3);
-        // Before the genuine frame, which it delays, or behind it.
+        // Before the genuine frame, which it delays, or after it.
         let place = if cycle < 5 { BEHIND } else { WINDOW - 0.000_6 };
         attacker.send(&mut journey, begin + span(place), data);
     }
     assert!(foreign(&journey) >= 9);
-    // 1 m/s is commanded, 2 m/s would be full effort.
+    // 1 m/s is commanded; 2 m/s would be full effort.
     let efforts = journey.vehicle.world().efforts().iter();
     let most = efforts
         .filter(|change| change.node == nodes::DRIVE && change.at > at(3.0))

@@ -1,4 +1,4 @@
-//! A display that answers, and one that never does.
+//! A display that answers, and one that does not.
 
 use furrow_tests::Journey;
 use furrow_tests::nodes;
@@ -13,7 +13,7 @@ fn a_display_that_never_acknowledges_hinders_nothing() {
     assert_steady(&journey, &[100, 200, 206, 300, 450, 453], 1.0, 6.0);
     assert_never_reset(&journey);
     journey.assert_in_place();
-    // The console says so, and the display is offered its rows all the same.
+    // The console reports it, and the node still sends the rows to the display.
     let console = journey.console(nodes::CONTROLLER);
     assert!(
         console

@@ -1,5 +1,5 @@
-//! The release images when something goes wrong, and when the operator wants something else:
-//! real programs on emulated microcontrollers, one bus, and the vehicle around them.
+//! How the release images react to faults and to the operator: the real programs run on emulated
+//! microcontrollers, with the bus and the vehicle simulated around them.
 
 mod bus;
 mod clocks;
@@ -21,7 +21,7 @@ use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
 use world::SimTime;
 
-/// The mode's codes in message 300, as the network file names them.
+/// The codes of the modes in message 300, as the network file defines them.
 mod mode {
     pub(crate) const IDLE: u8 = 0;
     pub(crate) const MANUAL: u8 = 1;
@@ -31,7 +31,8 @@ mod mode {
     pub(crate) const FAULT: u8 = 5;
 }
 
-/// Start of a scenario that drives along the line from two seconds after power-on.
+/// Beginning of a scenario in which the vehicle drives along the line from two seconds after
+/// power-on.
 const RUNNING: &str = r#"
     [[press]]
     at = "1 s"
@@ -42,7 +43,7 @@ const RUNNING: &str = r#"
     button = "C"
 "#;
 
-/// The vehicle of [`RUNNING`] and of more text, at 3 seconds, driving.
+/// The vehicle of [`RUNNING`], with `more` added to the scenario, driving at 3 seconds.
 fn running(more: &str) -> Journey {
     let mut journey = Journey::of(&format!("start.east = \"0.3 m\"\n{more}\n{RUNNING}"));
     journey.to(3.0);
@@ -51,8 +52,8 @@ fn running(more: &str) -> Journey {
     journey
 }
 
-/// Asserts that frames with these identifiers came in every basic cycle from `from` to
-/// `until`, seconds.
+/// Asserts that frames with these identifiers came in every basic cycle between `from` and `until`,
+/// in seconds.
 fn assert_steady(journey: &Journey, ids: &[u16], from: f64, until: f64) {
     let traffic = journey.traffic();
     for &id in ids {
@@ -65,7 +66,7 @@ fn assert_steady(journey: &Journey, ids: &[u16], from: f64, until: f64) {
     }
 }
 
-/// Asserts that no node was reset but at power-on.
+/// Asserts that every node was reset only at power-on.
 fn assert_never_reset(journey: &Journey) {
     for node in nodes::ALL {
         let resets = journey.vehicle.node(node).resets();
@@ -95,8 +96,8 @@ fn last_before(journey: &Journey, id: u16, until: SimTime) -> Sent {
         .clone()
 }
 
-/// Start of the next basic cycle after the present instant: the vehicle is run to just behind
-/// its reference message.
+/// Runs the vehicle until just after the next reference message and returns the start of that basic
+/// cycle.
 fn next_cycle(journey: &mut Journey) -> SimTime {
     let now = journey.vehicle.now();
     let last = last_before(journey, 100, now).start;

@@ -13,8 +13,8 @@ use campaign::traffic::Sent;
 use crate::mode::{IDLE, MANUAL, READY, RUN, STOP};
 use crate::{RUNNING, assert_never_reset, assert_steady, first_after};
 
-/// Each press and the mode after it: every transition that a button causes, and those that a
-/// button must not cause.
+/// Each press and the mode that follows it: every transition that a button causes, and presses that
+/// must not cause any.
 const PRESSES: [(char, u8); 41] = [
     ('A', IDLE),
     ('C', READY),
@@ -78,7 +78,7 @@ fn every_transition_by_the_buttons() {
     journey.to(end);
     let (mut before, mut changes) = (IDLE, Vec::new());
     for (index, (button, mode)) in PRESSES.into_iter().enumerate() {
-        // Debouncing takes 20 ms after the last bounce, the next control step at most 100 ms.
+        // Debouncing ends 20 ms after the last bounce; the next control step follows within 100 ms.
         let then = at(FIRST + PAUSE * (index + 1) as f64 - 0.01);
         let command = journey.command(then).expect("commands are sent");
         assert_eq!(command[4], mode, "press {index}, {button} in mode {before}");
@@ -121,7 +121,7 @@ fn an_open_stop_loop_stops_and_holds() {
     );
     journey.to(4.3);
     let stopped = journey.stopped(at(3.05)).expect("the motors stop");
-    // Debouncing, the next control step, its frame.
+    // Debouncing, then the next control step, then its frame.
     assert!(stopped < at(3.20), "{} s", seconds(stopped));
     assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert_eq!(journey.mode(), Some(STOP));
@@ -161,7 +161,7 @@ fn the_joystick_drives_without_any_fix_and_a_run_is_locked_out() {
     assert_eq!(journey.effort(nodes::STEERING, at(5.0)), 0.0);
     let traffic = journey.traffic();
     assert_eq!(traffic.genuine(200).count(), 0);
-    // The gps node is the time master all the same.
+    // The gps node is the time master nevertheless.
     assert_steady(&journey, &[100, 206, 300], 1.0, 5.0);
     journey.assert_in_place();
 }
@@ -178,9 +178,9 @@ fn the_run_ends_at_the_end_of_the_path_with_the_vehicle_at_rest() {
     let state = journey.vehicle.world().states().last().expect("a state");
     assert!(state.speed.abs() < 0.01, "{} m/s", state.speed);
     assert!((242.9..244.5).contains(&state.north), "{} m", state.north);
-    // The event names the mode left, the mode entered and why: the end of the path.
+    // The event holds the mode left, the mode entered and the reason: the end of the path.
     let event = first_after(&journey, 501, last.start);
     assert_eq!(event.data[..3], [RUN, READY, 9]);
-    // Pressed again there, the button starts no run.
+    // Pressed again in this state, the button does not start a run.
     assert_eq!(journey.effort(nodes::DRIVE, journey.vehicle.now()), 0.0);
 }

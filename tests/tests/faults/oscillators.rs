@@ -1,4 +1,5 @@
-//! Oscillators that stop on the way, and time masters that have none from the start.
+//! Oscillators that stop during the run, and time masters whose clock input is missing from the
+//! start.
 
 use furrow_tests::Journey;
 use furrow_tests::nodes;
@@ -17,7 +18,7 @@ const fn status(node: NodeIndex) -> u16 {
     511 + node.0 as u16
 }
 
-/// Asserts that a node's next status message after an instant says that its clock failed.
+/// Asserts that a node's next status message after `from` reports a failed clock.
 fn assert_told(journey: &Journey, node: NodeIndex, from: f64) {
     let report = first_after(journey, status(node), at(from));
     let report = GpsStatus::decode(&report.data).expect("one layout for all nodes");
@@ -33,7 +34,7 @@ fn a_gps_node_without_its_clock_leaves_the_lead_to_the_controller() {
     assert_steady(&journey, &[101, 201, 206, 300, 450, 453], 2.0, 4.0);
     let traffic = journey.traffic();
     assert_eq!(traffic.between(100, at(0.0), at(4.0)).count(), 0);
-    // What the fix is worth, only the gps node as the master could say.
+    // Only the gps node, when it is the master, could report the quality of the fix.
     assert_eq!(journey.mode(), Some(mode::READY));
     assert_told(&journey, nodes::GPS, 0.0);
     journey.assert_in_place();
@@ -57,7 +58,7 @@ fn a_controller_without_its_clock_drives_and_takes_no_lead() {
     assert_never_reset(&journey);
 }
 
-/// A vehicle under way whose `node` loses its clock at 3.23 s and is run to 5 s.
+/// A driving vehicle whose `node` loses its clock at 3.23 s, run until 5 s.
 fn failing(node: NodeIndex) -> Journey {
     let mut journey = running(&format!(
         "nodes.{} = {{ internal = \"900 ppm\" }}",
@@ -95,7 +96,7 @@ fn a_master_whose_clock_stops_hands_the_lead_over_for_good() {
     assert!(stopped <= at(3.43), "{} s", seconds(stopped));
     assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert_steady(&journey, &[101, 206, 300, 453], 3.4, 5.0);
-    // It keeps its windows.
+    // It still sends in its windows.
     assert_steady(&journey, &[201], 3.23 + 8.0 * BASIC_PERIOD, 5.0);
     let traffic = journey.traffic();
     assert_eq!(traffic.between(100, at(3.24), at(5.0)).count(), 0);

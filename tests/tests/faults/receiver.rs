@@ -1,4 +1,4 @@
-//! The receiver's bytes are damaged, cut off, drowned, or do not come.
+//! The receiver's bytes are damaged, truncated, flooded or missing.
 
 use furrow_tests::Journey;
 use furrow_tests::nodes;
@@ -8,8 +8,8 @@ use uagv::messages::Position;
 
 use crate::{assert_never_reset, assert_steady, mode, running};
 
-/// Asserts that every position on the bus was true: within what the vehicle goes in the age of
-/// the data, and six standard deviations of the noise.
+/// Asserts that every position on the bus was true. The tolerance is the distance driven within the
+/// age of the data, plus six standard deviations of the noise.
 fn assert_true_positions(journey: &Journey) {
     let states = journey.vehicle.world().states();
     let traffic = journey.traffic();
@@ -54,7 +54,8 @@ fn damaged_streams_cost_measurements_and_nothing_else() {
     assert_true_positions(&journey);
     assert_never_reset(&journey);
     journey.assert_in_place();
-    // The last second is whole again, and what was lost before was not silently made up.
+    // The data of the last second are intact, and the node did not invent the data that were lost
+    // before.
     assert_steady(&journey, &[200, 201, 401, 402], 8.1, 9.0);
     let traffic = journey.traffic();
     assert!(traffic.between(200, at(3.0), at(7.8)).count() < 47);
@@ -75,13 +76,13 @@ fn a_silent_receiver_ends_the_run_in_two_periods_and_keeps_the_schedule() {
         .genuine(300)
         .find(|frame| frame.start > last.start + span(0.05) && frame.data[4] != mode::RUN)
         .expect("the run is left");
-    // In the second cycle without a position: one lost frame alone ends nothing.
+    // In the second cycle without a position; a single lost frame ends nothing.
     assert!(left.start - last.start < span(0.21));
     assert_eq!(left.data[..4], [0; 4]);
     let stopped = journey.stopped(left.start).expect("the motors stop");
     assert!(stopped < left.end + span(0.003));
     assert_steady(&journey, &[100, 206, 300], 1.0, 5.5);
-    // It does not begin to drive again by itself.
+    // It does not start to drive again without a request.
     assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert_eq!(journey.mode(), Some(mode::READY));
 }
@@ -98,7 +99,7 @@ fn a_worse_solution_ends_the_run_at_once() {
         .expect("the run is left");
     assert!(left.start - last.start < span(0.11));
     assert_eq!(traffic.between(202, left.start, at(4.5)).count(), 0);
-    // Velocity and the flag are told all the same.
+    // Velocity and the flag are still sent.
     assert_steady(&journey, &[100, 201], 1.0, 4.5);
     let flag = traffic.genuine(100).last().map(|frame| frame.data[0] & 1);
     assert_eq!(flag, Some(0));

@@ -1,4 +1,4 @@
-//! Nodes that stand still, and that come back.
+//! Nodes that are held in reset or stall, and that come back.
 
 use furrow_tests::Journey;
 use furrow_tests::nodes;
@@ -10,7 +10,7 @@ use crate::{assert_steady, first_after, last_before, mode, next_cycle, running};
 
 const BASIC_PERIOD: f64 = 0.1;
 
-/// A vehicle under way whose `node` is held in reset from 3.23 s to 4.03 s.
+/// A driving vehicle whose `node` is held in reset from 3.23 s to 4.03 s.
 fn without(node: NodeIndex) -> Journey {
     let mut journey = running(&format!(
         "reset = [{{ node = \"{}\", at = \"3.23 s\", until = \"4.03 s\" }}]",
@@ -27,14 +27,14 @@ fn the_gps_node_in_reset_hands_the_schedule_over_and_takes_it_back() {
     assert!(stopped <= at(3.43), "{} s", seconds(stopped));
     let last = last_before(&journey, 100, at(3.3));
     let next = first_after(&journey, 101, at(3.23));
-    // One basic cycle and the backup's offset of 16 us, by clocks within 20 us.
+    // One basic cycle and the backup's offset of 16 us; the clocks agree within 20 us.
     let silence = next.start - last.start;
     println!(
         "next reference {:.1} us after the last",
         silence.as_ticks() as f64 * 1e-6
     );
     assert!(silence < span(BASIC_PERIOD + 0.000_036));
-    // The nodes that live have every window, in the very cycles of the takeover too.
+    // The running nodes send in every window, also in the basic cycles of the takeover.
     let traffic = journey.traffic();
     let references: Vec<_> = journey.matrix().references(&traffic);
     let near = references.windows(2).filter(|pair| pair[0] >= last.start);
@@ -50,7 +50,7 @@ fn the_gps_node_in_reset_hands_the_schedule_over_and_takes_it_back() {
         4.0,
     );
     journey.to(6.0);
-    // It comes back as the better-ranked master, without a gap.
+    // The node comes back as the master with the better rank, without a gap in the references.
     let back = first_after(&journey, 100, at(4.03));
     let before = last_before(&journey, 101, back.start);
     assert!(back.start - before.start < span(1.02 * BASIC_PERIOD));
@@ -61,7 +61,7 @@ fn the_gps_node_in_reset_hands_the_schedule_over_and_takes_it_back() {
         seconds(back.start) + 0.3,
         6.0,
     );
-    // Nobody drives off by himself.
+    // The vehicle does not start to drive without a request.
     assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert!(matches!(journey.mode(), Some(mode::READY | mode::FAULT)));
     journey.assert_in_place();
@@ -72,7 +72,7 @@ fn without_the_controller_both_motors_stop() {
     let mut journey = without(nodes::CONTROLLER);
     let last = last_before(&journey, 300, at(3.3));
     let stopped = journey.stopped(at(3.23)).expect("the motors stop");
-    // Two commands are missing when the window of the second is over.
+    // Two commands are missing at the end of the window of the second.
     assert!(stopped < last.start + span(2.0 * BASIC_PERIOD + 0.001));
     assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
     assert_steady(&journey, &[100, 201, 206], 3.0, 4.0);
@@ -92,7 +92,7 @@ fn without_the_controller_both_motors_stop() {
 #[test]
 fn without_the_steering_node_the_vehicle_does_not_drive() {
     let mut journey = without(nodes::STEERING);
-    // Its relay falls with it; the drive must not go on without steering.
+    // Resetting the node opens its relay. The drive must not continue without steering.
     assert_eq!(journey.effort(nodes::STEERING, at(3.2301)), 0.0);
     let last = last_before(&journey, 206, at(3.3));
     let moved = journey.last_moved(nodes::DRIVE).expect("it drove");
@@ -124,7 +124,8 @@ fn the_drive_node_in_reset_stops_at_once_and_follows_again() {
     assert_eq!(journey.effort(nodes::DRIVE, at(3.2301)), 0.0);
     assert_steady(&journey, &[100, 206, 300], 1.0, 4.0);
     journey.to(5.0);
-    // It starts with a stop. Then it needs the schedule and two commands.
+    // After the reset the drive node first stops its motor. Then it needs the schedule and two
+    // commands.
     let drive = |from: f64, until: f64| {
         let changes = journey.vehicle.world().efforts().iter();
         changes
@@ -146,8 +147,9 @@ fn the_drive_node_in_reset_stops_at_once_and_follows_again() {
     journey.assert_in_place();
 }
 
-/// A vehicle under way the core of whose `node` is stalled, to one second after its watchdog's
-/// reset; the instants of both. The oscillator of the watchdog may be off by a factor of two.
+/// A driving vehicle in which the core of `node` stalls, run until one second after the watchdog's
+/// reset, with the times of the stall and the reset. The frequency of the watchdog's oscillator may
+/// deviate by a factor of two.
 fn stalled(node: NodeIndex, nominal: f64) -> (Journey, f64, f64) {
     let mut journey = running("");
     next_cycle(&mut journey);
@@ -178,7 +180,7 @@ fn a_stalled_steering_node_is_reset_by_its_watchdog_and_rejoins_in_three_periods
     assert_steady(&journey, &[206], seconds(back.start), reset + 1.0);
     assert!(reset < stalled + 2.0 * BASIC_PERIOD);
     assert_eq!(journey.effort(nodes::STEERING, at(reset + 1e-4)), 0.0);
-    // The node tells why it started: cause 4 is the independent watchdog.
+    // The node reports why it started: cause 4 is the independent watchdog.
     let report = first_after(&journey, 513, at(reset));
     assert_eq!(report.data[0] & 0xF, 4);
 }

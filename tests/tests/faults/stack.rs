@@ -1,16 +1,16 @@
-//! How deep the call stacks of the small parts become.
+//! The stack usage of the small parts.
 
 use crate::{RUNNING, assert_never_reset, mode};
 use furrow_tests::Journey;
 use furrow_tests::{nodes, vehicle};
 
-/// A word that no program writes by chance throughout a page.
+/// A pattern that no program writes by chance over a whole page.
 const PAINT: [u8; 4] = [0xA5, 0x5A, 0xC3, 0x3C];
 
 #[test]
 fn the_call_stacks_keep_a_quarter_of_their_memory_free() {
-    // Everything that happens on these nodes: start, run, stop, events, an error frame, a
-    // lost schedule and a rejoin.
+    // All situations of these nodes: start, run, stop, events, an error frame, loss of the schedule
+    // and a rejoin.
     let text = format!(
         r#"
         [[press]]

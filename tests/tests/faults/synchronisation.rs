@@ -1,4 +1,4 @@
-//! How well the nodes agree on the time, with crystals drawn within 50 ppm.
+//! How closely the nodes' times agree, with crystals drawn within 50 ppm.
 
 use campaign::agreement::{self, Agreement};
 use campaign::traffic::Traffic;
@@ -40,7 +40,7 @@ fn the_nodes_agree_on_the_time_and_start_their_frames_in_time() {
     assert!(figures.largest_us <= 2.0, "{figures:?}");
     assert!(figures.p99_us <= 1.0, "{figures:?}");
 
-    // The first second of the schedule is for settling.
+    // Skip the first second of the schedule, in which the clocks settle.
     let begin = seconds(Traffic::so_far(&journey.vehicle).frames[0].start) + 1.0;
     let traffic = journey.traffic();
     let matrix = journey.matrix();
@@ -62,7 +62,7 @@ fn the_nodes_agree_on_the_time_and_start_their_frames_in_time() {
     assert_steady(&journey, &[100, 206, 300, 450, 451, 452, 453], begin, END);
     journey.assert_in_place();
     assert_never_reset(&journey);
-    // References keep their distance by the master's own crystal.
+    // The interval between references follows the master's own crystal.
     for pair in references.windows(2) {
         let period = pair[1] - pair[0];
         assert!(period > span(0.099_9) && period < span(0.100_1));

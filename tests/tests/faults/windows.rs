@@ -1,4 +1,4 @@
-//! Where in its window a frame starts, whatever the flash costs.
+//! Where in its window a frame starts, with and without flash wait states.
 
 use campaign::traffic::Matrix;
 use furrow_tests::time::{at, seconds};
@@ -8,12 +8,12 @@ use twin::{Options, run};
 
 use crate::RUNNING;
 
-/// Two bits. The nodes agree on the time to a microsecond; a request that comes just after the
-/// last bit before its mark starts the frame a bit late.
+/// Two bits. The nodes' times agree to a microsecond. A request that comes just after the start of
+/// a bit delays the frame to the next bit.
 const LATEST: f64 = 8e-6;
 const EARLIEST: f64 = -1e-6;
 
-/// Messages with windows of their own (thesis Figure 6.13), the reference aside.
+/// Messages with exclusive windows (thesis Figure 6.13), except the reference.
 const EXCLUSIVE: [u16; 11] = [401, 402, 200, 201, 202, 206, 300, 450, 451, 452, 453];
 
 #[test]
@@ -42,7 +42,7 @@ fn frames_start_with_their_windows_with_and_without_wait_states_of_the_flash() {
             .iter()
             .filter(|m| EXCLUSIVE.contains(&m.id))
         {
-            // From the second cycle on, when the clocks have met.
+            // From the second cycle on, when the clocks are synchronised.
             for frame in traffic.between(message.id, at(1.2), at(3.0)) {
                 let start = seconds(frame.start);
                 let begun = references

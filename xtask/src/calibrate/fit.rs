@@ -1,9 +1,9 @@
-//! From a recorded drive to the steering's calibration.
+//! Computes the steering's calibration from a recorded drive.
 //!
-//! The potentiometer: while the steering is held and the vehicle moves, the antenna runs on
-//! a circle whose radius tells the steering angle. The actuator: while a command holds, the
-//! potentiometer runs at a rate, and the steering node's own arithmetic says which effort
-//! the command became.
+//! The potentiometer: while the steering is held and the vehicle moves, the antenna drives a
+//! circle, and the radius of the circle gives the steering angle. The actuator: while a command is
+//! constant, the potentiometer changes at a constant rate. The steering node's own arithmetic gives
+//! the effort for that command.
 
 use control::calibration::{
     Actuator, ActuatorFit, CircleFit, FitError, LineFit, Potentiometer, angle_on_circle,
@@ -16,7 +16,7 @@ use vehicle_model::Vehicle;
 
 use super::recording::{Command, Recording};
 
-/// The numbers of the machine that the images of a drive were built with.
+/// The constants of the machine that are compiled into the images of a drive.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Machine {
     geometry: Geometry<f64>,
@@ -28,7 +28,7 @@ pub(super) struct Machine {
 }
 
 impl Machine {
-    /// Those of a vehicle; `None` when it has no machine.
+    /// The constants of a vehicle; `None` if it has no machine.
     pub(super) fn of(vehicle: &Vehicle) -> Option<Self> {
         let description = vehicle_model::description(vehicle)?;
         let machine = vehicle.manifest().machine.as_ref()?;
@@ -42,9 +42,9 @@ impl Machine {
         })
     }
 
-    /// The motor driver's effort, -1 to 1, that a rate (rad/s) becomes at a reading of the
-    /// potentiometer. `None` where the reading is not believed, and near an end stop, where the
-    /// node slows its motor.
+    /// The motor driver's effort, -1 to 1, for a rate (rad/s) at a reading of the potentiometer.
+    /// `None` if the node rejects the reading as implausible, or near an end stop, where the node
+    /// slows its motor.
     fn effort(&self, rate: f64, count: u16) -> Option<f64> {
         let angle = self.potentiometer.angle(count).ok()?;
         let at = |angle| limited_effort(&self.limits, &self.actuator, rate as f32, angle);
@@ -57,24 +57,25 @@ impl Machine {
     }
 }
 
-/// Longest difference of two readings of a steering that is held, counts: six standard
+/// Largest difference between two readings while the steering is held, counts: six standard
 /// deviations of the noise to either side.
 const STILL: u16 = 12;
-/// Shortest time that a steering is held, s.
+/// Shortest time for which the steering must be held, s.
 const HELD: f64 = 4.0;
-/// Least part of a circle from which its radius is taken, rad.
+/// Smallest arc of a circle that gives a radius, rad.
 const ARC: f64 = 0.8;
-/// Longest difference between commands of a movement at one rate, degrees a second: noise
-/// of the joystick.
+/// Largest difference between the commands of one movement, degrees a second: noise of the
+/// joystick.
 const SAME_RATE: f64 = 0.3;
-/// Fewest readings that make a rate.
+/// Smallest number of readings that give a rate.
 const READINGS: usize = 5;
-/// What may remain of a movement's readings beside a line, counts: noise, and the moment of
-/// the sample within its period of 5 ms. A steering that runs into its end stop leaves more.
+/// Largest residual of a movement's readings from a straight line, counts. It allows for noise and
+/// for the unknown time of a sample within its period of 5 ms. Running into an end stop leaves a
+/// larger residual.
 const STRAIGHT: f64 = 6.0;
-/// Rate below which the actuator counts as standing, rad/s (0.3 degrees a second).
+/// Rate below which the actuator counts as stationary, rad/s (0.3 degrees a second).
 const STANDING: f64 = 0.005;
-/// Fewest circles, and fewest movements in each direction.
+/// Smallest number of circles, and of movements in each direction.
 const FEWEST: usize = 3;
 
 /// A circle driven with the steering held.
@@ -82,9 +83,9 @@ const FEWEST: usize = 3;
 pub struct Circle {
     /// When it began, s from the beginning of the log.
     pub from: f64,
-    /// Radius of the antenna's way, m, positive to the right.
+    /// Radius of the antenna's path, m, positive to the right.
     pub radius: f64,
-    /// The steering angle that drives it, degrees, positive right.
+    /// Steering angle for that radius, degrees, positive to the right.
     pub angle: f64,
     /// Mean of the potentiometer's readings.
     pub counts: f64,
@@ -101,14 +102,14 @@ pub struct Movement {
     pub rate: f64,
 }
 
-/// What the drive says.
+/// The result of the fit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Calibration {
-    /// Counts with the wheels straight.
+    /// Reading of the potentiometer with the wheels straight, counts.
     pub centre: f64,
-    /// Counts for a degree to the right.
+    /// Increase of the reading per degree to the right, counts.
     pub counts_per_degree: f64,
-    /// Root mean square of what remains at the circles, degrees.
+    /// Root mean square of the circles' residuals, degrees.
     pub angle_residual: f64,
     /// The actuator to the right.
     pub right: Side,
@@ -123,11 +124,11 @@ pub struct Calibration {
 /// One direction of the actuator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Side {
-    /// Share of the full effort that moves nothing.
+    /// Largest share of the full effort that does not move the actuator.
     pub dead_band: f64,
     /// Rate at full effort, degrees a second.
     pub full_rate: f64,
-    /// Root mean square of what remains, degrees a second.
+    /// Root mean square of the residuals, degrees a second.
     pub residual: f64,
     /// Number of movements.
     pub movements: usize,
@@ -137,7 +138,7 @@ pub struct Side {
 ///
 /// # Errors
 ///
-/// A sentence that says what the drive lacks.
+/// A sentence that says what is missing in the drive.
 pub(super) fn fit(machine: &Machine, recording: &Recording) -> Result<Calibration, String> {
     let circles = circles(machine, recording);
     let [right, left] = [1.0, -1.0].map(|side| {
@@ -225,7 +226,7 @@ fn root_mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
-/// The stretches in which the steering was held and the vehicle drove an arc.
+/// The times in which the steering was held and the vehicle drove an arc.
 fn circles(machine: &Machine, recording: &Recording) -> Vec<Circle> {
     let mut circles = Vec::new();
     let mut rest = recording.pots.as_slice();
@@ -239,7 +240,8 @@ fn circles(machine: &Machine, recording: &Recording) -> Vec<Circle> {
         let length = held.count();
         let (held, after) = rest.split_at(length);
         let until = held.last().map_or(from, |(time, _)| *time);
-        // The data are of a moment before: what they say of the first half second is old.
+        // The received data are older than their reception, so the first half second may show the
+        // motion before the hold.
         if let Some(circle) = (until - from >= HELD)
             .then(|| circle(machine, recording, held, from + 0.5, until))
             .flatten()
@@ -270,7 +272,7 @@ fn circle(
         fit.add(*north, *east);
     }
     let found = fit.solve().ok()?;
-    // The angle that the way takes around the centre, clockwise positive.
+    // Direction of a position as seen from the centre of the circle, clockwise positive.
     let around = |(north, east): (f64, f64)| (east - found.east).atan2(north - found.north);
     let turned: f64 = places
         .windows(2)
@@ -294,7 +296,7 @@ fn circle(
     })
 }
 
-/// The movements at one commanded rate.
+/// The movements with a constant commanded rate.
 fn movements(machine: &Machine, recording: &Recording, counts_per_radian: f64) -> Vec<Movement> {
     let mut movements = Vec::new();
     let mut rest = recording.commands.as_slice();
@@ -314,7 +316,7 @@ fn movements(machine: &Machine, recording: &Recording, counts_per_radian: f64) -
     movements
 }
 
-/// The movement under commands that are all the same.
+/// The movement during a sequence of equal commands.
 fn movement(
     machine: &Machine,
     recording: &Recording,
@@ -326,8 +328,8 @@ fn movement(
     let mut line = LineFit::new();
     let mut readings = 0;
     for (number, (begun, command)) in same.iter().enumerate() {
-        // A command is in force until the next one; a reading in between is of its motion. The
-        // first one's follows while the motion may only be beginning.
+        // A command applies until the next one, and the readings in between belong to its motion.
+        // The last command counts for 0.15 s.
         let until = same.get(number + 1).map_or(begun + 0.15, |(next, _)| *next);
         let pots = recording.pots.iter();
         let during = pots.filter(|(time, _)| (*begun..until).contains(time));

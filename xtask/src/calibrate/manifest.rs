@@ -1,4 +1,4 @@
-//! The calibration in a vehicle's manifest, which keeps its comments and its order.
+//! Writes a calibration into a vehicle's manifest and keeps its comments and its order.
 
 use std::fs;
 
@@ -8,27 +8,27 @@ use vehicle_model::Vehicle;
 
 use super::fit::Calibration;
 
-/// A value of the manifest before and after.
+/// An old and a new value of the manifest.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub(super) struct Change {
-    /// Its place, such as `machine.potentiometer.centre`.
+    /// Path of the value, such as `machine.potentiometer.centre`.
     pub(super) field: &'static str,
-    /// What the manifest says.
+    /// The old value.
     pub(super) from: String,
-    /// What was found.
+    /// The new value.
     pub(super) to: String,
 }
 
-/// A manifest that holds a calibration.
+/// A manifest with a calibration written into it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Edited {
     /// Its text.
     pub(super) text: String,
-    /// What was changed.
+    /// The changed values.
     pub(super) changes: Vec<Change>,
 }
 
-/// The values that a calibration brings, as the manifest writes them.
+/// The values of a calibration, as the manifest writes them.
 fn values(found: &Calibration) -> [(&'static str, String); 6] {
     let percent = |share: f64| format!("{:.2} %", share * 100.0);
     let rate = |rate: f64| format!("{rate:.3} deg/s");
@@ -60,11 +60,11 @@ fn values(found: &Calibration) -> [(&'static str, String); 6] {
     ]
 }
 
-/// The vehicle's manifest with a calibration in it, read back and checked.
+/// Writes a calibration into the vehicle's manifest, then reads the result back and checks it.
 ///
 /// # Errors
 ///
-/// A sentence: a file cannot be read, or the vehicle does not accept what was found.
+/// A sentence: a file cannot be read, or the manifest with the new values is not valid.
 pub(super) fn edit(vehicle: &Vehicle, found: &Calibration) -> Result<Edited, String> {
     let path = vehicle.manifest_file();
     let read = |path: &std::path::Path| {
@@ -82,7 +82,7 @@ pub(super) fn edit(vehicle: &Vehicle, found: &Calibration) -> Result<Edited, Str
             value(&mut document, field).ok_or_else(|| wrong(&format!("{field} is missing")))?;
         let from = value.as_str().unwrap_or_default().to_owned();
         let mut new = Value::from(to.as_str());
-        // What stands around a value is its comment.
+        // The decoration around a value holds its comment.
         *new.decor_mut() = value.decor().clone();
         *value = new;
         changes.push(Change { field, from, to });

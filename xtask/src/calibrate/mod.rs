@@ -28,9 +28,8 @@ struct Report<'c> {
 ///
 /// # Errors
 ///
-/// [`Failure::Usage`] when the vehicle has nothing to calibrate, the log cannot be read or does
-/// not hold what a calibration needs, or the manifest does not accept what was found or cannot
-/// be written.
+/// [`Failure::Usage`] when the vehicle has nothing to calibrate, when the log cannot be read or
+/// lacks data, or when the manifest rejects the result or cannot be written.
 pub fn run(workspace: &Workspace, options: &Calibrate) -> Result<(), Failure> {
     let vehicle = vehicle::find(workspace, &options.vehicle)?;
     let usage = |what: String| Failure::Usage(format!("{}: {what}", options.log.display()));
@@ -68,7 +67,7 @@ pub fn run(workspace: &Workspace, options: &Calibrate) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The calibration in a candump log of a vehicle.
+/// Computes the calibration from a candump log of a vehicle.
 ///
 /// # Errors
 ///
@@ -84,7 +83,7 @@ pub fn calibrate(vehicle: &Vehicle, log: &str) -> Result<Calibration, String> {
     fit::fit(&machine, &Recording::read(&signals, log)?)
 }
 
-/// The report for people.
+/// The report as text.
 fn report(found: &Calibration) -> String {
     let mut text = format!(
         "Potentiometer: {:.1} counts straight ahead, {:.2} counts/deg; {:.2} deg remain (rms)\n\n  \

@@ -1,4 +1,4 @@
-//! A calibration drive as the bus carried it.
+//! The bus log of a calibration drive.
 
 use can_bus::candump::Line;
 use embedded_can::Id;
@@ -12,7 +12,7 @@ use vehicle_model::{Device, Vehicle};
 struct Field {
     message: Message,
     signal: Signal,
-    /// From the signal's unit to the base unit.
+    /// Factor from the signal's unit to the base unit.
     factor: f64,
 }
 
@@ -29,7 +29,7 @@ impl Field {
         })
     }
 
-    /// The signal's value in base units; why there is none.
+    /// The signal's value in base units, or the reason why there is none.
     fn value(&self, data: &[u8]) -> Result<f64, String> {
         let Message {
             shortest, length, ..
@@ -49,7 +49,7 @@ impl Field {
     }
 }
 
-/// The signals of a vehicle that a calibration reads.
+/// The signals that a calibration reads from a vehicle's bus.
 #[derive(Debug, Clone)]
 pub(super) struct Signals {
     pot: Field,
@@ -60,7 +60,7 @@ pub(super) struct Signals {
 }
 
 impl Signals {
-    /// Those that the vehicle's manifest names; `None` when it names none.
+    /// The signals that the vehicle's manifest names; `None` if it names none.
     pub(super) fn of(vehicle: &Vehicle) -> Option<Self> {
         let (network, manifest) = (vehicle.network(), vehicle.manifest());
         let named = manifest.calibration.as_ref()?;
@@ -81,7 +81,7 @@ impl Signals {
     }
 }
 
-/// What a command asks of the steering.
+/// A command to the steering.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Command {
     /// Steering rate, rad/s, positive to the right.
@@ -90,7 +90,7 @@ pub(super) struct Command {
     pub(super) enabled: bool,
 }
 
-/// What a recording holds for a calibration. Times are seconds from its first line.
+/// The data of a log that a calibration needs. Times are seconds from its first line.
 #[derive(Debug, Default)]
 pub(super) struct Recording {
     /// Potentiometer readings, counts.
@@ -102,7 +102,7 @@ pub(super) struct Recording {
 }
 
 impl Recording {
-    /// Reads a candump log; frames that carry none of the signals are passed over.
+    /// Reads a candump log; frames without any of the signals are skipped.
     ///
     /// # Errors
     ///
@@ -156,7 +156,7 @@ impl Recording {
         Ok(())
     }
 
-    /// The recording, if it has all that a calibration needs.
+    /// Returns the recording if it has all the data that a calibration needs.
     fn check(self, signals: &Signals) -> Result<Self, String> {
         let needed = [
             (self.pots.is_empty(), &signals.pot),
@@ -175,8 +175,8 @@ impl Recording {
         }
     }
 }
-/// The line with its whole seconds counted from those of the first line: loggers write the
-/// time of day, decades in seconds. False when they are fewer.
+/// The line with the seconds of the first line subtracted, because loggers write the time of day as
+/// seconds since 1970. False if this line is earlier than the first one.
 fn from_zero(line: &str, first: &mut Option<u64>) -> (bool, String) {
     let stamp = line.trim_start().strip_prefix('(');
     let Some((seconds, rest)) = stamp.and_then(|stamp| stamp.split_once('.')) else {
@@ -201,7 +201,7 @@ mod tests {
         Signals::of(&crate::vehicle::find(&workspace, "uagv").unwrap()).unwrap()
     }
 
-    /// One period of the thesis's vehicle, with the time of day.
+    /// One period of the bus of the thesis's vehicle, with the time of day.
     const PERIOD: &str = "\
         (1436509052.249713) can0 0C8#EAFFFFFF36000000\n\
         (1436509052.252470) can0 0CE#3C03\n\

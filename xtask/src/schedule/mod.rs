@@ -10,12 +10,12 @@ use network_model::{Assignment, Network};
 
 use crate::{Failure, Workspace, cli::Schedule, file, vehicle};
 
-/// A schedule to show and to write.
+/// A schedule to be shown, and perhaps written.
 struct Scheduled {
     network: Network,
     /// The file's text with this schedule.
     text: String,
-    /// Changes of periods by a plan; empty for the schedule of the file.
+    /// Changes of periods by a new schedule; empty for the schedule of the file.
     notes: Vec<plan::Note>,
 }
 
@@ -54,7 +54,7 @@ fn wrong(path: &Path, what: &str) -> Failure {
     Failure::Usage(format!("{}: {}", path.display(), what.replace('\n', "; ")))
 }
 
-/// The schedule that the options ask for, and the text that holds it.
+/// The schedule that the options request, and the file's text with it.
 fn schedule(text: &str, options: &Schedule) -> Result<Scheduled, String> {
     let scheduled = match options.method {
         None => Scheduled {
@@ -75,12 +75,12 @@ fn schedule(text: &str, options: &Schedule) -> Result<Scheduled, String> {
             }
         }
     };
-    // The images are built with `ttcan`, so its own check decides.
+    // The images are built with `ttcan`, so its own check must accept the schedule.
     plan::check(&scheduled.network)?;
     Ok(scheduled)
 }
 
-/// The network with the schedule that the file has.
+/// The network with the schedule that the file already has.
 fn own(text: &str) -> Result<Network, String> {
     Network::parse(text).map_err(|problems| {
         let unscheduled = Network::parse_unscheduled(text).is_ok();
@@ -93,7 +93,7 @@ fn own(text: &str) -> Result<Network, String> {
     })
 }
 
-/// Reads a text that is about to be written: it must hold what was planned.
+/// Reads back a text before it is written: it must hold the planned schedule.
 fn reread(text: &str, planned: &Assignment) -> Result<Network, String> {
     let network = Network::parse(text)
         .map_err(|problems| format!("the schedule cannot be written: {problems}"))?;

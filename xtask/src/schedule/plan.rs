@@ -10,26 +10,26 @@ use ttcan::{
 
 use crate::cli::{Method, Schedule};
 
-/// A schedule that was found.
+/// A new schedule.
 #[derive(Debug)]
 pub(super) struct Planned {
     pub assignment: Assignment,
     pub notes: Vec<Note>,
 }
 
-/// How the schedule of a message differs from what was asked for.
+/// How the schedule of a message differs from the request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Note {
     /// Identifier of the message.
     pub id: u16,
-    /// The period asked for, in milliseconds.
+    /// The requested period, in milliseconds.
     pub wanted_ms: u32,
-    /// Largest difference between its times and a regular period.
+    /// Largest deviation of its times from a regular period.
     pub jitter_us: u32,
 }
 
-/// Finds a schedule for the messages of a network. `arbitrating` is the share of
-/// time for arbitrating windows unless the options say another, in thousandths.
+/// Finds a schedule for the messages of a network. `arbitrating` is the default share of time for
+/// arbitrating windows, in thousandths; the options may set another one.
 pub(super) fn find(
     network: &Network,
     method: Method,
@@ -68,7 +68,7 @@ pub(super) fn find(
         .iter()
         .filter(|message| message.window.kind == WindowKind::Arbitrating)
         .collect();
-    // A share above 0 makes at least one window that holds the longest frame.
+    // A share above 0 results in at least one window for the longest frame.
     let least = u16::from(!events.is_empty());
     let wishes = Wishes {
         grain: Micros::micros(options.grain),
@@ -162,7 +162,8 @@ fn exclusive(
     Ok((assigned, notes))
 }
 
-/// The windows of the reference messages, each as long as its frame and the clocks' uncertainty.
+/// The windows of the reference messages. Each is as long as its frame plus the clocks'
+/// uncertainty.
 fn references<'a>(
     network: &'a Network,
     plan: &'a Plan,
@@ -193,7 +194,7 @@ fn references<'a>(
     })
 }
 
-/// The arbitrating windows. Each stands in the file with an event message.
+/// The arbitrating windows. The file assigns each of them to an event message.
 fn arbitrating(events: &[&Message], plan: &Plan, wishes: &Wishes) -> Result<Vec<Assigned>, String> {
     let mut shared: Vec<Window> = plan
         .windows
@@ -241,12 +242,12 @@ fn window(planned: &PlannedWindow, kind: WindowKind) -> Window {
     }
 }
 
-/// Share of the arbitrating windows in all time, in thousandths.
+/// Share of time in arbitrating windows, in thousandths.
 pub(super) fn arbitrating_share(network: &Network) -> u16 {
     share(network, WindowKind::Arbitrating).floor() as u16
 }
 
-/// Share of a kind of windows in all time, in thousandths.
+/// Share of time in windows of one kind, in thousandths.
 pub(super) fn share(network: &Network, kind: WindowKind) -> f64 {
     let cycles = f64::from(network.basic_cycles);
     let taken: f64 = network
@@ -258,7 +259,7 @@ pub(super) fn share(network: &Network, kind: WindowKind) -> f64 {
     taken * 1000.0 / (f64::from(network.basic_cycle_us) * cycles)
 }
 
-/// Checks a network by the rules of the protocol crate.
+/// Checks a network with the rules of the protocol crate.
 pub(super) fn check(network: &Network) -> Result<(), String> {
     let mut windows: Vec<ttcan::Window> = Vec::new();
     for message in &network.messages {
@@ -341,7 +342,7 @@ fn config<'a>(
     }
 }
 
-/// Period of the first master's reference, as the file has it: at most a second.
+/// Period of the first master's reference in the file, at most a second.
 fn reference_ms(network: &Network) -> u32 {
     let periods = network
         .messages
@@ -355,10 +356,10 @@ fn reference_ms(network: &Network) -> u32 {
     given.unwrap_or(LONGEST_MS).min(LONGEST_MS)
 }
 
-/// Longest basic cycle that a network file holds, in milliseconds.
+/// Longest basic cycle that a network file can hold, in milliseconds.
 const LONGEST_MS: u32 = 1000;
 
-/// The masters by their ranks.
+/// The masters in the order of their ranks.
 fn masters(network: &Network) -> Vec<NodeId> {
     let mut ranked: Vec<(u8, &str)> = network
         .nodes
@@ -369,13 +370,13 @@ fn masters(network: &Network) -> Vec<NodeId> {
     ranked.iter().map(|(_, name)| node(network, name)).collect()
 }
 
-/// A node by its place in the file.
+/// The number of a node: its position in the file.
 fn node(network: &Network, name: &str) -> NodeId {
     let place = network.nodes.iter().position(|node| node.name == name);
     NodeId(place.unwrap_or_default() as u16)
 }
 
-/// An identifier that the network file was checked to have in 11 bits.
+/// An identifier. The network file was checked, so it fits into 11 bits.
 fn id(raw: u16) -> Id {
     Id::standard(raw).unwrap_or(Id::constant::<0>())
 }

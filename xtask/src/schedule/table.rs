@@ -1,4 +1,4 @@
-//! A schedule for people and for programs.
+//! Prints a schedule as a table or as JSON.
 
 use std::fmt::{self, Write};
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::plan::{self, Note};
 
-/// The matrix as a table: a row for each window, a column for each basic cycle.
+/// The matrix as a table: one row per window, one column per basic cycle.
 pub(super) fn text(network: &Network, notes: &[Note]) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -114,7 +114,7 @@ fn masters(network: &Network) -> Vec<&str> {
     masters.into_iter().map(|(_, name)| name).collect()
 }
 
-/// A window and the messages that it is for.
+/// A window and the messages that are sent in it.
 struct Row<'n> {
     window: Window,
     messages: Vec<&'n Message>,
@@ -133,7 +133,7 @@ fn rows(network: &Network) -> Vec<Row<'_>> {
     network.windows().into_iter().map(of).collect()
 }
 
-/// Reference, exclusive, arbitrating, free; in thousandths.
+/// Shares of time of reference, exclusive, arbitrating and free windows, in thousandths.
 fn shares(network: &Network) -> [f64; 4] {
     let share = |kind| plan::share(network, kind);
     let taken = [
@@ -145,7 +145,7 @@ fn shares(network: &Network) -> [f64; 4] {
     [taken[0], taken[1], taken[2], free]
 }
 
-/// The matrix for programs.
+/// The matrix as JSON.
 pub(super) fn json(network: &Network, notes: &[Note]) -> String {
     let message = |message: &&Message| {
         let period = match message.send_type {

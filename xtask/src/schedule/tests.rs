@@ -123,7 +123,7 @@ fn the_file_is_left_alone_unless_its_schedule_changes() {
     let expected = schedule(&vehicle(), &options).unwrap();
     assert_eq!(written, expected.text);
     assert_eq!(Network::parse(&written).unwrap(), expected.network);
-    // Once more, and there is nothing left to change.
+    // A second run changes nothing.
     run(&workspace(), &options).unwrap();
     assert_eq!(fs::read_to_string(&path).unwrap(), written);
 }
@@ -144,13 +144,13 @@ fn the_power_of_two_method_keeps_the_vehicles_basic_cycle() {
     assert_eq!(exclusive(&planned.network), 11);
 }
 
-/// The command follows the sensors with time for the control step, so that the vehicle
-/// drives with the matrix that was found.
+/// The command follows the sensors late enough for the control step, so that the vehicle can drive
+/// with the new matrix.
 #[test]
 fn both_methods_keep_the_command_behind_the_sensors() {
     for method in [Method::PowerOfTwo, Method::LeastJitter] {
         let planned = schedule(&vehicle(), &options(Some(method))).unwrap();
-        // What is written is read again, which refuses a command that comes too early.
+        // Reading the written file back fails if the command comes too early.
         let network = Network::parse(&planned.text).unwrap();
         let mut messages = network.messages.iter();
         let command = messages.find(|message| message.name == "Command").unwrap();
@@ -187,7 +187,7 @@ fn a_network_without_windows_gets_them() {
     for note in &least.notes {
         assert_eq!(note.jitter_us, 0, "{}", note.id);
     }
-    // A period that is no power of two times another needs several windows.
+    // A period that is not another one times a power of two needs several windows.
     assert!(least.text.contains("FurtherWindows"), "{}", least.text);
 }
 
@@ -197,7 +197,7 @@ fn what_does_not_change_stays_byte_for_byte() {
         let text = unscheduled().replace('\n', end);
         for method in [Method::PowerOfTwo, Method::LeastJitter] {
             let planned = schedule(&text, &options(Some(method))).unwrap();
-            // Only whole lines are new, and only the changed periods' are gone.
+            // Only whole lines are added, and only the lines of changed periods are removed.
             let mut old = text.split_inclusive('\n').peekable();
             for line in planned.text.split_inclusive('\n') {
                 assert!(line.ends_with(end), "{line:?}");
@@ -206,7 +206,7 @@ fn what_does_not_change_stays_byte_for_byte() {
                     continue;
                 }
                 assert!(line.starts_with("BA_"), "{line:?}");
-                // All but the value of a line that stays in its place.
+                // A changed line differs from its old version only in its value.
                 let attribute = |line: &str| line.rsplit_once(' ').map(|(of, _)| of.to_owned());
                 if old.peek().and_then(|old| attribute(old)) == attribute(line) {
                     old.next();
@@ -262,7 +262,7 @@ fn shares_that_cannot_be_had_are_said() {
 
 #[test]
 fn the_protocols_own_rules_hold_for_a_files_windows() {
-    // The network file's check does not know that a backup may be early.
+    // The check of the network file ignores that a backup's reference may be early.
     let text = vehicle().replace(
         "BA_ \"WindowStart\" BO_ 453 11000;",
         "BA_ \"WindowStart\" BO_ 453 99000;",
