@@ -36,7 +36,7 @@ mod app {
         clock: Clock,
         link: Link,
         console: board::console::Console,
-        /// Last position of the knob and commands sent; wraps.
+        /// Last position of the knob, and the number of commands sent, which wraps.
         knob: (u16, u32),
     }
 
@@ -126,8 +126,8 @@ mod app {
         }
     }
 
-    /// Deadline: the beginning of the command's window. Without a position of the knob there
-    /// is no command, and the motor stops after two of those.
+    /// Deadline: the beginning of the command's window. Without a position of the knob no
+    /// command is sent, and the motor stops after two missing commands.
     #[task(binds = EXTI1, priority = 5, shared = [link, knob], local = [sender])]
     fn control(cx: control::Context) {
         let mut link = cx.shared.link;

@@ -186,7 +186,7 @@ mod app {
             link.keep_present();
             BusView::of(link)
         });
-        // With a command the LED is the command's; else it shows the state of the node.
+        // A command sets the LED. Without one the LED shows the state of the node.
         let led = shared
             .obeyed
             .lock(|obeyed| obeyed.command().map(|command| command.led));

@@ -1,7 +1,7 @@
 //! Two boards on a bench: a knob drives a motor over the bus.
 //!
-//! The node `motor` sends the knob's position; `master` makes a command of it, which
-//! `motor` obeys while its end-to-end protection holds and it is not too old.
+//! The node `motor` sends the knob's position, and `master` turns it into a command. `motor`
+//! obeys the command while its end-to-end protection holds and it has not expired.
 
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
@@ -16,11 +16,11 @@ use ttcan::{ErrorLevel, Micros};
 
 use crate::messages::{self as named, Command, MasterStatus, MotorStatus};
 
-/// How long after the end of a command frame the second one after it is overdue.
+/// Time from the end of a command frame until the second frame after it is overdue.
 pub const COMMAND_TIMEOUT: Micros = matrix::overdue::COMMAND;
 
-/// The command for a position of the knob, in the basic cycle that began at system time
-/// `time` (ms): the speed follows the knob to both sides of a dead zone in its middle, and
+/// The command for a position of the knob, in the basic cycle that began at system time `time`
+/// (ms). The speed is proportional to the knob's distance from a dead zone in its middle, and
 /// the LED shows that the motor turns.
 pub fn command(knob: u16, sender: &mut e2e::Sender, time: u32) -> [u8; 8] {
     let motor = convert::motor_byte(convert::joystick(knob), true);
@@ -39,7 +39,7 @@ pub fn command(knob: u16, sender: &mut e2e::Sender, time: u32) -> [u8; 8] {
 pub const STOP: u8 = 127;
 
 impl actuator::Command for Command {
-    /// Every byte in the signal's range may be sent to the motor driver.
+    /// The motor driver accepts every byte in the signal's range.
     fn check(&self) -> Result<(), Refusal> {
         Ok(())
     }
@@ -48,7 +48,7 @@ impl actuator::Command for Command {
 /// The command that the motor node obeys.
 pub type Obeyed = Supervised<Command>;
 
-/// Implements [`StatusMessage`] for the nodes' status messages, which have one layout.
+/// Implements [`StatusMessage`] for the nodes' status messages, which share one layout.
 macro_rules! status_messages {
     ($($message:ident),*) => {$(
         impl StatusMessage for $message {

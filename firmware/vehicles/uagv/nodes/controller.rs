@@ -170,14 +170,14 @@ mod app {
         cx.shared.link.lock(|link| {
             if link.on_timer() {
                 rtic::pend(Interrupt::EXTI1);
-                // Without references the step goes on at its own pace.
+                // Without references the control step is released by its own period.
                 link.release_in(BASIC_CYCLE);
             }
         });
     }
 
     /// Deadline: the beginning of the command's window, 600 us after the release. A step that
-    /// misses it leaves the window empty, and the actuators stop after two of those.
+    /// misses it leaves the window empty; after two empty windows the actuators stop.
     #[task(binds = EXTI1, priority = 5, shared = [link, pilot, buttons, axes], local = [mode_events, sender])]
     fn control(cx: control::Context) {
         let mut link = cx.shared.link;
@@ -198,7 +198,8 @@ mod app {
                 let count = *cx.local.mode_events;
                 link.lock(|link| {
                     let data = wire::mode_change(&change, count, link.system_time()).encode();
-                    // A full queue is counted by the stack; the mode is in message 300 too.
+                    // The stack counts the events that a full queue refuses; message 300 has
+                    // the mode, too.
                     let _ = link.queue_event(ModeChange::ID, &data, design::EVENT_LIFETIME);
                 });
             }
@@ -222,12 +223,13 @@ mod app {
                 }
             });
         });
-        // Outside the lock, which holds off the control step.
+        // Not inside the lock, which would block the control step.
         let mut link = cx.shared.link;
         for (button, edge) in changes.into_iter().flatten() {
             *cx.local.button_events = cx.local.button_events.wrapping_add(1);
             let data = wire::button_event(button, edge, *cx.local.button_events).encode();
-            // A full queue is counted by the stack; the request itself is not lost.
+            // The stack counts the events that a full queue refuses; the request itself is not
+            // lost.
             let _ =
                 link.lock(|link| link.queue_event(ButtonEvent::ID, &data, design::EVENT_LIFETIME));
         }
@@ -238,7 +240,8 @@ mod app {
         cx.shared.lcd.lock(|lcd| lcd.on_transfer_complete());
     }
 
-    /// Deadline: the next acknowledge, 347 us later, which overruns the port's one register.
+    /// Deadline: the next acknowledgement, 347 us later, which overruns the port's only
+    /// register.
     #[task(binds = USART3, priority = 6, shared = [supervision], local = [replies])]
     fn display_rx(mut cx: display_rx::Context) {
         if let Some(byte) = cx.local.replies.received() {
@@ -255,8 +258,8 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    /// Deadline: the next tick, 200 ms later. A string that is still being sent then is not
-    /// replaced.
+    /// Deadline: the next tick, 200 ms later. If the last string is still being sent then, the
+    /// tick sends none.
     #[task(binds = TIM4, priority = 2, shared = [link, pilot, lcd, supervision], local = [tick, screen])]
     fn display_tick(cx: display_tick::Context) {
         cx.local.tick.acknowledge();

@@ -1,4 +1,4 @@
-//! The gps node: time master of the bus, and the satellite receiver's voice on it.
+//! The gps node: time master of the bus, and sender of the satellite receiver's measurements.
 //!
 //! | task | bound to | priority | does |
 //! | --- | --- | --- | --- |
@@ -148,7 +148,8 @@ mod app {
         });
     }
 
-    /// Takes some of the bytes that have arrived. `ring` takes more of them, `parse` reads them.
+    /// Takes some of the bytes that have arrived. If there may be more, `ring` runs again;
+    /// otherwise `parse` reads what was taken.
     #[inline(always)]
     fn take(receiver: &mut Receiver, station: &mut Station) {
         rtic::pend(if station.take(receiver.arrived()) {
@@ -179,12 +180,12 @@ mod app {
     fn settle(link: &mut Link, pause: &Pause) {
         link.node_mut()
             .set_reference_payload(&[u8::from(pause.fixed)]);
-        // The schedule begins so that the windows follow the receiver's bursts closely, and is
-        // kept there against the drift between the two clocks.
+        // The schedule begins such that the windows follow the receiver's bursts closely.
+        // Trimming the cycle length keeps it so, although the two clocks drift apart.
         if pause.is_new_epoch
             && let Some(age) = link.node().cycle_time(Stamp(pause.since))
         {
-            // Refused while another node is the master.
+            // The stack refuses this while another node is the master.
             let _ = link
                 .node_mut()
                 .trim_cycle(trim(age, BASIC_CYCLE, RECEIVER_LEAD));
@@ -230,7 +231,8 @@ mod app {
             if silent {
                 link.node_mut().set_reference_payload(&[0]);
             }
-            // The vehicle is driven by hand without any receiver (thesis 5.3).
+            // Manual driving needs no receiver (thesis 5.3), so the schedule begins without
+            // one.
             if !link.is_started() && keeper.uptime() >= design::receiver_patience(RECEIVER_PERIOD) {
                 link.start();
             }

@@ -197,7 +197,7 @@ mod app {
             link.keep_present();
             BusView::of(link)
         });
-        // The potentiometer's task counts as work while its samples are fresh.
+        // The potentiometer's task counts as making progress while its samples are fresh.
         let fresh = shared
             .steering
             .lock(|steering| steering.has_sample(clock.now()));

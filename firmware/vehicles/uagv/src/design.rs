@@ -5,8 +5,9 @@ use ttcan::Micros;
 
 include!(concat!(env!("OUT_DIR"), "/design.rs"));
 
-/// How long after the end of a command frame the second one after it is overdue.
+/// Time from the end of a command frame until the second frame after it is overdue.
 pub const COMMAND_TIMEOUT: Micros = crate::matrix::overdue::COMMAND;
 
-/// Cycle time at which the control step is released: all sensors' messages have arrived.
+/// Cycle time at which the control step is released: by then all sensors' messages have
+/// arrived.
 pub const CONTROL_RELEASE: Micros = crate::matrix::release::COMMAND;

@@ -1,16 +1,16 @@
-//! Latitude and longitude as whole angles, put together from their two signals.
+//! Latitude and longitude as single numbers, each combined from its signals.
 //!
-//! The frames of the thesis carry whole degrees and ten decimal places apart
-//! (Figures 6.2 and 6.3); here they meet as one number in 1E-10 of a degree,
-//! 11 micrometres on the ground.
+//! The frames of the thesis carry whole degrees and ten decimal places separately (Figures 6.2
+//! and 6.3). Here an angle is one number in units of 1E-10 degrees, which is 11 micrometres on
+//! the ground.
 
 use crate::messages::{Degrees, DegreesE10, Latitude, Longitude};
 
 /// 1E-10 degrees in a degree.
 const DEGREE: u64 = 10_000_000_000;
 
-/// Parts of an angle as the messages carry it: truncated whole degrees, the
-/// magnitude of the rest, the sign.
+/// Parts of an angle as the messages carry it: whole degrees, truncated; the magnitude of the
+/// remainder; the sign.
 struct Parts {
     whole: Degrees,
     fraction: DegreesE10,
@@ -30,10 +30,10 @@ impl Parts {
         }
     }
 
-    /// The whole degrees give the sign where they can: the thesis's frames have
-    /// no other.
+    /// The sign is that of the whole degrees, the only sign in the thesis's frames; if they are
+    /// zero, it is that of the sign flag.
     fn angle(&self) -> i64 {
-        // Below 180 degrees and 1, so no sum overflows.
+        // Less than one degree, so no sum overflows.
         let fraction = self.fraction.0.min(DEGREE - 1) as i64;
         let whole = i64::from(self.whole.0) * DEGREE as i64;
         if self.whole.0 < 0 || (self.whole.0 == 0 && self.negative) {
@@ -45,8 +45,8 @@ impl Parts {
 }
 
 impl Latitude {
-    /// The message for a latitude in 1E-10 degrees, north positive; beyond a pole
-    /// it is the pole.
+    /// The message for a latitude in 1E-10 degrees, north positive. A latitude beyond a pole is
+    /// sent as the pole.
     pub fn from_angle(angle: i64) -> Self {
         let Parts {
             whole,
@@ -77,8 +77,8 @@ impl Latitude {
 }
 
 impl Longitude {
-    /// The message for a longitude in 1E-10 degrees, east positive; beyond 180
-    /// degrees it is 180 degrees.
+    /// The message for a longitude in 1E-10 degrees, east positive. A longitude beyond 180
+    /// degrees is sent as 180 degrees.
     pub fn from_angle(angle: i64) -> Self {
         let Parts {
             whole,

@@ -1,4 +1,4 @@
-//! Where the vehicle's messages and the physical quantities of the shared modules meet.
+//! Converts the physical quantities of the shared modules to the vehicle's messages, and back.
 
 use control::mode::Mode;
 use control::position;
@@ -56,7 +56,8 @@ impl MotionCommand for Command {
     }
 }
 
-/// What has arrived on the controller's link; each message counts for one step.
+/// Inputs of a control step, from the messages on the controller's link. Each message is used
+/// in one step only.
 pub fn inputs<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
     link: &mut Link<P, T, WINDOWS, NODES>,
 ) -> Inputs {
@@ -146,8 +147,7 @@ impl Frames {
     }
 }
 
-/// The gps node's window for an update, and the data for it; `None` takes back what was
-/// enqueued.
+/// The gps node's window for an update, and the data for it; `None` removes what was enqueued.
 pub fn update(update: Update) -> (usize, Option<[u8; 8]>) {
     match update {
         Update::Position(position) => (
@@ -206,7 +206,7 @@ pub const fn longitude(angle: Geodetic) -> Longitude {
     }
 }
 
-/// The event message of a change of mode, with its number and the system time in ms.
+/// The event message of a change of mode, with its sequence number and the system time in ms.
 pub const fn mode_change(change: &Change, counter: u8, time: u32) -> ModeChange {
     ModeChange {
         previous: mode_of(change.previous),
@@ -228,7 +228,7 @@ pub const fn mode_change(change: &Change, counter: u8, time: u32) -> ModeChange 
     }
 }
 
-/// The event message of a button, with its number.
+/// The event message of a button, with its sequence number.
 pub const fn button_event(button: Button, edge: Edge, counter: u8) -> ButtonEvent {
     ButtonEvent {
         button: match button {
@@ -256,7 +256,7 @@ pub const fn mode_of(mode: Mode) -> named::Mode {
     }
 }
 
-/// Implements [`StatusMessage`] for the nodes' status messages, which have one layout.
+/// Implements [`StatusMessage`] for the nodes' status messages, which share one layout.
 macro_rules! status_messages {
     ($($message:ident),*) => {$(
         impl StatusMessage for $message {
