@@ -10,7 +10,8 @@ use network_model::generate;
 use crate::design;
 use crate::vehicle::Vehicle;
 
-/// Writes what the crate includes, from the vehicle's folder, which is the crate's:
+/// Generates the files that a vehicle's crate includes. The crate's folder is the vehicle's
+/// folder.
 ///
 /// | file | what is in it |
 /// | --- | --- |
@@ -18,8 +19,8 @@ use crate::vehicle::Vehicle;
 /// | `matrix.rs` | nodes, windows and system matrix |
 /// | `design.rs` | the machine's numbers and the settings of its control law |
 ///
-/// Also asks for the linker scripts of the images and sets the log level. Reports what is
-/// wrong with the folder in one sentence.
+/// Also passes the linker scripts of the images to the linker and sets the log level. Reports
+/// an error in the folder in one sentence.
 #[must_use]
 pub fn run() -> ExitCode {
     match write() {

@@ -1,4 +1,4 @@
-//! What a manifest must hold beyond its form.
+//! Checks of a manifest beyond its syntax.
 
 use std::collections::BTreeSet;
 use std::fmt::Display;
@@ -11,17 +11,17 @@ use crate::manifest::{
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
-/// Farthest that an intact steering can be from straight ahead, degrees: beyond it the
-/// potentiometer's reading is not believed.
+/// Largest angle of an intact steering, degrees. A potentiometer reading beyond it is
+/// implausible.
 pub const MECHANICAL_RANGE: f64 = 35.0;
 
 /// Full scale of the boards' converters, counts.
 pub const FULL_SCALE: f64 = 4095.0;
 
-/// Checks a manifest, also against its network.
+/// Checks a manifest, by itself and against its network.
 ///
 /// # Errors
-/// The field at fault, what it says and what is accepted.
+/// Names the field at fault, its value and what is accepted.
 pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     nodes(&manifest.nodes, network)?;
     devices(manifest)?;
@@ -64,7 +64,7 @@ fn nodes(nodes: &[Node], network: &Network) -> Result<(), String> {
             return Err(format!("node {name:?} is not in the network file"));
         }
     }
-    // A network file may also name programs that only listen.
+    // A network file may also name nodes that only listen, such as a logging program.
     let mut senders = network.messages.iter().map(|message| &message.sender);
     match senders.find(|sender| !names.contains(sender)) {
         Some(sender) => Err(format!(

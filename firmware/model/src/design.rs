@@ -17,7 +17,7 @@ use crate::manifest::{
 use crate::units::{Kind, Quantity};
 use crate::vehicle::Vehicle;
 
-/// The description from which the control law is designed; `None` for a vehicle without a
+/// The vehicle data from which the control law is designed; `None` for a vehicle without a
 /// machine.
 #[must_use]
 pub fn description(vehicle: &Vehicle) -> Option<Description> {
@@ -81,10 +81,10 @@ const fn regulator(weights: &RegulatorWeights) -> SteeringWeights<f64> {
     }
 }
 
-/// The Rust source of the constants, all types by their full path.
+/// The Rust source of the constants; every type has its full path.
 ///
 /// # Errors
-/// No control law can be designed for the machine.
+/// The control law cannot be designed for the machine.
 pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
     let manifest = vehicle.manifest();
     let mut out = String::new();
@@ -172,7 +172,7 @@ fn receiver(out: &mut String, receiver: &Receiver) {
     }
 }
 
-/// A quantity as a constant of the images.
+/// A quantity in single precision, as the images use it.
 fn single<K: Kind>(quantity: Quantity<K>) -> f32 {
     quantity.get() as f32
 }
@@ -273,7 +273,7 @@ fn direction(direction: &Direction) -> calibration::Direction<f32> {
     }
 }
 
-/// The steering actuator of a machine, as its images have it.
+/// The steering actuator of a machine, as its images use it.
 #[must_use]
 pub fn steering(machine: &Machine) -> Actuator<f32> {
     Actuator {
@@ -282,7 +282,8 @@ pub fn steering(machine: &Machine) -> Actuator<f32> {
     }
 }
 
-/// A potentiometer, as the images of its machine have it. Beyond its ends it is not believed.
+/// A potentiometer, as the images of its machine use it. A reading beyond its ends is
+/// implausible.
 #[must_use]
 pub fn potentiometer(pot: &Potentiometer) -> calibration::Potentiometer<f32> {
     let range = (pot.slope.get() * MECHANICAL_RANGE.to_radians()).abs();
@@ -294,7 +295,7 @@ pub fn potentiometer(pot: &Potentiometer) -> calibration::Potentiometer<f32> {
     }
 }
 
-/// What the actuators of a machine may be asked for, as its images have it.
+/// Limits of the commands to a machine's actuators, as its images use them.
 #[must_use]
 pub fn limits(machine: &Machine) -> Limits<f32> {
     Limits {

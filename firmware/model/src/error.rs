@@ -1,17 +1,18 @@
-//! What can be wrong with a vehicle's folder.
+//! Errors in a vehicle's folder.
 
 use std::io;
 use std::path::PathBuf;
 
-/// Why a folder is no vehicle. Each is one sentence that says what is wrong and where.
+/// Why a folder does not describe a vehicle. Each message is one sentence that says what is
+/// wrong and where.
 #[derive(Debug, thiserror::Error)]
 pub enum VehicleError {
-    /// A name that no folder has.
+    /// No folder has this name.
     #[error("there is no vehicle {name:?}: there are {}", known.join(", "))]
     Unknown {
         /// The name.
         name: String,
-        /// The vehicles that there are.
+        /// The vehicles that exist.
         known: Vec<String>,
     },
     /// A file that cannot be read.
@@ -22,7 +23,7 @@ pub enum VehicleError {
         /// Why.
         error: io::Error,
     },
-    /// Not TOML, or a field that is missing, unknown or not of its kind.
+    /// The file is not TOML, or a field is missing, unknown or of the wrong type.
     #[error("{}: {what}", file.display())]
     Manifest {
         /// The manifest.

@@ -1,8 +1,9 @@
 //! Reads the folder of a vehicle: `vehicle.toml` (the manifest) and `network.dbc` (messages
 //! and system matrix), checked against each other.
 //!
-//! The build script of a vehicle's crate is [`build::run`]: it makes constants of the folder
-//! for the images. The virtual vehicle, the analysis and the commands read it as it is.
+//! The build script of a vehicle's crate calls [`build::run`], which generates constants for
+//! the images from the folder. The virtual vehicle, the analysis and the commands read the
+//! folder directly.
 //!
 //! | file | what it holds |
 //! | --- | --- |

@@ -18,13 +18,13 @@ pub struct Manifest {
     /// The boards on the bus, in the order in which reports list them.
     #[serde(rename = "node")]
     pub nodes: Vec<Node>,
-    /// Where the mode of the vehicle is on the bus; `None` when it has no modes.
+    /// The signal that carries the vehicle's mode; `None` if it has no modes.
     pub mode: Option<ModeSignal>,
-    /// What commands the motors; `None` when nothing does.
+    /// The message that commands the motors; `None` if there is none.
     pub command: Option<Command>,
     /// Which signals `cargo xtask calibrate` reads; `None` when there is nothing to calibrate.
     pub calibration: Option<Calibration>,
-    /// What the operator holds. Default: a momentary remote control.
+    /// The operator's controls. Default: a momentary remote control.
     #[serde(default)]
     pub operator: Operator,
     /// The machine that the nodes move; `None` for boards without one.
@@ -40,11 +40,12 @@ pub struct Manifest {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Node {
-    /// Its name, also of its image, of its source file and of its node in the network file.
+    /// Its name. Its image, its source file and its node in the network file have the same
+    /// name.
     pub name: String,
     /// The sled that it runs on, by its short name: `f446` or `f303`.
     pub board: String,
-    /// What is at each connector of the sled; a connector that is left out is open.
+    /// The device at each connector of the sled; a connector that is not listed is open.
     #[serde(default)]
     pub wiring: BTreeMap<String, Device>,
 }
@@ -60,7 +61,7 @@ impl Node {
     }
 }
 
-/// Something that is wired to a connector.
+/// A device that is wired to a connector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Device {
@@ -72,8 +73,8 @@ pub enum Device {
     Joystick,
     /// Remote control (A to D), switch of the joystick, emergency-stop loop.
     OperatorSwitches,
-    /// A motor driver on simplified serial, and the relay in its motor's lead, that turn
-    /// the machine's steering actuator.
+    /// A motor driver on simplified serial, and the relay in its motor's lead; they turn the
+    /// machine's steering actuator.
     SteeringMotor,
     /// The same for the machine's drive motor.
     DriveMotor,
@@ -150,7 +151,7 @@ impl Device {
     }
 }
 
-/// Where the mode of the vehicle is on the bus.
+/// The signal that carries the vehicle's mode.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModeSignal {
@@ -158,7 +159,7 @@ pub struct ModeSignal {
     pub message: String,
     /// Its signal, which has a value table.
     pub signal: String,
-    /// The value in which the vehicle drives by itself.
+    /// The value of an autonomous run.
     pub autonomous: String,
 }
 
@@ -168,7 +169,7 @@ pub struct ModeSignal {
 pub struct Command {
     /// The message.
     pub message: String,
-    /// For each motor the signal of one bit that lets it turn.
+    /// For each motor, the one-bit signal that lets it turn.
     pub enable: BTreeMap<Device, String>,
 }
 
@@ -212,7 +213,7 @@ impl TryFrom<String> for SignalPath {
     }
 }
 
-/// What the operator holds.
+/// The operator's controls.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Operator {
@@ -247,7 +248,7 @@ pub struct Machine {
     pub antenna_height: Length,
     /// Speed of an autonomous run, above 0 to the speed limit.
     pub cruise: Speed,
-    /// What the actuators may be asked for.
+    /// Limits of the commands to the actuators.
     pub limits: Limits,
     /// The potentiometer of the steering.
     pub potentiometer: Potentiometer,
@@ -257,14 +258,14 @@ pub struct Machine {
     pub drive: Drive,
     /// The motor drivers.
     pub motor_driver: MotorDriver,
-    /// Standard deviations of what the sensors measure.
+    /// Standard deviations of the measurements.
     pub sensors: Sensors,
     /// Constant errors of angles to expect after mounting and calibration.
     pub misalignment: Misalignment,
     /// Cornering coefficient of the tyres, 1/rad: lateral force as a share of the load for
     /// each radian of slip, 2 to 20.
     pub cornering: f64,
-    /// Weights of the steering's regulators. Default: derived from the rest.
+    /// Weights of the steering's regulators. Default: derived from the other numbers.
     pub weights: Option<Weights>,
 }
 
@@ -290,7 +291,7 @@ pub struct Misalignment {
     pub steering: Angle,
 }
 
-/// What the actuators may be asked for.
+/// Limits of the commands to the actuators.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
@@ -300,7 +301,7 @@ pub struct Limits {
     pub steering_rate: Rate,
     /// Forwards and backwards, above 0 to 10 m/s.
     pub speed: Speed,
-    /// Growth of the drive speed, above 0 to 20 m/s2.
+    /// Largest acceleration of the drive, above 0 to 20 m/s2.
     pub acceleration: Acceleration,
 }
 
@@ -310,7 +311,7 @@ pub struct Limits {
 pub struct Potentiometer {
     /// Reading straight ahead, 0 to 4095 counts.
     pub centre: Count,
-    /// Reading for an angle to the right, -80 to 80 counts/deg.
+    /// Change of the reading for an angle to the right, -80 to 80 counts/deg.
     pub slope: CountSlope,
 }
 
@@ -391,8 +392,9 @@ pub struct Receiver {
     pub burst: Time,
     /// Time between two measurements, 50 ms to 1 s.
     pub period: Time,
-    /// How long before a reference the bursts shall end, 0 to 50 ms: room for the jitter of
-    /// their beginning and length, which the windows of the same cycle must not overtake.
+    /// How long before a reference the bursts should end, 0 to 50 ms. This absorbs the jitter
+    /// of their begin and length: a burst must be read before the windows that send its
+    /// measurements.
     pub lead: Time,
 }
 

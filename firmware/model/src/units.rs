@@ -11,9 +11,9 @@ use serde::de::{Deserialize, Deserializer, Error, Visitor};
 pub trait Kind {
     /// What it is called, with its article.
     const NAME: &'static str;
-    /// Units with the factor and the divisor that lead to the base unit; the first is the one
-    /// used in messages. Dividing by a power of ten gives the number that the text means, where
-    /// multiplying by its inverse would not.
+    /// Units, each with the factor and the divisor that convert it to the base unit; messages
+    /// use the first one. Dividing by a power of ten gives the `f64` nearest to the number in
+    /// the text, but multiplying by the inverse of that power would not.
     const UNITS: &'static [(&'static str, f64, f64)];
 }
 
@@ -60,7 +60,7 @@ kinds! {
     ComplianceKind, Compliance: "a tyre's slip", "deg/g" = DEGREE / 1.0, "rad/g" = 1.0 / 1.0;
 }
 
-/// A number with its unit, held in the base unit of its kind.
+/// A number with its unit, stored in the base unit of its kind.
 pub struct Quantity<K> {
     value: f64,
     kind: PhantomData<K>,
@@ -128,7 +128,7 @@ impl<K> PartialOrd for Quantity<K> {
 impl<K: Kind> fmt::Display for Quantity<K> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (unit, factor, divisor) = K::UNITS[0];
-        // Twelve significant decimals hide the last bit that the conversion costs.
+        // Rounding to twelve decimals hides the error of the conversion in the last bit.
         let value = (self.value / factor * divisor * 1e12).round() / 1e12;
         write!(f, "{value} {unit}")
     }
@@ -148,7 +148,7 @@ pub fn factor<K: Kind>(unit: &str) -> Option<f64> {
     Some(factor / divisor)
 }
 
-/// The units of `K` as a list for messages: `s, ms, us or min`.
+/// The units of `K` as a list for error messages: `s, ms, us or min`.
 pub(crate) fn units_of<K: Kind>() -> String {
     let names: Vec<&str> = K::UNITS.iter().map(|(unit, ..)| *unit).collect();
     match names.split_last() {

@@ -15,7 +15,7 @@ const MANIFEST: &str = "vehicle.toml";
 /// Name of the network file in it.
 const NETWORK: &str = "network.dbc";
 
-/// The place of a node in [`Manifest::nodes`].
+/// The index of a node in [`Manifest::nodes`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeIndex(pub usize);
 
@@ -67,7 +67,7 @@ impl Vehicle {
     /// Reads the vehicle of a folder; the folder's name is the vehicle's.
     ///
     /// # Errors
-    /// A file is missing, or what it says makes no sense.
+    /// A file is missing, or its contents make no sense.
     pub fn read(folder: &Path) -> Result<Self, VehicleError> {
         let text = |file: &str| {
             let file = folder.join(file);
@@ -77,10 +77,10 @@ impl Vehicle {
         Self::parse(&name, folder, &text(MANIFEST)?, &text(NETWORK)?)
     }
 
-    /// Makes a vehicle of the texts of its two files; `folder` names them in errors.
+    /// Makes a vehicle from the texts of its two files; errors name them below `folder`.
     ///
     /// # Errors
-    /// What they say makes no sense.
+    /// Their contents make no sense.
     pub fn parse(
         name: &str,
         folder: &Path,
@@ -165,7 +165,7 @@ impl Vehicle {
             .join(format!("{}.rs", self.node(node).name))
     }
 
-    /// Its nodes' places, in order.
+    /// The indices of its nodes, in order.
     pub fn nodes(&self) -> impl ExactSizeIterator<Item = NodeIndex> + use<> {
         (0..self.manifest.nodes.len()).map(NodeIndex)
     }
@@ -173,7 +173,7 @@ impl Vehicle {
     /// A node.
     ///
     /// # Panics
-    /// When the place is another vehicle's and beyond the end of this one's nodes.
+    /// If the index is another vehicle's and this vehicle has fewer nodes.
     #[must_use]
     pub fn node(&self, index: NodeIndex) -> &Node {
         &self.manifest.nodes[index.0]
@@ -182,14 +182,14 @@ impl Vehicle {
     /// The board of a node.
     ///
     /// # Panics
-    /// When the place is another vehicle's and beyond the end of this one's nodes.
+    /// If the index is another vehicle's and this vehicle has fewer nodes.
     #[must_use]
     pub fn board(&self, index: NodeIndex) -> &'static Sled {
         let name = &self.node(index).board;
         Sled::named(name).expect("the manifest's boards are checked")
     }
 
-    /// The place of the node of that name.
+    /// The index of the node of that name.
     #[must_use]
     pub fn find_node(&self, name: &str) -> Option<NodeIndex> {
         self.nodes().find(|&node| self.node(node).name == name)
@@ -203,7 +203,7 @@ impl Vehicle {
     }
 }
 
-/// What a parser of TOML says, without the lines that it draws.
+/// The message of a TOML parser on one line, without the excerpt of the file that it draws.
 fn one_line(error: &toml::de::Error) -> String {
     error.message().replace('\n', "; ")
 }

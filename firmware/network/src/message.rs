@@ -15,10 +15,10 @@ pub trait Message: Sized + Copy {
     const NAME: &'static str;
     /// Data bytes that [`encode`](Self::encode) makes, 0..=8.
     const LENGTH: u8;
-    /// Fewest data bytes that [`decode`](Self::decode) accepts; those missing
-    /// from there to [`LENGTH`](Self::LENGTH) read as zero.
+    /// Fewest data bytes that [`decode`](Self::decode) accepts. Missing bytes, up to
+    /// [`LENGTH`](Self::LENGTH), read as zero.
     const SHORTEST: u8;
-    /// Names the nodes of the network.
+    /// The type that names the nodes of the network.
     type Node: Copy + fmt::Debug;
     /// The one node that sends it.
     const SENDER: Self::Node;
@@ -62,7 +62,7 @@ pub struct Signal {
     pub greatest: i64,
 }
 
-/// Why data bytes are no message.
+/// Why data bytes cannot be decoded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DecodeError {
     /// No message of the network has this identifier.

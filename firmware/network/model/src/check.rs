@@ -1,4 +1,4 @@
-//! Whether the network makes sense: what the syntax of a DBC file cannot say.
+//! Checks of a network that go beyond the syntax of a DBC file.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,8 +10,8 @@ use crate::{
     signal::Signal,
 };
 
-/// Everything that is wrong with a network, in the order of its messages; of
-/// windows nothing when they are still to be found.
+/// All problems of a network, in the order of its messages. While the windows are still to be
+/// found (`unscheduled`), they are not checked.
 pub(crate) fn check(network: &Network, unscheduled: bool) -> Vec<Problem> {
     let mut problems = Vec::new();
     bus(network, &mut problems);
@@ -164,7 +164,7 @@ fn masters(network: &Network, problems: &mut Vec<Problem>) {
     }
 }
 
-/// The reference message of the master of rank `rank`, beside that of rank 0.
+/// Checks the reference message of the master of rank `rank` against that of rank 0.
 fn reference(
     own: &Message,
     base: &Message,
@@ -244,7 +244,7 @@ fn data(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
     }
 }
 
-/// The numbers that a signal may hold, and who receives them.
+/// Checks the numbers that a signal may hold, and its receivers.
 fn range(network: &Network, signal: &Signal, of: &str, refuse: &mut impl FnMut(String)) {
     if !(signal.factor.is_finite() && signal.factor > 0.0) {
         refuse(format!(
@@ -356,7 +356,7 @@ fn window(network: &Network, message: &Message, window: Window, problems: &mut V
     }
 }
 
-/// Whether a message's windows come as often as its period says.
+/// Checks that a message's windows come as often as its period says.
 fn rate(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
     let of = describe(message, message.window);
     let mut refuse = |what: String| {
@@ -390,7 +390,7 @@ fn rate(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
         .map(|window| cycles / u64::from(window.repeat.max(1)))
         .sum();
     let right = match kind {
-        // In whole milliseconds, which a basic cycle need not be.
+        // Rounded up to whole milliseconds, because a basic cycle may have a fraction of one.
         WindowKind::Reference => u64::from(period_ms) == matrix_us.div_ceil(cycles.max(1) * 1000),
         WindowKind::Exclusive | WindowKind::Arbitrating => {
             u64::from(period_ms) * 1000 * times == matrix_us
@@ -404,7 +404,7 @@ fn rate(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
     }
 }
 
-/// Whether the windows of the messages that a message needs lie before its own.
+/// Checks that the windows of the messages that a message needs lie before its own.
 fn precedence(
     network: &Network,
     message: &Message,

@@ -93,8 +93,7 @@ fn further(windows: &[Window]) -> String {
     format!("\"{}\"", items.collect::<Vec<_>>().join(", "))
 }
 
-/// What the file must define before it can use an attribute: name, definition,
-/// default.
+/// Attributes that the file must define before it can use them: name, definition, default.
 const DEFINITIONS: [(&str, &str, &str); 9] = [
     ("BasicCycle", "INT 1000 1000000", "0"),
     ("BasicCycles", "INT 1 64", "1"),
@@ -111,11 +110,11 @@ const DEFINITIONS: [(&str, &str, &str); 9] = [
     ("FurtherWindows", "STRING", "\"\""),
 ];
 
-/// A word, a quoted string or a sign of the text.
+/// A token of the text: a word, a quoted string or a sign.
 #[derive(Clone)]
 struct Token {
     at: Range<usize>,
-    /// Nothing but spaces and tabs stands between it and the token before.
+    /// True if only spaces and tabs separate it from the token before.
     same_line: bool,
 }
 
@@ -125,17 +124,17 @@ struct Statement {
     name: String,
     /// `BO_` and the identifier, for a message's value.
     message: Option<u16>,
-    /// Whether it is of anything but the network or a message.
+    /// True if it belongs to something other than the network or a message.
     of_other: bool,
     value: Range<usize>,
-    /// The whole, with its semicolon.
+    /// Its range in the text, semicolon included.
     whole: Range<usize>,
 }
 
 struct Editor<'t> {
     text: &'t str,
     statements: Vec<Statement>,
-    /// Where the statements after those of attributes begin.
+    /// Where the statements that follow those of attributes begin.
     tail: usize,
     line_end: &'static str,
     replaced: Vec<(Range<usize>, String)>,
@@ -149,7 +148,7 @@ impl<'t> Editor<'t> {
     fn new(text: &'t str) -> Self {
         let tokens = tokens(text);
         let statements = statements(text, &tokens);
-        // Statements that the format has after attributes.
+        // Statements that follow attributes in the format.
         let behind = |index: usize| {
             let word = &text[tokens[index].at.clone()];
             let followed = tokens.get(index + 1).is_some_and(|next| next.same_line);
@@ -177,7 +176,7 @@ impl<'t> Editor<'t> {
         }
     }
 
-    /// Makes an attribute of the network or of a message have a value.
+    /// Sets an attribute of the network or of a message to a value.
     fn set(&mut self, message: Option<u16>, name: &str, value: String) {
         let of = |statement: &&Statement| {
             statement.keyword == "BA_"
@@ -248,7 +247,7 @@ impl<'t> Editor<'t> {
         }
     }
 
-    /// Behind the message's other values, or else behind all values.
+    /// Where to insert a value: after the message's other values, or else after all values.
     fn value_position(&self, message: Option<u16>) -> usize {
         let of_message = |found: &&Statement| {
             found.keyword == "BA_" && message.is_some() && found.message == message
@@ -259,7 +258,7 @@ impl<'t> Editor<'t> {
         }
     }
 
-    /// Behind the last statement of a keyword, or where its first one would be.
+    /// The position after the last statement of a keyword, or where its first one would be.
     fn position(&self, keyword: &str) -> usize {
         const ORDER: [&str; 3] = ["BA_DEF_", "BA_DEF_DEF_", "BA_"];
         let rank = |keyword: &str| ORDER.iter().position(|known| *known == keyword);
@@ -300,7 +299,7 @@ impl<'t> Editor<'t> {
         for (at, what) in std::mem::take(&mut self.values) {
             insert(at, what);
         }
-        // Stable: what goes to one place keeps its order.
+        // A stable sort: edits at the same position keep their order.
         edits.sort_by_key(|(range, _)| range.start);
         let mut out = String::with_capacity(self.text.len() + 64 * edits.len());
         let mut copied = 0;
@@ -388,7 +387,7 @@ fn statements(text: &str, tokens: &[Token]) -> Vec<Statement> {
         } else {
             ""
         };
-        // The list of keywords at the beginning of the file names them, too.
+        // The list of keywords at the beginning of the file contains them, too.
         if !word(index).starts_with('"') {
             continue;
         }

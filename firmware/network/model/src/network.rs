@@ -56,8 +56,8 @@ pub struct Message {
     pub send_type: SendType,
     /// In which basic cycles a cyclic message is sent.
     pub condition: Condition,
-    /// Longest time from when it is due until its window is over, in
-    /// microseconds; `None` when its period will do.
+    /// Longest time from when it is due until its window ends, in microseconds; `None` if that
+    /// is its period.
     pub deadline_us: Option<u32>,
     /// Where in the system matrix it is sent.
     pub window: Window,
@@ -67,8 +67,8 @@ pub struct Message {
     /// Names of the messages that its sender needs first: wherever both come in the same
     /// basic cycle, their windows are over before this one's begins.
     pub after: Vec<String>,
-    /// Time in microseconds that its sender takes from when those have arrived
-    /// ([`Network::release_us`]) until the message can be sent.
+    /// Time in microseconds that its sender needs from the arrival of those messages
+    /// ([`Network::release_us`]) until it can send this one.
     pub preparation_us: u32,
     /// Signals in file order.
     pub signals: Vec<Signal>,
@@ -187,11 +187,11 @@ impl Message {
 }
 
 impl Network {
-    /// Two frames of a message may start this much more or less than their period apart, in
+    /// How much more or less than their period apart two frames of a message may start, in
     /// microseconds.
     pub const START_JITTER_US: u32 = 100;
 
-    /// Releases of steps are multiples of this, in microseconds.
+    /// Release times of steps are multiples of this, in microseconds.
     pub const RELEASE_GRAIN_US: u32 = 100;
 
     /// The message with this identifier.
@@ -210,12 +210,11 @@ impl Network {
         us as u32
     }
 
-    /// Cycle time in microseconds at which all that a message's sender needs has arrived, so
-    /// that its step can be released; `None` for a message that needs nothing.
+    /// Cycle time in microseconds at which everything that a message's sender needs has
+    /// arrived, so that its step can be released; `None` for a message that needs nothing.
     ///
-    /// The last of those frames may begin a transmit enable window after its mark and be the
-    /// longest of its length. Rounded up to
-    /// [`Network::RELEASE_GRAIN_US`].
+    /// The last of those frames may begin a transmit enable window after its mark and may have
+    /// the longest length. The result is rounded up to [`Network::RELEASE_GRAIN_US`].
     pub fn release_us(&self, message: &Message) -> Option<u32> {
         let needed = message.after.iter().filter_map(|name| {
             let mut messages = self.messages.iter();
@@ -232,11 +231,11 @@ impl Network {
         Some(last.div_ceil(Self::RELEASE_GRAIN_US) * Self::RELEASE_GRAIN_US)
     }
 
-    /// How long after the end of a frame of `message` in an exclusive window, in microseconds,
-    /// the second one after it is overdue ([`network::MISSED_PERIODS`]).
+    /// Time in microseconds from the end of a frame of `message`, in an exclusive window, until
+    /// the second frame after it is overdue ([`network::MISSED_PERIODS`]).
     ///
-    /// That many periods, the difference between its shortest and its longest frame, and
-    /// [`Network::START_JITTER_US`].
+    /// The sum of that many periods, the difference between its shortest and its longest frame,
+    /// and [`Network::START_JITTER_US`].
     #[must_use]
     pub fn overdue_us(&self, message: &Message) -> u32 {
         let period = self.basic_cycle_us * u32::from(message.window.repeat.max(1));

@@ -21,13 +21,13 @@ impl Network {
         Self::read(text, false)
     }
 
-    /// Reads a network file whose windows are still to be found: messages need
-    /// none, and whatever they say of theirs is not checked. Messages without a
-    /// kind of window get the kind that suits them.
+    /// Reads a network file whose windows are still to be found. Messages need no windows, and
+    /// any that they have are not checked. A message without a kind of window gets the kind
+    /// that suits its use.
     ///
     /// # Errors
     ///
-    /// Everything else that is wrong with the file, as [`Network::parse`] says it.
+    /// Everything else that is wrong with the file, as for [`Network::parse`].
     pub fn parse_unscheduled(text: &str) -> Result<Network, Problems> {
         Self::read(text, true)
     }
@@ -61,7 +61,7 @@ impl Network {
 struct Reader<'a> {
     dbc: &'a Dbc,
     text: &'a str,
-    /// Windows are still to be found.
+    /// True if the windows are still to be found.
     unscheduled: bool,
     problems: Vec<Problem>,
 }
@@ -71,7 +71,7 @@ impl Reader<'_> {
         self.problems.push(Problem { line, what });
     }
 
-    /// The line that begins, but for white space, with these words.
+    /// The first line that begins with these words, white space aside.
     fn line(&self, words: &[&str]) -> Option<usize> {
         self.line_after(0, words)
     }
@@ -115,7 +115,7 @@ impl Reader<'_> {
         }
     }
 
-    /// A number that a schedule brings along.
+    /// A number that belongs to the schedule; the default value while there is none.
     fn planned_number<T: TryFrom<i64> + Default>(&mut self, name: &str) -> T {
         if self.unscheduled {
             T::default()
@@ -298,7 +298,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The messages that must be sent before a message in each chain.
+    /// Names of the messages that a message's sender needs first.
     fn after(&self, message: &can_dbc::Message) -> Vec<String> {
         match self.dbc.resolved_message_attribute(message.id, "After") {
             Some(AttributeValue::String(names)) => names
@@ -310,8 +310,8 @@ impl Reader<'_> {
         }
     }
 
-    /// The kind of a message's window. A message without one gets it from its use when the file
-    /// needs no schedule yet.
+    /// The kind of a message's window. If the windows are still to be found, a message without
+    /// a kind gets one from its use.
     fn window_kind(
         &mut self,
         message: &can_dbc::Message,
@@ -347,7 +347,7 @@ impl Reader<'_> {
         (window, self.further(message, window))
     }
 
-    /// Whether it has the signals that a master's reference message needs.
+    /// Whether its sender may be a time master and it has the signals of a reference message.
     fn begins_cycles(&self, message: &can_dbc::Message) -> bool {
         let master = message.transmitter.as_ref().is_some_and(|sender| {
             let values = &self.dbc.attribute_values_node;
@@ -401,7 +401,7 @@ impl Reader<'_> {
         self.number(name, &of, value, line)
     }
 
-    /// An attribute of the enumeration type, given by number or by word.
+    /// An attribute of an enumeration type, given by number or by word.
     fn word<'w>(&self, id: MessageId, name: &str, words: &[&'w str]) -> Option<&'w str> {
         match self.dbc.resolved_message_attribute(id, name)? {
             AttributeValue::String(word) => words.iter().find(|w| *w == word).copied(),

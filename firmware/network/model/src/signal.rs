@@ -103,8 +103,7 @@ impl Signal {
 
     /// Reads the raw number, bit by bit; bytes that are missing read as zero.
     ///
-    /// Written for being plainly right, not for speed: the generated code is
-    /// checked against it.
+    /// Written to be obviously right, not fast: tests compare the generated code with it.
     pub fn extract(&self, data: &[u8]) -> i128 {
         let mut raw: i128 = 0;
         for index in 0..self.size {
@@ -162,7 +161,8 @@ impl Signal {
     }
 }
 
-/// The whole number that `value` is, but for the rounding of a quotient of decimals.
+/// The integer that `value` is, apart from the rounding error of dividing decimals; `None` if
+/// it is not one.
 fn whole(value: f64) -> Option<i128> {
     let rounded = value.round();
     let tolerance = 1e-9 * rounded.abs().max(1.0);

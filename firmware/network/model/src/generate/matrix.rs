@@ -47,7 +47,7 @@ fn write_constants(out: &mut String, network: &Network) -> std::fmt::Result {
     )
 }
 
-/// A window of the matrix with the name it has in Rust.
+/// A window of the matrix with its name in Rust.
 struct Named<'n> {
     name: String,
     window: Window,
