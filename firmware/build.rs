@@ -1,4 +1,4 @@
-//! Sets what is logged: `info` and above, unless the builder asks for more or less.
+//! Sets the log level: `info` and above, unless the builder chooses another one.
 
 use std::env;
 

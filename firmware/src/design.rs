@@ -66,8 +66,8 @@ pub const HOUSEKEEPING_PERIOD: MillisDurationU32 = MillisDurationU32::millis(10)
 /// How long an event message may wait for its window: ten basic cycles.
 pub const EVENT_LIFETIME: Micros = Micros::secs(1);
 
-/// Rate difference between two crystals that the schedule tolerates, ppm: two crystals of 50
-/// ppm, doubled.
+/// Rate difference between two crystals that the schedule tolerates, ppm: two crystals of
+/// 50 ppm, doubled.
 pub const DRIFT_LIMIT_PPM: u16 = 200;
 /// The same for a node on its RC oscillator, which is accurate to about 1 %.
 pub const DRIFT_LIMIT_PPM_INTERNAL: u16 = 10_000;

@@ -2,13 +2,13 @@
 //! composed of it; nothing here depends on a vehicle's numbers or messages.
 //!
 //! - [`design`]: constants, with unit, source and arithmetic;
-//! - [`machine`]: what a vehicle's crate says about its machine and its commands;
+//! - [`machine`]: the machine and its commands, as a vehicle's crate describes them;
 //! - [`convert`]: where raw codes and physical units meet;
 //! - [`link`]: protocol stack, CAN port and window timer as one value;
-//! - [`e2e`]: the protection of actuator commands; [`actuator`]: what they may do;
-//! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: what it says, for the bus;
+//! - [`e2e`]: the protection of actuator commands; [`actuator`]: their supervision;
+//! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: its messages, for the bus;
 //! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law;
-//! - [`text`], [`display`], [`console`]: what the operator reads;
+//! - [`text`], [`display`], [`console`]: text for the operator;
 //! - [`housekeeping`]: watchdog, status messages, LED;
 //! - [`log`]: which lines a debug probe shows.
 //!

@@ -139,7 +139,7 @@ pub struct Part {
     pub lsi: WatchdogClock,
     /// bxCAN controllers; two share 28 filter banks, one has 14 (RM0390 30.3, RM0316 31.3).
     pub can_controllers: u8,
-    /// Where the part says what it is.
+    /// The read-only page that identifies the part.
     pub system_page: SystemPage,
     /// DBGMCU_IDCODE: device identifier in bits 0 to 11, a revision in bits 16 to 31.
     pub idcode: u32,

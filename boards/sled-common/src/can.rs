@@ -1,11 +1,11 @@
 //! The bxCAN cell in single shot: one mailbox, the outcome of each attempt, the
 //! receive FIFO, the error counters and the way back from bus-off.
 //!
-//! Configuration goes through the `bxcan` crate. The run-time path is written against
-//! the registers (RM0390 chapter 30, RM0316 chapter 31; the cell is the same), because
-//! a time-triggered node needs what the crate hides: whether a finished attempt was
-//! complete, lost arbitration or failed, an abort that does not wait, a receive path
-//! without panics whatever length code a frame carries.
+//! Configuration goes through the `bxcan` crate. The run-time path is written against the
+//! registers (RM0390 chapter 30, RM0316 chapter 31; the cell is the same in both), because the
+//! crate does not offer what a time-triggered node needs: the outcome of a finished attempt
+//! (complete, arbitration lost or failed), an abort that does not wait, and a receive path that
+//! cannot panic, whatever length code a frame carries.
 //!
 //! Settings (thesis 6.2.3.1): no automatic retransmission (NART), transmit order by
 //! request (TXFP), receive FIFO not locked, no automatic bus-off management (ABOM off),
@@ -106,8 +106,8 @@ pub enum Register {
 
 /// The registers of a cell, as the board's peripheral access crate knows them.
 ///
-/// The two crates are of different generations, one with fields and one with functions, so
-/// that no code can be written against both. This trait is what they have in common.
+/// The crates of the two parts are of different generations: one has fields where the other has
+/// functions, so no code compiles against both. This trait has the part that they share.
 ///
 /// # Safety
 /// The address is that of a register of the cell that the port owns.
@@ -157,8 +157,8 @@ pub struct Port<I: FilterOwner, R: Registers> {
 }
 
 impl<I: FilterOwner, R: Registers> Port<I, R> {
-    /// Configures the cell and asks it to join the bus, which it does after eleven
-    /// recessive bits; nothing waits for that.
+    /// Configures the cell and asks it to join the bus. The cell joins after eleven recessive
+    /// bits; this function does not wait for that.
     ///
     /// Every frame on the bus is accepted into FIFO 0: each node supervises the schedule
     /// of all the others.
@@ -181,8 +181,8 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
         port
     }
 
-    /// Filter bank 0 as one 32-bit mask that asks for nothing, into FIFO 0. The crate's own
-    /// way checks the bank's number at run time and could panic.
+    /// Sets filter bank 0 to one 32-bit mask that ignores all bits, into FIFO 0. The crate's
+    /// own function checks the bank's number at run time and could panic.
     fn accept_all(&mut self) {
         let mode = self.read(Register::Fmr);
         self.write(Register::Fmr, mode | FMR_FINIT);
@@ -253,7 +253,8 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
         } else {
             id.raw() << 21
         };
-        // Whole words: a TGT bit left from before would overwrite the last two bytes.
+        // Written as whole words: a TGT bit left from before would overwrite the last two
+        // bytes.
         self.write(Register::Tdt0r, u32::from(frame.len()));
         self.write(Register::Tdl0r, u32::from_le_bytes([a, b, c, d]));
         self.write(Register::Tdh0r, u32::from_le_bytes([e, f, g, h]));
@@ -261,8 +262,8 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
         Ok(())
     }
 
-    /// Asks to withdraw the pending frame. One that is already on the bus is finished;
-    /// either way [`Port::outcome`] tells.
+    /// Asks to withdraw the pending frame. A frame that is already on the bus is completed.
+    /// [`Port::outcome`] tells which of the two happened.
     #[inline]
     pub fn abort(&mut self) {
         self.write(Register::Tsr, TSR_ABRQ0);
@@ -307,15 +308,15 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
         self.write(Register::Msr, MSR_ERRI);
     }
 
-    /// Leaves the bus: enters initialisation, in which the cell sends no dominant bit, and
-    /// drops a pending frame. First half of the recovery from bus-off.
+    /// First half of the recovery from bus-off: leaves the bus and drops a pending frame. The
+    /// cell enters initialisation mode, in which it sends no dominant bit.
     pub fn leave_bus(&mut self) {
         self.write(Register::Mcr, MCR_RUN | MCR_INRQ);
     }
 
-    /// Second half: once the cell is in initialisation, lets it go. It takes part again
-    /// after eleven recessive bits, after bus-off 128 times that. Returns false, and does
-    /// nothing, while it is not there yet.
+    /// Second half: releases the cell from initialisation mode. The cell takes part again after
+    /// eleven recessive bits, or after 128 times eleven if it was bus-off. Returns false, and
+    /// changes nothing, while the cell has not entered initialisation mode yet.
     pub fn join_bus(&mut self) -> bool {
         let there = self.read(Register::Msr) & MSR_INAK != 0;
         if there {

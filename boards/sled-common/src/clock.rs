@@ -1,4 +1,4 @@
-//! What a board found out about its clocks.
+//! The clocks of a running board, and why it started.
 
 /// The oscillator that the system clock is made from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -6,9 +6,9 @@
 pub enum Oscillator {
     /// The 8 MHz clock that the on-board debugger feeds into the HSE input.
     External,
-    /// The RC oscillator of the microcontroller (about 1 %): the external clock
-    /// was not there in time. A node on it can be heard on the bench, but CAN at
-    /// 250 kbit/s wants better than 0.5 %; it is reported for that reason.
+    /// The RC oscillator of the microcontroller (accurate to about 1 %), because the external
+    /// clock did not start in time. The node reports it: on the bench such a node can be heard,
+    /// but CAN at 250 kbit/s needs better than 0.5 %.
     Internal,
 }
 
@@ -57,7 +57,7 @@ pub enum ResetCause {
     Software,
     /// The independent watchdog was not fed.
     Watchdog,
-    /// Window watchdog, low-power or option-byte reset: nothing here uses them.
+    /// Window watchdog, low-power or option-byte reset; the firmware uses none of them.
     Other,
 }
 

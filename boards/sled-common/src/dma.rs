@@ -72,7 +72,7 @@ impl<T: Copy + Send, const N: usize> Window<T, N> {
 
     /// Replaces element `index`; past the end nothing happens.
     ///
-    /// The owner sees to it that the DMA controller is not reading it.
+    /// The owner must make sure that the DMA controller is not reading it.
     #[inline]
     pub fn write(&mut self, index: usize, value: T) {
         if index < N {

@@ -1,9 +1,9 @@
 //! The record of the last fault, which outlives a reset.
 //!
-//! A panic or a hard fault leaves one word in memory that start-up does not clear,
-//! lets the board put its actuator to a stop and resets. Nothing is formatted: the
-//! images carry no panic messages. The node reads the word once after the reset and
-//! reports it in an event message.
+//! A panic or a hard fault writes one word to memory that start-up does not clear, stops the
+//! board's actuator and resets the microcontroller. Nothing is formatted: the images carry no
+//! panic messages. The node reads the word once after the reset and reports it in its status
+//! message.
 
 /// What went wrong last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,8 +17,8 @@ pub enum Fault {
     Unhandled,
     /// The external clock stopped. After the reset the node runs on the RC oscillator.
     Clock,
-    /// The node could not be started: a converter that does not get ready, a schedule that
-    /// its stack refuses.
+    /// The node could not be started: for example, a converter did not get ready, or the
+    /// protocol stack refused its schedule.
     Start,
 }
 
@@ -46,8 +46,8 @@ impl Fault {
         }
     }
 
-    /// The word that is kept: the code behind a marker that random memory after
-    /// power-up is unlikely to hold.
+    /// The word that is stored: the code behind a marker, which random memory after power-up is
+    /// unlikely to hold.
     #[cfg(any(target_os = "none", test))]
     const fn word(self) -> u32 {
         0xFA17_5A00 | self.code() as u32
@@ -90,8 +90,8 @@ mod record {
 
     /// Notes the fault and resets the microcontroller.
     ///
-    /// The caller has stopped its actuator before; after the reset start-up sends the
-    /// stop command once more.
+    /// The caller must have stopped its actuator. After the reset, start-up sends the stop
+    /// command once more.
     pub fn reset(fault: Fault) -> ! {
         // SAFETY: RAM of ours; nothing else runs any more.
         unsafe { RECORD.0.get().cast::<u32>().write_volatile(fault.word()) };
@@ -102,10 +102,11 @@ mod record {
 #[cfg(target_os = "none")]
 pub use record::{reset, take};
 
-/// Defines what happens on a hard fault, when the external clock stops and on an interrupt
-/// that no task is bound to: the board's actuator is stopped by `$stop`, the fault is recorded, the part is reset.
+/// Defines the handlers of a hard fault, of a stopped external clock, and of an interrupt that
+/// no task is bound to. Each stops the board's actuator by `$stop`, records the fault and
+/// resets the part.
 ///
-/// The hard fault begins with an empty stack, because an overflow of the stack is one of its
+/// The hard fault's handler begins with an empty stack, because a stack overflow is one of its
 /// causes.
 #[macro_export]
 macro_rules! fault_handlers {
@@ -114,9 +115,9 @@ macro_rules! fault_handlers {
         mod fault_handlers {
             use $crate::fault::{Fault, reset};
 
-            // The name is the one that cortex-m-rt's vector table asks for. No stack is
-            // touched before the stack pointer is set anew, and nothing returns to what
-            // that discards. Debian's compiler knows no naked functions.
+            // The vector table of cortex-m-rt asks for this name. The code sets the stack
+            // pointer before it uses the stack, and never returns to what that discards. It is
+            // global assembly, because Debian's compiler does not support naked functions.
             core::arch::global_asm!(
                 ".section .text.HardFault, \"ax\", %progbits",
                 ".global HardFault",
@@ -137,7 +138,7 @@ macro_rules! fault_handlers {
                 reset(Fault::Hard)
             }
 
-            // The clock security system: nothing else is wired to this interrupt here.
+            // The interrupt of the clock security system; nothing else raises it on this board.
             // SAFETY: the name is the one that cortex-m-rt's vector table asks for.
             #[unsafe(export_name = "NonMaskableInt")]
             extern "C" fn clock_lost() -> ! {

@@ -1,14 +1,14 @@
-//! What every CAN sled has alike, whichever microcontroller is mounted on it.
+//! What all CAN sleds have in common, whichever microcontroller they carry.
 //!
 //! - [`can`]: the bxCAN cell, single shot and with the outcome of each attempt;
 //! - [`lines`]: text lines in static memory, sent one after the other by DMA;
 //! - [`dma`]: memory that a DMA controller and the processor share;
 //! - [`fault`]: the record of the last fault, which outlives a reset;
-//! - [`clock`]: what a board found out about its clocks;
+//! - [`clock`]: the clocks of a running board, and why it started;
 //! - `tick`, on a target only: the priority of SysTick.
 //!
-//! The board crates put their peripherals behind the small traits of this crate;
-//! the nodes see one interface for both boards.
+//! The board crates put their peripherals behind the small traits of this crate, so the nodes
+//! see one interface for both boards.
 
 #![no_std]
 

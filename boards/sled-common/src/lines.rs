@@ -1,8 +1,8 @@
 //! Text lines in static memory, sent one after the other by DMA (thesis 6.2.4.6).
 //!
-//! A task writes whole lines, the DMA controller sends them, and the interrupt at the
-//! end of one transfer starts the next. Nobody waits: a line that finds the queue full
-//! is dropped and counted.
+//! A task writes whole lines, the DMA controller sends them, and the interrupt at the end of
+//! one transfer starts the next. No task waits: a line that finds the queue full is dropped and
+//! counted.
 
 use crate::dma::Window;
 
@@ -10,7 +10,7 @@ use crate::dma::Window;
 pub trait Transmitter {
     /// Starts a transfer of `length` bytes from `address`.
     ///
-    /// The memory stays untouched until [`Transmitter::finished`] was true.
+    /// The memory must stay untouched until [`Transmitter::finished`] has returned true.
     fn start(&mut self, address: u32, length: u16);
 
     /// Acknowledges the end of a transfer; false when the interrupt had another cause.
@@ -46,8 +46,8 @@ impl<T: Transmitter, const LINES: usize, const WIDTH: usize, const TOTAL: usize>
         }
     }
 
-    /// Appends one line, cut at `WIDTH` bytes, and starts sending when nothing is under
-    /// way. Returns false, and counts, when the queue is full.
+    /// Appends one line, cut at `WIDTH` bytes, and starts sending if no transfer is running.
+    /// Returns false, and counts the line, if the queue is full.
     pub fn push(&mut self, line: &[u8]) -> bool {
         if self.waiting >= LINES {
             self.dropped = self.dropped.wrapping_add(1);
@@ -82,7 +82,7 @@ impl<T: Transmitter, const LINES: usize, const WIDTH: usize, const TOTAL: usize>
         self.dropped
     }
 
-    /// Whether a transfer is under way.
+    /// Whether a transfer is running.
     pub fn is_busy(&self) -> bool {
         self.busy
     }

@@ -9,7 +9,7 @@ use stm32f3xx_hal::dma::{Channel, Event, dma1::C7};
 
 /// Bits per second.
 pub const BAUD: u32 = 115_200;
-/// Lines that wait at most.
+/// Capacity of the queue, in lines.
 pub const LINES: usize = 4;
 /// Longest line, line ending included.
 pub const WIDTH: usize = 128;

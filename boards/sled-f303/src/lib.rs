@@ -22,11 +22,11 @@
 //! set to simplified serial at 38 400 baud; its 0V is the sled's ground, its S1 takes 3.3 V
 //! levels. All grounds are the chassis.
 //!
-//! The relay is a normally open direct-current one for the motor's 50 A, with a free-wheeling
-//! diode pair across the motor, in the lead between the driver's M1 and the motor: the driver
-//! keeps its last speed when its node falls silent, and has no input that stops it in this
-//! mode, but without the relay no current flows. During reset PA8 floats; its resistor opens
-//! the relay.
+//! The relay is normally open, switches the direct current of the motor (50 A) and sits in the
+//! lead between the driver's M1 and the motor; a pair of free-wheeling diodes is across the
+//! motor. It is needed because the driver keeps its last speed when its node falls silent, and
+//! in this mode has no input that stops it. With the relay open no current flows. During reset
+//! PA8 floats, and its resistor opens the relay.
 //!
 //! # What the HAL does
 //!
@@ -106,17 +106,17 @@ pub struct Rest {
 }
 
 impl Sled {
-    /// Starts the board: clocks first, then the stop command to the motor, then everything
-    /// else.
+    /// Starts the board: the clocks first, then the motor's port, which sends the stop command,
+    /// then everything else.
     ///
-    /// `None` the second time in one run: the memory of the DMA channels is handed out
-    /// once.
+    /// Returns `None` if it was called before: the memory of the DMA channels can be handed out
+    /// only once.
     pub fn start(device: pac::Peripherals) -> Option<Self> {
         let reset_cause = clocks::reset_cause(&device.RCC);
         let clocks = clocks::start(&device.RCC, &device.FLASH);
         let mut rcc = device.RCC.constrain();
         pac::USART1::enable(&mut rcc.apb2);
-        // Before the pin is the port's: the line then goes from floating to idle.
+        // The port starts before its pin is connected: so the line goes from floating to idle.
         let mut motor = motor::start(device.USART1, clocks.core);
         pac::TIM2::enable(&mut rcc.apb1);
         let (clock, alarms) = time::start(device.TIM2);

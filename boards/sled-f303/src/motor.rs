@@ -1,11 +1,11 @@
-//! The motor driver: its port, USART1, TX PA9, 38 400 baud 8N1, single bytes (SyRen 50,
-//! simplified serial: 0 and 255 are the two full speeds, 127 is stop); and the relay in its
-//! motor lead, PA8, high = closed.
+//! The motor driver and the relay in its motor lead. The driver's port is USART1, TX PA9,
+//! 38 400 baud 8N1, single bytes (SyRen 50, simplified serial: 0 and 255 are the two full
+//! speeds, 127 is stop). The relay is at PA8, high = closed.
 //!
-//! In simplified serial the driver keeps its last speed for ever, and its S2 input selects,
-//! but does not stop (SyRen 50 user's guide, mode 3). So the node holds the motor's circuit
-//! closed itself, and only while a command is in force: what stops the node, a reset, a
-//! watchdog, a lost supply, lets go of the pin, which a resistor then pulls to ground.
+//! In simplified serial the driver keeps its last speed for ever, and its S2 input selects a
+//! driver but does not stop it (SyRen 50 user's guide, mode 3). So the node closes the motor's
+//! circuit itself, and only while a command is in force. Whatever stops the node (a reset, the
+//! watchdog, a lost supply) releases the pin, and a resistor pulls it to ground.
 
 use crate::pac;
 use crate::registers::usart;
@@ -23,16 +23,17 @@ pub struct Motor {
     usart: pac::USART1,
 }
 
-/// Starts the port, idle. USART1 runs on the system clock, `clock` Hz, which the caller
-/// has selected: its default differs between variants of the part. Its bus clock is on.
+/// Starts the port, idle. USART1 runs on the system clock, `clock` Hz, which the caller has
+/// selected, because the default differs between variants of the part. The clock gate of USART1
+/// is open.
 pub(crate) fn start(port: pac::USART1, clock: u32) -> Motor {
     usart::start(&port, clock, BAUD, false);
     Motor { usart: port }
 }
 
 impl Motor {
-    /// Sends one command byte. While the one before waits for its turn, which takes at
-    /// most 260 us, the newer is dropped and false returned.
+    /// Sends one command byte. Returns false, and drops the byte, while the one before is still
+    /// waiting to be sent, which takes at most 260 us.
     pub fn send(&mut self, command: u8) -> bool {
         usart::send(&self.usart, command)
     }
@@ -61,7 +62,7 @@ impl Relay {
     }
 }
 
-/// The driver with the byte that it was sent last.
+/// The motor driver with its relay and the byte that was sent last.
 pub struct MotorOutput {
     motor: Motor,
     relay: Relay,
@@ -69,7 +70,7 @@ pub struct MotorOutput {
 }
 
 impl MotorOutput {
-    /// The driver after the stop command of the start, its relay open.
+    /// The driver after start-up has sent the stop command; its relay is open.
     pub fn new(motor: Motor, relay: Relay) -> Self {
         Self {
             motor,
@@ -78,8 +79,8 @@ impl MotorOutput {
         }
     }
 
-    /// Sends a command byte when it differs from the last one. `None`: no command is in
-    /// force; the motor's circuit is opened, and the byte is a stop.
+    /// Sends a command byte if it differs from the last one. `None` means that no command is in
+    /// force: opens the motor's circuit and sends a stop.
     pub fn set(&mut self, command: Option<u8>) {
         if command.unwrap_or(STOP) != self.last {
             self.repeat(command);
@@ -88,8 +89,8 @@ impl MotorOutput {
         }
     }
 
-    /// Sends a command byte even when it is the last one: the driver may have lost its power
-    /// in between.
+    /// Sends a command byte even if it is the same as the last one: the driver may have lost
+    /// its power in between.
     pub fn repeat(&mut self, command: Option<u8>) {
         self.relay.set(command.is_some());
         let byte = command.unwrap_or(STOP);
@@ -104,10 +105,10 @@ impl MotorOutput {
     }
 }
 
-/// Opens the relay and sends the stop command, without any state, and waits until that has
-/// left the pin.
+/// Opens the relay, sends the stop command and waits until it has left the pin. Uses no state.
 ///
-/// For the end of the program: the bytes before it are waited for, each within a bound.
+/// For the end of the program. Bytes that are still being sent are waited for, each for a
+/// bounded time.
 pub fn stop() {
     usart::end(STOP);
 }

@@ -1,4 +1,4 @@
-//! Compares what the HAL states in its own form with the crate `parts`, at build time.
+//! Compares facts that the HAL states in its own form with the crate `parts`, at build time.
 
 use crate::pac::{self, Interrupt};
 use core::marker::PhantomData;

@@ -8,7 +8,7 @@ use sled_common::lines::{LineQueue, Transmitter};
 
 /// Bits per second.
 pub const BAUD: u32 = 115_200;
-/// Lines that wait at most.
+/// Capacity of the queue, in lines.
 pub const LINES: usize = 8;
 /// Longest line, line ending included.
 pub const WIDTH: usize = 128;

@@ -1,8 +1,8 @@
 //! DMA streams (RM0390 chapter 9), through the HAL's stream types.
 //!
-//! The HAL's `Transfer` owns its buffer and hands it back at the end of a transfer. It has
-//! no place for a ring that the processor reads while it is written, nor for a queue whose
-//! lines leave one memory one after the other; so the streams are used by themselves.
+//! The HAL's `Transfer` owns its buffer and returns it at the end of a transfer. That does not
+//! suit a ring that the processor reads while it is being filled, nor a queue that sends its
+//! lines one after the other from one memory. So the streams are used directly.
 
 pub(crate) use stm32f4xx_hal::dma::config::Priority;
 pub(crate) use stm32f4xx_hal::dma::traits::Stream;
@@ -25,7 +25,7 @@ pub(crate) fn feed(stream: &mut impl Stream, channel: DmaChannel, register: u32)
 /// Starts the transfer of `length` bytes from `address`.
 ///
 /// # Safety
-/// The bytes stay untouched until [`finished`] was true.
+/// The bytes must stay untouched until [`finished`] has returned true.
 #[inline(always)]
 pub(crate) unsafe fn send(stream: &mut impl Stream, address: u32, length: u16) {
     stream.set_memory_address(address);
@@ -63,14 +63,15 @@ pub(crate) struct Ring {
     pub(crate) size: DmaDataSize,
     /// Priority among the streams.
     pub(crate) priority: Priority,
-    /// True if the half of the ring interrupts, too.
+    /// True if the stream also interrupts when half of the ring is full.
     pub(crate) halves: bool,
 }
 
 /// Fills a ring without end.
 ///
 /// # Safety
-/// The memory of the ring is read volatile only, and for ever left to the stream.
+/// The memory of the ring is read by volatile accesses only, and belongs to the stream for
+/// ever.
 #[inline(always)]
 pub(crate) unsafe fn circulate(stream: &mut impl Stream, ring: &Ring) {
     stream.set_peripheral_address(ring.register);

@@ -19,14 +19,14 @@ pub const REFRESH_HZ: u32 = 5;
 
 static MEMORY: Shared<u8, CAPACITY> = Shared::new(0);
 
-/// The way to the display.
+/// The sending side of the display's port.
 pub struct Lcd {
     stream: Stream3<pac::DMA1>,
     memory: Window<u8, CAPACITY>,
     busy: bool,
 }
 
-/// The way back from the display.
+/// The receiving side of the display's port.
 pub struct Replies {
     usart: pac::USART3,
 }
@@ -69,8 +69,8 @@ impl Lcd {
         self.busy
     }
 
-    /// Sends one string of commands, cut at [`CAPACITY`]; false when the last one is still
-    /// under way.
+    /// Sends one string of commands, cut at [`CAPACITY`]. Returns false while the last string
+    /// is still being sent.
     pub fn send(&mut self, text: &[u8]) -> bool {
         if self.busy || text.is_empty() {
             return false;
@@ -96,7 +96,7 @@ impl Lcd {
 }
 
 impl Replies {
-    /// The byte that the display sent, to be called by the task that is bound to USART3.
+    /// Takes the byte that the display sent. Call this from the task that is bound to USART3.
     pub fn received(&mut self) -> Option<u8> {
         usart::received(&self.usart)
     }

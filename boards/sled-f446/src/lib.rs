@@ -111,10 +111,10 @@ pub struct Rest {
 }
 
 impl Sled {
-    /// Starts the board: clocks first, everything else after.
+    /// Starts the board: the clocks first, then everything else.
     ///
-    /// `None` the second time in one run: the memory of the DMA channels is handed out
-    /// once.
+    /// Returns `None` if it was called before: the memory of the DMA streams can be handed out
+    /// only once.
     pub fn start(device: pac::Peripherals) -> Option<Self> {
         let reset_cause = clocks::reset_cause(&device.RCC);
         let clocks = clocks::start(&device.RCC, &device.PWR, &device.FLASH);
@@ -156,7 +156,7 @@ impl Sled {
     }
 }
 
-/// What the controller has besides.
+/// Peripherals that only the controller node uses.
 pub struct Operator {
     /// The joystick's axes.
     pub joystick: panel::Joystick,
@@ -211,8 +211,8 @@ impl Rest {
     }
 }
 
-/// Brings the actuator that this sled drives to a stop, without any state: none is
-/// connected to it.
+/// Stops the actuator of this sled. It does nothing, because no actuator is connected to this
+/// sled.
 pub fn stop_actuator() {}
 
 sled_common::fault_handlers!(crate::stop_actuator);

@@ -1,8 +1,9 @@
 //! The satellite receiver's port: USART1, TX PA9, RX PA10, 1 Mbaud 8N1, received by DMA2
 //! stream 2 into a ring.
 //!
-//! The stream interrupts at the half and at the end of the ring, the USART when the line
-//! falls idle: bytes wait for 1.28 ms at most, the end of a burst not at all (thesis 6.2.4.3).
+//! The stream interrupts at the half and at the end of the ring, and the USART when the line
+//! becomes idle. So bytes wait for 1.28 ms at most, and the end of a burst does not wait
+//! (thesis 6.2.4.3).
 
 use crate::dma::{self, DmaChannel, DmaDataSize, Priority, Ring, Stream, Stream2};
 use crate::pac;
@@ -66,14 +67,15 @@ impl Receiver {
 
     /// Acknowledges the idle line, and line errors.
     pub fn acknowledge_line(&mut self) {
-        // After an idle line no byte waits that the DMA stream could miss.
+        // The acknowledgement reads the data register. After an idle line no byte is waiting
+        // there that the DMA stream would miss.
         if usart::acknowledge_line(&self.usart) {
             self.overruns = self.overruns.wrapping_add(1);
         }
     }
 
-    /// The bytes that have arrived until now; those that are not taken are there again the
-    /// next time.
+    /// The bytes that have arrived so far. Bytes that the caller does not take are returned
+    /// again by the next call.
     #[inline(always)]
     pub fn arrived(&mut self) -> impl ExactSizeIterator<Item = u8> {
         let left = usize::from(self.stream.number_of_transfers());

@@ -29,7 +29,7 @@ impl Idle {
 }
 
 impl Watchdog {
-    /// Gives it its full time again.
+    /// Feeds it: its full time starts again.
     #[inline]
     pub fn feed(&mut self) {
         self.0.feed();

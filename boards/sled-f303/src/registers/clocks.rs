@@ -2,8 +2,8 @@
 //!
 //! With the clock: 8 MHz x 9 = 72 MHz, APB1 / 2 = 36 MHz, APB2 72 MHz. Without: HSI /
 //! 2 x 16 = 64 MHz, APB1 32 MHz, APB2 64 MHz. Two flash wait states for both.
-//! The Nucleo-F303K8 gets the debugger's clock only when its solder bridges say so, so
-//! the program asks the hardware and not the builder.
+//! The Nucleo-F303K8 gets the debugger's clock only if its solder bridges are set so. The
+//! program therefore detects the clock at run time and needs no build option.
 
 use crate::pac;
 use parts::SLED_F303;
@@ -42,8 +42,9 @@ const fn wait_states(core: u32) -> u8 {
     }
 }
 
-/// Polls that the external clock is given, about 10 cycles of the 8 MHz HSI each: 25 ms.
-/// The debugger's clock is there before the reset line is released.
+/// How often the external clock is polled before it counts as missing. A poll takes about 10
+/// cycles of the 8 MHz HSI, so this is 25 ms. The debugger's clock runs before the reset line
+/// is released.
 const HSE_POLLS: u32 = 20_000;
 
 /// Multiplier code of CFGR.PLLMUL: code = factor - 2 (RM0316 9.4.2).
@@ -57,7 +58,7 @@ pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Clocks {
     rcc.cr.modify(|_, w| w.hseon().set_bit());
     let external = (0..HSE_POLLS).any(|_| rcc.cr.read().hserdy().bit_is_set());
     if external {
-        // Should it stop, the non-maskable interrupt ends the program (RM0316 9.2.7).
+        // If the clock stops later, the non-maskable interrupt ends the program (RM0316 9.2.7).
         rcc.cr.modify(|_, w| w.csson().set_bit());
     } else {
         rcc.cr.modify(|_, w| w.hseon().clear_bit());

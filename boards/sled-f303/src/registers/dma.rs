@@ -9,7 +9,7 @@ pub(crate) fn set_register(channel: &CH, register: u32) {
     channel.par.write(|w| unsafe { w.bits(register) });
 }
 
-/// The memory of the next transfer.
+/// Sets the memory of the next transfer.
 #[inline(always)]
 pub(crate) fn set_memory(channel: &CH, address: u32, length: u16) {
     // SAFETY: any address is valid while the channel is disabled; the caller that enables the
@@ -32,7 +32,7 @@ pub(crate) fn finished_7() -> bool {
     }
 }
 
-/// Lets a channel read half-words from its register for ever, in a ring.
+/// Lets a channel read half-words from its register without end, into a ring.
 #[inline(always)]
 pub(crate) fn set_ring_of_half_words(channel: &CH) {
     channel.cr.modify(|_, w| {
@@ -42,7 +42,7 @@ pub(crate) fn set_ring_of_half_words(channel: &CH) {
     });
 }
 
-/// Lets a channel take the bytes of its memory one after the other.
+/// Lets a channel send the bytes of its memory one after the other.
 #[inline(always)]
 pub(crate) fn set_memory_increment(channel: &CH) {
     channel.cr.modify(|_, w| w.minc().set_bit());

@@ -2,12 +2,12 @@
 //!
 //! | module | why not the HAL |
 //! | --- | --- |
-//! | [`clocks`] | `CFGR::freeze` waits for the external clock without a bound and knows no way on without it; it searches for dividers at run time, with assertions that panic. |
-//! | [`time`] | The timers of the HAL stop and start anew at each timeout. A free-running counter with two compare interrupts has no driver. |
+//! | [`clocks`] | `CFGR::freeze` waits for the external clock without a bound and has no fallback; it searches for dividers at run time, with assertions that panic. |
+//! | [`time`] | The timers of the HAL stop and restart at each timeout. A free-running counter with two compare interrupts has no driver. |
 //! | [`timer`] | A HAL timer takes its rate from `rcc::Clocks`, which only `freeze` makes, and has no trigger output. |
 //! | [`usart`] | A HAL `Serial` takes its rate from `rcc::Clocks`, too; the motor's port must send without any state when the program ends. |
 //! | [`scan`] | `adc::Adc` converts one channel at a time and waits for it; it has neither an external trigger nor DMA. |
-//! | [`dma`] | The HAL's channels assert in every setter of an address or a length that they are disabled, which leaves panics in the image; they read the status register once for each flag. |
+//! | [`dma`] | Every setter of an address or a length asserts that the HAL's channel is disabled, which leaves panics in the image; the HAL reads the status register once for each flag. |
 //!
 //! Everything else goes through the HAL: pins, clock gates of the peripherals, DMA channels
 //! except addresses and lengths, the watchdog. The CAN cell has no driver in this HAL; its

@@ -2,8 +2,8 @@
 
 use crate::pac;
 
-/// Polls that the converter is given to calibrate and to get ready; it needs less than
-/// 10 us for each.
+/// How often the converter is polled while it calibrates or gets ready; it needs less than 10
+/// us for each.
 const POLLS: u32 = 10_000;
 
 /// Calibrates and enables the converter; `core` is the core clock in hertz. Its clock gate is
@@ -11,7 +11,7 @@ const POLLS: u32 = 10_000;
 pub(crate) fn enable(adc: &pac::ADC1, common: &pac::ADC1_2, core: u32) -> Option<()> {
     // The converter runs on the AHB clock / 2: 36 MHz, below the 72 MHz allowed.
     common.ccr.modify(|_, w| w.ckmode().sync_div2());
-    // The regulator wants to pass through its intermediate state, then 10 us
+    // The regulator must pass through its intermediate state, and then needs 10 us to settle
     // (RM0316 15.3.6).
     adc.cr.modify(|_, w| w.advregen().intermediate());
     adc.cr.modify(|_, w| w.advregen().enabled());

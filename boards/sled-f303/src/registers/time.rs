@@ -1,10 +1,10 @@
-//! The node's time base: TIM2 counts over 32 bits, its channel 1 is the window timer,
-//! its channel 2 the release of the control task.
+//! The node's time base: TIM2, a 32-bit counter. Its channel 1 is the window timer, its
+//! channel 2 releases the control task.
 //!
-//! The timer clock is twice APB1 (RM0316 9.2.9). With the external clock 72 MHz / 4 =
-//! 18 MHz, as on the other kind of sled: one CAN bit of 4 us is 72 ticks. With the RC
-//! oscillator 64 MHz / 4 = 16 MHz, 64 ticks. The counter wraps after four minutes;
-//! whoever subtracts stamps does it modulo 2^32.
+//! The timer clock is twice APB1 (RM0316 9.2.9). With the external clock: 72 MHz / 4 = 18 MHz,
+//! as on the other kind of sled, so one CAN bit of 4 us is 72 ticks. With the RC oscillator:
+//! 64 MHz / 4 = 16 MHz, 64 ticks. The counter wraps after four minutes, so differences of time
+//! stamps are taken modulo 2^32.
 
 use crate::pac;
 
@@ -14,7 +14,7 @@ const _: () = assert!(
     "one prescaler serves both oscillators"
 );
 
-/// Reads the counter; freely copied, it changes nothing.
+/// Reads the counter. It can be copied freely, because reading changes nothing.
 #[derive(Clone, Copy)]
 pub struct Clock(());
 
@@ -45,7 +45,7 @@ pub(crate) fn start(timer: pac::TIM2) -> (Clock, Alarms) {
 }
 
 impl Alarms {
-    /// Sets the window timer (channel 1). An instant that is already past fires at once.
+    /// Sets the window timer (channel 1). It fires at once if the instant is in the past.
     #[inline]
     pub fn set_window(&mut self, instant: u32) {
         self.timer.ccr1().write(|w| w.ccr().bits(instant));

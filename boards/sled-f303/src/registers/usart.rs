@@ -29,7 +29,7 @@ pub(crate) fn transmit_register(usart: &RegisterBlock) -> u32 {
     usart.tdr.as_ptr() as u32
 }
 
-/// Sends a byte; false, and nothing happens, while the last one waits for its turn.
+/// Sends a byte. Returns false, and drops the byte, while the last one is still waiting.
 #[inline(always)]
 pub(crate) fn send(usart: &RegisterBlock, byte: u8) -> bool {
     let free = usart.isr.read().txe().bit_is_set();
@@ -39,13 +39,15 @@ pub(crate) fn send(usart: &RegisterBlock, byte: u8) -> bool {
     free
 }
 
-/// Polls for one byte to leave, about 6 cycles each: longer than the 260 us of a byte.
+/// How often the end of a byte is polled, about 6 cycles each: longer than the 260 us of a
+/// byte.
 const POLLS: u32 = 10_000;
 
-/// Opens the relay on PA8 and sends `byte` over USART1, without any state, and waits until the
-/// byte has left the pin.
+/// Opens the relay on PA8, sends `byte` over USART1 and waits until it has left the pin. Uses
+/// no state.
 ///
-/// For the end of the program: the bytes before it are waited for, each within a bound.
+/// For the end of the program. Bytes that are still being sent are waited for, each for a
+/// bounded time.
 pub(crate) fn end(byte: u8) {
     // SAFETY: nothing else runs any more; resets the output of PA8 (RM0316 11.4.7), which
     // changes nothing when the port has no clock.

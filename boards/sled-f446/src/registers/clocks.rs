@@ -16,7 +16,7 @@ pub const APB2_HZ: u32 = SLED_F446.external.apb2;
 /// Clock of the timers on APB1, Hz.
 pub const APB1_TIMER_HZ: u32 = SLED_F446.external.apb1_timers();
 
-/// Input frequency of the PLL: 2 MHz, which RM0390 6.3.2 recommends against jitter.
+/// Input frequency of the PLL: 2 MHz, as RM0390 6.3.2 recommends to limit jitter.
 const PLL_INPUT_HZ: u32 = 2_000_000;
 /// Multiplier and output divider of the PLL, dividers of the peripheral buses.
 const PLL_N: u16 = 180;
@@ -49,8 +49,9 @@ const WAIT_STATES: u8 = match SLED_F446.part.flash_access.wait_states(CORE_HZ) {
     None => panic!("the core is faster than its flash"),
 };
 
-/// Polls that the external clock is given, about 10 cycles of the 16 MHz HSI each:
-/// 25 ms. The debugger's clock is there before the reset line is released.
+/// How often the external clock is polled before it counts as missing. A poll takes about 10
+/// cycles of the 16 MHz HSI, so this is 25 ms. The debugger's clock runs before the reset line
+/// is released.
 const HSE_POLLS: u32 = 40_000;
 
 /// Starts the clock tree and reports it.
@@ -64,7 +65,7 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Clocks {
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     let external = (0..HSE_POLLS).any(|_| rcc.cr().read().hserdy().bit_is_set());
     if external {
-        // Should it stop, the non-maskable interrupt ends the program (RM0390 6.2.7).
+        // If the clock stops later, the non-maskable interrupt ends the program (RM0390 6.2.7).
         rcc.cr().modify(|_, w| w.csson().set_bit());
     } else {
         rcc.cr().modify(|_, w| w.hseon().clear_bit());

@@ -2,8 +2,8 @@
 //!
 //! | module | why not the HAL |
 //! | --- | --- |
-//! | [`clocks`] | `Rcc::freeze` waits for the external clock without a bound, knows no way on without it and does not start the clock security system; it searches for dividers at run time, with assertions that panic. |
-//! | [`time`] | The counters of `timer` stop and start anew at each timeout. A free-running counter with two compare interrupts has no driver. |
+//! | [`clocks`] | `Rcc::freeze` waits for the external clock without a bound, has no fallback and does not start the clock security system; it searches for dividers at run time, with assertions that panic. |
+//! | [`time`] | The counters of `timer` stop and restart at each timeout. A free-running counter with two compare interrupts has no driver. |
 //! | [`timer`] | A HAL timer takes its rate from `rcc::Clocks`, which only `freeze` makes; a trigger output for the converter is not part of `Counter`. |
 //! | [`usart`] | A HAL `Serial` takes its rate from `rcc::Clocks`, too. |
 //! | [`scan`] | `Adc::new` converts the internal reference once: it waits for the end without a bound, and divides by the result. |

@@ -1,14 +1,14 @@
-//! The node's time base: TIM2 counts 18 MHz over 32 bits, its channel 1 is the window
-//! timer, its channel 2 the release of the control task.
+//! The node's time base: TIM2 counts at 18 MHz over 32 bits. Its channel 1 is the window timer,
+//! its channel 2 releases the control task.
 //!
-//! 90 MHz / 5 = 18 MHz: one CAN bit of 4 us is 72 ticks, and both kinds of sled count
-//! alike. The counter wraps after 238 s; whoever subtracts stamps does it modulo 2^32.
+//! 90 MHz / 5 = 18 MHz: one CAN bit of 4 us is 72 ticks, and both kinds of sled have the same
+//! rate. The counter wraps after 238 s, so differences of time stamps are taken modulo 2^32.
 
 use crate::pac;
 
 const PRESCALER: u32 = parts::SLED_F446.external.time_base_prescaler();
 
-/// Reads the counter; freely copied, it changes nothing.
+/// Reads the counter. It can be copied freely, because reading changes nothing.
 #[derive(Clone, Copy)]
 pub struct Clock(());
 
@@ -43,7 +43,7 @@ pub(crate) fn start(timer: pac::TIM2) -> (Clock, Alarms) {
 }
 
 impl Alarms {
-    /// Sets the window timer (channel 1). An instant that is already past fires at once.
+    /// Sets the window timer (channel 1). It fires at once if the instant is in the past.
     #[inline]
     pub fn set_window(&mut self, instant: u32) {
         // SAFETY: any 32-bit compare value is valid.

@@ -1,10 +1,10 @@
-//! Timers that run out at a fixed rate (RM0390 chapter 17).
+//! Timers that expire at a fixed rate (RM0390 chapter 17).
 
 use super::clocks::APB1_TIMER_HZ;
 
 pub(crate) use crate::pac::tim3::RegisterBlock;
 
-/// What a timer does when it runs out.
+/// What a timer does when it expires.
 pub(crate) enum Effect {
     /// It interrupts.
     Interrupt,
@@ -12,7 +12,7 @@ pub(crate) enum Effect {
     Trigger,
 }
 
-/// Starts a timer of APB1 that runs out `HZ` times a second. Its clock gate is open.
+/// Starts a timer of APB1 that expires `HZ` times a second. Its clock gate is open.
 #[inline(always)]
 pub(crate) fn start<const PRESCALER: u32, const HZ: u32>(timer: &RegisterBlock, effect: Effect) {
     const {

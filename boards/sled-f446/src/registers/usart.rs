@@ -2,16 +2,16 @@
 
 pub(crate) use crate::pac::usart1::RegisterBlock;
 
-/// What a port does besides sending and receiving bytes.
+/// Optional functions of a port.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Uses {
     /// A DMA stream feeds the transmitter.
     pub(crate) transmit_dma: bool,
     /// A DMA stream empties the receiver. Line errors interrupt.
     pub(crate) receive_dma: bool,
-    /// A line that falls idle interrupts.
+    /// The port interrupts when the line becomes idle.
     pub(crate) idle: bool,
-    /// A received byte interrupts.
+    /// The port interrupts at each received byte.
     pub(crate) received: bool,
 }
 
