@@ -1,4 +1,4 @@
-//! The words of the command line.
+//! Definition and parsing of the command line.
 
 use std::{ffi::OsString, path::PathBuf};
 
@@ -19,7 +19,7 @@ use crate::vehicle::{DEFAULT, SMALLEST};
     after_help = "Examples:\n  \
         cargo xtask build             all images, with their sizes\n  \
         cargo xtask sim               drive the virtual vehicle down the line\n  \
-        cargo xtask flash gps         the gps image onto the board that is connected\n  \
+        cargo xtask flash gps         write the gps image to the connected board\n  \
         cargo xtask test              everything that CI checks\n  \
         cargo xtask build --help      options and examples of one command"
 )]
@@ -31,23 +31,23 @@ struct Cli {
 /// A command and its options.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Build release images and compare their sizes with the boards'.
+    /// Build release images and compare their sizes with the boards' memories.
     Build(Build),
     /// Write a node's release image to a board with probe-rs.
     Flash(Flash),
-    /// Let the release images drive the virtual vehicle and report.
+    /// Run the release images in the virtual vehicle and report the results.
     Sim(Sim),
     /// Write the folder of a new vehicle.
     New(New),
-    /// Fit the steering's calibration to a recorded drive.
+    /// Compute the steering's calibration from a recorded drive.
     Calibrate(Calibrate),
-    /// Measure what protocol stack and control step cost: cycles, code, RAM.
+    /// Measure the cycles, code and RAM of the protocol stack and the control step.
     Bench(Bench),
     /// Show the system matrix of a network file, or find another one.
     Schedule(Schedule),
-    /// Say whether every deadline holds, from the sources and the images.
+    /// Analyse sources and images: does every task and message meet its deadline?
     Schedulability(Schedulability),
-    /// Propose priorities by deadlines and say where the sources differ.
+    /// Propose priorities by deadlines and show where the sources differ.
     Priorities(Priorities),
     /// Check everything: format, lints, tests, images, documentation.
     Test(Test),
@@ -58,7 +58,7 @@ pub enum Command {
 #[command(after_help = "Examples:\n  \
     cargo xtask build                  all nodes\n  \
     cargo xtask build steering drive   two of them\n  \
-    cargo xtask build --json           the table for programs, sizes in bytes\n\n\
+    cargo xtask build --json           the table as JSON, sizes in bytes\n\n\
     The target thumbv7em-none-eabihf is installed when it is missing.")]
 pub struct Build {
     /// Nodes to build [default: all]
@@ -76,7 +76,7 @@ pub struct Build {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask flash gps              build, write, verify, start\n  \
-    cargo xtask flash gps --dry-run    print the commands that would do so")]
+    cargo xtask flash gps --dry-run    only print the commands")]
 pub struct Flash {
     /// Node whose image to write
     #[arg(value_name = "NODE")]
@@ -94,12 +94,13 @@ pub struct Flash {
 #[command(after_help = "Examples:\n  \
     cargo xtask new vehicle sprayer                two boards on a bench, without a machine\n  \
     cargo xtask new vehicle sprayer --like uagv    four nodes, a steered and driven machine\n\n\
-    The folder firmware/vehicles/NAME builds and runs at once; firmware/PORTING.md leads on.")]
+    The folder firmware/vehicles/NAME builds and runs at once; see firmware/PORTING.md for what\n\
+    to do next.")]
 pub struct New {
     /// What to make
     #[arg(value_name = "KIND", value_enum)]
     pub kind: Kind,
-    /// Its name, also of its folder and of its package
+    /// Name of the vehicle, its folder and its package
     #[arg(value_name = "NAME")]
     pub name: String,
     /// Vehicle to copy, a folder below firmware/vehicles
@@ -123,12 +124,12 @@ pub enum Kind {
     cargo xtask sim                                straight-line, figures on the terminal\n  \
     cargo xtask sim gps-lost --seed 7 --out run    and bus.log, states.csv, summary.json, track.svg\n  \
     cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
-    cargo xtask sim --list                         the scenarios that come along\n  \
-    cargo xtask sim --experiment thesis-7          many runs against aims; --quick without images\n  \
+    cargo xtask sim --list                         the scenarios of the vehicle\n  \
+    cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
     cargo xtask sim --faults 200                   random faults; --shard 1/8 for an eighth of them\n\n\
     Experiments:\n  \
-    thesis-7   the track tests of the thesis, chapter 7, against its own law; exit code 1\n             \
-    and their names when aims are missed")]
+    thesis-7   the track tests of the thesis, chapter 7, with its control law for comparison;\n             \
+    exit code 1 and the names of the aims that are missed")]
 pub struct Sim {
     /// Name of one of the vehicle's scenarios, or the path of a TOML file [default: the
     /// vehicle's straight-line, or its first scenario]
@@ -140,7 +141,7 @@ pub struct Sim {
     /// Simulated time in seconds [default: the scenario's]
     #[arg(long, value_name = "N", value_parser = seconds, allow_hyphen_values = true)]
     pub seconds: Option<SimDuration>,
-    /// Seed of everything that is left to chance: noise, clock errors
+    /// Seed of all random numbers: noise, clock errors
     #[arg(
         long,
         value_name = "N",
@@ -148,7 +149,7 @@ pub struct Sim {
         allow_hyphen_values = true
     )]
     pub seed: u64,
-    /// Run an experiment instead: scenarios over many seeds, judged by aims
+    /// Run an experiment instead: scenarios with many seeds, checked against aims
     #[arg(long, value_name = "NAME", conflicts_with_all = ["scenario", "seconds", "list"])]
     pub experiment: Option<String>,
     /// Number of seeds of an experiment, from --seed upwards
@@ -159,8 +160,8 @@ pub struct Sim {
     /// instead of an hour
     #[arg(long, requires = "experiment")]
     pub quick: bool,
-    /// Run so many random fault sequences instead, with seeds from --seed upwards, and say
-    /// which of them broke a rule
+    /// Run N random fault sequences instead, with seeds from --seed upwards, and report
+    /// those that broke a rule
     #[arg(long, value_name = "N", conflicts_with_all = ["scenario", "seconds", "list", "experiment"],
         value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
     pub faults: Option<u64>,
@@ -174,7 +175,7 @@ pub struct Sim {
     /// Print the figures as JSON
     #[arg(long)]
     pub json: bool,
-    /// Name the scenarios instead of running one
+    /// List the scenarios instead of running one
     #[arg(long)]
     pub list: bool,
 }
@@ -194,12 +195,12 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
 /// Options of `calibrate`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    cargo xtask calibrate bus.log              figures, and what they would change in vehicle.toml\n  \
-    cargo xtask calibrate bus.log --write      the same, and change it\n  \
-    cargo xtask sim calibration --out drive    such a drive of the virtual vehicle\n\n\
-    The drive: in manual mode with an RTK-fixed solution, circles to both sides with the\n\
-    steering held, and the steering moved to both sides at several rates. The images must\n\
-    be those of this tree, before --write: their calibration tells what effort a command became.")]
+    cargo xtask calibrate bus.log              results, and the changes they would make in vehicle.toml\n  \
+    cargo xtask calibrate bus.log --write      the same, and make the changes\n  \
+    cargo xtask sim calibration --out drive    record such a drive in the virtual vehicle\n\n\
+    The drive: in manual mode with an RTK-fixed solution, drive circles to both sides with the\n\
+    steering held, and move the steering to both sides at several rates. The images of the\n\
+    drive must have the calibration of this tree, as it was before --write.")]
 pub struct Calibrate {
     /// The log of a drive, as `candump -l` writes it
     #[arg(value_name = "LOG")]
@@ -220,7 +221,7 @@ pub struct Calibrate {
 #[command(after_help = "Examples:\n  \
     cargo xtask bench                     tables of cycles and bytes\n  \
     cargo xtask bench --vehicle sprayer    the control step with another vehicle's settings\n  \
-    cargo xtask bench --json              the same for programs")]
+    cargo xtask bench --json              the same as JSON")]
 pub struct Bench {
     /// Vehicle whose control law is measured, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
@@ -233,14 +234,14 @@ pub struct Bench {
 /// Options of `schedule`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    cargo xtask schedule                                 the matrix that the file has, checked\n  \
-    cargo xtask schedule --method least-jitter           another one, on the terminal\n  \
+    cargo xtask schedule                                 the matrix of the file, checked\n  \
+    cargo xtask schedule --method least-jitter           a new one, on the terminal\n  \
     cargo xtask schedule --vehicle two-boards --method power-of-two --write\n  \
-    cargo xtask schedule my.dbc                          of a file by itself\n\n\
+    cargo xtask schedule my.dbc                          the matrix of a file without a vehicle\n\n\
     Methods:\n  \
     power-of-two   every period becomes the shortest one times a power of two; no jitter\n             \
     (thesis, 4.3.6.3)\n  \
-    least-jitter   periods stay; as little jitter as a search finds\n\n\
+    least-jitter   periods stay; a search minimises the jitter\n\n\
     Without a method the file's windows stay as they are, and --write changes nothing.")]
 pub struct Schedule {
     /// Network file (DBC) [default: the vehicle's]
@@ -258,15 +259,15 @@ pub struct Schedule {
     /// Print the matrix as JSON
     #[arg(long)]
     pub json: bool,
-    /// Thousandths of all time for arbitrating windows [default: those of the file, or one window]
+    /// Share of time for arbitrating windows, in thousandths [default: that of the file, or one window]
     #[arg(long, value_name = "N", requires = "method",
         value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub arbitrating: Option<u16>,
-    /// Thousandths of all time that must stay free
+    /// Share of time that must stay free, in thousandths
     #[arg(long, value_name = "N", requires = "method", default_value_t = 0,
         value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub free: u16,
-    /// Starts and lengths of windows are multiples of so many microseconds
+    /// Starts and lengths of windows are multiples of this, in microseconds
     #[arg(long, value_name = "US", requires = "method", default_value_t = 1,
         value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub grain: u32,
@@ -279,22 +280,22 @@ pub struct Schedule {
 /// How `schedule` finds windows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Method {
-    /// Periods become powers of two.
+    /// Every period becomes the shortest one times a power of two.
     PowerOfTwo,
-    /// Periods stay.
+    /// Periods stay; a search minimises the jitter.
     LeastJitter,
 }
 
 /// Options of `schedulability`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    cargo xtask schedulability                       all nodes, the bus, from end to end\n  \
+    cargo xtask schedulability                       all nodes, the bus, and the paths from end to end\n  \
     cargo xtask schedulability steering drive        two nodes\n  \
-    cargo xtask schedulability --html report.html    and a page with one basic cycle drawn\n  \
-    cargo xtask schedulability --explain steering.can_rx   where its time goes, by source line\n  \
-    cargo xtask schedulability --json                everything for programs, times in ps\n\n\
-    Exit code 0: every deadline holds; 1: not, and the first miss is named; 2: wrong input.\n\
-    What the sources cannot say (how often, by when) stands in tasks.toml of the vehicle's folder.")]
+    cargo xtask schedulability --html report.html    also a page with a drawing of one basic cycle\n  \
+    cargo xtask schedulability --explain steering.can_rx   its longest path, by source line\n  \
+    cargo xtask schedulability --json                everything as JSON, times in ps\n\n\
+    Exit code 0: every deadline holds; 1: one does not, and the first is named; 2: wrong input.\n\
+    Periods and deadlines that the sources do not state are in tasks.toml of the vehicle's folder.")]
 pub struct Schedulability {
     /// Nodes to analyse [default: all]
     #[arg(value_name = "NODE")]
@@ -302,13 +303,13 @@ pub struct Schedulability {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
-    /// Print the answers as JSON
+    /// Print the results as JSON
     #[arg(long)]
     pub json: bool,
-    /// Write the answers as one self-contained page
+    /// Write the results as one self-contained HTML page
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
-    /// Show the worst path of one task as source lines instead of the table
+    /// Show the worst-case path of one task as source lines instead of the table
     #[arg(long, value_name = "NODE.TASK", conflicts_with = "json")]
     pub explain: Option<String>,
 }
@@ -316,10 +317,10 @@ pub struct Schedulability {
 /// Options of `priorities`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    cargo xtask priorities           deadline-monotonic priorities beside those of the sources\n  \
-    cargo xtask priorities --json    the same for programs\n\n\
-    Where they differ it says what to change, and builds the image to see whether the order of\n\
-    the source is proven all the same.")]
+    cargo xtask priorities           deadline-monotonic priorities next to those of the sources\n  \
+    cargo xtask priorities --json    the same as JSON\n\n\
+    Where they differ, the command says what to change. It also builds the image and analyses\n\
+    whether all deadlines hold with the priorities of the source.")]
 pub struct Priorities {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
@@ -333,48 +334,48 @@ pub struct Priorities {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask test           all steps; exit code 1 if any of them fails\n  \
-    cargo xtask test --long    what a night has time for: the slow tests too, more faults\n  \
-    cargo xtask test --random  the property tests try other inputs than last time\n  \
-    cargo xtask test --list    name the steps and their commands\n\n\
+    cargo xtask test --long    a whole night: the slow tests too, and more faults\n  \
+    cargo xtask test --random  the property tests try new inputs\n  \
+    cargo xtask test --list    list the steps and their commands\n\n\
     One step runs the first 60 random fault sequences, with --long 1000;\n\
     `cargo xtask sim --faults N` runs as many as you like.")]
 pub struct Test {
-    /// Name the steps instead of running them
+    /// List the steps instead of running them
     #[arg(long)]
     pub list: bool,
     /// Run the slow tests too, and more random fault sequences
     #[arg(long)]
     pub long: bool,
-    /// Give the property tests inputs that nobody has tried; without it they try the same
-    /// ones every time
+    /// Give the property tests new random inputs; by default they use the same inputs every
+    /// time
     #[arg(long)]
     pub random: bool,
 }
 
-/// What is wrong with the command line.
+/// An error in the command line.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// It names no command.
+    /// There is no command.
     #[error(
         "no command is given: {} are accepted; see `cargo xtask --help`",
         commands().join(", ")
     )]
     NoCommand,
-    /// A word is not accepted, or one is missing.
+    /// An argument is not accepted, or one is missing.
     #[error("{}", sentence(.0))]
     Words(clap::Error),
 }
 
-/// What the command line asks for.
+/// The request of a command line.
 #[derive(Debug)]
 pub enum Request {
-    /// To run a command.
+    /// Run a command.
     Run(Command),
-    /// To show a text: help or version.
+    /// Show a text: help or version.
     Show(String),
 }
 
-/// Reads the command line, the program's name first.
+/// Parses the command line. The first argument is the program's name.
 ///
 /// # Errors
 ///
@@ -400,7 +401,7 @@ fn commands() -> Vec<String> {
     names.map(String::from).collect()
 }
 
-/// The first paragraph of a clap error, which says what is wrong, on one line.
+/// The first paragraph of a clap error, which describes the error, on one line.
 fn sentence(error: &clap::Error) -> String {
     let text = error.render().to_string();
     let paragraph = text.split("\n\n").next().unwrap_or_default();
