@@ -1,6 +1,6 @@
 //! Values of a vehicle's manifest that a scenario may change.
 
-/// Makes a struct in which every field of another one may be left out.
+/// Defines a struct of changes to another struct, in which every field may be left out.
 ///
 /// Fields after `optional` are optional in the other struct too.
 macro_rules! changes {

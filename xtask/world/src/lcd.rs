@@ -1,9 +1,9 @@
 //! The operator's display at the controller node.
 //!
-//! The thesis does not name the model (6.2.4.5): it only shows that the module answers every
-//! command that it accepts with `0x55`. So the display is a trait, and [`RowDisplay`] a module
-//! that behaves as shown, with the commands that the controller's firmware speaks: two digits
-//! for the row, a letter for the colour (`W`, `G` or `R`), the text, a carriage return.
+//! The thesis does not name the display's model (6.2.4.5). It only shows that the module answers
+//! every accepted command with `0x55`. Therefore the display is a trait, and [`RowDisplay`] is a
+//! module with that behaviour and with the commands that the controller's firmware sends: two
+//! digits for the row, a letter for the colour (`W`, `G` or `R`), the text, a carriage return.
 
 use crate::syren::fits;
 use crate::time::{SimDuration, SimTime, after, since};
@@ -22,8 +22,8 @@ const LONGEST: usize = 43;
 
 /// A serial display.
 pub trait Display {
-    /// Takes a byte whose stop bit ended at `at`; returns when the display has executed the
-    /// command that the byte completes and begins to acknowledge it.
+    /// Processes a byte whose stop bit ended at `at`. If the byte completes a command, returns the
+    /// time at which the display has executed it and begins to acknowledge it.
     fn receive(&mut self, byte: u8, at: SimTime) -> Option<SimTime>;
 
     /// The text on the display, row by row.
@@ -32,7 +32,7 @@ pub trait Display {
     /// Commands executed.
     fn executed(&self) -> u64;
 
-    /// Commands not understood, which get no answer.
+    /// Commands that the display did not understand and did not answer.
     fn refused(&self) -> u64;
 }
 
@@ -48,7 +48,7 @@ pub struct RowDisplay {
 }
 
 impl RowDisplay {
-    /// A blank display that executes a command in `delay`; with `acknowledges` false it never
+    /// A blank display that executes a command in `delay`. With `acknowledges` false it never
     /// answers.
     #[must_use]
     pub fn new(acknowledges: bool, delay: SimDuration) -> Self {
@@ -82,7 +82,7 @@ impl RowDisplay {
 impl Display for RowDisplay {
     fn receive(&mut self, byte: u8, at: SimTime) -> Option<SimTime> {
         if byte != b'\r' {
-            // One byte too many is kept to tell that the command is too long.
+            // One byte more than the limit is kept, to detect that a command is too long.
             if self.command.len() <= LONGEST {
                 self.command.push(byte);
             }
@@ -113,7 +113,7 @@ impl Display for RowDisplay {
     }
 }
 
-/// Whether a byte between `start` and `end` has the display's baud rate.
+/// True if a byte from `start` to `end` has the display's baud rate.
 #[must_use]
 pub fn readable(start: SimTime, end: SimTime) -> bool {
     fits(since(end, start), BAUD)
@@ -127,7 +127,7 @@ mod tests {
         RowDisplay::new(acknowledges, SimDuration::from_ticks(7))
     }
 
-    /// Answers to each byte of `text`, sent at instant 5.
+    /// The answers to the bytes of `text`, all sent at time 5.
     fn send(display: &mut RowDisplay, text: &[u8]) -> Vec<Option<u64>> {
         let answer = |byte: &u8| display.receive(*byte, SimTime::from_ticks(5));
         text.iter()

@@ -6,7 +6,7 @@ use crate::time::Span as _;
 use crate::time::{SimTime, at};
 use vehicle_model::{NodeIndex, Remote};
 
-/// A level that changes.
+/// A change of a level.
 #[derive(Copy, Clone, Debug, PartialEq, Eq)]
 pub struct LevelChange {
     /// When.
@@ -31,7 +31,7 @@ impl Button {
     }
 }
 
-/// Edges of one press: each contact closes and opens twice more before it rests.
+/// The levels of one press: after each edge the contact closes and opens twice more.
 fn press(press: &ButtonPress) -> Vec<LevelChange> {
     let input = press.button.input();
     let pressed = !input.idle();
@@ -53,8 +53,8 @@ fn press(press: &ButtonPress) -> Vec<LevelChange> {
     changes
 }
 
-/// The presses of a remote control whose receiver changes an output at each press. The
-/// receiver's outputs are electronic: they do not bounce, and a release changes nothing.
+/// The presses of a remote control whose receiver toggles an output at each press. The outputs are
+/// electronic: they do not bounce, and releasing a button changes nothing.
 fn toggles(scenario: &Scenario) -> Vec<LevelChange> {
     let mut presses: Vec<&ButtonPress> = scenario.press.iter().filter(|p| is_remote(p)).collect();
     presses.sort_by(|a, b| a.at.get().total_cmp(&b.at.get()));
@@ -72,12 +72,12 @@ fn toggles(scenario: &Scenario) -> Vec<LevelChange> {
     presses.into_iter().map(toggle).collect()
 }
 
-/// Whether the button is on the remote control.
+/// True if the button is on the remote control.
 fn is_remote(press: &ButtonPress) -> bool {
     press.button != Button::J
 }
 
-/// All changes of all levels, in order of time, with this kind of remote control.
+/// All level changes in order of time, for this kind of remote control.
 #[must_use]
 pub fn level_changes(scenario: &Scenario, remote: Remote) -> Vec<LevelChange> {
     let mut changes = match remote {
@@ -98,7 +98,7 @@ pub fn level_changes(scenario: &Scenario, remote: Remote) -> Vec<LevelChange> {
     changes
 }
 
-/// The joystick's way to the right and forward, -1 to 1, at `when`.
+/// The joystick's deflection to the right and forward, -1 to 1, at `when`.
 #[must_use]
 pub fn joystick(scenario: &Scenario, when: SimTime) -> (f64, f64) {
     let now = crate::time::seconds(when);
@@ -118,8 +118,8 @@ pub fn joystick(scenario: &Scenario, when: SimTime) -> (f64, f64) {
         })
 }
 
-/// The knob of a node, from 0 at one end to 1 at the other, at `when`; in the middle until it is
-/// turned for the first time.
+/// Position of a node's knob at `when`, from 0 at one end to 1 at the other. It is in the middle
+/// until it is turned for the first time.
 #[must_use]
 pub fn knob(scenario: &Scenario, node: NodeIndex, when: SimTime) -> f64 {
     let now = crate::time::seconds(when);

@@ -1,4 +1,4 @@
-//! Reproducible randomness: one independent ChaCha8 stream for each purpose.
+//! Reproducible random numbers: one independent ChaCha8 stream for each purpose.
 //!
 //! ChaCha is defined on integers, and the logarithm and cosine of the normal distribution come
 //! from `libm`, so that a seed gives the same noise on every platform.
@@ -6,8 +6,8 @@
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// Purpose of a random stream. Streams of different purposes never share numbers, so that one
-/// more draw in one place leaves all others as they were.
+/// Purpose of a random stream. Each purpose has a stream of its own, so drawing one more number for
+/// one purpose leaves the others unchanged.
 #[derive(Copy, Clone, Debug, PartialEq, Eq)]
 #[repr(u64)]
 pub enum Purpose {
@@ -21,7 +21,7 @@ pub enum Purpose {
     StreamFaults = 4,
     /// Noise of the potentiometer and joystick voltages.
     Analog = 5,
-    /// Numbers that a run's own faults need.
+    /// Random choices for a run's faults.
     Faults = 6,
     /// Noise of the knobs' voltages.
     Knobs = 7,
@@ -42,7 +42,7 @@ impl Stream {
         Self { generator }
     }
 
-    /// Moves to the numbers that belong to `index`, whatever was drawn before; up to 16 words
+    /// Moves to the numbers that belong to `index`, independent of earlier draws. Up to 16 words
     /// (eight calls of [`Stream::uniform`]) belong to one index.
     pub fn seek(&mut self, index: u64) {
         self.generator.set_word_pos(u128::from(index) * 16);

@@ -30,7 +30,7 @@ pub struct StateSample {
 /// The effort at a motor changes.
 #[derive(Copy, Clone, Debug, PartialEq)]
 pub struct EffortChange {
-    /// End of the byte that changed it, or the instant at which the relay did.
+    /// End of the byte, or time of the relay's change, that changed the effort.
     pub at: SimTime,
     /// The node that the motor driver is wired to.
     pub node: NodeIndex,
@@ -45,7 +45,7 @@ pub struct EffortChange {
 pub struct Counters {
     /// Bytes the receiver sent.
     pub receiver_bytes: u64,
-    /// Bytes that the motor drivers took.
+    /// Bytes that the motor drivers accepted.
     pub motor_bytes: u64,
     /// Bytes lost at the motor drivers because of a wrong baud rate.
     pub motor_wrong_baud: u64,

@@ -1,20 +1,21 @@
 //! SyRen 50 motor driver in simplified serial mode: each byte sets the motor's effort.
 //!
-//! 8N1 at the baud rate that the driver's switches say; 127 stops, 255 is full effort one way and
-//! 0 the other (Dimension Engineering, SyRen 50 user's guide; thesis 6.2.4.4). The driver keeps
-//! its last effort until the next byte; a relay in the motor's lead, which the node holds closed,
-//! decides whether that effort reaches the motor.
+//! Frames are 8N1 at the baud rate set by the driver's switches. Byte 127 stops the motor; 255 is
+//! full effort in one direction and 0 in the other (Dimension Engineering, SyRen 50 user's guide;
+//! thesis 6.2.4.4). The driver keeps its effort until the next byte. A relay in the motor's lead,
+//! controlled by the node, disconnects the motor while it is open.
 
 use crate::time::{SimDuration, SimTime, since};
 
-/// Baud rate of the driver's switches.
+/// Baud rate set by the driver's switches.
 pub const BAUD: u32 = 38_400;
 
 /// The byte that stops the motor.
 pub const STOP: u8 = 127;
 
-/// Share by which a sender's bit may differ from the driver's before the stop bit is missed: a
-/// receiver that samples mid-bit loses a ten-bit character at 5 %, and each side may take half.
+/// Largest relative difference between the sender's and the driver's bit times. A receiver that
+/// samples in the middle of a bit loses a ten-bit character at 5 %; half of that is allowed for
+/// each side.
 const TOLERANCE: f64 = 0.025;
 
 /// The effect of a byte.
@@ -22,11 +23,11 @@ const TOLERANCE: f64 = 0.025;
 pub enum Reception {
     /// The byte was read.
     Accepted,
-    /// The sender's bit time is not the driver's: the byte is lost.
+    /// The byte is lost because the sender's bit time differs from the driver's.
     WrongBaud,
 }
 
-/// Whether ten bits that took `length` fit `baud`.
+/// True if ten bits that lasted `length` match `baud`.
 #[must_use]
 pub fn fits(length: SimDuration, baud: u32) -> bool {
     let expected = 10.0 / f64::from(baud);
@@ -58,7 +59,7 @@ impl Syren {
         }
     }
 
-    /// A byte came in between the edge of its start bit and the end of its stop bit.
+    /// Processes a byte that lasted from the edge of its start bit to the end of its stop bit.
     pub fn receive(&mut self, byte: u8, start: SimTime, end: SimTime) -> Reception {
         if fits(since(end, start), BAUD) {
             self.byte = Some(byte);
@@ -93,7 +94,7 @@ impl Syren {
     }
 }
 
-/// Effort that a byte asks for: -1 at 0, 0 at 127, 1 at 255.
+/// Effort for a byte: -1 at 0, 0 at 127, 1 at 255.
 #[must_use]
 pub fn effort_of(byte: u8) -> f64 {
     let steps = f64::from(byte) - 127.0;

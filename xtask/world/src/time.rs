@@ -1,7 +1,7 @@
 //! Simulated time: picoseconds since the start of the run.
 //!
-//! A picosecond divides every clock of the system finely enough (one core cycle of the 180 MHz
-//! part is 5555.6 ps) and 64 bits of it last 213 days.
+//! Picoseconds are fine enough for every clock of the system (one core cycle of the 180 MHz part is
+//! 5555.6 ps), and 64 bits last for 213 days.
 
 /// An instant of the simulated run.
 pub type SimTime = fugit_host::MonotonicTimerInstantU64<1_000_000_000_000>;
@@ -33,7 +33,7 @@ pub fn from_seconds(seconds: f64) -> SimDuration {
     SimDuration::from_ticks((seconds * PER_SECOND as f64).round() as u64)
 }
 
-/// The span between two instants, zero when `earlier` is not earlier.
+/// The span between two times, zero if `earlier` is the later one.
 #[must_use]
 pub fn since(later: SimTime, earlier: SimTime) -> SimDuration {
     SimDuration::from_ticks(later.as_ticks().saturating_sub(earlier.as_ticks()))
@@ -45,7 +45,7 @@ pub fn at(span: SimDuration) -> SimTime {
     SimTime::from_ticks(span.as_ticks())
 }
 
-/// `time` moved later by `span`.
+/// The time `span` after `time`.
 #[must_use]
 pub fn after(time: SimTime, span: SimDuration) -> SimTime {
     SimTime::from_ticks(time.as_ticks() + span.as_ticks())

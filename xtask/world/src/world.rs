@@ -1,9 +1,10 @@
 //! Everything around the nodes, as one value that a simulation of the nodes drives.
 //!
-//! The caller moves the world with [`World::advance_to`], hands over the bytes that the nodes
-//! send with [`World::serial`], reads voltages with [`World::adc`] and fetches what happens at
-//! the nodes' pins with [`World::poll`]. What comes out depends only on scenario, seed and the
-//! stamps of the bytes that went in, never on how often or in which steps the caller asks.
+//! The caller advances the world with [`World::advance_to`], passes on the bytes that the nodes
+//! send with [`World::serial`], reads voltages with [`World::adc`] and fetches events at the nodes'
+//! pins with [`World::poll`]. The outputs depend only on the scenario, the seed and the time stamps
+//! of the bytes passed in. They do not depend on how often the caller asks or in which steps it
+//! advances.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -107,7 +108,7 @@ pub struct Output {
     pub what: Effect,
 }
 
-/// An output in the queue; `order` keeps those of one instant in the order they were made.
+/// A queued output. `order` preserves the order in which outputs of the same time were made.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Queued {
     at: SimTime,
@@ -127,7 +128,7 @@ impl PartialOrd for Queued {
     }
 }
 
-/// A foreign frame that is sent again and again.
+/// A foreign frame that is sent periodically.
 #[derive(Clone, Debug)]
 struct Repeat {
     next: SimTime,
@@ -149,7 +150,7 @@ struct Driver {
 struct Clocks {
     crystal: f64,
     internal: f64,
-    /// Whether the 8 MHz clock is there.
+    /// True if the node has its 8 MHz clock.
     external: bool,
 }
 
@@ -356,8 +357,8 @@ impl World {
         self.now
     }
 
-    /// Not later than the next instant at which something happens at the nodes; it may come to
-    /// nothing, because a measurement that has not been taken yet has no bytes yet.
+    /// A time no later than the next event at the nodes. It may be the time of a measurement, whose
+    /// bytes follow later, so that nothing happens at this time itself.
     #[must_use]
     pub fn next_event(&self) -> Option<SimTime> {
         let ready = self.ready.front().map(|output| output.at);
@@ -369,8 +370,9 @@ impl World {
             .min()
     }
 
-    /// The next instant at which the world looks at the vehicle. A byte that a node sends
-    /// earlier may be handed over late, as long as the world has not been moved that far.
+    /// The next time at which the world reads the state of the vehicle. A byte that a node sends
+    /// before then may be passed on late, as long as the world has not yet been advanced to that
+    /// time.
     #[must_use]
     pub fn next_coupling(&self) -> SimTime {
         let record = self.next_record;
@@ -384,7 +386,8 @@ impl World {
             .map(|(_, receiver)| receiver.next_epoch())
     }
 
-    /// Lets everything happen up to and including `to`. Going back does nothing.
+    /// Processes all events up to and including `to`. An earlier time than the current one has no
+    /// effect.
     pub fn advance_to(&mut self, to: SimTime) {
         loop {
             let queued = self.queue.peek().map(|Reverse(queued)| queued.at);
@@ -397,7 +400,8 @@ impl World {
             if next > to {
                 break;
             }
-            // A fixed order within an instant: record, measure, then effects on the nodes.
+            // The order of events at the same time is fixed: record, measure, then effects on the
+            // nodes.
             if self.next_record == next {
                 self.record(next);
             } else if self.next_epoch() == Some(next) {
@@ -411,7 +415,7 @@ impl World {
         self.now = self.now.max(to);
     }
 
-    /// The next thing that has happened, in order of time.
+    /// The next output, in order of time.
     pub fn poll(&mut self) -> Option<Output> {
         self.ready.pop_front()
     }
@@ -505,7 +509,7 @@ impl World {
         self.levels[input.index()]
     }
 
-    /// The inputs that have voltages, with the nodes that convert them.
+    /// The inputs with voltages, and the nodes that convert them.
     #[must_use]
     pub fn analogs(&self) -> &[(NodeIndex, Analog)] {
         &self.analogs
@@ -517,8 +521,8 @@ impl World {
         self.switches
     }
 
-    /// A node sent a byte to a device: `start` is the falling edge of its start bit, `end` the
-    /// end of its stop bit.
+    /// Passes on a byte that a node sent to a device. `start` is the falling edge of its start bit,
+    /// `end` the end of its stop bit.
     pub fn serial(
         &mut self,
         node: NodeIndex,
@@ -560,7 +564,7 @@ impl World {
         }
     }
 
-    /// Records and applies what has become of a driver's last byte and effort.
+    /// Records and applies a change of a driver's last byte or effort since `before`.
     fn effort_may_change(&mut self, node: NodeIndex, before: (Option<u8>, f64), at: SimTime) {
         let Some(motor) = self.motors.iter().find(|motor| motor.node == node) else {
             return;
@@ -607,8 +611,8 @@ impl World {
         }
     }
 
-    /// Reading of a 12-bit converter that samples a voltage at `when`. The noise belongs to the
-    /// channel and the microsecond, so that asking again gives the same answer.
+    /// Reading of a 12-bit converter that samples a voltage at `when`. The noise is a function of
+    /// the channel and the microsecond, so a repeated call returns the same reading.
     pub fn adc(&mut self, channel: Analog, when: SimTime) -> u16 {
         let us = when.as_ticks() / 1_000_000;
         let joystick = |share: f64| CENTRE + share * (FULL_SCALE - CENTRE);
@@ -690,7 +694,7 @@ impl World {
     }
 }
 
-/// Quality of the receiver's solution from each instant on; empty without a receiver.
+/// Quality of the receiver's solution from each time on; empty without a receiver.
 fn fixes(scenario: &Scenario) -> Vec<(SimTime, Fix)> {
     let Some(receiver) = &scenario.receiver else {
         return Vec::new();
@@ -702,7 +706,7 @@ fn fixes(scenario: &Scenario) -> Vec<(SimTime, Fix)> {
     fixes
 }
 
-/// The clocks of all nodes; errors that the scenario leaves open are drawn.
+/// The clocks of all nodes. Errors that the scenario does not set are random.
 fn clocks(scenario: &Scenario, seed: u64) -> Vec<Clocks> {
     let mut errors = Stream::new(seed, Purpose::Clocks);
     let draw = |clock: &Clock| {
@@ -757,8 +761,8 @@ fn analogs(vehicle: &vehicle_model::Vehicle) -> Vec<(NodeIndex, Analog)> {
     analogs
 }
 
-/// The scenario's start pose, which places the point of the centre line beside the antenna, as
-/// the rear axle's.
+/// Converts the scenario's start pose to the state of the vehicle. The pose is that of the point on
+/// the centre line beside the antenna; the state is that of the rear axle.
 fn start(scenario: &Scenario, machine: &Parameters) -> State {
     let pose = &scenario.start;
     let ahead = machine.rear_to_antenna.get();

@@ -77,7 +77,7 @@ fn a_lost_fix_stops_the_motors() {
         (stop.event.as_str(), stop.at_seconds),
         ("fix lost (single)", 20.0)
     );
-    // Receiver phase, latency and burst: at most 100 + 41 + 4 ms, and a byte.
+    // Receiver phase, latency and burst take at most 100 + 41 + 4 ms; one byte more.
     assert!(stop.motors_stopped_after_ms.unwrap() < 146.0, "{stop:?}");
 }
 

@@ -1,4 +1,4 @@
-//! The receiver's byte stream, read by the `sbp` crate.
+//! The receiver's byte stream, decoded by the `sbp` crate.
 
 mod uagv;
 
@@ -212,7 +212,7 @@ fn solutions_come_at_ten_hertz_of_gps_time() {
         receiver.measure(&STILL, fix);
     }
     assert!((epochs[9] - 0.937).abs() < 1e-9, "steered to GPS time");
-    // A clock that is fast by 100 ppm gains 10 us in each period without satellites.
+    // A clock that is fast by 100 ppm gains 10 us per period without satellites.
     assert!(
         (epochs[20] - (2.037 - 100e-6)).abs() < 2e-9,
         "{}",

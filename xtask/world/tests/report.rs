@@ -1,4 +1,4 @@
-//! The report on made-up runs whose figures can be worked out by hand.
+//! Reports on artificial runs whose figures can be computed by hand.
 
 mod uagv;
 
@@ -59,7 +59,7 @@ fn window(id: u16, start: f64, kind: WindowKind, due: Due) -> Window {
     }
 }
 
-/// Everything that a run refers to.
+/// The data that a run refers to.
 struct Made {
     scenario: Scenario,
     nodes: Vec<String>,
@@ -122,8 +122,9 @@ impl Made {
     }
 }
 
-/// 1 m right of the line until 2 s, then 2 cm right and left by turns each 10 ms, with one
-/// touch of the band at 3 s that is too short to count as settling before it.
+/// 1 m right of the line until 2 s, then alternately 2 cm right and left every 10 ms. At 3 s the
+/// error leaves the band for a moment, so the first second in the band is too short to count as
+/// settled.
 fn driven() -> Made {
     let mut made = Made::new("", 10.0);
     for i in 0..=1000 {
@@ -243,7 +244,7 @@ fn stops_are_timed_from_the_event() {
     );
 }
 
-/// Two basic cycles and a bit of a third, with one frame late, one missed and one foreign.
+/// Two basic cycles and the beginning of a third, with one frame late, one missed and one foreign.
 fn traffic() -> Made {
     let mut made = Made::new("", 0.25);
     made.windows = vec![
@@ -279,7 +280,7 @@ fn bus_figures() {
         (Some(20.0), Some(200))
     );
     assert_eq!(bus.earliest_start_us, Some(-2.0));
-    // 206 in the third cycle. 200 in the second is not due without a fix.
+    // Message 206 in the third cycle. Message 200 in the second is not due without a fix.
     assert_eq!(bus.missed_windows, 1);
     assert_eq!(bus.frames_outside_their_window, 1);
     assert_eq!(bus.foreign_frames, 1);
@@ -352,15 +353,15 @@ fn a_takeover_is_timed_from_the_dead_masters_last_reference() {
     assert_eq!(takeover.master, "gps");
     assert_eq!(takeover.at_seconds, 0.15);
     assert_eq!(takeover.next_reference_after_us, Some(100_018.0));
-    // A basic cycle of 100 ms, 16 us of a backup's offset, 20 us of uncertainty.
+    // A basic cycle of 100 ms, the backup's offset of 16 us, and 20 us of clock uncertainty.
     assert_eq!(takeover.bound_us, 100_036.0);
-    // The dead master's own window does not count.
+    // The window of the master that is in reset does not count.
     assert_eq!(takeover.windows_lost, 0);
     made.frames.remove(7);
     assert_eq!(takeovers(&made)[0].windows_lost, 1);
     made.frames.truncate(6);
     assert_eq!(takeovers(&made)[0].next_reference_after_us, None);
-    // A node that was not in charge hands nothing over.
+    // There is no takeover if the node in reset was not the current master.
     made.frames.truncate(3);
     made.frames[0].id = 101;
     assert_eq!(takeovers(&made), []);
@@ -495,7 +496,7 @@ fn a_folder_appears_whole() {
     assert_eq!(folder.finish().unwrap(), target);
     assert_eq!(std::fs::read(target.join("a.txt")).unwrap(), b"A");
 
-    // Again into the same folder: replaced, the rest stays.
+    // A second run into the same folder replaces its files and keeps the others.
     std::fs::write(target.join("mine.txt"), b"M").unwrap();
     let mut folder = OutputFolder::create(&target).unwrap();
     folder.write("a.txt", b"B").unwrap();

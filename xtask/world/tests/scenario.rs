@@ -1,4 +1,4 @@
-//! Scenario files: what is refused, and with which sentence.
+//! Scenario files: which ones are rejected, and with which error message.
 
 mod uagv;
 
@@ -174,7 +174,7 @@ fn the_example_of_the_description_reads() {
         .next()
         .unwrap();
     let scenario = Scenario::parse(&uagv::vehicle(), "example", "SCENARIOS.md", example).unwrap();
-    // Where the description states a default it is the default.
+    // Where the description states a default value, the parser uses the same one.
     let default = Scenario::parse(&uagv::vehicle(), "empty", "empty", "").unwrap();
     assert_eq!(machine(&scenario).drive_lag, machine(&default).drive_lag);
     assert_eq!(scenario.ground.rear_slip, default.ground.rear_slip);
@@ -236,7 +236,7 @@ fn what_the_file_leaves_out_is_the_manifests() {
     assert_eq!(scenario.start.heading.get().to_degrees(), 90.0);
 }
 
-/// Two boards without a machine, of the UAGV's network.
+/// Two boards without a machine, in the UAGV's network.
 fn boards() -> vehicle_model::Vehicle {
     let network = std::fs::read_to_string(uagv::vehicle().network_file()).unwrap();
     let node = |name: &str, board: &str, wiring: &str| {

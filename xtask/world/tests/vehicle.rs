@@ -1,4 +1,4 @@
-//! The vehicle against closed forms, and within its limits whatever it is told.
+//! Compares the vehicle with closed-form solutions, and checks its limits for random inputs.
 
 mod uagv;
 
@@ -15,7 +15,7 @@ const REST: State = State {
     speed: 0.0,
 };
 
-/// Grips, and reaches its speed at once.
+/// Tyres without slip, and a drive without lag.
 fn ideal() -> (Parameters, Ground) {
     let parameters = Parameters {
         drive_lag: Time::new(0.0),
@@ -29,7 +29,7 @@ fn ideal() -> (Parameters, Ground) {
     (parameters, ground)
 }
 
-/// Effort that drives at `speed`, below 2 m/s.
+/// Effort for `speed`, below 2 m/s.
 fn effort(speed: f64) -> f64 {
     (0.05 + 0.95 * speed.abs() / 2.0) * speed.signum()
 }
@@ -57,7 +57,7 @@ fn constant_steering_is_a_circle_of_wheelbase_over_tangent() {
     let steering = 20_f64.to_radians();
     let radius = 1.10 / steering.tan();
     let mut vehicle = Vehicle::new(parameters, ground, State { steering, ..REST });
-    // Positive steering turns right: the centre lies to the east.
+    // Positive steering turns right, so the centre of the circle is to the east.
     for _ in 0..40 {
         drive_for(&mut vehicle, 0.5, 0.0, effort(1.0));
         let state = vehicle.state();
@@ -69,8 +69,8 @@ fn constant_steering_is_a_circle_of_wheelbase_over_tangent() {
         let turned = seconds(vehicle.now()) / radius;
         assert!(near(state.heading, turned, 1e-9));
     }
-    // The antenna, 0.255 m ahead of the axle, runs on a circle of its own around the same centre
-    // and as fast as its radius says.
+    // The antenna, 0.255 m ahead of the axle, moves on a circle around the same centre, at a speed
+    // in proportion to its radius.
     let antenna = vehicle.antenna();
     let own = radius.hypot(0.255);
     assert!(near(antenna.north.hypot(antenna.east - radius), own, 1e-9));
@@ -265,7 +265,7 @@ proptest! {
             let most = 25_f64.to_radians() * gain * span;
             prop_assert!((after.steering - before.steering).abs() <= most + 1e-9);
             let moved = (after.north - before.north).hypot(after.east - before.east);
-            // Along and across: slip angles stay below 20 degrees here.
+            // Distance along and across the heading: slip angles stay below 20 degrees here.
             prop_assert!(moved <= 2.0 * span / 20_f64.to_radians().cos() + 1e-9);
         }
     }

@@ -1,4 +1,4 @@
-//! The world as the nodes see it.
+//! The outputs of the world at the nodes' pins.
 
 mod uagv;
 
@@ -106,7 +106,7 @@ fn the_receiver_measures_its_antenna_beside_the_centre_line() {
     // Heading east, right of the vehicle is south.
     assert!((antenna.north - 2.6).abs() < 1e-9 && (antenna.east - 1.0).abs() < 1e-9);
     assert_eq!(antenna.height, 1.0);
-    // What is judged is the vehicle's way, not its antenna's.
+    // The report uses the path of the point on the centre line, not that of the antenna.
     let judged = world.states()[0];
     assert!((judged.north - 3.0).abs() < 1e-9 && (judged.east - 1.0).abs() < 1e-9);
 }
@@ -328,7 +328,7 @@ fn the_fix_follows_the_scenario() {
     );
 }
 
-/// What a run looks like from outside when it is stepped at the given times.
+/// The outputs of a run that is advanced to the given times in turn.
 fn stepped(steps: &[f64], seed: u64) -> (Vec<Output>, Vec<u16>, String) {
     let mut world = World::new(&uagv::vehicle(), &uagv::find("straight-line"), seed);
     let commands = [
@@ -343,7 +343,7 @@ fn stepped(steps: &[f64], seed: u64) -> (Vec<Output>, Vec<u16>, String) {
     for step in steps {
         world.advance_to(at(from_seconds(*step)));
         outputs.extend(everything(&mut world));
-        // Looking must not disturb.
+        // Reading must not change the outputs.
         world.adc(Analog::SteeringPot, after(world.now(), from_seconds(0.001)));
     }
     world.advance_to(at(from_seconds(1.5)));

@@ -1,4 +1,4 @@
-//! The earth's shape, as far as a receiver's output needs it (WGS 84, NIMA TR8350.2).
+//! The shape of the earth (WGS 84, NIMA TR8350.2), as needed for a receiver's output.
 
 use libm::{cos, sin, sqrt};
 
@@ -30,8 +30,9 @@ fn meridian(latitude: f64) -> f64 {
 }
 
 impl Geodetic {
-    /// The position `north`, `east`, `down` metres from here, in the plane that touches the
-    /// ellipsoid; within a kilometre that is good to a decimetre of height and 0.1 mm sideways.
+    /// The position `north`, `east`, `down` metres from here, in the plane tangent to the
+    /// ellipsoid. Within a kilometre the error is at most a decimetre in height and 0.1 mm
+    /// horizontally.
     #[must_use]
     pub fn offset(self, [north, east, down]: [f64; 3]) -> Self {
         Self {
@@ -54,7 +55,7 @@ impl Geodetic {
         ]
     }
 
-    /// A north-east-down vector at this place in earth-centred axes.
+    /// Converts a north-east-down vector at this position to earth-centred axes.
     #[must_use]
     pub fn rotate(self, [north, east, down]: [f64; 3]) -> [f64; 3] {
         let (sl, cl) = (sin(self.latitude), cos(self.latitude));

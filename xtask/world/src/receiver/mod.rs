@@ -1,9 +1,9 @@
 //! The positioning receiver: a Piksi that measures the antenna at a fixed period and sends each
 //! solution as a burst of SBP frames at 1 Mbaud (thesis 6.2.4.3).
 //!
-//! A burst holds what the receiver of 2016-17 sent with its factory settings: time, position,
-//! velocity and baseline, each also in earth-centred coordinates, 296 bytes in eleven frames.
-//! With the gaps between the frames it lasts the thesis's 3.15 ms.
+//! A burst holds the messages of the receiver of 2016-17 with its factory settings: time, position,
+//! velocity and baseline, the last three also in earth-centred coordinates; 296 bytes in eleven
+//! frames. With the gaps between its frames a burst lasts 3.15 ms, as in the thesis.
 
 pub mod earth;
 mod parameters;
@@ -33,10 +33,10 @@ const BAUD: u32 = 1_000_000;
 /// Bits of a byte on the serial line: start, eight data, stop.
 const BITS: u64 = 10;
 
-/// Time of week near which every run starts, milliseconds: Monday, noon.
+/// GPS time of week near the start of every run, milliseconds: Monday noon.
 const TOW: u64 = 129_600_000;
 
-/// Time constant of the slowly wandering error of a float or single solution, seconds.
+/// Time constant of the slowly varying error of a float or single solution, seconds.
 const WANDER: f64 = 60.0;
 
 /// Height of the ground above the base station's antenna, metres.
@@ -93,8 +93,8 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// A receiver that has been running before the nodes start: its first solution falls into
-    /// the first period.
+    /// A receiver that was already running before the nodes start. Its first solution is within the
+    /// first period.
     #[must_use]
     pub fn new(parameters: Parameters, faults: Vec<StreamFault>, seed: u64) -> Self {
         let mut timing = Stream::new(seed, Purpose::ReceiverTiming);
@@ -149,8 +149,8 @@ impl Receiver {
         self.clock_ppm
     }
 
-    /// Takes the measurement that is due at [`Receiver::next_epoch`] and returns the bytes that
-    /// it leads to, in order.
+    /// Takes the measurement that is due at [`Receiver::next_epoch`] and returns its bytes in
+    /// order.
     pub fn measure(&mut self, antenna: &Motion, fix: Fix) -> Vec<TimedByte> {
         let epoch = self.epoch;
         let frames = self.frames(antenna, fix);
@@ -169,7 +169,7 @@ impl Receiver {
             line = after(line, gap);
         }
         self.advance_epoch(fix);
-        // A flood leaves no pause before the next burst.
+        // A flood fills the whole pause before the next burst.
         let byte_time = (self.bit * BITS as u32).as_ticks();
         let quiet = self.epoch.as_ticks() + latency.as_ticks();
         let room = quiet.saturating_sub(line.as_ticks()) / byte_time;
@@ -181,8 +181,9 @@ impl Receiver {
         bytes
     }
 
-    /// Solutions are at whole periods of GPS time. Without satellites the receiver runs on its own
-    /// clock; when they are back, it returns to whole periods.
+    /// The time of the next solution. Solutions are at whole periods of GPS time. Without
+    /// satellites the receiver uses its own clock; when satellites return, it returns to whole
+    /// periods.
     fn advance_epoch(&mut self, fix: Fix) {
         self.count += 1;
         let step = self.period.as_ticks() as f64;
@@ -196,7 +197,7 @@ impl Receiver {
         };
     }
 
-    /// Whole periods of GPS time since the first solution, to the nearest.
+    /// Number of periods of GPS time since the first solution, rounded.
     fn periods(&self) -> u64 {
         let past = self.epoch.as_ticks().saturating_sub(self.phase.as_ticks());
         (past + self.period.as_ticks() / 2) / self.period.as_ticks()
@@ -228,20 +229,20 @@ impl Receiver {
         }
     }
 
-    /// The frames of the current solution; one of them each second is a heartbeat.
+    /// The frames of the current solution. Once per second they include a heartbeat.
     fn frames(&mut self, antenna: &Motion, fix: Fix) -> Vec<Vec<u8>> {
         let mut messages = self.solution(antenna, fix).messages(self.base);
         let per_second = (PER_SECOND / self.period.as_ticks()).max(1);
         if self.count.is_multiple_of(per_second) {
             messages.push(heartbeat());
         }
-        // Only a message of more than 255 bytes cannot be written.
+        // Writing fails only for a message of more than 255 bytes.
         let frames = messages.iter().map(sbp::to_vec);
         frames.map(Result::unwrap_or_default).collect()
     }
 
-    /// Draws the errors of one solution. The same numbers are drawn in every fix state, so that
-    /// losing the fix does not change the noise of the rest of the run.
+    /// Draws the errors of one solution. Every fix state draws the same number of values, so that a
+    /// loss of the fix does not change the noise in the rest of the run.
     fn errors_now(&mut self, fix: Fix) -> Errors {
         let step = self.parameters.period.get();
         let constant = self.parameters.correlation.get();
@@ -260,7 +261,7 @@ impl Receiver {
             Fix::Single | Fix::None => (fixed, 1.5),
         };
         let mut position = [0, 1, 2].map(|i| own * fast[i] + wander * slow[i]);
-        // Heights are worse than horizontal positions, because no satellite is below.
+        // Heights are less accurate than horizontal positions, because no satellite is below.
         position[2] *= 1.5;
         let velocity = self.parameters.velocity_noise.get();
         Errors {
@@ -277,8 +278,8 @@ struct Errors {
     sigma: f64,
 }
 
-/// The pause between two frames with which a burst without a heartbeat lasts so long; none when
-/// its bytes alone last longer.
+/// The pause between two frames that makes a burst without a heartbeat last `burst`; zero if the
+/// bytes alone last longer.
 fn frame_gap(burst: Time) -> Time {
     let (frames, bytes) = BURST;
     let line = f64::from(bytes) * BITS as f64 / f64::from(BAUD);

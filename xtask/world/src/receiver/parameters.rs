@@ -16,9 +16,9 @@ pub struct Parameters {
     pub velocity_noise: Speed,
     /// Time constant of the noise, 0 to 600 s. Default 0 s: white.
     pub correlation: Time,
-    /// Measurement to first byte, 0 to 250 ms.
+    /// Time from the measurement to the first byte, 0 to 250 ms.
     pub latency: Time,
-    /// Latency added at random, between nothing and this, 0 to 10 ms. Default 100 us.
+    /// Random additional latency: its largest value, 0 to 10 ms. Default 100 us.
     pub latency_jitter: Time,
     /// Pause between two frames of a burst, 0 to 10 ms.
     pub frame_gap: Time,
@@ -26,7 +26,7 @@ pub struct Parameters {
     pub heading_bias: Angle,
     /// Error of the receiver's clock, -100 to 100 ppm; drawn within 20 ppm when `None`.
     pub clock: Option<Ppm>,
-    /// Start of the run to first measurement, 0 to a period; drawn when `None`.
+    /// Time from the start of the run to the first measurement, 0 to a period; drawn when `None`.
     pub phase: Option<Time>,
     /// Fix at the start of the run. Default fixed.
     pub fix: Fix,
@@ -35,8 +35,8 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// A receiver as a manifest describes it; what a manifest does not say has the defaults
-    /// that the fields state.
+    /// The receiver that a manifest describes. Values that the manifest does not contain take the
+    /// defaults stated at the fields.
     #[must_use]
     pub fn of(receiver: &vehicle_model::manifest::Receiver) -> Self {
         Self {
@@ -57,7 +57,7 @@ impl Parameters {
 }
 
 changes! {
-    /// Changes of a scenario to the manifest's receiver.
+    /// Changes of the manifest's receiver by a scenario.
     pub(crate) struct Changes of Parameters {
         noise: Length,
         velocity_noise: Speed,
@@ -112,7 +112,7 @@ pub enum Fix {
 }
 
 impl Fix {
-    /// The word that scenario files and reports use.
+    /// The name in scenario files and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -144,7 +144,7 @@ impl Fix {
         }
     }
 
-    /// Whether there is a baseline to the base station.
+    /// True if there is a baseline to the base station.
     #[must_use]
     pub const fn has_baseline(self) -> bool {
         matches!(self, Self::Float | Self::Fixed)
@@ -171,7 +171,7 @@ pub struct StreamFault {
     pub until: Option<Time>,
     /// Kind of damage.
     pub fault: StreamFaultKind,
-    /// How often, where the kind has a rate: 0 to 100 %, default 1 %.
+    /// Share of damaged bytes or frames for the kinds that have a rate: 0 to 100 %, default 1 %.
     #[serde(default = "default_rate")]
     pub rate: Ratio,
 }
@@ -188,7 +188,7 @@ pub enum StreamFaultKind {
     Flip,
     /// `rate` of the frames end early.
     Truncate,
-    /// `rate` of the frames have wrong length bytes with a right check value.
+    /// `rate` of the frames have a wrong length field and a valid checksum.
     Length,
     /// Random bytes without pause until the next burst.
     Flood,

@@ -17,7 +17,7 @@ use super::parameters::Fix;
 /// SBP sender id of the receiver; a Piksi derives it from its serial number.
 const SENDER: Option<u16> = Some(0x88D3);
 
-/// GPS week in which every run takes place: that of 6 March 2016.
+/// GPS week of every run: that of 6 March 2016.
 const WEEK: u16 = 1887;
 
 /// Seconds by which GPS time was ahead of UTC in 2016.
@@ -38,7 +38,7 @@ pub(super) struct Solution {
 }
 
 impl Solution {
-    /// The messages of a burst, in the order of the receiver.
+    /// The messages of a burst, in the order in which the receiver sends them.
     pub(super) fn messages(&self, base: Geodetic) -> Vec<Sbp> {
         let mut messages = vec![self.gps_time(), self.utc_time()];
         messages.extend(self.positions(base));
@@ -57,7 +57,7 @@ impl Solution {
         messages
     }
 
-    /// Whether there is a position at all.
+    /// True if there is a position.
     fn solved(&self) -> bool {
         self.fix != Fix::None
     }
@@ -103,7 +103,7 @@ impl Solution {
         })
     }
 
-    /// The position, geodetic and earth-centred.
+    /// The position, in geodetic and earth-centred coordinates.
     fn positions(&self, base: Geodetic) -> [Sbp; 2] {
         let [h_accuracy, v_accuracy, accuracy] = self.accuracy();
         let (tow, n_sats, flags) = (self.tow, self.satellites(), self.fix.position_flags());
@@ -142,7 +142,7 @@ impl Solution {
         ]
     }
 
-    /// The velocity, north-east-down and earth-centred.
+    /// The velocity, in north-east-down and earth-centred coordinates.
     fn velocities(&self, base: Geodetic) -> [Sbp; 2] {
         let accuracy = millimetres(self.velocity_sigma);
         let (tow, n_sats, flags) = (self.tow, self.satellites(), u8::from(self.solved()));
@@ -174,7 +174,7 @@ impl Solution {
         ]
     }
 
-    /// The dilutions of precision, 0.01.
+    /// The dilutions of precision, in units of 0.01.
     fn dops(&self) -> Sbp {
         let [gdop, pdop, tdop, hdop, vdop] = if self.solved() {
             [180, 160, 90, 80, 130]
@@ -193,7 +193,7 @@ impl Solution {
         })
     }
 
-    /// The baseline, north-east-down and earth-centred, and its heading.
+    /// The baseline, in north-east-down and earth-centred coordinates, and its heading.
     fn baselines(&self, base: Geodetic) -> [Sbp; 3] {
         let [h_accuracy, v_accuracy, accuracy] = self.accuracy();
         let (tow, n_sats, flags) = (self.tow, self.satellites(), self.fix.baseline_flags());
@@ -251,7 +251,7 @@ fn zero_unless(yes: bool, components: [f64; 3]) -> [f64; 3] {
     if yes { components } else { [0.0; 3] }
 }
 
-/// Converts metres to whole millimetres.
+/// Rounds metres to whole millimetres.
 fn whole(metres: [f64; 3]) -> [i32; 3] {
     metres.map(|metres| round(metres * 1000.0) as i32)
 }

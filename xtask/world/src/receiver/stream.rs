@@ -6,13 +6,13 @@ use super::parameters::{StreamFault, StreamFaultKind};
 use crate::random::{Purpose, Stream};
 use crate::time::{SimTime, seconds};
 
-/// Bytes of a frame besides its payload: preamble, type, sender, length, checksum.
+/// Bytes of a frame without its payload: preamble, type, sender, length, checksum.
 const OVERHEAD: usize = sbp::HEADER_LEN + sbp::CRC_LEN;
 
 /// The checksum of the Swift Binary Protocol, over type to payload.
 const CHECKSUM: Crc<u16> = Crc::<u16>::new(&CRC_16_XMODEM);
 
-/// Applies the faults that a scenario asks for.
+/// Applies the scenario's faults of the byte stream.
 #[derive(Clone, Debug)]
 pub(super) struct Damage {
     faults: Vec<StreamFault>,
@@ -36,7 +36,7 @@ impl Damage {
             .collect()
     }
 
-    /// The frames of one burst as they leave the receiver.
+    /// The frames of one burst after the faults.
     pub(super) fn apply(&mut self, now: SimTime, mut frames: Vec<Vec<u8>>) -> Vec<Vec<u8>> {
         for (kind, rate) in self.active(now) {
             match kind {
@@ -72,7 +72,7 @@ impl Damage {
         frames
     }
 
-    /// Up to `room` bytes that fill the pause after a burst.
+    /// Up to `room` random bytes that fill the pause after a burst.
     pub(super) fn flood(&mut self, now: SimTime, room: usize) -> Vec<u8> {
         let flooding = self
             .active(now)

@@ -1,7 +1,7 @@
 //! Figures of the bus: the frames of a run compared with the system matrix.
 //!
 //! A basic cycle begins with the start of frame of its reference message and lasts until the next
-//! one, at most one and a half basic cycles: without a reference no window exists.
+//! one, but at most one and a half basic cycles, because there are no windows without a reference.
 
 use std::collections::BTreeMap;
 
@@ -54,7 +54,7 @@ fn cycles<'a>(run: &Run<'a>) -> Vec<Cycle<'a>> {
         .collect()
 }
 
-/// Starts of frame of one window's message, microseconds after the window's begin.
+/// Start times of one window's message, microseconds after the start of the window.
 #[derive(Default)]
 struct Tally {
     starts: Vec<f64>,
@@ -73,7 +73,8 @@ fn tally(window: &Window, cycles: &[Cycle]) -> Tally {
         let mut seen = false;
         for frame in mine {
             let offset = micros_between(begin, frame.start);
-            // A start early by up to half a window is an early frame, not another window's.
+            // A frame that starts early by up to half a window counts as an early frame of this
+            // window.
             let length = span_seconds(window.length) * 1e6;
             if offset >= -length / 2.0 && offset < length {
                 tally.starts.push(offset);
@@ -146,7 +147,7 @@ pub(super) fn figures(run: &Run) -> BusFigures {
             latest_start_us: latest.map(|us| rounded(us, 3)),
         });
     }
-    // Frames of exclusive windows between two cycles, when the reference is missing.
+    // Frames of exclusive windows outside all cycles, when the reference is missing.
     let in_cycles: u64 = cycles
         .iter()
         .flat_map(|cycle| cycle.frames)
@@ -200,8 +201,8 @@ fn frames_per_id(run: &Run) -> Vec<IdFigures> {
     figures.collect()
 }
 
-/// Offset of a backup from the master that is one rank better, and the largest difference of
-/// the nodes' clocks after a basic cycle, microseconds.
+/// Time by which each backup master waits longer than the master of the next better rank, and the
+/// largest difference between the nodes' clocks after a basic cycle, both in microseconds.
 const BACKUP_OFFSET: f64 = 16.0;
 const UNCERTAINTY: f64 = 20.0;
 
@@ -261,7 +262,7 @@ fn takeovers(run: &Run, cycles: &[Cycle]) -> Vec<TakeoverFigures> {
     takeovers
 }
 
-/// In how many of these basic cycles a message that is always due stayed away.
+/// The number of these basic cycles in which a message that is always due is missing.
 fn missed(window: &Window, cycles: &[Cycle], run: &Run) -> u64 {
     let ended = |cycle: &&Cycle| {
         let end = after(cycle.reference.start, window.start + window.length);

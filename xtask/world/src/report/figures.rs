@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::time::since;
 
-/// One uninterrupted time in an autonomous mode.
+/// A time span in an autonomous mode.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AutonomousRun {
     /// When it began.
@@ -22,9 +22,10 @@ pub struct AutonomousRun {
     pub standard_deviation_cm: Option<f64>,
     /// Largest cross-track error from then on, either side.
     pub largest_cross_track_error_cm: Option<f64>,
-    /// Largest cross-track error past the line, on the side away from the start; the overshoot.
+    /// Largest cross-track error on the side of the line away from the start: the overshoot.
     pub overshoot_cm: f64,
-    /// Changes of sign of the steering effort per second from then on, without standstill.
+    /// Changes of sign of the steering effort per second after settling, without times of zero
+    /// effort.
     pub steering_reversals_per_second: Option<f64>,
 }
 
@@ -35,8 +36,8 @@ pub struct StopFigures {
     pub event: String,
     /// When.
     pub at_seconds: f64,
-    /// Time until both motor drivers were commanded to stop; 0 when they had stopped before,
-    /// `null` when they were not stopped before the next event.
+    /// Time until both motor drivers were commanded to stop. It is 0 if they had stopped before,
+    /// and `null` if they did not stop before the next event.
     pub motors_stopped_after_ms: Option<f64>,
 }
 
@@ -68,10 +69,10 @@ pub struct BusFigures {
     pub latest_start_id: Option<u16>,
     /// Earliest start of frame against its window's begin, negative when early.
     pub earliest_start_us: Option<f64>,
-    /// Exclusive windows that stayed empty although their message was due and had been on the
-    /// bus before.
+    /// Number of times that an exclusive window stayed empty although its message was due and had
+    /// been sent before.
     pub missed_windows: u64,
-    /// Complete frames whose identifier has a window but that started outside of it.
+    /// Complete frames that started outside their identifier's window.
     pub frames_outside_their_window: u64,
     /// Complete frames whose identifier has no window.
     pub foreign_frames: u64,
@@ -146,8 +147,8 @@ pub struct WindowFigures {
     pub window_start_us: f64,
     /// Cycles in which its message was on the bus in the window.
     pub frames: u64,
-    /// Cycles in which the window stayed empty although the message was due and had been on the
-    /// bus before.
+    /// Cycles in which the window stayed empty although the message was due and had been sent
+    /// before.
     pub missed: u64,
     /// Earliest start of frame after the window's begin, negative when early.
     pub earliest_start_us: Option<f64>,
@@ -168,20 +169,20 @@ pub struct TaskFigures {
     pub runs: u64,
     /// Core cycles of its longest run.
     pub longest_cycles: u64,
-    /// The same as a time at the node's nominal clock.
+    /// That time in microseconds at the node's nominal clock.
     pub longest_us: f64,
 }
 
-/// `value` rounded to `digits` decimals, so that files are legible and differences of the last
-/// bit do not show.
+/// `value` rounded to `digits` decimals, so that files are legible and differences in the last bit
+/// do not appear.
 pub(super) fn rounded(value: f64, digits: i32) -> f64 {
     let scale = 10_f64.powi(digits);
     let rounded = (value * scale).round() / scale;
-    // No negative zero.
+    // Turns a negative zero into zero.
     rounded + 0.0
 }
 
-/// Microseconds from `earlier` to `later`, negative when it is the other way round.
+/// Microseconds from `earlier` to `later`; negative if `later` is the earlier one.
 pub(super) fn micros_between(earlier: crate::SimTime, later: crate::SimTime) -> f64 {
     let ahead = since(later, earlier).as_ticks() as f64;
     let behind = since(earlier, later).as_ticks() as f64;

@@ -1,15 +1,15 @@
-//! The output folder: complete or untouched.
+//! The output folder: either all files of a run are written, or the folder stays unchanged.
 
 use core::fmt;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// A folder that gets all its files at once.
+/// A folder that receives all its files together.
 ///
-/// Files are written to a hidden folder on the same file system and moved to their places by
-/// [`OutputFolder::finish`]; each move replaces a file in one step. Dropped before that, nothing
-/// has changed. Other files in an existing folder stay.
+/// Files are written to a hidden folder on the same file system. [`OutputFolder::finish`] moves
+/// them to their places, each in one step that replaces an older file. A value dropped before that
+/// changes nothing. Other files in an existing folder stay.
 #[derive(Debug)]
 pub struct OutputFolder {
     target: PathBuf,
@@ -53,8 +53,8 @@ impl core::error::Error for FolderError {
 }
 
 impl OutputFolder {
-    /// Prepares `target`, which may exist or not; its parents are created as needed. Call it
-    /// before a long run, so that a folder that cannot be written is found at once.
+    /// Prepares `target`, which may exist or not, and creates its parents as needed. Call it before
+    /// a long run, to detect early that the folder cannot be written.
     ///
     /// # Errors
     /// When the hidden folder cannot be created.
@@ -109,7 +109,7 @@ impl OutputFolder {
             .map_err(|cause| self.fail(cause))
     }
 
-    /// Opens a file to be written piece by piece.
+    /// Creates a file that the caller writes piece by piece.
     ///
     /// # Errors
     /// When it cannot be created.
@@ -141,7 +141,7 @@ impl OutputFolder {
 impl Drop for OutputFolder {
     fn drop(&mut self) {
         if !self.finished {
-            // Nothing better can be done with a failure here than to leave the hidden folder.
+            // If this fails, the hidden folder stays; no better reaction is possible here.
             let _ = fs::remove_dir_all(&self.staging);
         }
     }

@@ -1,4 +1,4 @@
-//! How the vehicle followed the line, and how it stopped.
+//! How closely the vehicle followed the line, and how it stopped.
 
 use std::collections::BTreeMap;
 
@@ -12,10 +12,11 @@ use crate::time::{SimTime, at, seconds};
 /// The cross-track error that counts as settled, metres.
 pub(super) const BAND: f64 = 0.05;
 
-/// How long it must stay within the band, seconds, so that crossing the line does not count.
+/// Time for which the error must stay within the band, seconds, so that merely crossing the line
+/// does not count.
 const HOLD: f64 = 3.0;
 
-/// Begin and end of each time in an autonomous mode.
+/// Start and end of each time span in an autonomous mode.
 pub(super) fn autonomous_spans(run: &Run) -> Vec<(SimTime, SimTime)> {
     let mut spans = Vec::new();
     let mut begun = None;
@@ -62,7 +63,7 @@ fn settled(errors: &[(f64, f64)]) -> Option<usize> {
     None
 }
 
-/// Changes of sign between efforts that differ from zero.
+/// Changes of sign between consecutive nonzero efforts.
 fn reversals(states: &[StateSample]) -> usize {
     let signs: Vec<bool> = states
         .iter()
@@ -121,7 +122,7 @@ pub(super) fn autonomous_runs(run: &Run) -> Vec<AutonomousRun> {
         .collect()
 }
 
-/// Whether all motors stand still at `when`.
+/// True if the effort of every motor is zero at `when`.
 fn standing(run: &Run, when: SimTime) -> bool {
     let mut efforts = BTreeMap::new();
     for change in run.efforts.iter().take_while(|change| change.at <= when) {

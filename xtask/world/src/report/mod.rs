@@ -1,9 +1,9 @@
 //! Figures, tables and pictures of a finished run.
 //!
-//! [`Run`] is the recordings, [`Summary`] the figures computed from them. [`write()`] puts the
+//! [`Run`] holds the recordings, [`Summary`] the figures computed from them. [`write()`] puts the
 //! summary (`summary.json`), the vehicle's states (`states.csv`) and a picture (`track.svg`) into
-//! an [`OutputFolder`]; [`terminal`] is the summary as text. Nothing written to files depends on
-//! the machine that simulates: the same run gives the same bytes.
+//! an [`OutputFolder`]; [`terminal`] formats the summary as text. The files do not depend on the
+//! computer that simulates: the same run gives the same bytes.
 
 mod bus;
 mod figures;
@@ -71,7 +71,7 @@ pub struct FrameRecord {
     pub start: SimTime,
     /// End of the last bit of the end of frame, or of the error frame.
     pub end: SimTime,
-    /// Whether every receiver took it; false when it ended in an error frame.
+    /// True if every receiver accepted it; false if it ended in an error frame.
     pub complete: bool,
 }
 
@@ -94,7 +94,7 @@ pub enum WindowKind {
     Reference,
     /// One message of one sender.
     Exclusive,
-    /// The node that wins the arbitration sends.
+    /// The node that wins the arbitration sends its message.
     Arbitrating,
 }
 
@@ -124,7 +124,7 @@ pub struct ModeChange {
     pub at: SimTime,
     /// Name of the new mode.
     pub mode: String,
-    /// Whether the vehicle follows the line in it.
+    /// True if the vehicle follows the line in this mode.
     pub autonomous: bool,
 }
 

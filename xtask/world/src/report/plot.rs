@@ -2,7 +2,7 @@
 
 use core::fmt::Write;
 
-/// Colours that stay apart for colour-blind readers (after Okabe and Ito) and in print.
+/// Colours that colour-blind readers can distinguish (after Okabe and Ito), also in print.
 pub(super) mod colour {
     pub(crate) const INK: &str = "#22303a";
     pub(crate) const MUTED: &str = "#66747e";
@@ -16,7 +16,7 @@ pub(super) mod colour {
     pub(crate) const WARNING: &str = "#f8e6db";
 }
 
-/// `text` with the characters escaped that mean something in XML.
+/// `text` with the special characters of XML escaped.
 pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
@@ -211,7 +211,7 @@ pub(super) struct Panel {
     pub height: f64,
     pub x: Span,
     pub y: Span,
-    /// Whether values grow downwards.
+    /// True if values increase downwards.
     pub down: bool,
 }
 
@@ -301,7 +301,7 @@ impl Panel {
         );
     }
 
-    /// A legend entry above the panel, its text beginning `right` pixels before the right edge.
+    /// A legend entry above the panel. Its text begins `right` pixels before the right edge.
     pub(super) fn legend(
         &self,
         canvas: &mut Canvas,
@@ -364,8 +364,8 @@ impl Panel {
         canvas.text(x, self.top + 14.0, 11.0, anchor, stroke, label);
     }
 
-    /// A curve, cut off at the panel's edges. Points nearer than a third of a pixel to the last
-    /// one drawn are left out; so many are they that nobody sees the difference.
+    /// A curve, clipped at the panel's edges. Points less than a third of a pixel from the last one
+    /// drawn are left out; the difference is not visible.
     pub(super) fn curve(
         &self,
         canvas: &mut Canvas,
@@ -376,7 +376,7 @@ impl Panel {
         let mut path = String::new();
         let mut last: Option<(f64, f64)> = None;
         for (x, y) in points {
-            // Far outside the panel the exact place does not matter.
+            // Far outside the panel the exact position does not matter.
             let far = 10.0 * self.height;
             let point = (self.x(x), self.y(y).clamp(self.top - far, self.top + far));
             if !point.0.is_finite() || !point.1.is_finite() {

@@ -6,9 +6,9 @@ use super::Run;
 use crate::time::seconds;
 use crate::vehicle::wrap;
 
-/// `states.csv`: one line for each recorded state, every 10 ms; `None` without a machine.
-/// Positions are the true ones of the point of the centre line beside the antenna, not those
-/// that the receiver measures.
+/// `states.csv`: one line for each recorded state, every 10 ms; `None` without a machine. Positions
+/// are the true ones of the point on the centre line beside the antenna, not the receiver's
+/// measurements.
 #[must_use]
 pub fn states_csv(run: &Run) -> Option<String> {
     let line = run.scenario.line.as_ref()?;

@@ -19,11 +19,11 @@ pub struct Summary {
     pub simulated_seconds: f64,
     /// One entry for each time that the vehicle drove autonomously.
     pub autonomous_runs: Vec<AutonomousRun>,
-    /// Way of the point of the centre line beside the antenna.
+    /// Distance driven by the point on the centre line beside the antenna.
     pub distance_m: f64,
-    /// Largest speed of the wheels, either direction.
+    /// Largest speed of the wheels in either direction.
     pub largest_speed_m_s: f64,
-    /// Largest steering angle, either side.
+    /// Largest steering angle to either side.
     pub largest_steering_angle_deg: f64,
     /// One entry for each node reset and each loss of the fix in the scenario.
     pub stops: Vec<StopFigures>,

@@ -15,8 +15,8 @@ fn figure(value: Option<f64>, digits: usize, unit: &str) -> String {
     )
 }
 
-/// The summary as text. `wall` is the time that the simulation took; it stands here and in no
-/// file, because it is different every time.
+/// The summary as text. `wall` is the real time that the simulation took. No file contains it,
+/// because it differs between runs.
 #[must_use]
 pub fn terminal(summary: &Summary, wall: Option<Duration>) -> String {
     let mut text = String::new();
@@ -218,8 +218,8 @@ fn write_tasks(t: &mut String, s: &Summary) -> core::fmt::Result {
     Ok(())
 }
 
-/// The time that the thesis measured for the same work on an F446 at 180 MHz (6.2.4.1): its control
-/// step, and that with the display's string.
+/// The time that the thesis measured on an F446 at 180 MHz (6.2.4.1) for the same work: for the
+/// control step alone, and together with formatting the display's text.
 fn thesis(node: &str, task: &str) -> &'static str {
     match (node, task) {
         ("controller", "control") => "   (thesis: 8 us)",

@@ -12,7 +12,8 @@ const WIDTH: f64 = 1000.0;
 const LEFT: f64 = 76.0;
 const INNER: f64 = WIDTH - LEFT - 28.0;
 
-/// Least height of the view from above, pixels; a narrow path is stretched sideways to fill it.
+/// Smallest height of the view from above, pixels. A narrow path is stretched across the line to
+/// fill it.
 const LEAST_PLAN: f64 = 150.0;
 const MOST_PLAN: f64 = 420.0;
 
@@ -55,7 +56,7 @@ pub fn track_svg(run: &Run, summary: &Summary) -> Option<String> {
 struct Panels {
     /// The path from above.
     plan: Panel,
-    /// How many times the plan is stretched across the line.
+    /// Factor by which the plan is stretched across the line.
     stretch: f64,
     /// Cross-track error.
     whole: Panel,
@@ -290,7 +291,7 @@ fn background(canvas: &mut Canvas, run: &Run, panel: &Panel) {
     }
 }
 
-/// Beginnings of autonomous runs, settling, and what the scenario does to the vehicle.
+/// Marks the beginnings of autonomous runs, settling, and the scenario's events.
 fn marks(canvas: &mut Canvas, run: &Run, summary: &Summary, panel: &Panel) {
     for autonomous in &summary.autonomous_runs {
         let from = autonomous.from_seconds;

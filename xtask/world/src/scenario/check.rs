@@ -1,4 +1,4 @@
-//! Ranges of a scenario's values.
+//! Checks the ranges of a scenario's values.
 
 use vehicle_model::{Device, Vehicle};
 
@@ -13,7 +13,7 @@ use crate::vehicle::Parameters;
 struct Range<K> {
     least: Quantity<K>,
     most: Quantity<K>,
-    /// Whether `least` itself is refused.
+    /// True if `least` itself is not allowed.
     open: bool,
 }
 
@@ -80,8 +80,8 @@ fn later(field: &str, from: Time, until: Option<Time>) -> Outcome {
     Ok(())
 }
 
-/// The first value out of its range, as `field: value is out of range, it takes ...`, or the
-/// first table for a device that the vehicle does not have.
+/// Returns the first error: a value out of its range, as `field: value is out of range, it takes
+/// ...`, or a table for a device that the vehicle does not have.
 pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
     within(
         "duration",
@@ -117,7 +117,7 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
     devices(scenario, vehicle)
 }
 
-/// Whether everything that the scenario does to a device has one to be done to.
+/// Checks that the vehicle has the devices that the scenario uses.
 fn devices(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
     let tables = [
         ("fix", scenario.fix.len(), Device::SatelliteReceiver),

@@ -1,4 +1,4 @@
-//! One sentence for everything that may be wrong with a scenario.
+//! Formats every error of a scenario as one sentence.
 
 use core::fmt;
 

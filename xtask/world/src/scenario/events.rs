@@ -90,7 +90,7 @@ pub struct ResetEvent {
     pub node: NodeIndex,
     /// When.
     pub at: Time,
-    /// When it is released; never when left out.
+    /// When it is released; never if left out.
     pub until: Option<Time>,
 }
 
@@ -107,16 +107,16 @@ pub enum BusEvent {
         /// 0 to 8 bytes.
         #[serde(default)]
         data: Vec<u8>,
-        /// Time to the next one, at least 100 us; sent once when left out.
+        /// Interval to the next frame, at least 100 us; the frame is sent once if left out.
         every: Option<Time>,
-        /// No more are queued from then on; the end of the run when left out.
+        /// No frames are queued from this time on; the end of the run if left out.
         until: Option<Time>,
     },
     /// The next frames are hit by a wrong bit and end in an error frame.
     Corrupt {
         /// When.
         at: Time,
-        /// Only frames with this identifier; any frame when left out.
+        /// Only frames with this identifier; any frame if left out.
         id: Option<u16>,
         /// How many, 1 to 1000. Default 1.
         #[serde(default = "once")]

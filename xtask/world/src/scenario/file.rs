@@ -60,7 +60,7 @@ impl Default for File {
     }
 }
 
-/// A [`KnobTurn`].
+/// A [`KnobTurn`] as written in the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Turn {
@@ -69,7 +69,7 @@ struct Turn {
     position: Ratio,
 }
 
-/// A [`ResetEvent`].
+/// A [`ResetEvent`] as written in the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Reset {
@@ -79,7 +79,7 @@ struct Reset {
 }
 
 impl File {
-    /// The scenario, with the manifest's values where the file has none.
+    /// The scenario, completed with the manifest's values.
     pub(super) fn complete(self, vehicle: &Vehicle, name: &str) -> Result<Scenario, String> {
         let manifest = vehicle.manifest();
         let node = |field: String, name: &str| find(vehicle, &field, name);
@@ -201,7 +201,7 @@ fn receiver(
     Ok(Some(parameters))
 }
 
-/// The sentence about a table for something that the vehicle does not have.
+/// The error message about a table for a device that the vehicle does not have.
 pub(super) fn without(vehicle: &Vehicle, table: &str, what: &str) -> String {
     format!("{table}: vehicle {:?} is without {what}", vehicle.name())
 }

@@ -1,9 +1,9 @@
 //! Scenarios: the events around the nodes in a run, as a TOML file.
 //!
-//! Quantities are strings with a unit (`"1 m/s"`); a missing table or field takes its default; an
-//! unknown field is refused. [`Scenario::find`] takes the name of a scenario in the vehicle's
-//! folder or the path of a file. Times are counted from the start of the run, when power comes on. `SCENARIOS.md`
-//! beside this crate's manifest describes the format.
+//! Quantities are strings with a unit (`"1 m/s"`). A missing table or field takes its default; an
+//! unknown field is an error. [`Scenario::find`] takes the name of a scenario in the vehicle's
+//! folder or the path of a file. Times count from the start of the run, when the power comes on.
+//! `SCENARIOS.md` beside this crate's manifest describes the format.
 
 mod check;
 mod error;
@@ -26,8 +26,8 @@ use crate::receiver::{self, FixChange, StreamFault};
 use crate::units::{Angle, Length, Ppm, Speed, Time};
 use crate::vehicle;
 
-/// A run's surroundings. It belongs to one vehicle: fields that its file leaves out are those
-/// of the vehicle's manifest, and its nodes are places in that manifest.
+/// The surroundings of a run. A scenario belongs to one vehicle: fields that its file leaves out
+/// come from that vehicle's manifest, and its nodes are indices into that manifest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
     /// Name in reports: the file's stem.
@@ -39,8 +39,8 @@ pub struct Scenario {
     pub duration: Time,
     /// Pose at the start.
     pub start: Start,
-    /// The line that the run is judged by: from the first of the manifest's waypoints to the
-    /// last one unless the file says otherwise. `None` without a machine.
+    /// The line from which the report computes cross-track errors. By default it runs from the
+    /// first to the last of the manifest's waypoints. `None` without a machine.
     pub line: Option<Line>,
     /// The machine; `None` when the vehicle has none.
     pub vehicle: Option<vehicle::Parameters>,
@@ -70,8 +70,8 @@ pub struct Scenario {
     pub bus: Vec<BusEvent>,
 }
 
-/// Pose of the vehicle at the start of the run; by default at rest at the beginning of its line,
-/// in the line's direction.
+/// Pose of the vehicle at the start of the run. By default the vehicle is at rest at the start of
+/// its line and points along it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
     /// Northing of the point of the centre line beside the antenna, -10 to 10 km.
@@ -87,7 +87,7 @@ pub struct Start {
 }
 
 changes! {
-    /// The start as the scenario gives it.
+    /// Start values that the scenario sets.
     struct StartChanges of Start {
         north: Length,
         east: Length,
@@ -99,7 +99,7 @@ changes! {
 }
 
 impl Start {
-    /// At rest at the beginning of a line; without a line at the base station, towards north.
+    /// At rest at the start of a line; without a line at the base station, heading north.
     fn of(line: Option<&Line>) -> Self {
         let from = line.map(|line| line.from);
         let zero = Length::new(0.0);
@@ -123,7 +123,7 @@ pub struct Point {
     pub east: Length,
 }
 
-/// The line from one waypoint to the next. It must be the one that the images hold.
+/// The line from one waypoint to the next. It must be the line that the images contain.
 #[derive(Copy, Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Line {
@@ -152,8 +152,8 @@ impl Line {
         )
     }
 
-    /// Way along the line and cross-track error of a point, both metres; the error is positive
-    /// right of the line.
+    /// Distance along the line and cross-track error of a point, both in metres; the error is
+    /// positive to the right of the line.
     #[must_use]
     pub fn locate(&self, north: f64, east: f64) -> (f64, f64) {
         let (dn, de) = (north - self.from.north.get(), east - self.from.east.get());
@@ -166,7 +166,7 @@ impl Line {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Lcd {
-    /// Whether it answers commands. Default true.
+    /// Whether it acknowledges commands. Default true.
     pub acknowledges: bool,
     /// Time to execute a command, 0 to 100 ms. Default 100 us.
     pub delay: Time,
@@ -244,8 +244,8 @@ impl Scenario {
         names(vehicle).into_iter().map(read).collect()
     }
 
-    /// The vehicle's scenario of that name (`thesis-7/loaded`: in a folder of its scenarios), or
-    /// else the file of that path.
+    /// The vehicle's scenario of that name, or else the file with that path. A name such as
+    /// `thesis-7/loaded` stands for a scenario in a folder of the vehicle's scenarios.
     ///
     /// # Errors
     /// When there is neither, or the file does not describe a scenario.
@@ -270,8 +270,8 @@ impl Scenario {
         Self::parse(vehicle, &stem, name, &text)
     }
 
-    /// Reads a scenario of a vehicle from TOML. `name` is what reports call it, `place` what
-    /// errors call it.
+    /// Parses a scenario of a vehicle from TOML. Reports use `name` for the scenario, error
+    /// messages use `place`.
     ///
     /// # Errors
     /// A sentence that names the field and what it accepts.

@@ -2,8 +2,8 @@
 
 use super::Parameters;
 
-/// Effort to steering rate: a dead band for each sign, then linear (thesis 5.2.6, Figure 5.20),
-/// between two mechanical end stops.
+/// Converts effort to steering rate: a dead band for each sign, then linear (thesis 5.2.6, Figure
+/// 5.20), limited by two mechanical end stops.
 #[derive(Copy, Clone, Debug)]
 pub struct SteeringActuator {
     /// Effort of the motor driver, -1 to 1.
@@ -16,7 +16,7 @@ pub struct SteeringActuator {
 }
 
 impl SteeringActuator {
-    /// An actuator without effort.
+    /// An actuator with zero effort.
     #[must_use]
     pub fn new(parameters: &Parameters) -> Self {
         Self {
@@ -29,7 +29,7 @@ impl SteeringActuator {
         }
     }
 
-    /// Rate without regard to the end stops, radians per second.
+    /// Rate without the end stops, radians per second.
     #[must_use]
     pub fn rate(&self) -> f64 {
         let beyond = |effort: f64, band: f64| ((effort - band) / (1.0 - band)).max(0.0);
@@ -40,7 +40,7 @@ impl SteeringActuator {
         }
     }
 
-    /// The angle reached from `angle` after `span` seconds.
+    /// The angle `span` seconds after `angle`.
     #[must_use]
     pub fn after(&self, angle: f64, span: f64) -> f64 {
         (angle + self.rate() * span).clamp(-self.limit, self.limit)

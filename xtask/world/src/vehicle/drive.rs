@@ -1,8 +1,8 @@
-//! The drive motor with the mass it moves.
+//! The drive motor and the mass of the vehicle.
 
 use super::Parameters;
 
-/// Effort to speed: a dead band, then linear, reached with a first-order lag.
+/// Converts effort to speed: a dead band, then linear, with a first-order lag.
 #[derive(Copy, Clone, Debug)]
 pub struct Drive {
     /// Effort of the motor driver, -1 to 1.
@@ -13,7 +13,7 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// A drive without effort.
+    /// A drive with zero effort.
     #[must_use]
     pub fn new(parameters: &Parameters) -> Self {
         Self {
@@ -24,14 +24,14 @@ impl Drive {
         }
     }
 
-    /// Speed that the effort leads to, metres per second.
+    /// Steady-state speed for the effort, metres per second.
     #[must_use]
     pub fn target(&self) -> f64 {
         let beyond = ((self.effort.abs() - self.band) / (1.0 - self.band)).max(0.0);
         (self.top_speed * beyond).copysign(self.effort)
     }
 
-    /// The speed reached from `speed` after `span` seconds.
+    /// The speed `span` seconds after `speed`.
     #[must_use]
     pub fn after(&self, speed: f64, span: f64) -> f64 {
         let target = self.target();

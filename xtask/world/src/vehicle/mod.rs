@@ -1,13 +1,13 @@
-//! The vehicle: a kinematic bicycle with a slow, limited steering actuator and a lagging drive.
+//! The vehicle: a kinematic bicycle with a slow, limited steering actuator and a drive with a lag.
 //!
 //! Geometry and signs (thesis 7.2.4 after O'Connor, Figure 7.7): north-east-down frame, heading
 //! clockwise from north, positive steering turns right. The antenna is mounted `L1` ahead of the
-//! rear axle and the front axle is `L2` ahead of the antenna, so that the linear model's
-//! `y' = V psi + V L1/L delta` and `psi' = V/L delta` are the small-angle limit of what is
-//! integrated here.
+//! rear axle, and the front axle is `L2` ahead of the antenna. The linear model `y' = V psi + V
+//! L1/L delta` and `psi' = V/L delta` is the small-angle limit of the equations integrated here.
 //!
-//! Tyres slip in proportion to the lateral force they carry (linear tyre, J. Y. Wong, Theory of
-//! Ground Vehicles, 5.2): the centripetal force of the turn less the downhill part of the weight.
+//! Tyres slip in proportion to their lateral force (linear tyre, J. Y. Wong, Theory of Ground
+//! Vehicles, 5.2). That force is the centripetal force of the turn minus the downhill component of
+//! the weight.
 
 mod actuator;
 mod drive;
@@ -24,7 +24,7 @@ pub use parameters::{Ground, Parameters};
 
 use crate::time::{SimTime, at, from_seconds, seconds, since, span_seconds};
 
-/// Longest integration step, in picoseconds: 1 ms, at 2 m/s a way of 2 mm.
+/// Longest integration step, picoseconds: 1 ms, in which the vehicle moves 2 mm at 2 m/s.
 const STEP: u64 = 1_000_000_000;
 
 /// Gravity in metres per second squared (conventional value, ISO 80000-3).
@@ -39,7 +39,7 @@ pub enum Motor {
     Drive,
 }
 
-/// Where the vehicle is and how it moves.
+/// Position and motion of the vehicle.
 #[derive(Copy, Clone, Debug, PartialEq)]
 pub struct State {
     /// Northing of the middle of the rear axle, metres.
@@ -54,7 +54,7 @@ pub struct State {
     pub speed: f64,
 }
 
-/// A point of the vehicle over ground.
+/// Position and velocity of a point of the vehicle relative to the ground.
 #[derive(Copy, Clone, Debug, PartialEq)]
 pub struct Motion {
     /// Northing, metres.
@@ -77,7 +77,7 @@ struct Pose {
     heading: f64,
 }
 
-/// The vehicle in motion: state, actuators and the efforts that are still to take effect.
+/// The moving vehicle: its state, its actuators and the efforts that take effect later.
 #[derive(Clone, Debug)]
 pub struct Vehicle {
     parameters: Parameters,
@@ -90,7 +90,7 @@ pub struct Vehicle {
 }
 
 impl Vehicle {
-    /// A vehicle at rest in its actuators, with the given pose at the start of the run.
+    /// A vehicle with zero efforts and the given pose at the start of the run.
     #[must_use]
     pub fn new(parameters: Parameters, ground: Ground, state: State) -> Self {
         Self {
@@ -104,7 +104,7 @@ impl Vehicle {
         }
     }
 
-    /// Sets the effort of a motor, -1 to 1, from `from` on. An instant already passed counts as now.
+    /// Sets the effort of a motor, -1 to 1, from time `from` on. A time in the past counts as now.
     pub fn set_effort(&mut self, from: SimTime, motor: Motor, effort: f64) {
         let from = from.max(self.now);
         let place = self.pending.partition_point(|(when, _, _)| *when <= from);
@@ -112,7 +112,7 @@ impl Vehicle {
             .insert(place, (from, motor, effort.clamp(-1.0, 1.0)));
     }
 
-    /// Moves the vehicle to `to`; earlier instants change nothing.
+    /// Moves the vehicle to time `to`; an earlier time has no effect.
     pub fn advance_to(&mut self, to: SimTime) {
         while self.now < to {
             while let Some(&(when, motor, effort)) = self.pending.front()
@@ -135,7 +135,7 @@ impl Vehicle {
         }
     }
 
-    /// The state at `when` as the efforts known so far give it, without moving the vehicle.
+    /// Predicts the state at `when` from the efforts known so far, without moving the vehicle.
     #[must_use]
     pub fn state_at(&self, when: SimTime) -> State {
         if when <= self.now {
@@ -146,7 +146,7 @@ impl Vehicle {
         ahead.state
     }
 
-    /// The instant that [`Vehicle::state`] belongs to.
+    /// The time of [`Vehicle::state`].
     #[must_use]
     pub fn now(&self) -> SimTime {
         self.now
@@ -170,7 +170,7 @@ impl Vehicle {
         }
     }
 
-    /// The point of the centre line beside the antenna, whose cross-track error is reported.
+    /// The point on the centre line beside the antenna. The report gives its cross-track error.
     #[must_use]
     pub fn beside_antenna(&self) -> Motion {
         self.point(self.parameters.rear_to_antenna.get(), 0.0)
@@ -191,8 +191,8 @@ impl Vehicle {
         }
     }
 
-    /// The steering angle at `when` as the efforts known so far give it; much cheaper than
-    /// [`Vehicle::state_at`], because converters ask for it all the time.
+    /// Predicts the steering angle at `when` from the efforts known so far. It is much cheaper than
+    /// [`Vehicle::state_at`], because every converter reading needs it.
     #[must_use]
     pub fn steering_at(&self, when: SimTime) -> f64 {
         let mut actuator = self.actuator;
@@ -210,7 +210,7 @@ impl Vehicle {
         actuator.after(angle, span_seconds(since(when, now)))
     }
 
-    /// Voltage of the steering potentiometer at `when` as a converter reading before noise and
+    /// Voltage of the steering potentiometer at `when` as a converter reading, before noise and
     /// rounding.
     #[must_use]
     pub fn pot_at(&self, when: SimTime) -> f64 {
@@ -223,11 +223,11 @@ impl Vehicle {
         &self.parameters
     }
 
-    /// One step of classical Runge-Kutta for the pose; steering and speed are exact because
-    /// their inputs are constant over the step.
+    /// One classical Runge-Kutta step for the pose. Steering and speed are exact, because their
+    /// inputs are constant over the step.
     fn step(&mut self, step: f64) {
         let steering = self.state.steering;
-        // A drive without lag is at its new speed from the beginning.
+        // A drive without lag has its new speed from the beginning of the step.
         let speed = self.drive.after(self.state.speed, 0.0);
         let half = (
             self.actuator.after(steering, step / 2.0),
@@ -266,8 +266,8 @@ impl Vehicle {
         let front = self.ground.front_slip.get() * load;
         let rear = self.ground.rear_slip.get() * load;
 
-        // Slip turns each axle's direction of travel away from the force that its tyres carry,
-        // in both directions of driving.
+        // Slip turns each axle's direction of travel away from the lateral force on its tyres, both
+        // forwards and in reverse.
         let way = if ahead < 0.0 { -1.0 } else { 1.0 };
         let sideways = -ahead * tan(way * rear);
         let turn = (ahead * tan(wheels - way * front) - sideways) / length;
@@ -279,7 +279,7 @@ impl Vehicle {
     }
 }
 
-/// `angle` brought into -pi to pi.
+/// `angle` wrapped to -pi to pi.
 #[must_use]
 pub fn wrap(angle: f64) -> f64 {
     atan2(sin(angle), cos(angle))

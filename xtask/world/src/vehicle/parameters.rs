@@ -19,7 +19,7 @@ pub struct Parameters {
     pub antenna_height: Length,
     /// Speed at full drive effort, above 0 to 10 m/s.
     pub top_speed: Speed,
-    /// Share of the drive effort that moves nothing, 0 to 50 %.
+    /// Largest share of the drive effort that does not move the vehicle, 0 to 50 %.
     pub drive_dead_band: Ratio,
     /// Time constant of the drive, 0 to 10 s. Default 0.3 s.
     pub drive_lag: Time,
@@ -32,16 +32,16 @@ pub struct Parameters {
     /// Rate of this actuator as a share of the two above: below 100 % the actuator is slower
     /// than its calibration says. 10 to 200 %, default 100 %.
     pub actuator_gain: Ratio,
-    /// Share of the steering effort to the right that moves nothing, 0 to 50 %.
+    /// Largest share of the steering effort to the right that does not move the wheels, 0 to 50 %.
     pub dead_band_right: Ratio,
-    /// Share of the steering effort to the left that moves nothing, 0 to 50 %.
+    /// Largest share of the steering effort to the left that does not move the wheels, 0 to 50 %.
     pub dead_band_left: Ratio,
-    /// Angle of the wheels less the angle that the potentiometer shows, -10 to 10 deg.
-    /// Default 0 deg.
+    /// Angle of the wheels minus the angle that the potentiometer shows, -10 to 10 deg. Default 0
+    /// deg.
     pub steering_bias: Angle,
     /// Reading of the potentiometer straight ahead, 0 to 4095 counts.
     pub pot_centre: Count,
-    /// Reading for a degree to the right, -80 to 80 counts/deg, not 0.
+    /// Increase of the reading per degree to the right, -80 to 80 counts/deg, not 0.
     pub pot_slope: CountSlope,
     /// Standard deviation of the noise on the potentiometer, 0 to 100 counts. Default 1 count.
     pub pot_noise: Count,
@@ -52,8 +52,8 @@ pub struct Parameters {
 }
 
 impl From<&Machine> for Parameters {
-    /// The machine as a manifest describes it; what a manifest does not say has the defaults
-    /// that the fields state.
+    /// The machine that a manifest describes. Values that the manifest does not contain take the
+    /// defaults stated at the fields.
     fn from(machine: &Machine) -> Self {
         let reversed = !machine.motor_driver.full_byte_is_forward;
         Self {
@@ -81,7 +81,7 @@ impl From<&Machine> for Parameters {
 }
 
 changes! {
-    /// Changes of a scenario to the manifest's machine.
+    /// Changes of the manifest's machine by a scenario.
     pub(crate) struct Changes of Parameters {
         rear_to_antenna: Length,
         antenna_to_front: Length,
@@ -114,21 +114,21 @@ impl Parameters {
     }
 }
 
-/// The ground. The default is level and grips.
+/// The ground. The default is level ground with normal grip.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Ground {
     /// Steepness, 0 to 30 deg.
     pub slope: Angle,
-    /// Direction of steepest descent, clockwise from north, -360 to 360 deg. Default 90 deg: a
-    /// vehicle that drives north is drawn to its right.
+    /// Direction of steepest descent, clockwise from north, -360 to 360 deg. Default 90 deg: the
+    /// slope pulls a vehicle that drives north to its right.
     pub downhill: Angle,
-    /// Slip of the front tyres for a lateral force of the vehicle's weight, 0 to 60 deg/g.
-    /// Default 14 deg/g, a cornering coefficient of 4 per radian.
+    /// Slip angle of the front tyres for a lateral force equal to the vehicle's weight, 0 to 60
+    /// deg/g. Default 14 deg/g, a cornering coefficient of 4 per radian.
     pub front_slip: Compliance,
     /// The same for the rear tyres.
     pub rear_slip: Compliance,
-    /// Share of the wheels' speed lost to slip along the way, 0 to 90 %. Default 0 %.
+    /// Share of the wheels' speed lost to longitudinal slip, 0 to 90 %. Default 0 %.
     pub wheel_slip: Ratio,
 }
 

@@ -1,5 +1,5 @@
-//! A helper for tests: drives the world's vehicle along its line through the same bytes that the
-//! nodes use, with the thesis's state feedback (7.2.3) and no network in between.
+//! A helper for tests: drives the world's vehicle along its line through the same serial bytes as
+//! the nodes, with the thesis's state feedback (7.2.3) but without a network.
 
 use sbp::messages::Sbp;
 use world::time::{after, at, from_seconds};
@@ -28,7 +28,7 @@ impl Pilot {
         }
     }
 
-    /// Runs from `start`, standing still before, until `end`.
+    /// Runs until `end`; the vehicle is at rest until `start`.
     pub(crate) fn run(&mut self, start: SimDuration, end: SimDuration) {
         let (mut fixed, mut position, mut velocity) = (false, (0.0, 0.0), (0.0, 0.0));
         while let Some(next) = self.world.next_event().filter(|next| *next <= at(end)) {
@@ -100,7 +100,7 @@ impl Pilot {
     }
 }
 
-/// Whole messages at the beginning of `stream`, and what is left of it.
+/// The complete messages at the beginning of `stream`, and the remaining bytes.
 fn decode(stream: &[u8]) -> (Vec<Sbp>, Vec<u8>) {
     let Some(begin) = stream.iter().position(|byte| *byte == 0x55) else {
         return (Vec::new(), Vec::new());

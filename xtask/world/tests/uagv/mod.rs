@@ -1,4 +1,4 @@
-//! The vehicle that the tests of the world are made for.
+//! The vehicle that the tests of this crate use.
 
 #![allow(dead_code)]
 
@@ -23,7 +23,7 @@ pub(crate) fn vehicle() -> Vehicle {
     Vehicle::read(folder.as_ref()).unwrap()
 }
 
-/// The vehicle with other texts in its manifest.
+/// The vehicle with text replacements in its manifest.
 pub(crate) fn changed(changes: &[(&str, &str)]) -> Vehicle {
     let vehicle = vehicle();
     let read = |file: &str| std::fs::read_to_string(vehicle.folder().join(file)).unwrap();
