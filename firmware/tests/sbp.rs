@@ -25,7 +25,7 @@ fn packets() -> Vec<Packet> {
     serde_json::from_str(include_str!("data/sbp_packets.json")).expect("the data file parses")
 }
 
-/// What the parser makes of a stream: type and message of each frame.
+/// Result of the parser for a stream: type and message of each frame.
 fn parse(parser: &mut Parser, bytes: &[u8]) -> Vec<(u16, Option<Message>)> {
     let mut found = Vec::new();
     for bytes in bytes.chunks(sbp::LOT) {
@@ -58,7 +58,7 @@ fn frame_of(kind: u16, payload: &[u8]) -> Vec<u8> {
     frame
 }
 
-/// The same by the oracle.
+/// The same frame, built by the `sbp` crate.
 fn oracle(bytes: &[u8]) -> ::sbp::Sbp {
     ::sbp::iter_messages(bytes)
         .next()
@@ -177,13 +177,13 @@ fn every_packet_decodes_as_the_sbp_crate_says() {
     }
 }
 
-/// Where frames with a right checksum lie when all bytes can be seen at once.
+/// Places of the frames with a right checksum, found by a search that sees all bytes at once.
 fn frames_of_the_whole(stream: &[u8]) -> Vec<std::ops::Range<usize>> {
     let padded = [stream, &[0; 263]].concat();
     frames_until_one_is_incomplete(&padded)
 }
 
-/// The same when nothing follows the stream: a candidate whose end is missing ends the look.
+/// The same if nothing follows the stream: the search ends at a candidate whose end is missing.
 fn frames_until_one_is_incomplete(stream: &[u8]) -> Vec<std::ops::Range<usize>> {
     let mut frames = Vec::new();
     let mut at = 0;
@@ -249,8 +249,9 @@ fn every_stream_of_the_corpus_yields_what_a_look_at_the_whole_finds() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 
-    /// Taking bytes one by one finds what a look at the whole stream finds: behind any noise a
-    /// frame is lost only when the checksum of the noise happens to be right across it.
+    /// Taking bytes one by one finds the same frames as a search of the whole stream. After
+    /// noise a frame is lost only if a candidate that begins in the noise and overlaps the
+    /// frame happens to have a right checksum.
     #[test]
     fn a_frame_behind_any_bytes_is_found(
         noise in proptest::collection::vec(prop_oneof![Just(0x55u8), any::<u8>()], 0..400),
@@ -271,7 +272,7 @@ proptest! {
         prop_assert_eq!(parse(&mut Parser::new(), &stream), expected);
     }
 
-    /// A flipped bit never gets through, costs no other frame, and is counted.
+    /// A frame with a flipped bit is never accepted, costs no other frame, and is counted.
     #[test]
     fn a_flipped_bit_costs_one_frame(which in 0usize..68, at in any::<prop::sample::Index>(), bit in 0..8) {
         let packets = packets();
@@ -292,7 +293,8 @@ proptest! {
         prop_assert!(counters.skipped as usize >= bad.len());
     }
 
-    /// Arbitrary payloads of the right type and any length never do more than fail.
+    /// Arbitrary payloads of the right type and any length decode or are refused, but do not
+    /// panic.
     #[test]
     fn any_payload_is_survived(kind in any::<u16>(), payload in proptest::collection::vec(any::<u8>(), 0..=255)) {
         for kind in [kind, 0x0100, 0x0102, 0x0201, 0x0203, 0x0205, 0x0207, 0x020A, 0x020C, 0x020E, 0x020F, 0xFFFF] {
@@ -301,10 +303,10 @@ proptest! {
         }
     }
 
-    /// However the bytes come in lots, and however many steps lie between two of them, the
-    /// station makes of them what the messages of the whole stream say, in that
-    /// order; every step that is not the last one goes over its share of bytes; and a pause of
-    /// the line is answered when all before it has been looked at.
+    /// For any division of the bytes into lots, and any number of steps between two lots: the
+    /// station's updates are those of the messages of the whole stream, in the same order.
+    /// Every step except the last consumes its share of bytes. A pause of the line is reported
+    /// when all bytes before it have been read.
     #[test]
     fn short_steps_do_what_a_look_at_the_whole_does(
         pieces in proptest::collection::vec(piece(), 1..24),
@@ -321,7 +323,7 @@ proptest! {
             if pause {
                 station.pause(arrived as u32);
             }
-            // Bytes that find no room stay where they are.
+            // Bytes for which there is no room are offered again later.
             loop {
                 let mut count = 0;
                 let rest = stream[taken..arrived].iter().copied();
@@ -351,11 +353,11 @@ proptest! {
     }
 }
 
-/// What the messages of a stream say when all its bytes can be seen at once.
+/// The updates that a stream's messages cause, found by a search that sees all bytes at once.
 fn puts_of_the_whole(stream: &[u8]) -> Vec<Update> {
     let mut navigation = Navigation::new();
     let mut puts = Vec::new();
-    // Nothing more comes: a candidate whose end is missing holds back all behind it.
+    // Nothing follows: a candidate whose end is missing holds back all bytes after it.
     for range in frames_until_one_is_incomplete(stream) {
         for (_, message) in parse(&mut Parser::new(), &stream[range]) {
             if let Some(message) = message {

@@ -1,4 +1,4 @@
-//! The folders of the vehicles that come along, and what is refused.
+//! The folders of the vehicles in this repository, and errors that are refused.
 
 use std::path::{Path, PathBuf};
 

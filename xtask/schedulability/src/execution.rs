@@ -71,7 +71,7 @@ pub struct Execution {
     pub stack_unknown: BTreeSet<String>,
     /// Why the start-up and idle code could not be followed to its end.
     pub idle_problems: BTreeSet<Problem>,
-    /// Words that keep the address which start-up wrote to them; the bounds rest on them.
+    /// Memory words that keep the address which start-up wrote to them. The bounds rely on it.
     pub lasting: Words,
 }
 
@@ -208,8 +208,9 @@ impl Analyser<'_> {
         let panics = panics.map(|site| format!("{} -> {}", image.describe(site.at), site.callee));
         let handler = Handler {
             kinds: self.kinds(task, entry)?,
-            // Both are bounds: the machine's clock knows the history of each path, and the
-            // integer program knows the annotations about all paths together.
+            // Both are bounds, and either may be the smaller one: the search over paths knows
+            // the history of each path, the integer program knows the annotations about all
+            // paths together.
             cycles: program.map_or(bound.cycles, |program| bound.cycles.min(program)),
             overhead,
             preemption: exceptions.restart + lazy,

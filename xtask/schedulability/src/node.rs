@@ -26,7 +26,7 @@ pub struct Seen {
     pub refuted: BTreeSet<String>,
 }
 
-/// Step to which the sensitivity is found.
+/// Resolution of the search for the sensitivity.
 const STEP: Picoseconds = MICROSECOND / 50;
 
 /// Bounds the response times of the node's tasks.

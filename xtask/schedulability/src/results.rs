@@ -232,7 +232,7 @@ pub struct MessageReport {
     /// difference. For an event, its worst-case response time; `None` if the event messages
     /// overload the bus.
     pub need: Option<Picoseconds>,
-    /// The window, or the deadline of an event.
+    /// The time that is available: the length of the window, or the deadline of an event.
     pub room: Picoseconds,
     /// Start of its window in the basic cycle.
     pub start: Picoseconds,

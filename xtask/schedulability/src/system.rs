@@ -69,7 +69,8 @@ impl Programs {
         Ok(Self { models, executions })
     }
 
-    /// What runs of a node's handlers are checked against: interrupt and watch.
+    /// The analysed paths of a node's handlers, which runs are checked against: interrupt and
+    /// watch.
     pub fn watches(&self, node: &str) -> impl Iterator<Item = (&str, &Arc<Watch>)> {
         let all = self.models.nodes.iter().zip(&self.executions);
         all.filter(move |((model, _), _)| model.name == node)

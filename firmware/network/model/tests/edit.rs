@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use network_model::{Assignment, Network, Window, WindowKind, generate};
 use proptest::prelude::*;
 
-/// The vehicle's file, in which no message needs another: any order of windows will do.
+/// The vehicle's file without `After` attributes, so that any order of windows is accepted.
 static VEHICLE: LazyLock<String> = LazyLock::new(|| {
     let file = include_str!("../../../vehicles/uagv/network.dbc");
     let (before, after) = file.split_once("BA_ \"After\" BO_ 300").unwrap();
@@ -22,7 +22,7 @@ fn sorted(mut assignment: Assignment) -> Assignment {
     assignment
 }
 
-/// The vehicle's schedule with its exclusive windows dealt out anew.
+/// The vehicle's schedule with its exclusive windows in another order.
 fn dealt(order: &[usize]) -> Assignment {
     let mut assignment = sorted(Assignment::of(&vehicle()));
     let exclusive = |window: &Window| window.kind == WindowKind::Exclusive;
@@ -50,12 +50,12 @@ proptest! {
         let text = assignment.write(&VEHICLE);
         let network = Network::parse(&text).unwrap();
         prop_assert_eq!(sorted(Assignment::of(&network)), assignment);
-        // Only starts change, in their own lines.
+        // Only starts change, each in its own line.
         prop_assert_eq!(text.lines().count(), VEHICLE.lines().count());
         for (new, old) in text.lines().zip(VEHICLE.lines()) {
             prop_assert!(new == old || new.starts_with("BA_ \"WindowStart\" BO_ "), "{}", new);
         }
-        // And back again.
+        // Writing the old schedule gives the old text.
         prop_assert_eq!(&sorted(Assignment::of(&vehicle())).write(&text), &*VEHICLE);
     }
 }

@@ -1,4 +1,4 @@
-//! What is wrong with a network file is said by name and line.
+//! Errors in a network file are reported by name and line.
 
 use network_model::{Network, worst_case_bits};
 
@@ -57,7 +57,7 @@ BA_ "WindowStart" BO_ 600 2000;
 VAL_ 600 Kind 1 "Fire" 0 "Water" ;
 "#;
 
-/// What is said about the good file after one replacement and more lines.
+/// The error for the good file after one replacement.
 fn refusal(from: &str, to: &str) -> String {
     assert!(GOOD.contains(from), "nothing to replace: {from}");
     match Network::parse(&GOOD.replacen(from, to, 1)) {

@@ -1,4 +1,4 @@
-//! What the vehicle's own file says.
+//! Facts in the vehicle's own network file.
 
 use network_model::{Condition, Network, SendType, WindowKind};
 

@@ -1,4 +1,4 @@
-//! What the actuator nodes make of commands.
+//! How the actuator nodes act on commands.
 
 use firmware::actuator::{CommandHold, Drive, Refusal, Times, steering_effort};
 use firmware::e2e;
@@ -111,7 +111,8 @@ proptest! {
         prop_assert!(effort * angle <= 0.0);
     }
 
-    /// Integrated at 200 Hz with the actuator's own line, the angle never passes a stop.
+    /// Integrated at 200 Hz with the actuator's own characteristic, the angle never passes a
+    /// stop.
     #[test]
     fn the_wheels_stay_within_their_limits(rate in -2500i16..=2500, start in -0.43f32..0.43) {
         let mut angle = start;

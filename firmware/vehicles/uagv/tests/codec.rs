@@ -1,4 +1,4 @@
-//! The generated shifts and masks against a reader and a writer that go bit by bit.
+//! The generated shifts and masks against a bit-by-bit reader and writer.
 
 use std::sync::LazyLock;
 

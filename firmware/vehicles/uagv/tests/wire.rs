@@ -1,4 +1,4 @@
-//! The vehicle's messages made of the shared modules' quantities.
+//! The vehicle's messages, made from the quantities of the shared modules.
 
 use control::position::Position as Place;
 use firmware::buttons::{Button, Edge};

@@ -1,4 +1,4 @@
-//! The table of kernels, by which the analysis itself is judged.
+//! The table of kernels: small programs that show how tight the analysis is.
 
 use crate::results::KernelReport;
 use wcet::cycles::Model;
