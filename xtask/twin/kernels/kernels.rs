@@ -52,7 +52,7 @@ impl Results {
     fn push(&mut self, value: u32) {
         self.store(self.next, value);
         self.next += 1;
-        // SAFETY: the header of the kernel in hand.
+        // SAFETY: `head` is the index of the current kernel's header, which was written before.
         let head = unsafe { read_volatile(RESULTS.add(self.head)) };
         self.store(self.head, head + 1);
     }
@@ -63,7 +63,7 @@ impl Results {
     }
 
     fn store(&self, at: usize, value: u32) {
-        // SAFETY: RAM that nothing else uses.
+        // SAFETY: nothing else uses this RAM.
         unsafe { write_volatile(RESULTS.add(at), value) }
     }
 }
@@ -94,7 +94,7 @@ fn division(r: &mut Results) {
     }
     for (a, b) in [(7_u32, 2_u32), (7, 0), (0x8000_0000, 0xFFFF_FFFF), (1, 3)] {
         let (q, s): (u32, u32);
-        // SAFETY: registers only.
+        // SAFETY: the instructions use registers only.
         unsafe {
             asm!("udiv {q}, {a}, {b}", "sdiv {s}, {a}, {b}",
                  q = out(reg) q, s = out(reg) s, a = in(reg) a, b = in(reg) b);
@@ -141,7 +141,7 @@ fn floats(r: &mut Results) {
         let (a, b, c) = (pick(k, &mut random), pick(k * 5 + 3, &mut random), pick(k * 3 + 1, &mut random));
         let (sum, product, quotient, root, fused, chained): (u32, u32, u32, u32, u32, u32);
         let (signed, unsigned, back, flags, status): (u32, u32, u32, u32, u32);
-        // SAFETY: registers only; FPSCR is cleared first.
+        // SAFETY: the instructions use registers only; FPSCR is cleared first.
         unsafe {
             asm!(
                 "mov {t}, #0", "vmsr fpscr, {t}",
@@ -200,7 +200,7 @@ macro_rules! two {
     ($r:ident, $a:ident, $b:ident, $($text:literal),+) => {$({
         let d: u32;
         let flags: u32;
-        // SAFETY: registers only; the saturation flag is cleared first.
+        // SAFETY: the instructions use registers only; the saturation flag is cleared first.
         unsafe {
             asm!("mov {t}, #0", "msr APSR_nzcvq, {t}", $text, "mrs {flags}, APSR @ {b}",
                  t = out(reg) _, d = out(reg) d, a = in(reg) $a, b = in(reg) $b,
@@ -232,7 +232,7 @@ fn signal(r: &mut Results) {
             "mul {d}, {a}, {b}", "eors {d}, {a}, {b}, lsr #7", "bics {d}, {a}, {b}, rrx"
         );
         let (low, high, selected): (u32, u32, u32);
-        // SAFETY: registers only.
+        // SAFETY: the instructions use registers only.
         unsafe {
             asm!("mov {l}, {a}", "mov {h}, {b}", "umaal {l}, {h}, {a}, {b}",
                  "smlal {l}, {h}, {a}, {b}", "smlald {l}, {h}, {a}, {b}",
@@ -277,11 +277,11 @@ fn memory(r: &mut Results) {
     static mut TARGET: [u8; 64] = [0; 64];
     let (source, target) = (addr_of_mut!(SOURCE).cast::<u8>(), addr_of_mut!(TARGET).cast::<u8>());
     for k in 0..64 {
-        // SAFETY: inside the arrays.
+        // SAFETY: all accesses are inside the arrays.
         unsafe { source.add(k).write_volatile((k * 37 + 11) as u8) };
     }
     for (from, to, length) in [(1, 2, 17), (3, 20, 30), (0, 51, 13)] {
-        // SAFETY: inside the arrays.
+        // SAFETY: all accesses are inside the arrays.
         unsafe { core::ptr::copy_nonoverlapping(source.add(from), target.add(to), length) };
     }
     for at in [1_usize, 2, 3, 5, 6, 7, 13] {
@@ -303,7 +303,7 @@ fn memory(r: &mut Results) {
     static mut BITS: u32 = 0;
     let bits = addr_of_mut!(BITS);
     let alias = (0x2200_0000 + (bits as u32 - 0x2000_0000) * 32) as *mut u32;
-    // SAFETY: the alias of a word of RAM (Cortex-M4 processor manual 3.7).
+    // SAFETY: the alias addresses the bits of `BITS` (Cortex-M4 processor manual 3.7).
     unsafe {
         for bit in [0_usize, 7, 8, 31] {
             write_volatile(alias.add(bit), 1);
@@ -318,8 +318,8 @@ static mut TRACE: [u32; 64] = [0; 64];
 static mut TRACED: usize = 0;
 
 fn note(value: u32) {
-    // SAFETY: one core; handlers nest and each note is short, the compared order is what
-    // is wanted.
+    // SAFETY: there is one core, and only SVC and PendSV run. They are taken where the program
+    // raises or unmasks them, never inside this function, so that no two calls overlap.
     unsafe {
         let at = read_volatile(addr_of!(TRACED));
         if at < 64 {
@@ -331,7 +331,7 @@ fn note(value: u32) {
 
 fn ipsr() -> u32 {
     let value: u32;
-    // SAFETY: reads a register.
+    // SAFETY: only reads a register.
     unsafe { asm!("mrs {}, IPSR", out(reg) value) };
     value
 }
@@ -340,7 +340,7 @@ fn exclusive_store_after(event: impl Fn()) -> u32 {
     static mut CELL: u32 = 0;
     let cell = addr_of_mut!(CELL);
     let failed: u32;
-    // SAFETY: RAM of this function.
+    // SAFETY: only this function uses the RAM.
     unsafe {
         asm!("ldrex {t}, [{c}]", c = in(reg) cell, t = out(reg) _);
         event();
@@ -357,12 +357,12 @@ const PEND: u32 = 1 << 28;
 #[unsafe(no_mangle)]
 extern "C" fn supervisor() {
     note(0x1000 | ipsr());
-    // SAFETY: pends PendSV, which has a lower priority or a higher one as set.
+    // SAFETY: pends PendSV, whose handler is below, and uses registers that are declared.
     unsafe {
         write_volatile(ICSR, PEND);
         asm!("dsb", "isb");
         note(0x2000 | read_volatile(ICSR) >> 12 & 0xFFF);
-        // Destroys what the interrupted code has in its floating-point registers.
+        // Overwrites the floating-point registers of the interrupted code.
         asm!("vmov s0, {v}", "vmov s15, {v}", "vadd.f32 s0, s0, s15",
              v = in(reg) 0x4000_0000_u32, out("s0") _, out("s15") _);
     }
@@ -372,13 +372,13 @@ extern "C" fn supervisor() {
 #[unsafe(no_mangle)]
 extern "C" fn pended() {
     let priority: u32;
-    // SAFETY: reads a register.
+    // SAFETY: only reads a register.
     unsafe { asm!("mrs {}, BASEPRI", out(reg) priority) };
     note(0x4000 | ipsr() | priority << 16);
 }
 
 fn exceptions(r: &mut Results) {
-    // SAFETY: priorities of SVC and PendSV; the handlers above.
+    // SAFETY: sets the priorities of SVC and PendSV and raises them; their handlers are above.
     unsafe {
         for (call, pend, mask) in [(0x40, 0x80, 0), (0x80, 0x40, 0), (0x40, 0x80, 0x60), (0x40, 0x40, 0)] {
             write_volatile(SHPR2, call << 24);
@@ -397,7 +397,7 @@ fn exceptions(r: &mut Results) {
             r.push(first);
             r.push(last);
         }
-        // PRIMASK holds back, then lets go.
+        // PRIMASK delays the exception until it is cleared.
         asm!("cpsid i");
         write_volatile(ICSR, PEND);
         note(0x7000);
@@ -412,7 +412,7 @@ fn exceptions(r: &mut Results) {
             asm!("dsb", "isb");
         }
     }));
-    // SAFETY: nothing runs any more that writes these.
+    // SAFETY: no code that writes these runs any more.
     unsafe {
         r.push(read_volatile(addr_of!(TRACED)) as u32);
         for k in 0..read_volatile(addr_of!(TRACED)) {

@@ -152,7 +152,7 @@ fn wait_states_cost_the_cycles_that_prefetch_and_caches_leave() {
             .poke(0xE000_E018, 0)
             .poke(0xE000_E010, 7)
             .sleep_for_ever();
-        // Not in the line behind the sleeping program's, which has been read ahead.
+        // Skip the flash line after the sleeping program's, because it is already prefetched.
         let end = program.here();
         while program.here() < end + 16 || !program.here().is_multiple_of(16) {
             program.half(0xBF00);

@@ -24,9 +24,9 @@ pub struct Parameters {
     pub frame_gap: Time,
     /// Rotation of the velocity vector that the receiver reports, -10 to 10 deg. Default 0 deg.
     pub heading_bias: Angle,
-    /// Error of the receiver's clock, -100 to 100 ppm; drawn within 20 ppm when `None`.
+    /// Error of the receiver's clock, -100 to 100 ppm; random within 20 ppm when `None`.
     pub clock: Option<Ppm>,
-    /// Time from the start of the run to the first measurement, 0 to a period; drawn when `None`.
+    /// Time from the start of the run to the first measurement, 0 to a period; random when `None`.
     pub phase: Option<Time>,
     /// Fix at the start of the run. Default fixed.
     pub fix: Fix,
@@ -165,9 +165,9 @@ pub struct FixChange {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StreamFault {
-    /// First instant.
+    /// When the damage starts.
     pub from: Time,
-    /// Last instant; the end of the run when left out.
+    /// When the damage ends; the end of the run if left out.
     pub until: Option<Time>,
     /// Kind of damage.
     pub fault: StreamFaultKind,

@@ -185,10 +185,10 @@ impl Default for Lcd {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Clock {
-    /// Error of the 8 MHz clock, -100 to 100 ppm; drawn within 50 ppm when left out.
+    /// Error of the 8 MHz clock, -100 to 100 ppm; random within 50 ppm if left out.
     pub crystal: Option<Ppm>,
     /// Error of the part's internal oscillator, -10000 to 10000 ppm (data sheets of both parts:
-    /// 1 % at 25 degrees Celsius); drawn from the whole range when left out.
+    /// 1 % at 25 degrees Celsius); random within this range if left out.
     pub internal: Option<Ppm>,
     /// Whether the 8 MHz clock is there at all. Default true.
     pub external: bool,
