@@ -380,7 +380,7 @@ mod tests {
     fn a_machine_without_a_control_law_is_refused_in_one_sentence() {
         let told = changed(&[("cornering = 4.0", "cornering = 0.1")]).unwrap_err();
         assert!(
-            told.contains("vehicle.toml: the cornering coefficient is 0.1 1/rad"),
+            told.contains("vehicle.toml: [machine]: the cornering coefficient is 0.1 1/rad"),
             "{told}"
         );
     }

@@ -7,6 +7,7 @@ use network_model::Network;
 use parts::Sled;
 
 use crate::check;
+use crate::design;
 use crate::error::VehicleError;
 use crate::manifest::{Device, Manifest, Node};
 
@@ -107,12 +108,17 @@ impl Vehicle {
             what: error.to_string().replace('\n', "; "),
         })?;
         check::check(&manifest, &network).map_err(wrong)?;
-        Ok(Self {
+        let vehicle = Self {
             name: name.into(),
             folder: folder.into(),
             manifest,
             network,
-        })
+        };
+        if let Some(description) = design::description(&vehicle) {
+            let checked = description.check();
+            checked.map_err(|refusal| wrong(format!("[machine]: {refusal}")))?;
+        }
+        Ok(vehicle)
     }
 
     /// Its name: the name of its folder.

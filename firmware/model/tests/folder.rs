@@ -72,6 +72,11 @@ fn what_makes_no_sense_is_refused_in_one_sentence() {
             "machine.speed: unknown field `speed`",
         ),
         (
+            "lag = \"300 ms\"",
+            "lag = \"300 s\"",
+            "[machine]: the drive's time constant is 300 s: 0.05 to 1 s is accepted",
+        ),
+        (
             "slope = \"40 counts/deg\"",
             "slope = \"60 counts/deg\"",
             "machine.potentiometer: 2048 counts straight ahead and 60 counts for a degree do \

@@ -211,6 +211,7 @@ fn what_the_file_leaves_out_is_the_manifests() {
         ),
         ("antenna_right = \"0 m\"", "antenna_right = \"-0.2 m\""),
         ("full_speed = \"2 m/s\"", "full_speed = \"3 m/s\""),
+        ("lag = \"300 ms\"", "lag = \"500 ms\""),
         (
             "full_byte_is_forward = true",
             "full_byte_is_forward = false",
@@ -228,6 +229,7 @@ fn what_the_file_leaves_out_is_the_manifests() {
     assert_eq!(machine.rear_to_antenna.get(), 0.5);
     assert_eq!(machine.antenna_right.get(), 0.1);
     assert_eq!(machine.top_speed.get(), 3.0);
+    assert_eq!(machine.drive_lag.get(), 0.5);
     assert!(machine.steering_reversed && machine.drive_reversed);
     let receiver = receiver(&scenario);
     assert_eq!((receiver.latency.get(), receiver.period.get()), (0.06, 0.2));

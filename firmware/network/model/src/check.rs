@@ -335,7 +335,9 @@ fn window(network: &Network, message: &Message, window: Window, problems: &mut V
         WindowKind::Reference => 0,
         WindowKind::Exclusive | WindowKind::Arbitrating => u32::from(network.transmit_enable_bits),
     };
-    let need = network.bits_to_us(bits + enable) + network.sync_uncertainty_us;
+    let need = network
+        .bits_to_us(bits + enable)
+        .saturating_add(network.sync_uncertainty_us);
     if need > window.length_us {
         refuse(format!(
             "{of}: {} us are too short, the longest frame ({bits} bit times), the transmit enable window ({enable}) and {} us of clock error need {need} us",
@@ -445,7 +447,7 @@ fn precedence(
     let Some(release) = network.release_us(message).filter(|_| !unscheduled) else {
         return;
     };
-    let ready = release + message.preparation_us;
+    let ready = release.saturating_add(message.preparation_us);
     if let Some(early) = message.windows().find(|own| own.start_us < ready) {
         refuse(format!(
             "{of} is scheduled at {} us: what it needs has arrived at {release} us, and its Preparation takes {} us",

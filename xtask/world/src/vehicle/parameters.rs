@@ -63,7 +63,7 @@ impl From<&Machine> for Parameters {
             antenna_height: machine.antenna_height,
             top_speed: machine.drive.full_speed,
             drive_dead_band: machine.drive.dead_band,
-            drive_lag: Time::new(0.3),
+            drive_lag: machine.drive.lag,
             steering_limit: machine.limits.steering_angle,
             rate_right: machine.steering.right.full_rate,
             rate_left: machine.steering.left.full_rate,
