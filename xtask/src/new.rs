@@ -181,8 +181,9 @@ fn is_package_name(name: &str) -> Result<(), NameError> {
     if !form || name.len() > LONGEST {
         return Err(NameError::Form);
     }
-    // A crate's name must be an identifier, and keywords are none.
-    if syn::parse_str::<syn::Ident>(&name.replace('-', "_")).is_err() {
+    // A crate's name must be an identifier, and keywords are none; `syn` takes `gen`, a keyword
+    // since the edition of 2024, for a name.
+    if name == "gen" || syn::parse_str::<syn::Ident>(&name.replace('-', "_")).is_err() {
         return Err(NameError::Keyword);
     }
     if BUILT_IN.contains(&name) {
@@ -406,6 +407,7 @@ mod tests {
             ("../plough", "lower-case letters"),
             ("a-name-of-more-letters-than-fit", "up to 24"),
             ("match", "a keyword of Rust"),
+            ("gen", "a keyword of Rust"),
             ("core", "a crate of Rust itself"),
             ("uagv", "there is such a folder already"),
             ("firmware", "the workspace has such a package already"),

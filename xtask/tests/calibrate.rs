@@ -158,6 +158,25 @@ fn the_manifest_is_changed_in_place_and_only_when_asked() {
 }
 
 #[test]
+fn line_ends_and_byte_order_mark_stay() {
+    let (folder, workspace) = copy();
+    let log = folder.path().join("bus.log");
+    fs::write(&log, DRIVE).unwrap();
+    let path = workspace.vehicles().join("uagv/vehicle.toml");
+    let plain = fs::read_to_string(&path).unwrap();
+    let before = format!("\u{feff}{}", plain.replace('\n', "\r\n"));
+    fs::write(&path, &before).unwrap();
+    assert_eq!(run(&workspace, &log, &["--write"]), "");
+    let after = fs::read_to_string(&path).unwrap();
+    let changed = before
+        .split('\n')
+        .zip(after.split('\n'))
+        .filter(|(before, after)| before != after);
+    assert_eq!(changed.count(), 6);
+    assert!(after.starts_with('\u{feff}'));
+}
+
+#[test]
 fn a_manifest_stays_when_there_is_nothing_to_write() {
     let (folder, workspace) = copy();
     let log = folder.path().join("bus.log");

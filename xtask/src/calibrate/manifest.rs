@@ -87,10 +87,26 @@ pub(super) fn edit(vehicle: &Vehicle, found: &Calibration) -> Result<Edited, Str
         *value = new;
         changes.push(Change { field, from, to });
     }
-    let text = document.to_string();
+    let text = with_ends_of(&manifest, &document.to_string());
     Vehicle::parse(vehicle.name(), vehicle.folder(), &text, &network)
         .map_err(|error| format!("what was found is not accepted: {error}"))?;
     Ok(Edited { text, changes })
+}
+
+/// The new text with the line ends and the byte order mark of the old one, which `toml_edit`
+/// does not keep.
+fn with_ends_of(old: &str, new: &str) -> String {
+    let mark = if old.starts_with('\u{feff}') {
+        "\u{feff}"
+    } else {
+        ""
+    };
+    let new = new.replace("\r\n", "\n");
+    if old.contains("\r\n") {
+        format!("{mark}{}", new.replace('\n', "\r\n"))
+    } else {
+        format!("{mark}{new}")
+    }
 }
 
 /// The value at a path of keys with dots between them.

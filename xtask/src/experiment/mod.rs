@@ -32,7 +32,8 @@ use crate::{
     cli::Sim,
     progress::Display,
     sim::{self, bus::Log, matrix::Matrix},
-    target, vehicle,
+    target,
+    vehicle::{self, DEFAULT},
 };
 use case::Experiment;
 use measure::Figures;
@@ -46,6 +47,20 @@ pub enum Error {
     Unknown {
         /// The name.
         name: String,
+    },
+    /// The vehicle has nothing that an experiment could drive.
+    #[error("vehicle {vehicle:?} has no [machine]: an experiment needs a vehicle that drives")]
+    Stands {
+        /// The vehicle.
+        vehicle: String,
+    },
+    /// The law without images exists for one vehicle only.
+    #[error(
+        "--quick drives with the control law of {DEFAULT}, and the vehicle is {vehicle:?}: leave --quick out"
+    )]
+    Quick {
+        /// The vehicle.
+        vehicle: String,
     },
     /// A case's scenario is wrong.
     #[error(transparent)]
@@ -103,7 +118,11 @@ impl Error {
     pub(crate) fn is_usage(&self) -> bool {
         matches!(
             self,
-            Self::Unknown { .. } | Self::Scenario(_) | Self::Folder(_)
+            Self::Unknown { .. }
+                | Self::Stands { .. }
+                | Self::Quick { .. }
+                | Self::Scenario(_)
+                | Self::Folder(_)
         )
     }
 }
@@ -131,6 +150,18 @@ fn known() -> String {
     names.join(", ")
 }
 
+/// Whether an experiment can be made with this vehicle.
+fn suits(vehicle: &Vehicle, quick: bool) -> Result<(), Error> {
+    let name = || vehicle.name().to_owned();
+    if vehicle.manifest().machine.is_none() {
+        return Err(Error::Stands { vehicle: name() });
+    }
+    if quick && vehicle.name() != DEFAULT {
+        return Err(Error::Quick { vehicle: name() });
+    }
+    Ok(())
+}
+
 /// Runs the experiment of that name.
 ///
 /// # Errors
@@ -140,6 +171,7 @@ fn known() -> String {
 pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
     let vehicle = &vehicle::find(workspace, &options.vehicle)?;
     let experiment = Experiment::find(name)?;
+    suits(vehicle, options.quick)?;
     let folder = match &options.out {
         Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
         None => None,
@@ -386,6 +418,23 @@ fn runs_csv(jobs: &[Job], figures: &[Figures]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_vehicle_that_an_experiment_cannot_drive_is_refused() {
+        let workspace = Workspace::find().unwrap();
+        let uagv = vehicle::find(&workspace, DEFAULT).unwrap();
+        assert!(suits(&uagv, true).is_ok());
+        let bench = vehicle::find(&workspace, "two-boards").unwrap();
+        let error = suits(&bench, false).unwrap_err();
+        assert!(error.is_usage());
+        assert!(error.to_string().contains("has no [machine]"), "{error}");
+        let read = |name| fs::read_to_string(uagv.folder().join(name)).unwrap();
+        let (manifest, network) = (read("vehicle.toml"), read("network.dbc"));
+        let copy = Vehicle::parse("copy", uagv.folder(), &manifest, &network).unwrap();
+        assert!(suits(&copy, false).is_ok());
+        let error = suits(&copy, true).unwrap_err();
+        assert!(error.to_string().contains("leave --quick out"), "{error}");
+    }
 
     /// Without bus and images, a few seeds: the law and its settings meet the aims by themselves.
     #[test]
