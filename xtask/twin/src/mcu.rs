@@ -417,6 +417,7 @@ impl Mcu {
             flash.set_now(self.now);
         }
         let before = self.core.xpsr();
+        let fpscr = self.core.fpscr();
         let used = self.core.step();
         let stall = self.flash.as_ref().map_or(0, |flash| flash.take_stall());
         if stall > 0 {
@@ -427,6 +428,13 @@ impl Mcu {
                 self.stack_it_state(before);
             }
             let switch = self.long_step(used, stall);
+            if matches!(switch, Switch::Enter(_) | Switch::Chain(_)) {
+                // Until the handler's first float instruction has stored it, FPSCR belongs to the
+                // code below. The emulated core overwrites it at once, so that a comparison just
+                // before the exception would lose its flags (ARMv7-M manual B1.5.7,
+                // ExecuteFPCheck).
+                self.core.set_fpscr(fpscr);
+            }
             if let Some(at) = at {
                 self.show(at, switch);
             }

@@ -501,3 +501,45 @@ fn an_interrupt_in_an_it_block_leaves_its_conditions_standing() {
     assert!(mcu.register(6) > 1000 && mcu.register(7) > 500);
     assert_eq!(mcu.register(4), 0, "instructions whose condition fails ran");
 }
+
+#[test]
+fn an_interrupt_after_a_float_comparison_leaves_its_outcome_standing() {
+    // The handler that uses no float (ADDS r7, #1), and one that compares too, the other way
+    // round: VCMP s1, s0.
+    let handlers: [&[u16]; 2] = [&[0x3701], &[0x3701, 0xEEF4, 0x0A40]];
+    for instructions in handlers {
+        let mut program = Program::new();
+        // The FPU, and SysTick every 97 cycles.
+        program
+            .poke(0xE000_ED88, 0x00F0_0000)
+            .poke(0xE000_E014, 96)
+            .poke(0xE000_E018, 0)
+            .constant(4, 0)
+            .constant(6, 0)
+            .constant(7, 0)
+            // VMOV s0, #1.0; VMOV s1, #2.0
+            .half(0xEEB7)
+            .half(0x0A00)
+            .half(0xEEF0)
+            .half(0x0A00)
+            .poke(0xE000_E010, 7)
+            // loop: VCMP s0, s1; VMRS APSR_nzcv, FPSCR; IT PL; ADDPL r4, #1; ADDS r6, #1; B loop
+            .half(0xEEB4)
+            .half(0x0A60)
+            .half(0xEEF1)
+            .half(0xFA10)
+            .half(0xBF58)
+            .half(0x3401)
+            .half(0x3601)
+            .half(0xE7F7);
+        program.handler(15);
+        for &instruction in instructions {
+            program.half(instruction);
+        }
+        program.return_from_handler();
+        let mut mcu = program.start(Part::F303, &Board::default());
+        run(&mut mcu, 10 * MS);
+        assert!(mcu.register(6) > 1000 && mcu.register(7) > 500);
+        assert_eq!(mcu.register(4), 0, "1 was not below 2");
+    }
+}
