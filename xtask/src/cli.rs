@@ -337,7 +337,7 @@ pub struct Priorities {
     cargo xtask test --long    a whole night: the slow tests too, and more faults\n  \
     cargo xtask test --random  the property tests try new inputs\n  \
     cargo xtask test --list    list the steps and their commands\n\n\
-    One step runs the first 60 random fault sequences, with --long 1000;\n\
+    One step runs the first 30 random fault sequences, with --long 1000;\n\
     `cargo xtask sim --faults N` runs as many as you like.")]
 pub struct Test {
     /// List the steps instead of running them

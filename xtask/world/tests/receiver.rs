@@ -66,21 +66,23 @@ fn a_burst_is_what_the_thesis_measured() {
     );
 }
 
+/// Away from all axes, so that no two values could be taken for each other.
+const MOTION: Motion = Motion {
+    north: 12.345,
+    east: -6.789,
+    height: 1.0,
+    north_speed: 1.25,
+    east_speed: -0.5,
+};
+
 /// The layouts are those of Swift Navigation's "Swift Binary Protocol specification".
 #[test]
 fn bursts_are_those_that_were_recorded() {
     let mut receiver = Receiver::new(parameters(), Vec::new(), 3);
-    let motion = Motion {
-        north: 12.345,
-        east: -6.789,
-        height: 1.0,
-        north_speed: 1.25,
-        east_speed: -0.5,
-    };
     let mut recorded = String::new();
     for fix in [Fix::Fixed, Fix::Fixed, Fix::Float, Fix::Single, Fix::None] {
         recorded += &format!("{fix:?}\n");
-        let bytes = receiver.measure(&motion, fix);
+        let bytes = receiver.measure(&MOTION, fix);
         for line in bytes.chunks(32) {
             let line: String = line.iter().map(|b| format!("{:02x}", b.byte)).collect();
             recorded += &format!("    {line}\n");
@@ -92,15 +94,8 @@ fn bursts_are_those_that_were_recorded() {
 #[test]
 fn the_values_survive_the_wire() {
     let mut receiver = Receiver::new(exact(), Vec::new(), 0);
-    let motion = Motion {
-        north: 12.345,
-        east: -6.789,
-        height: 1.0,
-        north_speed: 1.25,
-        east_speed: -0.5,
-    };
-    receiver.measure(&motion, Fix::Fixed);
-    let messages = decode(&receiver.measure(&motion, Fix::Fixed));
+    receiver.measure(&MOTION, Fix::Fixed);
+    let messages = decode(&receiver.measure(&MOTION, Fix::Fixed));
     let tow = 129_600_100;
     let mut seen = 0;
     for message in &messages {

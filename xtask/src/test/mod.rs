@@ -1,5 +1,7 @@
 //! `test`: everything that must hold before a change is kept.
 
+mod binaries;
+
 use std::{
     process::Command,
     time::{Duration, Instant},
@@ -47,6 +49,10 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                         println!("    {}", typed(command));
                     }
                 }
+                Work::Tests { cargo, long } => {
+                    let slow = if *long { " -- --include-ignored" } else { "" };
+                    println!("    {}{slow}", typed(cargo));
+                }
                 Work::Faults(count) => println!("    cargo xtask sim --faults {count}"),
                 Work::Images(vehicle) => println!("    cargo xtask build --vehicle {vehicle}"),
                 Work::Drive(vehicle) => {
@@ -87,6 +93,8 @@ struct Step {
 enum Work {
     /// Commands that must succeed, all of them run.
     Commands(Vec<Command>),
+    /// The tests that this command of cargo builds, with or without the slow ones.
+    Tests { cargo: Command, long: bool },
     /// So many random fault sequences against the images.
     Faults(u64),
     /// The images of a vehicle: that they build, are within their budgets and do not panic.
@@ -127,6 +135,10 @@ impl Step {
             Work::Schedulability(name) => found(&name)
                 .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
                 .unwrap_or_else(failed),
+            Work::Tests { cargo, long } => {
+                let slow: &[&str] = if long { &["--include-ignored"] } else { &[] };
+                binaries::run(cargo, slow)
+            }
             Work::Commands(commands) => {
                 let run = |mut command: Command| {
                     let what = format!("`{}`", typed(&command));
@@ -163,7 +175,14 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         ),
         Step::new(
             "tests, host",
-            Work::Commands(vec![tests(workspace, options)]),
+            Work::Tests {
+                cargo: tests(workspace, options),
+                long: options.long,
+            },
+        ),
+        Step::new(
+            "examples in texts",
+            Work::Commands(vec![examples(workspace)]),
         ),
     ];
     for name in &names {
@@ -216,13 +235,16 @@ fn lints(workspace: &Workspace) -> Command {
 
 fn tests(workspace: &Workspace, options: &Test) -> Command {
     let mut cargo = on_host(workspace, "test");
-    cargo.arg("--no-fail-fast");
     if !options.random {
         cargo.env(PROPERTY_SEED.0, PROPERTY_SEED.1);
     }
-    if options.long {
-        cargo.args(["--", "--include-ignored"]);
-    }
+    cargo
+}
+
+/// The examples in the documentation of the crates.
+fn examples(workspace: &Workspace) -> Command {
+    let mut cargo = on_host(workspace, "test");
+    cargo.args(["--doc", "--no-fail-fast"]);
     cargo
 }
 
@@ -261,9 +283,9 @@ fn on_target(
     Ok(commands)
 }
 
-/// Fault sequences of the step: what two cores do in one or two minutes. A night's worth is
+/// Fault sequences of the step: what two cores do in about a minute. A night's worth is
 /// `cargo xtask sim --faults` with its own number.
-pub(crate) const FAULTS: u64 = 60;
+pub(crate) const FAULTS: u64 = 30;
 
 /// The same with `--long`.
 const LONG_FAULTS: u64 = 1000;
@@ -503,13 +525,22 @@ mod tests {
         let workspace = Workspace::find().unwrap();
         let usual = typed(&tests(&workspace, &USUAL));
         assert!(usual.contains("--exclude sled-f303"), "{usual}");
-        assert!(!usual.contains("ignored"), "{usual}");
-        let long = Test {
+    }
+
+    #[test]
+    fn slow_tests_wait_for_the_long_run() {
+        let workspace = Workspace::find().unwrap();
+        let of = |options: &Test| {
+            let steps = steps(&workspace, options).unwrap();
+            steps
+                .iter()
+                .any(|step| matches!(step.work, Work::Tests { long: true, .. }))
+        };
+        assert!(!of(&USUAL));
+        assert!(of(&Test {
             long: true,
             ..USUAL
-        };
-        let long = typed(&tests(&workspace, &long));
-        assert!(long.ends_with("-- --include-ignored"), "{long}");
+        }));
     }
 
     #[test]
