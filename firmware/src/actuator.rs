@@ -174,6 +174,20 @@ pub fn limited_effort(
     effort(actuator, rate.min(right).max(-left))
 }
 
+/// Speed to command `dt` seconds after `speed`, on the way to the speed `wanted`, m/s.
+/// The acceleration, m/s^2, is limited; see [`Drive::effort`].
+#[inline]
+pub fn limited_speed(speed: f32, wanted: f32, acceleration: f32, dt: f32) -> f32 {
+    let start = if wanted * speed < 0.0 {
+        0.0
+    } else {
+        speed.abs()
+    };
+    let largest = start + acceleration * dt;
+    // Not `clamp`, which panics if a limit is NaN.
+    wanted.max(-largest).min(largest)
+}
+
 /// Slew-rate limiter of the drive motor's speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive<M> {
@@ -206,14 +220,7 @@ impl<M: Machine> Drive<M> {
             }
             _ => 0.0,
         };
-        let start = if wanted * self.speed < 0.0 {
-            0.0
-        } else {
-            self.speed.abs()
-        };
-        let largest = start + M::ACCELERATION * dt;
-        // Not `clamp`, which panics if a limit is NaN.
-        self.speed = wanted.max(-largest).min(largest);
+        self.speed = limited_speed(self.speed, wanted, M::ACCELERATION, dt);
         effort(&M::DRIVE, self.speed)
     }
 
@@ -413,9 +420,10 @@ impl<M: Machine, C: MotionCommand> Driving<M, C> {
     }
 }
 
-/// Rates below a thousandth of the full rate give no effort: they are not worth a jump across
-/// the dead band.
-fn effort(actuator: &Actuator<f32>, rate: f32) -> f32 {
+/// Effort of an actuator, -1..=1, for a rate in its unit: rad/s of the steering, m/s of the
+/// drive. Rates below a thousandth of the full rate give no effort: they are not worth a jump
+/// across the dead band.
+pub fn effort(actuator: &Actuator<f32>, rate: f32) -> f32 {
     let least = 1e-3 * actuator.positive.full_rate;
     if rate.abs() < least {
         0.0

@@ -142,6 +142,34 @@ fn report(board: &'static Sled) -> NodeReport {
     schedule(&model, &on_board, &execution, None)
 }
 
+/// A folder that is refused must not stop the commands for other vehicles.
+#[test]
+fn no_command_depends_on_a_vehicle() {
+    let packages: Vec<String> = xtask::vehicle::names(&workspace())
+        .unwrap()
+        .iter()
+        .map(|name| xtask::vehicle::find(&workspace(), name).unwrap())
+        .map(|vehicle| xtask::vehicle::package(&vehicle).unwrap())
+        .collect();
+    let root = workspace().root().join("xtask");
+    let entries = fs::read_dir(&root).unwrap().flatten();
+    let folders = entries.map(|entry| entry.path()).chain([root]);
+    for manifest in folders.map(|folder| folder.join("Cargo.toml")) {
+        let Ok(text) = fs::read_to_string(&manifest) else {
+            continue;
+        };
+        let manifest: toml::Table = text.parse().unwrap();
+        for kind in ["dependencies", "build-dependencies"] {
+            let Some(dependencies) = manifest.get(kind).and_then(toml::Value::as_table) else {
+                continue;
+            };
+            for package in &packages {
+                assert!(!dependencies.contains_key(package), "{package}");
+            }
+        }
+    }
+}
+
 #[test]
 fn oscillator_and_core_clock() {
     let slower = board(|board| {

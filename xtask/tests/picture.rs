@@ -6,7 +6,11 @@ use world::{
     Scenario,
     report::{Summary, track_svg},
 };
-use xtask::{Workspace, experiment::quick, vehicle};
+use xtask::{
+    Workspace,
+    experiment::quick::{self, Numbers},
+    vehicle,
+};
 
 /// The picture, from the root of the workspace.
 const PICTURE: &str = "xtask/world/pictures/straight-line.svg";
@@ -18,8 +22,9 @@ fn the_picture_of_the_readme_is_the_run_it_shows() {
     let workspace = Workspace::find().unwrap();
     let vehicle = vehicle::find(&workspace, vehicle::DEFAULT).unwrap();
     let scenario = Scenario::find(&vehicle, "straight-line").unwrap();
-    let mut law = quick::law(&quick::settings(), false).unwrap();
-    let record = quick::drive(&vehicle, &scenario, 1, &mut *law, |_, _, _| ()).unwrap();
+    let numbers = Numbers::of(&vehicle).unwrap();
+    let mut law = numbers.law(false).unwrap();
+    let record = quick::drive(&vehicle, &numbers, &scenario, 1, &mut *law, |_, _, _| ());
     let run = record.run();
     let drawn = track_svg(&run, &Summary::of(&run)).unwrap();
     let path = workspace.root().join(PICTURE);

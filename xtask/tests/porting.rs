@@ -6,6 +6,7 @@
 
 use std::{
     collections::BTreeMap,
+    ffi::OsString,
     fs,
     path::{Path, PathBuf},
     sync::{Mutex, OnceLock, PoisonError},
@@ -17,7 +18,7 @@ use schedulability::table::Table;
 use twin::{Options, Outcome};
 use vehicle_model::{NodeIndex, Vehicle};
 use world::{Scenario, time::from_seconds};
-use xtask::{Workspace, build, new, vehicle};
+use xtask::{Failure, Workspace, build, cli, experiment, new, vehicle};
 
 /// The folder of a copy, as the walks change it.
 struct Folder {
@@ -420,6 +421,33 @@ fn another_wheelbase() {
     let (new, old) = (settings(&vehicle), settings(&own));
     assert_ne!(new.guidance, old.guidance);
     assert_ne!(new.estimator, old.estimator);
+}
+
+/// Nothing is compiled: the numbers come from the copy's manifest. The copy settles in each case;
+/// the aims are those of another machine, so it may miss some.
+#[test]
+fn an_experiment_drives_with_the_law_of_a_copy() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["walk-wheelbase", "walk-actuator"] {
+        let line = format!("xtask sim --vehicle {name} --experiment thesis-7 --quick --seeds 1");
+        let out = folder.path().join(name);
+        let words = line.split(' ').map(OsString::from);
+        let words = words.chain(["--out".into(), out.clone().into()]);
+        let Ok(cli::Request::Run(cli::Command::Sim(options))) = cli::parse(words) else {
+            panic!("not read");
+        };
+        match experiment::run(workspace(), "thesis-7", &options) {
+            Ok(()) | Err(Failure::Experiment(experiment::Error::Missed(_))) => {}
+            Err(failure) => panic!("{name}: {failure}"),
+        }
+        let report = fs::read_to_string(out.join("experiment.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        let cases = report["cases"].as_array().unwrap();
+        assert_eq!(cases.len(), 5);
+        for case in cases {
+            assert_eq!(case["furrow"]["settled"], 1, "{name}: {case:#}");
+        }
+    }
 }
 
 #[test]

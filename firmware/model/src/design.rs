@@ -245,18 +245,11 @@ fn actuators(out: &mut String, machine: &Machine) {
         "STEERING: ::control::calibration::Actuator<f32>",
         &actuator_source(&steering(machine)),
     );
-    let drive = calibration::Direction {
-        dead_band: single(machine.drive.dead_band),
-        full_rate: single(machine.drive.full_speed),
-    };
     constant(
         out,
         "The drive motor on its motor driver, m/s.",
         "DRIVE: ::control::calibration::Actuator<f32>",
-        &actuator_source(&Actuator {
-            positive: drive,
-            negative: drive,
-        }),
+        &actuator_source(&drive(machine)),
     );
     constant(
         out,
@@ -279,6 +272,19 @@ pub fn steering(machine: &Machine) -> Actuator<f32> {
     Actuator {
         positive: direction(&machine.steering.right),
         negative: direction(&machine.steering.left),
+    }
+}
+
+/// The drive motor of a machine, as its images use it, m/s.
+#[must_use]
+pub fn drive(machine: &Machine) -> Actuator<f32> {
+    let direction = calibration::Direction {
+        dead_band: single(machine.drive.dead_band),
+        full_rate: single(machine.drive.full_speed),
+    };
+    Actuator {
+        positive: direction,
+        negative: direction,
     }
 }
 

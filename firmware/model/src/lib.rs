@@ -21,7 +21,7 @@ pub mod manifest;
 pub mod units;
 mod vehicle;
 
-pub use design::{description, limits, potentiometer, steering};
+pub use design::{description, drive, limits, potentiometer, steering};
 pub use error::VehicleError;
 pub use manifest::{Device, Machine, Manifest, Node, Remote};
 pub use vehicle::{NodeIndex, Vehicle};

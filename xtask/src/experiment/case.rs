@@ -45,9 +45,6 @@ pub const MOST_SWINGS: usize = 1;
 /// The plain law must change the sign of its command at least this many times as often.
 pub const FEWER_SIGN_CHANGES: f64 = 10.0;
 
-/// Speed of an autonomous run, m/s (thesis 7.3).
-const SPEED: f64 = 1.0;
-
 macro_rules! case {
     ($name:literal, $mean:expr, $settling:expr, $aim:expr) => {
         Case {
@@ -108,15 +105,18 @@ impl Case {
     }
 }
 
-/// Time that the shortest path from the start of a scenario onto its line takes, s. The path is
-/// that of the rear axle, whose smallest turning radius follows from the steering limit.
+/// Time that the shortest path from the start of a scenario onto its line takes at cruise speed,
+/// s. The path is that of the rear axle, whose smallest turning radius follows from the steering
+/// limit.
 ///
 /// # Errors
 ///
 /// The vehicle has no machine, or one that cannot turn.
-pub fn shortest_seconds(scenario: &Scenario) -> Result<f64, Error> {
+pub fn shortest_seconds(of: &Vehicle, scenario: &Scenario) -> Result<f64, Error> {
     let name = &scenario.name;
-    let (Some(vehicle), Some(line)) = (&scenario.vehicle, &scenario.line) else {
+    let machine = of.manifest().machine.as_ref();
+    let (Some(vehicle), Some(line), Some(machine)) = (&scenario.vehicle, &scenario.line, machine)
+    else {
         return Err(Error::NoMachine {
             scenario: name.clone(),
         });
@@ -134,7 +134,7 @@ pub fn shortest_seconds(scenario: &Scenario) -> Result<f64, Error> {
         scenario: name.clone(),
         error,
     })?;
-    Ok(path.length() / SPEED)
+    Ok(path.length() / machine.cruise.get())
 }
 
 #[cfg(test)]
@@ -193,7 +193,7 @@ mod tests {
         // Facing east the arc to the left ends facing west, as far east as it began.
         let straight = 5.0 - 0.255 - radius;
         let length = PI * radius + straight + FRAC_PI_2 * radius;
-        let seconds = shortest_seconds(&scenario).unwrap();
+        let seconds = shortest_seconds(&uagv(), &scenario).unwrap();
         assert!((seconds - length).abs() < 1e-3, "{seconds} {length}");
     }
 }

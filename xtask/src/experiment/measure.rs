@@ -1,13 +1,53 @@
 //! The figures of one run.
 
+use network_model::{Message, Signal};
+use vehicle_model::Vehicle;
 use world::{
-    report::{Run, Summary},
+    SimTime,
+    report::{FrameRecord, Run, Summary},
     time::seconds,
 };
 
-/// Identifier of the command (`firmware/vehicles/uagv/network.dbc`); its first two bytes are the
-/// steering rate, little-endian.
-const COMMAND: u16 = 300;
+use super::{Error, needed};
+
+/// The commanded steering rate on the bus, as the vehicle's manifest names it.
+#[derive(Clone, Copy, Debug)]
+pub struct SteeringRate<'a> {
+    /// The message that commands the motors.
+    pub message: &'a Message,
+    signal: &'a Signal,
+}
+
+impl<'a> SteeringRate<'a> {
+    /// The signal of this vehicle.
+    ///
+    /// # Errors
+    ///
+    /// The manifest names none.
+    pub fn of(vehicle: &'a Vehicle) -> Result<Self, Error> {
+        let field = "calibration.steering_rate";
+        let named = vehicle.manifest().calibration.as_ref();
+        let path = &needed(vehicle, field, named)?.steering_rate;
+        let mut messages = vehicle.network().messages.iter();
+        let message = messages.find(|message| message.name == path.message);
+        let message = needed(vehicle, field, message)?;
+        let mut signals = message.signals.iter();
+        let signal = signals.find(|signal| signal.name == path.signal);
+        let signal = needed(vehicle, field, signal)?;
+        Ok(Self { message, signal })
+    }
+
+    /// When the actuator nodes had each command, and its rate in the unit of the signal.
+    pub fn of_frames(&self, frames: &[FrameRecord]) -> Vec<(SimTime, f64)> {
+        let commands = frames
+            .iter()
+            .filter(|frame| frame.id == self.message.id && frame.complete);
+        let rate = |data: &[u8]| self.signal.physical(self.signal.extract(data));
+        commands
+            .map(|frame| (frame.end, rate(&frame.data)))
+            .collect()
+    }
+}
 
 /// Largest cross-track error that counts as on the line, m: the settling band of the report.
 const BAND: f64 = 0.05;
@@ -37,8 +77,9 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// The figures of `run`, `None` when the vehicle never drove by itself.
-    pub fn of(run: &Run) -> Option<Self> {
+    /// The figures of `run`, `None` when the vehicle never drove by itself. `rates` are the
+    /// steering commands of the run, each with the time when it took effect.
+    pub fn of(run: &Run, rates: impl IntoIterator<Item = (SimTime, f64)>) -> Option<Self> {
         let summary = Summary::of(run);
         let drive = summary.autonomous_runs.first()?;
         let (from, until) = (drive.from_seconds, drive.until_seconds);
@@ -57,12 +98,10 @@ impl Figures {
             Some(settling) => from + settling - 1e-3,
             None => (until - TAIL).max(from),
         };
-        let commands = run
-            .frames
-            .iter()
-            .filter(|frame| frame.id == COMMAND && frame.complete)
-            .filter(|frame| (steady_from..=until).contains(&seconds(frame.end)))
-            .map(|frame| i16::from_le_bytes([frame.data[0], frame.data[1]]));
+        let commands = rates
+            .into_iter()
+            .filter(|(at, _)| (steady_from..=until).contains(&seconds(*at)))
+            .map(|(_, rate)| rate);
         Some(Self {
             seed: run.seed,
             settling: drive.settling_seconds,
@@ -81,31 +120,29 @@ impl Figures {
 }
 
 /// Changes of sign; zeros in between are ignored.
-fn sign_changes(values: impl Iterator<Item = i16>) -> usize {
-    let mut last = 0;
+fn sign_changes(values: impl Iterator<Item = f64>) -> usize {
+    let mut last = None;
     let mut changes = 0;
-    for sign in values.map(i16::signum).filter(|sign| *sign != 0) {
-        changes += usize::from(sign == -last);
-        last = sign;
+    for value in values.filter(|value| *value != 0.0) {
+        let positive = value > 0.0;
+        changes += usize::from(last == Some(!positive));
+        last = Some(positive);
     }
     changes
 }
 
 /// Crossings of the whole band, from one side to the other.
 fn swings(errors: impl Iterator<Item = f64>) -> usize {
-    let beyond = errors.filter(|error| error.abs() > BAND);
-    sign_changes(beyond.map(|error| if error > 0.0 { 1 } else { -1 }))
+    sign_changes(errors.filter(|error| error.abs() > BAND))
 }
 
 #[cfg(test)]
 mod tests {
     use world::{
-        Scenario, SimDuration, SimTime, StateSample,
-        receiver::Fix,
-        report::{FrameRecord, ModeChange},
-        time::from_seconds,
+        Scenario, SimDuration, StateSample, receiver::Fix, report::ModeChange, time::from_seconds,
     };
 
+    use super::super::tests::renamed;
     use super::*;
 
     fn at(milliseconds: u64) -> SimTime {
@@ -136,19 +173,7 @@ mod tests {
                 fix: Fix::Fixed,
             })
             .collect();
-        let frames: Vec<FrameRecord> = (0..100_u64)
-            .map(|k| {
-                let rate = [100_i16, 0, -100, 0][k as usize % 4].to_le_bytes();
-                FrameRecord {
-                    id: COMMAND,
-                    dlc: 8,
-                    data: [rate[0], rate[1], 0, 0, 3, 0, 0, 0],
-                    start: at(k * 100 + 7),
-                    end: at(k * 100 + 8),
-                    complete: true,
-                }
-            })
-            .collect();
+        let rates = (0..100_u64).map(|k| (at(k * 100 + 8), [1.0, 0.0, -1.0, 0.0][k as usize % 4]));
         let mode = |ms, autonomous| ModeChange {
             at: at(ms),
             mode: if autonomous { "AutonomousRun" } else { "Idle" }.into(),
@@ -166,14 +191,14 @@ mod tests {
             duration: from_seconds(10.0),
             states: &states,
             efforts: &[],
-            frames: &frames,
+            frames: &[],
             windows: &[],
             basic_cycle: SimDuration::from_ticks(100_000_000_000),
             bit_time: SimDuration::from_ticks(4_000_000),
             modes: &modes,
             tasks: &[],
         };
-        Figures::of(&run).unwrap()
+        Figures::of(&run, rates).unwrap()
     }
 
     #[test]
@@ -190,7 +215,7 @@ mod tests {
         // Samples from 3.88 s to 10 s, both included.
         assert_eq!(figures.steady.len(), 613);
         assert!((figures.steady[612] - 2.0).abs() < 1e-9);
-        // Frames 39..=99: k = 40 is positive, 42 negative, .., 98 negative: 30 of them.
+        // Commands 39..=99: k = 40 is positive, 42 negative, .., 98 negative: 30 of them.
         assert_eq!(figures.sign_changes, 29);
     }
 
@@ -203,10 +228,35 @@ mod tests {
         assert!((figures.steady_seconds - 2.2).abs() < 1e-9);
     }
 
+    /// The message and its signal are those that the manifest names, wherever they are.
+    #[test]
+    fn the_steering_rate_is_found_by_its_role() {
+        let frame = |id, data, complete| FrameRecord {
+            id,
+            dlc: 8,
+            data,
+            start: at(7),
+            end: at(8),
+            complete,
+        };
+        let frames = [
+            frame(300, [0, 0, 0, 0, 100, 0, 0, 0], true),
+            frame(310, [100, 0, 3, 0, 0, 0, 0, 0], false),
+            frame(310, [0xFF, 0xFF, 200, 0, 3, 0, 0, 0], true),
+        ];
+        let vehicle = renamed(&[
+            ("RateToTurn : 0|16@1-", "RateToTurn : 16|16@1-"),
+            (" SG_ Speed : 16|16@1-", " SG_ Speed : 0|16@1-"),
+        ]);
+        let rate = SteeringRate::of(&vehicle).unwrap();
+        assert_eq!(rate.of_frames(&frames), [(at(8), 2.0)]);
+    }
+
     #[test]
     fn signs_are_counted_over_zeros() {
-        assert_eq!(sign_changes([0, 3, 0, 2, -1, 0, -5, 4].into_iter()), 2);
-        assert_eq!(sign_changes([0, 0].into_iter()), 0);
+        let values = [0, 3, 0, 2, -1, 0, -5, 4].map(f64::from);
+        assert_eq!(sign_changes(values.into_iter()), 2);
+        assert_eq!(sign_changes([0.0, 0.0].into_iter()), 0);
         // There and back beyond the band twice; what stays within it does not count.
         let errors = [1.0, 0.04, -0.06, -0.04, 0.04, 0.06, 0.02, -0.02, 0.01];
         assert_eq!(swings(errors.into_iter()), 2);

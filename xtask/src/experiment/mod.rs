@@ -19,7 +19,7 @@ use std::{
     time::Duration,
 };
 
-use control::{controller::SettingsError, dubins::DubinsError, line::LineError};
+use control::{controller::SettingsError, dubins::DubinsError, line::LineError, vehicle::Refusal};
 use twin::{Images, Options, TwinError};
 use vehicle_model::{NodeIndex, Vehicle};
 use world::{
@@ -32,11 +32,11 @@ use crate::{
     cli::Sim,
     progress::Display,
     sim::{self, bus::Log, matrix::Matrix},
-    target,
-    vehicle::{self, DEFAULT},
+    target, vehicle,
 };
 use case::Experiment;
-use measure::Figures;
+use measure::{Figures, SteeringRate};
+use quick::Numbers;
 use report::{CaseReport, Report};
 
 /// Why an experiment fails.
@@ -48,19 +48,14 @@ pub enum Error {
         /// The name.
         name: String,
     },
-    /// The vehicle has nothing that an experiment could drive.
-    #[error("vehicle {vehicle:?} has no [machine]: an experiment needs a vehicle that drives")]
-    Stands {
+    /// The vehicle lacks something that it needs to drive by itself, or that an experiment
+    /// reads.
+    #[error("the manifest of vehicle {vehicle:?} has no {what}: an experiment needs it")]
+    Lacks {
         /// The vehicle.
         vehicle: String,
-    },
-    /// The law without images exists for one vehicle only.
-    #[error(
-        "--quick drives with the control law of {DEFAULT}, and the vehicle is {vehicle:?}: leave --quick out"
-    )]
-    Quick {
-        /// The vehicle.
-        vehicle: String,
+        /// Table, field or device of the manifest.
+        what: &'static str,
     },
     /// A case's scenario is wrong.
     #[error(transparent)]
@@ -74,12 +69,12 @@ pub enum Error {
     /// The waypoints make no line.
     #[error(transparent)]
     Line(#[from] LineError),
+    /// No control law can be designed for the machine.
+    #[error(transparent)]
+    Design(#[from] Refusal),
     /// A setting of the law is unusable.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// The vehicle lacks a motor that the law needs.
-    #[error("the vehicle has no such motor")]
-    NoMotor,
     /// The vehicle cannot drive.
     #[error("{scenario}: the vehicle has no machine")]
     NoMachine {
@@ -114,15 +109,19 @@ pub enum Error {
 }
 
 impl Error {
+    /// The vehicle's manifest has no such thing.
+    fn lacks(vehicle: &Vehicle, what: &'static str) -> Self {
+        Self::Lacks {
+            vehicle: vehicle.name().into(),
+            what,
+        }
+    }
+
     /// Whether the command line or an input file is wrong.
     pub(crate) fn is_usage(&self) -> bool {
         matches!(
             self,
-            Self::Unknown { .. }
-                | Self::Stands { .. }
-                | Self::Quick { .. }
-                | Self::Scenario(_)
-                | Self::Folder(_)
+            Self::Unknown { .. } | Self::Lacks { .. } | Self::Scenario(_) | Self::Folder(_)
         )
     }
 }
@@ -150,16 +149,9 @@ fn known() -> String {
     names.join(", ")
 }
 
-/// Whether an experiment can be made with this vehicle.
-fn suits(vehicle: &Vehicle, quick: bool) -> Result<(), Error> {
-    let name = || vehicle.name().to_owned();
-    if vehicle.manifest().machine.is_none() {
-        return Err(Error::Stands { vehicle: name() });
-    }
-    if quick && vehicle.name() != DEFAULT {
-        return Err(Error::Quick { vehicle: name() });
-    }
-    Ok(())
+/// Something that an experiment needs from a vehicle's manifest, when it is there.
+fn needed<T>(vehicle: &Vehicle, what: &'static str, found: Option<T>) -> Result<T, Error> {
+    found.ok_or_else(|| Error::lacks(vehicle, what))
 }
 
 /// Runs the experiment of that name.
@@ -171,7 +163,8 @@ fn suits(vehicle: &Vehicle, quick: bool) -> Result<(), Error> {
 pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
     let vehicle = &vehicle::find(workspace, &options.vehicle)?;
     let experiment = Experiment::find(name)?;
-    suits(vehicle, options.quick)?;
+    let numbers = Numbers::of(vehicle)?;
+    let rate = SteeringRate::of(vehicle)?;
     let folder = match &options.out {
         Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
         None => None,
@@ -183,16 +176,18 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
         .collect::<Result<Vec<_>, _>>()?;
     let jobs = jobs(vehicle, &scenarios, options);
     let figures = if options.quick {
-        run_all(&jobs, &Job::run_quickly)?
+        run_all(&jobs, &|job: &Job| job.run_quickly(&numbers))?
     } else {
         let matrix = Matrix::new(vehicle);
         // The plain image first: the one built last stays in the target folder and is the one to
         // flash.
-        let (controller, plain) = plain_controller(workspace, vehicle)?;
+        let (controller, plain) = plain_controller(workspace, vehicle, &rate)?;
         let furrow = sim::images(workspace, vehicle)?;
         let plain = furrow.clone().with(controller, plain);
         let images = [furrow, plain];
-        run_all(&jobs, &|job: &Job| job.run(&images[job.law], &matrix))?
+        run_all(&jobs, &|job: &Job| {
+            job.run(&images[job.law], &matrix, &rate)
+        })?
     };
 
     let of = |case: usize, law: usize| -> Vec<Figures> {
@@ -204,7 +199,7 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
     let cases = experiment.cases.iter().enumerate().zip(&scenarios);
     let cases = cases
         .map(|((number, case), scenario)| {
-            let shortest = case::shortest_seconds(scenario)?;
+            let shortest = case::shortest_seconds(vehicle, scenario)?;
             let (furrow, plain) = (of(number, 0), of(number, 1));
             Ok(CaseReport::new(
                 case,
@@ -259,13 +254,14 @@ fn jobs<'a>(vehicle: &'a Vehicle, scenarios: &'a [Scenario], options: &Sim) -> V
     jobs.collect()
 }
 
-/// The controller node, and its image with the thesis's law.
+/// The node that commands the motors, and its image with the thesis's law.
 fn plain_controller(
     workspace: &Workspace,
     vehicle: &Vehicle,
+    rate: &SteeringRate,
 ) -> Result<(NodeIndex, Vec<u8>), Failure> {
     target::ensure(workspace)?;
-    let nodes = vehicle::nodes(vehicle, &["controller".into()])?;
+    let nodes = vehicle::nodes(vehicle, std::slice::from_ref(&rate.message.sender))?;
     let mut cargo = build::command(workspace, vehicle, &nodes)?;
     cargo.args(["--features", "thesis-law"]);
     let images = build::finish(cargo, vehicle, &nodes)?;
@@ -298,20 +294,21 @@ impl Job<'_> {
     }
 
     /// The run with the law alone, without images and bus.
-    fn run_quickly(&self) -> Result<Figures, Error> {
-        let mut law = quick::law(&quick::settings(), self.law == 1)?;
+    fn run_quickly(&self, numbers: &Numbers) -> Result<Figures, Error> {
+        let mut law = numbers.law(self.law == 1)?;
         quick::drive(
             self.vehicle,
+            numbers,
             self.scenario,
             self.seed,
             &mut *law,
             |_, _, _| (),
-        )?
+        )
         .figures()
         .ok_or_else(|| self.failed(RunError::NeverDrove))
     }
 
-    fn run(&self, images: &Images, matrix: &Matrix) -> Result<Figures, Error> {
+    fn run(&self, images: &Images, matrix: &Matrix, rate: &SteeringRate) -> Result<Figures, Error> {
         let options = Options {
             seed: self.seed,
             ..Options::default()
@@ -325,7 +322,7 @@ impl Job<'_> {
         }
         let log = Log::new(&outcome.records, matrix.bit_time());
         let modes = matrix.modes(&log.frames);
-        Figures::of(&Run {
+        let run = Run {
             scenario: self.scenario,
             nodes: &vehicle::node_names(self.vehicle),
             seed: self.seed,
@@ -338,8 +335,9 @@ impl Job<'_> {
             bit_time: matrix.bit_time(),
             modes: &modes,
             tasks: &[],
-        })
-        .ok_or_else(|| self.failed(RunError::NeverDrove))
+        };
+        Figures::of(&run, rate.of_frames(&log.frames))
+            .ok_or_else(|| self.failed(RunError::NeverDrove))
     }
 }
 
@@ -419,54 +417,110 @@ fn runs_csv(jobs: &[Job], figures: &[Figures]) -> String {
 mod tests {
     use super::*;
 
+    fn uagv() -> Vehicle {
+        vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap()
+    }
+
+    /// The vehicle with other names for all that an experiment looks for, and with each
+    /// `(from, to)` replaced in its network file.
+    pub(super) fn renamed(changes: &[(&str, &str)]) -> Vehicle {
+        let uagv = uagv();
+        let read = |name| fs::read_to_string(uagv.folder().join(name)).unwrap();
+        let words = [
+            ("controller", "helm"),
+            ("SteeringRate", "RateToTurn"),
+            ("\"Command\"", "\"Order\""),
+            ("\"Command.", "\"Order."),
+            (" Command:", " Order:"),
+            (" 300 ", " 310 "),
+            ("SteeringPot.Count", "Angle.Count"),
+            (" SteeringPot:", " Angle:"),
+            ("Velocity SteeringPot\"", "Velocity Angle\""),
+        ];
+        let rename = |text: String| {
+            let renamed = words.iter();
+            renamed.fold(text, |text, (from, to)| text.replace(from, to))
+        };
+        let manifest = rename(read("vehicle.toml"));
+        let mut network = rename(read("network.dbc"));
+        for (from, to) in changes {
+            assert!(network.contains(from), "{from}");
+            network = network.replacen(from, to, 1);
+        }
+        Vehicle::parse("copy", uagv.folder(), &manifest, &network).unwrap()
+    }
+
+    /// Figures of a few runs of each case, without bus and images.
+    fn quick(vehicle: &Vehicle, seeds: u64) -> Vec<(&'static case::Case, CaseReport)> {
+        let numbers = Numbers::of(vehicle).unwrap();
+        let [experiment] = case::ALL else {
+            panic!("one experiment");
+        };
+        let report = |case: &'static case::Case| {
+            let scenario = case.scenario(vehicle, experiment.name).unwrap();
+            let runs = |law| -> Vec<Figures> {
+                let job = |seed| Job {
+                    case: 0,
+                    vehicle,
+                    scenario: &scenario,
+                    law,
+                    seed,
+                };
+                (1..=seeds)
+                    .map(|seed| job(seed).run_quickly(&numbers).unwrap())
+                    .collect()
+            };
+            let shortest = case::shortest_seconds(vehicle, &scenario).unwrap();
+            let (furrow, plain) = (runs(0), runs(1));
+            let report = CaseReport::new(case, &scenario.summary, shortest, &furrow, &plain);
+            (case, report)
+        };
+        experiment.cases.iter().map(report).collect()
+    }
+
     #[test]
     fn a_vehicle_that_an_experiment_cannot_drive_is_refused() {
         let workspace = Workspace::find().unwrap();
-        let uagv = vehicle::find(&workspace, DEFAULT).unwrap();
-        assert!(suits(&uagv, true).is_ok());
         let bench = vehicle::find(&workspace, "two-boards").unwrap();
-        let error = suits(&bench, false).unwrap_err();
+        let error = Numbers::of(&bench).unwrap_err();
         assert!(error.is_usage());
         assert!(error.to_string().contains("has no [machine]"), "{error}");
+
+        let uagv = uagv();
         let read = |name| fs::read_to_string(uagv.folder().join(name)).unwrap();
         let (manifest, network) = (read("vehicle.toml"), read("network.dbc"));
+        let (before, calibration) = manifest.split_once("[calibration]").unwrap();
+        let (_, after) = calibration.split_once("[operator]").unwrap();
+        let manifest = format!("{before}[operator]{after}");
         let copy = Vehicle::parse("copy", uagv.folder(), &manifest, &network).unwrap();
-        assert!(suits(&copy, false).is_ok());
-        let error = suits(&copy, true).unwrap_err();
-        assert!(error.to_string().contains("leave --quick out"), "{error}");
+        let error = Numbers::of(&copy).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "the manifest of vehicle \"copy\" has no calibration.steering_rate: an experiment \
+             needs it"
+        );
     }
 
     /// Without bus and images, a few seeds: the law and its settings meet the aims by themselves.
     #[test]
     fn the_law_meets_every_aim() {
-        let workspace = Workspace::find().unwrap();
-        let vehicle = vehicle::find(&workspace, "uagv").unwrap();
-        let [experiment] = case::ALL else {
-            panic!("one experiment");
-        };
-        for case in experiment.cases {
-            let scenario = case.scenario(&vehicle, experiment.name).unwrap();
-            let runs = |law| -> Vec<Figures> {
-                let job = |seed| Job {
-                    case: 0,
-                    vehicle: &vehicle,
-                    scenario: &scenario,
-                    law,
-                    seed,
-                };
-                (1..=3)
-                    .map(|seed| job(seed).run_quickly().unwrap())
-                    .collect()
-            };
-            let shortest = case::shortest_seconds(&scenario).unwrap();
-            let (furrow, plain) = (runs(0), runs(1));
-            let report = CaseReport::new(case, &scenario.summary, shortest, &furrow, &plain);
+        for (_, report) in quick(&uagv(), 3) {
             assert!(report.aims.iter().all(|aim| aim.met), "{report:?}");
             assert!(report.furrow.overshoot_worst_cm < 3.5, "{report:?}");
             assert!(
                 report.furrow.deviation_cm < report.plain.deviation_cm,
                 "{report:?}"
             );
+        }
+    }
+
+    /// No name and no identifier of the first vehicle is needed.
+    #[test]
+    fn names_and_identifiers_change_no_figure() {
+        let both = quick(&uagv(), 1).into_iter().zip(quick(&renamed(&[]), 1));
+        for ((case, one), (_, other)) in both {
+            assert_eq!(one.furrow, other.furrow, "{}", case.name);
+            assert_eq!(one.plain, other.plain, "{}", case.name);
         }
     }
 }

@@ -7,32 +7,31 @@
 //! figures of a report come from the images.
 
 use control::{
+    calibration::{Actuator, Potentiometer},
     controller::{Controller, Outcome, Sample, Settings},
+    feedback::Limits,
     line::Line,
     plain::PlainController,
     position::{Position, Velocity},
     safety,
 };
 use firmware::{
-    actuator::{Drive, steering_effort},
+    actuator::{effort, limited_effort, limited_speed},
     convert,
     navigation::{Station, Step, Update},
 };
-use network::Message as _;
-use uagv::{
-    Uagv, design, matrix,
-    messages::{CentidegreesPerSecond, CentimetresPerSecond, Command, Mode},
-};
-use vehicle_model::Vehicle;
-use world::time::Span as _;
+use network_model::worst_case_bits;
+use vehicle_model::{Vehicle, manifest::Waypoint};
+use world::time::{PER_SECOND, Span as _};
 use world::{
     Analog, Device, Effect, NodeIndex, Scenario, SimDuration, SimTime, World,
-    report::{FrameRecord, ModeChange, Run},
-    time::{after, at},
+    report::{ModeChange, Run},
+    scenario::Button,
+    time::{after, at, from_seconds},
 };
 
-use super::Error;
-use super::measure::Figures;
+use super::measure::{Figures, SteeringRate};
+use super::{Error, needed};
 
 /// A steering law.
 pub trait Law {
@@ -52,35 +51,6 @@ impl Law for PlainController<f32> {
     }
 }
 
-/// The firmware's settings of the control law.
-#[must_use]
-pub fn settings() -> Settings<f32> {
-    design::SETTINGS
-}
-
-/// The line of the firmware's waypoints.
-///
-/// # Errors
-///
-/// The waypoints are no line.
-pub fn line() -> Result<Line<f32>, Error> {
-    let [from, to] = design::ROUTE;
-    Ok(Line::new(from, to)?)
-}
-
-/// Furrow's law with `settings`, or the thesis's.
-///
-/// # Errors
-///
-/// A setting is unusable.
-pub fn law(settings: &Settings<f32>, plain: bool) -> Result<Box<dyn Law>, Error> {
-    Ok(if plain {
-        Box::new(PlainController::new(*settings, line()?)?)
-    } else {
-        Box::new(Controller::new(*settings, line()?)?)
-    })
-}
-
 const fn micros(count: u64) -> SimDuration {
     SimDuration::from_ticks(count * 1_000_000)
 }
@@ -92,25 +62,164 @@ const MOTOR_PERIOD: SimDuration = micros(10_000);
 /// Age of the potentiometer's sample when its window begins: half a period of the
 /// converter on average.
 const POT_AGE: SimDuration = micros(2_500);
-/// Time from the start of the command's window until the actuator nodes have its frame.
-const COMMAND_WAY: SimDuration = micros(550);
-/// When the joystick's button takes effect: the second press of the scenarios.
-const ENGAGED: SimDuration = micros(1_500_000);
+/// Time from the end of the command's frame until the actuator nodes act on it, us.
+const REACTION_US: u64 = 10;
+
+/// Instants of a basic cycle, from its start.
+#[derive(Clone, Copy, Debug)]
+struct Times {
+    /// Length of the basic cycle.
+    cycle: SimDuration,
+    /// Window of the potentiometer's message.
+    pot: SimDuration,
+    /// Release of the control step.
+    release: SimDuration,
+    /// Until the actuator nodes have the command.
+    command: SimDuration,
+}
+
+/// A vehicle's numbers, as the constants of its images.
+#[derive(Clone, Debug)]
+pub struct Numbers {
+    settings: Settings<f32>,
+    line: Line<f32>,
+    limits: Limits<f32>,
+    /// Largest acceleration, m/s2.
+    acceleration: f32,
+    steering: Actuator<f32>,
+    drive: Actuator<f32>,
+    potentiometer: Potentiometer<f32>,
+    full_byte_is_forward: bool,
+    /// Length of the basic cycle, s.
+    period: f32,
+    times: Times,
+    /// By then the first burst of the receiver is over, whatever its phase.
+    listened: SimDuration,
+    /// From the end of a burst to the next basic cycle.
+    lead: SimDuration,
+    /// Nodes of steering and drive.
+    motors: [(NodeIndex, Device); 2],
+}
+
+impl Numbers {
+    /// The numbers of a vehicle, from its manifest and its network.
+    ///
+    /// # Errors
+    ///
+    /// The manifest lacks something that the vehicle needs to drive by itself.
+    pub fn of(vehicle: &Vehicle) -> Result<Self, Error> {
+        let manifest = vehicle.manifest();
+        let machine = needed(vehicle, "[machine]", manifest.machine.as_ref())?;
+        let receiver = needed(vehicle, "[receiver]", manifest.receiver.as_ref())?;
+        let description = vehicle_model::description(vehicle);
+        let description = needed(vehicle, "[machine]", description)?;
+        let [from, to] = manifest.waypoints.as_slice() else {
+            return Err(Error::lacks(vehicle, "[[waypoint]]"));
+        };
+        let motor = |device: Device| {
+            let node = vehicle.node_of(device).map(|node| (node, device));
+            needed(vehicle, device.name(), node)
+        };
+        let half_period = receiver.period.get() / 2.0;
+        let first_burst = receiver.period.get() + receiver.latency.get() + receiver.burst.get();
+        Ok(Self {
+            settings: Settings::for_vehicle(&description)?,
+            line: Line::new(waypoint(from), waypoint(to))?,
+            limits: vehicle_model::limits(machine),
+            acceleration: machine.limits.acceleration.get() as f32,
+            steering: vehicle_model::steering(machine),
+            drive: vehicle_model::drive(machine),
+            potentiometer: vehicle_model::potentiometer(&machine.potentiometer),
+            full_byte_is_forward: machine.motor_driver.full_byte_is_forward,
+            period: vehicle.network().basic_cycle_us as f32 * 1e-6,
+            times: times(vehicle)?,
+            listened: from_seconds((first_burst / half_period).ceil() * half_period),
+            lead: receiver.lead.span(),
+            motors: [motor(Device::SteeringMotor)?, motor(Device::DriveMotor)?],
+        })
+    }
+
+    /// The vehicle's own law, or the thesis's with the same settings.
+    ///
+    /// # Errors
+    ///
+    /// A setting is unusable.
+    pub fn law(&self, plain: bool) -> Result<Box<dyn Law>, Error> {
+        let (settings, line) = (self.settings, self.line);
+        Ok(if plain {
+            Box::new(PlainController::new(settings, line)?)
+        } else {
+            Box::new(Controller::new(settings, line)?)
+        })
+    }
+}
+
+/// A waypoint, to the millimetre as in the images.
+fn waypoint(point: &Waypoint) -> Position {
+    let millimetres = |length: f64| (length * 1000.0).round() as i32;
+    Position::new(
+        millimetres(point.north.get()),
+        millimetres(point.east.get()),
+    )
+}
+
+/// When things happen in a basic cycle of a vehicle.
+fn times(vehicle: &Vehicle) -> Result<Times, Error> {
+    let network = vehicle.network();
+    let command = SteeringRate::of(vehicle)?.message;
+    let start = u64::from(command.window.start_us);
+    let release = network.release_us(command).map_or(start, u64::from);
+    let path = vehicle.manifest().calibration.as_ref();
+    let path = path.map(|calibration| &calibration.potentiometer.message);
+    let mut messages = network.messages.iter();
+    let pot = messages.find(|message| Some(&message.name) == path);
+    let pot = needed(vehicle, "calibration.potentiometer", pot)?;
+    let frame = network.bits_to_us(worst_case_bits(command.length));
+    Ok(Times {
+        cycle: micros(u64::from(network.basic_cycle_us)),
+        // A window behind the step's release serves the next step, which then reads it late.
+        pot: micros(u64::from(pot.window.start_us).min(release)),
+        release: micros(release),
+        command: micros(start + u64::from(frame) + REACTION_US),
+    })
+}
+
+/// A command to the actuators, as its frame carries it: rad/s and m/s, rounded to the
+/// resolution of [`convert`].
+#[derive(Clone, Copy, Debug)]
+struct Command {
+    rate: f32,
+    speed: f32,
+    /// Whether the motors may turn.
+    enabled: bool,
+}
+
+impl Command {
+    fn of(applied: safety::Command<f32>, enabled: bool) -> Self {
+        let rate = convert::centidegrees_per_second(applied.steering_rate);
+        let speed = convert::centimetres_per_second(applied.speed);
+        Self {
+            rate: convert::from_centidegrees_per_second(rate),
+            speed: convert::from_centimetres_per_second(speed),
+            enabled,
+        }
+    }
+}
 
 /// The state of a run.
-struct Loop {
+struct Loop<'a> {
+    numbers: &'a Numbers,
     world: World,
-    /// Steering and drive.
-    motors: [(NodeIndex, Device); 2],
     station: Station,
     position: Option<Position>,
     velocity: Option<Velocity>,
     heard: SimTime,
-    drive: Drive<Uagv>,
+    /// The drive's speed, as far as its acceleration is limited, m/s.
+    speed: f32,
     command: Option<Command>,
 }
 
-impl Loop {
+impl Loop<'_> {
     /// Lets the world run up to `to` and reads the receiver's bytes.
     fn advance(&mut self, to: SimTime) {
         self.world.advance_to(to);
@@ -156,38 +265,49 @@ impl Loop {
 
     /// Commands both motors.
     fn motors(&mut self, now: SimTime) {
+        let numbers = self.numbers;
         let count = self.world.adc(Analog::SteeringPot, now);
-        let byte = |effort| convert::motor_byte(effort, design::FULL_BYTE_IS_FORWARD);
-        let angle = design::POTENTIOMETER.angle(count).ok();
-        let command = self.command.as_ref();
-        let steering = byte(steering_effort::<Uagv>(command, angle));
+        let byte = |effort| convert::motor_byte(effort, numbers.full_byte_is_forward);
+        let angle = numbers.potentiometer.angle(count).ok();
+        let command = self.command.filter(|command| command.enabled);
+        let steering = match (command, angle) {
+            (Some(Command { rate, .. }), Some(angle)) => {
+                limited_effort(&numbers.limits, &numbers.steering, rate, angle)
+            }
+            _ => 0.0,
+        };
+        let limit = numbers.limits.speed;
+        let wanted = command.map_or(0.0, |command| command.speed.clamp(-limit, limit));
         let period = MOTOR_PERIOD.as_ticks() as f32 * 1e-12;
-        let drive = byte(self.drive.effort(command, period));
-        for (node, _) in self.motors {
+        self.speed = limited_speed(self.speed, wanted, numbers.acceleration, period);
+        let drive = effort(&numbers.drive, self.speed);
+        for (node, _) in numbers.motors {
             self.world.relay(node, true, now);
         }
         let end = after(now, MOTOR_BYTE);
-        for ((node, device), byte) in self.motors.into_iter().zip([steering, drive]) {
-            self.world.serial(node, device, byte, now, end);
+        for ((node, device), effort) in numbers.motors.into_iter().zip([steering, drive]) {
+            self.world.serial(node, device, byte(effort), now, end);
         }
     }
 }
 
-/// A finished run: the world at its end and the frames that the report reads.
+/// A finished run.
 pub struct Record {
     scenario: Scenario,
     seed: u64,
+    cycle: SimDuration,
+    bit_time: SimDuration,
     /// The world at the end of the run.
     pub world: World,
-    /// The command frames.
-    pub frames: Vec<FrameRecord>,
-    modes: [ModeChange; 1],
+    /// When each command took effect, and its steering rate, rad/s.
+    rates: Vec<(SimTime, f64)>,
+    modes: Vec<ModeChange>,
 }
 
 impl Record {
     /// The figures, `None` when the vehicle never drove by itself.
     pub fn figures(&self) -> Option<Figures> {
-        Figures::of(&self.run())
+        Figures::of(&self.run(), self.rates.iter().copied())
     }
 
     /// The recordings as the report wants them.
@@ -199,87 +319,69 @@ impl Record {
             duration: self.scenario.duration.span(),
             states: self.world.states(),
             efforts: self.world.efforts(),
-            frames: &self.frames,
+            frames: &[],
             windows: &[],
-            basic_cycle: cycle(),
-            bit_time: micros(4),
+            basic_cycle: self.cycle,
+            bit_time: self.bit_time,
             modes: &self.modes,
             tasks: &[],
         }
     }
 }
 
-fn cycle() -> SimDuration {
-    micros(u64::from(matrix::BASIC_CYCLE.ticks()))
-}
-
-/// The frame that asks the actuators for `applied`.
-fn command(applied: safety::Command<f32>, engaged: bool) -> Command {
-    Command {
-        steering_rate: CentidegreesPerSecond(convert::centidegrees_per_second(
-            applied.steering_rate,
-        )),
-        speed: CentimetresPerSecond(convert::centimetres_per_second(applied.speed)),
-        mode: if engaged {
-            Mode::AutonomousRun
-        } else {
-            Mode::AutonomousReady
-        },
-        steering_enabled: engaged,
-        drive_enabled: engaged,
-        emergency_stop: false,
-        counter: 0,
-        check: 0,
-    }
+/// When the vehicle begins to drive by itself: at the second press of button C. The first one
+/// makes it ready.
+fn engaged(scenario: &Scenario) -> Option<SimTime> {
+    let presses = scenario.press.iter();
+    let mut starts = presses.filter(|press| press.button == Button::C);
+    starts.nth(1).map(|press| at(press.at.span()))
 }
 
 /// Drives `scenario` with `law`; `watch` sees each step.
-///
-/// # Errors
-///
-/// The vehicle lacks one of the two motors.
 pub fn drive(
     vehicle: &Vehicle,
+    numbers: &Numbers,
     scenario: &Scenario,
     seed: u64,
     law: &mut dyn Law,
     mut watch: impl FnMut(&World, &Sample<f32>, &Outcome<f32>),
-) -> Result<Record, Error> {
-    let motor = |device| {
-        let node = vehicle.node_of(device);
-        node.map(|node| (node, device)).ok_or(Error::NoMotor)
-    };
+) -> Record {
+    let Times {
+        cycle,
+        pot,
+        release,
+        command: way,
+    } = numbers.times;
     let mut all = Loop {
+        numbers,
         world: World::new(vehicle, scenario, seed),
-        motors: [motor(Device::SteeringMotor)?, motor(Device::DriveMotor)?],
         station: Station::new(),
         position: None,
         velocity: None,
         heard: at(micros(0)),
-        drive: Drive::new(),
+        speed: 0.0,
         command: None,
     };
     let end = at(scenario.duration.span());
-    // The gps node begins the schedule at a fixed time after the first burst.
-    all.advance(at(micros(150_000)));
-    let lead = micros(u64::from(design::RECEIVER_LEAD.ticks()));
-    let mut begin = after(all.heard, lead);
+    // The receiver's node begins the schedule at a fixed time after the first burst.
+    all.advance(at(numbers.listened));
+    let mut begin = after(all.heard, numbers.lead);
+    let engaged = engaged(scenario);
     let mut applied = safety::Command::still();
-    let mut frames = Vec::new();
-    let release = micros(u64::from(design::CONTROL_RELEASE.ticks()));
-    while after(begin, cycle()) < end {
-        all.advance(after(begin, micros(6_000)));
+    let mut rates = Vec::new();
+    while after(begin, cycle) < end {
+        all.advance(after(begin, pot));
         let count = all.potentiometer();
         let now = after(begin, release);
         all.advance(now);
-        let engaged = now >= at(ENGAGED);
+        let engaged = engaged.is_some_and(|engaged| now >= engaged);
         let sample = Sample {
             position: all.position.take(),
             velocity: all.velocity.take(),
-            steering_angle: design::POTENTIOMETER.angle(count).ok(),
+            steering_angle: numbers.potentiometer.angle(count).ok(),
             applied,
             engaged,
-            dt: 0.1,
+            dt: numbers.period,
         };
         let outcome = law.step(&sample);
         watch(&all.world, &sample, &outcome);
@@ -288,35 +390,31 @@ pub fn drive(
         } else {
             safety::Command::still()
         };
-        let command = command(applied, engaged);
+        let command = Command::of(applied, engaged);
         all.command = Some(command);
-        let mark = after(begin, micros(7_000));
-        let mut motors = after(mark, COMMAND_WAY);
-        frames.push(FrameRecord {
-            id: Command::ID,
-            dlc: 8,
-            data: command.encode(),
-            start: mark,
-            end: motors,
-            complete: true,
-        });
-        begin = after(begin, cycle());
-        while motors < after(begin, micros(7_000)) {
+        let mut motors = after(begin, way);
+        rates.push((motors, f64::from(command.rate)));
+        begin = after(begin, cycle);
+        let next = after(begin, way);
+        while motors < next {
             all.advance(motors);
             all.motors(motors);
             motors = after(motors, MOTOR_PERIOD);
         }
     }
     all.advance(end);
-    Ok(Record {
+    let modes = engaged.map(|at| ModeChange {
+        at,
+        mode: "AutonomousRun".into(),
+        autonomous: true,
+    });
+    Record {
         scenario: scenario.clone(),
         seed,
+        cycle,
+        bit_time: SimDuration::from_ticks(PER_SECOND / u64::from(vehicle.network().bit_rate)),
         world: all.world,
-        frames,
-        modes: [ModeChange {
-            at: at(ENGAGED),
-            mode: "AutonomousRun".into(),
-            autonomous: true,
-        }],
-    })
+        rates,
+        modes: modes.into_iter().collect(),
+    }
 }
