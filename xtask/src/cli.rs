@@ -15,7 +15,6 @@ use crate::vehicle::{DEFAULT, SMALLEST};
     bin_name = "cargo xtask",
     version,
     subcommand_required = true,
-    disable_help_subcommand = true,
     after_help = "Examples:\n  \
         cargo xtask build             all images, with their sizes\n  \
         cargo xtask sim               drive the virtual vehicle down the line\n  \
@@ -154,11 +153,12 @@ pub struct Sim {
     pub experiment: Option<String>,
     /// Number of seeds of an experiment, from --seed upwards
     #[arg(long, value_name = "N", default_value_t = 20, requires = "experiment",
+        conflicts_with_all = ["scenario", "seconds", "faults"],
         value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
     /// Run an experiment with the control law alone, without images and bus: seconds
     /// instead of an hour
-    #[arg(long, requires = "experiment")]
+    #[arg(long, requires = "experiment", conflicts_with_all = ["scenario", "seconds", "faults"])]
     pub quick: bool,
     /// Run N random fault sequences instead, with seeds from --seed upwards, and report
     /// those that broke a rule
@@ -166,7 +166,8 @@ pub struct Sim {
         value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
     pub faults: Option<u64>,
     /// Run only the I-th of N parts of the fault sequences
-    #[arg(long, value_name = "I/N", requires = "faults")]
+    #[arg(long, value_name = "I/N", requires = "faults",
+        conflicts_with_all = ["scenario", "seconds", "experiment"])]
     pub shard: Option<campaign::Shard>,
     /// Folder for bus.log, states.csv, summary.json and track.svg, an experiment's
     /// experiment.json and runs.csv, or the fault sequences' faults.json [default: no files]
@@ -176,7 +177,7 @@ pub struct Sim {
     #[arg(long)]
     pub json: bool,
     /// List the scenarios instead of running one
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["scenario", "seconds", "seed", "seeds", "quick", "shard", "out"])]
     pub list: bool,
 }
 
@@ -362,8 +363,13 @@ pub enum Error {
     )]
     NoCommand,
     /// An argument is not accepted, or one is missing.
-    #[error("{}", sentence(.0))]
-    Words(clap::Error),
+    #[error("{}; see `cargo xtask {}--help`", sentence(error), word(command))]
+    Words {
+        /// What is wrong.
+        error: clap::Error,
+        /// The command that it was given to; `None` if there is no such command.
+        command: Option<String>,
+    },
 }
 
 /// The request of a command line.
@@ -381,6 +387,9 @@ pub enum Request {
 ///
 /// One sentence that says what is wrong and what is accepted.
 pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, Error> {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let command = arguments.get(1).and_then(|word| word.to_str());
+    let command = command.map(String::from);
     match Cli::try_parse_from(arguments) {
         Ok(cli) => Ok(Request::Run(cli.command)),
         Err(error) => match error.kind() {
@@ -390,7 +399,10 @@ pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, E
             ErrorKind::MissingSubcommand | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
                 Err(Error::NoCommand)
             }
-            _ => Err(Error::Words(error)),
+            _ => Err(Error::Words {
+                error,
+                command: command.filter(|word| commands().contains(word)),
+            }),
         },
     }
 }
@@ -407,8 +419,13 @@ fn sentence(error: &clap::Error) -> String {
     let paragraph = text.split("\n\n").next().unwrap_or_default();
     let line: Vec<&str> = paragraph.split_whitespace().collect();
     let line = line.join(" ");
-    let line = line.strip_prefix("error: ").unwrap_or(&line);
-    format!("{line}; see `cargo xtask --help`")
+    line.strip_prefix("error: ").unwrap_or(&line).to_owned()
+}
+
+/// A command in front of a further word.
+fn word(command: &Option<String>) -> String {
+    let command = command.as_ref();
+    command.map_or(String::new(), |command| format!("{command} "))
 }
 
 #[cfg(test)]
@@ -465,12 +482,47 @@ mod tests {
             "xtask sim --faults 8 gps-lost",
             "xtask sim --faults 8 --shard 9/8",
             "xtask sim --shard 1/8",
+            "xtask sim --list gps-lost",
+            "xtask sim --list --seconds 3",
+            "xtask sim --list --seed 3",
+            "xtask sim --list --out run",
+            "xtask sim --list --quick",
+            "xtask sim --list --seeds 3",
+            "xtask sim --list --shard 1/8",
+            "xtask sim gps-lost --quick",
+            "xtask sim gps-lost --seeds 3",
+            "xtask sim gps-lost --shard 1/8",
+            "xtask sim --faults 8 --quick",
+            "xtask sim --experiment thesis-7 --shard 1/8",
+            "xtask help paint",
             "xtask",
         ] {
             let text = refused(line);
             assert!(!text.contains('\n'), "{text}");
             assert!(text.len() > 30, "{text}");
         }
+    }
+
+    #[test]
+    fn the_help_of_the_command_is_named() {
+        for (line, help) in [
+            ("xtask sim --seconds -1", "see `cargo xtask sim --help`"),
+            ("xtask flash", "see `cargo xtask flash --help`"),
+            ("xtask paint", "see `cargo xtask --help`"),
+        ] {
+            let text = refused(line);
+            assert!(text.ends_with(help), "{text}");
+        }
+    }
+
+    #[test]
+    fn help_is_a_command_too() {
+        let shown = |line| match words(line) {
+            Ok(Request::Show(text)) => text,
+            other => panic!("no help: {other:?}"),
+        };
+        assert_eq!(shown("xtask help sim"), shown("xtask sim --help"));
+        assert_eq!(shown("xtask help"), shown("xtask --help"));
     }
 
     #[test]

@@ -157,6 +157,23 @@ fn the_manifest_is_changed_in_place_and_only_when_asked() {
     assert_eq!(folder.count(), 2);
 }
 
+/// The images of the drive had the manifest's values before the first time.
+#[test]
+fn a_log_is_written_once() {
+    let (folder, workspace) = copy();
+    let log = folder.path().join("bus.log");
+    fs::write(&log, DRIVE).unwrap();
+    let path = workspace.vehicles().join("uagv/vehicle.toml");
+    assert_eq!(run(&workspace, &log, &["--write"]), "");
+    let after = fs::read_to_string(&path).unwrap();
+    let error = run(&workspace, &log, &["--write"]);
+    assert!(error.contains("would now drift"), "{error}");
+    assert!(!error.contains('\n'), "{error}");
+    assert_eq!(fs::read_to_string(&path).unwrap(), after);
+    // Without --write the report says so.
+    assert_eq!(run(&workspace, &log, &[]), "");
+}
+
 #[test]
 fn line_ends_and_byte_order_mark_stay() {
     let (folder, workspace) = copy();

@@ -18,6 +18,7 @@ pub mod check;
 mod design;
 mod error;
 pub mod manifest;
+pub mod text;
 pub mod units;
 mod vehicle;
 

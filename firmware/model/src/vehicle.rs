@@ -10,6 +10,7 @@ use crate::check;
 use crate::design;
 use crate::error::VehicleError;
 use crate::manifest::{Device, Manifest, Node};
+use crate::text;
 
 /// Name of the manifest in a vehicle's folder.
 const MANIFEST: &str = "vehicle.toml";
@@ -93,16 +94,9 @@ impl Vehicle {
             what,
         };
         let syntax =
-            toml::Deserializer::parse(manifest).map_err(|error| wrong(one_line(&error)))?;
-        let manifest: Manifest = serde_path_to_error::deserialize(syntax).map_err(|error| {
-            let path = error.path().to_string();
-            let what = one_line(error.inner());
-            wrong(if path == "." {
-                what
-            } else {
-                format!("{path}: {what}")
-            })
-        })?;
+            toml::Deserializer::parse(manifest).map_err(|error| wrong(syntax(manifest, &error)))?;
+        let manifest: Manifest = serde_path_to_error::deserialize(syntax)
+            .map_err(|error| wrong(field(manifest, &error)))?;
         let network = Network::parse(network).map_err(|error| VehicleError::Network {
             file: folder.join(NETWORK),
             what: error.to_string().replace('\n', "; "),
@@ -209,7 +203,27 @@ impl Vehicle {
     }
 }
 
-/// The message of a TOML parser on one line, without the excerpt of the file that it draws.
-fn one_line(error: &toml::de::Error) -> String {
-    error.message().replace('\n', "; ")
+/// Why a text is not TOML: line, key and the parser's message, without the excerpt that it draws.
+fn syntax(text: &str, error: &toml::de::Error) -> String {
+    let start = error.span().map_or(0, |span| span.start);
+    let line = text::line(text, start);
+    let key = text::key(text, start).map_or(String::new(), |key| format!(", {key}"));
+    let what = text::phrase(error.message());
+    format!("line {line}{key}: this is not TOML: {what}")
+}
+
+/// Why a value is refused: its line, its path and what is accepted.
+fn field(text: &str, error: &serde_path_to_error::Error<toml::de::Error>) -> String {
+    let path = error.path().to_string();
+    let what = text::phrase(error.inner().message());
+    let line = error
+        .inner()
+        .span()
+        .map(|span| text::line(text, span.start));
+    match (line, path.as_str()) {
+        (None, "." | "?") => what,
+        (None, path) => format!("{path}: {what}"),
+        (Some(line), "." | "?") => format!("line {line}: {what}"),
+        (Some(line), path) => format!("line {line}, {path}: {what}"),
+    }
 }

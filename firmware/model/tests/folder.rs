@@ -134,3 +134,28 @@ fn what_makes_no_sense_is_refused_in_one_sentence() {
         assert!(!said.contains('\n'), "{said}");
     }
 }
+
+#[test]
+fn what_is_not_toml_is_refused_with_its_line_and_key() {
+    let cruise = "cruise = \"1 m/s\"";
+    for (from, to, sentence) in [
+        (
+            cruise,
+            "cruise = 1 m/s",
+            "line 66, cruise: this is not TOML: ",
+        ),
+        (
+            "[machine.limits]",
+            "[machine.limits",
+            "line 72: this is not TOML: ",
+        ),
+        (cruise, "cruise = 1", "line 66, machine.cruise: "),
+    ] {
+        let said = refusal(from, to);
+        assert!(
+            said.contains(&format!("vehicle.toml: {sentence}")),
+            "{said}"
+        );
+        assert!(!said.contains('\n'), "{said}");
+    }
+}

@@ -1,4 +1,5 @@
-//! The log format of can-utils' `candump -l`: `(seconds.microseconds) interface id#data`.
+//! The log format of can-utils' `candump -l`: `(seconds.microseconds) interface id#data`, and
+//! ` R` or ` T` behind it when the logger notes whether it received or sent the frame.
 
 use std::fmt;
 use std::str::FromStr;
@@ -22,7 +23,8 @@ pub struct Line {
 /// Why a line is not a classical CAN frame of a candump log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ParseError {
-    /// The line has not exactly three fields separated by spaces.
+    /// The line has not exactly three fields separated by spaces, or a fourth one that is neither
+    /// `R` nor `T`.
     #[error("expected `(seconds.microseconds) interface id#data`")]
     Fields,
     /// The time stamp is not `(seconds.microseconds)` with six digits behind the point, or it is
@@ -32,6 +34,12 @@ pub enum ParseError {
     /// The identifier is neither three hexadecimal digits up to 7FF nor eight up to 1FFFFFFF.
     #[error("expected an identifier of three or eight hexadecimal digits")]
     Identifier,
+    /// It is a report of the interface about an error: bit 29 of the identifier is set.
+    #[error("an error frame of the interface is no frame of the bus")]
+    ErrorFrame,
+    /// It is a CAN FD frame: `id##flags` and data.
+    #[error("a CAN FD frame is not accepted")]
+    Fd,
     /// The data are not up to eight bytes of two hexadecimal digits, nor `R` with a length.
     #[error("expected up to eight data bytes in hexadecimal, or R and a length")]
     Data,
@@ -73,9 +81,13 @@ impl FromStr for Line {
 
     fn from_str(line: &str) -> Result<Self, ParseError> {
         let mut fields = line.split_ascii_whitespace();
-        let (Some(stamp), Some(interface), Some(frame), None) =
-            (fields.next(), fields.next(), fields.next(), fields.next())
-        else {
+        let (Some(stamp), Some(interface), Some(frame), None | Some("R" | "T"), None) = (
+            fields.next(),
+            fields.next(),
+            fields.next(),
+            fields.next(),
+            fields.next(),
+        ) else {
             return Err(ParseError::Fields);
         };
         Ok(Self {
@@ -116,12 +128,18 @@ fn hex(text: &str) -> Option<u32> {
 fn parse_frame(field: &str) -> Result<Frame, ParseError> {
     let (id, data) = field.split_once('#').ok_or(ParseError::Fields)?;
     let raw = hex(id).ok_or(ParseError::Identifier)?;
+    if id.len() == 8 && raw >> 29 == 1 {
+        return Err(ParseError::ErrorFrame);
+    }
     let id = match id.len() {
         3 => StandardId::new(raw as u16).map(Id::Standard),
         8 => ExtendedId::new(raw).map(Id::Extended),
         _ => None,
     }
     .ok_or(ParseError::Identifier)?;
+    if data.starts_with('#') {
+        return Err(ParseError::Fd);
+    }
     if let Some(length) = data.strip_prefix('R') {
         let dlc = if length.is_empty() {
             Some(0)

@@ -62,6 +62,14 @@ fn a_line_of_the_thesis_is_read() {
 }
 
 #[test]
+fn the_direction_of_a_frame_is_read_over() {
+    let line: Line = SHIPPED.parse().expect("a candump line");
+    for flag in ["R", "T"] {
+        assert_eq!(format!("{SHIPPED} {flag}").parse().as_ref(), Ok(&line));
+    }
+}
+
+#[test]
 fn what_is_wrong_is_named() {
     for (line, error) in [
         ("", ParseError::Fields),
@@ -74,13 +82,18 @@ fn what_is_wrong_is_named() {
         ("(99999999999999.000000) can0 064#00", ParseError::Stamp),
         ("(1.000000) can0 64#00", ParseError::Identifier),
         ("(1.000000) can0 800#00", ParseError::Identifier),
-        ("(1.000000) can0 20000000#00", ParseError::Identifier),
+        ("(1.000000) can0 40000000#00", ParseError::Identifier),
+        (
+            "(1.000000) can0 20000004#0004000000000000",
+            ParseError::ErrorFrame,
+        ),
         ("(1.000000) can0 +64#00", ParseError::Identifier),
         ("(1.000000) can0 064#0", ParseError::Data),
         ("(1.000000) can0 064#0G", ParseError::Data),
         ("(1.000000) can0 064#000000000000000000", ParseError::Data),
         ("(1.000000) can0 064#R9", ParseError::Data),
-        ("(1.000000) can0 064##100", ParseError::Data),
+        ("(1.000000) can0 064##100", ParseError::Fd),
+        ("(1.000000) can0 064#00 X", ParseError::Fields),
     ] {
         assert_eq!(line.parse::<Line>(), Err(error), "{line}");
     }

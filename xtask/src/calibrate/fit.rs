@@ -119,6 +119,8 @@ pub struct Calibration {
     pub circles: Vec<Circle>,
     /// The movements.
     pub movements: Vec<Movement>,
+    /// Lines of the log that are no frames of classical CAN: error frames and CAN FD frames.
+    pub skipped: usize,
 }
 
 /// One direction of the actuator.
@@ -192,6 +194,7 @@ pub(super) fn fit(machine: &Machine, recording: &Recording) -> Result<Calibratio
         left: side(&actuator, &movements, -1.0),
         circles,
         movements,
+        skipped: recording.skipped,
     })
 }
 

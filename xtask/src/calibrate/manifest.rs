@@ -60,6 +60,17 @@ fn values(found: &Calibration) -> [(&'static str, String); 6] {
     ]
 }
 
+/// Whether the result of the same log was written before. The readings of the potentiometer depend
+/// on the drive alone, so they are then equal to the last digit. The figures of the actuator are
+/// computed with the manifest's values, so they are not, and each time they would drift further.
+pub(super) fn is_repeated(changes: &[Change]) -> bool {
+    let equal = |change: &Change| change.from == change.to;
+    let (pot, actuator): (Vec<_>, Vec<_>) = changes
+        .iter()
+        .partition(|change| change.field.starts_with("machine.potentiometer."));
+    pot.into_iter().all(equal) && !actuator.into_iter().all(equal)
+}
+
 /// Writes a calibration into the vehicle's manifest, then reads the result back and checks it.
 ///
 /// # Errors

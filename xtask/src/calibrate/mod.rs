@@ -21,8 +21,15 @@ struct Report<'c> {
     #[serde(flatten)]
     found: &'c Calibration,
     changes: &'c [Change],
+    /// Whether the manifest already has the result of this log.
+    repeated: bool,
     written: bool,
 }
+
+/// Why a log is of no use any more.
+const REPEATED: &str = "the manifest has the potentiometer of this very log, so the log was \
+                        written to it before: the images of the drive had other values, with \
+                        which those of the actuator would now drift";
 
 /// Runs the command.
 ///
@@ -36,11 +43,13 @@ pub fn run(workspace: &Workspace, options: &Calibrate) -> Result<(), Failure> {
     let text = fs::read_to_string(&options.log)
         .map_err(|error| usage(format!("it cannot be read: {error}")))?;
     let found = calibrate(&vehicle, &text).map_err(usage)?;
-    if !options.json {
-        println!("{}", report(&found));
-    }
     let Edited { text, changes } = manifest::edit(&vehicle, &found).map_err(usage)?;
     let path = vehicle.manifest_file();
+    let repeated = manifest::is_repeated(&changes);
+    if options.write && repeated {
+        return Err(usage(format!("{REPEATED}; nothing was written")));
+    }
+    // Written before anything is printed: whoever reads the output may stop reading.
     if options.write {
         file::replace(&path, &text)?;
     }
@@ -48,19 +57,26 @@ pub fn run(workspace: &Workspace, options: &Calibrate) -> Result<(), Failure> {
         let report = Report {
             found: &found,
             changes: &changes,
+            repeated,
             written: options.write,
         };
         let json = serde_json::to_string_pretty(&report).unwrap_or_default();
         println!("{json}");
         return Ok(());
     }
+    println!("{}", report(&found));
     for Change { field, from, to } in &changes {
         println!("  {field:<35}{from:>16}  ->  {to}");
     }
     let shown = path.strip_prefix(workspace.root()).unwrap_or(&path);
     let shown = shown.display();
     if options.write {
-        println!("\nThe values were written to {shown}.");
+        println!(
+            "\nThe values were written to {shown}. This log is now used up: the next one must be \
+             of a drive with images that have these values."
+        );
+    } else if repeated {
+        println!("\nNothing of this should be written to {shown}: {REPEATED}.");
     } else {
         println!("\nThese would be the changes of {shown}; --write makes them.");
     }
@@ -107,6 +123,13 @@ fn report(found: &Calibration) -> String {
             circle.angle,
             circle.counts,
             read - circle.angle
+        );
+    }
+    if found.skipped > 0 {
+        let _ = writeln!(
+            text,
+            "\nSkipped {} error frames and CAN FD frames of the log.",
+            found.skipped
         );
     }
     text.push('\n');

@@ -1,6 +1,6 @@
 //! The bus log of a calibration drive.
 
-use can_bus::candump::Line;
+use can_bus::candump::{Line, ParseError};
 use embedded_can::Id;
 use network_model::{Message, Network, Signal};
 use vehicle_model::manifest::SignalPath;
@@ -99,10 +99,13 @@ pub(super) struct Recording {
     pub(super) commands: Vec<(f64, Command)>,
     /// Positions of the antenna with an RTK-fixed solution, m north and east.
     pub(super) positions: Vec<(f64, f64, f64)>,
+    /// Lines that are no frames of classical CAN.
+    pub(super) skipped: usize,
 }
 
 impl Recording {
-    /// Reads a candump log; frames without any of the signals are skipped.
+    /// Reads a candump log; frames without any of the signals are skipped. Error frames and CAN
+    /// FD frames are skipped and counted.
     ///
     /// # Errors
     ///
@@ -119,9 +122,17 @@ impl Recording {
             if !whole {
                 return Err(wrong("the time is before that of the first line"));
             }
-            let line: Line = line.parse().map_err(|error| wrong(&format!("{error}")))?;
-            let Id::Standard(id) = line.frame.id() else {
-                continue;
+            let line: Line = match line.parse() {
+                Ok(line) => line,
+                Err(ParseError::ErrorFrame | ParseError::Fd) => {
+                    recording.skipped += 1;
+                    continue;
+                }
+                Err(error) => return Err(wrong(&format!("{error}"))),
+            };
+            let id = match line.frame.id() {
+                Id::Standard(id) if !line.frame.is_remote() => id,
+                _ => continue,
             };
             let time = line.at.as_ticks() as f64 * 1e-12;
             recording
@@ -220,6 +231,22 @@ mod tests {
         };
         assert!((position_at - 0.249_713).abs() < 1e-9);
         assert_eq!((north, east), (-0.022, 0.054));
+    }
+
+    #[test]
+    fn what_is_no_frame_of_classical_can_is_skipped_and_counted() {
+        let log = format!(
+            "{PERIOD}\
+             (1436509053.300000) can0 20000004#0004000000000000\n\
+             (1436509053.400000) can0 0CE##13C03\n\
+             (1436509053.500000) can0 0CE#R2\n\
+             (1436509053.600000) can0 0CE#3D03 R\n\
+             (1436509053.700000) can0 0CE#3E03 T\n"
+        );
+        let recording = Recording::read(&signals(), &log).unwrap();
+        assert_eq!(recording.skipped, 2);
+        let counts: Vec<u16> = recording.pots.iter().map(|(_, count)| *count).collect();
+        assert_eq!(counts, [828, 829, 830]);
     }
 
     #[test]

@@ -33,19 +33,20 @@ pub fn run(workspace: &Workspace, options: &Schedule) -> Result<(), Failure> {
     let path = path.as_path();
     let text = file::read(path)?;
     let scheduled = schedule(&text, options).map_err(|what| wrong(path, &what))?;
+    let changed = options.write && scheduled.text != text;
+    // Written before anything is printed: whoever reads the output may stop reading.
+    if changed {
+        file::replace(path, &scheduled.text)?;
+    }
     if options.json {
         println!("{}", table::json(&scheduled.network, &scheduled.notes));
     } else {
         print!("{}", table::text(&scheduled.network, &scheduled.notes));
     }
-    if !options.write {
-        return Ok(());
-    }
-    if scheduled.text == text {
-        eprintln!("{} has this schedule; it was not written.", path.display());
-    } else {
-        file::replace(path, &scheduled.text)?;
+    if changed {
         eprintln!("The schedule was written to {}.", path.display());
+    } else if options.write {
+        eprintln!("{} has this schedule; it was not written.", path.display());
     }
     Ok(())
 }

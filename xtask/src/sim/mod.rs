@@ -15,6 +15,7 @@ use std::{
 use world::time::Span as _;
 
 use campaign::agreement::{self, Agreement};
+use serde_json::json;
 use twin::{Images, Outcome, Twin, TwinError};
 use vehicle_model::Vehicle;
 use world::{
@@ -22,6 +23,7 @@ use world::{
     report::{
         self, FolderError, GlobalTimeFigures, ModeChange, OutputFolder, Run, Summary, TaskTime,
     },
+    scenario::Listed,
     time,
 };
 
@@ -35,6 +37,14 @@ pub enum Error {
     /// The scenario is wrong.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
+    /// Some of the listed scenarios are wrong.
+    #[error("{wrong} of {of} scenarios cannot be read; the list says why")]
+    Listed {
+        /// How many are.
+        wrong: usize,
+        /// How many there are.
+        of: usize,
+    },
     /// The vehicle has no scenario and none is named.
     #[error("vehicle {vehicle:?} has no scenario: name a file")]
     NoScenario {
@@ -77,7 +87,7 @@ impl Error {
     pub(crate) fn is_usage(&self) -> bool {
         matches!(
             self,
-            Self::Scenario(_) | Self::NoScenario { .. } | Self::Folder(_)
+            Self::Scenario(_) | Self::Listed { .. } | Self::NoScenario { .. } | Self::Folder(_)
         )
     }
 }
@@ -106,8 +116,7 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     }
     // Wrong input is reported before a build that takes time.
     if options.list {
-        print!("{}", list(&vehicle).map_err(Error::from)?);
-        return Ok(());
+        return list(&vehicle, options.json).map_err(Failure::from);
     }
     let name = match &options.scenario {
         Some(name) => name.clone(),
@@ -180,7 +189,7 @@ const USUAL: &str = "straight-line";
 
 /// The usual scenario if the vehicle has it, or else its first one.
 fn first_scenario(vehicle: &Vehicle) -> Result<String, Error> {
-    let listed = Scenario::list(vehicle)?;
+    let listed = Scenario::list(vehicle);
     let usual = listed.iter().find(|listed| listed.name == USUAL);
     let first = usual.or(listed.first());
     first
@@ -200,14 +209,45 @@ pub(crate) fn usual_scenario(vehicle: &Vehicle) -> Result<Scenario, Error> {
     Ok(Scenario::find(vehicle, &name)?)
 }
 
-/// The vehicle's scenarios, one a line.
-fn list(vehicle: &Vehicle) -> Result<String, world::ScenarioError> {
-    let listed = Scenario::list(vehicle)?;
+/// Prints the vehicle's scenarios.
+///
+/// # Errors
+///
+/// Some of them are wrong; all are printed.
+fn list(vehicle: &Vehicle, json: bool) -> Result<(), Error> {
+    let listed = Scenario::list(vehicle);
+    if json {
+        println!("{:#}", json_list(&listed));
+    } else {
+        print!("{}", text_list(&listed));
+    }
+    let wrong = listed.iter().filter(|one| one.summary.is_err()).count();
+    match wrong {
+        0 => Ok(()),
+        wrong => Err(Error::Listed {
+            wrong,
+            of: listed.len(),
+        }),
+    }
+}
+
+/// Scenarios, one a line.
+fn text_list(listed: &[Listed]) -> String {
     let width = listed.iter().map(|l| l.name.len()).max().unwrap_or(0);
-    Ok(listed
-        .iter()
-        .map(|listed| format!("{:<width$}  {}\n", listed.name, listed.summary))
-        .collect())
+    let line = |Listed { name, summary }: &Listed| match summary {
+        Ok(summary) => format!("{name:<width$}  {summary}\n"),
+        Err(error) => format!("{name:<width$}  error: {error}\n"),
+    };
+    listed.iter().map(line).collect()
+}
+
+/// Scenarios as JSON.
+fn json_list(listed: &[Listed]) -> serde_json::Value {
+    let object = |Listed { name, summary }: &Listed| match summary {
+        Ok(summary) => json!({ "name": name, "summary": summary }),
+        Err(error) => json!({ "name": name, "error": error.to_string() }),
+    };
+    listed.iter().map(object).collect()
 }
 
 /// A finished simulation with everything that a report needs.
@@ -394,12 +434,42 @@ mod tests {
     }
 
     #[test]
+    fn a_wrong_scenario_does_not_hide_the_others() {
+        let workspace = Workspace::find().unwrap();
+        let own = vehicle::find(&workspace, vehicle::DEFAULT).unwrap();
+        let read = |file| fs::read_to_string(file).unwrap();
+        let (manifest, network) = (read(own.manifest_file()), read(own.network_file()));
+        let folder = tempfile::tempdir().unwrap();
+        let vehicle = Vehicle::parse("copy", folder.path(), &manifest, &network).unwrap();
+        let scenarios = folder.path().join("scenarios");
+        fs::create_dir(&scenarios).unwrap();
+        fs::write(scenarios.join("broken.toml"), "summary = 1 m\n").unwrap();
+        fs::write(scenarios.join("sound.toml"), "summary = \"it drives\"\n").unwrap();
+
+        let listed = Scenario::list(&vehicle);
+        let text = text_list(&listed);
+        assert!(
+            text.starts_with("broken  error: scenario broken, line 1"),
+            "{text}"
+        );
+        assert!(text.ends_with("\nsound   it drives\n"), "{text}");
+        let json = json_list(&listed);
+        assert_eq!(json[1], json!({ "name": "sound", "summary": "it drives" }));
+        assert!(json[0]["error"].is_string());
+        let error = list(&vehicle, false).unwrap_err();
+        assert!(error.is_usage());
+        assert!(error.to_string().starts_with("1 of 2 scenarios"), "{error}");
+    }
+
+    #[test]
     fn every_vehicle_has_a_scenario_to_begin_with() {
         let workspace = Workspace::find().unwrap();
         for name in Vehicle::names(&workspace.vehicles()).unwrap() {
             let vehicle = vehicle::find(&workspace, &name).unwrap();
             let scenario = first_scenario(&vehicle).unwrap();
-            assert!(list(&vehicle).unwrap().contains(&scenario), "{name}");
+            let listed = text_list(&Scenario::list(&vehicle));
+            assert!(listed.contains(&scenario), "{name}");
+            assert!(list(&vehicle, true).is_ok());
             Scenario::find(&vehicle, &scenario).unwrap();
         }
     }

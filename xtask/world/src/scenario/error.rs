@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use vehicle_model::text::{line, phrase};
+
 /// Why a scenario cannot be used. Displays as one sentence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ScenarioError {
@@ -15,20 +17,6 @@ impl fmt::Display for ScenarioError {
 }
 
 impl core::error::Error for ScenarioError {}
-
-/// Line of a byte offset, counted from 1.
-fn line(text: &str, offset: usize) -> usize {
-    text.bytes()
-        .take(offset)
-        .filter(|byte| *byte == b'\n')
-        .count()
-        + 1
-}
-
-/// A parser's message as one phrase.
-fn phrase(message: &str) -> String {
-    message.trim().trim_end_matches('.').replace('\n', ", ")
-}
 
 impl ScenarioError {
     pub(super) fn unknown(name: &str, vehicle: &str, names: &[String]) -> Self {

@@ -209,8 +209,8 @@ impl Default for Clock {
 pub struct Listed {
     /// Its name.
     pub name: String,
-    /// What it shows, in one line.
-    pub summary: String,
+    /// What it shows, in one line; or what is wrong with its file.
+    pub summary: Result<String, ScenarioError>,
 }
 
 /// The folder of a vehicle's scenarios.
@@ -232,14 +232,13 @@ fn names(vehicle: &Vehicle) -> Vec<String> {
 }
 
 impl Scenario {
-    /// The scenarios in the vehicle's folder, in alphabetical order.
-    ///
-    /// # Errors
-    /// One of them is wrong.
-    pub fn list(vehicle: &Vehicle) -> Result<Vec<Listed>, ScenarioError> {
+    /// The scenarios in the vehicle's folder, in alphabetical order. A file that is wrong does not
+    /// hide the others.
+    #[must_use]
+    pub fn list(vehicle: &Vehicle) -> Vec<Listed> {
         let read = |name: String| {
-            let summary = Self::find(vehicle, &name)?.summary;
-            Ok(Listed { name, summary })
+            let summary = Self::find(vehicle, &name).map(|scenario| scenario.summary);
+            Listed { name, summary }
         };
         names(vehicle).into_iter().map(read).collect()
     }

@@ -21,7 +21,7 @@ pub struct Parameters {
     pub top_speed: Speed,
     /// Largest share of the drive effort that does not move the vehicle, 0 to 50 %.
     pub drive_dead_band: Ratio,
-    /// Time constant of the drive, 0 to 10 s. Default 0.3 s.
+    /// Time constant of the drive, 0 to 10 s.
     pub drive_lag: Time,
     /// Mechanical end stops, either side, above 0 to 60 deg.
     pub steering_limit: Angle,
