@@ -65,6 +65,8 @@ pub use registers::{clocks, time};
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
 pub use sled_common::{can, clock, fault, lines};
+// Described by its own crate: here it would be ten thousand pages.
+#[doc(no_inline)]
 pub use stm32f4xx_hal::pac;
 
 use clock::{Clocks, ResetCause};
