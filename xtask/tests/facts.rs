@@ -15,6 +15,7 @@ use can_bus::SimDuration;
 use firmware::design;
 use network_model::{Network, generate};
 use parts::{Clocks, Memory, Part, Sled};
+use schedulability::arrivals::Sporadic;
 use schedulability::execution::{Execution, Handler};
 use schedulability::model::{NodeModel, TaskModel};
 use schedulability::node::schedule;
@@ -110,7 +111,13 @@ fn model(
 ) -> (NodeModel, NodeTable) {
     let text = change(fs::read_to_string(vehicle.task_table()).unwrap());
     let table = Table::parse("tasks.toml", &text)
-        .and_then(|table| table.resolve("tasks.toml", vehicle.network()))
+        .and_then(|table| {
+            table.resolve(
+                "tasks.toml",
+                vehicle.network(),
+                vehicle.receiver_period_us(),
+            )
+        })
         .unwrap();
     let name = &vehicle.node(node).name;
     let source = fs::read_to_string(vehicle.source(node)).unwrap();
@@ -340,12 +347,67 @@ fn expiry_of_a_command() {
     let text = fs::read_to_string(vehicle().task_table()).unwrap();
     let delay = |network: &Network| {
         let table = Table::parse("tasks.toml", &text).unwrap();
-        let table = table.resolve("tasks.toml", network).unwrap();
+        let period = vehicle().receiver_period_us();
+        let table = table.resolve("tasks.toml", network, period).unwrap();
         table.node["drive"].task["window_timer"].delay.clone()
     };
     for network in [&network, &longer] {
         let us = u64::from(expiry(network));
         assert_eq!(delay(network), Some(Delay::Us(us)));
+    }
+}
+
+/// The sporadic releases of a node's task.
+fn sporadic(vehicle: &Vehicle, node: NodeIndex, task: &str) -> Vec<Sporadic> {
+    let (model, _) = model(vehicle, node, vehicle.board(node), |text| text);
+    let mut tasks = model.tasks.into_iter();
+    let found = tasks.find(|of_node| of_node.name == task).unwrap();
+    found.arrivals.sporadic
+}
+
+#[test]
+fn bit_rate_of_the_bus() {
+    let faster = vehicle_with(
+        "network.dbc",
+        "BA_ \"Baudrate\" 250000;",
+        "BA_ \"Baudrate\" 500000;",
+    );
+    let built = |vehicle: &Vehicle, rate: u32| {
+        let constant = format!("pub const BIT_RATE: u32 = {rate};");
+        assert!(generate::matrix(vehicle.network()).contains(&constant));
+    };
+    built(&vehicle(), 250_000);
+    built(&faster, 500_000);
+    // The analysis expects a node back from bus-off that much earlier.
+    for task in ["can_error", "actuate"] {
+        let shortest = |vehicle: &Vehicle| {
+            let streams = sporadic(vehicle, DRIVE, task).into_iter();
+            streams.map(|stream| stream.period).max().unwrap()
+        };
+        assert_eq!(shortest(&vehicle()), 5_632_000_000, "{task}");
+        let most = if task == "actuate" { 5_000_000_000 } else { 0 };
+        assert_eq!(shortest(&faster), most.max(2_816_000_000), "{task}");
+    }
+}
+
+#[test]
+fn period_of_the_receiver() {
+    let slower = vehicle_with("vehicle.toml", "period = \"100 ms\"", "period = \"200 ms\"");
+    let built = |vehicle: &Vehicle| vehicle.receiver_period_us().unwrap();
+    assert_eq!(2 * built(&vehicle()), built(&slower));
+    // The analysis expects the frames of one burst in each period.
+    for task in ["line_idle", "parse"] {
+        let bursts = |vehicle: &Vehicle, window: u64| {
+            let streams = sporadic(vehicle, GPS, task).into_iter();
+            let mut limited = streams.filter(|stream| stream.limit.is_some());
+            limited.next().unwrap().count(window)
+        };
+        let window = 200_000_000_000;
+        assert_eq!(
+            bursts(&vehicle(), window),
+            2 * bursts(&slower, window),
+            "{task}"
+        );
     }
 }
 

@@ -166,8 +166,7 @@ fn receiver(out: &mut String, receiver: &Receiver) {
             receiver.lead,
         ),
     ] {
-        let micros = (time.get() * 1e6).round() as u32;
-        let value = format!("::ttcan::Micros::micros({micros})");
+        let value = format!("::ttcan::Micros::micros({})", time.micros());
         constant(out, doc, &format!("{name}: ::ttcan::Micros"), &value);
     }
 }

@@ -83,6 +83,14 @@ impl<K> Quantity<K> {
     }
 }
 
+impl Time {
+    /// The time in microseconds, rounded to a whole number.
+    #[must_use]
+    pub const fn micros(self) -> u32 {
+        (self.value * 1e6).round() as u32
+    }
+}
+
 impl Angle {
     /// The angle of `degrees`.
     #[must_use]

@@ -139,6 +139,14 @@ impl Vehicle {
         &self.network
     }
 
+    /// Time between two bursts of its satellite receiver, in whole microseconds; `None` if it
+    /// has no receiver.
+    #[must_use]
+    pub fn receiver_period_us(&self) -> Option<u64> {
+        let receiver = self.manifest.receiver.as_ref()?;
+        Some(receiver.period.micros().into())
+    }
+
     /// Path of its manifest.
     #[must_use]
     pub fn manifest_file(&self) -> PathBuf {

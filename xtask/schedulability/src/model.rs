@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use network_model::Network;
 
-use crate::arrivals::{Arrivals, Kind, Sporadic, Timetable};
+use crate::arrivals::{Arrivals, Kind, Timetable};
 use crate::releases::Bus;
 use crate::table::{BusEvent, By, Delay, NodeTable, TaskTable};
 use crate::tasks::{App, TIMER};
@@ -109,6 +109,9 @@ pub enum TaskFault {
     /// It is released too late for the message that it has to prepare.
     #[error("it is released after the window of {0} has begun")]
     TooLate(String),
+    /// The times that follow from other files are not put in yet.
+    #[error("the distance of its releases is not resolved")]
+    Unresolved,
     /// It has no deadline.
     #[error("it has no deadline")]
     NoDeadline,
@@ -193,17 +196,7 @@ impl NodeModel {
 /// When the jobs of a task may be released.
 fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, TaskFault> {
     let mut all = Arrivals {
-        sporadic: entry
-            .every_us
-            .as_slice()
-            .iter()
-            .map(|every| Sporadic {
-                period: every * MICROSECOND,
-                limit: entry
-                    .at_most
-                    .map(|most| (most.jobs, most.in_us * MICROSECOND)),
-            })
-            .collect(),
+        sporadic: entry.sporadic().ok_or(TaskFault::Unresolved)?,
         timed: Vec::new(),
     };
     let mut tables: Vec<Timetable> = Vec::new();

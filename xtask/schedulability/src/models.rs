@@ -78,8 +78,9 @@ pub struct Models {
 }
 
 impl Models {
-    /// Reads the sources of these nodes, each with its name in the table and its board. Error
-    /// messages show paths relative to `root`.
+    /// Reads the sources of these nodes, each with its name in the table and its board. The table
+    /// needs `receiver_period_us`, as [`Table::resolve`] says. Error messages show paths relative
+    /// to `root`.
     ///
     /// # Errors
     /// A file cannot be read, or the files do not fit together.
@@ -87,6 +88,7 @@ impl Models {
         root: &Path,
         table: &Path,
         network: &Path,
+        receiver_period_us: Option<u64>,
         programs: impl IntoIterator<Item = (&'a str, &'static Sled, &'a Path)>,
     ) -> Result<Self, InputError> {
         let name = |path: &Path| {
@@ -102,7 +104,7 @@ impl Models {
                 problems: problems.to_string().replace('\n', "; "),
             }
         })?;
-        let parsed = parsed.resolve(&file, &network)?;
+        let parsed = parsed.resolve(&file, &network, receiver_period_us)?;
         let mut nodes = Vec::new();
         for (node, board, source) in programs {
             let of_node = parsed.node.get(node).ok_or_else(|| InputError::NoNode {

@@ -27,6 +27,9 @@ pub struct Inputs {
     pub table: PathBuf,
     /// The network file.
     pub network: PathBuf,
+    /// Time between two bursts of the satellite receiver, in microseconds; `None` if there is
+    /// no receiver.
+    pub receiver_period_us: Option<u64>,
     /// The program of each node, by its name in the table.
     pub nodes: BTreeMap<String, Program>,
 }
@@ -61,7 +64,13 @@ impl Programs {
             .nodes
             .iter()
             .map(|(node, program)| (node.as_str(), program.board, program.source.as_path()));
-        let models = Models::read(&inputs.root, &inputs.table, &inputs.network, sources)?;
+        let models = Models::read(
+            &inputs.root,
+            &inputs.table,
+            &inputs.network,
+            inputs.receiver_period_us,
+            sources,
+        )?;
         let executions = side_by_side(&models.nodes, |(model, table)| {
             execution(inputs, model, table, progress)
         });

@@ -10,7 +10,8 @@ use network_model::Network;
 use parts::Sled;
 use serde::Deserialize;
 
-use crate::arrivals::Kind;
+use crate::arrivals::{Kind, Sporadic};
+use crate::units::MICROSECOND;
 
 /// The task table.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -77,12 +78,18 @@ pub enum TableFault {
 pub enum TaskFault {
     /// Nothing releases it.
     #[error(
-        "does not say what releases it: `every_us` above zero, `on`, `receives`, `at` or `at_us`"
+        "does not say what releases it: `every_us` above zero, `every`, `on`, `receives`, `at` or `at_us`"
     )]
     NoRelease,
-    /// `at_most` allows nothing.
-    #[error("has `at_most` with a zero")]
-    ZeroLimit,
+    /// A burst has no jobs or no distance between them.
+    #[error("has a `receiver-burst` with a zero")]
+    ZeroBurst,
+    /// It has bursts of a receiver, but the vehicle has no receiver.
+    #[error("has a `receiver-burst`, but vehicle.toml has no [receiver]")]
+    NoReceiver,
+    /// `every` names no task with releases of its own.
+    #[error("has `every` with a task that is not in its node or has itself such an `every`")]
+    EveryTask,
     /// It has no deadline or two.
     #[error("needs either `deadline_us` or `by`")]
     Deadline,
@@ -122,6 +129,73 @@ impl NodeEntry {
             board,
             clocks: self.clocks,
             task: self.task.clone(),
+        }
+    }
+}
+
+impl NodeEntry {
+    /// Derives the releases of `every` for all tasks.
+    ///
+    /// # Errors
+    /// The name of the task at fault, and what is wrong with it.
+    fn derive(
+        &mut self,
+        network: &Network,
+        receiver_period_us: Option<u64>,
+    ) -> Result<(), (String, TaskFault)> {
+        let derived = |task: &TaskTable| -> Result<Vec<Sporadic>, TaskFault> {
+            let mut streams = Vec::new();
+            for every in task.every.as_slice() {
+                match every {
+                    Every::BusOff | Every::ReceiverBurst(_) => {
+                        streams.push(every.alone(network, receiver_period_us)?);
+                    }
+                    Every::Task(name) => {
+                        let other = self.task.get(name).ok_or(TaskFault::EveryTask)?;
+                        streams.extend(other.periodic());
+                        for every in other.every.as_slice() {
+                            streams.push(every.alone(network, receiver_period_us)?);
+                        }
+                    }
+                }
+            }
+            Ok(streams)
+        };
+        let mut all = Vec::new();
+        for (name, task) in &self.task {
+            all.push(derived(task).map_err(|fault| (name.clone(), fault))?);
+        }
+        for (task, derived) in self.task.values_mut().zip(all) {
+            task.every = Several::default();
+            task.derived = derived;
+        }
+        Ok(())
+    }
+}
+
+impl Every {
+    /// The releases of a cause that refers to no other task.
+    fn alone(
+        &self,
+        network: &Network,
+        receiver_period_us: Option<u64>,
+    ) -> Result<Sporadic, TaskFault> {
+        match self {
+            Self::BusOff => {
+                // Rounded down: this is the least distance.
+                let bit_rate = u64::from(network.bit_rate.max(1));
+                Ok(Sporadic::every(
+                    BUS_OFF_BITS * 1_000_000 * MICROSECOND / bit_rate,
+                ))
+            }
+            Self::ReceiverBurst(burst) => {
+                let period = receiver_period_us.ok_or(TaskFault::NoReceiver)?;
+                Ok(Sporadic {
+                    period: burst.apart_us * MICROSECOND,
+                    limit: Some((burst.jobs, period * MICROSECOND)),
+                })
+            }
+            Self::Task(_) => Err(TaskFault::EveryTask),
         }
     }
 }
@@ -166,8 +240,13 @@ pub struct TaskTable {
     /// cause.
     #[serde(default)]
     pub every_us: Several<u64>,
-    /// A limit over a longer time, below what `every_us` alone allows.
-    pub at_most: Option<AtMost>,
+    /// Releases whose distance follows from other files of the vehicle's folder. Empty after
+    /// [`Table::resolve`].
+    #[serde(default)]
+    pub every: Several<Every>,
+    /// The releases of `every`, as [`Table::resolve`] derives them.
+    #[serde(skip)]
+    pub derived: Vec<Sporadic>,
     /// Bus events that release it.
     #[serde(default)]
     pub on: Several<BusEvent>,
@@ -211,15 +290,30 @@ pub enum Delay {
     Overdue(String),
 }
 
-/// A limit to the releases over a longer time.
+/// Releases whose distance follows from other files of the vehicle's folder.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Every {
+    /// The node's bus-off. It lasts [`BUS_OFF_BITS`] or longer at the network's bit rate.
+    BusOff,
+    /// Frames of the satellite receiver, which sends one burst of them in each of its periods.
+    ReceiverBurst(Burst),
+    /// The sporadic releases of another task of the same node.
+    Task(String),
+}
+
+/// The frames of a burst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct AtMost {
-    /// Number of releases.
+pub struct Burst {
+    /// The most of them.
     pub jobs: u64,
-    /// Length of the window, in microseconds.
-    pub in_us: u64,
+    /// Least time between two of them, in microseconds.
+    pub apart_us: u64,
 }
+
+/// Shortest bus-off, in bit times: 128 times eleven recessive bits (ISO 11898-1).
+pub const BUS_OFF_BITS: u64 = 128 * 11;
 
 /// One value or a list.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
@@ -323,11 +417,19 @@ impl Table {
         })
     }
 
-    /// Replaces the messages that `at` and `delay` name by their times in the network.
+    /// Puts in the times that follow from other files: those of the messages that `at` and
+    /// `delay` name, and the distances of the releases in `every`. `receiver_period_us` is the
+    /// time between two bursts of the satellite receiver; `None` if the vehicle has no receiver.
     ///
     /// # Errors
-    /// `at` names a message that depends on no other one, or `delay` one that is not there.
-    pub fn resolve(mut self, file: &str, network: &Network) -> Result<Self, TableError> {
+    /// `at` names a message that depends on no other one, `delay` one that is not there, or
+    /// `every` a task or a receiver that is not there.
+    pub fn resolve(
+        mut self,
+        file: &str,
+        network: &Network,
+        receiver_period_us: Option<u64>,
+    ) -> Result<Self, TableError> {
         let release = |name: &String| {
             let mut messages = network.messages.iter();
             messages
@@ -350,6 +452,19 @@ impl Table {
                 fault: TableFault::Overdue(name.clone()),
             })
         };
+        for (node, of_node) in &mut self.node {
+            of_node
+                .derive(network, receiver_period_us)
+                .map_err(|(task, fault)| TableError {
+                    file: file.to_owned(),
+                    line: None,
+                    fault: TableFault::Task {
+                        task,
+                        node: node.clone(),
+                        fault,
+                    },
+                })?;
+        }
         let nodes = self.node.values_mut();
         for task in nodes.flat_map(|node| node.task.values_mut()) {
             if let Some(name) = &task.at {
@@ -409,8 +524,26 @@ impl Table {
 }
 
 impl TaskTable {
+    /// The releases of `every_us`.
+    fn periodic(&self) -> impl Iterator<Item = Sporadic> {
+        let every = self.every_us.as_slice().iter();
+        every.map(|us| Sporadic::every(us * MICROSECOND))
+    }
+
+    /// All its sporadic releases; `None` before [`Table::resolve`].
+    #[must_use]
+    pub fn sporadic(&self) -> Option<Vec<Sporadic>> {
+        let resolved = self.every.as_slice().is_empty();
+        resolved.then(|| {
+            self.periodic()
+                .chain(self.derived.iter().copied())
+                .collect()
+        })
+    }
+
     fn check(&self) -> Result<(), TaskFault> {
         let releases = self.every_us.as_slice().len()
+            + self.every.as_slice().len()
             + self.on.as_slice().len()
             + self.receives.as_slice().len()
             + self.at_us.as_slice().len()
@@ -418,11 +551,12 @@ impl TaskTable {
         if releases == 0 || self.every_us.as_slice().contains(&0) {
             return Err(TaskFault::NoRelease);
         }
-        if self
-            .at_most
-            .is_some_and(|most| most.jobs == 0 || most.in_us == 0)
-        {
-            return Err(TaskFault::ZeroLimit);
+        let is_empty = |every: &Every| match every {
+            Every::ReceiverBurst(burst) => burst.jobs == 0 || burst.apart_us == 0,
+            Every::BusOff | Every::Task(_) => false,
+        };
+        if self.every.as_slice().iter().any(is_empty) {
+            return Err(TaskFault::ZeroBurst);
         }
         if self.deadline_us.is_some() == self.by.is_some() {
             return Err(TaskFault::Deadline);

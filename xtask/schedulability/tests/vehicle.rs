@@ -37,12 +37,21 @@ fn source(node: &str) -> String {
 
 fn table() -> Table {
     let table = Table::parse("tasks.toml", &text("firmware/vehicles/uagv/tasks.toml")).unwrap();
-    table.resolve("tasks.toml", &network()).unwrap()
+    resolved(table)
+}
+
+fn resolved(table: Table) -> Table {
+    let period = uagv().receiver_period_us();
+    table.resolve("tasks.toml", &network(), period).unwrap()
+}
+
+fn uagv() -> Vehicle {
+    Vehicle::read(&root().join("firmware/vehicles/uagv")).unwrap()
 }
 
 /// The board of a node, as the manifest says.
 fn board(node: &str) -> &'static Sled {
-    let vehicle = Vehicle::read(&root().join("firmware/vehicles/uagv")).unwrap();
+    let vehicle = uagv();
     vehicle.board(vehicle.find_node(node).unwrap())
 }
 
@@ -151,6 +160,7 @@ fn the_table_fits_the_sources() {
         &root,
         &root.join("firmware/vehicles/uagv/tasks.toml"),
         &root.join("firmware/vehicles/uagv/network.dbc"),
+        uagv().receiver_period_us(),
         sources
             .iter()
             .map(|(node, path)| (*node, board(node), path.as_path())),
@@ -359,14 +369,47 @@ fn table_and_source_must_fit() {
     let mut of_drive = table().node["drive"].on(board("drive"));
     let actuate = text("firmware/vehicles/uagv/tasks.toml")
         .replace("receives = \"Command\"", "receives = \"Order\"");
-    of_drive
-        .task
-        .clone_from(&Table::parse("tasks.toml", &actuate).unwrap().node["drive"].task);
+    let actuate = Table::parse("tasks.toml", &actuate).unwrap();
+    let of_order = resolved(actuate.clone());
+    of_drive.task.clone_from(&of_order.node["drive"].task);
     let app = App::parse("drive.rs", &source("drive")).unwrap();
     let error = NodeModel::new("drive", &app, &of_drive, &network(), "tasks.toml").unwrap_err();
     assert_eq!(
         error.to_string(),
         "tasks.toml: task window_timer of drive: no other node sends a message Order"
+    );
+    // A table whose times are not resolved has no answer.
+    of_drive.task.clone_from(&actuate.node["drive"].task);
+    let error = NodeModel::new("drive", &app, &of_drive, &network(), "tasks.toml").unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "tasks.toml: task can_error of drive: the distance of its releases is not resolved"
+    );
+}
+
+#[test]
+fn releases_that_follow_from_other_files_must_be_there() {
+    let text = text("firmware/vehicles/uagv/tasks.toml");
+    let refused = |from: &str, to: &str, period: Option<u64>| {
+        assert!(text.contains(from), "{from}");
+        let table = Table::parse("tasks.toml", &text.replacen(from, to, 1));
+        let table = table.and_then(|table| table.resolve("tasks.toml", &network(), period));
+        table.unwrap_err().to_string()
+    };
+    assert_eq!(
+        refused("", "", None),
+        "tasks.toml: task line_idle of gps has a `receiver-burst`, but vehicle.toml has no \
+         [receiver]"
+    );
+    let period = uagv().receiver_period_us();
+    assert_eq!(
+        refused("{ task = \"line_idle\" }", "{ task = \"idle\" }", period),
+        "tasks.toml: task parse of gps has `every` with a task that is not in its node or has \
+         itself such an `every`"
+    );
+    assert_eq!(
+        refused("jobs = 12", "jobs = 0", period),
+        "tasks.toml: task line_idle of gps has a `receiver-burst` with a zero"
     );
 }
 

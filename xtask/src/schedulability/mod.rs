@@ -190,6 +190,7 @@ fn inputs(workspace: &Workspace, vehicle: &Vehicle, images: &[Image]) -> Inputs 
     Inputs {
         table: vehicle.task_table(),
         network: vehicle.network_file(),
+        receiver_period_us: vehicle.receiver_period_us(),
         nodes: images
             .iter()
             .map(|image| {
@@ -295,6 +296,7 @@ fn models(workspace: &Workspace, vehicle: &Vehicle, nodes: &[NodeIndex]) -> Resu
         root,
         &vehicle.task_table(),
         &vehicle.network_file(),
+        vehicle.receiver_period_us(),
         programs,
     )?)
 }
