@@ -217,9 +217,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for name in names {
             let to = folder.path().join("firmware/vehicles").join(name);
-            fs::create_dir_all(&to).unwrap();
-            for file in ["vehicle.toml", "network.dbc"] {
-                fs::copy(uagv().folder().join(file), to.join(file)).unwrap();
+            fs::create_dir_all(to.join("nodes")).unwrap();
+            let mut files = vec![uagv().manifest_file(), uagv().network_file()];
+            files.extend(uagv().nodes().map(|node| uagv().source(node)));
+            for file in files {
+                let inside = file.strip_prefix(uagv().folder()).unwrap().to_owned();
+                fs::copy(file, to.join(inside)).unwrap();
             }
         }
         let workspace = Workspace::at(folder.path());

@@ -102,16 +102,19 @@ fn run(workspace: &Workspace, log: &Path, more: &[&str]) -> String {
     }
 }
 
-/// A workspace with a copy of the vehicles' manifests and networks.
+/// A workspace with a copy of the vehicles' manifests, networks and nodes.
 fn copy() -> (tempfile::TempDir, Workspace) {
     let folder = tempfile::tempdir().unwrap();
     let workspace = Workspace::at(folder.path());
     for name in ["uagv", "two-boards"] {
         let own = vehicle::find(&Workspace::find().unwrap(), name).unwrap();
         let to = workspace.vehicles().join(name);
-        fs::create_dir_all(&to).unwrap();
-        for file in [own.manifest_file(), own.network_file()] {
-            fs::copy(&file, to.join(file.file_name().unwrap())).unwrap();
+        fs::create_dir_all(to.join("nodes")).unwrap();
+        let mut files = vec![own.manifest_file(), own.network_file()];
+        files.extend(own.nodes().map(|node| own.source(node)));
+        for file in files {
+            let inside = file.strip_prefix(own.folder()).unwrap().to_owned();
+            fs::copy(file, to.join(inside)).unwrap();
         }
     }
     (folder, workspace)
@@ -154,7 +157,8 @@ fn the_manifest_is_changed_in_place_and_only_when_asked() {
     assert!((machine.steering.right.dead_band.get() - 0.07).abs() < 0.01);
     assert!((machine.steering.left.full_rate.get().to_degrees() - 22.0).abs() < 0.4);
     let folder = fs::read_dir(path.parent().unwrap()).unwrap();
-    assert_eq!(folder.count(), 2);
+    // Manifest, network file and the folder of the nodes: no file was left beside them.
+    assert_eq!(folder.count(), 3);
 }
 
 /// The images of the drive had the manifest's values before the first time.

@@ -26,8 +26,8 @@ use sled_common::clock::Oscillator;
 use syn::visit::Visit;
 use twin::image::Image;
 use twin::mcu::{Board, Mcu};
-use twin::{Images, Twin, TwinError};
-use vehicle_model::{NodeIndex, Vehicle};
+use twin::{Images, Twin};
+use vehicle_model::{NodeIndex, Vehicle, VehicleError};
 use wcet::cycles::Cycles;
 use wcet::timing::Timing;
 use world::Scenario;
@@ -48,6 +48,11 @@ fn vehicle() -> Vehicle {
 
 /// The vehicle with one text of its folder changed.
 fn vehicle_with(file: &str, from: &str, to: &str) -> Vehicle {
+    changed(file, from, to).unwrap()
+}
+
+/// What is read from the vehicle's folder when one text of it is changed.
+fn changed(file: &str, from: &str, to: &str) -> Result<Vehicle, VehicleError> {
     let folder = vehicle().folder().to_owned();
     let read = |name: &str| {
         let text = fs::read_to_string(folder.join(name)).unwrap();
@@ -59,7 +64,7 @@ fn vehicle_with(file: &str, from: &str, to: &str) -> Vehicle {
         }
     };
     let (manifest, network) = (read("vehicle.toml"), read("network.dbc"));
-    Vehicle::parse("uagv", &folder, &manifest, &network).unwrap()
+    Vehicle::parse("uagv", &folder, &manifest, &network)
 }
 
 /// A board after a change.
@@ -287,27 +292,30 @@ fn time_mark() {
 
 #[test]
 fn board_of_a_node() {
-    let moved = vehicle_with(
-        "vehicle.toml",
+    let (node, receiver) = (
         "name = \"gps\"\nboard = \"f446\"",
-        "name = \"gps\"\nboard = \"f303\"",
+        "\nwiring = { receiver = \"satellite-receiver\" }",
     );
+    let on_f303 = node.replace("f446", "f303");
+    // The F303 sled has no connector for a receiver.
+    let refused = changed("vehicle.toml", node, &on_f303).unwrap_err();
+    let sentence = refused.to_string();
+    assert!(sentence.contains("the board f303 has no such connector"));
+    let moved = vehicle_with("vehicle.toml", &format!("{node}{receiver}"), &on_f303);
     let command = |vehicle: &Vehicle| {
         let command = build::command(&workspace(), vehicle, &[GPS]).unwrap();
         format!("{command:?}")
     };
     assert!(command(&vehicle()).contains("\"f446\""));
     assert!(command(&moved).contains("\"f303\""));
-    // The F303 sled has no connector for a receiver, and no image is given to the other.
     let emulated = |vehicle: &Vehicle| {
         let scenario = Scenario::parse(vehicle, "t", "t", "").unwrap();
-        Twin::new(vehicle, &scenario, 1, &Images::default()).err()
+        let images = Images::new(vec![elf().1.clone(); vehicle.nodes().len()]);
+        let twin = Twin::new(vehicle, &scenario, 1, &images).unwrap();
+        (twin.sled(GPS), twin.node(GPS).part())
     };
-    assert!(matches!(
-        emulated(&vehicle()),
-        Some(TwinError::Image { .. })
-    ));
-    assert!(matches!(emulated(&moved), Some(TwinError::Wiring { .. })));
+    assert_eq!(emulated(&vehicle()), (Sled::F446, Part::F446));
+    assert_eq!(emulated(&moved), (Sled::F303, Part::F303));
     let proven = |vehicle: &Vehicle| model(vehicle, GPS, vehicle.board(GPS), |text| text).1;
     assert_eq!(proven(&vehicle()).board, Sled::F446);
     assert_eq!(proven(&moved).board, Sled::F303);

@@ -86,6 +86,15 @@ fn devices(manifest: &Manifest) -> Result<(), String> {
                     device.connector()
                 ));
             }
+            let sled = Sled::named(&node.board);
+            if let Some(sled) = sled.filter(|sled| sled.connector(connector).is_none()) {
+                let there: Vec<&str> = sled.connectors.iter().map(|place| place.name).collect();
+                return Err(format!(
+                    "{at}: the board {} has no such connector: it has {}",
+                    sled.name,
+                    there.join(", ")
+                ));
+            }
             let many = matches!(device, Device::BenchMotor | Device::Knob);
             if !seen.insert(device) && !many {
                 return Err(format!("{at}: there is a second {}", device.name()));

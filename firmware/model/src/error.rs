@@ -31,6 +31,14 @@ pub enum VehicleError {
         /// The field and what it accepts.
         what: String,
     },
+    /// A node has no source.
+    #[error("{}: node {node:?} has no source: nodes/{node}.rs is missing", file.display())]
+    NoSource {
+        /// The manifest.
+        file: PathBuf,
+        /// The node.
+        node: String,
+    },
     /// The network file has errors.
     #[error("{}: {what}", file.display())]
     Network {

@@ -69,17 +69,26 @@ impl Vehicle {
     /// Reads the vehicle of a folder; the folder's name is the vehicle's.
     ///
     /// # Errors
-    /// A file is missing, or its contents make no sense.
+    /// A file is missing, the source of a node included, or its contents make no sense.
     pub fn read(folder: &Path) -> Result<Self, VehicleError> {
         let text = |file: &str| {
             let file = folder.join(file);
             fs::read_to_string(&file).map_err(|error| VehicleError::Unreadable { file, error })
         };
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
-        Self::parse(&name, folder, &text(MANIFEST)?, &text(NETWORK)?)
+        let vehicle = Self::parse(&name, folder, &text(MANIFEST)?, &text(NETWORK)?)?;
+        let mut nodes = vehicle.nodes();
+        match nodes.find(|&node| !vehicle.source(node).is_file()) {
+            None => Ok(vehicle),
+            Some(node) => Err(VehicleError::NoSource {
+                file: vehicle.manifest_file(),
+                node: vehicle.node(node).name.clone(),
+            }),
+        }
     }
 
-    /// Makes a vehicle from the texts of its two files; errors name them below `folder`.
+    /// Makes a vehicle from the texts of its two files; errors name them below `folder`. The
+    /// sources of the nodes are not looked for.
     ///
     /// # Errors
     /// Their contents make no sense.

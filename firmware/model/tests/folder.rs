@@ -53,6 +53,22 @@ fn an_unknown_vehicle_is_told_with_those_there_are() {
 }
 
 #[test]
+fn a_node_without_a_source_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let copy = |file: &str| {
+        let to = folder.path().join(file);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::copy(vehicles().join("two-boards").join(file), to).unwrap();
+    };
+    ["vehicle.toml", "network.dbc", "nodes/master.rs"].map(copy);
+    let said = Vehicle::read(folder.path()).unwrap_err().to_string();
+    let sentence = "vehicle.toml: node \"motor\" has no source: nodes/motor.rs is missing";
+    assert!(said.ends_with(sentence), "{said}");
+    copy("nodes/motor.rs");
+    Vehicle::read(folder.path()).unwrap();
+}
+
+#[test]
 fn what_makes_no_sense_is_refused_in_one_sentence() {
     for (from, to, sentence) in [
         (
@@ -101,6 +117,12 @@ fn what_makes_no_sense_is_refused_in_one_sentence() {
             "motor = \"drive-motor\"",
             "motor = \"display\"",
             "node \"drive\", connector \"motor\": a display goes to the connector \"display\"",
+        ),
+        (
+            "name = \"gps\"\nboard = \"f446\"",
+            "name = \"gps\"\nboard = \"f303\"",
+            "node \"gps\", connector \"receiver\": the board f303 has no such connector: it has \
+             can, console, led, motor, pot",
         ),
         (
             "autonomous = \"AutonomousRun\"",
