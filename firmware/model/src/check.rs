@@ -7,7 +7,7 @@ use network_model::Network;
 use parts::Sled;
 
 use crate::manifest::{
-    Calibration, Command, Device, Machine, Manifest, Node, Receiver, SignalPath,
+    Calibration, Command, Device, Machine, Manifest, Node, Receiver, RegulatorWeights, SignalPath,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -231,37 +231,19 @@ fn receiver(receiver: &Receiver) -> Result<(), String> {
     within("receiver.lead", receiver.lead, 0.0, 0.05)
 }
 
+/// Checks those numbers of a machine that its control law does not depend on;
+/// [`crate::design::check`] checks the others.
 fn machine(machine: &Machine) -> Result<(), String> {
     let degrees = |value: f64| value.to_radians();
-    within(
-        "machine.rear_to_antenna",
-        machine.rear_to_antenna,
-        -10.0,
-        10.0,
+    above(
+        "machine.limits.acceleration",
+        machine.limits.acceleration,
+        20.0,
     )?;
-    let wheelbase = machine.rear_to_antenna.get() + machine.antenna_to_front.get();
-    if !(0.1..=10.0).contains(&wheelbase) {
-        return Err(format!(
-            "machine.antenna_to_front: the wheelbase, rear_to_antenna and antenna_to_front \
-             together, is {wheelbase:.3} m: 0.1 to 10 m is accepted"
-        ));
+    if let Some(weights) = &machine.weights {
+        regulator("firm", &weights.firm)?;
+        regulator("gentle", &weights.gentle)?;
     }
-    within("machine.antenna_right", machine.antenna_right, -5.0, 5.0)?;
-    within("machine.antenna_height", machine.antenna_height, 0.0, 10.0)?;
-    let limits = &machine.limits;
-    above(
-        "machine.limits.steering_angle",
-        limits.steering_angle,
-        degrees(60.0),
-    )?;
-    above(
-        "machine.limits.steering_rate",
-        limits.steering_rate,
-        degrees(180.0),
-    )?;
-    above("machine.limits.speed", limits.speed, 10.0)?;
-    above("machine.limits.acceleration", limits.acceleration, 20.0)?;
-    above("machine.cruise", machine.cruise, limits.speed.get())?;
     potentiometer(machine)?;
     for (name, direction) in [
         ("right", machine.steering.right),
@@ -278,6 +260,37 @@ fn machine(machine: &Machine) -> Result<(), String> {
     }
     within("machine.drive.dead_band", machine.drive.dead_band, 0.0, 0.5)?;
     above("machine.drive.full_speed", machine.drive.full_speed, 10.0)
+}
+
+/// Checks the weights of a regulator: `name` is its key in `machine.weights`.
+fn regulator(name: &str, weights: &RegulatorWeights) -> Result<(), String> {
+    let RegulatorWeights {
+        integral,
+        cross_track,
+        heading,
+        steering_angle,
+        steering_rate,
+    } = *weights;
+    for (key, weight, accepts_zero) in [
+        ("integral", integral, false),
+        ("cross_track", cross_track, false),
+        ("heading", heading, true),
+        ("steering_angle", steering_angle, true),
+        ("steering_rate", steering_rate, false),
+    ] {
+        let sound = weight > 0.0 || accepts_zero && weight == 0.0;
+        if !(sound && weight.is_finite()) {
+            let range = if accepts_zero {
+                "0 or a number above it"
+            } else {
+                "a number above 0"
+            };
+            return Err(format!(
+                "machine.weights.{name}.{key} is {weight}: {range} is accepted"
+            ));
+        }
+    }
+    Ok(())
 }
 
 fn potentiometer(machine: &Machine) -> Result<(), String> {

@@ -7,14 +7,14 @@ use control::controller::Settings;
 use control::design::SteeringWeights;
 use control::feedback::Limits;
 use control::model::{Antenna, Geometry};
-use control::vehicle::{self, Description};
+use control::vehicle::{self, Description, Refusal};
 
 use crate::check::MECHANICAL_RANGE;
 use crate::error::VehicleError;
 use crate::manifest::{
     Device, Direction, Machine, Potentiometer, Receiver, RegulatorWeights, Remote, Waypoint,
 };
-use crate::units::{Kind, Quantity};
+use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind};
 use crate::vehicle::Vehicle;
 
 /// The vehicle data from which the control law is designed; `None` for a vehicle without a
@@ -61,6 +61,84 @@ pub fn description(vehicle: &Vehicle) -> Option<Description> {
             gentle: regulator(&weights.gentle),
         }),
     })
+}
+
+/// Checks that the control law can be designed for a vehicle's machine.
+///
+/// # Errors
+/// Names the key of the manifest at fault, its value and what is accepted.
+pub(crate) fn check(vehicle: &Vehicle) -> Result<(), String> {
+    let Some(description) = description(vehicle) else {
+        return Ok(());
+    };
+    match Settings::<f32>::for_vehicle(&description) {
+        Ok(_) => Ok(()),
+        Err(Refusal::Number {
+            what,
+            value,
+            least,
+            most,
+        }) => {
+            let (key, shown) = key(what);
+            Err(format!(
+                "{key} is {}: {} to {} is accepted",
+                shown(value),
+                shown(least),
+                shown(most)
+            ))
+        }
+        Err(Refusal::Design(error)) => Err(format!("machine.weights: {error}")),
+    }
+}
+
+/// Shows a number in the base unit with its unit.
+type Shown = fn(f64) -> String;
+
+/// The key of the manifest that a number of the control law's description comes from, and how
+/// the number is shown with its unit.
+fn key(what: vehicle::Quantity) -> (&'static str, Shown) {
+    use vehicle::Quantity as Of;
+
+    fn shown<K: Kind>(value: f64) -> String {
+        // A thousandth of any unit is finer than what these numbers are known to.
+        let (_, factor, divisor) = K::UNITS[0];
+        let rounded = (value / factor * divisor * 1e3).round() / 1e3;
+        Quantity::<K>::new(rounded * factor / divisor).to_string()
+    }
+    let (length, speed): (Shown, Shown) = (shown::<LengthKind>, shown::<SpeedKind>);
+    let (angle, time): (Shown, Shown) = (shown::<AngleKind>, shown::<TimeKind>);
+    match what {
+        Of::Wheelbase => (
+            "the wheelbase, machine.rear_to_antenna plus machine.antenna_to_front,",
+            length,
+        ),
+        Of::AntennaAhead => ("machine.rear_to_antenna", length),
+        Of::AntennaRight => ("machine.antenna_right", length),
+        Of::AntennaHeight => ("machine.antenna_height", length),
+        Of::SteeringAngle => ("machine.limits.steering_angle", angle),
+        Of::SteeringRate => ("machine.limits.steering_rate", shown::<RateKind>),
+        Of::Cruise => ("machine.cruise", speed),
+        Of::TopSpeed => (
+            "machine.limits.speed, which machine.cruise must not exceed,",
+            speed,
+        ),
+        Of::Period => (
+            "the period of the control law, BasicCycle of network.dbc,",
+            time,
+        ),
+        Of::PositionNoise => ("machine.sensors.position", length),
+        Of::VelocityNoise => ("machine.sensors.velocity", speed),
+        Of::SteeringNoise => ("machine.sensors.steering", angle),
+        Of::Age => (
+            "the age of a measurement in the control step, with receiver.latency, receiver.burst \
+             and receiver.lead,",
+            time,
+        ),
+        Of::DriveLag => ("machine.drive.lag", time),
+        Of::Cornering => ("machine.cornering", |value| format!("{value} 1/rad")),
+        Of::HeadingMisalignment => ("machine.misalignment.heading", angle),
+        Of::SteeringMisalignment => ("machine.misalignment.steering", angle),
+    }
 }
 
 /// Cycle time of the control step, s: the latest release of a step in the network.
@@ -385,7 +463,9 @@ mod tests {
     fn a_machine_without_a_control_law_is_refused_in_one_sentence() {
         let told = changed(&[("cornering = 4.0", "cornering = 0.1")]).unwrap_err();
         assert!(
-            told.contains("vehicle.toml: [machine]: the cornering coefficient is 0.1 1/rad"),
+            told.contains(
+                "vehicle.toml: machine.cornering is 0.1 1/rad: 2 1/rad to 20 1/rad is accepted"
+            ),
             "{told}"
         );
     }

@@ -233,20 +233,22 @@ pub enum Remote {
 }
 
 /// A vehicle with a steered front axle and a driven rear axle.
+///
+/// Where no range is stated, [`control::vehicle::Description`] has it.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Machine {
-    /// `L1`: rear axle to antenna, positive ahead, -10 to 10 m.
+    /// `L1`: rear axle to antenna, positive ahead.
     pub rear_to_antenna: Length,
-    /// `L2`: antenna to front axle; `L1 + L2` is the wheelbase, above 0 to 10 m.
+    /// `L2`: antenna to front axle; `L1 + L2` is the wheelbase.
     pub antenna_to_front: Length,
-    /// Antenna beside the centre line, right positive, -5 to 5 m. Default 0 m.
+    /// Antenna beside the centre line, right positive. Default 0 m.
     #[serde(default)]
     pub antenna_right: Length,
-    /// Antenna above the ground, 0 to 10 m. Default 0 m.
+    /// Antenna above the ground. Default 0 m.
     #[serde(default)]
     pub antenna_height: Length,
-    /// Speed of an autonomous run, above 0 to the speed limit.
+    /// Speed of an autonomous run, at most the speed limit.
     pub cruise: Speed,
     /// Limits of the commands to the actuators.
     pub limits: Limits,
@@ -263,7 +265,7 @@ pub struct Machine {
     /// Constant errors of angles to expect after mounting and calibration.
     pub misalignment: Misalignment,
     /// Cornering coefficient of the tyres, 1/rad: lateral force as a share of the load for
-    /// each radian of slip, 2 to 20.
+    /// each radian of slip.
     pub cornering: f64,
     /// Weights of the steering's regulators. Default: derived from the other numbers.
     pub weights: Option<Weights>,
@@ -273,11 +275,11 @@ pub struct Machine {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sensors {
-    /// Position, north and east each, 2 to 30 mm.
+    /// Position, north and east each.
     pub position: Length,
-    /// Velocity, north and east each, 5 to 40 mm/s.
+    /// Velocity, north and east each.
     pub velocity: Speed,
-    /// Steering angle, 0.01 to 0.2 deg.
+    /// Steering angle.
     pub steering: Angle,
 }
 
@@ -285,9 +287,9 @@ pub struct Sensors {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Misalignment {
-    /// Of the course against the direction of travel, 0.1 to 5 deg.
+    /// Of the course against the direction of travel.
     pub heading: Angle,
-    /// Of the measured steering angle, 0.1 to 5 deg.
+    /// Of the measured steering angle.
     pub steering: Angle,
 }
 
@@ -295,11 +297,11 @@ pub struct Misalignment {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
-    /// To either side, above 0 to 60 deg.
+    /// To either side.
     pub steering_angle: Angle,
-    /// Above 0 to 180 deg/s.
+    /// To either side.
     pub steering_rate: Rate,
-    /// Forwards and backwards, above 0 to 10 m/s.
+    /// Forwards and backwards.
     pub speed: Speed,
     /// Largest acceleration of the drive, above 0 to 20 m/s2.
     pub acceleration: Acceleration,
@@ -343,7 +345,7 @@ pub struct Drive {
     pub dead_band: Ratio,
     /// Speed at full effort, above 0 to 10 m/s.
     pub full_speed: Speed,
-    /// Time constant from commanded to real speed, 50 ms to 1 s.
+    /// Time constant from commanded to real speed.
     pub lag: Time,
 }
 
@@ -370,15 +372,15 @@ pub struct Weights {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RegulatorWeights {
-    /// Integral of the cross-track error.
+    /// Integral of the cross-track error, above 0.
     pub integral: f64,
-    /// Cross-track error.
+    /// Cross-track error, above 0.
     pub cross_track: f64,
-    /// Heading error.
+    /// Heading error, 0 or above.
     pub heading: f64,
-    /// Steering angle.
+    /// Steering angle, 0 or above.
     pub steering_angle: f64,
-    /// Steering rate.
+    /// Steering rate, above 0.
     pub steering_rate: f64,
 }
 

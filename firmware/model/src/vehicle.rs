@@ -117,10 +117,7 @@ impl Vehicle {
             manifest,
             network,
         };
-        if let Some(description) = design::description(&vehicle) {
-            let checked = description.check();
-            checked.map_err(|refusal| wrong(format!("[machine]: {refusal}")))?;
-        }
+        design::check(&vehicle).map_err(wrong)?;
         Ok(vehicle)
     }
 

@@ -60,7 +60,9 @@ fn a_node_without_a_source_is_refused() {
         std::fs::create_dir_all(to.parent().unwrap()).unwrap();
         std::fs::copy(vehicles().join("two-boards").join(file), to).unwrap();
     };
-    ["vehicle.toml", "network.dbc", "nodes/master.rs"].map(copy);
+    for file in ["vehicle.toml", "network.dbc", "nodes/master.rs"] {
+        copy(file);
+    }
     let said = Vehicle::read(folder.path()).unwrap_err().to_string();
     let sentence = "vehicle.toml: node \"motor\" has no source: nodes/motor.rs is missing";
     assert!(said.ends_with(sentence), "{said}");
@@ -74,7 +76,49 @@ fn what_makes_no_sense_is_refused_in_one_sentence() {
         (
             "cruise = \"1 m/s\"",
             "cruise = \"3 m/s\"",
-            "machine.cruise is 3 m/s: above 0 to 2 m/s is accepted",
+            "machine.limits.speed, which machine.cruise must not exceed, is 2 m/s: 3 m/s to 10 m/s \
+             is accepted",
+        ),
+        (
+            "cruise = \"1 m/s\"",
+            "cruise = \"4 m/s\"",
+            "machine.cruise is 4 m/s: 0.3 m/s to 3 m/s is accepted",
+        ),
+        (
+            "rear_to_antenna = \"0.255 m\"",
+            "rear_to_antenna = \"-1 m\"",
+            "the wheelbase, machine.rear_to_antenna plus machine.antenna_to_front, is -0.155 m: \
+             0.4 m to 4 m is accepted",
+        ),
+        (
+            "rear_to_antenna = \"0.255 m\"",
+            "rear_to_antenna = \"-0.4 m\"",
+            "machine.rear_to_antenna is -0.4 m: -0.178 m to 0.89 m is accepted",
+        ),
+        (
+            "steering_angle = \"25 deg\"",
+            "steering_angle = \"10 deg\"",
+            "machine.limits.steering_angle is 10 deg: 15 deg to 45 deg is accepted",
+        ),
+        (
+            "steering = \"2 deg\"",
+            "steering = \"6 deg\"",
+            "machine.misalignment.steering is 6 deg: 0.1 deg to 5 deg is accepted",
+        ),
+        (
+            "cornering = 4.0",
+            "cornering = nan",
+            "machine.cornering is NaN 1/rad: 2 1/rad to 20 1/rad is accepted",
+        ),
+        (
+            "cross_track = 84.0",
+            "cross_track = nan",
+            "machine.weights.firm.cross_track is NaN: a number above 0 is accepted",
+        ),
+        (
+            "heading = 1.28",
+            "heading = -1.28",
+            "machine.weights.gentle.heading is -1.28: 0 or a number above it is accepted",
         ),
         (
             "cruise = \"1 m/s\"",
@@ -90,7 +134,7 @@ fn what_makes_no_sense_is_refused_in_one_sentence() {
         (
             "lag = \"300 ms\"",
             "lag = \"300 s\"",
-            "[machine]: the drive's time constant is 300 s: 0.05 to 1 s is accepted",
+            "machine.drive.lag is 300 s: 0.05 s to 1 s is accepted",
         ),
         (
             "slope = \"40 counts/deg\"",
