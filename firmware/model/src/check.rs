@@ -11,10 +11,6 @@ use crate::manifest::{
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
-/// Largest angle of an intact steering, degrees. A potentiometer reading beyond it is
-/// implausible.
-pub const MECHANICAL_RANGE: f64 = 35.0;
-
 /// Full scale of the boards' converters, counts.
 pub const FULL_SCALE: f64 = 4095.0;
 
@@ -107,6 +103,18 @@ fn devices(manifest: &Manifest) -> Result<(), String> {
             }
         }
     }
+    let moving = [
+        Device::SteeringMotor,
+        Device::DriveMotor,
+        Device::SteeringPotentiometer,
+    ];
+    let missing = moving.into_iter().find(|device| !seen.contains(device));
+    if let Some(device) = missing.filter(|_| manifest.machine.is_some()) {
+        return Err(format!(
+            "[machine] needs a {}, which no node has in its wiring",
+            device.name()
+        ));
+    }
     if seen.contains(&Device::SatelliteReceiver) && manifest.receiver.is_none() {
         return Err("[receiver] is missing: a satellite-receiver is wired".into());
     }
@@ -153,6 +161,7 @@ fn command(command: &Command, manifest: &Manifest, network: &Network) -> Result<
         .iter()
         .find(|message| message.name == command.message)
         .ok_or_else(|| format!("command.message: there is no message {:?}", command.message))?;
+    let mut signals = BTreeSet::new();
     for (&device, name) in &command.enable {
         let field = format!("command.enable.{}", device.name());
         let mut nodes = manifest.nodes.iter();
@@ -170,6 +179,11 @@ fn command(command: &Command, manifest: &Manifest, network: &Network) -> Result<
                 return Err(format!("{field}: signal {name:?} is not of one bit"));
             }
             Some(_) => {}
+        }
+        if !signals.insert(name) {
+            return Err(format!(
+                "{field}: signal {name:?} enables another motor already: each motor needs its own"
+            ));
         }
     }
     Ok(())
@@ -258,8 +272,22 @@ fn machine(machine: &Machine) -> Result<(), String> {
             degrees(180.0),
         )?;
     }
+    let (limits, steering) = (&machine.limits, &machine.steering);
+    above("machine.steering.travel", steering.travel, degrees(60.0))?;
+    at_most(
+        "machine.limits.steering_angle",
+        limits.steering_angle,
+        "machine.steering.travel",
+        steering.travel,
+    )?;
     within("machine.drive.dead_band", machine.drive.dead_band, 0.0, 0.5)?;
-    above("machine.drive.full_speed", machine.drive.full_speed, 10.0)
+    above("machine.drive.full_speed", machine.drive.full_speed, 10.0)?;
+    at_most(
+        "machine.limits.speed",
+        limits.speed,
+        "machine.drive.full_speed",
+        machine.drive.full_speed,
+    )
 }
 
 /// Checks the weights of a regulator: `name` is its key in `machine.weights`.
@@ -297,17 +325,18 @@ fn potentiometer(machine: &Machine) -> Result<(), String> {
     let pot = &machine.potentiometer;
     within("machine.potentiometer.centre", pot.centre, 0.0, FULL_SCALE)?;
     let slope = pot.slope.get().to_radians();
+    let travel = (machine.steering.travel.get().to_degrees() * 1e9).round() / 1e9;
     if !(-80.0..=80.0).contains(&slope) {
         return Err(format!(
             "machine.potentiometer.slope is {slope} counts/deg: -80 to 80 counts/deg is accepted"
         ));
     }
-    let range = (slope * MECHANICAL_RANGE).abs();
+    let range = (slope * travel).abs();
     let centre = pot.centre.get();
-    if range < MECHANICAL_RANGE || centre < range || centre + range > FULL_SCALE {
+    if slope.abs() < 1.0 || centre < range || centre + range > FULL_SCALE {
         return Err(format!(
             "machine.potentiometer: {centre} counts straight ahead and {slope} counts for a \
-             degree do not cover {MECHANICAL_RANGE} degrees to each side"
+             degree do not cover {travel} degrees to each side"
         ));
     }
     Ok(())
@@ -352,6 +381,21 @@ fn above<K: Kind>(field: &str, value: Quantity<K>, most: f64) -> Result<(), Stri
         field,
         value,
         format_args!("above 0 to {}", Quantity::<K>::new(most)),
+    )
+}
+
+/// Refuses a value above the one of another key.
+fn at_most<K: Kind>(
+    field: &str,
+    value: Quantity<K>,
+    other: &str,
+    most: Quantity<K>,
+) -> Result<(), String> {
+    refuse(
+        value <= most,
+        field,
+        value,
+        format_args!("up to {other}, {most},"),
     )
 }
 

@@ -9,11 +9,8 @@ use control::feedback::Limits;
 use control::model::{Antenna, Geometry};
 use control::vehicle::{self, Description, Refusal};
 
-use crate::check::MECHANICAL_RANGE;
 use crate::error::VehicleError;
-use crate::manifest::{
-    Device, Direction, Machine, Potentiometer, Receiver, RegulatorWeights, Remote, Waypoint,
-};
+use crate::manifest::{Device, Direction, Machine, Receiver, RegulatorWeights, Remote, Waypoint};
 use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind};
 use crate::vehicle::Vehicle;
 
@@ -314,7 +311,7 @@ fn actuators(out: &mut String, machine: &Machine) {
         out,
         "The steering's potentiometer. An intact one cannot leave its ends.",
         "POTENTIOMETER: ::control::calibration::Potentiometer<f32>",
-        &potentiometer_source(&potentiometer(&machine.potentiometer)),
+        &potentiometer_source(&potentiometer(machine)),
     );
     constant(
         out,
@@ -365,11 +362,12 @@ pub fn drive(machine: &Machine) -> Actuator<f32> {
     }
 }
 
-/// A potentiometer, as the images of its machine use it. A reading beyond its ends is
-/// implausible.
+/// The potentiometer of a machine, as its images use it. A reading beyond its ends, which are
+/// those of the steering's travel, is implausible.
 #[must_use]
-pub fn potentiometer(pot: &Potentiometer) -> calibration::Potentiometer<f32> {
-    let range = (pot.slope.get() * MECHANICAL_RANGE.to_radians()).abs();
+pub fn potentiometer(machine: &Machine) -> calibration::Potentiometer<f32> {
+    let pot = &machine.potentiometer;
+    let range = (pot.slope.get() * machine.steering.travel.get()).abs();
     calibration::Potentiometer {
         centre: single(pot.centre),
         counts_per_radian: single(pot.slope),
@@ -438,6 +436,7 @@ mod tests {
                 "steering_rate = \"20 deg/s\"",
             ),
             ("\nspeed = \"2 m/s\"", "\nspeed = \"2.5 m/s\""),
+            ("full_speed = \"2 m/s\"", "full_speed = \"2.5 m/s\""),
             ("antenna_right = \"0 m\"", "antenna_right = \"-20 cm\""),
         ])
         .unwrap();

@@ -27,7 +27,8 @@ pub struct Manifest {
     /// The operator's controls. Default: a momentary remote control.
     #[serde(default)]
     pub operator: Operator,
-    /// The machine that the nodes move; `None` for boards without one.
+    /// The machine that the nodes move; `None` for boards without one. Its motors and its
+    /// potentiometer must be wired.
     pub machine: Option<Machine>,
     /// The satellite receiver; needed when one is wired.
     pub receiver: Option<Receiver>,
@@ -169,7 +170,7 @@ pub struct ModeSignal {
 pub struct Command {
     /// The message.
     pub message: String,
-    /// For each motor, the one-bit signal that lets it turn.
+    /// For each motor, the one-bit signal that lets it turn; each motor has its own.
     pub enable: BTreeMap<Device, String>,
 }
 
@@ -297,11 +298,11 @@ pub struct Misalignment {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
-    /// To either side.
+    /// To either side, at most the travel of the steering.
     pub steering_angle: Angle,
     /// To either side.
     pub steering_rate: Rate,
-    /// Forwards and backwards.
+    /// Forwards and backwards, at most the drive's full speed.
     pub speed: Speed,
     /// Largest acceleration of the drive, above 0 to 20 m/s2.
     pub acceleration: Acceleration,
@@ -321,6 +322,9 @@ pub struct Potentiometer {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Steering {
+    /// Angle between straight ahead and the stop on either side, above 0 to 60 deg. A reading
+    /// of the potentiometer beyond it is implausible.
+    pub travel: Angle,
     /// To the right.
     pub right: Direction,
     /// To the left.

@@ -70,9 +70,109 @@ fn a_node_without_a_source_is_refused() {
     Vehicle::read(folder.path()).unwrap();
 }
 
+/// Asserts what each change of the manifest, from one text to another, is refused with.
+fn assert_refused(cases: &[(&str, &str, &str)]) {
+    for (from, to, sentence) in cases {
+        let said = refusal(from, to);
+        assert!(said.contains(sentence), "{said}");
+        assert!(!said.contains('\n'), "{said}");
+    }
+}
+
 #[test]
 fn what_makes_no_sense_is_refused_in_one_sentence() {
-    for (from, to, sentence) in [
+    assert_refused(&[
+        (
+            "cruise = \"1 m/s\"",
+            "cruise = \"1 m\"",
+            "machine.cruise: \"1 m\" is not a speed: write a number, a blank and the unit m/s, \
+             cm/s, mm/s or km/h, such as \"1 m/s\"",
+        ),
+        (
+            "cruise = \"1 m/s\"",
+            "speed = \"1 m/s\"",
+            "machine.speed: unknown field `speed`",
+        ),
+        (
+            "autonomous = \"AutonomousRun\"",
+            "autonomous = \"Run\"",
+            "mode.autonomous: signal \"Mode\" has no value \"Run\"",
+        ),
+        (
+            "steering_rate = \"Command.SteeringRate\"",
+            "steering_rate = \"Command.Speed\"",
+            "calibration.steering_rate: the unit of signal \"Speed\" is \"cm/s\": deg/s or rad/s \
+             is accepted",
+        ),
+        (
+            "potentiometer = \"SteeringPot.Count\"",
+            "potentiometer = \"SteeringPot\"",
+            "calibration.potentiometer: \"SteeringPot\" is no signal: write",
+        ),
+        (
+            "east = \"Position.East\"",
+            "east = \"Velocity.East\"",
+            "calibration.east is not in the message of calibration.north",
+        ),
+        (
+            "north = \"243 m\"",
+            "north = \"0.5 m\"",
+            "waypoint: the run is 0.500 m long: 1 m or more is accepted",
+        ),
+    ]);
+}
+
+#[test]
+fn nodes_and_their_wiring_must_be_there() {
+    assert_refused(&[
+        (
+            "drive-motor = \"DriveEnabled\"",
+            "drive-motor = \"SteeringEnabled\"",
+            "command.enable.drive-motor: signal \"SteeringEnabled\" enables another motor \
+             already: each motor needs its own",
+        ),
+        (
+            "wiring = { motor = \"drive-motor\" }",
+            "wiring = {}",
+            "[machine] needs a drive-motor, which no node has in its wiring",
+        ),
+        (
+            "motor = \"steering-motor\", pot = \"steering-potentiometer\"",
+            "motor = \"steering-motor\"",
+            "[machine] needs a steering-potentiometer, which no node has in its wiring",
+        ),
+        (
+            "board = \"f446\"",
+            "board = \"f407\"",
+            "node \"gps\": there is no board \"f407\": f446 and f303 are accepted",
+        ),
+        (
+            "name = \"gps\"",
+            "name = \"receiver\"",
+            "node \"receiver\" is not in the network file",
+        ),
+        (
+            "motor = \"drive-motor\"",
+            "motor = \"steering-motor\"",
+            "node \"drive\", connector \"motor\": there is a second steering-motor",
+        ),
+        (
+            "motor = \"drive-motor\"",
+            "motor = \"display\"",
+            "node \"drive\", connector \"motor\": a display goes to the connector \"display\"",
+        ),
+        (
+            "name = \"gps\"\nboard = \"f446\"",
+            "name = \"gps\"\nboard = \"f303\"",
+            "node \"gps\", connector \"receiver\": the board f303 has no such connector: it has \
+             can, console, led, motor, pot",
+        ),
+    ]);
+}
+
+#[test]
+fn the_numbers_of_the_control_law_are_named_by_their_keys() {
+    assert_refused(&[
         (
             "cruise = \"1 m/s\"",
             "cruise = \"3 m/s\"",
@@ -121,20 +221,32 @@ fn what_makes_no_sense_is_refused_in_one_sentence() {
             "machine.weights.gentle.heading is -1.28: 0 or a number above it is accepted",
         ),
         (
-            "cruise = \"1 m/s\"",
-            "cruise = \"1 m\"",
-            "machine.cruise: \"1 m\" is not a speed: write a number, a blank and the unit m/s, \
-             cm/s, mm/s or km/h, such as \"1 m/s\"",
-        ),
-        (
-            "cruise = \"1 m/s\"",
-            "speed = \"1 m/s\"",
-            "machine.speed: unknown field `speed`",
-        ),
-        (
             "lag = \"300 ms\"",
             "lag = \"300 s\"",
             "machine.drive.lag is 300 s: 0.05 s to 1 s is accepted",
+        ),
+    ]);
+}
+
+#[test]
+fn limits_beyond_the_actuators_are_refused() {
+    assert_refused(&[
+        (
+            "steering_angle = \"25 deg\"",
+            "steering_angle = \"40 deg\"",
+            "machine.limits.steering_angle is 40 deg: up to machine.steering.travel, 35 deg, is \
+             accepted",
+        ),
+        (
+            "travel = \"35 deg\"",
+            "travel = \"52 deg\"",
+            "machine.potentiometer: 2048 counts straight ahead and 40 counts for a degree do \
+             not cover 52 degrees to each side",
+        ),
+        (
+            "full_speed = \"2 m/s\"",
+            "full_speed = \"1.5 m/s\"",
+            "machine.limits.speed is 2 m/s: up to machine.drive.full_speed, 1.5 m/s, is accepted",
         ),
         (
             "slope = \"40 counts/deg\"",
@@ -142,63 +254,7 @@ fn what_makes_no_sense_is_refused_in_one_sentence() {
             "machine.potentiometer: 2048 counts straight ahead and 60 counts for a degree do \
              not cover 35 degrees to each side",
         ),
-        (
-            "board = \"f446\"",
-            "board = \"f407\"",
-            "node \"gps\": there is no board \"f407\": f446 and f303 are accepted",
-        ),
-        (
-            "name = \"gps\"",
-            "name = \"receiver\"",
-            "node \"receiver\" is not in the network file",
-        ),
-        (
-            "motor = \"drive-motor\"",
-            "motor = \"steering-motor\"",
-            "node \"drive\", connector \"motor\": there is a second steering-motor",
-        ),
-        (
-            "motor = \"drive-motor\"",
-            "motor = \"display\"",
-            "node \"drive\", connector \"motor\": a display goes to the connector \"display\"",
-        ),
-        (
-            "name = \"gps\"\nboard = \"f446\"",
-            "name = \"gps\"\nboard = \"f303\"",
-            "node \"gps\", connector \"receiver\": the board f303 has no such connector: it has \
-             can, console, led, motor, pot",
-        ),
-        (
-            "autonomous = \"AutonomousRun\"",
-            "autonomous = \"Run\"",
-            "mode.autonomous: signal \"Mode\" has no value \"Run\"",
-        ),
-        (
-            "steering_rate = \"Command.SteeringRate\"",
-            "steering_rate = \"Command.Speed\"",
-            "calibration.steering_rate: the unit of signal \"Speed\" is \"cm/s\": deg/s or rad/s \
-             is accepted",
-        ),
-        (
-            "potentiometer = \"SteeringPot.Count\"",
-            "potentiometer = \"SteeringPot\"",
-            "calibration.potentiometer: \"SteeringPot\" is no signal: write",
-        ),
-        (
-            "east = \"Position.East\"",
-            "east = \"Velocity.East\"",
-            "calibration.east is not in the message of calibration.north",
-        ),
-        (
-            "north = \"243 m\"",
-            "north = \"0.5 m\"",
-            "waypoint: the run is 0.500 m long: 1 m or more is accepted",
-        ),
-    ] {
-        let said = refusal(from, to);
-        assert!(said.contains(sentence), "{said}");
-        assert!(!said.contains('\n'), "{said}");
-    }
+    ]);
 }
 
 #[test]

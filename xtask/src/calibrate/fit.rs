@@ -36,7 +36,7 @@ impl Machine {
             geometry: description.geometry,
             antenna: description.antenna,
             limits: vehicle_model::limits(machine),
-            potentiometer: vehicle_model::potentiometer(&machine.potentiometer),
+            potentiometer: vehicle_model::potentiometer(machine),
             actuator: vehicle_model::steering(machine),
             full_byte_is_forward: machine.motor_driver.full_byte_is_forward,
         })

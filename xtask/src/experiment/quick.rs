@@ -129,7 +129,7 @@ impl Numbers {
             acceleration: machine.limits.acceleration.get() as f32,
             steering: vehicle_model::steering(machine),
             drive: vehicle_model::drive(machine),
-            potentiometer: vehicle_model::potentiometer(&machine.potentiometer),
+            potentiometer: vehicle_model::potentiometer(machine),
             full_byte_is_forward: machine.motor_driver.full_byte_is_forward,
             period: vehicle.network().basic_cycle_us as f32 * 1e-6,
             times: times(vehicle)?,
