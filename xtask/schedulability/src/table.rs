@@ -68,22 +68,65 @@ pub enum TableFault {
     /// `delay` names no message.
     #[error("`delay` names {0}, which is no message of the network file")]
     Overdue(String),
+    /// A number of the bus errors or of a chain is out of range.
+    #[error("{of} has {number}")]
+    Number {
+        /// Where it is.
+        of: String,
+        /// The number.
+        number: Box<OutOfRange>,
+    },
     /// A step of a chain names none or several of the three.
     #[error("each step of chain `{0}` is either a `task`, a `message` or `other`")]
     Step(String),
 }
 
+/// Longest time that the table accepts, in microseconds: one hour. Sums of such times in
+/// picoseconds are far below 2^62.
+pub const LONGEST_US: u64 = 3_600_000_000;
+
+/// Most events of one kind that the table accepts.
+pub const MOST: u64 = 10_000;
+
+/// A number that is not accepted.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{field}` = {value}: {least} to {most} is accepted")]
+pub struct OutOfRange {
+    /// Its key.
+    pub field: &'static str,
+    /// The number.
+    pub value: u64,
+    /// The least that is accepted.
+    pub least: u64,
+    /// The most that is accepted.
+    pub most: u64,
+}
+
+impl OutOfRange {
+    fn check(field: &'static str, value: u64, least: u64, most: u64) -> Result<(), Box<Self>> {
+        if (least..=most).contains(&value) {
+            return Ok(());
+        }
+        Err(Box::new(Self {
+            field,
+            value,
+            least,
+            most,
+        }))
+    }
+}
+
 /// What can be wrong with the entry of a task; each message follows the task's name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TaskFault {
     /// Nothing releases it.
     #[error(
         "does not say what releases it: `every_us` above zero, `every`, `on`, `receives`, `at` or `at_us`"
     )]
     NoRelease,
-    /// A burst has no jobs or no distance between them.
-    #[error("has a `receiver-burst` with a zero")]
-    ZeroBurst,
+    /// One of its numbers is out of range.
+    #[error("has {0}")]
+    Number(Box<OutOfRange>),
     /// It has bursts of a receiver, but the vehicle has no receiver.
     #[error("has a `receiver-burst`, but vehicle.toml has no [receiver]")]
     NoReceiver,
@@ -511,8 +554,20 @@ impl Table {
         if let Some(unknown) = self.unproven.iter().find(|name| !is_known(name)) {
             return Err(TableFault::Unproven(unknown.clone()));
         }
+        let accept = |of: String, field, value: u64, most: u64| {
+            let checked = OutOfRange::check(field, value, 0, most);
+            checked.map_err(|number| TableFault::Number { of, number })
+        };
+        let bus = || "[bus]".to_owned();
+        let interval = self.bus.error_interval_ms;
+        accept(bus(), "error_burst", self.bus.error_burst, MOST)?;
+        accept(bus(), "error_interval_ms", interval, LONGEST_US / 1000)?;
         for chain in &self.chain {
+            let of = || format!("chain `{}`", chain.name);
+            accept(of(), "deadline_us", chain.deadline_us, LONGEST_US)?;
             for step in &chain.steps {
+                accept(of(), "wait_us", step.wait_us, LONGEST_US)?;
+                accept(of(), "at_us", step.at_us.unwrap_or(0), LONGEST_US)?;
                 let kinds = [&step.task, &step.message, &step.other];
                 if kinds.into_iter().flatten().count() != 1 {
                     return Err(TableFault::Step(chain.name.clone()));
@@ -541,6 +596,31 @@ impl TaskTable {
         })
     }
 
+    /// Checks that its numbers are in range.
+    fn numbers(&self) -> Result<(), TaskFault> {
+        let accept = |field, value: u64, least: u64, most: u64| {
+            OutOfRange::check(field, value, least, most).map_err(TaskFault::Number)
+        };
+        for every in self.every_us.as_slice() {
+            accept("every_us", *every, 1, LONGEST_US)?;
+        }
+        for at in self.at_us.as_slice() {
+            accept("at_us", *at, 0, LONGEST_US)?;
+        }
+        accept("jitter_us", self.jitter_us, 0, LONGEST_US)?;
+        accept("deadline_us", self.deadline_us.unwrap_or(0), 0, LONGEST_US)?;
+        if let Some(Delay::Us(us)) = self.delay {
+            accept("delay", us, 0, LONGEST_US)?;
+        }
+        for every in self.every.as_slice() {
+            if let Every::ReceiverBurst(burst) = every {
+                accept("jobs", burst.jobs, 1, MOST)?;
+                accept("apart_us", burst.apart_us, 1, LONGEST_US)?;
+            }
+        }
+        Ok(())
+    }
+
     fn check(&self) -> Result<(), TaskFault> {
         let releases = self.every_us.as_slice().len()
             + self.every.as_slice().len()
@@ -551,13 +631,7 @@ impl TaskTable {
         if releases == 0 || self.every_us.as_slice().contains(&0) {
             return Err(TaskFault::NoRelease);
         }
-        let is_empty = |every: &Every| match every {
-            Every::ReceiverBurst(burst) => burst.jobs == 0 || burst.apart_us == 0,
-            Every::BusOff | Every::Task(_) => false,
-        };
-        if self.every.as_slice().iter().any(is_empty) {
-            return Err(TaskFault::ZeroBurst);
-        }
+        self.numbers()?;
         if self.deadline_us.is_some() == self.by.is_some() {
             return Err(TaskFault::Deadline);
         }

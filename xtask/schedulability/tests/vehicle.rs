@@ -409,8 +409,45 @@ fn releases_that_follow_from_other_files_must_be_there() {
     );
     assert_eq!(
         refused("jobs = 12", "jobs = 0", period),
-        "tasks.toml: task line_idle of gps has a `receiver-burst` with a zero"
+        "tasks.toml: task line_idle of gps has `jobs` = 0: 1 to 10000 is accepted"
     );
+}
+
+#[test]
+fn a_time_that_would_overflow_is_refused() {
+    let text = text("firmware/vehicles/uagv/tasks.toml");
+    for (from, to, place) in [
+        (
+            "every_us = 500\n",
+            "every_us = 9000000000000000000\n",
+            "task console_dma of gps has `every_us`",
+        ),
+        (
+            "deadline_us = 10_240",
+            "deadline_us = 9000000000000000000",
+            "task parse of gps has `deadline_us`",
+        ),
+        (
+            "at = \"Command\"\nafter",
+            "at_us = 9000000000000000000\nafter",
+            "task control of controller has `at_us`",
+        ),
+        (
+            "wait_us = 10\n",
+            "wait_us = 9000000000000000000\n",
+            "chain `satellite receiver to steering motor` has `wait_us`",
+        ),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let error = Table::parse("tasks.toml", &text.replacen(from, to, 1)).unwrap_err();
+        let told = error.to_string();
+        let range = "= 9000000000000000000: ";
+        assert!(
+            told.starts_with(&format!("tasks.toml: {place} {range}")),
+            "{told}"
+        );
+        assert!(told.ends_with("to 3600000000 is accepted"), "{told}");
+    }
 }
 
 #[test]

@@ -4,11 +4,15 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     frame::worst_case_bits,
+    generate,
     network::{Message, Network, SendType, Window, WindowKind},
     problem::Problem,
     reference::Reference,
     signal::Signal,
 };
+
+/// Longest basic cycle, in microseconds.
+const LONGEST_CYCLE_US: u32 = 1_000_000;
 
 /// All problems of a network, in the order of its messages. While the windows are still to be
 /// found (`unscheduled`), they are not checked.
@@ -18,7 +22,12 @@ pub(crate) fn check(network: &Network, unscheduled: bool) -> Vec<Problem> {
     if !unscheduled {
         time_frame(network, &mut problems);
     }
+    let unique = problems.len();
     names(network, &mut problems);
+    // Two equal names also become one in Rust.
+    if problems.len() == unique && !unscheduled {
+        generate::check(network, &mut problems);
+    }
     masters(network, &mut problems);
     for message in &network.messages {
         data(network, message, &mut problems);
@@ -54,8 +63,11 @@ fn bus(network: &Network, problems: &mut Vec<Problem>) {
 
 fn time_frame(network: &Network, problems: &mut Vec<Problem>) {
     let mut refuse = |what: String| problems.push(Problem { line: None, what });
-    if network.basic_cycle_us == 0 {
-        refuse("BasicCycle is 0 us: a basic cycle has a length".into());
+    if !(1..=LONGEST_CYCLE_US).contains(&network.basic_cycle_us) {
+        refuse(format!(
+            "BasicCycle is {} us: 1 to {LONGEST_CYCLE_US} us are accepted",
+            network.basic_cycle_us
+        ));
     }
     if !network.basic_cycles.is_power_of_two() || network.basic_cycles > 64 {
         refuse(format!(

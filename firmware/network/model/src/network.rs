@@ -225,10 +225,11 @@ impl Network {
             let duration = self.bits_to_us(bits);
             other
                 .windows()
-                .map(move |window| window.start_us + duration)
+                .map(move |window| window.start_us.saturating_add(duration))
         });
         let last = arrivals.max()?;
-        Some(last.div_ceil(Self::RELEASE_GRAIN_US) * Self::RELEASE_GRAIN_US)
+        let grains = last.div_ceil(Self::RELEASE_GRAIN_US);
+        Some(grains.saturating_mul(Self::RELEASE_GRAIN_US))
     }
 
     /// Time in microseconds from the end of a frame of `message`, in an exclusive window, until

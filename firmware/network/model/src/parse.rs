@@ -1,6 +1,8 @@
 //! From the text of a DBC file to a [`Network`].
 
-use can_dbc::{AttributeValue, Comment, Dbc, MessageId, NumericValue, ValueDescription};
+use can_dbc::{
+    AttributeDefinition, AttributeValue, Comment, Dbc, MessageId, NumericValue, ValueDescription,
+};
 
 use crate::{
     check::check,
@@ -58,6 +60,30 @@ impl Network {
     }
 }
 
+/// The attributes that are read. A file may also define its own, for other tools.
+const ATTRIBUTES: [&str; 20] = [
+    "After",
+    "BasicCycle",
+    "BasicCycles",
+    "Baudrate",
+    "Deadline",
+    "FurtherWindows",
+    "GenMsgCycleTime",
+    "GenMsgDelayTime",
+    "GenMsgSendType",
+    "MasterRank",
+    "Preparation",
+    "SendCondition",
+    "ShortestLength",
+    "SyncUncertainty",
+    "TransmitEnable",
+    "WindowKind",
+    "WindowLength",
+    "WindowOffset",
+    "WindowRepeat",
+    "WindowStart",
+];
+
 struct Reader<'a> {
     dbc: &'a Dbc,
     text: &'a str,
@@ -89,6 +115,7 @@ impl Reader<'_> {
     }
 
     fn network(&mut self) -> Network {
+        self.attributes();
         let value_tables = self.value_tables();
         let nodes = self.nodes();
         let mut messages: Vec<Message> = Vec::new();
@@ -231,15 +258,9 @@ impl Reader<'_> {
             );
             return None;
         };
-        let shortest: i64 = match self
-            .dbc
-            .resolved_message_attribute(message.id, "ShortestLength")
-        {
-            Some(value) => integer(value).unwrap_or(-1),
-            None => -1,
-        };
+        let shortest = self.shortest(message, length);
         let send_type = self.send_type(message);
-        let condition = match self.word(message.id, "SendCondition", &["Always", "WhileFixed"]) {
+        let condition = match self.word(message, "SendCondition", &["Always", "WhileFixed"]) {
             Some("WhileFixed") => Condition::WhileFixed,
             _ => Condition::Always,
         };
@@ -269,7 +290,7 @@ impl Reader<'_> {
                 .unwrap_or_default()
                 .into(),
             length,
-            shortest: u8::try_from(shortest).unwrap_or(length).min(length),
+            shortest,
             sender,
             send_type,
             condition,
@@ -286,9 +307,89 @@ impl Reader<'_> {
         })
     }
 
+    /// Fewest data bytes of a message of `length` bytes.
+    fn shortest(&mut self, message: &can_dbc::Message, length: u8) -> u8 {
+        const NAME: &str = "ShortestLength";
+        let value = self.dbc.resolved_message_attribute(message.id, NAME);
+        let Some(value) = value.cloned() else {
+            return length;
+        };
+        match integer(&value).map(u8::try_from) {
+            _ if integer(&value) == Some(-1) => length,
+            Some(Ok(shortest)) if shortest <= length => shortest,
+            _ => {
+                self.attribute(
+                    message,
+                    NAME,
+                    &text_of(&value),
+                    &format!("0 to {length} data bytes, or -1 for all of them, are accepted"),
+                );
+                length
+            }
+        }
+    }
+
+    /// Reports the value of a message's attribute that is not accepted.
+    fn attribute(&mut self, message: &can_dbc::Message, name: &str, value: &str, accepted: &str) {
+        let raw = message.id.raw().to_string();
+        let line = self
+            .line(&["BA_", &format!("\"{name}\""), "BO_", &raw])
+            .or_else(|| self.line(&["BA_DEF_DEF_", &format!("\"{name}\"")]));
+        let of = &message.name;
+        self.problem(
+            line,
+            format!("{name} of message {of} ({raw}) is {value}: {accepted}"),
+        );
+    }
+
+    /// Looks for attributes that neither this reader nor the file knows, and for those of messages
+    /// and nodes that are not there.
+    fn attributes(&mut self) {
+        let dbc = self.dbc;
+        let known = |name: &str| {
+            ATTRIBUTES.contains(&name)
+                || dbc.attribute_definitions.iter().any(|definition| {
+                    let (AttributeDefinition::Message(of, _)
+                    | AttributeDefinition::Node(of, _)
+                    | AttributeDefinition::Signal(of, _)
+                    | AttributeDefinition::EnvironmentVariable(of, _)
+                    | AttributeDefinition::Plain(of, _)) = definition;
+                    of == name
+                })
+        };
+        let of_network = dbc.attribute_values_database.iter();
+        let of_nodes = dbc.attribute_values_node.iter();
+        let of_messages = dbc.attribute_values_message.iter();
+        let names = of_network
+            .map(|value| &value.name)
+            .chain(of_nodes.clone().map(|value| &value.name))
+            .chain(of_messages.clone().map(|value| &value.name));
+        for name in names.filter(|name| !known(name)) {
+            let line = self.line(&["BA_", &format!("\"{name}\"")]);
+            let what = format!("there is no attribute {name}: one with a BA_DEF_ is accepted");
+            self.problem(line, what);
+        }
+        for value in of_nodes {
+            let node = &value.node_name;
+            if !dbc.nodes.iter().any(|other| other.0 == *node) {
+                let line = self.line(&["BA_", &format!("\"{}\"", value.name), "BU_", node]);
+                let what = format!("{} of node {node}: there is no such node", value.name);
+                self.problem(line, what);
+            }
+        }
+        for value in of_messages {
+            let raw = value.message_id.raw().to_string();
+            if !dbc.messages.iter().any(|of| of.id == value.message_id) {
+                let line = self.line(&["BA_", &format!("\"{}\"", value.name), "BO_", &raw]);
+                let what = format!("{} of message {raw}: there is no such message", value.name);
+                self.problem(line, what);
+            }
+        }
+    }
+
     fn send_type(&mut self, message: &can_dbc::Message) -> SendType {
         let name = &message.name;
-        match self.word(message.id, "GenMsgSendType", &["Cyclic", "Event"]) {
+        match self.word(message, "GenMsgSendType", &["Cyclic", "Event"]) {
             Some("Event") => SendType::Event {
                 interval_ms: self.message_number(message.id, name, "GenMsgDelayTime"),
             },
@@ -299,14 +400,20 @@ impl Reader<'_> {
     }
 
     /// Names of the messages that a message's sender needs first.
-    fn after(&self, message: &can_dbc::Message) -> Vec<String> {
-        match self.dbc.resolved_message_attribute(message.id, "After") {
+    fn after(&mut self, message: &can_dbc::Message) -> Vec<String> {
+        let dbc = self.dbc;
+        match dbc.resolved_message_attribute(message.id, "After") {
             Some(AttributeValue::String(names)) => names
                 .split([' ', ','])
                 .filter(|name| !name.is_empty())
                 .map(str::to_owned)
                 .collect(),
-            _ => Vec::new(),
+            Some(other) => {
+                let accepted = "the names of messages in quotation marks are accepted";
+                self.attribute(message, "After", &text_of(other), accepted);
+                Vec::new()
+            }
+            None => Vec::new(),
         }
     }
 
@@ -318,7 +425,7 @@ impl Reader<'_> {
         send_type: SendType,
     ) -> Option<WindowKind> {
         const KINDS: [&str; 4] = ["None", "Reference", "Exclusive", "Arbitrating"];
-        match self.word(message.id, "WindowKind", &KINDS) {
+        match self.word(message, "WindowKind", &KINDS) {
             Some("Reference") => Some(WindowKind::Reference),
             Some("Exclusive") => Some(WindowKind::Exclusive),
             Some("Arbitrating") => Some(WindowKind::Arbitrating),
@@ -401,15 +508,30 @@ impl Reader<'_> {
         self.number(name, &of, value, line)
     }
 
-    /// An attribute of an enumeration type, given by number or by word.
-    fn word<'w>(&self, id: MessageId, name: &str, words: &[&'w str]) -> Option<&'w str> {
-        match self.dbc.resolved_message_attribute(id, name)? {
-            AttributeValue::String(word) => words.iter().find(|w| *w == word).copied(),
-            number => {
-                let index = usize::try_from(integer(number)?).ok()?;
-                words.get(index).copied()
-            }
+    /// An attribute of an enumeration type, given by number or by word; `None` if it is not
+    /// given, or after a problem.
+    fn word<'w>(
+        &mut self,
+        message: &can_dbc::Message,
+        name: &str,
+        words: &[&'w str],
+    ) -> Option<&'w str> {
+        let dbc = self.dbc;
+        let value = dbc.resolved_message_attribute(message.id, name)?;
+        let word = match value {
+            AttributeValue::String(word) => words.iter().find(|w| *w == word),
+            number => integer(number)
+                .and_then(|index| usize::try_from(index).ok())
+                .and_then(|index| words.get(index)),
+        };
+        if word.is_none() {
+            let accepted = format!(
+                "{} are accepted, or their numbers from 0 on",
+                words.join(", ")
+            );
+            self.attribute(message, name, &text_of(value), &accepted);
         }
+        word.copied()
     }
 
     fn signal(

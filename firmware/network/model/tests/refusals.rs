@@ -304,6 +304,121 @@ fn attributes_must_be_numbers_in_range() {
 }
 
 #[test]
+fn names_must_become_identifiers_of_their_own() {
+    let values = |from: &str, to: &str| GOOD.replace(from, to);
+    let told = |text: &str| Network::parse(text).unwrap_err().to_string();
+    assert_eq!(
+        told(&values("\"Fire\"", "\"Self\"")),
+        "value \"Self\" of the value table Kind becomes \"Self\" in Rust: letters, digits and \
+         underscores are accepted, a letter first, and no keyword"
+    );
+    assert!(told(&values("\"Fire\"", "\"On fire\"")).contains("\"On fire\""));
+    assert_eq!(
+        told(&values("\"Fire\"", "\"Water\"")),
+        "value \"Water\" of the value table Kind becomes Water in Rust, which value \"Water\" of \
+         the value table Kind is already: another name is accepted"
+    );
+    let slave = |to: &str| GOOD.replace("slave", to);
+    assert!(told(&slave("self")).contains("node self becomes \"Self\" in Rust"));
+    assert!(told(&slave("Master")).contains("which node master is already"));
+    assert!(told(&slave("matrix")).contains("becomes MATRIX in Rust, which the generated text"));
+    refused("600 Alarm", "600 Node", &["message Node (600) becomes"]);
+    refused("600 Alarm", "600 Kind", &["which the value table Kind is"]);
+    refused("200 Speed", "200 Events", &["becomes EVENTS in Rust"]);
+    refused(
+        "SG_ Right",
+        "SG_ left",
+        &["line 9", "signal left of message Speed becomes left"],
+    );
+    refused("SG_ Right", "SG_ D1", &["becomes d1 in Rust"]);
+    refused("SG_ Right", "SG_ Type", &["\"type\"", "no keyword"]);
+}
+
+#[test]
+fn attributes_must_be_known() {
+    let with = |line: &str| format!("BA_ \"WindowKind\" BO_ 96 1;\n{line}");
+    let here = "BA_ \"WindowKind\" BO_ 96 1;\n";
+    let defined = |definition: &str, line: &str| {
+        let text = GOOD.replacen("BA_DEF_DEF_", &format!("{definition}\nBA_DEF_DEF_"), 1);
+        let text = text.replacen(here, &with(line), 1);
+        Network::parse(&text).unwrap_err().to_string()
+    };
+    refused(
+        "BO_ 200 2;",
+        "BO_ 200 7;",
+        &[
+            "WindowKind of message Speed (200) is 7: None, Reference, Exclusive, Arbitrating are \
+             accepted, or their numbers from 0 on",
+        ],
+    );
+    refused(
+        "\"GenMsgSendType\" BO_ 600 1;",
+        "\"GenMsgSendType\" BO_ 600 \"Often\";",
+        &["GenMsgSendType of message Alarm (600) is \"Often\": Cyclic, Event are accepted"],
+    );
+    let condition = "BA_DEF_ BO_ \"SendCondition\" ENUM \"Always\",\"WhileFixed\";";
+    let told = defined(condition, "BA_ \"SendCondition\" BO_ 200 \"Never\";\n");
+    assert!(
+        told.contains("SendCondition of message Speed (200) is \"Never\""),
+        "{told}"
+    );
+    let shortest = "BA_DEF_ BO_ \"ShortestLength\" INT -1 8;";
+    let told = defined(shortest, "BA_ \"ShortestLength\" BO_ 600 2;\n");
+    assert!(
+        told.contains("ShortestLength of message Alarm (600) is 2: 0 to 1 data bytes, or -1"),
+        "{told}"
+    );
+    refused(
+        here,
+        &with("BA_ \"After\" BO_ 200 5;\n"),
+        &["After of message Speed (200) is 5"],
+    );
+    refused(
+        here,
+        &with("BA_ \"WindowKnd\" BO_ 200 2;\n"),
+        &["there is no attribute WindowKnd"],
+    );
+    refused(
+        here,
+        &with("BA_ \"WindowStart\" BO_ 201 2;\n"),
+        &["WindowStart of message 201: there is no such message"],
+    );
+    refused(
+        here,
+        &with("BA_ \"MasterRank\" BU_ salve 1;\n"),
+        &["MasterRank of node salve: there is no such node"],
+    );
+}
+
+#[test]
+fn times_that_overflow_are_refused() {
+    refused(
+        "\"BasicCycle\" 10000",
+        "\"BasicCycle\" 4294967295",
+        &["BasicCycle is 4294967295 us: 1 to 1000000 us are accepted"],
+    );
+    let told = with_command("Speed", u32::MAX, u32::MAX).unwrap_err();
+    assert!(told.contains("Command (300)"), "{told}");
+    refused(
+        "BA_ \"WindowStart\" BO_ 200 1000;",
+        "BA_ \"WindowStart\" BO_ 200 4294967295;",
+        &["ends at 4294967295 us"],
+    );
+}
+
+#[test]
+fn the_first_problems_are_displayed() {
+    let text = GOOD.replace("\"Baudrate\" 250000", "\"Baudrate\" 10000");
+    let text = text.replace("[-100|100]", "[-40000|40000]");
+    let problems = Network::parse(&text).unwrap_err();
+    assert!(problems.0.len() > 4, "{:?}", problems.0);
+    let told = problems.to_string();
+    assert_eq!(told.lines().count(), 4);
+    let more = format!("\nand {} more problems", problems.0.len() - 3);
+    assert!(told.ends_with(&more), "{told}");
+}
+
+#[test]
 fn every_problem_is_reported_at_once() {
     let text = GOOD
         .replace("Right : 16|16", "Right : 8|16")

@@ -93,6 +93,20 @@ fn named(network: &Network) -> Vec<Named<'_>> {
     named
 }
 
+/// The windows of the matrix: line and description of what each is for, and its name in Rust.
+pub(super) fn window_names(network: &Network) -> Vec<(Option<usize>, String, String)> {
+    let windows = named(network).into_iter();
+    let told = windows.map(|named| {
+        let line = named.message.and_then(|message| message.line);
+        let what = match named.message {
+            Some(message) => format!("a window of message {} ({})", message.name, message.id),
+            None => format!("the arbitrating window at {} us", named.window.start_us),
+        };
+        (line, what, named.name.to_uppercase())
+    });
+    told.collect()
+}
+
 fn write_windows(out: &mut String, network: &Network) -> std::fmt::Result {
     writeln!(
         out,
