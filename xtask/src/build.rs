@@ -2,8 +2,8 @@
 
 use std::{
     fs, io,
-    path::PathBuf,
-    process::{Command, Stdio},
+    path::{Path, PathBuf},
+    process::{self, Command, Stdio},
 };
 
 use serde_json::Value;
@@ -38,6 +38,17 @@ pub enum Error {
     NoImage {
         /// The node.
         node: String,
+    },
+    /// The image cannot be put in its vehicle's folder.
+    #[error("the image of {node} cannot be put in {}: {error}", folder.display())]
+    NotKept {
+        /// The node.
+        node: String,
+        /// The folder.
+        folder: PathBuf,
+        /// Why not.
+        #[source]
+        error: io::Error,
     },
 }
 
@@ -181,17 +192,43 @@ pub(crate) fn finish(
         .iter()
         .map(|&node| {
             let name = vehicle.node(node).name.clone();
-            let Some(path) = executable(&messages, &name) else {
+            let Some(built) = executable(&messages, &name) else {
                 return Err(Error::NoImage { node: name }.into());
             };
-            Ok(Image {
-                node,
-                name,
-                board: vehicle::board(vehicle, node),
-                path,
-            })
+            let folder = folder(&built, vehicle);
+            match keep(&built, &folder, &name) {
+                Ok(path) => Ok(Image {
+                    node,
+                    name,
+                    board: vehicle::board(vehicle, node),
+                    path,
+                }),
+                Err(error) => Err(Error::NotKept {
+                    node: name,
+                    folder,
+                    error,
+                }
+                .into()),
+            }
         })
         .collect()
+}
+
+/// The folder of a vehicle's images, beside that in which cargo has `built` them. Cargo has one
+/// place for all vehicles, in which a node of the same name overwrites another vehicle's.
+fn folder(built: &Path, vehicle: &Vehicle) -> PathBuf {
+    let target = built.ancestors().nth(2).unwrap_or(built);
+    target.join("images").join(vehicle.name())
+}
+
+/// Copies an image into a folder. Nobody there sees half of it.
+fn keep(built: &Path, folder: &Path, node: &str) -> io::Result<PathBuf> {
+    fs::create_dir_all(folder)?;
+    let path = folder.join(node);
+    let draft = folder.join(format!(".{node}.{}", process::id()));
+    fs::copy(built, &draft)?;
+    fs::rename(&draft, &path)?;
+    Ok(path)
 }
 
 /// Reads images for the virtual vehicle. There must be one for each node.
@@ -218,6 +255,25 @@ pub(crate) fn executable(messages: &str, name: &str) -> Option<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nodes_of_one_name_keep_their_images_apart() {
+        let workspace = Workspace::find().unwrap();
+        let target = tempfile::tempdir().unwrap();
+        let built = target.path().join("release/gps");
+        fs::create_dir(target.path().join("release")).unwrap();
+        let keep = |name: &str, bytes: &str| {
+            fs::write(&built, bytes).unwrap();
+            let folder = folder(&built, &vehicle::find(&workspace, name).unwrap());
+            super::keep(&built, &folder, "gps").unwrap()
+        };
+        let (one, other) = (keep("uagv", "one"), keep("two-boards", "other"));
+        assert_eq!(one, target.path().join("images/uagv/gps"));
+        assert_eq!(fs::read_to_string(&one).unwrap(), "one");
+        assert_eq!(fs::read_to_string(&other).unwrap(), "other");
+        let images = fs::read_dir(one.parent().unwrap()).unwrap();
+        assert_eq!(images.count(), 1, "a draft is left");
+    }
 
     #[test]
     fn the_executable_is_found_among_the_messages_of_cargo() {

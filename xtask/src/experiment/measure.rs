@@ -193,6 +193,7 @@ mod tests {
             efforts: &[],
             frames: &[],
             windows: &[],
+            cycle_count_byte: 0,
             basic_cycle: SimDuration::from_ticks(100_000_000_000),
             bit_time: SimDuration::from_ticks(4_000_000),
             modes: &modes,

@@ -331,6 +331,7 @@ impl Job<'_> {
             efforts: outcome.world.efforts(),
             frames: &log.frames,
             windows: &matrix.windows,
+            cycle_count_byte: matrix.cycle_count_byte(),
             basic_cycle: matrix.basic_cycle(),
             bit_time: matrix.bit_time(),
             modes: &modes,

@@ -321,6 +321,7 @@ impl Record {
             efforts: self.world.efforts(),
             frames: &[],
             windows: &[],
+            cycle_count_byte: 0,
             basic_cycle: self.cycle,
             bit_time: self.bit_time,
             modes: &self.modes,

@@ -1,5 +1,7 @@
 //! The windows, taken from the network file.
 
+use std::iter;
+
 use network_model::{Condition, Message, Network, SendType};
 use vehicle_model::{Vehicle, manifest::ModeSignal};
 use world::{
@@ -12,7 +14,7 @@ pub(crate) struct Matrix {
     network: Network,
     /// The signal that carries the mode; `None` when the vehicle has none.
     mode: Option<ModeSignal>,
-    /// One entry for each message.
+    /// In the order of the messages.
     pub windows: Vec<Window>,
 }
 
@@ -21,7 +23,7 @@ impl Matrix {
     pub(crate) fn new(vehicle: &Vehicle) -> Self {
         let network = vehicle.network().clone();
         Self {
-            windows: network.messages.iter().map(window).collect(),
+            windows: network.messages.iter().flat_map(windows).collect(),
             mode: vehicle.manifest().mode.clone(),
             network,
         }
@@ -35,6 +37,13 @@ impl Matrix {
     /// Length of a bit.
     pub(crate) fn bit_time(&self) -> SimDuration {
         SimDuration::from_ticks(1_000_000_000_000 / u64::from(self.network.bit_rate))
+    }
+
+    /// The byte of the reference messages that counts the basic cycles.
+    pub(crate) fn cycle_count_byte(&self) -> usize {
+        let mut messages = self.network.messages.iter();
+        let layout = messages.find_map(network_model::Reference::of);
+        layout.map_or(0, |layout| usize::from(layout.control))
     }
 
     /// The changes of the vehicle's mode, read from the message that carries it.
@@ -80,14 +89,18 @@ impl Matrix {
     }
 }
 
-fn window(message: &Message) -> Window {
-    Window {
+/// The windows of a message.
+fn windows(message: &Message) -> impl Iterator<Item = Window> {
+    let all = iter::once(&message.window).chain(&message.further);
+    all.map(|window| Window {
         id: message.id,
         message: message.name.clone(),
         sender: message.sender.clone(),
-        start: micros(message.window.start_us),
-        length: micros(message.window.length_us),
-        kind: match message.window.kind {
+        start: micros(window.start_us),
+        length: micros(window.length_us),
+        repeat: window.repeat,
+        offset: window.offset,
+        kind: match window.kind {
             network_model::WindowKind::Reference => WindowKind::Reference,
             network_model::WindowKind::Exclusive => WindowKind::Exclusive,
             network_model::WindowKind::Arbitrating => WindowKind::Arbitrating,
@@ -97,7 +110,7 @@ fn window(message: &Message) -> Window {
             (SendType::Cyclic { .. }, Condition::Always) => Due::Always,
             (SendType::Cyclic { .. }, Condition::WhileFixed) => Due::WhileFixed,
         },
-    }
+    })
 }
 
 fn micros(us: u32) -> SimDuration {

@@ -327,6 +327,7 @@ impl Finished<'_> {
             efforts: self.outcome.world.efforts(),
             frames: &self.log.frames,
             windows: &self.matrix.windows,
+            cycle_count_byte: self.matrix.cycle_count_byte(),
             basic_cycle: self.matrix.basic_cycle(),
             bit_time: self.matrix.bit_time(),
             modes: &self.modes,

@@ -33,6 +33,7 @@ fn drive(name: &str, seed: u64, length: f64) -> (Summary, String, String) {
         efforts: pilot.world.efforts(),
         frames: &[],
         windows: &[],
+        cycle_count_byte: 0,
         basic_cycle: from_seconds(0.1),
         bit_time: from_seconds(4e-6),
         modes: &modes,

@@ -54,6 +54,8 @@ fn window(id: u16, start: f64, kind: WindowKind, due: Due) -> Window {
         sender: "gps".to_owned(),
         start: span(start),
         length: span(1000.0),
+        repeat: 1,
+        offset: 0,
         kind,
         due,
     }
@@ -97,6 +99,7 @@ impl Made {
             efforts: &self.efforts,
             frames: &self.frames,
             windows: &self.windows,
+            cycle_count_byte: 1,
             basic_cycle: span(100_000.0),
             bit_time: BIT,
             modes: &self.modes,
@@ -242,6 +245,48 @@ fn stops_are_timed_from_the_event() {
         Summary::of(&made.run()).stops[0].motors_stopped_after_ms,
         None
     );
+}
+
+/// Four basic cycles. Message 300 has a window in each second one; message 301 has one at each of
+/// two places.
+#[test]
+fn a_window_is_missed_only_in_the_basic_cycles_that_have_it() {
+    let mut made = Made::new("", 0.4);
+    let reference = window(100, 0.0, WindowKind::Reference, Due::Always);
+    let every_second = |id, start, offset| Window {
+        repeat: 2,
+        offset,
+        ..window(id, start, WindowKind::Exclusive, Due::Always)
+    };
+    made.windows = vec![
+        reference,
+        every_second(300, 3000.0, 1),
+        every_second(301, 5000.0, 0),
+        every_second(301, 7000.0, 1),
+    ];
+    for count in 0..4 {
+        let start = 100_000.0 * f64::from(count);
+        let mut reference = frame(100, 1, start, 50);
+        // The upper two bits are not part of the count.
+        reference.data[1] = count | 0xC0;
+        made.frames.push(reference);
+        if count == 1 {
+            made.frames.push(frame(300, 0, start + 3004.0, 50));
+        }
+        let place = if count % 2 == 0 { 5000.0 } else { 7000.0 };
+        made.frames.push(frame(301, 0, start + place, 50));
+    }
+    let figures = |made: &Made| {
+        let bus = Summary::of(&made.run()).bus;
+        let windows = bus.windows.iter().map(|w| (w.id, w.frames, w.missed));
+        (bus.frames_outside_their_window, windows.collect::<Vec<_>>())
+    };
+    let tallies = [(300, 1, 1), (301, 2, 0), (301, 2, 0)];
+    assert_eq!(figures(&made), (0, tallies.to_vec()));
+    // In a basic cycle that has no such window, it is outside.
+    made.frames.push(frame(300, 0, 303_004.0 - 100_000.0, 50));
+    made.frames.sort_by_key(|frame| frame.start);
+    assert_eq!(figures(&made), (1, tallies.to_vec()));
 }
 
 /// Two basic cycles and the beginning of a third, with one frame late, one missed and one foreign.

@@ -18,6 +18,8 @@ const INTERMISSION: u32 = 3;
 /// A basic cycle: its reference and the frames up to the next one.
 struct Cycle<'a> {
     reference: &'a FrameRecord,
+    /// What its reference counts it as.
+    count: u8,
     frames: &'a [FrameRecord],
     end: SimTime,
 }
@@ -47,6 +49,10 @@ fn cycles<'a>(run: &Run<'a>) -> Vec<Cycle<'a>> {
             let after_last = run.frames.partition_point(|frame| frame.start < end);
             Cycle {
                 reference,
+                count: reference
+                    .data
+                    .get(run.cycle_count_byte)
+                    .map_or(0, |byte| byte & 0x3F),
                 frames: &run.frames[*begin..after_last.max(*begin)],
                 end,
             }
@@ -54,43 +60,59 @@ fn cycles<'a>(run: &Run<'a>) -> Vec<Cycle<'a>> {
         .collect()
 }
 
+impl Cycle<'_> {
+    /// Whether a window comes in this basic cycle.
+    fn has(&self, window: &Window) -> bool {
+        self.count % window.repeat.max(1) == window.offset
+    }
+
+    /// How long after the start of a window a frame starts, in microseconds, if it belongs to
+    /// it. A frame that starts early by up to half a window is an early frame of this window.
+    fn start_in(&self, window: &Window, frame: &FrameRecord) -> Option<f64> {
+        let begin = after(self.reference.start, window.start);
+        let offset = micros_between(begin, frame.start);
+        let length = span_seconds(window.length) * 1e6;
+        let inside = offset >= -length / 2.0 && offset < length;
+        (inside && window.id == frame.id && self.has(window)).then_some(offset)
+    }
+
+    /// The complete frames of exclusive messages that are in none of their windows.
+    fn misplaced(&self, exclusive: &[&Window]) -> usize {
+        let placed = |frame: &FrameRecord| {
+            let mut windows = exclusive.iter();
+            windows.any(|window| self.start_in(window, frame).is_some())
+        };
+        let ids = |id: u16| exclusive.iter().any(|window| window.id == id);
+        let frames = self.frames.iter();
+        let mine = frames.filter(|frame| frame.complete && ids(frame.id));
+        mine.filter(|frame| !placed(frame)).count()
+    }
+}
+
 /// Start times of one window's message, microseconds after the start of the window.
 #[derive(Default)]
 struct Tally {
     starts: Vec<f64>,
     missed: u64,
-    outside: u64,
 }
 
 fn tally(window: &Window, cycles: &[Cycle]) -> Tally {
     let mut tally = Tally::default();
-    for cycle in cycles {
-        let begin = after(cycle.reference.start, window.start);
-        let mine = cycle
-            .frames
-            .iter()
-            .filter(|frame| frame.complete && frame.id == window.id);
-        let mut seen = false;
-        for frame in mine {
-            let offset = micros_between(begin, frame.start);
-            // A frame that starts early by up to half a window counts as an early frame of this
-            // window.
-            let length = span_seconds(window.length) * 1e6;
-            if offset >= -length / 2.0 && offset < length {
-                tally.starts.push(offset);
-                seen = true;
-            } else {
-                tally.outside += 1;
-            }
-        }
+    for cycle in cycles.iter().filter(|cycle| cycle.has(window)) {
+        let complete = cycle.frames.iter().filter(|frame| frame.complete);
+        let before = tally.starts.len();
+        tally
+            .starts
+            .extend(complete.filter_map(|frame| cycle.start_in(window, frame)));
+        let seen = tally.starts.len() > before;
         let fixed = cycle.reference.dlc > 0 && cycle.reference.data[0] & 1 == 1;
         let due = match window.due {
             Due::Always => true,
             Due::WhileFixed => fixed,
             Due::Sometimes => false,
         };
-        let over = after(begin, window.length) <= cycle.end;
-        if due && over && !seen && !tally.starts.is_empty() {
+        let end = after(cycle.reference.start, window.start + window.length);
+        if due && end <= cycle.end && !seen && !tally.starts.is_empty() {
             tally.missed += 1;
         }
     }
@@ -122,13 +144,14 @@ pub(super) fn figures(run: &Run) -> BusFigures {
         .filter(|window| window.kind == WindowKind::Exclusive)
         .collect();
     exclusive.sort_by_key(|window| window.start);
+    let misplaced: usize = cycles.iter().map(|cycle| cycle.misplaced(&exclusive)).sum();
+    let mut outside = misplaced as u64;
     let mut windows = Vec::new();
     let mut extremes: Vec<(f64, f64, u16)> = Vec::new();
-    let (mut missed, mut outside) = (0, 0);
+    let mut missed = 0;
     for window in exclusive {
         let tally = tally(window, &cycles);
         missed += tally.missed;
-        outside += tally.outside;
         let count = tally.starts.len();
         let mean = tally.starts.iter().sum::<f64>() / count as f64;
         let (earliest, latest) = (least(&tally.starts), most(&tally.starts));
@@ -275,6 +298,7 @@ fn missed(window: &Window, cycles: &[Cycle], run: &Run) -> u64 {
     match window.due {
         Due::Always => cycles
             .iter()
+            .filter(|cycle| cycle.has(window))
             .filter(ended)
             .filter(|cycle| !seen(cycle))
             .count() as u64,

@@ -46,8 +46,10 @@ pub struct Run<'a> {
     pub efforts: &'a [EffortChange],
     /// Frames on the bus, in order of time.
     pub frames: &'a [FrameRecord],
-    /// The windows of the basic cycle.
+    /// The windows of the system matrix.
     pub windows: &'a [Window],
+    /// The byte of the reference message whose lower six bits count the basic cycles, from 0.
+    pub cycle_count_byte: usize,
     /// Length of the basic cycle.
     pub basic_cycle: SimDuration,
     /// Length of a bit on the bus.
@@ -98,7 +100,7 @@ pub enum WindowKind {
     Arbitrating,
 }
 
-/// A window of the system matrix and the message sent in it; a matrix of one basic cycle.
+/// A window of the system matrix and the message sent in it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Window {
     /// Identifier of its message.
@@ -111,6 +113,11 @@ pub struct Window {
     pub start: SimDuration,
     /// Its length.
     pub length: SimDuration,
+    /// It comes in every basic cycle whose count leaves the remainder `offset` when divided by
+    /// this. At least 1.
+    pub repeat: u8,
+    /// The first basic cycle that it comes in, below `repeat`.
+    pub offset: u8,
     /// Its kind.
     pub kind: WindowKind,
     /// When its message is expected.
