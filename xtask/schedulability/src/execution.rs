@@ -14,7 +14,7 @@ use wcet::image::Image;
 use wcet::ipet::Line;
 use wcet::lasting::{UnknownStores, Words};
 use wcet::mask;
-use wcet::stack::{FRAME, FRAME_FPU, Stacks};
+use wcet::stack::{FRAME_FPU, Stacks};
 use wcet::timing::{Timing, Timings};
 use wcet::watch::Watch;
 
@@ -121,7 +121,7 @@ impl Execution {
             timings: Timings::of(part),
             stacks: Stacks::new(image),
             levels: BTreeMap::new(),
-            main: Level::default(),
+            main: 0,
             execution: Self::default(),
         };
         let main = image.symbol("main");
@@ -150,20 +150,11 @@ struct Analyser<'a> {
     analysis: Analysis<'a>,
     timings: Timings,
     stacks: Stacks<'a>,
-    /// The handlers of each priority.
-    levels: BTreeMap<u32, Level>,
-    /// Start-up and the idle code.
-    main: Level,
+    /// The deepest stack of each priority's handlers, in bytes.
+    levels: BTreeMap<u32, u32>,
+    /// The deepest stack of start-up and the idle code, in bytes.
+    main: u32,
     execution: Execution,
-}
-
-/// The code of one priority.
-#[derive(Debug, Clone, Copy, Default)]
-struct Level {
-    /// Deepest stack, in bytes.
-    stack: u32,
-    /// Whether it uses the floating-point unit.
-    fpu: bool,
 }
 
 impl Analyser<'_> {
@@ -188,8 +179,7 @@ impl Analyser<'_> {
         let depth = self.stacks.depth(entry);
         self.execution.stack_unknown.extend(depth.unknown);
         let level = self.levels.entry(task.priority).or_default();
-        level.stack = level.stack.max(depth.bytes).max(bound.stack);
-        level.fpu |= bound.uses_fpu;
+        *level = (*level).max(depth.bytes).max(bound.stack);
         let overhead = self.timings.exception_entry() + self.timings.exception_exit();
         let longest = self.analysis.longest_path(&bound, entry);
         let program = longest.as_ref().map(|longest| longest.cycles + overhead);
@@ -257,10 +247,7 @@ impl Analyser<'_> {
         self.add_sections(&bound, "main", 0);
         let depth = self.stacks.depth(main);
         self.execution.stack_unknown.extend(depth.unknown);
-        self.main = Level {
-            stack: depth.bytes.max(bound.stack),
-            fpu: bound.uses_fpu,
-        };
+        self.main = depth.bytes.max(bound.stack);
         // Start-up may wait for hardware in loops without a bound. Only a problem that may hide
         // a critical section counts.
         let problems = bound.problems.into_iter();
@@ -268,13 +255,11 @@ impl Analyser<'_> {
         self.execution.idle_problems = problems.collect();
     }
 
-    /// Adds up the stacks: each priority may preempt every lower one once. An exception frame
-    /// holds the floating-point registers if any code on the node uses them.
+    /// Adds up the stacks: each priority may preempt every lower one once. An exception frame is
+    /// charged with the floating-point registers, whether or not the preempted code uses them.
     fn finish(mut self) -> Execution {
-        let fpu = self.main.fpu || self.levels.values().any(|level| level.fpu);
-        let frame = if fpu { FRAME_FPU } else { FRAME };
-        let preemptions = self.levels.values().map(|level| level.stack + frame);
-        self.execution.stack = self.main.stack + preemptions.sum::<u32>();
+        let preemptions = self.levels.values().map(|level| level + FRAME_FPU);
+        self.execution.stack = self.main + preemptions.sum::<u32>();
         self.execution
     }
 

@@ -11,9 +11,6 @@ use crate::instruction::{Flow, Instruction};
 use crate::register::Register;
 use crate::software;
 
-/// Bytes of an exception frame without floating-point registers, with the word that may align
-/// it.
-pub const FRAME: u32 = 32 + 4;
 /// Bytes of an exception frame with floating-point registers, with the word that may align it.
 pub const FRAME_FPU: u32 = 104 + 4;
 
