@@ -9,40 +9,15 @@ use crate::results::{ChainReport, MessageReport, NodeReport, StepReport};
 use crate::table::{Chain, Step};
 use crate::units::{MICROSECOND, Picoseconds};
 
-/// A chain names something that does not exist.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("chain `{chain}`: {fault}")]
-pub struct ChainError {
-    /// The chain.
-    pub chain: String,
-    /// What is wrong with one of its steps.
-    pub fault: StepFault,
-}
-
-/// What can be wrong with a step of a chain.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum StepFault {
-    /// Its task has no node.
-    #[error("`{0}` is not of the form node.task")]
-    Form(String),
-    /// There is no such task.
-    #[error("there is no task {0}")]
-    NoTask(String),
-    /// There is no such message.
-    #[error("there is no message {0}")]
-    NoMessage(String),
-}
-
-/// The end-to-end time of a chain; `None` if one of its nodes is not among `nodes`.
-///
-/// # Errors
-/// A step names a task or a message that does not exist.
+/// The end-to-end time of a chain of a resolved table ([`crate::table::Table::resolve`]); `None`
+/// if one of its nodes is not among `nodes`.
+#[must_use]
 pub fn follow(
     chain: &Chain,
     nodes: &[NodeReport],
     messages: &[MessageReport],
     cycle: Picoseconds,
-) -> Result<Option<ChainReport>, ChainError> {
+) -> Option<ChainReport> {
     let mut clock = Clock {
         cycle,
         total: Some(0),
@@ -50,33 +25,15 @@ pub fn follow(
     };
     let mut steps = Vec::new();
     for step in &chain.steps {
-        let wrong = |fault: StepFault| ChainError {
-            chain: chain.name.clone(),
-            fault,
-        };
         clock.pass(step.wait_us * MICROSECOND);
         let name = if let Some(task) = &step.task {
-            let (node, name) = task
-                .split_once('.')
-                .ok_or_else(|| wrong(StepFault::Form(task.clone())))?;
-            let Some(node) = nodes.iter().find(|n| n.name == node) else {
-                return Ok(None);
-            };
-            let task_report = node
-                .tasks
-                .iter()
-                .find(|t| t.name == name)
-                .ok_or_else(|| wrong(StepFault::NoTask(task.clone())))?;
-            clock.task(
-                step,
-                task_report.response.filter(|_| task_report.is_bounded()),
-            );
+            let (node, name) = task.split_once('.')?;
+            let report = nodes.iter().find(|report| report.name == node)?;
+            let report = report.tasks.iter().find(|task| task.name == name)?;
+            clock.task(step, report.response.filter(|_| report.is_bounded()));
             task.clone()
         } else if let Some(message) = &step.message {
-            let report = messages
-                .iter()
-                .find(|m| m.name == *message)
-                .ok_or_else(|| wrong(StepFault::NoMessage(message.clone())))?;
+            let report = messages.iter().find(|m| m.name == *message)?;
             clock.message(report);
             message.clone()
         } else {
@@ -88,12 +45,12 @@ pub fn follow(
             phase: clock.phase.map(|phase| phase % cycle.max(1)),
         });
     }
-    Ok(Some(ChainReport {
+    Some(ChainReport {
         name: chain.name.clone(),
         steps,
         latency: clock.total,
         deadline: chain.deadline_us * MICROSECOND,
-    }))
+    })
 }
 
 /// The two clocks; see the module.

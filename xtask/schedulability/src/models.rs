@@ -5,7 +5,6 @@ use std::path::Path;
 use network_model::Network;
 use parts::Sled;
 
-use crate::chains::ChainError;
 use crate::execution::ExecutionError;
 use crate::model::{ModelError, NodeModel};
 use crate::table::{NodeTable, Table, TableError};
@@ -61,9 +60,6 @@ pub enum InputError {
     /// A source has an annotation that belongs to no loop.
     #[error(transparent)]
     Annotation(#[from] Misplaced),
-    /// A chain names something that does not exist.
-    #[error(transparent)]
-    Chain(#[from] ChainError),
 }
 
 /// Everything that can be read without an image: table, network and the nodes' tasks.

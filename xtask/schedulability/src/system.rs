@@ -115,7 +115,7 @@ impl Programs {
         let basic_cycle = u64::from(models.network.basic_cycle_us) * MICROSECOND;
         let mut chains = Vec::new();
         for chain in &models.table.chain {
-            chains.extend(chains::follow(chain, &nodes, &messages, basic_cycle)?);
+            chains.extend(chains::follow(chain, &nodes, &messages, basic_cycle));
         }
         Ok(Report {
             assumptions: crate::assumptions::of(models, &nodes),

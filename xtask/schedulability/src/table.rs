@@ -79,6 +79,50 @@ pub enum TableFault {
     /// A step of a chain names none or several of the three.
     #[error("each step of chain `{0}` is either a `task`, a `message` or `other`")]
     Step(String),
+    /// A step of a chain names something that does not exist.
+    #[error("chain `{chain}`, step {step}: {fault}")]
+    Chain {
+        /// The chain.
+        chain: String,
+        /// The number of the step, from 1.
+        step: usize,
+        /// What is wrong with it.
+        fault: Box<StepFault>,
+    },
+}
+
+/// What a step of a chain can name that does not exist.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum StepFault {
+    /// Its task has no node.
+    #[error("`task` is {0:?}: the form NODE.TASK is accepted")]
+    Form(String),
+    /// There is no such node.
+    #[error("`task` is {task:?}: the nodes are {}", .known.join(", "))]
+    Node {
+        /// The task.
+        task: String,
+        /// The nodes of the table.
+        known: Vec<String>,
+    },
+    /// There is no such task.
+    #[error("`task` is {task:?}: the tasks of {node} are {}", .known.join(", "))]
+    Task {
+        /// The task.
+        task: String,
+        /// Its node.
+        node: String,
+        /// The tasks of the node.
+        known: Vec<String>,
+    },
+    /// There is no such message.
+    #[error("`message` is {message:?}: the messages of the network file are {}", .known.join(", "))]
+    Message {
+        /// The message.
+        message: String,
+        /// The messages of the network file.
+        known: Vec<String>,
+    },
 }
 
 /// Longest time that the table accepts, in microseconds: one hour. Sums of such times in
@@ -465,8 +509,9 @@ impl Table {
     /// time between two bursts of the satellite receiver; `None` if the vehicle has no receiver.
     ///
     /// # Errors
-    /// `at` names a message that depends on no other one, `delay` one that is not there, or
-    /// `every` a task or a receiver that is not there.
+    /// `at` names a message that depends on no other one, `delay` one that is not there,
+    /// `every` a task or a receiver that is not there, or a step of a chain a task or a message
+    /// that is not there.
     pub fn resolve(
         mut self,
         file: &str,
@@ -519,12 +564,59 @@ impl Table {
                 task.delay = Some(Delay::Us(overdue(name)?));
             }
         }
+        self.steps(network).map_err(|fault| TableError {
+            file: file.to_owned(),
+            line: None,
+            fault,
+        })?;
         for step in self.chain.iter_mut().flat_map(|chain| &mut chain.steps) {
             if let Some(name) = &step.at {
                 step.at_us = Some(release(name)?);
             }
         }
         Ok(self)
+    }
+
+    /// Checks that all tasks and messages exist that the steps of the chains name.
+    fn steps(&self, network: &Network) -> Result<(), TableFault> {
+        for chain in &self.chain {
+            for (index, step) in chain.steps.iter().enumerate() {
+                self.step(step, network)
+                    .map_err(|fault| TableFault::Chain {
+                        chain: chain.name.clone(),
+                        step: index + 1,
+                        fault: Box::new(fault),
+                    })?;
+            }
+        }
+        Ok(())
+    }
+
+    fn step(&self, step: &Step, network: &Network) -> Result<(), StepFault> {
+        if let Some(task) = &step.task {
+            let (node, name) = task
+                .split_once('.')
+                .ok_or_else(|| StepFault::Form(task.clone()))?;
+            let of_node = self.node.get(node).ok_or_else(|| StepFault::Node {
+                task: task.clone(),
+                known: self.node.keys().cloned().collect(),
+            })?;
+            if !of_node.task.contains_key(name) {
+                return Err(StepFault::Task {
+                    task: task.clone(),
+                    node: node.to_owned(),
+                    known: of_node.task.keys().cloned().collect(),
+                });
+            }
+        }
+        let names = || network.messages.iter().map(|message| &message.name);
+        match &step.message {
+            Some(message) if !names().any(|name| name == message) => Err(StepFault::Message {
+                message: message.clone(),
+                known: names().cloned().collect(),
+            }),
+            _ => Ok(()),
+        }
     }
 
     fn checked(text: &str) -> Result<Self, (Option<usize>, TableFault)> {

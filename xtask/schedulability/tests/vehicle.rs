@@ -133,7 +133,7 @@ fn vehicle() -> Report {
     let chains = table
         .chain
         .iter()
-        .filter_map(|chain| chains::follow(chain, &nodes, &messages, 100_000_000_000).unwrap());
+        .filter_map(|chain| chains::follow(chain, &nodes, &messages, 100_000_000_000));
     Report {
         chains: chains.collect(),
         nodes,
@@ -414,6 +414,44 @@ fn releases_that_follow_from_other_files_must_be_there() {
 }
 
 #[test]
+fn a_step_of_a_chain_must_exist() {
+    let text = text("firmware/vehicles/uagv/tasks.toml");
+    for (from, to, told) in [
+        (
+            "task = \"gps.line_idle\"",
+            "task = \"gpz.line_idle\"",
+            "chain `satellite receiver to steering motor`, step 2: `task` is \"gpz.line_idle\": \
+             the nodes are controller, drive, gps, steering",
+        ),
+        (
+            "task = \"controller.scan\"",
+            "task = \"controller.skan\"",
+            "chain `stop button to drive motor`, step 2: `task` is \"controller.skan\": the tasks \
+             of controller are ",
+        ),
+        (
+            "task = \"controller.scan\"",
+            "task = \"scan\"",
+            "chain `stop button to drive motor`, step 2: `task` is \"scan\": the form NODE.TASK \
+             is accepted",
+        ),
+        (
+            "message = \"Velocity\"",
+            "message = \"Speed\"",
+            "chain `satellite receiver to steering motor`, step 4: `message` is \"Speed\": the \
+             messages of the network file are TimeReference, ",
+        ),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let table = Table::parse("tasks.toml", &text.replacen(from, to, 1)).unwrap();
+        let period = uagv().receiver_period_us();
+        let error = table.resolve("tasks.toml", &network(), period).unwrap_err();
+        let error = error.to_string();
+        assert!(error.starts_with(&format!("tasks.toml: {told}")), "{error}");
+    }
+}
+
+#[test]
 fn a_time_that_would_overflow_is_refused() {
     let text = text("firmware/vehicles/uagv/tasks.toml");
     for (from, to, place) in [
@@ -532,10 +570,7 @@ fn a_stack_too_deep_and_a_chain_too_long_are_reported() {
     let only = [node("gps", |_, _| {})];
     let messages = bus::messages(&network(), &table.bus);
     // A chain through nodes that are not analysed has no answer.
-    assert_eq!(
-        chains::follow(&table.chain[0], &only, &messages, 1),
-        Ok(None)
-    );
+    assert_eq!(chains::follow(&table.chain[0], &only, &messages, 1), None);
 }
 
 #[test]
