@@ -432,6 +432,13 @@ fn precedence(
             what,
         });
     };
+    if message.preparation_us > LONGEST_CYCLE_US {
+        refuse(format!(
+            "{of} has the Preparation {} us: 0 to {LONGEST_CYCLE_US} us are accepted",
+            message.preparation_us
+        ));
+        return;
+    }
     for name in &message.after {
         let mut messages = network.messages.iter();
         let Some(first) = messages.find(|other| other.name == *name) else {

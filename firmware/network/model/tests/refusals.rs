@@ -399,6 +399,15 @@ fn times_that_overflow_are_refused() {
     );
     let told = with_command("Speed", u32::MAX, u32::MAX).unwrap_err();
     assert!(told.contains("Command (300)"), "{told}");
+    let told = with_command("Speed", 1_000_001, 3000).unwrap_err();
+    let preparation = "Command (300) has the Preparation 1000001 us: 0 to 1000000 us are accepted";
+    assert!(told.contains(preparation), "{told}");
+    refused(
+        "VAL_ 600",
+        "BA_DEF_ BO_ \"FurtherWindows\" STRING ;\nBA_DEF_DEF_ \"FurtherWindows\" \"\";\n\
+         BA_ \"FurtherWindows\" BO_ 200 \"4294967295 2 1\";\nVAL_ 600",
+        &["ends at 4294967295 us"],
+    );
     refused(
         "BA_ \"WindowStart\" BO_ 200 1000;",
         "BA_ \"WindowStart\" BO_ 200 4294967295;",
