@@ -4,7 +4,7 @@ use std::{ffi::OsString, path::PathBuf};
 
 use clap::{Args, CommandFactory, Parser, Subcommand, error::ErrorKind};
 
-use world::{SimDuration, time::from_seconds};
+use world::{DURATIONS, SimDuration, time::from_seconds};
 
 use crate::vehicle::{DEFAULT, SMALLEST};
 
@@ -181,14 +181,13 @@ pub struct Sim {
     pub list: bool,
 }
 
-/// The longest simulated time: a day.
-const LONGEST: f64 = 86_400.0;
-
 fn seconds(text: &str) -> Result<SimDuration, String> {
     match text.parse::<f64>() {
-        Ok(seconds) if seconds > 0.0 && seconds <= LONGEST => Ok(from_seconds(seconds)),
+        Ok(seconds) if DURATIONS.contains(&seconds) => Ok(from_seconds(seconds)),
         _ => Err(format!(
-            "a number of seconds above 0 and up to {LONGEST} is accepted"
+            "a number of seconds from {} to {} is accepted",
+            DURATIONS.start(),
+            DURATIONS.end()
         )),
     }
 }
@@ -528,7 +527,11 @@ mod tests {
     #[test]
     fn numbers_out_of_range_are_told_what_is_accepted() {
         let seconds = refused("xtask sim --seconds -1");
-        assert!(seconds.contains("a number of seconds above 0"), "{seconds}");
+        let accepted = "a number of seconds from 0.001 to 86400 is accepted";
+        assert!(seconds.contains(accepted), "{seconds}");
+        // In no time at all there is no load of the bus.
+        let moment = refused("xtask sim --seconds 1e-13");
+        assert!(moment.contains(accepted), "{moment}");
         let seed = refused("xtask sim --seed -1");
         assert!(seed.contains("'-1' for '--seed <N>'"), "{seed}");
     }

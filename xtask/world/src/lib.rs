@@ -30,7 +30,7 @@ pub mod vehicle;
 mod world;
 
 pub use record::{Counters, EffortChange, StateSample};
-pub use scenario::{Scenario, ScenarioError};
+pub use scenario::{DURATIONS, Scenario, ScenarioError};
 pub use signal::{Analog, Input};
 pub use time::{SimDuration, SimTime};
 pub use world::{Disturbance, Effect, Output, RECORD_PERIOD, World};

@@ -36,6 +36,7 @@ fn every_mistake_has_its_sentence() {
         ("no blank", "duration = \"10s\""),
         ("not a number", "duration = \"ten s\""),
         ("no time at all", "duration = \"0 s\""),
+        ("less than a millisecond", "duration = \"0.9 ms\""),
         ("an unknown field", "[vehicle]\nwheels = \"4\""),
         ("an unknown table", "[weather]\nrain = true"),
         ("a wrong type", "[lcd]\nacknowledges = \"yes\""),

@@ -3,7 +3,7 @@
 use vehicle_model::{Device, Vehicle};
 
 use super::file::without;
-use super::{BusEvent, Scenario};
+use super::{BusEvent, DURATIONS, Scenario};
 use crate::units::{
     Angle, Compliance, Count, CountSlope, Kind, Length, Ppm, Quantity, Rate, Ratio, Speed, Time,
 };
@@ -86,7 +86,7 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
     within(
         "duration",
         scenario.duration,
-        above(Time::new(0.0), Time::new(86_400.0)),
+        between(Time::new(*DURATIONS.start()), Time::new(*DURATIONS.end())),
     )?;
     if let Some(machine) = &scenario.vehicle {
         self::machine(machine)?;

@@ -10,6 +10,7 @@ mod error;
 mod events;
 mod file;
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use serde::Deserialize;
@@ -26,6 +27,9 @@ use crate::receiver::{self, FixChange, StreamFault};
 use crate::units::{Angle, Length, Ppm, Speed, Time};
 use crate::vehicle;
 
+/// Simulated times that a run may take, s: from a millisecond, in which a frame fits, to a day.
+pub const DURATIONS: RangeInclusive<f64> = 0.001..=86_400.0;
+
 /// The surroundings of a run. A scenario belongs to one vehicle: fields that its file leaves out
 /// come from that vehicle's manifest, and its nodes are indices into that manifest.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,7 +38,7 @@ pub struct Scenario {
     pub name: String,
     /// One line on what the scenario shows.
     pub summary: String,
-    /// Length of the run unless the caller asks for another, above 0 to 86400 s.
+    /// Length of the run unless the caller asks for another, within [`DURATIONS`].
     /// Default 60 s.
     pub duration: Time,
     /// Pose at the start.
