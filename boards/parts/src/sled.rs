@@ -158,6 +158,9 @@ pub struct Sled {
     pub external: Clocks,
     /// Clocks made from the internal oscillator, when the external clock is missing.
     pub internal: Clocks,
+    /// Bit rate of the CAN port, bit/s. The board's bit timing makes it exactly from all its
+    /// clocks.
+    pub bit_rate: u32,
     /// The stack. Below it lies no memory: an overflow is a bus fault at once, and never a
     /// silent change of a variable.
     pub stack: Memory,
@@ -179,6 +182,9 @@ pub struct Sled {
 }
 
 const KIB: u32 = 1024;
+
+/// Bit rate of the sleds, bit/s (thesis 6.2.3.1).
+const BIT_RATE: u32 = 250_000;
 
 const fn signal(name: &'static str, port: char, number: u8, role: Role, alternate: u8) -> Signal {
     Signal {
@@ -202,6 +208,7 @@ pub static SLED_F446: Sled = Sled {
     external_hz: 8_000_000,
     external: CLOCKS_F446,
     internal: CLOCKS_F446,
+    bit_rate: BIT_RATE,
     stack: Memory {
         name: "STACK",
         base: 0x2000_0000,
@@ -300,6 +307,7 @@ pub static SLED_F303: Sled = Sled {
         apb2: 64_000_000,
         ticks_per_us: 16,
     },
+    bit_rate: BIT_RATE,
     stack: Memory {
         name: "STACK",
         base: 0x1000_0000,

@@ -1,12 +1,13 @@
-//! The CAN port: RX PA11, TX PA12, 250 kbit/s from 36 MHz or, on the RC oscillator, 32 MHz.
+//! The CAN port: RX PA11, TX PA12. The bit rate is the same on the RC oscillator.
 
 use crate::{clocks, pac};
+use parts::SLED_F303;
 use sled_common::can::{Register, Registers};
 use sled_common::clock::Oscillator;
 use ttcan::BitTiming;
 
 /// Bits per second.
-pub const BIT_RATE: u32 = 250_000;
+pub const BIT_RATE: u32 = SLED_F303.bit_rate;
 
 /// The timing with the external clock; the build fails when no setting fits.
 pub const EXTERNAL_TIMING: BitTiming = BitTiming::constant::<{ clocks::EXTERNAL.apb1 }, BIT_RATE>();
@@ -20,7 +21,7 @@ const fn fits(timing: BitTiming, clock: u32) -> bool {
 }
 const _: () = assert!(
     fits(EXTERNAL_TIMING, clocks::EXTERNAL.apb1) && fits(INTERNAL_TIMING, clocks::INTERNAL.apb1),
-    "250 kbit/s with a sample point of 70 to 80 % (thesis 6.2.3.1)"
+    "the bit rate with a sample point of 70 to 80 % (thesis 6.2.3.1)"
 );
 
 /// The CAN cell, with its pins in their function.

@@ -70,6 +70,23 @@ fn nodes(nodes: &[Node], network: &Network) -> Result<(), String> {
     }
 }
 
+/// Checks that the boards' bit timing makes the bit rate of the network.
+///
+/// # Errors
+/// Names the attribute of the network file, its value and what is accepted.
+pub fn bit_rate(manifest: &Manifest, network: &Network) -> Result<(), String> {
+    for node in &manifest.nodes {
+        let sled = Sled::named(&node.board).filter(|sled| sled.bit_rate != network.bit_rate);
+        if let Some(sled) = sled {
+            return Err(format!(
+                "Baudrate is {} bit/s: {} is accepted, the bit rate of the board {} of node {:?}",
+                network.bit_rate, sled.bit_rate, sled.name, node.name
+            ));
+        }
+    }
+    Ok(())
+}
+
 fn devices(manifest: &Manifest) -> Result<(), String> {
     let mut seen = BTreeSet::new();
     for node in &manifest.nodes {

@@ -111,6 +111,10 @@ impl Vehicle {
             what: error.to_string().replace('\n', "; "),
         })?;
         check::check(&manifest, &network).map_err(wrong)?;
+        check::bit_rate(&manifest, &network).map_err(|what| VehicleError::Network {
+            file: folder.join(NETWORK),
+            what,
+        })?;
         let vehicle = Self {
             name: name.into(),
             folder: folder.into(),

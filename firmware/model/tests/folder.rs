@@ -8,6 +8,22 @@ fn vehicles() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../vehicles")
 }
 
+#[test]
+fn a_bit_rate_that_no_board_makes_is_refused() {
+    let folder = vehicles().join("uagv");
+    let text = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+    let rate = "BA_ \"Baudrate\" 250000;";
+    let network = text("network.dbc");
+    assert!(network.contains(rate));
+    let faster = network.replacen(rate, "BA_ \"Baudrate\" 500000;", 1);
+    let vehicle = Vehicle::parse("uagv", Path::new("uagv"), &text("vehicle.toml"), &faster);
+    assert_eq!(
+        vehicle.unwrap_err().to_string(),
+        "uagv/network.dbc: Baudrate is 500000 bit/s: 250000 is accepted, the bit rate of the \
+         board f446 of node \"gps\""
+    );
+}
+
 fn refusal(from: &str, to: &str) -> String {
     let folder = vehicles().join("uagv");
     let manifest = std::fs::read_to_string(folder.join("vehicle.toml")).unwrap();
