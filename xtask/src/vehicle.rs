@@ -80,6 +80,15 @@ pub fn find(workspace: &Workspace, name: &str) -> Result<Vehicle, Error> {
     Ok(Vehicle::find(&workspace.vehicles(), name)?)
 }
 
+/// Path of the network file of the vehicle `name` of the workspace. Its folder is not read.
+///
+/// # Errors
+///
+/// There is no vehicle of that name.
+pub fn network_file(workspace: &Workspace, name: &str) -> Result<PathBuf, Error> {
+    Ok(Vehicle::network_file_of(&workspace.vehicles(), name)?)
+}
+
 /// The names of the workspace's vehicles.
 ///
 /// # Errors

@@ -56,14 +56,28 @@ impl Vehicle {
     /// # Errors
     /// There is none of that name, or its folder is wrong.
     pub fn find(vehicles: &Path, name: &str) -> Result<Self, VehicleError> {
+        Self::read(&Self::folder_of(vehicles, name)?)
+    }
+
+    /// Path of the network file of the vehicle `name` below `vehicles`. Its folder is not read,
+    /// so that it may still be unfinished.
+    ///
+    /// # Errors
+    /// There is no vehicle of that name.
+    pub fn network_file_of(vehicles: &Path, name: &str) -> Result<PathBuf, VehicleError> {
+        Ok(Self::folder_of(vehicles, name)?.join(NETWORK))
+    }
+
+    fn folder_of(vehicles: &Path, name: &str) -> Result<PathBuf, VehicleError> {
         let known = Self::names(vehicles)?;
-        if !known.iter().any(|other| other == name) {
-            return Err(VehicleError::Unknown {
+        if known.iter().any(|other| other == name) {
+            Ok(vehicles.join(name))
+        } else {
+            Err(VehicleError::Unknown {
                 name: name.into(),
                 known,
-            });
+            })
         }
-        Self::read(&vehicles.join(name))
     }
 
     /// Reads the vehicle of a folder; the folder's name is the vehicle's.

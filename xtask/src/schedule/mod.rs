@@ -28,6 +28,8 @@ struct Scheduled {
 pub fn run(workspace: &Workspace, options: &Schedule) -> Result<(), Failure> {
     let path = match &options.file {
         Some(path) => path.clone(),
+        // Its messages may have no windows yet, and then the folder cannot be read.
+        None if options.method.is_some() => vehicle::network_file(workspace, &options.vehicle)?,
         None => vehicle::find(workspace, &options.vehicle)?.network_file(),
     };
     let path = path.as_path();

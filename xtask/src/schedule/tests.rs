@@ -272,6 +272,26 @@ fn the_protocols_own_rules_hold_for_a_files_windows() {
     assert!(said.contains("next reference message may begin"), "{said}");
 }
 
+/// A vehicle whose new message has no window yet.
+#[test]
+fn a_vehicle_without_a_window_gets_it() {
+    let root = tempfile::tempdir().unwrap();
+    let folder = root.path().join("firmware/vehicles/uagv");
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("vehicle.toml"), "").unwrap();
+    let path = folder.join("network.dbc");
+    fs::write(&path, unscheduled()).unwrap();
+    let workspace = Workspace::at(root.path());
+    let mut options = options(Some(Method::LeastJitter));
+    options.file = None;
+    options.write = true;
+    run(&workspace, &options).unwrap();
+    Network::parse(&fs::read_to_string(&path).unwrap()).unwrap();
+    options.vehicle = "tractor".into();
+    let said = run(&workspace, &options).unwrap_err().to_string();
+    assert!(said.contains("there is no vehicle \"tractor\""), "{said}");
+}
+
 #[test]
 fn a_bad_file_is_one_sentence_and_stays() {
     let folder = tempfile::tempdir().unwrap();
