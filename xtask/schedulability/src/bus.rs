@@ -9,8 +9,8 @@ use crate::units::MICROSECOND;
 
 /// The answers for all messages, in the order of their windows.
 ///
-/// An exclusive window must hold the longest frame, started as late as the transmit enable
-/// window allows, and the difference between two clocks. Messages that share an arbitrating
+/// The window of a reference message and an exclusive window must hold one frame
+/// ([`Network::needed_us`]). Messages that share an arbitrating
 /// window delay each other as on a bus of their own (Davis et al. 2007), with errors.
 #[must_use]
 pub fn messages(network: &Network, table: &BusTable) -> Vec<MessageReport> {
@@ -30,7 +30,6 @@ pub fn messages(network: &Network, table: &BusTable) -> Vec<MessageReport> {
         .messages
         .iter()
         .map(|m| {
-            let frame = u64::from(worst_case_bits(m.length)) * bit * 1000;
             let arbitrating = m.window.kind == WindowKind::Arbitrating;
             let need = if arbitrating {
                 let at = events.iter().position(|e| e.id == m.id).unwrap_or(0);
@@ -38,8 +37,7 @@ pub fn messages(network: &Network, table: &BusTable) -> Vec<MessageReport> {
                     .ok()
                     .map(|ns| ns * 1000)
             } else {
-                let late = u64::from(network.transmit_enable_bits) * bit * 1000;
-                Some(frame + late + u64::from(network.sync_uncertainty_us) * MICROSECOND)
+                Some(u64::from(network.needed_us(m)) * MICROSECOND)
             };
             MessageReport {
                 name: m.name.clone(),

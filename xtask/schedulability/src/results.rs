@@ -247,7 +247,9 @@ impl MessageReport {
         self.need.is_some_and(|need| need <= self.room)
     }
 
-    fn miss(&self) -> Option<String> {
+    /// Why it does not fit; `None` if it does.
+    #[must_use]
+    pub fn miss(&self) -> Option<String> {
         match self.need {
             None => Some(format!(
                 "message {} has no worst response time: the messages above it fill the bus",

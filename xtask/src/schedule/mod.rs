@@ -7,6 +7,7 @@ mod table;
 use std::path::Path;
 
 use network_model::{Assignment, Network};
+use schedulability::{results::MessageReport, table::BusTable};
 
 use crate::{Failure, Workspace, cli::Schedule, file, vehicle};
 
@@ -46,11 +47,28 @@ pub fn run(workspace: &Workspace, options: &Schedule) -> Result<(), Failure> {
         print!("{}", table::text(&scheduled.network, &scheduled.notes));
     }
     if changed {
-        eprintln!("The schedule was written to {}.", path.display());
+        eprintln!(
+            "The schedule was written to {}. {}",
+            path.display(),
+            verdict(&scheduled.network)
+        );
     } else if options.write {
         eprintln!("{} has this schedule; it was not written.", path.display());
     }
     Ok(())
+}
+
+/// What to do next with a new schedule: the search gives each frame room, but only the analysis
+/// knows how long messages in a common arbitrating window and the tasks take.
+fn verdict(network: &Network) -> String {
+    let messages = schedulability::bus::messages(network, &BusTable::default());
+    match messages.iter().find_map(MessageReport::miss) {
+        None => "`cargo xtask schedulability` shows whether every deadline holds with it.".into(),
+        Some(miss) => format!(
+            "`cargo xtask schedulability` will refuse it: {miss}. A longer arbitrating window \
+             (--arbitrating) helps."
+        ),
+    }
 }
 
 fn wrong(path: &Path, what: &str) -> Failure {

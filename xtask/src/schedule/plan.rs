@@ -163,7 +163,7 @@ fn exclusive(
 }
 
 /// The windows of the reference messages. Each is as long as its frame plus the clocks'
-/// uncertainty.
+/// uncertainty ([`Network::needed_us`]).
 fn references<'a>(
     network: &'a Network,
     plan: &'a Plan,
@@ -175,8 +175,7 @@ fn references<'a>(
         .filter(|message| message.window.kind == WindowKind::Reference);
     references.map(|message| {
         let grain = wishes.grain.ticks().max(1);
-        let bits = network_model::worst_case_bits(message.length);
-        let needed = network.bits_to_us(bits) + network.sync_uncertainty_us;
+        let needed = network.needed_us(message);
         Assigned {
             id: message.id,
             period_ms: match message.send_type {

@@ -272,6 +272,33 @@ fn the_protocols_own_rules_hold_for_a_files_windows() {
     assert!(said.contains("next reference message may begin"), "{said}");
 }
 
+/// The analysis must not ask for more than the search gives.
+#[test]
+fn a_found_window_holds_its_frame() {
+    for text in [vehicle(), unscheduled()] {
+        for method in [Method::PowerOfTwo, Method::LeastJitter] {
+            let planned = schedule(&text, &options(Some(method))).unwrap();
+            let reports = schedulability::bus::messages(&planned.network, &BusTable::default());
+            for report in reports.iter().filter(|report| !report.arbitrating) {
+                assert_eq!(report.miss(), None);
+            }
+        }
+    }
+    let planned = schedule(&unscheduled(), &options(Some(Method::LeastJitter))).unwrap();
+    let mut network = planned.network;
+    let holds = "`cargo xtask schedulability` shows whether every deadline holds with it.";
+    assert_eq!(verdict(&network), holds);
+    for message in &mut network.messages {
+        message.window.length_us = message.window.length_us.min(300);
+    }
+    let refused = "`cargo xtask schedulability` will refuse it: message ";
+    assert!(
+        verdict(&network).starts_with(refused),
+        "{}",
+        verdict(&network)
+    );
+}
+
 /// A vehicle whose new message has no window yet.
 #[test]
 fn a_vehicle_without_a_window_gets_it() {

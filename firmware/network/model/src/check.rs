@@ -342,14 +342,8 @@ fn window(network: &Network, message: &Message, window: Window, problems: &mut V
         ));
     }
     let bits = worst_case_bits(message.length);
-    // A reference may begin at any time; the others wait for it.
-    let enable = match window.kind {
-        WindowKind::Reference => 0,
-        WindowKind::Exclusive | WindowKind::Arbitrating => u32::from(network.transmit_enable_bits),
-    };
-    let need = network
-        .bits_to_us(bits + enable)
-        .saturating_add(network.sync_uncertainty_us);
+    let enable = network.latest_begin_bits(message);
+    let need = network.needed_us(message);
     if need > window.length_us {
         refuse(format!(
             "{of}: {} us are too short, the longest frame ({bits} bit times), the transmit enable window ({enable}) and {} us of clock error need {need} us",

@@ -210,6 +210,24 @@ impl Network {
         us as u32
     }
 
+    /// Latest begin of a frame after its window's start, in bit times. It is 0 for a reference
+    /// message: the cycle time counts from its start of frame.
+    pub(crate) fn latest_begin_bits(&self, message: &Message) -> u32 {
+        match message.window.kind {
+            WindowKind::Reference => 0,
+            WindowKind::Exclusive | WindowKind::Arbitrating => u32::from(self.transmit_enable_bits),
+        }
+    }
+
+    /// Length in microseconds of the shortest window that holds any one frame of a message: the
+    /// longest frame, begun as late as allowed, and the nodes' clock error.
+    #[must_use]
+    pub fn needed_us(&self, message: &Message) -> u32 {
+        let bits = worst_case_bits(message.length) + self.latest_begin_bits(message);
+        self.bits_to_us(bits)
+            .saturating_add(self.sync_uncertainty_us)
+    }
+
     /// Cycle time in microseconds at which everything that a message's sender needs has
     /// arrived, so that its step can be released; `None` for a message that needs nothing.
     ///
