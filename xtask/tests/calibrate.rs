@@ -47,6 +47,25 @@ fn the_vehicles_numbers_are_found() {
     assert!(found.circles.len() >= 4);
 }
 
+/// A search whose time grows with the square of the log's length takes minutes for it.
+#[test]
+fn a_vehicle_that_stands_for_an_hour_takes_no_time() {
+    let standing: String = (0..36_000)
+        .map(|tenth| {
+            let (second, tenth) = (tenth / 10, tenth % 10);
+            format!(
+                "({second}.{tenth}00000) can0 0C8#EAFFFFFF36000000\n\
+                 ({second}.{tenth}10000) can0 0CE#3C03\n\
+                 ({second}.{tenth}20000) can0 12C#0000060000000000\n"
+            )
+        })
+        .collect();
+    let begun = std::time::Instant::now();
+    let error = calibrate(&standing).unwrap_err();
+    assert!(error.contains("0 circles to the right"), "{error}");
+    assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
+}
+
 #[test]
 fn a_log_with_the_time_of_day_gives_the_same() {
     let later: String = DRIVE

@@ -62,6 +62,8 @@ impl Machine {
 const STILL: u16 = 12;
 /// Shortest time for which the steering must be held, s.
 const HELD: f64 = 4.0;
+/// Share of the readings, one in so many, that the next attempt to find a circle leaves out.
+const ATTEMPTS: usize = 32;
 /// Smallest arc of a circle that gives a radius, rad.
 const ARC: f64 = 0.8;
 /// Largest difference between the commands of one movement, degrees a second: noise of the
@@ -252,7 +254,11 @@ fn circles(machine: &Machine, recording: &Recording) -> Vec<Circle> {
             circles.push(circle);
             rest = after;
         } else {
-            rest = &rest[1..];
+            // The steering may have settled only later. Each attempt leaves out a share of the
+            // readings, so that the time grows in proportion to the log.
+            let tried = until - from >= HELD;
+            let skipped = if tried { length.div_ceil(ATTEMPTS) } else { 1 };
+            rest = &rest[skipped..];
         }
     }
     circles
@@ -265,9 +271,12 @@ fn circle(
     from: f64,
     until: f64,
 ) -> Option<Circle> {
-    let ways = recording.positions.iter();
+    let first = recording
+        .positions
+        .partition_point(|(time, ..)| *time < from);
+    let ways = recording.positions[first..].iter();
     let places: Vec<(f64, f64)> = ways
-        .filter(|(time, ..)| (from..=until).contains(time))
+        .take_while(|(time, ..)| *time <= until)
         .map(|(_, north, east)| (*north, *east))
         .collect();
     let mut fit = CircleFit::new();

@@ -97,7 +97,7 @@ pub(super) struct Recording {
     pub(super) pots: Vec<(f64, u16)>,
     /// Commands to the actuators.
     pub(super) commands: Vec<(f64, Command)>,
-    /// Positions of the antenna with an RTK-fixed solution, m north and east.
+    /// Positions of the antenna with an RTK-fixed solution, m north and east, in order of time.
     pub(super) positions: Vec<(f64, f64, f64)>,
     /// Lines that are no frames of classical CAN.
     pub(super) skipped: usize,
@@ -168,7 +168,7 @@ impl Recording {
     }
 
     /// Returns the recording if it has all the data that a calibration needs.
-    fn check(self, signals: &Signals) -> Result<Self, String> {
+    fn check(mut self, signals: &Signals) -> Result<Self, String> {
         let needed = [
             (self.pots.is_empty(), &signals.pot),
             (self.commands.is_empty(), &signals.rate),
@@ -182,7 +182,11 @@ impl Recording {
                 message.name,
                 all.join(", ")
             )),
-            None => Ok(self),
+            None => {
+                self.positions
+                    .sort_by(|one, other| one.0.total_cmp(&other.0));
+                Ok(self)
+            }
         }
     }
 }
