@@ -1,6 +1,6 @@
 //! By how much the execution time of a task may grow before a task misses its deadline.
 
-use crate::response::{Task, analyse};
+use crate::response::{Task, all_meet};
 
 /// By how much the execution time of `tasks[index]` may grow before a task of the set, itself
 /// included, misses its deadline. The result is below the exact value, by at most `step` or one
@@ -14,9 +14,7 @@ pub fn slack(tasks: &[Task], index: usize, step: u64) -> Option<u64> {
         for table in &mut task.arrivals.timed {
             table.cost = table.cost.map(|cost| cost.saturating_add(extra));
         }
-        analyse(&longer)
-            .iter()
-            .all(|result| matches!(result, Ok(response) if response.critical.meets()))
+        all_meet(&longer)
     };
     if !fits(0) {
         return None;

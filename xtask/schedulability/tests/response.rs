@@ -7,7 +7,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use response_time_analysis::{arrival, demand, fixed_priority, time, wcet};
 use schedulability::arrivals::Arrivals;
-use schedulability::response::{CriticalSection, Task, Unbounded, blocking, meets, response};
+use schedulability::response::{
+    CriticalSection, Task, Unbounded, all_meet, analyse, blocking, meets, response,
+};
 use schedulability::sensitivity::slack;
 
 fn tasks(parameters: &[(u64, u64)]) -> Vec<Task> {
@@ -274,4 +276,23 @@ fn simulation_never_exceeds_the_bound() {
     }
     // The bound is tight: simulations reach it.
     assert!(reached > 100, "{reached}");
+}
+
+#[test]
+fn stopping_at_the_first_miss_changes_no_answer() {
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    let mut met = 0;
+    for _ in 0..500 {
+        let mut set = random_set(&mut random);
+        for task in &mut set {
+            task.deadline = 1 + below(&mut random, 2 * task.deadline.max(1));
+        }
+        let each = analyse(&set);
+        let meets = each
+            .iter()
+            .all(|result| result.as_ref().is_ok_and(|one| one.critical.meets()));
+        assert_eq!(all_meet(&set), meets, "{set:?}");
+        met += u32::from(meets);
+    }
+    assert!((50..450).contains(&met), "{met} of 500 meet");
 }

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use network_model::Network;
 use parts::Sled;
@@ -126,7 +127,13 @@ fn interrupt(node: &NodeReport, name: &str) -> String {
     task(node, name).interrupt.clone()
 }
 
+/// The answers for the vehicle as it is. They take seconds, so they are found once.
 fn vehicle() -> Report {
+    static REPORT: LazyLock<Report> = LazyLock::new(analysed);
+    REPORT.clone()
+}
+
+fn analysed() -> Report {
     let nodes: Vec<NodeReport> = NODES.iter().map(|name| node(name, |_, _| {})).collect();
     let table = table();
     let messages = bus::messages(&network(), &table.bus);

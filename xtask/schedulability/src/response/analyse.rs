@@ -20,6 +20,30 @@ const MAX_PASSES: usize = 20;
 /// For each task, see [`Unbounded`].
 #[must_use]
 pub fn analyse(tasks: &[Task]) -> Vec<Result<Response, Unbounded>> {
+    by_level(tasks, |_, _| true)
+}
+
+/// Whether every task meets its deadline. Stops at the first priority at which one does not.
+#[must_use]
+pub fn all_meet(tasks: &[Task]) -> bool {
+    let mut meet = true;
+    by_level(tasks, |level, results| {
+        let mut of_level = tasks.iter().zip(results);
+        meet = of_level.all(|(task, result)| {
+            task.priority != level || result.as_ref().is_ok_and(|one| one.critical.meets())
+        });
+        meet
+    });
+    meet
+}
+
+/// Analyses one priority after another, from the highest; the answers of a priority are final
+/// before the next one begins. Ends early when `go_on`, called with the priority and all
+/// answers so far, says no.
+fn by_level(
+    tasks: &[Task],
+    mut go_on: impl FnMut(u32, &[Result<Response, Unbounded>]) -> bool,
+) -> Vec<Result<Response, Unbounded>> {
     let mut set = tasks.to_vec();
     let mut results: Vec<Result<Response, Unbounded>> = vec![Err(Unbounded::Cause); set.len()];
     let mut levels: Vec<u32> = set.iter().map(|task| task.priority).collect();
@@ -42,6 +66,9 @@ pub fn analyse(tasks: &[Task]) -> Vec<Result<Response, Unbounded>> {
             if set == before {
                 break;
             }
+        }
+        if !go_on(level, &results) {
+            break;
         }
     }
     results

@@ -19,7 +19,7 @@ mod fixed_point;
 mod phases;
 mod task;
 
-pub use analyse::analyse;
+pub use analyse::{all_meet, analyse};
 pub use blocking::{CriticalSection, blocker, blocking};
 pub use bound::{Critical, JobResponse, Response, Unbounded};
 pub use busy_period::{meets, response};
