@@ -8,8 +8,8 @@ use support::{
 };
 use ttcan::simulation::{Application, Fate, Quiet, SimTime, delivered};
 use ttcan::{
-    ErrorLevel, Fault, Frame, GlobalTime, Grant, Health, Id, MasterState, Micros, NodeId,
-    QueueError, Reception, Severe, SyncState,
+    Action, ErrorLevel, Fault, Frame, GlobalTime, Grant, Health, Id, MasterState, Micros, NodeId,
+    QueueError, Reception, Severe, Stamp, SyncState, TransmitOutcome,
 };
 
 const ALL: [usize; 4] = [0, 1, 2, 3];
@@ -813,4 +813,31 @@ fn a_node_on_an_rc_oscillator_waits_until_it_knows_its_rate() {
             assert_eq!(bus.node(3).status().error_level, ErrorLevel::None);
         }
     }
+}
+
+/// A frame that is still in the mailbox when the node stops would go out when the controller joins
+/// the bus again, with contents of long ago.
+#[test]
+fn a_node_that_stops_withdraws_its_frame_before_it_starts_again() {
+    let start = Stamp(1_000_000);
+    let mut node = uagv(GPS);
+    node.start(start);
+    let due = node.next_deadline().unwrap();
+    assert!(matches!(node.poll(due), Some(Action::TransmitReference(_))));
+    node.handle_bus_off();
+    assert_eq!(node.poll(due), Some(Action::Silence));
+    let again = due.after(3_600_000);
+    node.start(again);
+    assert_eq!(node.poll(again), Some(Action::Abort));
+    assert_eq!(node.poll(again), None);
+    // The same when the report comes while the node is off: there is nothing left to withdraw.
+    let mut node = uagv(GPS);
+    node.start(start);
+    assert!(node.poll(due).is_some());
+    node.handle_bus_off();
+    assert_eq!(node.poll(due), Some(Action::Silence));
+    node.handle_transmit(TransmitOutcome::Aborted, due);
+    assert_eq!(node.counters().stray_reports, 0);
+    node.start(again);
+    assert_eq!(node.poll(again), None);
 }

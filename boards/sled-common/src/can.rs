@@ -308,9 +308,11 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
         self.write(Register::Msr, MSR_ERRI);
     }
 
-    /// First half of the recovery from bus-off: leaves the bus and drops a pending frame. The
-    /// cell enters initialisation mode, in which it sends no dominant bit.
+    /// First half of the recovery from bus-off: withdraws a pending frame and leaves the bus. The
+    /// cell enters initialisation mode, in which it sends no dominant bit. That mode alone keeps
+    /// the request, and the frame would go out as soon as the cell joins again.
     pub fn leave_bus(&mut self) {
+        self.abort();
         self.write(Register::Mcr, MCR_RUN | MCR_INRQ);
     }
 

@@ -191,3 +191,33 @@ fn destroyed_references_and_commands_stop_the_vehicle_only_when_two_in_a_row_are
     );
     journey.assert_in_place();
 }
+
+/// Requests that were pending when the nodes left a bus that was held dominant do not go out when
+/// they join it again: their contents are of long ago.
+#[test]
+fn no_frame_of_before_goes_out_when_the_bus_is_free_again() {
+    let mut journey = running("bus = [{ what = \"dominant\", at = \"3.2 s\", hold = \"800 ms\" }]");
+    journey.to(5.5);
+    let traffic = journey.traffic();
+    let stale: Vec<_> = traffic
+        .frames
+        .iter()
+        .filter(|frame| frame.start > at(3.21) && [100, 101].contains(&frame.id))
+        .filter_map(|frame| {
+            let [_, a, b, c, d, ..] = frame.bytes();
+            let time = f64::from(u32::from_be_bytes([a, b, c, d])) / 1000.0;
+            let first = last_before(&journey, 100, at(3.2));
+            let [_, a, b, c, d, ..] = first.bytes();
+            let base = f64::from(u32::from_be_bytes([a, b, c, d])) / 1000.0;
+            let wrong = time - base - (seconds(frame.start) - seconds(first.start));
+            (wrong.abs() > 0.01).then_some((frame.id, seconds(frame.start), wrong))
+        })
+        .collect();
+    assert!(
+        stale.is_empty(),
+        "(identifier, at, time is wrong by, s): {stale:?}"
+    );
+    assert_steady(&journey, &[206, 300, 450, 453], 4.8, 5.5);
+    assert_never_reset(&journey);
+    journey.assert_in_place();
+}

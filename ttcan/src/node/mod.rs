@@ -151,7 +151,12 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         self.position = Position::NONE;
         self.agenda = Agenda::new(self.agenda.polled);
         self.agenda.order = Order::Silence;
-        self.transmission.pending = Pending::None;
+        if !self.transmission.is_idle() {
+            self.transmission.pending = Pending::Abandoned;
+        }
+        if EVENTS {
+            self.transmission.queue.clear();
+        }
         self.master.state = MasterState::Off;
         self.supervision.stop(cause);
     }

@@ -199,7 +199,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
         let attempt = &mut self.master.attempt;
         let stuck = match self.transmission.pending {
-            Pending::None => false,
+            Pending::None | Pending::Abandoned => false,
             Pending::Reference(_) => MASTER && attempt.missed_while_pending,
             Pending::Window(_) | Pending::Event { .. } => true,
         };

@@ -23,6 +23,8 @@ pub(super) enum Pending {
         /// Place of the message in the queue.
         place: u8,
     },
+    /// The node stopped before the end was reported. The controller may hold the frame still.
+    Abandoned,
 }
 
 /// A reference message of this node.

@@ -27,6 +27,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             Pending::None => {
                 bump(&mut self.counters.stray_reports, 1);
             }
+            Pending::Abandoned => {}
             Pending::Reference(own) => {
                 if MASTER {
                     self.end_reference(outcome, stamp, &own);

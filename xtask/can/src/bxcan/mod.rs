@@ -8,7 +8,8 @@
 //! - FULL is cleared by software only, as the manuals say.
 //! - ERRI is set when an enabled error flag rises, and by every error code while LECIE is set.
 //! - Filter numbers of the second controller start at its first bank.
-//! - With INRQ and SLEEP both set, a sleeping controller stays asleep.
+//! - With INRQ and SLEEP both set, the controller initialises. ST's own driver relies on it:
+//!   `HAL_CAN_Init` of STM32CubeF4 sets INRQ, waits for INAK, and only then clears SLEEP.
 //! - In loop back mode the frame is not driven onto the bus.
 //! - The debug freeze (DBF) has no effect.
 
@@ -174,13 +175,9 @@ impl BxCan {
     /// The mode that INRQ and SLEEP request.
     const fn wanted(&self) -> Mode {
         match (self.mcr & mcr::INRQ != 0, self.mcr & mcr::SLEEP != 0) {
-            (true, false) => Mode::Init,
+            (true, _) => Mode::Init,
             (false, true) => Mode::Sleep,
             (false, false) => Mode::Normal,
-            (true, true) => match self.mode {
-                Mode::Sleep => Mode::Sleep,
-                _ => Mode::Init,
-            },
         }
     }
 
