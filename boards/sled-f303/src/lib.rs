@@ -5,7 +5,7 @@
 //! | pin | function | peripheral | connected to |
 //! | --- | --- | --- | --- |
 //! | PF0 | HSE in, bypass | RCC | 8 MHz of the on-board debugger, if SB4 and SB6 say so |
-//! | PA11 | CAN RX, AF9 | CAN | R of the sled's SN65HVD250 transceiver |
+//! | PA11 | CAN RX, AF9 | CAN | R of the sled's SN65HVD230 transceiver |
 //! | PA12 | CAN TX, AF9 | CAN | D of the transceiver |
 //! | PB3 | LED, push-pull, high = on | GPIO | LD3 of the Nucleo |
 //! | PA2 | console TX, AF7 | USART2, DMA1 channel 7 | debugger's virtual port |

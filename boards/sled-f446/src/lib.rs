@@ -5,7 +5,7 @@
 //! | pin | function | peripheral | connected to |
 //! | --- | --- | --- | --- |
 //! | PH0 | HSE in, bypass | RCC | 8 MHz of the on-board debugger |
-//! | PB8 | CAN RX, AF9 | CAN1 | R of the sled's SN65HVD250 transceiver |
+//! | PB8 | CAN RX, AF9 | CAN1 | R of the sled's SN65HVD230 transceiver |
 //! | PB9 | CAN TX, AF9 | CAN1 | D of the transceiver |
 //! | PA5 | LED, push-pull, high = on | GPIO | LD2 of the Nucleo |
 //! | PA2 | console TX, AF7 | USART2, DMA1 stream 6 | debugger's virtual port |
@@ -26,6 +26,9 @@
 //! on E5V) behind a 1 A fuse, and the 5 V rail out to the receiver and the display (thesis
 //! 5.2.4.2). The transceiver runs on 3.3 V; its RS pin is at ground (high speed). The bus
 //! is terminated with 120 ohm at the two outermost sleds. All grounds are the chassis.
+//!
+//! The thesis calls the transceiver an SN65HVD250 that runs on 3.3 V. TI's part for 3.3 V is the
+//! SN65HVD230 (data sheet SLOS346); its SN65HVD251 needs 5 V (SLLS545).
 //!
 //! # What the HAL does
 //!

@@ -3,6 +3,9 @@
 //! The frames of the thesis carry whole degrees and ten decimal places separately (Figures 6.2
 //! and 6.3). Here an angle is one number in units of 1E-10 degrees, which is 11 micrometres on
 //! the ground.
+//!
+//! The byte order of the ten decimal places is inferred and unresolved: so read, the frames that
+//! the thesis logged (Figure 6.33) lie some 76 km from its test track.
 
 use crate::messages::{Degrees, DegreesE10, Latitude, Longitude};
 

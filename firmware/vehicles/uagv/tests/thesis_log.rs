@@ -37,6 +37,8 @@ fn the_time_reference_has_five_bytes_and_no_fix() {
     assert!(!reference.next_is_gap);
 }
 
+/// Whole degrees are right. The reading of the decimal places is unresolved: with the byte order
+/// that the network file infers, the receiver is some 76 km from the test track.
 #[test]
 fn the_receiver_is_in_nebraska_and_nearly_stands() {
     let latitude: Latitude = read();
@@ -44,6 +46,7 @@ fn the_receiver_is_in_nebraska_and_nearly_stands() {
     assert_eq!(latitude.fraction, DegreesE10(3_267_961_710));
     let longitude: Longitude = read();
     assert_eq!(longitude.whole, Degrees(-96));
+    assert_eq!(longitude.fraction, DegreesE10(668_627_475));
     let velocity: Velocity = read();
     assert_eq!(velocity.north, MillimetresPerSecond(-22));
     assert_eq!(velocity.east, MillimetresPerSecond(54));
