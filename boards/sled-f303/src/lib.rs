@@ -10,11 +10,13 @@
 //! | PB3 | LED, push-pull, high = on | GPIO | LD3 of the Nucleo |
 //! | PA2 | console TX, AF7 | USART2, DMA1 channel 7 | debugger's virtual port |
 //! | PA15 | console RX, AF7 | USART2 | debugger's virtual port |
-//! | PA8 | motor relay, push-pull, high = closed | GPIO | input of the solid-state relay in lead M1 of the motor, 10 kohm to ground |
+//! | PA8 | motor relay, push-pull, high = closed | GPIO | transistor that switches the relay in lead M1 of the motor, 10 kohm to ground |
 //! | PA9 | motor command, AF7 | USART1 | S1 of the SyRen 50 motor driver |
 //! | PA0 | analogue | ADC1_IN1, DMA1 channel 1 | wiper of the steering potentiometer (steering) |
 //!
 //! # Wiring
+//!
+//! `boards/sleds/f303.svg` draws the sled from its netlist.
 //!
 //! The sled feeds 5 V from its 6.5-32 V switching supply into the Nucleo's 5V pin behind a
 //! 1 A fuse (thesis 5.2.4.2). The transceiver runs on 3.3 V; its RS pin is at ground (high
@@ -22,11 +24,16 @@
 //! set to simplified serial at 38 400 baud; its 0V is the sled's ground, its S1 takes 3.3 V
 //! levels. All grounds are the chassis.
 //!
-//! The relay is normally open, switches the direct current of the motor (50 A) and sits in the
-//! lead between the driver's M1 and the motor; a pair of free-wheeling diodes is across the
-//! motor. It is needed because the driver keeps its last speed when its node falls silent, and
-//! in this mode has no input that stops it. With the relay open no current flows. During reset
-//! PA8 floats, and its resistor opens the relay.
+//! A Nucleo-32 that runs on its 5V pin does not power its ST-LINK, whose 8 MHz are then missing
+//! (UM1956). So the sled has an oscillator of 8 MHz at PF0.
+//!
+//! The relay is normally open and sits in the lead between the driver's M1 and the motor. It is
+//! needed because the driver keeps its last speed when its node falls silent, and in this mode
+//! has no input that stops it. It consists of two solid-state relays for direct current (60 A) in
+//! series, back to back, because the open relay conducts backwards through its body diode, and
+//! the motor's current has both directions. A suppressor diode across the motor takes its current
+//! when the relay opens. With the relay open no current flows. During reset PA8 floats, and its
+//! resistor opens the relay.
 //!
 //! # What the HAL does
 //!

@@ -22,6 +22,8 @@
 //!
 //! # Wiring
 //!
+//! `boards/sleds/f446.svg` draws the sled from its netlist.
+//!
 //! The sled feeds 5 V from its 6.5-32 V switching supply into the Nucleo's E5V (jumper JP5
 //! on E5V) behind a 1 A fuse, and the 5 V rail out to the receiver and the display (thesis
 //! 5.2.4.2). The transceiver runs on 3.3 V; its RS pin is at ground (high speed). The bus

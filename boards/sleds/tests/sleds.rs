@@ -1,0 +1,219 @@
+//! The drawings of the sleds are sound, and their pictures show them.
+
+use std::{env, fs};
+
+use parts::Sled;
+use sleds::bill::{self, Item};
+use sleds::netlist::Netlist;
+use sleds::rules::{self, Board};
+use sleds::{DRAWINGS, header, path, picture, read};
+
+/// A netlist with its bill of materials.
+struct Drawing {
+    netlist: Netlist,
+    items: Vec<Item>,
+}
+
+impl Drawing {
+    fn of(name: &str) -> Self {
+        Self::changed(name, &[])
+    }
+
+    /// The drawing with texts of its netlist replaced, each of which is in it once.
+    fn changed(name: &str, changes: &[(&str, &str)]) -> Self {
+        let (net, bill) = (format!("{name}.net"), format!("{name}.csv"));
+        let mut text = read(&net).unwrap();
+        for (from, to) in changes {
+            assert_eq!(text.matches(from).count(), 1, "{from}");
+            text = text.replace(from, to);
+        }
+        Self {
+            netlist: Netlist::parse(&net, &text).unwrap(),
+            items: bill::parse(&bill, &read(&bill).unwrap()).unwrap(),
+        }
+    }
+
+    /// What the rules find in the drawing of a sled.
+    fn findings(&self, sled: &'static Sled) -> Vec<String> {
+        let board = board(sled, "");
+        let mut findings = rules::headers(&self.netlist, &board);
+        findings.extend(rules::lines(&self.netlist, &board, true));
+        findings.extend(rules::nets(&self.netlist));
+        findings.extend(rules::bill(&self.netlist, &self.items));
+        findings.extend(rules::bus(&self.netlist, &board, 1));
+        findings.extend(rules::supply(&self.netlist, &board));
+        if sled.connector("motor").is_some() {
+            findings.extend(rules::relay(&self.netlist, &board));
+        }
+        findings
+    }
+}
+
+fn board(sled: &'static Sled, prefix: &'static str) -> Board {
+    Board {
+        sled,
+        headers: header::of(sled).unwrap(),
+        prefix,
+    }
+}
+
+const NONE: [String; 0] = [];
+
+#[test]
+fn the_sleds_are_wired_as_the_code_says() {
+    for sled in Sled::ALL {
+        assert_eq!(Drawing::of(sled.name).findings(sled), NONE, "{}", sled.name);
+    }
+}
+
+/// Two boards need less: neither supply nor terminals, and not every line. Each of the two
+/// transceiver modules terminates the bus.
+#[test]
+fn the_bench_is_wired_as_the_code_says() {
+    let Drawing { netlist, items } = Drawing::of("bench");
+    let mut findings = rules::nets(&netlist);
+    findings.extend(rules::bill(&netlist, &items));
+    for (sled, prefix) in [(Sled::F446, "f446."), (Sled::F303, "f303.")] {
+        let board = board(sled, prefix);
+        findings.extend(rules::headers(&netlist, &board));
+        findings.extend(rules::lines(&netlist, &board, false));
+        findings.extend(rules::bus(&netlist, &board, 2));
+    }
+    findings.extend(rules::relay(&netlist, &board(Sled::F303, "f303.")));
+    assert_eq!(findings, NONE);
+    for line in ["f303.pot.wiper", "f303.motor.tx", "f303.motor.relay"] {
+        assert!(netlist.nets.iter().any(|net| net.name == line), "{line}");
+    }
+}
+
+/// Only what the vehicle or a module brings along is not to be bought.
+#[test]
+fn what_is_not_in_the_bills_is_listed() {
+    let left_out = |name: &str| {
+        let components = Drawing::of(name).netlist.components;
+        let left_out = components
+            .into_iter()
+            .filter(|component| !component.in_bill);
+        left_out
+            .map(|component| component.reference)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(left_out("f446"), NONE);
+    assert_eq!(left_out("f303"), ["BT1", "M1"]);
+    assert_eq!(left_out("bench"), ["CN7", "CN10", "CN3", "CN4", "R1", "R2"]);
+}
+
+/// A change of a netlist, and a finding that it brings.
+type Fault = (&'static [(&'static str, &'static str)], &'static str);
+
+const FAULTS: [Fault; 15] = [
+    (
+        &[(
+            "(ref \"CN3\") (pin \"13\") (pinfunction \"PA11\")",
+            "(ref \"CN3\") (pin \"12\") (pinfunction \"PA11\")",
+        )],
+        "CN3-13 is not in the netlist",
+    ),
+    (
+        &[(
+            "(pin \"12\") (pinfunction \"PA8\")",
+            "(pin \"12\") (pinfunction \"PA9\")",
+        )],
+        "CN3-12 is PA8 and not PA9",
+    ),
+    (
+        &[("(name \"pot.wiper\")", "(name \"pot.viper\")")],
+        "pot.wiper is not wired",
+    ),
+    (
+        &[
+            ("(name \"can.tx\")", "(name \"other\")"),
+            ("(name \"can.rx\")", "(name \"can.tx\")"),
+            ("(name \"other\")", "(name \"can.rx\")"),
+        ],
+        "can.tx is not on PA12",
+    ),
+    (
+        &[("(value \"pot\")", "(value \"poti\")")],
+        "pot.wiper does not reach pot",
+    ),
+    (
+        &[("(name \"unconnected-(CN4-Pad1)\")", "(name \"VIN\")")],
+        "two nets are named VIN",
+    ),
+    (
+        &[(
+            "(node (ref \"BT1\") (pin \"1\") (pinfunction \"+\") (pintype \"passive\"))",
+            "",
+        )],
+        "battery/unfused joins nothing",
+    ),
+    (
+        &[(
+            "(node (ref \"C4\") (pin \"1\")",
+            "(node (ref \"C9\") (pin \"1\")",
+        )],
+        "C9-1 is on +3V3, but no component",
+    ),
+    (
+        &[("(ref \"RV1\")\n", "(ref \"RV2\")\n")],
+        "RV1 is in the bill only",
+    ),
+    (
+        &[("(value \"AO3400A\")", "(value \"BC547\")")],
+        "Q1 is BC547 in the netlist and AO3400A in the bill",
+    ),
+    (
+        &[("(value \"SN65HVD230\")", "(value \"SN65HVD251\")")],
+        "U1 is SN65HVD251 and needs 5 V",
+    ),
+    (
+        &[("(value \"120\")", "(value \"1k\")")],
+        "0 resistors of 120 ohm terminate the bus",
+    ),
+    (
+        &[("(ref \"PS1\") (pin \"1\")", "(ref \"PS1\") (pin \"4\")")],
+        "the switching supply is not behind the fuse",
+    ),
+    (
+        &[("(node (ref \"R4\") (pin \"2\") (pintype \"passive\"))", "")],
+        "the relay's line floats in reset",
+    ),
+    (
+        &[
+            ("(ref \"K2\") (pin \"1\")", "(ref \"K2\") (pin \"9\")"),
+            ("(ref \"K2\") (pin \"2\")", "(ref \"K2\") (pin \"1\")"),
+            ("(ref \"K2\") (pin \"9\")", "(ref \"K2\") (pin \"2\")"),
+        ],
+        "the relay conducts in one direction while it is open",
+    ),
+];
+
+#[test]
+fn each_rule_finds_its_fault() {
+    for (changes, finding) in FAULTS {
+        let findings = Drawing::changed("f303", changes).findings(Sled::F303);
+        assert!(
+            findings.iter().any(|found| found == finding),
+            "{changes:?} {findings:?}"
+        );
+    }
+}
+
+/// Set `PICTURES=renew` to write the pictures instead of comparing them.
+#[test]
+fn the_pictures_show_the_netlists() {
+    for name in DRAWINGS {
+        let drawn = picture::draw(&Drawing::of(name).netlist).unwrap();
+        let file = format!("{name}.svg");
+        if env::var("PICTURES").is_ok_and(|value| value == "renew") {
+            fs::write(path(&file), drawn).unwrap();
+            continue;
+        }
+        // Not `assert_eq!`, which would print both pictures.
+        assert!(
+            drawn == read(&file).unwrap(),
+            "{file} shows another netlist: PICTURES=renew draws it anew"
+        );
+    }
+}
