@@ -110,5 +110,5 @@ impl MotorOutput {
 /// For the end of the program. Bytes that are still being sent are waited for, each for a
 /// bounded time.
 pub fn stop() {
-    usart::end(STOP);
+    usart::end(STOP, BAUD);
 }

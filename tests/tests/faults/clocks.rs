@@ -28,6 +28,6 @@ fn the_f303_nodes_keep_the_schedule_on_their_internal_oscillators() {
     journey.assert_in_place();
     assert_never_reset(&journey);
     let counters = journey.vehicle.world().counters();
-    assert_eq!(counters.motor_wrong_baud, 0);
+    assert_eq!(counters.motor_garbled, 0);
     assert!(counters.motor_bytes > 50);
 }

@@ -3,7 +3,7 @@
 
 use furrow_tests::Journey;
 use furrow_tests::nodes;
-use furrow_tests::time::{at, seconds};
+use furrow_tests::time::{at, seconds, span};
 use network::Message as _;
 use twin::ResetCause;
 use uagv::messages::{Fault, GpsStatus};
@@ -87,6 +87,74 @@ fn an_actuator_node_whose_clock_stops_opens_its_relay_and_comes_back_without() {
         assert!(journey.effort(nodes::DRIVE, at(5.0)) > 0.2);
         assert_eq!(journey.mode(), Some(mode::RUN));
     }
+}
+
+/// Lets the vehicle go on until the motor's port of an actuator node has begun to send a byte.
+fn until_a_byte_begins(journey: &mut Journey, node: NodeIndex) {
+    /// USART1_ISR of the F303, and its bit that is set while nothing is being sent.
+    const ISR: u32 = 0x4001_381C;
+    const TC: u32 = 1 << 6;
+    let mut was_idle = false;
+    for _ in 0..20_000 {
+        let mcu = journey.vehicle.node_mut(node);
+        let idle = mcu.read_register(ISR).is_some_and(|flags| flags & TC != 0);
+        if was_idle && !idle {
+            return;
+        }
+        was_idle = idle;
+        let next = journey.vehicle.now() + span(10e-6);
+        journey.vehicle.run_until(next);
+    }
+    panic!("{node:?} sends nothing to its motor");
+}
+
+/// What the clock's failure makes of a byte that is on the line cannot be helped. The relay is open
+/// before the driver reads it, and no other byte is spoiled.
+#[test]
+fn a_motor_driver_reads_no_wrong_byte_but_the_one_on_the_line_when_its_nodes_clock_stops() {
+    for (node, bit) in [
+        (nodes::DRIVE, 1.5),
+        (nodes::STEERING, 4.5),
+        (nodes::DRIVE, 40.0),
+    ] {
+        let mut journey = running("");
+        until_a_byte_begins(&mut journey, node);
+        let now = journey.vehicle.now() + span(bit / 38_400.0);
+        journey.vehicle.run_until(now);
+        assert!(journey.vehicle.node_mut(node).lose_external_clock());
+        journey.to(4.0);
+        let garbles = journey.vehicle.world().garbles();
+        let on_the_line = usize::from(bit < 10.0);
+        assert!(
+            garbles.len() <= on_the_line && garbles.iter().all(|garble| !garble.closed),
+            "{node:?}, {bit} bits after the start of a byte: {garbles:?}"
+        );
+        let stopped = now + span(0.002);
+        assert_eq!(journey.effort(node, stopped), 0.0);
+    }
+}
+
+/// A reset cuts off the byte on the line, at any of its bits. Its pin lets go of the relay at the
+/// same time.
+#[test]
+fn a_motor_driver_whose_node_is_reset_reads_no_wrong_byte_with_its_relay_closed() {
+    let mut journey = running("");
+    let mut cut = 0;
+    for bit in 0..10 {
+        let node = [nodes::DRIVE, nodes::STEERING][bit % 2];
+        until_a_byte_begins(&mut journey, node);
+        let now = journey.vehicle.now() + span((bit as f64 + 0.3) / 38_400.0);
+        journey.vehicle.run_until(now);
+        assert!(journey.effort(nodes::DRIVE, now) > 0.2, "{bit}");
+        journey.vehicle.node_mut(node).hold_reset();
+        journey.vehicle.run_until(now + span(0.005));
+        journey.vehicle.node_mut(node).release_reset();
+        journey.vehicle.run_until(now + span(1.2));
+        let garbles = journey.vehicle.world().garbles();
+        assert!(garbles.iter().all(|garble| !garble.closed), "{garbles:?}");
+        cut = garbles.len();
+    }
+    assert!(cut > 3, "the resets did cut off bytes: {cut}");
 }
 
 #[test]

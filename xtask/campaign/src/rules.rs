@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | a motor is driven only while a genuine command that enables it is not older than two basic periods | thesis 6.2.4.4 |
 //! | the steering angle stays within its limits | thesis 5.3 |
+//! | a motor driver whose relay is closed reads only bytes that were sent to it | thesis 6.2.4.4 |
 //! | no node's frame outside of its own window | ISO 11898-4: exclusive windows |
 //! | every node that can is back in schedule at the end | |
 //! | no node resets itself for any other reason than its stalled core | |
@@ -61,6 +62,7 @@ pub fn judge(vehicle: &Vehicle, sequence: &Sequence, outcome: &Outcome) -> Vec<V
     let mut violations = Vec::new();
     for node in vehicle.nodes() {
         violations.extend(judge.motor(node));
+        violations.extend(judge.wire(node));
     }
     violations.extend(judge.steering());
     let misplaced = judge.matrix.misplaced(&judge.traffic);
@@ -129,6 +131,24 @@ impl Judge<'_> {
             }
         }
         None
+    }
+
+    /// The driver of a motor whose relay is closed reads only what was sent.
+    fn wire(&self, node: NodeIndex) -> Option<Violation> {
+        let mut garbles = self.outcome.world.garbles().iter();
+        let garble = garbles.find(|garble| garble.node == node && garble.closed)?;
+        let read = match garble.byte {
+            Some(byte) => format!("{byte:#04X}"),
+            None => "a framing error".into(),
+        };
+        Some(Violation {
+            rule: "wire",
+            at: seconds(garble.at),
+            what: format!(
+                "the motor driver of {} reads {read}, which was not sent",
+                self.name(node)
+            ),
+        })
     }
 
     /// Spans in which commands allow a motor to turn.

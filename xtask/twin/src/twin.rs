@@ -15,6 +15,7 @@ use parts::Sled;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle_model::{NodeIndex, Vehicle};
+use world::line::Wave;
 use world::time::Span as _;
 use world::{Analog, Effect, Input, Output, Scenario, World};
 
@@ -401,7 +402,8 @@ impl Twin {
                 if Some(byte.usart) == console {
                     self.nodes[node.0].console.push(byte.byte);
                 } else {
-                    sent.push((byte.end, node, Sent::Byte(byte)));
+                    let end = byte.cut.unwrap_or(byte.end);
+                    sent.push((end, node, Sent::Byte(byte)));
                 }
             }
             let relay = self.nodes[node.0].wiring.relay;
@@ -417,8 +419,12 @@ impl Twin {
                 Sent::Relay(closed) => self.world.relay(node, closed, at),
                 Sent::Byte(byte) => {
                     if let Some(device) = self.nodes[node.0].wiring.device_at(byte.usart) {
-                        self.world
-                            .serial(node, device, byte.byte, byte.start, byte.end);
+                        let wave = Wave {
+                            byte: byte.byte,
+                            edges: byte.edges,
+                            cut: byte.cut,
+                        };
+                        self.world.wave(node, device, &wave);
                     }
                 }
             }

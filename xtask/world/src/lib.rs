@@ -5,7 +5,8 @@
 //!
 //! - [`vehicle`]: a bicycle model with limits, dead bands, slip and slope;
 //! - [`receiver`]: a Piksi that speaks SBP; [`syren`]: motor drivers; [`lcd`]: the display;
-//!   [`operator`]: remote control, joystick and emergency-stop loop;
+//!   [`line`]: a serial line as its receiver sees it; [`operator`]: remote control, joystick and
+//!   emergency-stop loop;
 //! - [`scenario`]: what happens, as TOML files with units;
 //! - [`World`]: all of it as one value, driven by a simulation of the nodes;
 //! - [`report`]: figures, tables and pictures of a finished run.
@@ -16,6 +17,7 @@
 
 mod changes;
 pub mod lcd;
+pub mod line;
 pub mod operator;
 pub mod random;
 pub mod receiver;
@@ -29,7 +31,7 @@ pub use vehicle_model::{Device, NodeIndex, units};
 pub mod vehicle;
 mod world;
 
-pub use record::{Counters, EffortChange, StateSample};
+pub use record::{Counters, EffortChange, Garble, StateSample};
 pub use scenario::{DURATIONS, Scenario, ScenarioError};
 pub use signal::{Analog, Input};
 pub use time::{SimDuration, SimTime};

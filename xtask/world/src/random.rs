@@ -25,6 +25,8 @@ pub enum Purpose {
     Faults = 6,
     /// Noise of the knobs' voltages.
     Knobs = 7,
+    /// Errors of the devices' own clocks.
+    DeviceClocks = 8,
 }
 
 /// A stream of random numbers.

@@ -40,6 +40,19 @@ pub struct EffortChange {
     pub effort: f64,
 }
 
+/// A motor driver read something that was not sent to it.
+#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+pub struct Garble {
+    /// End of the character, as the driver sees it.
+    pub at: SimTime,
+    /// The node that the motor driver is wired to.
+    pub node: NodeIndex,
+    /// The byte; `None` for a framing error, which the driver ignores.
+    pub byte: Option<u8>,
+    /// Whether the relay in the motor's lead was closed.
+    pub closed: bool,
+}
+
 /// Traffic between the nodes and their devices.
 #[derive(Copy, Clone, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
@@ -47,8 +60,8 @@ pub struct Counters {
     pub receiver_bytes: u64,
     /// Bytes that the motor drivers accepted.
     pub motor_bytes: u64,
-    /// Bytes lost at the motor drivers because of a wrong baud rate.
-    pub motor_wrong_baud: u64,
+    /// Bytes and framing errors that the motor drivers read and that were not sent so.
+    pub motor_garbled: u64,
     /// Commands that the display executed.
     pub lcd_commands: u64,
     /// Commands that the display did not understand.

@@ -2,10 +2,12 @@
 //!
 //! Frames are 8N1 at the baud rate set by the driver's switches. Byte 127 stops the motor; 255 is
 //! full effort in one direction and 0 in the other (Dimension Engineering, SyRen 50 user's guide;
-//! thesis 6.2.4.4). The driver keeps its effort until the next byte. A relay in the motor's lead,
+//! thesis 6.2.4.4). The driver keeps its effort until the next byte, and ignores a character with a
+//! framing error. It samples the line with a clock of its own. A relay in the motor's lead,
 //! controlled by the node, disconnects the motor while it is open.
 
-use crate::time::{SimDuration, SimTime, since};
+use crate::line::{Heard, Listener, Wave};
+use crate::time::{SimDuration, SimTime};
 
 /// Baud rate set by the driver's switches.
 pub const BAUD: u32 = 38_400;
@@ -13,19 +15,10 @@ pub const BAUD: u32 = 38_400;
 /// The byte that stops the motor.
 pub const STOP: u8 = 127;
 
-/// Largest relative difference between the sender's and the driver's bit times. A receiver that
+/// Largest relative difference between a sender's and a receiver's bit times. A receiver that
 /// samples in the middle of a bit loses a ten-bit character at 5 %; half of that is allowed for
 /// each side.
 const TOLERANCE: f64 = 0.025;
-
-/// The effect of a byte.
-#[derive(Copy, Clone, Debug, PartialEq, Eq)]
-pub enum Reception {
-    /// The byte was read.
-    Accepted,
-    /// The byte is lost because the sender's bit time differs from the driver's.
-    WrongBaud,
-}
 
 /// True if ten bits that lasted `length` match `baud`.
 #[must_use]
@@ -38,42 +31,52 @@ pub fn fits(length: SimDuration, baud: u32) -> bool {
 #[derive(Clone, Debug)]
 pub struct Syren {
     reversed: bool,
+    line: Listener,
     byte: Option<u8>,
     closed: bool,
-    /// Bytes accepted.
-    pub accepted: u64,
-    /// Bytes lost to a wrong baud rate.
-    pub wrong_baud: u64,
 }
 
 impl Syren {
     /// A driver that has received nothing and whose relay is open: the motor is at rest.
+    /// `clock_error` is that of its own clock, a share of one.
     #[must_use]
-    pub fn new(reversed: bool) -> Self {
+    pub fn new(reversed: bool, clock_error: f64) -> Self {
         Self {
             reversed,
+            line: Listener::new(BAUD, clock_error),
             byte: None,
             closed: false,
-            accepted: 0,
-            wrong_baud: 0,
         }
     }
 
-    /// Processes a byte that lasted from the edge of its start bit to the end of its stop bit.
-    pub fn receive(&mut self, byte: u8, start: SimTime, end: SimTime) -> Reception {
-        if fits(since(end, start), BAUD) {
-            self.byte = Some(byte);
-            self.accepted += 1;
-            Reception::Accepted
-        } else {
-            self.wrong_baud += 1;
-            Reception::WrongBaud
-        }
+    /// A character was sent to it; returns what it has read of its line by now.
+    pub fn receive(&mut self, wave: &Wave) -> Vec<Heard> {
+        let mut all = Vec::new();
+        self.line.receive(wave, |heard| all.push(heard));
+        all
+    }
+
+    /// Nothing was sent to it until `now`; returns what it has read of its line by now.
+    pub fn settle(&mut self, now: SimTime) -> Vec<Heard> {
+        let mut all = Vec::new();
+        self.line.settle(now, |heard| all.push(heard));
+        all
+    }
+
+    /// Takes a byte that it has read.
+    pub fn obey(&mut self, byte: u8) {
+        self.byte = Some(byte);
     }
 
     /// Closes or opens the relay.
     pub fn set_relay(&mut self, closed: bool) {
         self.closed = closed;
+    }
+
+    /// Whether the relay is closed.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.closed
     }
 
     /// The last byte, if there was one.
@@ -109,49 +112,27 @@ pub fn effort_of(byte: u8) -> f64 {
 mod tests {
     use super::*;
 
-    const BYTE: u64 = 10_000_000_000_000 / BAUD as u64;
-
-    fn send(driver: &mut Syren, byte: u8, length: u64) -> Reception {
-        driver.receive(byte, SimTime::from_ticks(0), SimTime::from_ticks(length))
-    }
-
     #[test]
     fn ends_and_middle_of_the_range() {
         assert_eq!(
             [effort_of(0), effort_of(127), effort_of(255)],
             [-1.0, 0.0, 1.0]
         );
-        let mut driver = Syren::new(true);
+        let mut driver = Syren::new(true, 0.0);
         driver.set_relay(true);
         assert_eq!(driver.effort(), 0.0);
-        send(&mut driver, 255, BYTE);
+        driver.obey(255);
         assert_eq!(driver.effort(), -1.0);
     }
 
     #[test]
     fn an_open_relay_keeps_the_effort_from_the_motor() {
-        let mut driver = Syren::new(false);
-        send(&mut driver, 255, BYTE);
+        let mut driver = Syren::new(false, 0.0);
+        driver.obey(255);
         assert_eq!(driver.effort(), 0.0);
         driver.set_relay(true);
         assert_eq!(driver.effort(), 1.0);
         driver.set_relay(false);
         assert_eq!((driver.effort(), driver.byte()), (0.0, Some(255)));
-    }
-
-    #[test]
-    fn a_byte_at_another_baud_rate_is_lost() {
-        let mut driver = Syren::new(false);
-        assert_eq!(
-            send(&mut driver, 200, BYTE * 102 / 100),
-            Reception::Accepted
-        );
-        assert_eq!(
-            send(&mut driver, 127, BYTE * 104 / 100),
-            Reception::WrongBaud
-        );
-        assert_eq!(send(&mut driver, 127, BYTE / 4), Reception::WrongBaud);
-        assert_eq!(driver.byte(), Some(200));
-        assert_eq!((driver.accepted, driver.wrong_baud), (1, 2));
     }
 }

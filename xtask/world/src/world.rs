@@ -12,13 +12,14 @@ use std::collections::{BinaryHeap, VecDeque};
 use vehicle_model::{Device, NodeIndex, Remote};
 
 use crate::lcd::{self, ACKNOWLEDGE, Display, RowDisplay};
+use crate::line::{Heard, Wave};
 use crate::operator;
 use crate::random::{Purpose, Stream};
 use crate::receiver::{Fix, Receiver};
-use crate::record::{Counters, EffortChange, StateSample};
+use crate::record::{Counters, EffortChange, Garble, StateSample};
 use crate::scenario::{BusEvent, Clock, Scenario};
 use crate::signal::{Analog, Input};
-use crate::syren::{Reception, STOP, Syren};
+use crate::syren::{STOP, Syren};
 use crate::time::Span as _;
 use crate::time::{PER_SECOND, START, SimDuration, SimTime, after, at, from_seconds};
 use crate::units::Quantity;
@@ -38,6 +39,13 @@ const JOYSTICK_NOISE: f64 = 2.0;
 
 /// Standard deviation of the noise on a knob's voltage, counts.
 const KNOB_NOISE: f64 = 1.0;
+
+/// Largest error of a motor driver's own clock, a share of one. The maker gives none; this is that
+/// of a microcontroller on a trimmed RC oscillator.
+const DRIVER_CLOCK: f64 = 0.01;
+
+/// No sender takes longer for a character: at 8 MHz, the divider of 72 MHz makes 2.3 ms of it.
+const LONGEST_CHARACTER: SimDuration = SimDuration::from_ticks(3 * PER_SECOND / 1000);
 
 /// A disturbance that the bus model must apply.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -180,6 +188,7 @@ pub struct World {
     next_record: SimTime,
     states: Vec<StateSample>,
     efforts: Vec<EffortChange>,
+    garbles: Vec<Garble>,
     counters: Counters,
     analog_noise: Stream,
     knob_noise: Stream,
@@ -221,7 +230,7 @@ impl World {
             machine,
             receiver,
             fixes: fixes(scenario),
-            motors: motors(vehicle, parameters),
+            motors: motors(vehicle, parameters, seed),
             screen: Screen {
                 node: vehicle.node_of(Device::Display),
                 display: Box::new(display),
@@ -237,6 +246,7 @@ impl World {
             next_record: START,
             states: Vec::new(),
             efforts: Vec::new(),
+            garbles: Vec::new(),
             counters: Counters::default(),
             analog_noise: Stream::new(seed, Purpose::Analog),
             knob_noise: Stream::new(seed, Purpose::Knobs),
@@ -412,6 +422,7 @@ impl World {
                 self.deliver(queued);
             }
         }
+        self.settle_lines(to);
         self.now = self.now.max(to);
     }
 
@@ -531,26 +542,59 @@ impl World {
         start: SimTime,
         end: SimTime,
     ) {
+        self.wave(node, device, &Wave::steady(byte, start, end));
+    }
+
+    /// A node sent a character to one of its devices.
+    pub fn wave(&mut self, node: NodeIndex, device: Device, wave: &Wave) {
         if device.is_motor() {
-            self.motor(node, byte, start, end);
+            self.motor(node, wave);
         } else if device == Device::Display && self.screen.node == Some(node) {
-            self.show(node, byte, start, end);
+            self.show(node, wave.byte, wave.start(), wave.end());
         } else {
             self.counters.unheard_bytes += 1;
         }
     }
 
-    fn motor(&mut self, node: NodeIndex, byte: u8, start: SimTime, end: SimTime) {
-        let Some(motor) = self.motors.iter_mut().find(|motor| motor.node == node) else {
+    fn motor(&mut self, node: NodeIndex, wave: &Wave) {
+        let Some(index) = self.motors.iter().position(|motor| motor.node == node) else {
             self.counters.unheard_bytes += 1;
             return;
         };
-        let before = (motor.syren.byte(), motor.syren.effort());
-        match motor.syren.receive(byte, start, end) {
-            Reception::WrongBaud => self.counters.motor_wrong_baud += 1,
-            Reception::Accepted => {
+        let heard = self.motors[index].syren.receive(wave);
+        self.obey(index, &heard);
+    }
+
+    /// The motor drivers read what is left of their lines.
+    fn settle_lines(&mut self, now: SimTime) {
+        let known = now.as_ticks().saturating_sub(LONGEST_CHARACTER.as_ticks());
+        for index in 0..self.motors.len() {
+            let heard = self.motors[index].syren.settle(SimTime::from_ticks(known));
+            self.obey(index, &heard);
+        }
+    }
+
+    /// A motor driver takes what it has read.
+    fn obey(&mut self, index: usize, heard: &[Heard]) {
+        for heard in heard {
+            let Some(motor) = self.motors.get_mut(index) else {
+                return;
+            };
+            let node = motor.node;
+            let before = (motor.syren.byte(), motor.syren.effort());
+            if !heard.genuine {
+                self.counters.motor_garbled += 1;
+                self.garbles.push(Garble {
+                    at: heard.end,
+                    node,
+                    byte: heard.byte,
+                    closed: motor.syren.is_closed(),
+                });
+            }
+            if let Some(byte) = heard.byte {
                 self.counters.motor_bytes += 1;
-                self.effort_may_change(node, before, end);
+                motor.syren.obey(byte);
+                self.effort_may_change(node, before, heard.end);
             }
         }
     }
@@ -681,6 +725,12 @@ impl World {
         &self.efforts
     }
 
+    /// What the motor drivers read so far that was not sent to them.
+    #[must_use]
+    pub fn garbles(&self) -> &[Garble] {
+        &self.garbles
+    }
+
     /// Traffic so far.
     #[must_use]
     pub fn counters(&self) -> Counters {
@@ -722,7 +772,12 @@ fn clocks(scenario: &Scenario, seed: u64) -> Vec<Clocks> {
 }
 
 /// The motor drivers that are wired, in the order of their nodes.
-fn motors(vehicle: &vehicle_model::Vehicle, machine: Option<&Parameters>) -> Vec<Driver> {
+fn motors(
+    vehicle: &vehicle_model::Vehicle,
+    machine: Option<&Parameters>,
+    seed: u64,
+) -> Vec<Driver> {
+    let mut errors = Stream::new(seed, Purpose::DeviceClocks);
     let wired = vehicle.nodes().flat_map(|index| {
         let devices = vehicle.node(index).wiring.values();
         let motors = devices.filter(|device| device.is_motor());
@@ -737,7 +792,7 @@ fn motors(vehicle: &vehicle_model::Vehicle, machine: Option<&Parameters>) -> Vec
         Driver {
             node,
             device,
-            syren: Syren::new(reversed),
+            syren: Syren::new(reversed, errors.symmetric(DRIVER_CLOCK)),
         }
     };
     wired.map(driver).collect()

@@ -223,8 +223,9 @@ fn motor_bytes_move_the_vehicle() {
     world.advance_to(at(from_seconds(1.0)));
     // 25 deg/s from the end of the byte on.
     let steering = world.machine().unwrap().state().steering.to_degrees();
+    // The driver's clock may be off by 1 %: 2.6 us of a byte.
     assert!(
-        (steering - 25.0 * (1.0 - seconds(sent))).abs() < 1e-9,
+        (steering - 25.0 * (1.0 - seconds(sent))).abs() < 1e-4,
         "{steering}"
     );
     let efforts: Vec<(NodeIndex, u8, f64)> = world
@@ -239,16 +240,23 @@ fn motor_bytes_move_the_vehicle() {
     assert_eq!(world.states().len(), 101);
 }
 
+/// 127 at the rate that a divider for 72 MHz gives at 8 MHz.
 #[test]
-fn the_wrong_baud_rate_moves_nothing() {
+fn a_stop_at_a_ninth_of_the_rate_is_full_reverse() {
     let mut world = World::new(&uagv::vehicle(), &scenario(""), 1);
     let start = at(from_seconds(0.1));
-    let end = after(start, from_seconds(10.0 / 115_200.0));
+    let end = after(start, from_seconds(10.0 / (38_400.0 / 9.0)));
     world.relay(uagv::DRIVE, true, start);
-    world.serial(uagv::DRIVE, Device::DriveMotor, 255, start, end);
+    world.serial(uagv::DRIVE, Device::DriveMotor, 127, start, end);
     world.advance_to(at(from_seconds(1.0)));
-    assert_eq!(world.effort(uagv::DRIVE), 0.0);
-    assert_eq!(world.counters().motor_wrong_baud, 1);
+    assert_eq!(world.effort(uagv::DRIVE), -1.0);
+    assert_eq!(world.counters().motor_garbled, 2);
+    assert!(
+        world
+            .garbles()
+            .iter()
+            .all(|g| g.byte == Some(0) && g.closed)
+    );
 }
 
 #[test]

@@ -43,12 +43,14 @@ pub(crate) fn send(usart: &RegisterBlock, byte: u8) -> bool {
 /// byte.
 const POLLS: u32 = 10_000;
 
-/// Opens the relay on PA8, sends `byte` over USART1 and waits until it has left the pin. Uses
-/// no state.
+/// Opens the relay on PA8, sends `byte` over USART1 at `baud` bit/s and waits until it has left the
+/// pin. Uses no state.
 ///
 /// For the end of the program. Bytes that are still being sent are waited for, each for a
-/// bounded time.
-pub(crate) fn end(byte: u8) {
+/// bounded time. If the clock security system has put the core on its RC oscillator, the divider
+/// is that of another clock: the byte on the line is lost and ends at once, and the port is set to
+/// the clock that it has now.
+pub(crate) fn end(byte: u8, baud: u32) {
     // SAFETY: nothing else runs any more; resets the output of PA8 (RM0316 11.4.7), which
     // changes nothing when the port has no clock.
     unsafe { (*pac::GPIOA::ptr()).bsrr.write(|w| w.bits(1 << (16 + 8))) };
@@ -56,6 +58,14 @@ pub(crate) fn end(byte: u8) {
     let usart = unsafe { &*pac::USART1::ptr() };
     if usart.cr1.read().ue().bit_is_clear() {
         return;
+    }
+    // SAFETY: reads which clock drives the core.
+    let on_its_own = unsafe { (*pac::RCC::ptr()).cfgr.read().sws().is_hsi() };
+    if on_its_own {
+        usart.cr1.modify(|_, w| w.ue().clear_bit());
+        // Enabling the transmitter sends an idle character first, so the driver is in step again
+        // before the byte begins (RM0316 29.5.2).
+        start(usart, parts::SLED_F303.part.hsi.hz, baud, false);
     }
     let _ = (0..POLLS).any(|_| usart.isr.read().txe().bit_is_set());
     usart.tdr.write(|w| w.tdr().bits(u16::from(byte)));

@@ -41,6 +41,10 @@ pub struct UartByte {
     pub start: SimTime,
     /// End of its last stop bit.
     pub end: SimTime,
+    /// Beginning of each of its ten bits, and the end of the last one.
+    pub edges: [SimTime; 11],
+    /// When the part let go of the line before the end; the line is high from then on.
+    pub cut: Option<SimTime>,
     /// The byte.
     pub byte: u8,
     /// Baud rate of the byte, bit/s, rounded.
@@ -233,15 +237,17 @@ impl Peripherals {
         self.debug_control = [0; 3];
         self.iwdg = iwdg::Iwdg::new(self.part.family, u64::from(self.part.lsi.hz));
         self.watchdog_at = NEVER;
+        for usart in &mut self.usarts {
+            usart.reset(now);
+        }
+        // Before the pins are released.
+        self.collect_sent();
         for port in 0..self.ports.len() {
             self.ports[port].reset();
             self.watch_port(port);
         }
         for timer in &mut self.timers {
             timer.reset();
-        }
-        for usart in &mut self.usarts {
-            usart.reset();
         }
         for dma in &mut self.dmas {
             *dma = dma::Dma::new(self.part.family);
@@ -339,27 +345,50 @@ impl Peripherals {
         self.lines = lines;
     }
 
+    /// Whether the pin of each transmitter is connected to it.
+    fn transmitters(&self) -> [bool; 3] {
+        core::array::from_fn(|k| routed(&self.ports, self.sled, Role::UsartTransmit(k as u8 + 1)))
+    }
+
+    /// Ends the bytes of the transmitters that have lost their pin since `before`.
+    fn cut_transmitters(&mut self, before: [bool; 3]) {
+        let after = self.transmitters();
+        for k in 0..self.usarts.len() {
+            if before[k] && !after[k] {
+                self.usarts[k].cut(self.now);
+                self.publish(k);
+            }
+        }
+    }
+
     fn collect_sent(&mut self) {
-        for (k, usart) in self.usarts.iter_mut().enumerate() {
-            let bytes = usart.drain_sent();
-            if bytes.is_empty() {
-                continue;
-            }
-            let role = Role::UsartTransmit(k as u8 + 1);
-            if !routed(&self.ports, self.sled, role) {
-                continue;
-            }
-            let hertz = self.clock.hertz();
-            self.sent.extend(bytes.into_iter().map(|sent| {
-                let baud = (hertz * 256 + sent.bit256 / 2) / sent.bit256;
-                UartByte {
-                    usart: k as u8 + 1,
-                    start: SimTime::from_ticks(self.clock.time(sent.start)),
-                    end: SimTime::from_ticks(self.clock.time(sent.end)),
-                    byte: sent.byte,
-                    baud: u32::try_from(baud).unwrap_or(u32::MAX),
+        for k in 0..self.usarts.len() {
+            if self.usarts[k].has_sent() {
+                if routed(&self.ports, self.sled, Role::UsartTransmit(k as u8 + 1)) {
+                    self.publish(k);
+                } else {
+                    self.usarts[k].drain_sent();
                 }
-            }));
+            }
+        }
+    }
+
+    /// The bytes of a transmitter appear on its pin.
+    fn publish(&mut self, k: usize) {
+        let hertz = self.clock.hertz();
+        for sent in self.usarts[k].drain_sent() {
+            let baud = (hertz * 256 + sent.bit256 / 2) / sent.bit256;
+            let edges = sent.times(&self.clock).map(SimTime::from_ticks);
+            let cut = sent.cut.map(|cut| self.clock.time(cut));
+            self.sent.push(UartByte {
+                usart: k as u8 + 1,
+                start: edges[0],
+                end: edges[edges.len() - 1],
+                edges,
+                cut: cut.map(SimTime::from_ticks),
+                byte: sent.byte,
+                baud: u32::try_from(baud).unwrap_or(u32::MAX),
+            });
         }
     }
 
@@ -384,7 +413,7 @@ impl Peripherals {
             self.pwr.rescale(now, scale);
             self.adc.rescale(now, scale);
             for usart in &mut self.usarts {
-                usart.rescale(now, scale);
+                usart.reclock(now, &before, scale);
             }
             if self.watchdog_at != NEVER {
                 self.watchdog_at = scale(self.watchdog_at);
@@ -405,7 +434,7 @@ impl Peripherals {
                 },
                 _ => tree.apb1,
             };
-            self.usarts[k].set_divider(divider);
+            self.usarts[k].set_divider(now, divider);
         }
         // ADC12PRES: off below 16, then 1, 2, 4, 6, 8, 10, 12, 16 and on (RM0316 9.4.12).
         let asynchronous = match self.rcc.cfgr2() >> 4 & 0x1F {
@@ -607,10 +636,16 @@ impl Peripherals {
                 }
             }
             Block::Gpio(port) => {
+                let routing = matches!(offset, 0x00 | 0x20 | 0x24);
+                let before = if routing {
+                    self.transmitters()
+                } else {
+                    [false; 3]
+                };
                 self.ports[port].write(offset, value);
                 self.watch_port(port);
-                let routing = matches!(offset, 0x00 | 0x20 | 0x24);
                 if routing {
+                    self.cut_transmitters(before);
                     self.connect_can();
                 }
             }
@@ -665,7 +700,7 @@ impl Peripherals {
                 self.connect_can();
             }
             Block::Tim(k) => self.timers[k].reset(),
-            Block::Usart(k) => self.usarts[k].reset(),
+            Block::Usart(k) => self.usarts[k].reset(self.now),
             Block::Dma(k) => self.dmas[k] = dma::Dma::new(self.part.family),
             Block::Adc => self.adc.reset(),
             Block::Can => {

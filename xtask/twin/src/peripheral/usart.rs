@@ -6,9 +6,12 @@
 //! own bits, so a wrong baud rate causes wrong bytes and framing errors. Parity, the ninth bit,
 //! LIN, smartcard, IrDA, mute mode and hardware flow control are not modelled.
 
-use crate::clock::{Cycles, NEVER};
+use crate::clock::{Cycles, LocalClock, NEVER, Ps};
 use crate::part::Family;
 use std::collections::VecDeque;
+
+/// Bits of a byte on the line: start bit, eight data bits, stop bit.
+const BITS: usize = 10;
 
 /// A byte sent on the transmit pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +22,50 @@ pub(crate) struct Sent {
     pub byte: u8,
     /// Core cycles in 256 bit times, which is its baud rate.
     pub bit256: u64,
+    /// Beginning of each bit, and the end of the last one.
+    edges: [Cycles; BITS + 1],
+    /// Times of the first edges, from before the core's clock changed last.
+    passed: [Ps; BITS + 1],
+    known: usize,
+    /// When the transmitter let go of the line before the end.
+    pub cut: Option<Cycles>,
+}
+
+impl Sent {
+    fn new(start: Cycles, end: Cycles, byte: u8, bit256: u64) -> Self {
+        let mut edges = core::array::from_fn(|bit| start + (bit as u64 * bit256).div_ceil(256));
+        edges[BITS] = end;
+        Self {
+            start,
+            end,
+            byte,
+            bit256,
+            edges,
+            passed: [0; BITS + 1],
+            known: 0,
+            cut: None,
+        }
+    }
+
+    /// Times of its edges; `clock` is the core's since it last changed.
+    pub(crate) fn times(&self, clock: &LocalClock) -> [Ps; BITS + 1] {
+        core::array::from_fn(|edge| {
+            if edge < self.known {
+                self.passed[edge]
+            } else {
+                clock.time(self.edges[edge])
+            }
+        })
+    }
+
+    /// The core's clock changes at `now`; `before` is the old one. The bits that remain take the
+    /// same number of cycles of the new clock.
+    fn reclock(&mut self, now: Cycles, before: &LocalClock) {
+        while self.known <= BITS && self.edges[self.known] <= now {
+            self.passed[self.known] = before.time(self.edges[self.known]);
+            self.known += 1;
+        }
+    }
 }
 
 /// A byte that the other device sends to the receive pin.
@@ -100,7 +147,8 @@ impl Usart {
     }
 
     /// Resets the USART. A byte on the receive line continues.
-    pub(crate) fn reset(&mut self) {
+    pub(crate) fn reset(&mut self, now: Cycles) {
+        self.cut(now);
         let arriving = std::mem::take(&mut self.arriving);
         let sent = std::mem::take(&mut self.sent);
         let divider = self.divider;
@@ -110,26 +158,55 @@ impl Usart {
         self.divider = divider;
     }
 
-    pub(crate) fn set_divider(&mut self, divider: u64) {
-        self.divider = divider;
-    }
-
-    pub(crate) fn rescale(&mut self, now: Cycles, scale: impl Fn(Cycles) -> Cycles) {
+    /// Core cycles per cycle of the kernel clock from `now` on. What the USART counts in its own
+    /// bits takes the same number of cycles of its kernel clock as before.
+    pub(crate) fn set_divider(&mut self, now: Cycles, divider: u64) {
+        let before = std::mem::replace(&mut self.divider, divider);
+        if before == divider {
+            return;
+        }
         let fix = |at: &mut Cycles| {
             if *at != NEVER && *at > now {
-                *at = scale(*at);
+                *at = now + (*at - now) * divider / before;
             }
         };
-        if let Some((end, _)) = &mut self.shifting {
+        if let Some((end, byte)) = &mut self.shifting {
             fix(end);
+            if let Some(byte) = byte {
+                fix(&mut byte.end);
+                byte.edges.iter_mut().for_each(fix);
+            }
         }
         if let Some((at, _)) = &mut self.receiving {
             fix(at);
         }
-        for byte in &mut self.arriving {
-            fix(&mut byte.start);
-        }
         fix(&mut self.idle_at);
+    }
+
+    /// The core's clock changes at `now`; `before` is the old one. What comes from outside keeps
+    /// its times. What the USART does itself keeps its number of cycles.
+    pub(crate) fn reclock(
+        &mut self,
+        now: Cycles,
+        before: &LocalClock,
+        scale: impl Fn(Cycles) -> Cycles,
+    ) {
+        if let Some((_, Some(byte))) = &mut self.shifting {
+            byte.reclock(now, before);
+        }
+        for byte in &mut self.arriving {
+            if byte.start > now {
+                byte.start = scale(byte.start);
+            }
+        }
+    }
+
+    /// The transmitter lets go of its pin: the byte on the line ends here.
+    pub(crate) fn cut(&mut self, now: Cycles) {
+        if let Some((_, Some(mut byte))) = self.shifting.take() {
+            byte.cut = Some(now);
+            self.sent.push(byte);
+        }
     }
 
     fn enabled(&self) -> bool {
@@ -173,6 +250,11 @@ impl Usart {
 
     fn frame_cycles(&self) -> Cycles {
         (self.frame_halves() * self.bit256()).div_ceil(512)
+    }
+
+    /// Whether bytes were sent since they were taken last.
+    pub(crate) fn has_sent(&self) -> bool {
+        !self.sent.is_empty()
     }
 
     /// Bytes sent since the last call.
@@ -287,15 +369,7 @@ impl Usart {
         }
         if let Some(byte) = self.data_out.take() {
             let end = now + self.frame_cycles();
-            self.shifting = Some((
-                end,
-                Some(Sent {
-                    start: now,
-                    end,
-                    byte,
-                    bit256: self.bit256(),
-                }),
-            ));
+            self.shifting = Some((end, Some(Sent::new(now, end, byte, self.bit256()))));
             self.flags |= TXE;
             self.flags &= !TC;
         }
@@ -331,6 +405,7 @@ impl Usart {
         }
         if !self.enabled() {
             self.data_out = None;
+            self.cut(now);
             self.shifting = None;
             self.flags |= TXE | TC;
         }
@@ -387,7 +462,9 @@ impl Usart {
                 self.flags &= value | !(RXNE | TC);
             }
             (Family::F4, 0x04) | (Family::F3, 0x28) => self.write_data(value, now),
-            (Family::F4, 0x08) | (Family::F3, 0x0C) => self.brr = value & 0xFFFF,
+            (Family::F4, 0x08) => self.brr = value & 0xFFFF,
+            // Only while the USART is off (RM0316 29.8.4).
+            (Family::F3, 0x0C) if !self.enabled() => self.brr = value & 0xFFFF,
             (Family::F4, 0x0C) | (Family::F3, 0x00) => self.write_control(value, now),
             (Family::F4, 0x10) | (Family::F3, 0x04) => self.cr2 = value,
             (Family::F4, 0x14) | (Family::F3, 0x08) => self.cr3 = value,
@@ -424,7 +501,7 @@ mod tests {
     /// USART1 at 1 Mbaud from 90 MHz with the core at 180 MHz: a bit is 180 cycles.
     fn megabaud() -> Usart {
         let mut usart = Usart::new(Family::F4);
-        usart.set_divider(2);
+        usart.set_divider(0, 2);
         usart.write(0x08, 90, 0);
         usart.write(0x0C, 1 << 13 | 1 << 3 | 1 << 2, 0);
         run(&mut usart, 1800);
@@ -514,7 +591,7 @@ mod tests {
     #[test]
     fn the_f303_clears_by_its_own_register() {
         let mut usart = Usart::new(Family::F3);
-        usart.set_divider(2);
+        usart.set_divider(0, 2);
         usart.write(0x0C, 937, 0);
         usart.write(0x00, 1 | 1 << 2 | 1 << 3 | 1 << 4, 0);
         usart.receive(arriving(100_000, 0x80, 1875));
