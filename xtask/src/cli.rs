@@ -19,6 +19,7 @@ use crate::vehicle::{DEFAULT, SMALLEST};
         cargo xtask build             all images, with their sizes\n  \
         cargo xtask sim               drive the virtual vehicle down the line\n  \
         cargo xtask flash gps         write the gps image to the connected board\n  \
+        cargo xtask run gps           the same, then show its log\n  \
         cargo xtask test              everything that CI checks\n  \
         cargo xtask build --help      options and examples of one command"
 )]
@@ -34,6 +35,10 @@ pub enum Command {
     Build(Build),
     /// Write a node's release image to a board with probe-rs.
     Flash(Flash),
+    /// Show the log of the node that runs on a board with probe-rs.
+    Attach(Attach),
+    /// Write a node's release image to a board with probe-rs and show the node's log.
+    Run(Run),
     /// Run the release images in the virtual vehicle and report the results.
     Sim(Sim),
     /// Write the folder of a new vehicle.
@@ -74,15 +79,59 @@ pub struct Build {
 /// Options of `flash`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    cargo xtask flash gps              build, write, verify, start\n  \
-    cargo xtask flash gps --dry-run    only print the commands")]
+    cargo xtask flash gps                         build, write, verify, start\n  \
+    cargo xtask flash motor --vehicle two-boards  a node of another vehicle\n  \
+    cargo xtask flash gps --probe 066EFF57        with several boards connected\n  \
+    cargo xtask flash gps --dry-run               only print the commands\n\n\
+    `probe-rs list` lists the serial numbers of the connected probes.")]
 pub struct Flash {
-    /// Node whose image to write
+    /// The board.
+    #[command(flatten)]
+    pub board: OnBoard,
+}
+
+/// Options of `attach`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask attach gps                         the log of the running node, until Ctrl-C\n  \
+    cargo xtask attach motor --vehicle two-boards  a node of another vehicle\n  \
+    cargo xtask attach gps --probe 066EFF57        with several boards connected\n  \
+    cargo xtask attach gps --dry-run               only print the command\n\n\
+    The node is not halted and not reset. Its image must be that of this tree: the texts of the\n\
+    log are taken from there. `probe-rs list` lists the serial numbers of the connected probes.")]
+pub struct Attach {
+    /// The board.
+    #[command(flatten)]
+    pub board: OnBoard,
+}
+
+/// Options of `run`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask run gps                         build, write, verify, start, log until Ctrl-C\n  \
+    cargo xtask run motor --vehicle two-boards  a node of another vehicle\n  \
+    cargo xtask run gps --probe 066EFF57        with several boards connected\n  \
+    cargo xtask run gps --dry-run               only print the command\n\n\
+    The node goes on when its log is no longer shown. `probe-rs list` lists the serial numbers\n\
+    of the connected probes.")]
+pub struct Run {
+    /// The board.
+    #[command(flatten)]
+    pub board: OnBoard,
+}
+
+/// Options of the commands for a connected board.
+#[derive(Debug, Args)]
+pub struct OnBoard {
+    /// Node whose image is or goes on the board
     #[arg(value_name = "NODE")]
     pub node: String,
     /// Vehicle, when several have a node of that name
     #[arg(long, value_name = "NAME")]
     pub vehicle: Option<String>,
+    /// Serial number of the board's debug probe, when several are connected
+    #[arg(long, value_name = "SERIAL")]
+    pub probe: Option<String>,
     /// Print the commands instead of running them
     #[arg(long)]
     pub dry_run: bool,
@@ -461,6 +510,9 @@ mod tests {
     fn what_is_wrong_is_said_in_one_sentence() {
         for line in [
             "xtask flash",
+            "xtask attach",
+            "xtask run gps --probe",
+            "xtask run gps drive",
             "xtask paint",
             "xtask build --colour",
             "xtask sim --seconds -1",
@@ -539,7 +591,7 @@ mod tests {
     #[test]
     fn without_a_command_they_are_named() {
         let text = refused("xtask");
-        assert!(text.contains("build, flash, sim"), "{text}");
+        assert!(text.contains("build, flash, attach, run, sim"), "{text}");
     }
 
     #[test]

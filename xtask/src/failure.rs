@@ -3,7 +3,7 @@
 use std::{io, path::PathBuf};
 
 use crate::{
-    audit, bench, build, cli, experiment, file, flash, new, schedulability, sim, size, target,
+    audit, bench, build, cli, experiment, file, new, probe, schedulability, sim, size, target,
     test, vehicle, workspace,
 };
 
@@ -34,9 +34,9 @@ pub enum Failure {
     /// `sim --experiment`.
     #[error(transparent)]
     Experiment(#[from] experiment::Error),
-    /// `flash`.
+    /// `flash`, `attach` and `run`.
     #[error(transparent)]
-    Flash(#[from] flash::Error),
+    Probe(#[from] probe::Error),
     /// `schedulability` and `priorities`.
     #[error(transparent)]
     Schedulability(#[from] schedulability::Error),
@@ -75,6 +75,7 @@ impl Failure {
             Failure::Bench(error) => error.is_usage(),
             Failure::New(error) => error.is_usage(),
             Failure::Experiment(error) => error.is_usage(),
+            Failure::Probe(error) => error.is_usage(),
             Failure::Schedulability(error) => error.is_usage(),
             Failure::Sim(error) => error.is_usage(),
             _ => false,

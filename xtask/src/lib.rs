@@ -10,8 +10,8 @@ pub mod build;
 pub mod calibrate;
 pub mod cli;
 pub mod experiment;
-pub mod flash;
 pub mod new;
+pub mod probe;
 pub mod schedulability;
 pub mod schedule;
 pub mod sim;
@@ -59,7 +59,13 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
         cli::Command::Build(options) => build::run(&workspace, &options),
         cli::Command::Calibrate(options) => calibrate::run(&workspace, &options),
         cli::Command::Bench(options) => bench::run(&workspace, &options),
-        cli::Command::Flash(options) => flash::run(&workspace, &options),
+        cli::Command::Flash(options) => {
+            probe::run(&workspace, probe::Action::Flash, &options.board)
+        }
+        cli::Command::Attach(options) => {
+            probe::run(&workspace, probe::Action::Attach, &options.board)
+        }
+        cli::Command::Run(options) => probe::run(&workspace, probe::Action::Run, &options.board),
         cli::Command::New(options) => new::run(&workspace, &options),
         cli::Command::Schedule(options) => schedule::run(&workspace, &options),
         cli::Command::Schedulability(options) => schedulability::run(&workspace, &options),
