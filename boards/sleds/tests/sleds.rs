@@ -200,6 +200,28 @@ fn each_rule_finds_its_fault() {
     }
 }
 
+/// What is to be wired and to be bought for the bench stands in the guide.
+#[test]
+fn the_guide_names_the_pins_and_the_parts_of_the_bench() {
+    let guide = fs::read_to_string(path("../GETTING_STARTED.md")).unwrap();
+    let Drawing { netlist, items } = Drawing::of("bench");
+    for item in items {
+        let named = guide.contains(&item.number);
+        assert!(named && guide.contains(&item.maker), "{item:?}");
+    }
+    let nets = netlist
+        .nets
+        .iter()
+        .filter(|net| !net.is_open() && !net.is_supply());
+    let pins = nets
+        .flat_map(|net| &net.nodes)
+        .filter(|node| node.component.starts_with("CN"));
+    for pin in pins {
+        let name = format!("{}-{} ({})", pin.component, pin.pin, pin.function);
+        assert!(guide.contains(&name), "{name}");
+    }
+}
+
 /// Set `PICTURES=renew` to write the pictures instead of comparing them.
 #[test]
 fn the_pictures_show_the_netlists() {
