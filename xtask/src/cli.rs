@@ -97,8 +97,9 @@ pub struct Flash {
     cargo xtask attach motor --vehicle two-boards  a node of another vehicle\n  \
     cargo xtask attach gps --probe 066EFF57        with several boards connected\n  \
     cargo xtask attach gps --dry-run               only print the command\n\n\
-    The node is not halted and not reset. Its image must be that of this tree: the texts of the\n\
-    log are taken from there. `probe-rs list` lists the serial numbers of the connected probes.")]
+    The node is not reset, but probe-rs halts it for a moment: attach only while the vehicle\n\
+    stands. Its image must be that of this tree: the texts of the log are taken from there.\n\
+    `probe-rs list` lists the serial numbers of the connected probes.")]
 pub struct Attach {
     /// The board.
     #[command(flatten)]
@@ -112,8 +113,7 @@ pub struct Attach {
     cargo xtask run motor --vehicle two-boards  a node of another vehicle\n  \
     cargo xtask run gps --probe 066EFF57        with several boards connected\n  \
     cargo xtask run gps --dry-run               only print the command\n\n\
-    The node goes on when its log is no longer shown. `probe-rs list` lists the serial numbers\n\
-    of the connected probes.")]
+    `probe-rs list` lists the serial numbers of the connected probes.")]
 pub struct Run {
     /// The board.
     #[command(flatten)]

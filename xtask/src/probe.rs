@@ -128,8 +128,8 @@ fn choose(list: Option<&str>, node: &str, wanted: Option<&str>) -> Result<Option
     }
 }
 
-/// Lets faults and resets take their course: by itself probe-rs would halt the processor there,
-/// and the node could not stop its actuator.
+/// Lets faults and resets take their course: since release 0.28 probe-rs by itself halts the
+/// processor there, and the node could not stop its actuator.
 const NO_CATCH: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
 
 /// The commands of an action, with the image that is on the board or is written to it.
