@@ -2,10 +2,10 @@
 
 use control::mode::Mode;
 use sled_common::can::ErrorState;
-use ttcan::{ErrorLevel, MasterState, Status, SyncState};
+use ttcan::{ErrorLevel, MasterState, Micros, Status, SyncState};
 
 use crate::actuator::Refusal;
-use crate::link;
+use crate::link::{self, Silence};
 use crate::navigation::Navigation;
 use crate::pilot::Reason;
 use crate::sbp;
@@ -36,6 +36,14 @@ pub struct BusView {
     pub errors: ErrorState,
     /// Counters of the link.
     pub link: link::Counters,
+    /// Why the node sends nothing.
+    pub silence: Option<Silence>,
+    /// Trim of the node's RC oscillator, in steps; `None` on its external clock.
+    pub trim: Option<i8>,
+    /// How long a node that only listens has heard nothing.
+    pub quiet: Option<Micros>,
+    /// Rank of the node among the time masters.
+    pub rank: Option<u8>,
 }
 
 impl BusView {
@@ -55,6 +63,10 @@ impl BusView {
             misplaced: counters.misplaced.wrapping_add(counters.foreign),
             errors: link.error_state(),
             link: link.counters(),
+            silence: link.silence(),
+            trim: link.trim(),
+            quiet: link.quiet(),
+            rank: link.rank(),
         }
     }
 }
@@ -81,6 +93,10 @@ impl BusView {
             misplaced: 0,
             errors: ErrorState::default(),
             link: link::Counters::default(),
+            silence: None,
+            trim: None,
+            quiet: None,
+            rank: None,
         }
     }
 }
@@ -114,6 +130,16 @@ pub fn bus(line: &mut Line, view: &BusView) {
     line.str(" rec ").unsigned(u32::from(view.errors.receive));
     line.str(" ovr ").unsigned(u32::from(view.link.overruns));
     line.str(" off ").unsigned(u32::from(view.link.bus_off));
+    if let Some(trim) = view.trim {
+        line.str(" rc ").signed(i32::from(trim));
+    }
+    line.str(match view.silence {
+        None => "",
+        Some(Silence::Waiting) => " waits",
+        Some(Silence::Away) => " away",
+        Some(Silence::NoReference) => " no ref",
+        Some(Silence::Trimming) => " trims",
+    });
     line.str("\r\n");
 }
 
@@ -286,6 +312,10 @@ mod tests {
                 bus_off: u16::MAX,
                 ..link::Counters::default()
             },
+            silence: Some(Silence::NoReference),
+            trim: Some(-16),
+            quiet: None,
+            rank: None,
         };
         bus(&mut line, &worst);
         assert!(!line.is_cut());

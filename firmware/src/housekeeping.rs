@@ -7,9 +7,10 @@ pub use sled_common::clock::ResetCause;
 use sled_common::can::ErrorState;
 use sled_common::clock::{Clocks, Oscillator};
 use sled_common::fault::Fault;
-use ttcan::{ErrorLevel, SyncState};
+use ttcan::{ErrorLevel, Micros, SyncState};
 
 use crate::console::BusView;
+use crate::link::Silence;
 
 /// Steps of 10 ms after which a schedule or a task without progress counts as stuck: 150 ms,
 /// one and a half basic cycles of 100 ms.
@@ -17,6 +18,17 @@ const PATIENCE: u8 = 15;
 
 /// Least number of steps between two reports: 100 ms.
 const REPORT_PAUSE: u8 = 10;
+
+/// Steps of 10 ms in which the external clock must be there before the node starts again with it.
+const CLOCK_STEPS: u8 = 10;
+
+/// Steps after a restart for the external clock before the next one: 10 s.
+const CLOCK_PAUSE: u32 = 1000;
+
+/// Silence on the bus after which the best of the masters leads on its RC oscillator, and how much
+/// longer each of the others waits.
+const LAST_RESORT: Micros = Micros::secs(3);
+const LAST_RESORT_RANK: Micros = Micros::secs(2);
 
 /// Duties of the node after a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,11 +88,18 @@ impl Start {
             (Some(Fault::Panic), ..) => Some(NodeFault::Panic),
             (Some(Fault::Hard | Fault::Unhandled), ..) => Some(NodeFault::HardFault),
             (Some(Fault::Start), ..) => Some(NodeFault::StartRefused),
-            (Some(Fault::Clock), ..) => Some(NodeFault::ClockFailure),
+            (Some(Fault::Clock | Fault::ClockStart), ..) => Some(NodeFault::ClockFailure),
             (None, ResetCause::Watchdog, _) => Some(NodeFault::WatchdogStarved),
-            (None, _, Oscillator::Internal) => Some(NodeFault::ClockFailure),
-            (None, _, Oscillator::External) => None,
+            (None | Some(Fault::ClockFound | Fault::LastResort), _, Oscillator::Internal) => {
+                Some(NodeFault::ClockFailure)
+            }
+            (None | Some(Fault::ClockFound | Fault::LastResort), _, Oscillator::External) => None,
         }
+    }
+
+    /// Whether the node started again to lead on its RC oscillator.
+    pub fn is_last_resort(&self) -> bool {
+        self.record == Some(Fault::LastResort)
     }
 }
 
@@ -134,6 +153,9 @@ pub trait StatusMessage: Message {
 /// Housekeeping of a node.
 #[derive(Clone, Copy, Debug)]
 pub struct Housekeeping {
+    start: Start,
+    /// Steps in a row in which the external clock was there.
+    clocked: u8,
     cause: ResetCause,
     fault: Option<NodeFault>,
     steps: u32,
@@ -149,6 +171,8 @@ impl Housekeeping {
     /// Housekeeping that has done no step yet.
     pub const fn new(start: &Start) -> Self {
         Self {
+            start: *start,
+            clocked: 0,
             cause: start.cause,
             fault: start.fault(),
             steps: 0,
@@ -186,6 +210,35 @@ impl Housekeeping {
         }
     }
 
+    /// Whether the node runs on its RC oscillator and looks for its external clock.
+    pub fn wants_clock(&self) -> bool {
+        self.start.clocks.oscillator == Oscillator::Internal
+    }
+
+    /// Why the node is to start again: with its external clock, which is `ready`, or to lead as
+    /// the last resort. `idle` tells that no motor turns by its hand. Call this before each step.
+    pub fn restart(&mut self, bus: &BusView, ready: bool, idle: bool) -> Option<Fault> {
+        if !self.wants_clock() {
+            return None;
+        }
+        self.clocked = if ready {
+            self.clocked.saturating_add(1)
+        } else {
+            0
+        };
+        let running = bus.status.sync == SyncState::InSchedule;
+        // A clock that came and was gone again at the start is not trusted so soon.
+        let again = self.start.record == Some(Fault::ClockFound);
+        let pause = if again { CLOCK_PAUSE } else { 0 };
+        if self.clocked >= CLOCK_STEPS && self.steps >= pause && (idle || !running) {
+            return Some(Fault::ClockFound);
+        }
+        let rank = bus.rank?;
+        let patience = LAST_RESORT + LAST_RESORT_RANK * u32::from(rank);
+        let quiet = bus.quiet? >= patience && !self.start.is_last_resort();
+        quiet.then_some(Fault::LastResort)
+    }
+
     /// A status message after the start and whenever anything except the counters changed.
     fn report(&mut self, bus: &BusView, running: bool) -> Option<Status> {
         self.pause = self.pause.saturating_sub(1);
@@ -218,8 +271,9 @@ impl Housekeeping {
         self.reported = None;
     }
 
-    /// The LED's pattern. In the schedule: on, with one short dark spot a second. Looking for
-    /// the schedule: slow blinking. Off the bus, or at error level S2 or S3: fast blinking.
+    /// The LED's pattern. In the schedule: on, with one short dark spot a second, or two on the
+    /// RC oscillator. Looking for the schedule: slow blinking. Off the bus, or at error level S2
+    /// or S3: fast blinking. Silent until the RC oscillator is trimmed: one short flash a second.
     fn led(&self, bus: &BusView, running: bool) -> bool {
         let phase = self.steps % 100;
         let trouble = bus.errors.bus_off
@@ -227,10 +281,13 @@ impl Housekeeping {
                 bus.status.error_level,
                 ErrorLevel::Error | ErrorLevel::Severe(_)
             );
-        if trouble {
+        let listens = matches!(bus.silence, Some(Silence::NoReference | Silence::Trimming));
+        if listens {
+            phase < 5
+        } else if trouble {
             phase % 20 < 10
         } else if running {
-            phase < 95
+            phase < 95 && !(self.wants_clock() && (80..85).contains(&phase))
         } else {
             phase < 50
         }

@@ -5,6 +5,7 @@
 //! - [`machine`]: the machine and its commands, as a vehicle's crate describes them;
 //! - [`convert`]: where raw codes and physical units meet;
 //! - [`link`]: protocol stack, CAN port and window timer as one value;
+//! - [`oscillator`]: trims an RC oscillator by the references;
 //! - [`e2e`]: the protection of actuator commands; [`actuator`]: their supervision;
 //! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: its messages, for the bus;
 //! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law;
@@ -31,6 +32,7 @@ pub mod link;
 pub mod log;
 pub mod machine;
 pub mod navigation;
+pub mod oscillator;
 pub mod pilot;
 pub mod sbp;
 pub mod text;

@@ -7,11 +7,13 @@
 //! once. So the execution time of each interrupt is bounded, however many actions are due at
 //! the same time.
 
+use crate::oscillator::{Tuner, Tuning};
 use network::Message;
 use sled_common::can::{ErrorState, Occupied, Outcome, Received};
+use sled_common::clock::Oscillator;
 use ttcan::{
-    Action, ConfigError, ErrorLevel, Frame, Id, Micros, NodeConfig, NodeId, QueueError, Reception,
-    ScheduleView, Stamp, TransmitOutcome,
+    Action, ClockState, ConfigError, ErrorLevel, Frame, Id, Micros, NodeConfig, NodeId, QueueError,
+    Reception, ScheduleView, Stamp, TransmitOutcome,
 };
 
 /// Capacity of a node's queue of event messages that wait for their window. An actuator node
@@ -51,8 +53,11 @@ pub trait Port {
     fn error_state(&self) -> ErrorState;
     /// Leaves the bus: sends no dominant bit from now on.
     fn leave_bus(&mut self);
-    /// Joins the bus again; false while the controller is still leaving it.
-    fn join_bus(&mut self) -> bool;
+    /// Joins the bus again; false while the controller is still leaving it. A `silent` controller
+    /// only listens.
+    fn join_bus(&mut self, silent: bool) -> bool;
+    /// Whether the controller has seen an error on the bus since the last call.
+    fn take_error(&mut self) -> bool;
 }
 
 impl<I, R> Port for sled_common::can::Port<I, R>
@@ -91,8 +96,11 @@ where
     fn leave_bus(&mut self) {
         self.leave_bus();
     }
-    fn join_bus(&mut self) -> bool {
-        self.join_bus()
+    fn join_bus(&mut self, silent: bool) -> bool {
+        self.join_bus(silent)
+    }
+    fn take_error(&mut self) -> bool {
+        self.take_error()
     }
 }
 
@@ -105,6 +113,13 @@ pub trait WindowTimer {
     /// Disarms the timer.
     fn clear_window(&mut self);
 }
+
+/// Bit of the application's byte of a reference: its master runs on its RC oscillator.
+pub const INTERNAL_CLOCK: u8 = 1 << 1;
+
+/// How far the RC oscillator of a node may differ from the master's clock while it takes part in
+/// the traffic, ppm: what the bit timing of the boards allows each of two nodes.
+const TOLERANCE_PPM: u32 = 9_800;
 
 /// What an interrupt of the bus has brought for the application.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -166,6 +181,24 @@ enum Presence {
     },
     /// Joining: waiting for the controller to leave bus-off.
     Joining,
+    /// Off the bus: listens without sending anything, to trim its oscillator.
+    Listening,
+    /// Its oscillator is trimmed: waiting for the controller to stop listening.
+    Trimmed,
+}
+
+/// Why a node sends nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
+pub enum Silence {
+    /// The application has not started the schedule yet.
+    Waiting,
+    /// It left the bus after bus-off or error level S3, and will be back.
+    Away,
+    /// It has no external clock, and hears no reference to trim its own oscillator by.
+    NoReference,
+    /// It is trimming its own oscillator by the references.
+    Trimming,
 }
 
 /// Protocol stack, port and timer.
@@ -193,11 +226,22 @@ pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
     troubled_since: Option<u32>,
     pause: u32,
     ticks_per_us: u32,
+    /// Largest rate of the master's clock against this node's RC oscillator, in 2^-32.
+    tolerance: u32,
+    /// On a node without an external clock.
+    tuner: Option<Tuner>,
+    /// Bits that every reference of this node carries in its application's byte.
+    quality: u8,
+    schedule: ScheduleView<'static>,
     counters: Counters,
 }
 
 impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, T, WINDOWS, NODES> {
     /// A link that sends nothing until [`Link::start`] is called or the first frame arrives.
+    ///
+    /// `oscillator` is that of the node. The controller of a node on its RC oscillator was started
+    /// silent: it only listens until the oscillator is trimmed. A node that leads as the last
+    /// resort does not wait for that.
     ///
     /// # Errors
     /// The stack refuses the configuration.
@@ -205,12 +249,36 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         place: &'static mut Option<Stack<WINDOWS, NODES>>,
         schedule: ScheduleView<'static>,
         config: NodeConfig,
+        oscillator: Oscillator,
         port: P,
         timer: T,
     ) -> Result<Self, ConfigError> {
         const { assert!(WINDOWS <= 32, "News has one bit for each window") };
         let node = place.insert(Stack::new(schedule, config)?);
+        let cycle = schedule
+            .basic_cycle()
+            .ticks()
+            .saturating_mul(config.ticks_per_us);
+        let internal = oscillator == Oscillator::Internal;
+        let last_resort = internal && config.may_lead;
+        let mut port = port;
+        let presence = match oscillator {
+            Oscillator::External => Presence::On,
+            Oscillator::Internal if last_resort => {
+                port.leave_bus();
+                Presence::Trimmed
+            }
+            Oscillator::Internal => Presence::Listening,
+        };
+        let quality = if internal { INTERNAL_CLOCK } else { 0 };
+        #[cfg(feature = "f446")]
+        node.set_reference_payload(&[quality]);
         Ok(Self {
+            tuner: (internal && !last_resort).then(|| Tuner::new(cycle)),
+            quality,
+            // 2^32 / 10^6, rounded.
+            tolerance: TOLERANCE_PPM.saturating_mul(4295),
+            schedule,
             pause: crate::design::REJOIN_PAUSE
                 .ticks()
                 .saturating_mul(config.ticks_per_us),
@@ -221,7 +289,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             inbox: [None; WINDOWS],
             outbox: [None; WINDOWS],
             events: heapless::Deque::new(),
-            presence: Presence::On,
+            presence,
             armed: None,
             started: false,
             start_due: false,
@@ -235,8 +303,16 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     }
 
     /// Joins the schedule, or, as a time master, begins it.
+    ///
+    /// A node that still listens begins as soon as its oscillator is trimmed.
     pub fn start(&mut self) {
         self.started = true;
+        if !matches!(self.presence, Presence::Listening | Presence::Trimmed) {
+            self.begin();
+        }
+    }
+
+    fn begin(&mut self) {
         self.start_due = true;
         self.fire();
     }
@@ -250,6 +326,10 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     /// frames. `stamp` is the time base, which the task reads before anything else.
     pub fn on_receive(&mut self, stamp: u32) -> News {
         let mut news = News::default();
+        if self.presence == Presence::Listening {
+            self.listen(stamp);
+            return news;
+        }
         if !self.started {
             // Other nodes keep a schedule already: join it.
             self.start();
@@ -271,6 +351,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
                 let [byte, ..] = frame.buffer();
                 self.reference_byte = byte;
                 self.cycle_time = time_of(&frame);
+                self.node.set_drift_limit(self.drift_limit());
             }
             Reception::Scheduled { window } | Reception::Late { window } => {
                 if let Some(slot) = self.inbox.get_mut(usize::from(window)) {
@@ -289,6 +370,25 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         }
         self.arm();
         news
+    }
+
+    /// Takes a frame while the node only listens.
+    fn listen(&mut self, stamp: u32) {
+        if let Some(Received::Data(frame)) = self.port.receive()
+            && self.schedule.is_reference(frame.id())
+            && let Some(tuner) = &mut self.tuner
+        {
+            tuner.reference(stamp);
+        }
+    }
+
+    /// Drift against the master that led last, ppm: either of the two may be on its RC oscillator.
+    const fn drift_limit(&self) -> u16 {
+        if (self.quality | self.reference_byte) & INTERNAL_CLOCK != 0 {
+            crate::design::DRIFT_LIMIT_PPM_INTERNAL
+        } else {
+            crate::design::DRIFT_LIMIT_PPM
+        }
     }
 
     /// Transmit interrupt. `stamp` is the time base, which the task reads before anything else.
@@ -404,27 +504,115 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     }
 
     /// Brings the node back after bus-off and after error level S3, and clears S2 after a
-    /// pause.
+    /// pause. A node without an external clock listens first, to trim its oscillator, and leaves
+    /// the bus when the oscillator has drifted too far. Returns the trim to set, in steps from the
+    /// factory's setting.
     ///
     /// bxCAN without automatic bus-off management leaves bus-off by a software sequence, which
     /// also ends S3: initialisation mode, normal mode, then 128 times eleven recessive bits.
     /// Call this every few milliseconds.
-    pub fn keep_present(&mut self) {
+    pub fn keep_present(&mut self) -> Option<i8> {
         match self.presence {
-            Presence::On => self.forgive(),
+            Presence::On => {
+                self.forgive();
+                if self.has_drifted() {
+                    self.node.withdraw();
+                    self.arm();
+                }
+            }
             Presence::Off { since, pause } => {
-                if self.timer.now().wrapping_sub(since) >= pause && self.port.join_bus() {
-                    self.presence = Presence::Joining;
+                let silent = self.tuner.is_some();
+                if self.timer.now().wrapping_sub(since) >= pause && self.port.join_bus(silent) {
+                    if let Some(tuner) = &mut self.tuner {
+                        tuner.resume();
+                        self.presence = Presence::Listening;
+                    } else {
+                        self.presence = Presence::Joining;
+                    }
                 }
             }
             Presence::Joining => {
                 if !self.port.error_state().bus_off {
                     self.presence = Presence::On;
                     self.counters.rejoins = self.counters.rejoins.wrapping_add(1);
-                    self.start();
+                    if self.started {
+                        self.begin();
+                    }
+                }
+            }
+            Presence::Listening => {
+                let now = self.timer.now();
+                let disturbed = self.port.take_error();
+                match self.tuner.as_mut()?.step(now, disturbed) {
+                    Tuning::Listen => {}
+                    Tuning::Trim(steps) => return Some(steps),
+                    Tuning::Tuned => {
+                        self.node.forget_rate();
+                        self.port.leave_bus();
+                        self.presence = Presence::Trimmed;
+                    }
+                }
+            }
+            Presence::Trimmed => {
+                if self.port.join_bus(false) {
+                    self.presence = Presence::Joining;
                 }
             }
         }
+        None
+    }
+
+    /// Whether the node's own oscillator differs from the master's by more than its bit timing
+    /// allows.
+    fn has_drifted(&self) -> bool {
+        self.tuner.is_some()
+            && (self.node.rate().unsigned_abs() > self.tolerance
+                || self.node.status().clock == ClockState::Suspended)
+    }
+
+    /// Why the node sends nothing; `None` if it takes part in the traffic.
+    pub fn silence(&self) -> Option<Silence> {
+        match self.presence {
+            Presence::On if self.started => None,
+            Presence::On => Some(Silence::Waiting),
+            Presence::Off { .. } | Presence::Joining => Some(Silence::Away),
+            Presence::Listening | Presence::Trimmed => {
+                let hears = self.tuner.as_ref().is_some_and(Tuner::hears);
+                Some(if hears {
+                    Silence::Trimming
+                } else {
+                    Silence::NoReference
+                })
+            }
+        }
+    }
+
+    /// Rank of the node among the potential time masters.
+    pub fn rank(&self) -> Option<u8> {
+        self.schedule.rank_of(self.node.id())
+    }
+
+    /// Trim of the node's own oscillator, in steps; `None` on its external clock.
+    pub fn trim(&self) -> Option<i8> {
+        self.tuner.as_ref().map(Tuner::trim)
+    }
+
+    /// How long a node that listens has heard nothing at all; `None` if it does not listen.
+    pub fn quiet(&self) -> Option<Micros> {
+        let tuner = self.tuner.as_ref()?;
+        let ticks = match self.presence {
+            Presence::Listening => tuner.quiet(self.timer.now())?,
+            _ => return None,
+        };
+        Some(Micros::micros(ticks.checked_div(self.ticks_per_us)?))
+    }
+
+    /// Sets the application's byte of this node's references. Its bit 1 is the link's: the node
+    /// leads on its RC oscillator.
+    #[cfg(feature = "f446")]
+    pub fn set_reference_byte(&mut self, byte: u8) {
+        let byte = byte & !INTERNAL_CLOCK | self.quality;
+        self.node.set_reference_payload(&[byte]);
     }
 
     /// Clears error level S2 after a pause. S2 stops all transmissions except the reference
@@ -622,6 +810,8 @@ mod tests {
         outcome: Option<Outcome>,
         errors: ErrorState,
         away: bool,
+        silent: bool,
+        error: bool,
     }
 
     impl Port for Cell {
@@ -654,9 +844,13 @@ mod tests {
             self.away = true;
             self.pending = false;
         }
-        fn join_bus(&mut self) -> bool {
+        fn join_bus(&mut self, silent: bool) -> bool {
             self.away = false;
+            self.silent = silent;
             true
+        }
+        fn take_error(&mut self) -> bool {
+            core::mem::take(&mut self.error)
         }
     }
 
@@ -716,6 +910,10 @@ mod tests {
     type TestLink = Link<Cell, Timer, { MATRIX.window_count() }, { MATRIX.node_count() }>;
 
     fn steering() -> TestLink {
+        on(Oscillator::External)
+    }
+
+    fn on(oscillator: Oscillator) -> TestLink {
         let place = Box::leak(Box::new(None));
         let timer = Timer {
             now: BEGIN,
@@ -724,7 +922,11 @@ mod tests {
         Link::new(
             place,
             SCHEDULE.view(),
-            NodeConfig::new(STEERING, PER_US),
+            NodeConfig {
+                may_lead: oscillator == Oscillator::External,
+                ..NodeConfig::new(STEERING, PER_US)
+            },
+            oscillator,
             Cell::default(),
             timer,
         )
@@ -759,7 +961,10 @@ mod tests {
     /// The reference of system time `time` (ms) arrives now.
     fn reference(link: &mut TestLink, fix: u8, time: u32) -> News {
         let [a, b, c, d] = time.to_be_bytes();
-        let frame = Frame::new(Id::constant::<100>(), &[fix, a, b, c, d, 0]).expect("six bytes");
+        // The reference before was sent 100 ms earlier; in 1/32 us.
+        let [e, f] = (time.wrapping_sub(100).wrapping_mul(32_000) as u16).to_be_bytes();
+        let data = [fix, a, b, c, d, 0, e, f];
+        let frame = Frame::new(Id::constant::<100>(), &data).expect("eight bytes");
         link.port.fifo.push_back(Received::Data(frame));
         link.on_receive(link.timer.now)
     }
@@ -859,6 +1064,61 @@ mod tests {
             pass(&mut link, 100_000);
         }
         assert!(link.is_heard());
+    }
+
+    /// The references of a crystal, every `cycle` of the node's own microseconds.
+    fn hear(link: &mut TestLink, cycle: u32, time: u32) -> Option<i8> {
+        let mut trim = None;
+        for _ in 0..10 {
+            pass(link, cycle / 10);
+            trim = trim.or(link.keep_present());
+        }
+        reference(link, 1, time);
+        trim
+    }
+
+    #[test]
+    fn a_node_on_its_own_oscillator_listens_until_it_is_trimmed() {
+        let mut link = on(Oscillator::Internal);
+        link.start();
+        pass(&mut link, 200_000);
+        assert_eq!(link.silence(), Some(Silence::NoReference));
+        // 2 % fast: four steps too many.
+        let trims: Vec<_> = (0..3)
+            .map(|k| hear(&mut link, 102_000, 1000 + 100 * k))
+            .collect();
+        assert_eq!(trims, [None, None, Some(-4)]);
+        assert!(link.port.loaded.is_empty() && !link.is_heard());
+        for k in 4..12 {
+            hear(&mut link, 100_100, 1000 + 100 * k);
+            link.put(STEERING_POT, [1; 8]);
+        }
+        assert_eq!((link.silence(), link.trim()), (None, Some(-4)));
+        assert!(link.is_heard() && !link.port.silent);
+        assert!(!link.port.loaded.is_empty());
+    }
+
+    #[test]
+    fn a_node_whose_own_oscillator_drifts_too_far_leaves_the_bus_and_listens() {
+        let mut link = on(Oscillator::Internal);
+        link.start();
+        for k in 0..8 {
+            hear(&mut link, 100_000, 1000 + 100 * k);
+        }
+        assert!(link.is_heard());
+        for k in 8..70 {
+            // 0.03 % more in every cycle.
+            hear(&mut link, 100_000 + 30 * (k - 8), 1000 + 100 * k);
+            if link.silence().is_some() {
+                break;
+            }
+        }
+        assert_eq!(link.silence(), Some(Silence::Away));
+        for _ in 0..50 {
+            pass(&mut link, 10_000);
+            link.keep_present();
+        }
+        assert!(link.port.silent && !link.is_heard());
     }
 
     #[test]

@@ -4,12 +4,13 @@
 use crate::board;
 use crate::console::{self, BusView, Line};
 use crate::design;
+use crate::fault;
 use crate::housekeeping::{Housekeeping, Start, StatusMessage};
 use crate::link::{Identity, Link, Stack, WindowTimer};
 use crate::log::{Changes, Own};
-use board::clock::{Clocks, Oscillator};
+use board::clock::Oscillator;
 use board::led::Led;
-use board::watchdog::{self, Watchdog};
+use board::watchdog::Watchdog;
 use core::future::{Future, pending};
 use cortex_m::peripheral::{SCB, SYST};
 use fugit::MillisDurationU32;
@@ -45,6 +46,14 @@ impl WindowTimer for Timer {
 }
 
 impl<const WINDOWS: usize, const NODES: usize> BoardLink<WINDOWS, NODES> {
+    /// Keeps the node on the bus, and trims its oscillator where it has to. Call this every few
+    /// milliseconds.
+    pub fn keep(&mut self) {
+        if let Some(steps) = self.keep_present() {
+            board::clocks::trim(steps);
+        }
+    }
+
     /// Interrupt of the time base: loads the mailbox if the window timer fired. True if the
     /// node's second alarm fired.
     pub fn on_timer(&mut self) -> bool {
@@ -99,11 +108,12 @@ impl Timer {
 pub fn link<const WINDOWS: usize, const NODES: usize>(
     place: &'static mut Option<Stack<WINDOWS, NODES>>,
     identity: Identity,
-    clocks: Clocks,
+    start: &Start,
     can: board::CanPort,
     clock: board::time::Clock,
     alarms: board::time::Alarms,
 ) -> Result<BoardLink<WINDOWS, NODES>, ConfigError> {
+    let clocks = start.clocks;
     let bit = 1_000_000 * clocks.ticks_per_us / board::BIT_RATE;
     let config = NodeConfig {
         latency: StampLatency::bxcan(bit, board::FACTS.stamp_ticks),
@@ -112,13 +122,28 @@ pub fn link<const WINDOWS: usize, const NODES: usize>(
             Oscillator::External => design::DRIFT_LIMIT_PPM,
             Oscillator::Internal => design::DRIFT_LIMIT_PPM_INTERNAL,
         },
-        // The clock of a master on its RC oscillator would be outside what the others can
-        // follow. So the next master in rank leads, and this node keeps its windows.
-        may_lead: clocks.oscillator == Oscillator::External,
+        // A master on its RC oscillator would lead the others at a pace that none of them has
+        // measured. So the next master in rank leads, and this node keeps its windows.
+        may_lead: clocks.oscillator == Oscillator::External || start.is_last_resort(),
         ..NodeConfig::new(identity.node, clocks.ticks_per_us)
     };
     let timer = Timer { clock, alarms };
-    Link::new(place, identity.schedule, config, can, timer)
+    Link::new(
+        place,
+        identity.schedule,
+        config,
+        clocks.oscillator,
+        can,
+        timer,
+    )
+}
+
+/// Starts the board. Does not return if that fails: the node records why, and starts again.
+pub fn start(device: board::pac::Peripherals) -> board::Sled {
+    match board::Sled::start(device, WATCHDOG.ticks() as u16) {
+        Ok(sled) => sled,
+        Err(reason) => fault::stop(reason),
+    }
 }
 
 /// Writes changes of the node's state to the log of a debug probe. Only the task of the lowest
@@ -214,14 +239,24 @@ impl Keeper {
         tick: SYST,
         system: &mut SCB,
         led: Led,
-        watchdog: watchdog::Idle,
+        mut watchdog: Watchdog,
         start: &Start,
     ) -> Self {
+        // Start-up is over, and with it all that it waited for.
+        board::fault::passed();
+        watchdog.feed();
         board::tick::set_priority(system, board::pac::NVIC_PRIO_BITS);
-        Mono::start(tick, start.clocks.core);
+        // Constants, so that the timer's check of its rate is done at build time.
+        Mono::start(
+            tick,
+            match start.clocks.oscillator {
+                Oscillator::External => board::FACTS.external.core,
+                Oscillator::Internal => board::FACTS.internal.core,
+            },
+        );
         Self {
             housekeeping: Housekeeping::new(start),
-            watchdog: watchdog.start(WATCHDOG.ticks() as u16),
+            watchdog,
             led,
             shown: None,
             steps: 0,
@@ -244,14 +279,23 @@ impl Keeper {
         self.steps.is_multiple_of(REPORT_STEPS)
     }
 
-    /// One step. `work` counts what the node's own tasks have done.
+    /// One step. `work` counts what the node's own tasks have done. `idle` tells that the node
+    /// may start again without harm: no motor turns by its hand.
+    ///
+    /// A node on its RC oscillator starts again when its external clock has come, or to lead as
+    /// the last resort.
     pub fn step<S: StatusMessage, const WINDOWS: usize, const NODES: usize>(
         &mut self,
         link: &mut impl Mutex<T = BoardLink<WINDOWS, NODES>>,
         bus: &BusView,
         work: u32,
+        idle: bool,
     ) {
         self.steps = self.steps.saturating_add(1);
+        let ready = self.housekeeping.wants_clock() && board::clocks::external_is_ready();
+        if let Some(reason) = self.housekeeping.restart(bus, ready, idle) {
+            fault::stop(reason);
+        }
         let duties = self.housekeeping.step(bus, work);
         if duties.feed {
             self.watchdog.feed();

@@ -317,6 +317,11 @@ impl<M: Machine> Pilot<M> {
         }
     }
 
+    /// Whether nobody commands the actuators in the current mode.
+    pub fn is_still(&self) -> bool {
+        self.modes.mode().source() == Source::Still
+    }
+
     /// The current mode.
     pub const fn mode(&self) -> Mode {
         self.modes.mode()

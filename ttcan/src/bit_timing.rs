@@ -105,6 +105,22 @@ impl BitTiming {
         clock / (self.prescaler as u32 * self.quanta())
     }
 
+    /// Largest error of a node's oscillator, in parts per million, if the others may err as much
+    /// in the other direction (ISO 11898-1, 11.3.2.6; Robert Bosch GmbH, CAN specification 2.0,
+    /// chapter 9). Two conditions: a node resynchronises often enough between the edges of a
+    /// frame, and it reads the bit after an error flag in the right place.
+    pub const fn tolerance_ppm(&self) -> u32 {
+        let bit = self.quanta();
+        let least = if self.segment_1 < self.segment_2 {
+            self.segment_1
+        } else {
+            self.segment_2
+        } as u32;
+        let edges = self.jump_width as u32 * 1_000_000 / (2 * 10 * bit);
+        let flag = least * 1_000_000 / (2 * (13 * bit - self.segment_2 as u32));
+        if edges < flag { edges } else { flag }
+    }
+
     /// The value of CAN_BTR (RM0390) in normal mode, without silent and loop back
     /// mode.
     pub const fn register(&self) -> u32 {

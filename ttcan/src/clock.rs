@@ -77,6 +77,12 @@ const UNSETTLED: u8 = 4;
 /// another master may have another time.
 const REFUSALS: u8 = 3;
 
+/// A rate of `ppm`, up to 10 000, in 2^-32.
+fn limit_of(ppm: u16) -> i32 {
+    // 2^32 / 10^6, rounded.
+    i32::from(ppm.min(10_000) as i16) * 4295
+}
+
 impl Clock {
     /// `ticks_per_us` from 1 to 1000; `limit_ppm` up to 10 000.
     pub(crate) fn new(ticks_per_us: u32, limit_ppm: u16) -> Self {
@@ -87,13 +93,28 @@ impl Clock {
             nominal,
             gain: nominal,
             rate: 0,
-            // 2^32 / 10^6, rounded.
-            limit: i32::from(limit_ppm.min(10_000) as i16) * 4295,
+            limit: limit_of(limit_ppm),
             anchor: Stamp(0),
             global: GlobalTime::default(),
             state: ClockState::Unset,
             refused: 0,
             settled: 0,
+        }
+    }
+
+    /// Changes the largest rate, ppm.
+    pub(crate) fn set_limit(&mut self, ppm: u16) {
+        self.limit = limit_of(ppm);
+    }
+
+    /// The rate is unknown again. The time stays.
+    pub(crate) fn forget_rate(&mut self) {
+        self.rate = 0;
+        self.gain = self.nominal;
+        self.settled = 0;
+        self.refused = 0;
+        if self.state != ClockState::Unset {
+            self.state = ClockState::Own;
         }
     }
 

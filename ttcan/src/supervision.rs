@@ -30,6 +30,8 @@ pub enum Severe {
     BusOff,
     /// The application did not feed its watchdog in time.
     ApplicationWatchdog,
+    /// The application took the node off the bus.
+    Withdrawn,
 }
 
 /// State of one window.

@@ -59,3 +59,21 @@ proptest! {
         }
     }
 }
+
+/// The example of ISO 11898-1 for a segment 2 of a quarter of the bit: a good hundredth; a jump
+/// width of one quantum halves what the edges allow and more.
+#[test]
+fn the_tolerance_of_an_oscillator_follows_from_jump_width_and_segments() {
+    let timing = |segment_1, segment_2, jump_width| BitTiming {
+        prescaler: 1,
+        segment_1,
+        segment_2,
+        jump_width,
+    };
+    // 16 quanta: 4 / (20 * 16) = 1.25 %, 4 / (2 * (208 - 4)) = 0.98 %.
+    assert_eq!(timing(11, 4, 4).tolerance_ppm(), 9803);
+    // 1 / 320.
+    assert_eq!(timing(11, 4, 1).tolerance_ppm(), 3125);
+    // 8 quanta: 2 / 160 = 1.25 %, 2 / (2 * (104 - 2)) = 0.98 %.
+    assert_eq!(timing(5, 2, 2).tolerance_ppm(), 9803);
+}

@@ -166,6 +166,10 @@ fn view(sync: SyncState, error_level: ErrorLevel) -> BusView {
         misplaced: 0,
         errors: ErrorState::default(),
         link: link::Counters::default(),
+        silence: None,
+        trim: None,
+        quiet: None,
+        rank: None,
     }
 }
 
@@ -199,6 +203,13 @@ fn the_led_blinks_as_the_guide_says() {
         (
             view(SyncState::InSchedule, ErrorLevel::Error),
             "off the bus",
+        ),
+        (
+            BusView {
+                silence: Some(link::Silence::NoReference),
+                ..view(SyncState::Off, ErrorLevel::None)
+            },
+            "on the internal oscillator: listens",
         ),
     ] {
         let (on, off) = pattern(&view);

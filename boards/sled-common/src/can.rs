@@ -72,6 +72,8 @@ pub enum Register {
     Ier,
     /// Error status.
     Esr,
+    /// Bit timing.
+    Btr,
     /// Identifier of mailbox 0.
     Ti0r,
     /// Length of mailbox 0.
@@ -139,6 +141,8 @@ const TIR_TXRQ: u32 = 1 << 0;
 const TIR_RTR: u32 = 1 << 1;
 const TIR_IDE: u32 = 1 << 2;
 
+const BTR_SILM: u32 = 1 << 31;
+
 const RF0R_FMP: u32 = 0b11;
 const RF0R_FOVR: u32 = 1 << 4;
 const RF0R_RFOM: u32 = 1 << 5;
@@ -158,13 +162,15 @@ pub struct Port<I: FilterOwner, R: Registers> {
 
 impl<I: FilterOwner, R: Registers> Port<I, R> {
     /// Configures the cell and asks it to join the bus. The cell joins after eleven recessive
-    /// bits; this function does not wait for that.
+    /// bits; this function does not wait for that. A `silent` cell only listens: it sends no
+    /// dominant bit, not even in an acknowledge slot or an error flag.
     ///
     /// Every frame on the bus is accepted into FIFO 0: each node supervises the schedule
     /// of all the others.
-    pub fn new(instance: I, timing: BitTiming) -> Self {
+    pub fn new(instance: I, timing: BitTiming, silent: bool) -> Self {
         let mut can = bxcan::Can::builder(instance)
             .set_bit_timing(timing.register())
+            .set_silent(silent)
             .set_automatic_retransmit(false)
             .leave_disabled();
         can.enable_interrupt(Interrupt::Fifo0MessagePending);
@@ -302,6 +308,14 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
         }
     }
 
+    /// Whether the cell has seen an error on the bus since the last call: its last error code, of
+    /// which 7 means that the program has set it.
+    pub fn take_error(&mut self) -> bool {
+        let code = self.read(Register::Esr) >> 4 & 0b111;
+        self.write(Register::Esr, 0b111 << 4);
+        !matches!(code, 0 | 0b111)
+    }
+
     /// Acknowledges the status-change interrupt.
     #[inline]
     pub fn acknowledge_error(&mut self) {
@@ -318,10 +332,14 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
 
     /// Second half: releases the cell from initialisation mode. The cell takes part again after
     /// eleven recessive bits, or after 128 times eleven if it was bus-off. Returns false, and
-    /// changes nothing, while the cell has not entered initialisation mode yet.
-    pub fn join_bus(&mut self) -> bool {
+    /// changes nothing, while the cell has not entered initialisation mode yet. A `silent` cell
+    /// only listens.
+    pub fn join_bus(&mut self, silent: bool) -> bool {
         let there = self.read(Register::Msr) & MSR_INAK != 0;
         if there {
+            let timing = self.read(Register::Btr) & !BTR_SILM;
+            let mode = if silent { BTR_SILM } else { 0 };
+            self.write(Register::Btr, timing | mode);
             self.write(Register::Mcr, MCR_RUN);
         }
         there

@@ -20,6 +20,13 @@ pub enum Fault {
     /// The node could not be started: for example, a converter did not get ready, or the
     /// protocol stack refused its schedule.
     Start,
+    /// A clock did not get ready: the oscillator, the PLL or the voltage regulator.
+    ClockStart,
+    /// No fault: the external clock has come, and the node starts again to use it.
+    ClockFound,
+    /// No fault: there is neither an external clock nor another time master, and the node starts
+    /// again to lead on its RC oscillator.
+    LastResort,
 }
 
 impl Fault {
@@ -31,6 +38,9 @@ impl Fault {
             Self::Unhandled => 3,
             Self::Start => 4,
             Self::Clock => 5,
+            Self::ClockStart => 6,
+            Self::ClockFound => 7,
+            Self::LastResort => 8,
         }
     }
 
@@ -42,6 +52,9 @@ impl Fault {
             3 => Some(Self::Unhandled),
             4 => Some(Self::Start),
             5 => Some(Self::Clock),
+            6 => Some(Self::ClockStart),
+            7 => Some(Self::ClockFound),
+            8 => Some(Self::LastResort),
             _ => None,
         }
     }
@@ -88,6 +101,19 @@ mod record {
         Fault::from_word(found)
     }
 
+    /// Notes what the program is about to wait for. If the watchdog ends the wait, the next start
+    /// finds it.
+    pub fn expect(fault: Fault) {
+        // SAFETY: RAM of ours; only start-up writes it.
+        unsafe { RECORD.0.get().cast::<u32>().write_volatile(fault.word()) };
+    }
+
+    /// The program waits for nothing any more.
+    pub fn passed() {
+        // SAFETY: as above.
+        unsafe { RECORD.0.get().cast::<u32>().write_volatile(0) };
+    }
+
     /// Notes the fault and resets the microcontroller.
     ///
     /// The caller must have stopped its actuator. After the reset, start-up sends the stop
@@ -100,7 +126,7 @@ mod record {
 }
 
 #[cfg(target_os = "none")]
-pub use record::{reset, take};
+pub use record::{expect, passed, reset, take};
 
 /// Defines the handlers of a hard fault, of a stopped external clock, and of an interrupt that
 /// no task is bound to. Each stops the board's actuator by `$stop`, records the fault and
@@ -168,10 +194,13 @@ mod tests {
             Fault::Unhandled,
             Fault::Start,
             Fault::Clock,
+            Fault::ClockStart,
+            Fault::ClockFound,
+            Fault::LastResort,
         ] {
             assert_eq!(Fault::from_word(fault.word()), Some(fault));
         }
-        for word in [0, 0xFFFF_FFFF, 0xFA17_5A00, 0xFA17_5B01, 0xFA17_5A06] {
+        for word in [0, 0xFFFF_FFFF, 0xFA17_5A00, 0xFA17_5B01, 0xFA17_5A09] {
             assert_eq!(Fault::from_word(word), None);
         }
     }

@@ -42,13 +42,18 @@ unsafe impl bxcan::FilterOwner for Cell {
 /// The CAN port of this sled.
 pub type CanPort = sled_common::can::Port<Cell, Cell>;
 
-/// The pins are in their function and the cell's clock is on.
+/// Largest error of the RC oscillator, ppm, with which the node may take part in the traffic.
+pub const TOLERANCE_PPM: u32 = INTERNAL_TIMING.tolerance_ppm();
+
+/// The pins are in their function and the cell's clock is on. On its RC oscillator the cell only
+/// listens, until the oscillator is trimmed.
 pub(crate) fn start(cell: pac::CAN, oscillator: Oscillator) -> CanPort {
     let timing = match oscillator {
         Oscillator::External => EXTERNAL_TIMING,
         Oscillator::Internal => INTERNAL_TIMING,
     };
-    CanPort::new(Cell { _cell: cell }, timing)
+    let silent = oscillator == Oscillator::Internal;
+    CanPort::new(Cell { _cell: cell }, timing, silent)
 }
 
 // SAFETY: every address comes from the register block of the cell.
@@ -62,6 +67,7 @@ unsafe impl Registers for Cell {
             Register::Msr => can.msr.as_ptr(),
             Register::Tsr => can.tsr.as_ptr(),
             Register::Ier => can.ier.as_ptr(),
+            Register::Btr => can.btr.as_ptr(),
             Register::Esr => can.esr.as_ptr(),
             Register::Fmr => can.fmr.as_ptr(),
             Register::Fm1r => can.fm1r.as_ptr(),

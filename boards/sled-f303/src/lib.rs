@@ -65,7 +65,7 @@ pub mod pot;
 mod registers;
 pub mod watchdog;
 
-pub use bus::{BIT_RATE, CanPort, EXTERNAL_TIMING, INTERNAL_TIMING};
+pub use bus::{BIT_RATE, CanPort, EXTERNAL_TIMING, INTERNAL_TIMING, TOLERANCE_PPM};
 pub use motor::stop as stop_actuator;
 pub use parts::SLED_F303 as FACTS;
 pub use registers::{clocks, time};
@@ -77,6 +77,7 @@ pub use sled_common::{can, clock, dma, fault, lines};
 pub use stm32f3xx_hal::pac;
 
 use clock::{Clocks, ResetCause};
+use fault::Fault;
 use stm32f3xx_hal::dma::{DmaExt, dma1::C1};
 use stm32f3xx_hal::prelude::*;
 use stm32f3xx_hal::rcc::Enable;
@@ -99,8 +100,8 @@ pub struct Sled {
     pub motor: motor::MotorOutput,
     /// The LED.
     pub led: led::Led,
-    /// The watchdog, not started yet.
-    pub watchdog: watchdog::Idle,
+    /// The watchdog, which runs already.
+    pub watchdog: watchdog::Watchdog,
     /// What only one of the nodes uses.
     pub rest: Rest,
 }
@@ -115,14 +116,19 @@ pub struct Rest {
 }
 
 impl Sled {
-    /// Starts the board: the clocks first, then the motor's port, which sends the stop command,
-    /// then everything else.
+    /// Starts the board: the watchdog first, which bounds everything after it to `watchdog`
+    /// milliseconds, then the clocks, then the motor's port, which sends the stop command, then
+    /// everything else.
     ///
-    /// Returns `None` if it was called before: the memory of the DMA channels can be handed out
-    /// only once.
-    pub fn start(device: pac::Peripherals) -> Option<Self> {
+    /// # Errors
+    /// [`Fault::ClockStart`] if a clock does not get ready; [`Fault::Start`] if it was called
+    /// before, because the memory of the DMA channels can be handed out only once.
+    pub fn start(device: pac::Peripherals, watchdog: u16) -> Result<Self, Fault> {
+        let watchdog = watchdog::start(device.IWDG, &device.DBGMCU, watchdog);
         let reset_cause = clocks::reset_cause(&device.RCC);
-        let clocks = clocks::start(&device.RCC, &device.FLASH);
+        expect(Fault::ClockStart);
+        let clocks = clocks::start(&device.RCC, &device.FLASH).ok_or(Fault::ClockStart)?;
+        expect(Fault::Start);
         let mut rcc = device.RCC.constrain();
         pac::USART1::enable(&mut rcc.apb2);
         // The port starts before its pin is connected: so the line goes from floating to idle.
@@ -131,7 +137,8 @@ impl Sled {
         let (clock, alarms) = time::start(device.TIM2);
         pac::USART2::enable(&mut rcc.apb1);
         let channels = device.DMA1.split(&mut rcc.ahb);
-        let console = console::start(&device.USART2, clocks.apb1, channels.ch7)?;
+        let console =
+            console::start(&device.USART2, clocks.apb1, channels.ch7).ok_or(Fault::Start)?;
         pac::CAN::enable(&mut rcc.apb1);
         pac::TIM3::enable(&mut rcc.apb1);
         pac::ADC1_2::enable(&mut rcc.ahb);
@@ -152,7 +159,7 @@ impl Sled {
             .into_af_push_pull::<9>(&mut a.moder, &mut a.otyper, &mut a.afrh);
         a.pa0.into_analog(&mut a.moder, &mut a.pupdr);
         let led = b.pb3.into_push_pull_output(&mut b.moder, &mut b.otyper);
-        Some(Self {
+        Ok(Self {
             clocks,
             reset_cause,
             clock,
@@ -161,7 +168,7 @@ impl Sled {
             console,
             motor: motor::MotorOutput::new(motor, motor::Relay::new(relay)),
             led: led::Led::new(led),
-            watchdog: watchdog::Idle::new(device.IWDG),
+            watchdog,
             rest: Rest {
                 adc: device.ADC1,
                 adc_common: device.ADC1_2,
@@ -186,6 +193,14 @@ impl Rest {
             2 * self.clocks.apb1,
         )
     }
+}
+
+/// Notes what start-up is about to wait for. On a PC there is nothing to note.
+fn expect(fault: Fault) {
+    #[cfg(target_os = "none")]
+    fault::expect(fault);
+    #[cfg(not(target_os = "none"))]
+    let _ = fault;
 }
 
 sled_common::fault_handlers!(crate::stop_actuator);

@@ -66,6 +66,7 @@ impl Relay {
 pub struct MotorOutput {
     motor: Motor,
     relay: Relay,
+    closed: bool,
     last: u8,
 }
 
@@ -75,6 +76,7 @@ impl MotorOutput {
         Self {
             motor,
             relay,
+            closed: false,
             last: STOP,
         }
     }
@@ -85,18 +87,28 @@ impl MotorOutput {
         if command.unwrap_or(STOP) != self.last {
             self.repeat(command);
         } else {
-            self.relay.set(command.is_some());
+            self.switch(command.is_some());
         }
+    }
+
+    fn switch(&mut self, closed: bool) {
+        self.closed = closed;
+        self.relay.set(closed);
     }
 
     /// Sends a command byte even if it is the same as the last one: the driver may have lost
     /// its power in between.
     pub fn repeat(&mut self, command: Option<u8>) {
-        self.relay.set(command.is_some());
+        self.switch(command.is_some());
         let byte = command.unwrap_or(STOP);
         if self.motor.send(byte) {
             self.last = byte;
         }
+    }
+
+    /// Whether the relay is open: the motor has no circuit.
+    pub fn is_open(&self) -> bool {
+        !self.closed
     }
 
     /// The byte sent last.

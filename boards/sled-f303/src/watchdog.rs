@@ -5,27 +5,21 @@ use stm32f3xx_hal::hal::watchdog::{Watchdog as _, WatchdogEnable};
 use stm32f3xx_hal::time::duration::Milliseconds;
 use stm32f3xx_hal::watchdog::IndependentWatchDog;
 
-/// The watchdog before it is started.
-pub struct Idle(IndependentWatchDog);
-
 /// The running watchdog; nothing but a reset stops it.
 pub struct Watchdog(IndependentWatchDog);
 
-impl Idle {
-    pub(crate) fn new(iwdg: pac::IWDG) -> Self {
-        Self(IndependentWatchDog::new(iwdg))
-    }
-
-    /// Starts it. `milliseconds` is nominal, 1 to 26214: the oscillator is somewhere between
-    /// 30 and 50 kHz (data sheet, table of LSI characteristics), so the real time is
-    /// between 0.8 and 1.34 times as long.
-    #[inline]
-    pub fn start(self, milliseconds: u16) -> Watchdog {
-        let mut watchdog = self.0;
-        watchdog.start(Milliseconds(u32::from(milliseconds)));
-        watchdog.feed();
-        Watchdog(watchdog)
-    }
+/// Starts it. `milliseconds` is nominal, 1 to 26214: the oscillator is somewhere between
+/// 30 and 50 kHz (data sheet, table of LSI characteristics), so the real time is
+/// between 0.8 and 1.34 times as long.
+///
+/// The first period may be longer: the new settings take effect some cycles of the watchdog's
+/// oscillator after they are written. It stands still while a debugger holds the core.
+pub(crate) fn start(iwdg: pac::IWDG, debug: &pac::DBGMCU, milliseconds: u16) -> Watchdog {
+    let mut watchdog = IndependentWatchDog::new(iwdg);
+    watchdog.stop_on_debug(debug, true);
+    watchdog.start(Milliseconds(u32::from(milliseconds)));
+    watchdog.feed();
+    Watchdog(watchdog)
 }
 
 impl Watchdog {

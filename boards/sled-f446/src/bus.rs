@@ -3,6 +3,7 @@
 use crate::{clocks::APB1_HZ, pac};
 use parts::SLED_F446;
 use sled_common::can::{Register, Registers};
+use sled_common::clock::Oscillator;
 use stm32f4xx_hal::can::Can;
 use ttcan::BitTiming;
 
@@ -25,9 +26,13 @@ const _: () = assert!(
     "the bit rate with a sample point of 70 to 80 % (thesis 6.2.3.1)"
 );
 
-pub(crate) fn start(instance: Can<pac::CAN1>) -> CanPort {
-    CanPort::new(instance, BIT_TIMING)
+/// On its RC oscillator the cell only listens, until the oscillator is trimmed.
+pub(crate) fn start(instance: Can<pac::CAN1>, oscillator: Oscillator) -> CanPort {
+    CanPort::new(instance, BIT_TIMING, oscillator == Oscillator::Internal)
 }
+
+/// Largest error of this node's oscillator, ppm, with which it may take part in the traffic.
+pub const TOLERANCE_PPM: u32 = BIT_TIMING.tolerance_ppm();
 
 // SAFETY: every address comes from the register block of the cell.
 unsafe impl Registers for Cell {
@@ -40,6 +45,7 @@ unsafe impl Registers for Cell {
             Register::Msr => can.msr().as_ptr(),
             Register::Tsr => can.tsr().as_ptr(),
             Register::Ier => can.ier().as_ptr(),
+            Register::Btr => can.btr().as_ptr(),
             Register::Esr => can.esr().as_ptr(),
             Register::Fmr => can.fmr().as_ptr(),
             Register::Fm1r => can.fm1r().as_ptr(),

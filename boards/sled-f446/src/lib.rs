@@ -64,7 +64,7 @@ pub mod receiver;
 mod registers;
 pub mod watchdog;
 
-pub use bus::{BIT_RATE, BIT_TIMING, CanPort};
+pub use bus::{BIT_RATE, BIT_TIMING, CanPort, TOLERANCE_PPM};
 pub use parts::SLED_F446 as FACTS;
 pub use registers::{clocks, time};
 #[cfg(target_os = "none")]
@@ -75,6 +75,7 @@ pub use sled_common::{can, clock, fault, lines};
 pub use stm32f4xx_hal::pac;
 
 use clock::{Clocks, ResetCause};
+use fault::Fault;
 use stm32f4xx_hal::can::CanExt;
 use stm32f4xx_hal::gpio::{self, GpioExt, alt::usart1, alt::usart2, alt::usart3};
 use stm32f4xx_hal::rcc::{Enable, Rcc, RccExt};
@@ -95,8 +96,8 @@ pub struct Sled {
     pub console: console::Console,
     /// The LED.
     pub led: led::Led,
-    /// The watchdog, not started yet.
-    pub watchdog: watchdog::Idle,
+    /// The watchdog, which runs already.
+    pub watchdog: watchdog::Watchdog,
     /// What only one of the nodes uses.
     pub rest: Rest,
 }
@@ -118,33 +119,39 @@ pub struct Rest {
 }
 
 impl Sled {
-    /// Starts the board: the clocks first, then everything else.
+    /// Starts the board: the watchdog first, which bounds everything after it to `watchdog`
+    /// milliseconds, then the clocks, then everything else.
     ///
-    /// Returns `None` if it was called before: the memory of the DMA streams can be handed out
-    /// only once.
-    pub fn start(device: pac::Peripherals) -> Option<Self> {
+    /// # Errors
+    /// [`Fault::ClockStart`] if a clock does not get ready; [`Fault::Start`] if it was called
+    /// before, because the memory of the DMA streams can be handed out only once.
+    pub fn start(device: pac::Peripherals, watchdog: u16) -> Result<Self, Fault> {
+        let watchdog = watchdog::start(device.IWDG, &device.DBGMCU, watchdog);
         let reset_cause = clocks::reset_cause(&device.RCC);
-        let clocks = clocks::start(&device.RCC, &device.PWR, &device.FLASH);
+        expect(Fault::ClockStart);
+        let clocks =
+            clocks::start(&device.RCC, &device.PWR, &device.FLASH).ok_or(Fault::ClockStart)?;
+        expect(Fault::Start);
         let mut rcc = device.RCC.constrain();
         pac::TIM2::enable(&mut rcc);
         let (clock, alarms) = time::start(device.TIM2);
         pac::USART2::enable(&mut rcc);
         let streams = dma::StreamsTuple::new(device.DMA1, &mut rcc);
-        let console = console::start(&device.USART2, streams.6)?;
+        let console = console::start(&device.USART2, streams.6).ok_or(Fault::Start)?;
         let port_a = device.GPIOA.split(&mut rcc);
         let port_b = device.GPIOB.split(&mut rcc);
         let port_c = device.GPIOC.split(&mut rcc);
         let _: (usart2::Tx, usart2::Rx) = (port_a.pa2.into(), port_a.pa3.into());
         let can = device.CAN1.can((port_b.pb9, port_b.pb8), &mut rcc);
-        Some(Self {
+        Ok(Self {
             clocks,
             reset_cause,
             clock,
             alarms,
-            can: bus::start(can),
+            can: bus::start(can, clocks.oscillator),
             console,
             led: led::Led::new(port_a.pa5),
-            watchdog: watchdog::Idle::new(device.IWDG),
+            watchdog,
             rest: Rest {
                 receiver: device.USART1,
                 display: device.USART3,
@@ -221,5 +228,13 @@ impl Rest {
 /// Stops the actuator of this sled. It does nothing, because no actuator is connected to this
 /// sled.
 pub fn stop_actuator() {}
+
+/// Notes what start-up is about to wait for. On a PC there is nothing to note.
+fn expect(fault: Fault) {
+    #[cfg(target_os = "none")]
+    fault::expect(fault);
+    #[cfg(not(target_os = "none"))]
+    let _ = fault;
+}
 
 sled_common::fault_handlers!(crate::stop_actuator);

@@ -52,6 +52,8 @@ kinds! {
     RatioKind, Ratio: "a share", "%" = 1.0 / 1e2;
     /// A relative error of a clock, in parts per million.
     PpmKind, Ppm: "a clock error", "ppm" = 1.0 / 1.0;
+    /// A change of a clock's error over time, in parts per million per second.
+    DriftKind, Drift: "a clock's drift", "ppm/s" = 1.0 / 1.0;
     /// A converter reading, in counts.
     CountKind, Count: "a converter reading", "counts" = 1.0 / 1.0, "count" = 1.0 / 1.0;
     /// Counts for an angle, in counts per radian.

@@ -1,6 +1,7 @@
 //! Oscillators that stop during the run, and time masters whose clock input is missing from the
 //! start.
 
+use can_bus::RecordKind;
 use furrow_tests::Journey;
 use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
@@ -9,7 +10,7 @@ use twin::ResetCause;
 use uagv::messages::{Fault, GpsStatus};
 use vehicle_model::NodeIndex;
 
-use crate::{RUNNING, assert_never_reset, assert_steady, first_after, mode, running};
+use crate::{RUNNING, assert_never_reset, assert_steady, first_after, last_before, mode, running};
 
 const BASIC_PERIOD: f64 = 0.1;
 
@@ -84,8 +85,14 @@ fn an_actuator_node_whose_clock_stops_opens_its_relay_and_comes_back_without() {
         assert_eq!(journey.effort(node, at(3.24)), 0.0, "{node:?}");
         assert_eq!(journey.vehicle.node(node).core_hz() / 1_000_000, 64);
         assert_steady(&journey, &[100, 206, 300], 3.23 + 5.0 * BASIC_PERIOD, 5.0);
-        assert!(journey.effort(nodes::DRIVE, at(5.0)) > 0.2);
-        assert_eq!(journey.mode(), Some(mode::RUN));
+        if node == nodes::DRIVE {
+            assert_eq!(journey.mode(), Some(mode::RUN));
+            assert!(journey.effort(nodes::DRIVE, at(5.0)) > 0.2);
+        } else {
+            // While it listens to trim its oscillator the angle is unknown, so the run is over.
+            assert_eq!(journey.mode(), Some(mode::FAULT));
+            assert_eq!(journey.effort(nodes::DRIVE, at(5.0)), 0.0);
+        }
     }
 }
 
@@ -182,4 +189,106 @@ fn a_controller_whose_clock_stops_begins_again_in_idle() {
         5.0,
     );
     assert_eq!(journey.mode(), Some(mode::IDLE));
+}
+
+/// The debugger's clock reaches a board with a supply of its own seconds after its power, or never.
+#[test]
+fn two_masters_whose_clocks_come_late_start_the_network_when_they_come() {
+    let mut journey = Journey::of(&format!(
+        "nodes.gps = {{ external = false }}\nnodes.controller = {{ external = false }}\n\
+        clock = [{{ node = \"gps\", at = \"2 s\", present = true }}, \
+        {{ node = \"controller\", at = \"2.5 s\", present = true }}]\n{}",
+        RUNNING
+            .replace("at = \"1 s\"", "at = \"5 s\"")
+            .replace("at = \"1.5 s\"", "at = \"5.5 s\"")
+    ));
+    journey.to(8.0);
+    assert_steady(&journey, &[100, 201, 206, 300, 450, 453], 5.0, 8.0);
+    assert_eq!(journey.mode(), Some(mode::RUN));
+    for node in [nodes::GPS, nodes::CONTROLLER] {
+        let resets = journey.vehicle.node(node).resets();
+        assert_eq!(resets.len(), 2, "{node:?}: {resets:?}");
+        assert_eq!(journey.vehicle.node(node).core_hz(), 180_000_000);
+    }
+    journey.assert_in_place();
+}
+
+/// With no clock anywhere the gps node leads on its own oscillator, and says so.
+#[test]
+fn without_any_clock_the_best_master_leads_on_its_own_oscillator_as_the_last_resort() {
+    let mut journey = Journey::of(
+        "nodes.gps = { external = false, internal = \"4000 ppm\" }\n\
+        nodes.controller = { external = false, internal = \"-3000 ppm\" }",
+    );
+    journey.to(3.0);
+    assert!(journey.traffic().frames.is_empty(), "it waits for a clock");
+    let console = journey.console(nodes::STEERING);
+    assert!(console.contains("bus sync"), "{console}");
+    let console = journey.console(nodes::GPS);
+    assert!(console.contains("no ref"), "{console}");
+    journey.to(8.0);
+    assert_steady(&journey, &[100, 206, 300, 453], 5.5, 8.0);
+    let reference = last_before(&journey, 100, at(8.0));
+    assert_eq!(reference.bytes()[0] & 2, 2, "the reference says so");
+    assert_eq!(journey.traffic().between(101, at(0.0), at(8.0)).count(), 0);
+    let mut errors = journey.vehicle.records().iter();
+    assert!(!errors.any(|record| matches!(record.kind, RecordKind::Error { .. })));
+}
+
+/// Trims, before it sends anything, what 1.2 % and more made of the bus before: missed references,
+/// bus-off, and error flags over the frames of the others.
+#[test]
+fn a_node_far_off_its_frequency_trims_itself_before_it_sends() {
+    for error in ["12000 ppm", "-20000 ppm", "30000 ppm", "-48000 ppm"] {
+        let mut journey = Journey::of(&format!(
+            "nodes.steering = {{ external = false, internal = \"{error}\" }}\n\
+            nodes.drive = {{ external = false, internal = \"{error}\" }}\n{}",
+            RUNNING
+                .replace("at = \"1 s\"", "at = \"4 s\"")
+                .replace("at = \"1.5 s\"", "at = \"4.5 s\"")
+        ));
+        journey.to(7.0);
+        let errors = journey.vehicle.records().iter();
+        let errors = errors.filter(|record| {
+            matches!(
+                record.kind,
+                RecordKind::Error {
+                    transmitter: true,
+                    ..
+                }
+            )
+        });
+        assert_eq!(errors.count(), 0, "{error}");
+        assert_steady(&journey, &[100, 206, 300, 450, 453], 4.5, 7.0);
+        assert_eq!(journey.mode(), Some(mode::RUN), "{error}");
+        assert!(journey.effort(nodes::DRIVE, at(7.0)) > 0.2, "{error}");
+        journey.assert_in_place();
+        assert_never_reset(&journey);
+    }
+}
+
+/// A node whose oscillator drifts away leaves the bus before it disturbs it, and comes back.
+#[test]
+fn a_node_that_drifts_away_falls_silent_and_trims_itself_again() {
+    let mut journey = Journey::of(&format!(
+        "nodes.steering = {{ external = false, internal = \"1000 ppm\", drift = \"2000 ppm/s\" }}\n{RUNNING}"
+    ));
+    journey.to(9.0);
+    let errors = journey.vehicle.records().iter();
+    let errors = errors.filter(|record| {
+        matches!(
+            record.kind,
+            RecordKind::Error {
+                transmitter: true,
+                ..
+            }
+        )
+    });
+    assert_eq!(errors.count(), 0);
+    assert_steady(&journey, &[100, 300, 450, 453], 1.0, 9.0);
+    let console = journey.console(nodes::STEERING);
+    assert!(console.contains(" away"), "{console}");
+    assert_steady(&journey, &[206], 8.0, 9.0);
+    journey.assert_in_place();
+    assert_never_reset(&journey);
 }

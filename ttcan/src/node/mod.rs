@@ -176,6 +176,24 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         }
     }
 
+    /// The application takes the node off the bus: S3 until [`Node::start`].
+    pub fn withdraw(&mut self) {
+        if self.sync != SyncState::Off {
+            self.stop(Severe::Withdrawn);
+        }
+    }
+
+    /// The rate of this node's counter has changed: it is measured anew.
+    pub fn forget_rate(&mut self) {
+        self.clock.forget_rate();
+    }
+
+    /// Changes the largest drift that is corrected, up to 10 000 ppm; see
+    /// [`NodeConfig::drift_limit_ppm`]. It holds from the next reference on.
+    pub fn set_drift_limit(&mut self, ppm: u16) {
+        self.clock.set_limit(ppm);
+    }
+
     /// The controller lost a frame because its receive buffer was full. The lost
     /// frame shows as a missed message; this counts why.
     pub fn handle_overrun(&mut self) {

@@ -14,6 +14,7 @@ pub use heap::HeapSchedule;
 use crate::id::Id;
 use crate::matrix::{self, NodeId, SystemMatrix};
 use crate::reference::ReferenceFormat;
+use crate::time::Micros;
 
 /// One window in one distinct basic cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -232,13 +233,24 @@ impl<'s> ScheduleView<'s> {
         self.network.exclusive_count
     }
 
-    pub(crate) fn rank_of(&self, node: NodeId) -> Option<u8> {
+    /// Rank of a node among the potential masters.
+    pub fn rank_of(&self, node: NodeId) -> Option<u8> {
         let rank = self
             .network
             .masters
             .iter()
             .position(|master| *master == Some(node))?;
         Some(rank as u8)
+    }
+
+    /// Length of a basic cycle.
+    pub fn basic_cycle(&self) -> Micros {
+        Micros::from_ticks(self.network.basic_cycle)
+    }
+
+    /// Whether this is the identifier of a potential master's reference message.
+    pub fn is_reference(&self, id: Id) -> bool {
+        matches!(self.reference_rank(id), Some(Some(_)))
     }
 
     /// The rank that an identifier of the reference message has: `None` if it is not

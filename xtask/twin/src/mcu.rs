@@ -587,6 +587,19 @@ impl Mcu {
         interrupts
     }
 
+    /// A clock of `hertz` comes to OSC_IN.
+    pub fn find_external_clock(&mut self, hertz: u32) {
+        self.surroundings(|p| p.find_external_clock(hertz));
+    }
+
+    /// The error of the internal RC oscillator changes, parts in 10^9: temperature and supply do
+    /// that.
+    pub fn set_internal_error(&mut self, ppb: i32) {
+        self.surroundings(|p| p.set_internal_error(ppb));
+        // The core's rate may have changed.
+        self.shared.set_attention(0);
+    }
+
     /// Drives a pin from outside from now on. With `None` it is no longer driven, and its pull
     /// resistor sets the level.
     pub fn drive_pin(&mut self, pin: Pin, level: Option<bool>) {

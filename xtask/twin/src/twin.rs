@@ -340,6 +340,20 @@ impl Twin {
         match &output.what {
             Effect::Byte { .. } => {}
             Effect::Level { node, input, high } => self.drive_input(*node, *input, *high),
+            Effect::ExternalClock {
+                node,
+                present: false,
+            } => {
+                self.node_mut(*node).lose_external_clock();
+            }
+            Effect::ExternalClock {
+                node,
+                present: true,
+            } => {
+                let hertz = self.sled(*node).external_hz;
+                self.node_mut(*node).find_external_clock(hertz);
+            }
+            Effect::InternalClock { node, ppb } => self.node_mut(*node).set_internal_error(*ppb),
             Effect::Reset { node, held: true } => self.node_mut(*node).hold_reset(),
             Effect::Reset { node, held: false } => self.node_mut(*node).release_reset(),
             Effect::Bus(disturbance) => self.disturb(disturbance, output.at),

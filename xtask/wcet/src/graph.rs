@@ -97,6 +97,13 @@ pub fn is_panic(name: &str) -> bool {
     NEVER_RETURN.iter().any(|part| name.contains(part))
 }
 
+/// Whether a function stops the node's motor and resets the node. What follows on the path is no
+/// job any more: no deadline holds in a node that starts again.
+#[must_use]
+pub fn is_end(name: &str) -> bool {
+    name.contains("firmware::fault::stop")
+}
+
 /// A basic block: instructions without a branch between them.
 #[derive(Debug, Clone)]
 pub struct Block {

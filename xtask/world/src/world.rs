@@ -17,11 +17,11 @@ use crate::operator;
 use crate::random::{Purpose, Stream};
 use crate::receiver::{Fix, Receiver};
 use crate::record::{Counters, EffortChange, Garble, StateSample};
-use crate::scenario::{BusEvent, Clock, Scenario};
+use crate::scenario::{BusEvent, Clock, LARGEST_ERROR, Scenario};
 use crate::signal::{Analog, Input};
 use crate::syren::{STOP, Syren};
 use crate::time::Span as _;
-use crate::time::{PER_SECOND, START, SimDuration, SimTime, after, at, from_seconds};
+use crate::time::{PER_SECOND, START, SimDuration, SimTime, after, at, from_seconds, seconds};
 use crate::units::Quantity;
 use crate::vehicle::{Motor, Parameters, State, Vehicle};
 
@@ -96,6 +96,20 @@ pub enum Effect {
         /// Its level from now on.
         high: bool,
     },
+    /// A node's 8 MHz clock stops or comes.
+    ExternalClock {
+        /// The node.
+        node: NodeIndex,
+        /// Whether it is there from now on.
+        present: bool,
+    },
+    /// The error of a node's internal oscillator changes, parts in 10^9.
+    InternalClock {
+        /// The node.
+        node: NodeIndex,
+        /// The error from now on.
+        ppb: i32,
+    },
     /// A node's reset line is pulled low or released.
     Reset {
         /// The node.
@@ -158,6 +172,8 @@ struct Driver {
 struct Clocks {
     crystal: f64,
     internal: f64,
+    /// Change of the internal oscillator's error, ppm/s.
+    drift: f64,
     /// True if the node has its 8 MHz clock.
     external: bool,
 }
@@ -282,6 +298,13 @@ impl World {
             if let Some(until) = reset.until {
                 self.push(at(until.span()), Effect::Reset { node, held: false });
             }
+        }
+        for change in self.scenario.clock.clone() {
+            let what = Effect::ExternalClock {
+                node: change.node,
+                present: change.present,
+            };
+            self.push(at(change.at.span()), what);
         }
         for event in self.scenario.bus.clone() {
             self.script_bus(event);
@@ -477,8 +500,27 @@ impl World {
         }
     }
 
+    /// Tells the internal oscillators that drift of their errors.
+    fn drift(&mut self, now: SimTime) {
+        for (node, clock) in self.clocks.iter().enumerate() {
+            if clock.drift == 0.0 {
+                continue;
+            }
+            let error = clock.internal + clock.drift * seconds(now);
+            let ppb = (error.clamp(-LARGEST_ERROR, LARGEST_ERROR) * 1000.0) as i32;
+            self.ready.push_back(Output {
+                at: now,
+                what: Effect::InternalClock {
+                    node: NodeIndex(node),
+                    ppb,
+                },
+            });
+        }
+    }
+
     fn record(&mut self, now: SimTime) {
         self.next_record = after(now, RECORD_PERIOD);
+        self.drift(now);
         let fix = self.fix(now);
         let effort = |device| {
             let mut motors = self.motors.iter();
@@ -765,6 +807,7 @@ fn clocks(scenario: &Scenario, seed: u64) -> Vec<Clocks> {
         Clocks {
             crystal: clock.crystal.map_or(crystal, Quantity::get),
             internal: clock.internal.map_or(internal, Quantity::get),
+            drift: clock.drift.get(),
             external: clock.external,
         }
     };

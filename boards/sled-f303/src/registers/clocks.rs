@@ -42,26 +42,30 @@ const fn wait_states(core: u32) -> u8 {
     }
 }
 
-/// How often the external clock is polled before it counts as missing. A poll takes about 10
-/// cycles of the 8 MHz HSI, so this is 25 ms. The debugger's clock runs before the reset line
-/// is released.
-const HSE_POLLS: u32 = 20_000;
+/// How often the external clock is polled before the node starts without it. A poll takes about 10
+/// cycles of the 8 MHz HSI, so this is 10 ms.
+const HSE_POLLS: u32 = 8_000;
+
+/// The same for the PLL, which locks within 200 us (data sheet), and the switch to it.
+const PLL_POLLS: u32 = 8_000;
 
 /// Multiplier code of CFGR.PLLMUL: code = factor - 2 (RM0316 9.4.2).
 const fn pllmul(factor: u32) -> u8 {
     (factor - 2) as u8
 }
 
-/// Starts the clock tree and reports which one it became.
-pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Clocks {
+/// Starts the clock tree and reports which one it became. `None` if the PLL does not lock.
+///
+/// Without the external clock its oscillator stays on, so that [`external_is_ready`] shows when
+/// the clock comes: that of a debugger on a board with a supply of its own comes later than that
+/// of the board, or never.
+pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Option<Clocks> {
     rcc.cr.modify(|_, w| w.hsebyp().set_bit());
     rcc.cr.modify(|_, w| w.hseon().set_bit());
     let external = (0..HSE_POLLS).any(|_| rcc.cr.read().hserdy().bit_is_set());
     if external {
         // If the clock stops later, the non-maskable interrupt ends the program (RM0316 9.2.7).
         rcc.cr.modify(|_, w| w.csson().set_bit());
-    } else {
-        rcc.cr.modify(|_, w| w.hseon().clear_bit());
     }
 
     flash.acr.modify(|_, w| {
@@ -83,13 +87,32 @@ pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Clocks {
         }
     });
     rcc.cr.modify(|_, w| w.pllon().set_bit());
-    while rcc.cr.read().pllrdy().bit_is_clear() {}
+    (0..PLL_POLLS)
+        .any(|_| rcc.cr.read().pllrdy().bit_is_set())
+        .then_some(())?;
     rcc.cfgr.modify(|_, w| w.sw().pll());
-    while !rcc.cfgr.read().sws().is_pll() {}
+    (0..PLL_POLLS)
+        .any(|_| rcc.cfgr.read().sws().is_pll())
+        .then_some(())?;
     // USART1 on the system clock: its default differs between variants of the part.
     rcc.cfgr3.modify(|_, w| w.usart1sw().sysclk());
 
-    if external { EXTERNAL } else { INTERNAL }
+    Some(if external { EXTERNAL } else { INTERNAL })
+}
+
+/// Whether the external clock is there, on a node that started without it.
+pub fn external_is_ready() -> bool {
+    // SAFETY: reads a flag.
+    unsafe { (*pac::RCC::ptr()).cr.read().hserdy().bit_is_set() }
+}
+
+/// Trims the RC oscillator by `steps` from its factory setting, -16 to 15; a step is about 0.5 %
+/// (RM0316 9.4.1), positive is faster.
+pub fn trim(steps: i8) {
+    let code = steps.clamp(-16, 15).wrapping_add(16).cast_unsigned();
+    // SAFETY: only the housekeeping changes this register after the start. The field has five
+    // bits, and every code is a setting.
+    unsafe { (*pac::RCC::ptr()).cr.modify(|_, w| w.hsitrim().bits(code)) };
 }
 
 /// Reads why the microcontroller started, and clears the flags for the next time.

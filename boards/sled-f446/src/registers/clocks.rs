@@ -49,15 +49,22 @@ const WAIT_STATES: u8 = match SLED_F446.part.flash_access.wait_states(CORE_HZ) {
     None => panic!("the core is faster than its flash"),
 };
 
-/// How often the external clock is polled before it counts as missing. A poll takes about 10
-/// cycles of the 16 MHz HSI, so this is 25 ms. The debugger's clock runs before the reset line
-/// is released.
-const HSE_POLLS: u32 = 40_000;
+/// How often the external clock is polled before the node starts without it. A poll takes about 10
+/// cycles of the 16 MHz HSI, so this is 10 ms.
+const HSE_POLLS: u32 = 16_000;
+
+/// The same for the PLL, which locks within 200 us, the over-drive, which takes 45 us (data sheet),
+/// and the switches to them.
+const READY_POLLS: u32 = 16_000;
 
 /// Starts the clock tree and reports it.
 ///
-/// Without the external clock the same frequencies are made from the HSI.
-pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Clocks {
+/// Without the external clock the same frequencies are made from the HSI. The external oscillator
+/// stays on then, so that [`external_is_ready`] shows when its clock comes: that of a debugger on a
+/// board with a supply of its own comes later than that of the board, or never.
+///
+/// `None` if the PLL or the voltage regulator does not get ready.
+pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Option<Clocks> {
     rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
     pwr.cr().modify(|_, w| w.vos().scale1());
 
@@ -67,8 +74,6 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Clocks {
     if external {
         // If the clock stops later, the non-maskable interrupt ends the program (RM0390 6.2.7).
         rcc.cr().modify(|_, w| w.csson().set_bit());
-    } else {
-        rcc.cr().modify(|_, w| w.hseon().clear_bit());
     }
 
     let input_divider = if external {
@@ -92,9 +97,9 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Clocks {
 
     // Over-drive is switched on while the PLL locks (RM0390 5.1.4).
     pwr.cr().modify(|_, w| w.oden().set_bit());
-    while pwr.csr().read().odrdy().bit_is_clear() {}
+    wait(|| pwr.csr().read().odrdy().bit_is_set())?;
     pwr.cr().modify(|_, w| w.odswen().set_bit());
-    while pwr.csr().read().odswrdy().bit_is_clear() {}
+    wait(|| pwr.csr().read().odswrdy().bit_is_set())?;
 
     flash.acr().write(|w| {
         // SAFETY: wait states that the part has (RM0390 3.4.1), 0..=15.
@@ -103,23 +108,47 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Clocks {
         w.icen().set_bit();
         w.dcen().set_bit()
     });
-    while flash.acr().read().latency().bits() != WAIT_STATES {}
+    wait(|| flash.acr().read().latency().bits() == WAIT_STATES)?;
 
-    while rcc.cr().read().pllrdy().bit_is_clear() {}
+    wait(|| rcc.cr().read().pllrdy().bit_is_set())?;
     rcc.cfgr().modify(|_, w| {
         w.hpre().div1();
         w.ppre1().div4();
         w.ppre2().div2();
         w.sw().pll()
     });
-    while !rcc.cfgr().read().sws().is_pll() {}
+    wait(|| rcc.cfgr().read().sws().is_pll())?;
 
     let oscillator = if external {
         Oscillator::External
     } else {
         Oscillator::Internal
     };
-    Clocks::of(&SLED_F446, oscillator)
+    Some(Clocks::of(&SLED_F446, oscillator))
+}
+
+/// Waits for a flag, for a bounded time.
+fn wait(is_set: impl Fn() -> bool) -> Option<()> {
+    (0..READY_POLLS).any(|_| is_set()).then_some(())
+}
+
+/// Whether the external clock is there, on a node that started without it.
+pub fn external_is_ready() -> bool {
+    // SAFETY: reads a flag.
+    unsafe { (*pac::RCC::ptr()).cr().read().hserdy().bit_is_set() }
+}
+
+/// Trims the RC oscillator by `steps` from its factory setting, -16 to 15; a step is at most 1 %
+/// (data sheet, table of HSI characteristics), positive is faster.
+pub fn trim(steps: i8) {
+    let code = steps.clamp(-16, 15).wrapping_add(16).cast_unsigned();
+    // SAFETY: only the housekeeping changes this register after the start. The field has five
+    // bits, and every code is a setting.
+    unsafe {
+        (*pac::RCC::ptr())
+            .cr()
+            .modify(|_, w| w.hsitrim().bits(code))
+    };
 }
 
 /// Reads why the microcontroller started, and clears the flags for the next time.

@@ -20,7 +20,7 @@ use defmt_rtt as _;
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2])]
 mod app {
     use firmware::board::fault::Fault;
-    use firmware::board::{self, Sled, pac::Interrupt, time::Clock};
+    use firmware::board::{self, pac::Interrupt, time::Clock};
     use firmware::console::BusView;
     use firmware::housekeeping::Start;
     use firmware::log::Own;
@@ -50,9 +50,7 @@ mod app {
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
-        let Some(sled) = Sled::start(cx.device) else {
-            fault::stop(Fault::Start)
-        };
+        let sled = node::start(cx.device);
         let start = Start {
             cause: sled.reset_cause,
             record,
@@ -61,7 +59,7 @@ mod app {
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(MASTER),
-            start.clocks,
+            &start,
             sled.can,
             sled.clock,
             sled.alarms,
@@ -163,10 +161,11 @@ mod app {
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
         let bus = shared.link.lock(|link| {
-            link.keep_present();
+            link.keep();
             BusView::of(link)
         });
-        keeper.step::<MasterStatus, _, _>(&mut shared.link, &bus, bus.link.services);
+        // No motor turns by this node's hand.
+        keeper.step::<MasterStatus, _, _>(&mut shared.link, &bus, bus.link.services, true);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

@@ -23,7 +23,7 @@ use defmt_rtt as _;
 mod app {
     use firmware::actuator::Times;
     use firmware::board::fault::Fault;
-    use firmware::board::{self, Sled, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
+    use firmware::board::{self, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
     use firmware::fault;
     use firmware::housekeeping::Start;
@@ -55,9 +55,7 @@ mod app {
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
-        let Some(sled) = Sled::start(cx.device) else {
-            fault::stop(Fault::Start)
-        };
+        let sled = node::start(cx.device);
         let start = Start {
             cause: sled.reset_cause,
             record,
@@ -66,7 +64,7 @@ mod app {
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(MOTOR),
-            start.clocks,
+            &start,
             sled.can,
             sled.clock,
             sled.alarms,
@@ -169,7 +167,7 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link, obeyed], local = [keeper])]
+    #[task(priority = 2, shared = [link, obeyed, output], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -183,7 +181,7 @@ mod app {
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
         let bus = shared.link.lock(|link| {
-            link.keep_present();
+            link.keep();
             BusView::of(link)
         });
         // A command sets the LED. Without one the LED shows the state of the node.
@@ -191,7 +189,8 @@ mod app {
             .obeyed
             .lock(|obeyed| obeyed.command().map(|command| command.led));
         keeper.show(led);
-        keeper.step::<MotorStatus, _, _>(&mut shared.link, &bus, bus.link.services);
+        let idle = shared.output.lock(|output| output.is_open());
+        keeper.step::<MotorStatus, _, _>(&mut shared.link, &bus, bus.link.services, idle);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

@@ -26,7 +26,7 @@ use defmt_rtt as _;
 mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{
-        self, Sled,
+        self,
         lcd::{Lcd, Replies, Tick},
         pac::Interrupt,
         panel::{self, Joystick},
@@ -78,9 +78,7 @@ mod app {
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
-        let Some(sled) = Sled::start(cx.device) else {
-            fault::stop(Fault::Start)
-        };
+        let sled = node::start(cx.device);
         let start = Start {
             cause: sled.reset_cause,
             record,
@@ -89,7 +87,7 @@ mod app {
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(CONTROLLER),
-            start.clocks,
+            &start,
             sled.can,
             sled.clock,
             sled.alarms,
@@ -293,14 +291,14 @@ mod app {
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
         let bus = shared.link.lock(|link| {
-            link.keep_present();
+            link.keep();
             if !link.is_started() && keeper.uptime() >= design::MASTER_PATIENCE {
                 link.start();
             }
             BusView::of(link)
         });
-        let steps = shared.pilot.lock(|pilot| pilot.steps());
-        keeper.step::<ControllerStatus, _, _>(&mut shared.link, &bus, steps);
+        let (steps, idle) = shared.pilot.lock(|pilot| (pilot.steps(), pilot.is_still()));
+        keeper.step::<ControllerStatus, _, _>(&mut shared.link, &bus, steps, idle);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

@@ -21,7 +21,7 @@ use defmt_rtt as _;
 mod app {
     use firmware::actuator::Times;
     use firmware::board::fault::Fault;
-    use firmware::board::{self, Sled, motor::MotorOutput, pac::Interrupt, time::Clock};
+    use firmware::board::{self, motor::MotorOutput, pac::Interrupt, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
     use firmware::fault;
     use firmware::housekeeping::Start;
@@ -51,9 +51,7 @@ mod app {
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
-        let Some(sled) = Sled::start(cx.device) else {
-            fault::stop(Fault::Start)
-        };
+        let sled = node::start(cx.device);
         let start = Start {
             cause: sled.reset_cause,
             record,
@@ -62,7 +60,7 @@ mod app {
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(DRIVE),
-            start.clocks,
+            &start,
             sled.can,
             sled.clock,
             sled.alarms,
@@ -153,7 +151,7 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link], local = [keeper])]
+    #[task(priority = 2, shared = [link, output], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -167,12 +165,13 @@ mod app {
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
         let bus = shared.link.lock(|link| {
-            link.keep_present();
+            link.keep();
             BusView::of(link)
         });
         // Also advances the slew.
         rtic::pend(Interrupt::EXTI1);
-        keeper.step::<DriveStatus, _, _>(&mut shared.link, &bus, bus.link.services);
+        let idle = shared.output.lock(|output| output.is_open());
+        keeper.step::<DriveStatus, _, _>(&mut shared.link, &bus, bus.link.services, idle);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

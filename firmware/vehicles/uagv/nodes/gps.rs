@@ -22,7 +22,7 @@ use defmt_rtt as _;
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2])]
 mod app {
     use firmware::board::fault::Fault;
-    use firmware::board::{self, Sled, pac::Interrupt, receiver::Receiver, time::Clock};
+    use firmware::board::{self, pac::Interrupt, receiver::Receiver, time::Clock};
     use firmware::console::{self as lines, BusView};
     use firmware::housekeeping::Start;
     use firmware::log::Own;
@@ -54,9 +54,7 @@ mod app {
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
-        let Some(sled) = Sled::start(cx.device) else {
-            fault::stop(Fault::Start)
-        };
+        let sled = node::start(cx.device);
         let start = Start {
             cause: sled.reset_cause,
             record,
@@ -65,7 +63,7 @@ mod app {
         let Ok(link) = node::link(
             cx.local.stack,
             identity(GPS),
-            start.clocks,
+            &start,
             sled.can,
             sled.clock,
             sled.alarms,
@@ -178,8 +176,7 @@ mod app {
 
     /// Applies the results of a burst at its end: fix flag, cycle length, start of the schedule.
     fn settle(link: &mut Link, pause: &Pause) {
-        link.node_mut()
-            .set_reference_payload(&[u8::from(pause.fixed)]);
+        link.set_reference_byte(u8::from(pause.fixed));
         // The schedule begins such that the windows follow the receiver's bursts closely.
         // Trimming the cycle length keeps it so, although the two clocks drift apart.
         if pause.is_new_epoch
@@ -227,9 +224,9 @@ mod app {
             .station
             .lock(|station| station.navigation_mut().lapse(clock.now(), timeout));
         let bus = shared.link.lock(|link| {
-            link.keep_present();
+            link.keep();
             if silent {
-                link.node_mut().set_reference_payload(&[0]);
+                link.set_reference_byte(0);
             }
             // Manual driving needs no receiver (thesis 5.3), so the schedule begins without
             // one.
@@ -238,7 +235,8 @@ mod app {
             }
             BusView::of(link)
         });
-        keeper.step::<GpsStatus, _, _>(&mut shared.link, &bus, bus.link.services);
+        // No motor turns by this node's hand.
+        keeper.step::<GpsStatus, _, _>(&mut shared.link, &bus, bus.link.services, true);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

@@ -23,7 +23,7 @@ use defmt_rtt as _;
 mod app {
     use firmware::actuator::Times;
     use firmware::board::fault::Fault;
-    use firmware::board::{self, Sled, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
+    use firmware::board::{self, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
     use firmware::fault;
     use firmware::housekeeping::Start;
@@ -56,9 +56,7 @@ mod app {
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
-        let Some(sled) = Sled::start(cx.device) else {
-            fault::stop(Fault::Start)
-        };
+        let sled = node::start(cx.device);
         let start = Start {
             cause: sled.reset_cause,
             record,
@@ -67,7 +65,7 @@ mod app {
         let Ok(mut link) = node::link(
             cx.local.stack,
             identity(STEERING),
-            start.clocks,
+            &start,
             sled.can,
             sled.clock,
             sled.alarms,
@@ -179,7 +177,7 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [&clock, link, steering], local = [keeper])]
+    #[task(priority = 2, shared = [&clock, link, steering, output], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -194,7 +192,7 @@ mod app {
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
         let clock = shared.clock;
         let bus = shared.link.lock(|link| {
-            link.keep_present();
+            link.keep();
             BusView::of(link)
         });
         // The potentiometer's task counts as making progress while its samples are fresh.
@@ -202,7 +200,8 @@ mod app {
             .steering
             .lock(|steering| steering.has_sample(clock.now()));
         let work = if fresh { bus.link.services } else { 0 };
-        keeper.step::<SteeringStatus, _, _>(&mut shared.link, &bus, work);
+        let idle = shared.output.lock(|output| output.is_open());
+        keeper.step::<SteeringStatus, _, _>(&mut shared.link, &bus, work, idle);
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }

@@ -401,7 +401,7 @@ impl Peripherals {
         let ppb = if tree.external {
             self.oscillators.crystal_ppb
         } else {
-            self.oscillators.rc_ppb
+            self.oscillators.rc_ppb + self.rcc.trim_ppb()
         };
         let before = self.clock;
         if before.hertz() != tree.hclk || before.ppb() != ppb {
@@ -520,6 +520,19 @@ impl Peripherals {
         self.retune(false);
         self.refresh();
         interrupts
+    }
+
+    pub(crate) fn find_external_clock(&mut self, hertz: u32) {
+        self.rcc
+            .find_external(u64::from(hertz), self.now, &self.clock);
+        self.retune(false);
+        self.refresh();
+    }
+
+    pub(crate) fn set_internal_error(&mut self, ppb: i32) {
+        self.oscillators.rc_ppb = i64::from(ppb);
+        self.retune(false);
+        self.refresh();
     }
 
     pub(crate) fn drive_pin(&mut self, pin: Pin, level: Option<bool>) {

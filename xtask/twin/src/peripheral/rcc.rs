@@ -16,6 +16,9 @@ const HSI_START: Ps = 2_000_000;
 /// HSE in bypass mode: the clock runs already, and the ready flag follows after about 8 of its
 /// cycles.
 const HSE_START: Ps = 2_000_000;
+/// A step of HSITRIM: about 40 kHz of 8 MHz (RM0316 9.4.1). The F446's documents give no step
+/// but a maximum of 1 %; the same share is taken.
+const TRIM_STEP_PPB: i64 = 5_000_000;
 /// PLL lock: 200 us is the maximum of both parts.
 const PLL_LOCK: Ps = 200_000_000;
 /// LSI start-up: 40 us (F446), 85 us (F303).
@@ -252,6 +255,11 @@ impl Rcc {
         let watched = self.registers[0] & CSSON != 0 && self.hse_ready != NEVER;
         self.hse_hz = None;
         if !watched {
+            let in_use = self.source() == Source::Hse
+                || self.pll_external() && self.registers[0] & 1 << 24 != 0;
+            if !in_use {
+                self.hse_ready = NEVER;
+            }
             return false;
         }
         let fed = self.pll_external();
@@ -269,6 +277,22 @@ impl Rcc {
             self.switched = 0;
         }
         true
+    }
+
+    /// A clock comes to OSC_IN. It is ready some time after the program has asked for it.
+    pub(crate) fn find_external(&mut self, hertz: u64, now: Cycles, clock: &LocalClock) {
+        self.hse_hz = Some(hertz);
+        start(
+            &mut self.hse_ready,
+            self.registers[0] & 1 << 16 != 0,
+            now + clock.cycles_of(HSE_START),
+        );
+        self.settle(now, clock);
+    }
+
+    /// How far the program has trimmed the HSI off its factory setting, parts in 10^9.
+    pub(crate) fn trim_ppb(&self) -> i64 {
+        (i64::from(self.registers[0] >> 3 & 0x1F) - 16) * TRIM_STEP_PPB
     }
 
     /// The CR bit of the oscillator that feeds the PLL.

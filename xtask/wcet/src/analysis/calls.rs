@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use crate::bound::{PanicSite, Problem};
 use crate::facts::{BlockId, To};
-use crate::graph::{Graph, is_panic};
+use crate::graph::{Graph, is_end, is_panic};
 use crate::instruction::Instruction;
 use crate::state::State;
 
@@ -58,6 +58,10 @@ impl Run<'_, '_> {
             return None;
         }
         let name = self.program.image.name(target);
+        if is_end(&name) {
+            self.end_path(state.cycles);
+            return None;
+        }
         if is_panic(&name) {
             self.panics.insert(PanicSite {
                 at: from,

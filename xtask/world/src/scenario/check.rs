@@ -3,9 +3,10 @@
 use vehicle_model::{Device, Vehicle};
 
 use super::file::without;
-use super::{BusEvent, DURATIONS, Scenario};
+use super::{BusEvent, DURATIONS, LARGEST_ERROR, Scenario};
 use crate::units::{
-    Angle, Compliance, Count, CountSlope, Kind, Length, Ppm, Quantity, Rate, Ratio, Speed, Time,
+    Angle, Compliance, Count, CountSlope, Drift, Kind, Length, Ppm, Quantity, Rate, Ratio, Speed,
+    Time,
 };
 use crate::vehicle::Parameters;
 
@@ -103,13 +104,15 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
         let node = &vehicle.node(node).name;
         for (name, ppm, most) in [
             ("crystal", clock.crystal, 100.0),
-            ("internal", clock.internal, 10_000.0),
+            ("internal", clock.internal, LARGEST_ERROR),
         ] {
             if let Some(ppm) = ppm {
                 let range = between(Ppm::new(-most), Ppm::new(most));
                 within(&format!("nodes.{node}.{name}"), ppm, range)?;
             }
         }
+        let drifts = between(Drift::new(-5_000.0), Drift::new(5_000.0));
+        within(&format!("nodes.{node}.drift"), clock.drift, drifts)?;
     }
     operator(scenario)?;
     knobs(scenario, vehicle)?;
@@ -349,6 +352,9 @@ fn faults(scenario: &Scenario) -> Outcome {
     for (i, reset) in scenario.reset.iter().enumerate() {
         within(&format!("reset[{i}].at"), reset.at, times())?;
         later(&format!("reset[{i}]"), reset.at, reset.until)?;
+    }
+    for (i, change) in scenario.clock.iter().enumerate() {
+        within(&format!("clock[{i}].at"), change.at, times())?;
     }
     for (i, event) in scenario.bus.iter().enumerate() {
         let field = format!("bus[{i}]");

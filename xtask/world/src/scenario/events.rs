@@ -83,6 +83,17 @@ pub struct KnobTurn {
     pub position: Ratio,
 }
 
+/// The 8 MHz clock of a node stops, or comes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClockChange {
+    /// Which node.
+    pub node: NodeIndex,
+    /// When.
+    pub at: Time,
+    /// Whether the clock is there from then on.
+    pub present: bool,
+}
+
 /// A node's reset line is pulled low.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResetEvent {

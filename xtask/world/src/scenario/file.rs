@@ -6,8 +6,8 @@ use serde::Deserialize;
 use vehicle_model::{Device, NodeIndex, Vehicle};
 
 use super::{
-    BusEvent, ButtonPress, Clock, JoystickMove, KnobTurn, Lcd, Line, Point, ResetEvent, Scenario,
-    Start, StartChanges, StopLoopChange,
+    BusEvent, ButtonPress, Clock, ClockChange, JoystickMove, KnobTurn, Lcd, Line, Point,
+    ResetEvent, Scenario, Start, StartChanges, StopLoopChange,
 };
 use crate::receiver::{self, FixChange, StreamFault};
 use crate::units::{Ratio, Time};
@@ -33,6 +33,7 @@ pub(super) struct File {
     knob: Vec<Turn>,
     stop_loop: Vec<StopLoopChange>,
     reset: Vec<Reset>,
+    clock: Vec<Change>,
     bus: Vec<BusEvent>,
 }
 
@@ -55,6 +56,7 @@ impl Default for File {
             knob: Vec::new(),
             stop_loop: Vec::new(),
             reset: Vec::new(),
+            clock: Vec::new(),
             bus: Vec::new(),
         }
     }
@@ -76,6 +78,15 @@ struct Reset {
     node: String,
     at: Time,
     until: Option<Time>,
+}
+
+/// A [`ClockChange`] as written in the file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Change {
+    node: String,
+    at: Time,
+    present: bool,
 }
 
 impl File {
@@ -101,6 +112,13 @@ impl File {
                 position: turn.position,
             })
         });
+        let clock = self.clock.into_iter().enumerate().map(|(i, change)| {
+            Ok(ClockChange {
+                node: node(format!("clock[{i}].node"), &change.node)?,
+                at: change.at,
+                present: change.present,
+            })
+        });
         let line = line(vehicle, self.line)?;
         Ok(Scenario {
             name: name.into(),
@@ -120,6 +138,7 @@ impl File {
             knob: knob.collect::<Result<_, String>>()?,
             stop_loop: self.stop_loop,
             reset: reset.collect::<Result<_, String>>()?,
+            clock: clock.collect::<Result<_, String>>()?,
             bus: self.bus,
         })
     }

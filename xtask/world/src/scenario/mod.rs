@@ -18,13 +18,13 @@ use vehicle_model::Vehicle;
 
 pub use error::ScenarioError;
 pub use events::{
-    BusEvent, Button, ButtonPress, JoystickMove, KnobTurn, ResetEvent, StopLoopChange,
+    BusEvent, Button, ButtonPress, ClockChange, JoystickMove, KnobTurn, ResetEvent, StopLoopChange,
 };
 use file::File;
 
 use crate::changes::changes;
 use crate::receiver::{self, FixChange, StreamFault};
-use crate::units::{Angle, Length, Ppm, Speed, Time};
+use crate::units::{Angle, Drift, Length, Ppm, Speed, Time};
 use crate::vehicle;
 
 /// Simulated times that a run may take, s: from a millisecond, in which a frame fits, to a day.
@@ -70,6 +70,8 @@ pub struct Scenario {
     pub stop_loop: Vec<StopLoopChange>,
     /// Nodes held in reset.
     pub reset: Vec<ResetEvent>,
+    /// The 8 MHz clocks of nodes stop and come.
+    pub clock: Vec<ClockChange>,
     /// Foreign frames and disturbances on the bus.
     pub bus: Vec<BusEvent>,
 }
@@ -185,16 +187,22 @@ impl Default for Lcd {
     }
 }
 
+/// Largest error of an internal oscillator, ppm.
+pub(crate) const LARGEST_ERROR: f64 = 50_000.0;
+
 /// Clock of a node.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Clock {
     /// Error of the 8 MHz clock, -100 to 100 ppm; random within 50 ppm if left out.
     pub crystal: Option<Ppm>,
-    /// Error of the part's internal oscillator, -10000 to 10000 ppm (data sheets of both parts:
-    /// 1 % at 25 degrees Celsius); random within this range if left out.
+    /// Error of the part's internal oscillator as it leaves the factory, -50000 to 50000 ppm;
+    /// random within 10000 ppm if left out (data sheets of both parts: 1 % at 25 degrees Celsius,
+    /// up to 5 % over all temperatures).
     pub internal: Option<Ppm>,
-    /// Whether the 8 MHz clock is there at all. Default true.
+    /// How that error changes during the run, -5000 to 5000 ppm/s, up to 5 %. Default 0 ppm/s.
+    pub drift: Drift,
+    /// Whether the 8 MHz clock is there at the start. Default true.
     pub external: bool,
 }
 
@@ -203,6 +211,7 @@ impl Default for Clock {
         Self {
             crystal: None,
             internal: None,
+            drift: Drift::new(0.0),
             external: true,
         }
     }
