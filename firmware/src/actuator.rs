@@ -374,9 +374,13 @@ impl<M: Machine, C: MotionCommand> Steering<M, C> {
         self.sample.map(|(count, _)| count)
     }
 
-    /// The motor driver's byte, `None` when no command is in force.
+    /// The motor driver's byte; `None` when no command lets the motor turn. Its circuit is open
+    /// then, so that not even noise on the driver's line moves it.
     pub fn byte(&self, now: u32) -> Option<u8> {
         let command = self.supervised.command()?;
+        if !command.steering_enabled() || command.emergency_stop() {
+            return None;
+        }
         let effort = steering_effort::<M>(Some(command), self.angle(now));
         Some(convert::motor_byte(effort, M::FULL_BYTE_IS_FORWARD))
     }
@@ -401,8 +405,9 @@ impl<M: Machine, C: MotionCommand> Driving<M, C> {
         }
     }
 
-    /// The motor driver's byte, `None` when no command is in force. Advances the slew-rate
-    /// limiter by the time since the last call.
+    /// The motor driver's byte; `None` when no command lets the motor turn. Its circuit is open
+    /// then, so that not even noise on the driver's line moves it. Advances the slew-rate limiter
+    /// by the time since the last call.
     pub fn byte(&mut self, now: u32) -> Option<u8> {
         let ticks = now.wrapping_sub(self.stepped_at);
         self.stepped_at = now;
@@ -411,6 +416,8 @@ impl<M: Machine, C: MotionCommand> Driving<M, C> {
         let dt = (micros.min(design::LONGEST_SLEW_STEP.ticks())) as f32 * 1e-6;
         let command = self.supervised.command();
         let effort = self.drive.effort(command, dt);
+        let command =
+            command.filter(|command| command.drive_enabled() && !command.emergency_stop());
         command.map(|_| convert::motor_byte(effort, M::FULL_BYTE_IS_FORWARD))
     }
 

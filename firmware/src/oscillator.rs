@@ -88,6 +88,7 @@ impl Tuner {
     /// The node listens again, at the trim that it has.
     pub fn resume(&mut self) {
         self.corrections = 0;
+        self.busy = None;
         self.begin();
     }
 

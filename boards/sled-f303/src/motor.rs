@@ -81,24 +81,15 @@ impl MotorOutput {
         }
     }
 
-    /// Sends a command byte if it differs from the last one. `None` means that no command is in
-    /// force: opens the motor's circuit and sends a stop.
-    pub fn set(&mut self, command: Option<u8>) {
-        if command.unwrap_or(STOP) != self.last {
-            self.repeat(command);
-        } else {
-            self.switch(command.is_some());
-        }
-    }
-
     fn switch(&mut self, closed: bool) {
         self.closed = closed;
         self.relay.set(closed);
     }
 
-    /// Sends a command byte even if it is the same as the last one: the driver may have lost
-    /// its power in between.
-    pub fn repeat(&mut self, command: Option<u8>) {
+    /// Sends a command byte, even if it is the same as the last one: the driver may have lost its
+    /// power in between, or read noise. `None` means that no command is in force: opens the motor's
+    /// circuit and sends a stop.
+    pub fn set(&mut self, command: Option<u8>) {
         self.switch(command.is_some());
         let byte = command.unwrap_or(STOP);
         if self.motor.send(byte) {

@@ -3,7 +3,7 @@
 use can_bus::{Frame, NodeId, Retry, Tester};
 use furrow_tests::Journey;
 use furrow_tests::nodes;
-use furrow_tests::time::{at, span};
+use furrow_tests::time::{at, seconds, span};
 use world::SimTime;
 
 use crate::{assert_never_reset, mode, next_cycle, running};
@@ -149,4 +149,34 @@ fn foreign_commands_during_a_run_change_no_motor_beyond_it() {
         .map(|change| change.effort)
         .fold(0.0, f64::max);
     assert!(most < 0.7, "{most}");
+}
+
+/// Noise that a motor driver reads as full reverse stays no longer than until the next sample of an
+/// actuator node.
+#[test]
+fn a_byte_that_noise_put_on_a_motors_line_is_overwritten_within_ten_milliseconds() {
+    for (node, name, within) in [
+        (nodes::DRIVE, "drive", 0.0105),
+        (nodes::STEERING, "steering", 0.0055),
+    ] {
+        let mut longest: f64 = 0.0;
+        let times: Vec<f64> = (0..10).map(|k| 3.0 + 0.0917 * f64::from(k)).collect();
+        let noise: Vec<String> = times
+            .iter()
+            .map(|at| format!("{{ node = \"{name}\", at = \"{at} s\", byte = 0 }}"))
+            .collect();
+        let mut journey = running(&format!("wire = [{}]", noise.join(", ")));
+        journey.to(4.2);
+        let efforts = journey.vehicle.world().efforts();
+        for hit in &times {
+            let hit = efforts
+                .iter()
+                .position(|change| change.node == node && (seconds(change.at) - hit).abs() < 1e-6)
+                .expect("the driver read it");
+            let end = efforts[hit + 1..].iter().find(|change| change.node == node);
+            let end = end.map_or(4.2, |change| seconds(change.at));
+            longest = longest.max(end - seconds(efforts[hit].at));
+        }
+        assert!(longest < within, "{name}: {longest} s");
+    }
 }

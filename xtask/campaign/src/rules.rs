@@ -305,7 +305,7 @@ impl Judge<'_> {
         let strange = of.resets.iter().find(|(at, cause)| match cause {
             ResetCause::PowerOn | ResetCause::Pin => false,
             ResetCause::Watchdog => !upset(seconds(*at)),
-            ResetCause::Software => !stopped(seconds(*at)),
+            ResetCause::Software => !stopped(seconds(*at)) && !sequence.is_late(node),
         });
         strange.map(|(at, cause)| Violation {
             rule: "reset",

@@ -6,9 +6,10 @@ use world::Scenario;
 use world::random::{Purpose, Stream};
 use world::receiver::{Fix, FixChange, StreamFault, StreamFaultKind};
 use world::scenario::{
-    BusEvent, Button, ButtonPress, Clock, JoystickMove, ResetEvent, StopLoopChange,
+    BusEvent, Button, ButtonPress, Clock, ClockChange, JoystickMove, ResetEvent, StopLoopChange,
+    WireNoise,
 };
-use world::units::{Angle, Length, Ppm, Ratio, Time};
+use world::units::{Angle, Drift, Length, Ppm, Ratio, Time};
 
 /// How much further the wheels could turn than they may, degrees, so that the limit which holds
 /// is that of the steering's node.
@@ -16,6 +17,10 @@ const BEYOND: f64 = 7.0;
 
 /// Distance from the line at the start, metres.
 const BESIDE: f64 = 0.5;
+
+/// How far an RC oscillator may be off, ppm, and how much that may change, ppm/s.
+const INTERNAL: f64 = 30_000.0;
+const DRIFT: f64 = 300.0;
 
 /// Faults begin from this time on, s: the vehicle is driving then.
 const FIRST: f64 = 1.9;
@@ -98,7 +103,14 @@ impl Sequence {
     #[must_use]
     pub fn can_lead(&self, node: NodeIndex) -> bool {
         let stopped = self.clock_losses.iter().any(|loss| loss.node == node);
-        !self.is_lost(node) && !stopped && self.scenario.nodes[node.0].external
+        let clock = self.scenario.nodes[node.0].external || self.is_late(node);
+        !self.is_lost(node) && !stopped && clock
+    }
+
+    /// Whether a node's external clock comes after its power.
+    #[must_use]
+    pub fn is_late(&self, node: NodeIndex) -> bool {
+        self.scenario.clock.iter().any(|change| change.node == node)
     }
 
     /// Whether a node is held in reset to the end.
@@ -213,7 +225,7 @@ impl Drawing<'_> {
 
     fn fault(&mut self) {
         let at = self.within(FIRST, LAST);
-        match self.stream.below(15) {
+        match self.stream.below(17) {
             0..=2 => self.hold(at),
             3 => self.foreign(at),
             4 => self.babble(at),
@@ -226,6 +238,8 @@ impl Drawing<'_> {
             8..=11 => self.hold(at),
             12 => self.board(),
             13 => self.clock_loss(at),
+            14 => self.late_clock(),
+            15 => self.wire(at),
             _ => self.upset(at),
         }
     }
@@ -401,17 +415,60 @@ impl Drawing<'_> {
         }
         let node = NodeIndex(which);
         let name = self.vehicle.node(node).name.clone();
+        let drift = self.stream.symmetric(DRIFT).round();
         let clock = self.clock(node);
         clock.external = false;
         clock.internal = Some(Ppm::new(internal));
+        clock.drift = Drift::new(drift);
         self.tell(format!(
-            "{name} has no external clock, its own is off by {internal:.0} ppm"
+            "{name} has no external clock, its own is off by {internal:.0} ppm and {drift:.0} ppm more each second"
         ));
     }
 
     /// How far an RC oscillator is off, ppm.
     fn internal(&mut self) -> f64 {
-        self.stream.symmetric(1500.0).round()
+        self.stream.symmetric(INTERNAL).round()
+    }
+
+    /// A node's clock comes after its power, before the vehicle drives.
+    fn late_clock(&mut self) {
+        let internal = self.internal();
+        let at = self.within(0.02, 0.6);
+        let (node, name) = self.node();
+        let clock = self.clock(node);
+        clock.external = false;
+        clock.internal = Some(clock.internal.unwrap_or(Ppm::new(internal)));
+        self.sequence.scenario.clock.push(ClockChange {
+            node,
+            at: Time::new(at),
+            present: true,
+        });
+        self.tell(format!("the external clock of {name} comes at {at:.6} s"));
+    }
+
+    /// Noise on the line to a motor driver.
+    fn wire(&mut self, at: f64) {
+        let motors: Vec<NodeIndex> = self
+            .vehicle
+            .nodes()
+            .filter(|node| {
+                let mut devices = self.vehicle.node(*node).wiring.values();
+                devices.any(|device| device.is_motor())
+            })
+            .collect();
+        let Some(&node) = motors.get(self.stream.below(motors.len())) else {
+            return self.hold(at);
+        };
+        let byte = self.stream.byte();
+        let name = self.vehicle.node(node).name.clone();
+        self.tell(format!(
+            "noise on the motor's line of {name} reads as {byte:#04X} at {at:.6} s"
+        ));
+        self.sequence.scenario.wire.push(WireNoise {
+            node,
+            at: Time::new(at),
+            byte,
+        });
     }
 
     fn clock(&mut self, node: NodeIndex) -> &mut Clock {
@@ -477,6 +534,8 @@ mod tests {
             "stop loop",
             "never answers",
             "has no external clock",
+            "comes at",
+            "noise",
             "clock of",
             "stalls",
             "joystick",

@@ -338,7 +338,7 @@ impl Twin {
 
     fn apply(&mut self, output: &Output) {
         match &output.what {
-            Effect::Byte { .. } => {}
+            Effect::Byte { .. } | Effect::WireNoise { .. } => {}
             Effect::Level { node, input, high } => self.drive_input(*node, *input, *high),
             Effect::ExternalClock {
                 node,

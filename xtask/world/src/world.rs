@@ -96,6 +96,13 @@ pub enum Effect {
         /// Its level from now on.
         high: bool,
     },
+    /// Noise on the line to a node's motor driver reads as a byte.
+    WireNoise {
+        /// The node.
+        node: NodeIndex,
+        /// The byte.
+        byte: u8,
+    },
     /// A node's 8 MHz clock stops or comes.
     ExternalClock {
         /// The node.
@@ -306,6 +313,13 @@ impl World {
             };
             self.push(at(change.at.span()), what);
         }
+        for noise in self.scenario.wire.clone() {
+            let what = Effect::WireNoise {
+                node: noise.node,
+                byte: noise.byte,
+            };
+            self.push(at(noise.at.span()), what);
+        }
         for event in self.scenario.bus.clone() {
             self.script_bus(event);
         }
@@ -461,6 +475,17 @@ impl World {
                 return;
             }
             *level = high;
+        }
+        if let Effect::WireNoise { node, byte } = queued.what {
+            if let Some(index) = self.motors.iter().position(|motor| motor.node == node) {
+                let noise = Heard {
+                    byte: Some(byte),
+                    end: queued.at,
+                    genuine: true,
+                };
+                self.obey(index, &[noise]);
+            }
+            return;
         }
         self.ready.push_back(Output {
             at: queued.at,

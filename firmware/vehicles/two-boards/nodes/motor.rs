@@ -152,7 +152,7 @@ mod app {
         let arrival = link.lock(|link| link.arrival(window::COMMAND));
         let accepted = (cx.shared.obeyed, cx.shared.output).lock(|obeyed, output| {
             let accepted = obeyed.attend(&arrival, now);
-            output.repeat(obeyed.command().map(|command| command.motor));
+            output.set(obeyed.command().map(|command| command.motor));
             accepted
         });
         if accepted {

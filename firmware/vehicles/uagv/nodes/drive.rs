@@ -136,7 +136,7 @@ mod app {
         let arrival = link.lock(|link| link.arrival(window::COMMAND));
         let accepted = (cx.shared.driving, cx.shared.output).lock(|driving, output| {
             let accepted = driving.supervised.attend(&arrival, now);
-            output.repeat(driving.byte(now));
+            output.set(driving.byte(now));
             accepted
         });
         if accepted {

@@ -145,6 +145,7 @@ mod app {
         let now = cx.shared.clock.now();
         (cx.shared.steering, cx.shared.output).lock(|steering, output| {
             steering.sample(count, now);
+            // At each sample: a byte that noise put on the line stays for 5 ms at most.
             output.set(steering.byte(now));
         });
         let data = SteeringPot {
@@ -162,7 +163,7 @@ mod app {
         let arrival = link.lock(|link| link.arrival(window::COMMAND));
         let accepted = (cx.shared.steering, cx.shared.output).lock(|steering, output| {
             let accepted = steering.supervised.attend(&arrival, now);
-            output.repeat(steering.byte(now));
+            output.set(steering.byte(now));
             accepted
         });
         if accepted {

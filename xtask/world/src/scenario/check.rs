@@ -116,6 +116,7 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
     }
     operator(scenario)?;
     knobs(scenario, vehicle)?;
+    wires(scenario, vehicle)?;
     faults(scenario)?;
     devices(scenario, vehicle)
 }
@@ -154,6 +155,19 @@ fn knobs(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
         if node.connector(Device::Knob).is_none() {
             return Err(format!(
                 "knob[{i}].node: no knob is wired to {:?}",
+                node.name
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn wires(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
+    for (i, noise) in scenario.wire.iter().enumerate() {
+        let node = vehicle.node(noise.node);
+        if !node.wiring.values().any(|device| device.is_motor()) {
+            return Err(format!(
+                "wire[{i}].node: no motor is wired to {:?}",
                 node.name
             ));
         }
@@ -355,6 +369,9 @@ fn faults(scenario: &Scenario) -> Outcome {
     }
     for (i, change) in scenario.clock.iter().enumerate() {
         within(&format!("clock[{i}].at"), change.at, times())?;
+    }
+    for (i, noise) in scenario.wire.iter().enumerate() {
+        within(&format!("wire[{i}].at"), noise.at, times())?;
     }
     for (i, event) in scenario.bus.iter().enumerate() {
         let field = format!("bus[{i}]");

@@ -94,6 +94,17 @@ pub struct ClockChange {
     pub present: bool,
 }
 
+/// Noise on the line to a motor driver reads as a byte.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WireNoise {
+    /// The node that the motor driver is wired to.
+    pub node: NodeIndex,
+    /// When.
+    pub at: Time,
+    /// The byte that the driver reads.
+    pub byte: u8,
+}
+
 /// A node's reset line is pulled low.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResetEvent {

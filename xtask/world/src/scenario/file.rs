@@ -7,7 +7,7 @@ use vehicle_model::{Device, NodeIndex, Vehicle};
 
 use super::{
     BusEvent, ButtonPress, Clock, ClockChange, JoystickMove, KnobTurn, Lcd, Line, Point,
-    ResetEvent, Scenario, Start, StartChanges, StopLoopChange,
+    ResetEvent, Scenario, Start, StartChanges, StopLoopChange, WireNoise,
 };
 use crate::receiver::{self, FixChange, StreamFault};
 use crate::units::{Ratio, Time};
@@ -34,6 +34,7 @@ pub(super) struct File {
     stop_loop: Vec<StopLoopChange>,
     reset: Vec<Reset>,
     clock: Vec<Change>,
+    wire: Vec<Noise>,
     bus: Vec<BusEvent>,
 }
 
@@ -57,6 +58,7 @@ impl Default for File {
             stop_loop: Vec::new(),
             reset: Vec::new(),
             clock: Vec::new(),
+            wire: Vec::new(),
             bus: Vec::new(),
         }
     }
@@ -89,6 +91,15 @@ struct Change {
     present: bool,
 }
 
+/// A [`WireNoise`] as written in the file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Noise {
+    node: String,
+    at: Time,
+    byte: u8,
+}
+
 impl File {
     /// The scenario, completed with the manifest's values.
     pub(super) fn complete(self, vehicle: &Vehicle, name: &str) -> Result<Scenario, String> {
@@ -119,6 +130,13 @@ impl File {
                 present: change.present,
             })
         });
+        let wire = self.wire.into_iter().enumerate().map(|(i, noise)| {
+            Ok(WireNoise {
+                node: node(format!("wire[{i}].node"), &noise.node)?,
+                at: noise.at,
+                byte: noise.byte,
+            })
+        });
         let line = line(vehicle, self.line)?;
         Ok(Scenario {
             name: name.into(),
@@ -139,6 +157,7 @@ impl File {
             stop_loop: self.stop_loop,
             reset: reset.collect::<Result<_, String>>()?,
             clock: clock.collect::<Result<_, String>>()?,
+            wire: wire.collect::<Result<_, String>>()?,
             bus: self.bus,
         })
     }

@@ -19,6 +19,7 @@ use vehicle_model::Vehicle;
 pub use error::ScenarioError;
 pub use events::{
     BusEvent, Button, ButtonPress, ClockChange, JoystickMove, KnobTurn, ResetEvent, StopLoopChange,
+    WireNoise,
 };
 use file::File;
 
@@ -72,6 +73,8 @@ pub struct Scenario {
     pub reset: Vec<ResetEvent>,
     /// The 8 MHz clocks of nodes stop and come.
     pub clock: Vec<ClockChange>,
+    /// Noise on the lines to motor drivers.
+    pub wire: Vec<WireNoise>,
     /// Foreign frames and disturbances on the bus.
     pub bus: Vec<BusEvent>,
 }
