@@ -301,8 +301,8 @@ impl<C: Command> Supervised<C> {
         accepted && self.command().is_some()
     }
 
-    /// Drops the command if it is too old or if `alive` is false (the network is gone, or two
-    /// commands in a row are missing). True if a command was dropped.
+    /// Drops the command if it is too old or if `alive` is false (the network or its first time
+    /// master is gone, or two commands in a row are missing). True if a command was dropped.
     pub fn supervise(&mut self, alive: bool, now: u32) -> bool {
         let held = self.hold.command().is_some();
         let expired = held && now.wrapping_sub(self.accepted_at) >= self.times.command;

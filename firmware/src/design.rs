@@ -36,6 +36,10 @@ pub const fn receiver_patience(period: Micros) -> MillisDurationU32 {
 /// periods stop the motors (thesis 6.2.4.4).
 pub const POSITION_PATIENCE: u8 = 2;
 
+/// Time from the start of a reference until its node has taken it: the longest frame, 540 us at
+/// the boards' 250 kbit/s, its interrupt, and clocks that differ over two basic cycles.
+pub const REFERENCE_ARRIVAL: Micros = Micros::micros(700);
+
 /// How long the backup master waits for a frame of the gps node before it begins the schedule
 /// itself. The gps node may still be waiting for its receiver.
 pub const MASTER_PATIENCE: MillisDurationU32 = MillisDurationU32::millis(1000);

@@ -6,6 +6,7 @@
 //! - [`convert`]: where raw codes and physical units meet;
 //! - [`link`]: protocol stack, CAN port and window timer as one value;
 //! - [`oscillator`]: trims an RC oscillator by the references;
+//! - [`leader`]: under which time master the actuators may move;
 //! - [`e2e`]: the protection of actuator commands; [`actuator`]: their supervision;
 //! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: its messages, for the bus;
 //! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law;
@@ -28,6 +29,7 @@ pub mod design;
 pub mod display;
 pub mod e2e;
 pub mod housekeeping;
+pub mod leader;
 pub mod link;
 pub mod log;
 pub mod machine;

@@ -16,6 +16,8 @@ use ttcan::{
     Reception, ScheduleView, Stamp, TransmitOutcome,
 };
 
+use crate::leader::{Leader, Rule};
+
 /// Capacity of a node's queue of event messages that wait for their window. An actuator node
 /// sends no events but its status.
 pub const EVENT_QUEUE: usize = if cfg!(feature = "f303") { 2 } else { 8 };
@@ -30,6 +32,8 @@ pub struct Identity {
     pub schedule: ScheduleView<'static>,
     /// The node.
     pub node: NodeId,
+    /// Under which time master its actuators may move.
+    pub rule: Rule,
 }
 
 /// The CAN controller as the link uses it.
@@ -130,6 +134,8 @@ pub struct News {
     pub windows: u32,
     /// An event message arrived.
     pub event: bool,
+    /// From now on actuators must not move: see [`Link::take_stop`].
+    pub stop: bool,
 }
 
 impl News {
@@ -146,7 +152,8 @@ pub struct Arrival {
     pub frame: Option<Frame>,
     /// System time at which the current basic cycle began, ms.
     pub time: u32,
-    /// True if the network is alive and at most one command in a row is missing.
+    /// True if the network is alive, at most one command in a row is missing, and actuators may
+    /// move under its time master.
     pub alive: bool,
 }
 
@@ -220,6 +227,9 @@ pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
     start_due: bool,
     /// The mailbox refused a frame, and the stack has not been told yet.
     refused: bool,
+    leader: Leader,
+    /// Whether actuators were allowed to move when [`Link::take_stop`] was last called.
+    moved: bool,
     reference_byte: u8,
     cycle_time: u32,
     offered_time: u32,
@@ -250,6 +260,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         schedule: ScheduleView<'static>,
         config: NodeConfig,
         oscillator: Oscillator,
+        rule: Rule,
         port: P,
         timer: T,
     ) -> Result<Self, ConfigError> {
@@ -294,6 +305,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             started: false,
             start_due: false,
             refused: false,
+            leader: Leader::new(rule, config.ticks_per_us),
+            moved: false,
             reference_byte: 0,
             cycle_time: 0,
             offered_time: 0,
@@ -313,6 +326,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     }
 
     fn begin(&mut self) {
+        self.leader.forget();
         self.start_due = true;
         self.fire();
     }
@@ -346,8 +360,10 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             None => return news,
         };
         match self.node.handle_receive(&frame, Stamp(stamp)) {
-            Reception::Reference { .. } => {
+            Reception::Reference { rank, .. } => {
+                self.begin_cycle(rank);
                 news.reference = true;
+                news.stop = self.take_stop();
                 let [byte, ..] = frame.buffer();
                 self.reference_byte = byte;
                 self.cycle_time = time_of(&frame);
@@ -407,10 +423,20 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.arm();
         let begun = self.node.reference_mark() != cycle;
         if begun {
+            if let Some(rank) = self.node.status().master_rank {
+                self.begin_cycle(rank);
+            }
             self.reference_byte = 0;
             self.cycle_time = self.offered_time;
         }
         begun
+    }
+
+    /// Notes that a reference of the master of this rank began a basic cycle.
+    fn begin_cycle(&mut self, rank: u8) {
+        if let Some(mark) = self.node.reference_mark() {
+            self.leader.begin(rank, mark.0);
+        }
     }
 
     /// Error interrupt.
@@ -708,10 +734,25 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         queued
     }
 
-    /// Whether an actuator may act on commands: the network is alive, and at most one command
-    /// in a row is missing from window `command` (thesis 6.2.4.4).
+    /// Whether actuators may move under the time master that leads the bus.
+    pub fn may_move(&self) -> bool {
+        self.leader.permits(self.timer.now())
+    }
+
+    /// Whether the time master's permission to move has ended since the last call. Call it after
+    /// each service of the window timer, which is due when a reference is missing.
+    pub fn take_stop(&mut self) -> bool {
+        let moved = self.moved;
+        self.moved = self.may_move();
+        moved && !self.moved
+    }
+
+    /// Whether an actuator may act on commands: the network is alive, at most one command in a
+    /// row is missing from window `command` (thesis 6.2.4.4), and actuators may move under its
+    /// time master.
     pub fn commands_arrive(&self, command: usize) -> bool {
-        self.node.is_alive()
+        self.may_move()
+            && self.node.is_alive()
             && self
                 .node
                 .window(command as u16)
@@ -796,6 +837,7 @@ pub fn padded<const N: usize>(data: [u8; N]) -> [u8; 8] {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::leader::BackupMaster;
     use std::boxed::Box;
     use std::collections::VecDeque;
     use std::vec::Vec;
@@ -927,6 +969,7 @@ mod tests {
                 ..NodeConfig::new(STEERING, PER_US)
             },
             oscillator,
+            Rule::new(BackupMaster::Stop, Micros::millis(100)),
             Cell::default(),
             timer,
         )

@@ -128,14 +128,8 @@ pub fn link<const WINDOWS: usize, const NODES: usize>(
         ..NodeConfig::new(identity.node, clocks.ticks_per_us)
     };
     let timer = Timer { clock, alarms };
-    Link::new(
-        place,
-        identity.schedule,
-        config,
-        clocks.oscillator,
-        can,
-        timer,
-    )
+    let Identity { schedule, rule, .. } = identity;
+    Link::new(place, schedule, config, clocks.oscillator, rule, can, timer)
 }
 
 /// Starts the board. Does not return if that fails: the node records why, and starts again.

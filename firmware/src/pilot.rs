@@ -5,7 +5,7 @@ use core::marker::PhantomData;
 
 use control::controller::{Sample, SettingsError, Tracking};
 use control::line::{Line, LineError};
-use control::mode::{Conditions, Mode, ModeMachine, Request, Source};
+use control::mode::{self, Conditions, Mode, ModeMachine, Request, Source};
 use control::position::{Position, Velocity};
 use control::safety;
 
@@ -58,6 +58,8 @@ pub struct Inputs {
     pub fixed: bool,
     /// Whether the node keeps the schedule and is not silenced by its errors.
     pub in_schedule: bool,
+    /// Whether actuators may move under the time master that leads the bus.
+    pub may_move: bool,
     /// Latest samples of the joystick, x and y, counts.
     pub joystick: (u16, u16),
 }
@@ -71,6 +73,7 @@ impl Default for Inputs {
             pot: None,
             fixed: false,
             in_schedule: false,
+            may_move: false,
             joystick: (design::JOYSTICK_CENTRE, design::JOYSTICK_CENTRE),
         }
     }
@@ -107,6 +110,8 @@ pub enum Reason {
     FixLost,
     /// The node lost the schedule of the bus.
     BusFault,
+    /// The time master was lost, and the vehicle does not drive under its backup.
+    MasterLost,
     /// The potentiometer's messages are missing.
     NodeFault,
     /// The vehicle reached the end of its path.
@@ -247,19 +252,26 @@ impl<M: Machine> Pilot<M> {
 
     fn change_mode(&mut self, inputs: &Inputs, buttons: &Buttons) -> Option<Change> {
         let previous = self.modes.mode();
-        let driving = previous.source() != Source::Still;
         let blind = self.pot_missing >= POT_PATIENCE;
-        let conditions = Conditions {
-            fixed_solution: self.fixed,
-            stop_loop_open: buttons.is_pressed(Button::StopLoop),
-            fault: driving && (blind || !inputs.in_schedule),
-        };
         let mut request = core::mem::take(&mut self.request);
         if self.finished && previous == Mode::AutonomousRun && request == Request::None {
             // At the end of the path the run ends as if button C were pressed again.
             request = Request::Autonomous;
             self.request_reason = Reason::PathEnd;
         }
+        let sound = Conditions {
+            fixed_solution: self.fixed,
+            stop_loop_open: buttons.is_pressed(Button::StopLoop),
+            fault: false,
+        };
+        // A fault counts while the vehicle drives, and when it is about to. It stays until the
+        // operator releases it.
+        let driving = |mode: Mode| mode.source() != Source::Still;
+        let conditions = Conditions {
+            fault: (driving(previous) || driving(mode::next(previous, request, sound)))
+                && (blind || !inputs.in_schedule || !inputs.may_move),
+            ..sound
+        };
         let mode = self.modes.step(request, conditions);
         if mode == previous {
             return None;
@@ -268,6 +280,8 @@ impl<M: Machine> Pilot<M> {
             Reason::StopLoop
         } else if conditions.fault && !inputs.in_schedule {
             Reason::BusFault
+        } else if conditions.fault && !inputs.may_move {
+            Reason::MasterLost
         } else if conditions.fault {
             Reason::NodeFault
         } else if request != Request::None {

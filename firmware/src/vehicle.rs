@@ -5,6 +5,7 @@
 ///
 /// - `messages`: nodes, quantities, enumerations and messages;
 /// - `matrix`: nodes, windows, releases of steps and the system matrix;
+/// - `safety`: what the manifest says about stops;
 /// - `WINDOWS`, `NODES`: how many there are;
 /// - `Stack`: the protocol stack of a node; `Link`: its link on its board;
 /// - `identity`: a node in this network.
@@ -32,6 +33,11 @@ macro_rules! vehicle {
             include!(concat!(env!("OUT_DIR"), "/matrix.rs"));
         }
 
+        /// What `vehicle.toml` says about stops.
+        pub mod safety {
+            include!(concat!(env!("OUT_DIR"), "/safety.rs"));
+        }
+
         /// Windows of the system matrix.
         pub const WINDOWS: usize = matrix::MATRIX.window_count();
         /// Nodes of the network.
@@ -55,6 +61,7 @@ macro_rules! vehicle {
             $crate::link::Identity {
                 schedule: matrix::SCHEDULE.view(),
                 node,
+                rule: $crate::leader::Rule::new(safety::BACKUP_MASTER, matrix::BASIC_CYCLE),
             }
         }
     };

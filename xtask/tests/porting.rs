@@ -245,6 +245,29 @@ fn tasks(folder: &Folder) {
     assert!(table.node.contains_key("follower"));
 }
 
+/// Drives on by joystick under the backup master, in a scenario of its own.
+fn backup(folder: &Folder) {
+    folder.replace(
+        "vehicle.toml",
+        "backup_master = \"stop\"",
+        "backup_master = \"drive\"",
+    );
+    folder.write(
+        "scenarios/manual-master-dead.toml",
+        r#"
+        [[press]]
+        at = "1 s"
+        button = "B"
+        [[joystick]]
+        at = "1.2 s"
+        forward = "50 %"
+        [[reset]]
+        node = "gps"
+        at = "4.03 s"
+        "#,
+    );
+}
+
 /// Another vehicle, as it is written.
 fn unchanged(_: &Folder) {}
 
@@ -252,9 +275,10 @@ fn unchanged(_: &Folder) {}
 type Walk = fn(&Folder);
 
 /// Name of the copy, vehicle that is copied, walk.
-const WALKS: [(&str, &str, Walk); 5] = [
+const WALKS: [(&str, &str, Walk); 6] = [
     ("walk-wheelbase", "uagv", wheelbase),
     ("walk-actuator", "uagv", actuator),
+    ("walk-backup", "uagv", backup),
     ("walk-message", "two-boards", message),
     ("walk-node", "two-boards", node),
     ("walk-vehicle", "two-boards", unchanged),
@@ -464,6 +488,21 @@ fn another_actuator() {
     let states = outcome.world.states();
     let fastest = states.windows(2).map(rate).fold(0.0, f64::max);
     assert!(fastest < limit, "{} deg/s", fastest.to_degrees());
+}
+
+#[test]
+#[ignore = "builds images of its own: `cargo xtask test --long`"]
+fn driving_on_under_the_backup_master() {
+    let (vehicle, outcome) = drive("walk-backup", "manual-master-dead", 8.0);
+    let last = outcome.world.states().last().unwrap();
+    assert!(last.speed > 0.9, "{} m/s", last.speed);
+    // It is the backup that leads.
+    let references = frames(&vehicle, &outcome, "controller", 101);
+    assert!(references.len() > 35, "{}", references.len());
+    // An autonomous run ends nevertheless: it has no position.
+    let (_, outcome) = drive("walk-backup", "master-dead", 23.0);
+    let last = outcome.world.states().last().unwrap();
+    assert!(last.speed.abs() < 0.01, "{} m/s", last.speed);
 }
 
 #[test]

@@ -17,6 +17,7 @@ use crate::vehicle::Vehicle;
 /// | --- | --- |
 /// | `messages.rs` | message types |
 /// | `matrix.rs` | nodes, windows and system matrix |
+/// | `safety.rs` | what the manifest says about stops |
 /// | `design.rs` | the machine's numbers and the settings of its control law |
 ///
 /// Also passes the linker scripts of the images to the linker and sets the log level. Reports
@@ -43,6 +44,10 @@ fn write() -> Result<(), Box<dyn Error>> {
     let network = vehicle.network();
     fs::write(out.join("messages.rs"), generate::messages(network))?;
     fs::write(out.join("matrix.rs"), generate::matrix(network))?;
+    fs::write(
+        out.join("safety.rs"),
+        design::safety(vehicle.manifest().safety),
+    )?;
     fs::write(out.join("design.rs"), design::source(&vehicle)?)?;
     if env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none") {
         // The scripts of cortex-m-rt and defmt.

@@ -7,7 +7,8 @@ use network_model::Network;
 use parts::Sled;
 
 use crate::manifest::{
-    Calibration, Command, Device, Machine, Manifest, Node, Receiver, RegulatorWeights, SignalPath,
+    BackupMaster, Calibration, Command, Device, Machine, Manifest, Node, Receiver,
+    RegulatorWeights, SignalPath,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -21,6 +22,7 @@ pub const FULL_SCALE: f64 = 4095.0;
 pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     nodes(&manifest.nodes, network)?;
     devices(manifest)?;
+    backup_master(manifest.safety.backup_master, network)?;
     if let Some(mode) = &manifest.mode {
         mode_signal(mode, network)?;
     }
@@ -134,6 +136,19 @@ fn devices(manifest: &Manifest) -> Result<(), String> {
     }
     if seen.contains(&Device::SatelliteReceiver) && manifest.receiver.is_none() {
         return Err("[receiver] is missing: a satellite-receiver is wired".into());
+    }
+    Ok(())
+}
+
+/// A vehicle drives on under a backup master only if its network has one.
+fn backup_master(backup: BackupMaster, network: &Network) -> Result<(), String> {
+    let mut nodes = network.nodes.iter();
+    if backup == BackupMaster::Drive && !nodes.any(|node| node.master_rank > Some(0)) {
+        return Err(
+            "safety.backup_master is \"drive\": \"stop\" is accepted, as no node of the network \
+             file has a MasterRank above 0"
+                .into(),
+        );
     }
     Ok(())
 }

@@ -10,7 +10,9 @@ use control::model::{Antenna, Geometry};
 use control::vehicle::{self, Description, Refusal};
 
 use crate::error::VehicleError;
-use crate::manifest::{Device, Direction, Machine, Receiver, RegulatorWeights, Remote, Waypoint};
+use crate::manifest::{
+    BackupMaster, Device, Direction, Machine, Receiver, RegulatorWeights, Remote, Safety, Waypoint,
+};
 use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind};
 use crate::vehicle::Vehicle;
 
@@ -203,6 +205,22 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
         let _ = writeln!(out, "    const PERIOD: f32 = {period:?};\n}}");
     }
     Ok(out)
+}
+
+/// The Rust source of what the manifest says about stops.
+pub(crate) fn safety(safety: Safety) -> String {
+    let mut out = String::new();
+    let backup = match safety.backup_master {
+        BackupMaster::Stop => "Stop",
+        BackupMaster::Drive => "Drive",
+    };
+    constant(
+        &mut out,
+        "What the motors do while a backup master leads the bus.",
+        "BACKUP_MASTER: ::firmware::leader::BackupMaster",
+        &format!("::firmware::leader::BackupMaster::{backup}"),
+    );
+    out
 }
 
 /// The beginning of the implementation of `firmware::machine::Machine`.

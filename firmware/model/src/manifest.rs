@@ -24,6 +24,9 @@ pub struct Manifest {
     pub command: Option<Command>,
     /// Which signals `cargo xtask calibrate` reads; `None` when there is nothing to calibrate.
     pub calibration: Option<Calibration>,
+    /// When the motors stop. Default: as the thesis says.
+    #[serde(default)]
+    pub safety: Safety,
     /// The operator's controls. Default: a momentary remote control.
     #[serde(default)]
     pub operator: Operator,
@@ -212,6 +215,25 @@ impl TryFrom<String> for SignalPath {
             )),
         }
     }
+}
+
+/// When the motors stop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Safety {
+    /// What they do while a backup master leads the bus.
+    pub backup_master: BackupMaster,
+}
+
+/// What the motors do while a backup master leads the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum BackupMaster {
+    /// They stop within two basic cycles (thesis 6.2.4.4).
+    #[default]
+    Stop,
+    /// They obey commands as under the first time master. The network must have a backup.
+    Drive,
 }
 
 /// The operator's controls.

@@ -187,6 +187,30 @@ fn nodes_and_their_wiring_must_be_there() {
 }
 
 #[test]
+fn a_vehicle_drives_under_a_backup_only_if_there_is_one() {
+    let stop = "backup_master = \"stop\"";
+    assert_refused(&[(
+        stop,
+        "backup_master = \"on\"",
+        "line 56, safety.backup_master: unknown variant `on`, expected `stop` or `drive`",
+    )]);
+    let folder = vehicles().join("two-boards");
+    let text = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+    let network = text("network.dbc");
+    let manifest = |choice: &str| {
+        let own = text("vehicle.toml");
+        format!("{own}\n[safety]\nbackup_master = {choice:?}\n")
+    };
+    let parse = |choice| Vehicle::parse("two", Path::new("two"), &manifest(choice), &network);
+    assert!(parse("stop").is_ok());
+    assert_eq!(
+        parse("drive").unwrap_err().to_string(),
+        "two/vehicle.toml: safety.backup_master is \"drive\": \"stop\" is accepted, as no node of \
+         the network file has a MasterRank above 0"
+    );
+}
+
+#[test]
 fn the_numbers_of_the_control_law_are_named_by_their_keys() {
     assert_refused(&[
         (
@@ -280,14 +304,14 @@ fn what_is_not_toml_is_refused_with_its_line_and_key() {
         (
             cruise,
             "cruise = 1 m/s",
-            "line 66, cruise: this is not TOML: ",
+            "line 71, cruise: this is not TOML: ",
         ),
         (
             "[machine.limits]",
             "[machine.limits",
-            "line 72: this is not TOML: ",
+            "line 77: this is not TOML: ",
         ),
-        (cruise, "cruise = 1", "line 66, machine.cruise: "),
+        (cruise, "cruise = 1", "line 71, machine.cruise: "),
     ] {
         let said = refusal(from, to);
         assert!(

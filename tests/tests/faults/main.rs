@@ -5,6 +5,7 @@ mod bus;
 mod clocks;
 mod commands;
 mod display;
+mod master;
 mod modes;
 mod oscillators;
 mod receiver;

@@ -3,6 +3,7 @@
 //! | rule | source |
 //! | --- | --- |
 //! | a motor is driven only while a genuine command that enables it is not older than two basic periods | thesis 6.2.4.4 |
+//! | a motor is driven only while a reference of the first time master is not older than two basic periods, unless the manifest lets a backup drive | thesis 6.2.4.4 |
 //! | the steering angle stays within its limits | thesis 5.3 |
 //! | a motor driver whose relay is closed reads only bytes that were sent to it | thesis 6.2.4.4 |
 //! | no node's frame outside of its own window | ISO 11898-4: exclusive windows |
@@ -10,12 +11,12 @@
 //! | no node resets itself for any other reason than its stalled core | |
 //!
 //! Resets are no exception: a node that stands still lets go of its motor's relay. A core that
-//! stalls holds it closed until the watchdog bites; the first two rules do not count in that
-//! tenth of a second, nor the second until the wheels are back within their limits.
+//! stalls holds it closed until the watchdog bites; the first three rules do not count in that
+//! tenth of a second, nor the third until the wheels are back within their limits.
 
 use network_model::{Condition, Message, SendType, Signal};
 use twin::{Outcome, ResetCause};
-use vehicle_model::{Device, NodeIndex, Vehicle};
+use vehicle_model::{BackupMaster, Device, NodeIndex, Vehicle};
 use world::SimTime;
 
 use crate::sequence::{END, SETTLED, Sequence};
@@ -35,6 +36,10 @@ pub struct Violation {
 /// A command is too old after two basic periods, and this for the frame that is missing, the
 /// reaction to it and the byte to the motor driver (260 us), s.
 const REACTION: f64 = 0.001;
+
+/// The same for a reference. It counts as missing when two longest references, 1.1 ms, could have
+/// been sent in its place, s.
+const REFERENCE_REACTION: f64 = 0.003;
 
 /// How far the steering angle may be beyond its limit, degrees: noise of the potentiometer, and
 /// its sampling period at full rate (0.125 degrees).
@@ -63,6 +68,7 @@ pub fn judge(vehicle: &Vehicle, sequence: &Sequence, outcome: &Outcome) -> Vec<V
     for node in vehicle.nodes() {
         violations.extend(judge.motor(node));
         violations.extend(judge.wire(node));
+        violations.extend(judge.led(node));
     }
     violations.extend(judge.steering());
     let misplaced = judge.matrix.misplaced(&judge.traffic);
@@ -104,8 +110,41 @@ impl Judge<'_> {
         let devices = self.vehicle.node(node).wiring.values();
         let motor = devices.copied().find(|device| device.is_motor())?;
         let (message, signal) = enabling(self.vehicle, motor)?;
-        let stalled = self.sequence.stalled(node);
         let commands = self.allowed(message, signal);
+        self.driven(node, &commands).map(|(at, effort)| Violation {
+            rule: "stop",
+            at,
+            what: format!(
+                "the motor of {} is driven with {effort:.2}, its last enabling command is older than two basic periods",
+                self.name(node)
+            ),
+        })
+    }
+
+    /// The motor of a node is driven under the first time master only.
+    fn led(&self, node: NodeIndex) -> Option<Violation> {
+        if self.vehicle.manifest().safety.backup_master == BackupMaster::Drive {
+            return None;
+        }
+        let messages = self.matrix.messages().iter();
+        let references = messages.filter(|message| self.matrix.is_reference(message.id));
+        let first = references.min_by_key(|message| message.id)?;
+        let led = self.spans(self.traffic.genuine(first.id), REFERENCE_REACTION);
+        self.driven(node, &led).map(|(at, effort)| Violation {
+            rule: "master",
+            at,
+            what: format!(
+                "the motor of {} is driven with {effort:.2}, the last reference of {} is older than two basic periods",
+                self.name(node),
+                first.sender
+            ),
+        })
+    }
+
+    /// When and with which effort the motor of a node is driven outside of these spans, for the
+    /// first time.
+    fn driven(&self, node: NodeIndex, allowed: &[(f64, f64)]) -> Option<(f64, f64)> {
+        let stalled = self.sequence.stalled(node);
         let efforts: Vec<(f64, f64)> = self
             .outcome
             .world
@@ -119,15 +158,8 @@ impl Judge<'_> {
                 continue;
             }
             let until = efforts.get(index + 1).map_or(END, |next| next.0);
-            if let Some(at) = uncovered((from, until), &commands, &stalled) {
-                return Some(Violation {
-                    rule: "stop",
-                    at,
-                    what: format!(
-                        "the motor of {} is driven with {effort:.2}, its last enabling command is older than two basic periods",
-                        self.name(node)
-                    ),
-                });
+            if let Some(at) = uncovered((from, until), allowed, &stalled) {
+                return Some((at, effort));
             }
         }
         None
@@ -153,10 +185,14 @@ impl Judge<'_> {
 
     /// Spans in which commands allow a motor to turn.
     fn allowed(&self, message: &Message, signal: &Signal) -> Vec<(f64, f64)> {
-        let age = 2.0 * self.period() + REACTION;
         let enables = |frame: &&Sent| signal.extract(&frame.bytes()) != 0;
-        let commands = self.traffic.genuine(message.id).filter(enables);
-        commands
+        self.spans(self.traffic.genuine(message.id).filter(enables), REACTION)
+    }
+
+    /// The spans of two basic periods and `reaction` that begin with these frames.
+    fn spans<'b>(&self, frames: impl Iterator<Item = &'b Sent>, reaction: f64) -> Vec<(f64, f64)> {
+        let age = 2.0 * self.period() + reaction;
+        frames
             .map(|frame| (seconds(frame.end), seconds(frame.end) + age))
             .collect()
     }

@@ -109,7 +109,7 @@ mod app {
     fn can_rx(mut cx: can_rx::Context) {
         let stamp = cx.shared.clock.now();
         let news = cx.shared.link.lock(|link| link.on_receive(stamp));
-        if news.has(window::COMMAND) {
+        if news.has(window::COMMAND) || news.stop {
             rtic::pend(Interrupt::EXTI1);
         }
     }
@@ -131,7 +131,7 @@ mod app {
         let act = cx
             .shared
             .link
-            .lock(|link| link.on_timer() || !link.node().is_alive());
+            .lock(|link| link.on_timer() || link.take_stop() || !link.node().is_alive());
         if act {
             rtic::pend(Interrupt::EXTI1);
         }

@@ -73,6 +73,7 @@ pub fn inputs<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>
             .map(|SteeringPot { count }| count.0),
         fixed: link.reference_byte() & 1 != 0,
         in_schedule: link.is_heard(),
+        may_move: link.may_move(),
         ..Inputs::default()
     }
 }
@@ -221,6 +222,7 @@ pub const fn mode_change(change: &Change, counter: u8, time: u32) -> ModeChange 
             Reason::FixLost => named::ModeReason::FixLost,
             Reason::BusFault => named::ModeReason::BusFault,
             Reason::NodeFault => named::ModeReason::NodeFault,
+            Reason::MasterLost => named::ModeReason::MasterLost,
             Reason::PathEnd => named::ModeReason::PathEnd,
         },
         counter,

@@ -18,6 +18,7 @@ fn inputs(fixed: bool) -> Inputs {
         pot: Some(2048),
         fixed,
         in_schedule: true,
+        may_move: true,
         joystick: (2048, 4095),
     }
 }
@@ -143,6 +144,45 @@ fn moving_without_steering_angle_is_a_fault() {
         modes,
         [Named::Manual, Named::Manual, Named::Fault, Named::Fault]
     );
+}
+
+#[test]
+fn without_its_time_master_the_vehicle_stops_and_waits_for_the_operator() {
+    let mut pilot = Pilot::new().unwrap();
+    let _ = step(&mut pilot, &inputs(true));
+    let backup = Inputs {
+        may_move: false,
+        ..inputs(true)
+    };
+    for (button, presses, mode) in [
+        (Button::B, 1, Mode::Manual),
+        (Button::C, 2, Mode::AutonomousRun),
+    ] {
+        // It does not begin to drive under a backup.
+        for _ in 0..presses {
+            press(&mut pilot, button);
+            let (command, _) = step(&mut pilot, &backup);
+            assert!(!command.drive_enabled && !command.steering_enabled);
+        }
+        assert_eq!(pilot.mode(), Mode::Fault);
+        press(&mut pilot, Button::A);
+        let _ = step(&mut pilot, &inputs(true));
+        for _ in 0..presses {
+            press(&mut pilot, button);
+            let _ = step(&mut pilot, &inputs(true));
+        }
+        assert_eq!(pilot.mode(), mode);
+        let (command, change) = step(&mut pilot, &backup);
+        assert!(!command.drive_enabled && !command.steering_enabled);
+        assert_eq!(change.unwrap().reason, Reason::MasterLost);
+        // The master is back: only a release leads out of the fault.
+        press(&mut pilot, button);
+        let (command, _) = step(&mut pilot, &inputs(true));
+        assert_eq!(command.mode, Named::Fault);
+        press(&mut pilot, Button::A);
+        let (command, _) = step(&mut pilot, &inputs(true));
+        assert_eq!(command.mode, Named::Idle);
+    }
 }
 
 #[test]
