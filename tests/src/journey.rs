@@ -47,8 +47,20 @@ impl Journey {
     }
 
     /// Runs until `seconds` after power-on.
+    ///
+    /// # Panics
+    /// As [`Journey::run_until`].
     pub fn to(&mut self, seconds: f64) -> &mut Self {
-        self.vehicle.run_until(at(seconds));
+        self.run_until(at(seconds))
+    }
+
+    /// Runs until an instant.
+    ///
+    /// # Panics
+    /// When a program did what its microcontroller does not allow.
+    pub fn run_until(&mut self, end: SimTime) -> &mut Self {
+        let run = self.vehicle.run_until(end);
+        run.unwrap_or_else(|error| panic!("{error}"));
         self
     }
 

@@ -159,7 +159,9 @@ fn slices_do_not_change_a_run() {
     let mut t = 0;
     while t < 1_500 {
         t += 100;
-        vehicle.run_until(SimTime::from_ticks(t * MS));
+        vehicle
+            .run_until(SimTime::from_ticks(t * MS))
+            .expect("programs that the parts allow");
     }
     let whole = simulate("straight-line", 7, 1_500);
     assert_eq!(vehicle.records(), whole.records);

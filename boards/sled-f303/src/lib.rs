@@ -40,7 +40,7 @@
 //! | hardware | through the HAL | by registers, in `registers` |
 //! | --- | --- | --- |
 //! | pins | all of them | |
-//! | clock gates | `rcc::Enable` | |
+//! | clock gates | `rcc::Enable` | delay until the peripheral can be used |
 //! | DMA | channels: direction, interrupts, enable | addresses, lengths, sizes: the setters assert; the end of a transfer in one read |
 //! | CAN | configuration by `bxcan`; the HAL has no driver | mailbox, FIFO, outcome of an attempt: `sled_common::can` |
 //! | watchdog | `watchdog::IndependentWatchDog` | |
@@ -78,9 +78,9 @@ pub use stm32f3xx_hal::pac;
 
 use clock::{Clocks, ResetCause};
 use fault::Fault;
+use registers::gate;
 use stm32f3xx_hal::dma::{DmaExt, dma1::C1};
 use stm32f3xx_hal::prelude::*;
-use stm32f3xx_hal::rcc::Enable;
 
 /// What every node on this sled has.
 pub struct Sled {
@@ -130,18 +130,22 @@ impl Sled {
         let clocks = clocks::start(&device.RCC, &device.FLASH).ok_or(Fault::ClockStart)?;
         expect(Fault::Start);
         let mut rcc = device.RCC.constrain();
-        pac::USART1::enable(&mut rcc.apb2);
+        gate::open::<pac::USART1>(&mut rcc.apb2);
         // The port starts before its pin is connected: so the line goes from floating to idle.
         let mut motor = motor::start(device.USART1, clocks.core);
-        pac::TIM2::enable(&mut rcc.apb1);
+        gate::open::<pac::TIM2>(&mut rcc.apb1);
         let (clock, alarms) = time::start(device.TIM2);
-        pac::USART2::enable(&mut rcc.apb1);
+        gate::open::<pac::USART2>(&mut rcc.apb1);
+        // The HAL enables the clocks of DMA and ports once more.
+        gate::open::<pac::DMA1>(&mut rcc.ahb);
         let channels = device.DMA1.split(&mut rcc.ahb);
         let console =
             console::start(&device.USART2, clocks.apb1, channels.ch7).ok_or(Fault::Start)?;
-        pac::CAN::enable(&mut rcc.apb1);
-        pac::TIM3::enable(&mut rcc.apb1);
-        pac::ADC1_2::enable(&mut rcc.ahb);
+        gate::open::<pac::CAN>(&mut rcc.apb1);
+        gate::open::<pac::TIM3>(&mut rcc.apb1);
+        gate::open::<pac::ADC1_2>(&mut rcc.ahb);
+        gate::open::<pac::GPIOA>(&mut rcc.ahb);
+        gate::open::<pac::GPIOB>(&mut rcc.ahb);
 
         let mut a = device.GPIOA.split(&mut rcc.ahb);
         let mut b = device.GPIOB.split(&mut rcc.ahb);

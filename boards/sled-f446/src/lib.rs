@@ -37,7 +37,7 @@
 //! | hardware | through the HAL | by registers, in `registers` |
 //! | --- | --- | --- |
 //! | pins | all of them | |
-//! | clock gates, resets | `rcc::Enable`, `rcc::Reset` | |
+//! | clock gates, resets | `rcc::Enable`, `rcc::Reset` | delay until the peripheral can be used |
 //! | DMA | streams | |
 //! | CAN | `can::Can`, configuration by `bxcan` | mailbox, FIFO, outcome of an attempt: `sled_common::can` |
 //! | watchdog | `watchdog::IndependentWatchdog` | |
@@ -76,9 +76,10 @@ pub use stm32f4xx_hal::pac;
 
 use clock::{Clocks, ResetCause};
 use fault::Fault;
+use registers::gate;
 use stm32f4xx_hal::can::CanExt;
 use stm32f4xx_hal::gpio::{self, GpioExt, alt::usart1, alt::usart2, alt::usart3};
-use stm32f4xx_hal::rcc::{Enable, Rcc, RccExt};
+use stm32f4xx_hal::rcc::{Rcc, RccExt};
 
 /// What every node on this sled has.
 pub struct Sled {
@@ -133,11 +134,17 @@ impl Sled {
             clocks::start(&device.RCC, &device.PWR, &device.FLASH).ok_or(Fault::ClockStart)?;
         expect(Fault::Start);
         let mut rcc = device.RCC.constrain();
-        pac::TIM2::enable(&mut rcc);
+        gate::open::<pac::TIM2>(&mut rcc);
         let (clock, alarms) = time::start(device.TIM2);
-        pac::USART2::enable(&mut rcc);
+        gate::open::<pac::USART2>(&mut rcc);
+        gate::open::<pac::DMA1>(&mut rcc);
         let streams = dma::StreamsTuple::new(device.DMA1, &mut rcc);
         let console = console::start(&device.USART2, streams.6).ok_or(Fault::Start)?;
+        // The HAL enables these clocks once more, and resets the peripherals.
+        gate::open::<pac::GPIOA>(&mut rcc);
+        gate::open::<pac::GPIOB>(&mut rcc);
+        gate::open::<pac::GPIOC>(&mut rcc);
+        gate::open::<pac::CAN1>(&mut rcc);
         let port_a = device.GPIOA.split(&mut rcc);
         let port_b = device.GPIOB.split(&mut rcc);
         let port_c = device.GPIOC.split(&mut rcc);
@@ -188,7 +195,8 @@ impl Rest {
     /// Starts the satellite receiver's port (node gps).
     pub fn receiver(self) -> Option<receiver::Receiver> {
         let mut rcc = self.rcc;
-        pac::USART1::enable(&mut rcc);
+        gate::open::<pac::USART1>(&mut rcc);
+        gate::open::<pac::DMA2>(&mut rcc);
         let streams = dma::StreamsTuple::new(self.dma2, &mut rcc);
         let (tx, rx) = self.receiver_pins;
         let _: (usart1::Tx, usart1::Rx) = (tx.into(), rx.into());
@@ -198,10 +206,11 @@ impl Rest {
     /// Starts joystick, buttons and display (node controller).
     pub fn operator(self) -> Option<Operator> {
         let mut rcc = self.rcc;
-        pac::USART3::enable(&mut rcc);
-        pac::TIM3::enable(&mut rcc);
-        pac::TIM4::enable(&mut rcc);
-        pac::ADC1::enable(&mut rcc);
+        gate::open::<pac::USART3>(&mut rcc);
+        gate::open::<pac::TIM3>(&mut rcc);
+        gate::open::<pac::TIM4>(&mut rcc);
+        gate::open::<pac::ADC1>(&mut rcc);
+        gate::open::<pac::DMA2>(&mut rcc);
         let streams = dma::StreamsTuple::new(self.dma2, &mut rcc);
         let _ = (self.axes.0.into_analog(), self.axes.1.into_analog());
         let _: (usart3::Tx, usart3::Rx) = (self.port_c.pc10.into(), self.port_c.pc11.into());

@@ -104,7 +104,7 @@ fn replayed_flipped_and_spoofed_commands_move_nothing() {
         sent += 2;
     }
     let end = journey.vehicle.now() + span(0.3);
-    journey.vehicle.run_until(end);
+    journey.run_until(end);
     assert!(foreign(&journey) >= sent - 2, "{}", foreign(&journey));
     assert_still(&journey, since);
     assert_never_reset(&journey);
@@ -122,7 +122,7 @@ fn a_recorded_run_moves_nothing_when_the_controller_is_gone() {
         attacker.send(&mut journey, begin + span(WINDOW + 0.000_01), *data);
     }
     let end = journey.vehicle.now() + span(0.2);
-    journey.vehicle.run_until(end);
+    journey.run_until(end);
     assert!(foreign(&journey) >= 10, "{}", foreign(&journey));
     assert_still(&journey, since);
 }

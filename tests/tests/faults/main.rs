@@ -106,6 +106,6 @@ fn next_cycle(journey: &mut Journey) -> SimTime {
     while next <= now {
         next += span(0.1);
     }
-    journey.vehicle.run_until(next + span(0.000_9));
+    journey.run_until(next + span(0.000_9));
     last_before(journey, 100, journey.vehicle.now()).start
 }

@@ -110,7 +110,7 @@ fn until_a_byte_begins(journey: &mut Journey, node: NodeIndex) {
         }
         was_idle = idle;
         let next = journey.vehicle.now() + span(10e-6);
-        journey.vehicle.run_until(next);
+        journey.run_until(next);
     }
     panic!("{node:?} sends nothing to its motor");
 }
@@ -127,7 +127,7 @@ fn a_motor_driver_reads_no_wrong_byte_but_the_one_on_the_line_when_its_nodes_clo
         let mut journey = running("");
         until_a_byte_begins(&mut journey, node);
         let now = journey.vehicle.now() + span(bit / 38_400.0);
-        journey.vehicle.run_until(now);
+        journey.run_until(now);
         assert!(journey.vehicle.node_mut(node).lose_external_clock());
         journey.to(4.0);
         let garbles = journey.vehicle.world().garbles();
@@ -151,12 +151,12 @@ fn a_motor_driver_whose_node_is_reset_reads_no_wrong_byte_with_its_relay_closed(
         let node = [nodes::DRIVE, nodes::STEERING][bit % 2];
         until_a_byte_begins(&mut journey, node);
         let now = journey.vehicle.now() + span((bit as f64 + 0.3) / 38_400.0);
-        journey.vehicle.run_until(now);
+        journey.run_until(now);
         assert!(journey.effort(nodes::DRIVE, now) > 0.2, "{bit}");
         journey.vehicle.node_mut(node).hold_reset();
-        journey.vehicle.run_until(now + span(0.005));
+        journey.run_until(now + span(0.005));
         journey.vehicle.node_mut(node).release_reset();
-        journey.vehicle.run_until(now + span(1.2));
+        journey.run_until(now + span(1.2));
         let garbles = journey.vehicle.world().garbles();
         assert!(garbles.iter().all(|garble| !garble.closed), "{garbles:?}");
         cut = garbles.len();

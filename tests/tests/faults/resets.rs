@@ -153,7 +153,7 @@ fn the_drive_node_in_reset_stops_at_once_and_follows_again() {
 fn stalled(node: NodeIndex, nominal: f64) -> (Journey, f64, f64) {
     let mut journey = running("");
     next_cycle(&mut journey);
-    campaign::stall(&mut journey.vehicle, node);
+    campaign::stall(&mut journey.vehicle, node).expect("programs that the parts allow");
     let stalled = seconds(journey.vehicle.now());
     journey.to(stalled + 2.0 * nominal + 0.2);
     let resets = journey.vehicle.node(node).resets();

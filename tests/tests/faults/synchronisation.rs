@@ -28,7 +28,7 @@ fn the_nodes_agree_on_the_time_and_start_their_frames_in_time() {
 
     while journey.vehicle.now() < at(END) {
         let next = journey.vehicle.now() + agreement::SPAN;
-        journey.vehicle.run_until(next);
+        journey.run_until(next);
         agreement.compare(&mut journey.vehicle);
     }
     let figures = agreement.figures().expect("the nodes know the time");

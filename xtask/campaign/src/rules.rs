@@ -9,6 +9,7 @@
 //! | no node's frame outside of its own window | ISO 11898-4: exclusive windows |
 //! | every node that can is back in schedule at the end | |
 //! | no node resets itself for any other reason than its stalled core | |
+//! | no program does what its microcontroller does not allow | RM0390, RM0316, see [`twin::Violation`] |
 //!
 //! Resets are no exception: a node that stands still lets go of its motor's relay. A core that
 //! stalls holds it closed until the watchdog bites; the first three rules do not count in that

@@ -34,6 +34,11 @@ pub fn replay(vehicle: &Vehicle, seed: u64, images: &Images) -> Result<Verdict, 
     let judged = catch_unwind(AssertUnwindSafe(|| drive(vehicle, &sequence, images)));
     let violations = match judged {
         Ok(Ok(violations)) => violations,
+        Ok(Err(TwinError::Violation { node, violation })) => vec![Violation {
+            rule: "silicon",
+            at: violation.at.as_ticks() as f64 * 1e-12,
+            what: format!("{node}: {violation}"),
+        }],
         Ok(Err(error)) => return Err(error),
         Err(panic) => {
             let text = panic.downcast_ref::<String>().map(String::as_str);
@@ -66,26 +71,30 @@ fn drive(
     strikes.extend(losses.map(|loss| (loss.at, loss.node, stop_clock as Strike)));
     strikes.sort_by(|one, other| one.0.total_cmp(&other.0));
     for (at, node, strike) in strikes {
-        twin.run_until(instant(at).max(twin.now()));
-        strike(&mut twin, node);
+        twin.run_until(instant(at).max(twin.now()))?;
+        strike(&mut twin, node)?;
     }
-    twin.run_until(instant(END));
+    twin.run_until(instant(END))?;
     Ok(judge(vehicle, sequence, &twin.finish()))
 }
 
 /// A fault that is applied to a node between two steps of the simulation.
-type Strike = fn(&mut Twin, NodeIndex);
+type Strike = fn(&mut Twin, NodeIndex) -> Result<(), TwinError>;
 
 /// Stops the external clock of a node, if it runs on it at this moment.
-fn stop_clock(twin: &mut Twin, node: NodeIndex) {
+fn stop_clock(twin: &mut Twin, node: NodeIndex) -> Result<(), TwinError> {
     twin.node_mut(node).lose_external_clock();
+    Ok(())
 }
 
 /// Stalls a core in its next interrupt. A node without an interrupt in 30 ms is stalled already.
 ///
+/// # Errors
+/// As [`Twin::run_until`].
+///
 /// # Panics
 /// Never: every board has RAM at the lower end of its call stack.
-pub fn stall(twin: &mut Twin, node: NodeIndex) {
+pub fn stall(twin: &mut Twin, node: NodeIndex) -> Result<(), TwinError> {
     // A branch to itself where the call stack would end: no program comes that far.
     let trap = twin.sled(node).stack.base;
     let written = twin.node_mut(node).set_memory(trap, &[0xFE, 0xE7]);
@@ -93,13 +102,14 @@ pub fn stall(twin: &mut Twin, node: NodeIndex) {
     let end = twin.now() + SimDuration::from_ticks(30_000_000_000);
     while twin.now() < end {
         let next = twin.now() + SimDuration::from_ticks(3_000_000);
-        twin.run_until(next);
+        twin.run_until(next)?;
         // Exceptions from 16 on are interrupts of the device (ARMv7-M).
         if twin.node(node).exception() >= 16 {
             twin.node_mut(node).set_register(15, trap);
-            return;
+            return Ok(());
         }
     }
+    Ok(())
 }
 
 fn instant(seconds: f64) -> SimTime {

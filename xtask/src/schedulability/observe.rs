@@ -61,7 +61,8 @@ pub(super) fn observe(
                 let (now, end) = (seconds(now.now), seconds(now.end));
                 progress(&format!("{now:.0} of {end:.0} s simulated"));
             }
-        });
+        })
+        .map_err(Error::from)?;
         for node in vehicle.nodes() {
             let name = &vehicle.node(node).name;
             let mcu = twin.node(node);

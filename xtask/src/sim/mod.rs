@@ -268,7 +268,8 @@ pub(crate) struct Finished<'s> {
 ///
 /// # Errors
 ///
-/// An image does not build or is no program for its node.
+/// An image does not build or is no program for its node, or a program did what its
+/// microcontroller does not allow.
 pub(crate) fn simulate<'s>(
     workspace: &Workspace,
     vehicle: &Vehicle,
@@ -284,7 +285,8 @@ pub(crate) fn simulate<'s>(
     let mut agreement = Agreement::new(&images);
     let end = SimTime::from_ticks(0) + length.unwrap_or_else(|| scenario.duration.span());
     while twin.now() < end {
-        twin.run_until(end.min(twin.now() + agreement::SPAN));
+        twin.run_until(end.min(twin.now() + agreement::SPAN))
+            .map_err(Error::from)?;
         if let Some(agreement) = &mut agreement {
             agreement.compare(&mut twin);
         }

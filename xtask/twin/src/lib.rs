@@ -21,6 +21,9 @@
 //! model reads as zero and is listed by [`mcu::Mcu::unmodelled`]. An address without a peripheral
 //! is a bus fault.
 //!
+//! A program that does what the part's documents do not allow ends the run with a [`Violation`],
+//! for example by using a peripheral too soon after its clock was enabled.
+//!
 //! # Time
 //! A node counts cycles of its own core clock, which follows its clock tree and the error of its
 //! oscillator. Simulation time is in picoseconds. Instructions take the cycles of the Cortex-M4
@@ -47,11 +50,13 @@ pub mod mcu;
 pub mod network;
 pub mod part;
 mod peripheral;
+mod silicon;
 pub mod statistics;
 mod twin;
 mod window;
 mod wiring;
 
 pub use peripheral::{PinChange, ResetCause, SharedBus, UartByte};
+pub use silicon::Violation;
 pub use twin::{Images, NodeOutcome, Options, Outcome, Progress, Twin, TwinError, run};
 pub use wiring::WiringError;

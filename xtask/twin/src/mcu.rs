@@ -7,6 +7,7 @@ use crate::part::{Part, Pin};
 use crate::peripheral::{
     CanLink, Oscillators, Peripherals, PinChange, Ram, ResetCause, SharedBus, UartByte, lock,
 };
+use crate::silicon::Violation;
 use crate::statistics::{Load, Observer, Switch};
 use crate::window::{Shared, Window};
 use can_bus::{ClockRate, NodeId, SimDuration, SimTime};
@@ -745,6 +746,18 @@ impl Mcu {
             .iter()
             .copied()
             .collect()
+    }
+
+    /// What the program did so far that the part's documents do not allow, oldest first.
+    #[must_use]
+    pub fn violations(&self) -> Vec<Violation> {
+        lock(&self.shared.peripherals).violations().to_vec()
+    }
+
+    /// The first entry of [`Mcu::violations`].
+    #[must_use]
+    pub fn first_violation(&self) -> Option<Violation> {
+        lock(&self.shared.peripherals).violations().first().cloned()
     }
 
     /// How the cycles since power-on were spent.

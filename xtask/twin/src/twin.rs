@@ -4,6 +4,7 @@ use crate::image::{Image, ImageError};
 use crate::mcu::{Board, FlashTiming, Mcu};
 use crate::network::Network;
 use crate::peripheral::{ResetCause, UartByte};
+use crate::silicon::Violation;
 use crate::statistics::Load;
 use crate::wiring::{Wiring, WiringError};
 use can_bus::{
@@ -52,7 +53,7 @@ impl Images {
     }
 }
 
-/// Why a vehicle cannot be built.
+/// Why a vehicle cannot be built, or cannot run on.
 #[derive(Debug, thiserror::Error)]
 pub enum TwinError {
     /// An image does not fit its node's microcontroller.
@@ -72,6 +73,16 @@ pub enum TwinError {
         /// What is missing.
         #[source]
         error: WiringError,
+    },
+    /// A program did what its microcontroller's documents do not allow. What a real part would do
+    /// from then on is unknown.
+    #[error("node {node} did what its microcontroller does not allow: {violation}")]
+    Violation {
+        /// Name of the node.
+        node: String,
+        /// What the program did.
+        #[source]
+        violation: Box<Violation>,
     },
 }
 
@@ -262,7 +273,11 @@ impl Twin {
     }
 
     /// Runs up to `end`.
-    pub fn run_until(&mut self, end: SimTime) {
+    ///
+    /// # Errors
+    /// [`TwinError::Violation`] when a program did what its microcontroller's documents do not
+    /// allow. The run has then stopped within a millisecond after it.
+    pub fn run_until(&mut self, end: SimTime) -> Result<(), TwinError> {
         while self.now() < end {
             let now = self.now();
             let mut coupling = self.world.next_coupling();
@@ -283,24 +298,43 @@ impl Twin {
             }
             self.network.run_until(step);
             self.deliver();
+            self.check()?;
         }
+        Ok(())
+    }
+
+    /// The first violation of any node is an error.
+    fn check(&self) -> Result<(), TwinError> {
+        for node in self.nodes() {
+            if let Some(violation) = self.node(node).first_violation() {
+                return Err(TwinError::Violation {
+                    node: self.name(node).to_owned(),
+                    violation: Box::new(violation),
+                });
+            }
+        }
+        Ok(())
     }
 
     /// Runs from power-on for `duration` and reports the progress after each interval of `every`.
+    ///
+    /// # Errors
+    /// As [`Twin::run_until`].
     pub fn run_telling(
         &mut self,
         duration: SimDuration,
         every: SimDuration,
         progress: &mut dyn FnMut(Progress),
-    ) {
+    ) -> Result<(), TwinError> {
         let end = SimTime::from_ticks(0) + duration;
         while self.now() < end {
-            self.run_until(end.min(self.now() + every));
+            self.run_until(end.min(self.now() + every))?;
             progress(Progress {
                 now: self.now(),
                 end,
             });
         }
+        Ok(())
     }
 
     /// Sets the nodes' analogue inputs to the world's voltages at `now`.
@@ -563,7 +597,7 @@ impl Default for Options {
 /// Runs a scenario of a vehicle from power-on to its end.
 ///
 /// # Errors
-/// As [`Twin::new`].
+/// As [`Twin::new`] and [`Twin::run_until`].
 pub fn run(
     vehicle: &Vehicle,
     scenario: &Scenario,
@@ -573,6 +607,6 @@ pub fn run(
 ) -> Result<Outcome, TwinError> {
     let mut twin = Twin::with_flash(vehicle, scenario, options.seed, images, options.flash)?;
     let duration = options.duration.unwrap_or_else(|| scenario.duration.span());
-    twin.run_telling(duration, options.progress_every, &mut progress);
+    twin.run_telling(duration, options.progress_every, &mut progress)?;
     Ok(twin.finish())
 }

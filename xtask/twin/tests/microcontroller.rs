@@ -24,7 +24,7 @@ fn run(mcu: &mut Mcu, until: u64) {
 
 fn to_180_mhz(program: &mut Program) {
     program
-        .poke(0x4002_3840, 1 << 28)
+        .open(0x4002_3840, 1 << 28)
         .poke(0x4002_3800, 0x0005_0083)
         .wait(0x4002_3800, 1 << 17)
         .poke(0x4002_3804, 4 | 180 << 6 | 1 << 22)
@@ -87,9 +87,9 @@ fn blinker() -> Program {
     let mut program = Program::new();
     to_180_mhz(&mut program);
     program
-        .poke(0x4002_3830, 1)
+        .open(0x4002_3830, 1)
         .poke(GPIOA, 0xA800_0000 | 1 << 10)
-        .poke(0x4002_3840, 1 << 28 | 1)
+        .open(0x4002_3840, 1 << 28 | 1)
         .poke(0x4000_0028, 4)
         .poke(0x4000_0014, 1)
         .poke(0x4000_0010, 0)
@@ -289,9 +289,9 @@ fn a_part_held_in_reset_stands_still_and_starts_anew() {
 fn a_scan_of_two_channels_arrives_in_memory_by_dma() {
     let mut program = Program::new();
     program
-        .poke(0x4002_3830, 1 << 22)
-        .poke(0x4002_3840, 1 << 1)
-        .poke(0x4002_3844, 1 << 8)
+        .open(0x4002_3830, 1 << 22)
+        .open(0x4002_3840, 1 << 1)
+        .open(0x4002_3844, 1 << 8)
         // DMA2 stream 0: half-words, circular, memory increment.
         .poke(0x4002_6414, 4)
         .poke(0x4002_6418, 0x4001_204C)
@@ -330,8 +330,8 @@ fn bytes_leave_by_dma_only_on_the_pin_that_is_theirs() {
     let program = |function: u32| {
         let mut program = Program::new();
         program
-            .poke(0x4002_1014, 1 | 1 << 17)
-            .poke(0x4002_101C, 1 << 17)
+            .open(0x4002_1014, 1 | 1 << 17)
+            .open(0x4002_101C, 1 << 17)
             .poke(0x4800_0020, function << 8)
             .poke(0x4800_0000, 0xA800_0000 | 2 << 4)
             .poke(0x2000_1000, u32::from_le_bytes(*b"plow"))
@@ -371,7 +371,7 @@ fn a_block_without_its_clock_reads_zero_and_takes_nothing() {
     let mut program = Program::new();
     program
         .poke(0x4000_0028, 7)
-        .poke(0x4002_3840, 1)
+        .open(0x4002_3840, 1)
         .peek(0x4000_0028)
         .constant(0, 0x2000_1000)
         .half(0x6002)
@@ -380,6 +380,85 @@ fn a_block_without_its_clock_reads_zero_and_takes_nothing() {
     mcu.set_memory(0x2000_1000, &[0xFF; 4]);
     run(&mut mcu, MS);
     assert_eq!(mcu.memory(0x2000_1000, 4), Some(vec![0; 4]));
+}
+
+/// What is in a register after a store to it `gap` NOPs behind the store that enabled its clock;
+/// and the violations. `prescalers` is the value of RCC_CFGR.
+fn stored_after(
+    part: &'static Part,
+    prescalers: (u32, u32),
+    enable: (u32, u32),
+    register: u32,
+    gap: usize,
+) -> (u32, Vec<twin::Violation>) {
+    let mut program = Program::new();
+    program
+        .poke(prescalers.0, prescalers.1)
+        // STR r1, [r0]; NOPs; STR r3, [r2]; NOPs; LDR r4, [r2]
+        .constant(0, enable.0)
+        .constant(1, enable.1)
+        .constant(2, register)
+        .constant(3, 7)
+        .half(0x6001)
+        .wait_cycles(gap)
+        .half(0x6013)
+        .wait_cycles(16)
+        .half(0x6814)
+        .sleep_for_ever();
+    let mut mcu = program.start(part, &Board::default());
+    run(&mut mcu, MS);
+    (mcu.register(4), mcu.violations())
+}
+
+#[test]
+fn a_peripheral_used_too_soon_after_its_clock_was_enabled_loses_the_write() {
+    const F446_CFGR: u32 = 0x4002_3808;
+    const F303_CFGR: u32 = 0x4002_1004;
+    // APB1 not divided: 1 + 1 cycles; divided by 4: 1 + 4; on AHB: 2.
+    let cases = [
+        (Part::F446, (F446_CFGR, 0), (0x4002_3840, 1), 0x4000_0028, 2),
+        (
+            Part::F446,
+            (F446_CFGR, 0b101 << 10),
+            (0x4002_3840, 1),
+            0x4000_0028,
+            5,
+        ),
+        (Part::F446, (F446_CFGR, 0), (0x4002_3830, 4), 0x4002_0814, 2),
+        (
+            Part::F303,
+            (F303_CFGR, 0b100 << 8),
+            (0x4002_101C, 1),
+            0x4000_0028,
+            3,
+        ),
+        (
+            Part::F303,
+            (F303_CFGR, 0),
+            (0x4002_1014, 1 << 19),
+            0x4800_0814,
+            2,
+        ),
+    ];
+    for (part, prescalers, enable, register, needed) in cases {
+        for gap in 0..8 {
+            let (value, violations) = stored_after(part, prescalers, enable, register, gap);
+            let text: Vec<_> = violations.iter().map(ToString::to_string).collect();
+            if gap < needed {
+                assert_eq!(value, 0, "{register:#x} after {gap}: {text:?}");
+                assert_eq!(violations.len(), 1, "{text:?}");
+                assert_eq!(violations[0].address, register);
+                let early = format!("{} cycles too early", needed - gap);
+                assert!(text[0].contains(&early), "{text:?}");
+            } else {
+                assert_eq!(
+                    (value, text.len()),
+                    (7, 0),
+                    "{register:#x} after {gap}: {text:?}"
+                );
+            }
+        }
+    }
 }
 
 #[test]
@@ -396,7 +475,7 @@ fn an_access_to_nothing_is_a_fault_that_shows() {
 fn systick_wakes_a_sleeping_core_at_its_rate() {
     let mut program = Program::new();
     program
-        .poke(0x4002_1014, 0x14 | 1 << 18)
+        .open(0x4002_1014, 0x14 | 1 << 18)
         .poke(0x4800_0400, 0x280 & !(3 << 6) | 1 << 6)
         .poke(0xE000_E014, 7_999)
         .poke(0xE000_E018, 0)

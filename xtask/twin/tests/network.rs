@@ -33,8 +33,8 @@ fn join(program: &mut Program, prescaler: u32) {
 fn sender(pins: bool) -> Program {
     let mut program = Program::new();
     program
-        .poke(0x4002_3830, 1 << 1)
-        .poke(0x4002_3840, 1 << 25 | 1)
+        .open(0x4002_3830, 1 << 1)
+        .open(0x4002_3840, 1 << 25 | 1)
         .poke(0x4002_0424, 9 << 4 | 9);
     if pins {
         program.poke(0x4002_0400, 0x280 | 2 << 18 | 2 << 16);
@@ -66,8 +66,8 @@ fn sender(pins: bool) -> Program {
 fn receiver() -> Program {
     let mut program = Program::new();
     program
-        .poke(0x4002_1014, 0x14 | 1 << 17 | 1 << 18)
-        .poke(0x4002_101C, 1 << 25)
+        .open(0x4002_1014, 0x14 | 1 << 17 | 1 << 18)
+        .open(0x4002_101C, 1 << 25)
         .poke(0x4800_0024, 9 << 16 | 9 << 12)
         .poke(0x4800_0000, 0xA800_0000 & !(0xF << 22) | 2 << 24 | 2 << 22)
         .poke(0x4800_0400, 1 << 6);
@@ -93,6 +93,9 @@ fn exchange(pins: bool, crystal_ppb: i32) -> Network {
     network.add(sender(pins).image(Part::F446), &board);
     network.add(receiver().image(Part::F303), &Board::default());
     network.run_until(SimTime::from_ticks(5 * MS));
+    for node in 0..2 {
+        assert_eq!(network.node(node).violations(), []);
+    }
     network
 }
 

@@ -3,6 +3,7 @@
 //! | module | why not the HAL |
 //! | --- | --- |
 //! | [`clocks`] | `CFGR::freeze` waits for the external clock without a bound and has no fallback; it searches for dividers at run time, with assertions that panic. |
+//! | [`gate`] | `Enable` does not wait until the peripheral can be used. |
 //! | [`time`] | The timers of the HAL stop and restart at each timeout. A free-running counter with two compare interrupts has no driver. |
 //! | [`timer`] | A HAL timer takes its rate from `rcc::Clocks`, which only `freeze` makes, and has no trigger output. |
 //! | [`usart`] | A HAL `Serial` takes its rate from `rcc::Clocks`, too; the motor's port must send without any state when the program ends. |
@@ -15,6 +16,7 @@
 
 pub mod clocks;
 pub(crate) mod dma;
+pub(crate) mod gate;
 pub(crate) mod scan;
 pub mod time;
 pub(crate) mod timer;

@@ -3,6 +3,7 @@
 //! 8 MHz / 4 = 2 MHz, x 180 = 360 MHz, / 2 = 180 MHz; APB1 / 4 = 45 MHz, APB2 / 2 =
 //! 90 MHz. Voltage scale 1 with over-drive, five flash wait states (2.7-3.6 V).
 
+use super::gate;
 use crate::pac;
 use parts::{SLED_F446, Sled};
 use sled_common::clock::{Clocks, Oscillator, ResetCause};
@@ -65,7 +66,7 @@ const READY_POLLS: u32 = 16_000;
 ///
 /// `None` if the PLL or the voltage regulator does not get ready.
 pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Option<Clocks> {
-    rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
+    gate::open_power(rcc);
     pwr.cr().modify(|_, w| w.vos().scale1());
 
     rcc.cr().modify(|_, w| w.hsebyp().set_bit());

@@ -3,6 +3,7 @@
 //! | module | why not the HAL |
 //! | --- | --- |
 //! | [`clocks`] | `Rcc::freeze` waits for the external clock without a bound, has no fallback and does not start the clock security system; it searches for dividers at run time, with assertions that panic. |
+//! | [`gate`] | `Enable` does not wait until the peripheral can be used. |
 //! | [`time`] | The counters of `timer` stop and restart at each timeout. A free-running counter with two compare interrupts has no driver. |
 //! | [`timer`] | A HAL timer takes its rate from `rcc::Clocks`, which only `freeze` makes; a trigger output for the converter is not part of `Counter`. |
 //! | [`usart`] | A HAL `Serial` takes its rate from `rcc::Clocks`, too. |
@@ -12,6 +13,7 @@
 //! streams, the CAN cell, the watchdog.
 
 pub mod clocks;
+pub(crate) mod gate;
 pub(crate) mod scan;
 pub mod time;
 pub(crate) mod timer;

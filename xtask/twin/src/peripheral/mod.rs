@@ -17,6 +17,7 @@ pub use rcc::ResetCause;
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
 use crate::part::{Block, Family, Layout, Part, Pin, Request, Slot, TIM3, TIMERS};
+use crate::silicon::{self, Violation};
 use can_bus::{ClockRate, NodeId, SimTime};
 use parts::{Role, Signal, Sled, interrupt};
 use rsemu::core::device::Device;
@@ -131,6 +132,9 @@ pub(crate) struct Peripherals {
     pub(crate) pins: Vec<PinChange>,
     /// Registers that the program accessed but the model lacks.
     pub(crate) unmodelled: BTreeSet<u32>,
+    /// First cycle at which each slot can be used after its clock was enabled.
+    usable_from: Vec<Cycles>,
+    violations: silicon::Log,
 }
 
 /// The bus's response to an access outside every peripheral.
@@ -181,6 +185,8 @@ impl Peripherals {
             sent: Vec::new(),
             pins: Vec::new(),
             unmodelled: BTreeSet::new(),
+            usable_from: vec![0; part.slots().len()],
+            violations: silicon::Log::default(),
         };
         for (levels, port) in peripherals.levels.iter_mut().zip(&peripherals.ports) {
             *levels = port.levels();
@@ -571,20 +577,60 @@ impl Peripherals {
 
     // -- the bus of the microcontroller -----------------------------------------------
 
+    /// Index of the slot that holds an address.
+    fn index_at(&self, address: u32) -> Option<usize> {
+        let mut slots = self.part.slots().iter();
+        slots.position(|slot| address >= slot.base && address - slot.base < slot.size)
+    }
+
     fn slot_at(&self, address: u32) -> Option<&'static Slot> {
-        self.part
-            .slots()
-            .iter()
-            .find(|slot| address >= slot.base && address - slot.base < slot.size)
+        self.index_at(address)
+            .map(|index| &self.part.slots()[index])
+    }
+
+    /// The breaches of the part's documents so far.
+    pub(crate) fn violations(&self) -> &[Violation] {
+        self.violations.all()
+    }
+
+    fn violate(&mut self, address: u32, what: String, document: &'static str) {
+        let register = self.slot_at(address).map_or_else(
+            || "no register".to_owned(),
+            |slot| format!("{:?} + {:#04x}", slot.block, address - slot.base),
+        );
+        self.violations.record(Violation {
+            at: self.time(),
+            address,
+            register,
+            what,
+            document,
+        });
+    }
+
+    /// True if an access reaches the peripheral of this slot: its clock is enabled, and has been
+    /// for long enough.
+    fn reaches(&mut self, index: usize, address: u32) -> bool {
+        let Some((enable, _, bit)) = self.part.slots()[index].gate else {
+            return true;
+        };
+        if !self.rcc.enabled(enable, bit) {
+            return false;
+        }
+        let missing = self.usable_from[index].saturating_sub(self.now);
+        if missing == 0 {
+            return true;
+        }
+        let what = format!("accessed {missing} cycles too early after its clock was enabled");
+        self.violate(address, what, silicon::gates::DOCUMENT);
+        false
     }
 
     /// Reads the register word at `address`.
     pub(crate) fn read(&mut self, address: u32) -> Result<u32, Nothing> {
-        let slot = self.slot_at(address).ok_or(Nothing)?;
-        if let Some((enable, _, bit)) = slot.gate
-            && !self.rcc.enabled(enable, bit)
-        {
-            // A peripheral without its clock reads as zero.
+        let index = self.index_at(address).ok_or(Nothing)?;
+        let slot = &self.part.slots()[index];
+        if !self.reaches(index, address) {
+            // A peripheral without its clock reads as zero (RM0390 6.3.10, RM0316 9.4).
             return Ok(0);
         }
         let offset = address - slot.base;
@@ -621,10 +667,9 @@ impl Peripherals {
 
     /// Writes the register word at `address`.
     pub(crate) fn write(&mut self, address: u32, value: u32) -> Result<(), Nothing> {
-        let slot = self.slot_at(address).ok_or(Nothing)?;
-        if let Some((enable, _, bit)) = slot.gate
-            && !self.rcc.enabled(enable, bit)
-        {
+        let index = self.index_at(address).ok_or(Nothing)?;
+        let slot = &self.part.slots()[index];
+        if !self.reaches(index, address) {
             return Ok(());
         }
         let offset = address - slot.base;
@@ -693,6 +738,17 @@ impl Peripherals {
 
     fn write_rcc(&mut self, offset: u32, value: u32) {
         let now = self.now;
+        let tree = self.rcc.tree();
+        for (slot, usable_from) in self.part.slots().iter().zip(&mut self.usable_from) {
+            if let Some((enable, _, bit)) = slot.gate
+                && enable == offset
+                && value >> bit & 1 != 0
+                && !self.rcc.enabled(enable, bit)
+            {
+                let delay = silicon::gates::delay(self.part.family, enable, tree.apb1, tree.apb2);
+                *usable_from = now + delay;
+            }
+        }
         self.rcc.write(offset, value, now, &self.clock);
         for slot in self.part.slots() {
             if let Some((_, reset, bit)) = slot.gate

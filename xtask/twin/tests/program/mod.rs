@@ -69,6 +69,19 @@ impl Program {
         self.constant(0, address).constant(1, value).half(0x6001)
     }
 
+    /// Enables clocks in RCC and waits until the peripherals can be used; uses r0 and r1.
+    pub(crate) fn open(&mut self, enable: u32, bits: u32) -> &mut Self {
+        self.poke(enable, bits).wait_cycles(16)
+    }
+
+    /// NOPs of one cycle each.
+    pub(crate) fn wait_cycles(&mut self, count: usize) -> &mut Self {
+        for _ in 0..count {
+            self.half(0xBF00);
+        }
+        self
+    }
+
     /// Loads a word into r2; uses r0.
     pub(crate) fn peek(&mut self, address: u32) -> &mut Self {
         // LDR r2, [r0]
