@@ -27,7 +27,7 @@ fn to_180_mhz(program: &mut Program) {
         .open(0x4002_3840, 1 << 28)
         .poke(0x4002_3800, 0x0005_0083)
         .wait(0x4002_3800, 1 << 17)
-        .poke(0x4002_3804, 4 | 180 << 6 | 1 << 22)
+        .poke(0x4002_3804, 4 | 180 << 6 | 1 << 22 | 2 << 24 | 2 << 28)
         .poke(0x4002_3800, 0x0105_0083)
         .poke(0x4000_7000, 0xC000 | 1 << 16)
         .wait(0x4000_7004, 1 << 16)
@@ -35,6 +35,8 @@ fn to_180_mhz(program: &mut Program) {
         .wait(0x4000_7004, 1 << 17)
         .poke(0x4002_3C00, 0x705)
         .wait(0x4002_3800, 1 << 25)
+        .poke(0x4002_3808, 0b101 << 10 | 0b100 << 13)
+        .wait_cycles(16)
         .poke(0x4002_3808, 0b101 << 10 | 0b100 << 13 | 2)
         .wait(0x4002_3808, 0b1000);
 }
@@ -60,6 +62,7 @@ fn both_parts_reach_their_clock_and_sleep() {
     run(&mut mcu, 10 * MS);
     assert_eq!((mcu.core_hz(), mcu.is_asleep()), (180_000_000, true));
     assert!(mcu.unmodelled().is_empty());
+    assert_eq!(mcu.violations(), []);
 
     let mut program = Program::new();
     to_72_mhz(&mut program);
@@ -67,6 +70,7 @@ fn both_parts_reach_their_clock_and_sleep() {
     let mut mcu = program.start(Part::F303, &Board::default());
     run(&mut mcu, 10 * MS);
     assert_eq!((mcu.core_hz(), mcu.is_asleep()), (72_000_000, true));
+    assert_eq!(mcu.violations(), []);
     // OSC_IN is not connected: the program keeps running on the internal oscillator and waits for
     // ever.
     let board = Board {
@@ -76,6 +80,127 @@ fn both_parts_reach_their_clock_and_sleep() {
     let mut mcu = program.start(Part::F303, &board);
     run(&mut mcu, 10 * MS);
     assert_eq!((mcu.core_hz(), mcu.is_asleep()), (8_000_000, false));
+}
+
+/// A store, and the register and flags to wait for afterwards.
+type Step = (u32, u32, Option<(u32, u32)>);
+
+/// The violations of a program that brings a part to its highest clock with some of the writes
+/// left out or changed.
+fn violations(part: &'static Part, change: impl Fn(u32, u32) -> Option<u32>) -> Vec<String> {
+    let mut program = Program::new();
+    if part == Part::F446 {
+        program.open(0x4002_3840, 1 << 28);
+    }
+    let steps: &[Step] = if part == Part::F446 {
+        &[
+            (0x4002_3800, 0x0005_0083, Some((0x4002_3800, 1 << 17))),
+            (
+                0x4002_3804,
+                4 | 180 << 6 | 1 << 22 | 2 << 24 | 2 << 28,
+                None,
+            ),
+            (0x4002_3800, 0x0105_0083, Some((0x4002_3800, 1 << 25))),
+            (0x4000_7000, 0xC000 | 1 << 16, Some((0x4000_7004, 1 << 16))),
+            (0x4000_7000, 0xC000 | 3 << 16, Some((0x4000_7004, 1 << 17))),
+            (0x4002_3C00, 0x705, None),
+            (0x4002_3808, 0b101 << 10 | 0b100 << 13, None),
+            (0x4002_3808, 0b101 << 10 | 0b100 << 13 | 2, None),
+            (0x4002_3C00, 0x705, None),
+        ]
+    } else {
+        &[
+            (0x4002_1000, 0x0005_0083, Some((0x4002_1000, 1 << 17))),
+            (0x4002_2000, 0x12, None),
+            (0x4002_1004, 7 << 18 | 1 << 16 | 0b100 << 8, None),
+            (0x4002_1000, 0x0105_0083, Some((0x4002_1000, 1 << 25))),
+            (0x4002_1004, 7 << 18 | 1 << 16 | 0b100 << 8 | 2, None),
+            (0x4002_2000, 0x12, None),
+        ]
+    };
+    for &(address, value, flag) in steps {
+        if let Some(value) = change(address, value) {
+            program.poke(address, value);
+            if let Some((register, mask)) = flag {
+                program.wait(register, mask);
+            }
+            program.wait_cycles(16);
+        }
+    }
+    program.sleep_for_ever();
+    let mut mcu = program.start(part, &Board::default());
+    run(&mut mcu, 10 * MS);
+    mcu.violations().iter().map(ToString::to_string).collect()
+}
+
+fn only(violations: &[String], part: &str) {
+    assert!(
+        violations.len() == 1 && violations[0].contains(part),
+        "{violations:#?}"
+    );
+}
+
+#[test]
+fn a_clock_beyond_a_limit_is_a_violation() {
+    const ACR: u32 = 0x4002_3C00;
+    const PLLCFGR: u32 = 0x4002_3804;
+    const CFGR: u32 = 0x4002_3808;
+    assert!(violations(Part::F446, |_, value| Some(value)).is_empty());
+    assert!(violations(Part::F303, |_, value| Some(value)).is_empty());
+    // No wait states at all.
+    let found = violations(Part::F446, |at, value| (at != ACR).then_some(value));
+    only(
+        &found,
+        "0 wait states of the flash at a core clock of 180 MHz",
+    );
+    let found = violations(Part::F303, |at, value| (at != 0x4002_2000).then_some(value));
+    only(
+        &found,
+        "0 wait states of the flash at a core clock of 72 MHz",
+    );
+    // Prescalers only together with the switch: they may take 16 cycles to take effect.
+    let found = violations(Part::F446, |at, value| {
+        (at != CFGR || value & 3 != 0).then_some(value)
+    });
+    assert!(found[0].contains("APB1 can run at 180 MHz"), "{found:#?}");
+    assert!(found[1].contains("APB2 can run at 180 MHz"), "{found:#?}");
+    // No over-drive.
+    let found = violations(Part::F446, |at, value| (at != 0x4000_7000).then_some(value));
+    only(&found, "without over-drive");
+    // 8 MHz into the PLL.
+    let undivided = |at, value| {
+        Some(if at == PLLCFGR {
+            value & !0x3F | 2
+        } else {
+            value
+        })
+    };
+    let found = violations(Part::F446, undivided);
+    assert!(found[0].contains("PLL input 4 MHz"), "{found:#?}");
+}
+
+#[test]
+fn the_violations_of_the_clocks_name_their_order() {
+    // The prescalers are lowered before the clock: fewer than 16 cycles are not enough.
+    for (gap, breaches) in [(0, 2), (11, 2), (12, 0)] {
+        let mut program = Program::new();
+        to_180_mhz(&mut program);
+        program
+            .poke(0x4002_3808, 0b101 << 10 | 0b100 << 13)
+            .wait_clear(0x4002_3808, 0b1100)
+            .poke(0x4002_3808, 0)
+            .wait_cycles(16)
+            .poke(0x4002_3808, 0b101 << 10 | 0b100 << 13)
+            .wait_cycles(gap)
+            // The program's constants take four cycles, the store before them two.
+            .constant(0, 0x4002_3808)
+            .constant(1, 0b101 << 10 | 0b100 << 13 | 2);
+        program.half(0x6001).sleep_for_ever();
+        let mut mcu = program.start(Part::F446, &Board::default());
+        run(&mut mcu, 10 * MS);
+        let found: Vec<_> = mcu.violations();
+        assert_eq!(found.len(), breaches, "{gap}: {found:#?}");
+    }
 }
 
 const GPIOA: u32 = 0x4002_0000;
@@ -282,7 +407,10 @@ fn a_part_held_in_reset_stands_still_and_starts_anew() {
     mcu.release_reset();
     run(&mut mcu, 40 * MS);
     assert!(mcu.drain_pins().len() > 5);
-    assert_eq!(mcu.resets().last(), Some(&(at(30 * MS), ResetCause::Pin)));
+    // In the first cycle of 16 MHz after the release.
+    let &(released, cause) = mcu.resets().last().expect("a reset");
+    assert_eq!(cause, ResetCause::Pin);
+    assert!(released.as_ticks() - 30 * MS < 62_500, "{released:?}");
 }
 
 #[test]

@@ -94,6 +94,13 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Option<Clock
             w.pllr().bits(2)
         }
     });
+    // Before the system clock is switched: a prescaler may take 16 AHB cycles to take effect
+    // (RM0390 6.3.3), and until then the buses would be too fast.
+    rcc.cfgr().modify(|_, w| {
+        w.hpre().div1();
+        w.ppre1().div4();
+        w.ppre2().div2()
+    });
     rcc.cr().modify(|_, w| w.pllon().set_bit());
 
     // Over-drive is switched on while the PLL locks (RM0390 5.1.4).
@@ -112,12 +119,7 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Option<Clock
     wait(|| flash.acr().read().latency().bits() == WAIT_STATES)?;
 
     wait(|| rcc.cr().read().pllrdy().bit_is_set())?;
-    rcc.cfgr().modify(|_, w| {
-        w.hpre().div1();
-        w.ppre1().div4();
-        w.ppre2().div2();
-        w.sw().pll()
-    });
+    rcc.cfgr().modify(|_, w| w.sw().pll());
     wait(|| rcc.cfgr().read().sws().is_pll())?;
 
     let oscillator = if external {

@@ -152,6 +152,11 @@ impl Adc {
         }
     }
 
+    /// AHB cycles in a cycle of the converter's clock, while the converter is on.
+    pub(crate) fn running_clock(&self) -> Option<u64> {
+        self.on().then_some(self.clock)
+    }
+
     fn on(&self) -> bool {
         match self.family {
             Family::F4 => self.get(0x08) & 1 != 0,

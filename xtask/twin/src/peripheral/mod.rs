@@ -132,6 +132,8 @@ pub(crate) struct Peripherals {
     pub(crate) pins: Vec<PinChange>,
     /// Registers that the program accessed but the model lacks.
     pub(crate) unmodelled: BTreeSet<u32>,
+    /// Prescalers that are still in force, and until when.
+    fading: Option<(silicon::clocks::Prescalers, Cycles)>,
     /// First cycle at which each slot can be used after its clock was enabled.
     usable_from: Vec<Cycles>,
     violations: silicon::Log,
@@ -185,6 +187,7 @@ impl Peripherals {
             sent: Vec::new(),
             pins: Vec::new(),
             unmodelled: BTreeSet::new(),
+            fading: None,
             usable_from: vec![0; part.slots().len()],
             violations: silicon::Log::default(),
         };
@@ -238,6 +241,7 @@ impl Peripherals {
         self.catch_up(now);
         self.reset_request = None;
         self.rcc.reset(cause);
+        self.fading = None;
         self.flash = system::Flash::new(self.part.family);
         self.pwr = system::Pwr::new(self.part.family);
         self.debug_control = [0; 3];
@@ -284,6 +288,7 @@ impl Peripherals {
         if self.rcc.next_event(now.saturating_sub(1)) <= now {
             self.rcc.settle(now, &self.clock);
             self.retune(false);
+            self.check_clocks();
         }
         for timer in &mut self.timers {
             timer.advance(now);
@@ -679,8 +684,13 @@ impl Peripherals {
             Block::Flash => {
                 self.flash.write(offset, value);
                 self.generation += 1;
+                self.check_clocks();
             }
-            Block::Pwr => self.pwr.write(offset, value, now, &self.clock),
+            Block::Pwr => {
+                self.check_scale(offset, value);
+                self.pwr.write(offset, value, now, &self.clock);
+                self.check_clocks();
+            }
             Block::Iwdg => {
                 let time = self.clock.time(now);
                 if self.iwdg.write(offset, value, time) {
@@ -719,6 +729,7 @@ impl Peripherals {
                 if offset >= 0x300 {
                     self.retune(false);
                 }
+                self.check_clocks();
             }
             Block::Can => {
                 if let Some(link) = &self.can
@@ -749,7 +760,12 @@ impl Peripherals {
                 *usable_from = now + delay;
             }
         }
+        let before = self.rcc.tree().prescalers();
         self.rcc.write(offset, value, now, &self.clock);
+        let after = self.rcc.tree().prescalers();
+        if after.least(before) != after {
+            self.fading = Some((before, now + silicon::STORE + silicon::clocks::PRESCALER));
+        }
         for slot in self.part.slots() {
             if let Some((_, reset, bit)) = slot.gate
                 && reset == offset
@@ -759,6 +775,49 @@ impl Peripherals {
             }
         }
         self.retune(false);
+        self.check_clocks();
+    }
+
+    /// Records limits of the clocks that are exceeded from now on.
+    fn check_clocks(&mut self) {
+        let tree = self.rcc.tree();
+        let mut prescalers = tree.prescalers();
+        if let Some((before, until)) = self.fading
+            && self.now < until
+        {
+            prescalers = prescalers.least(before);
+        }
+        let pll = match self.part.family {
+            Family::F4 => [self.rcc.written(0x04), 0],
+            Family::F3 => [self.rcc.written(0x04), self.rcc.cfgr2()],
+        };
+        let settings = silicon::clocks::Settings {
+            system: tree.system,
+            prescalers,
+            cr: self.rcc.written(0),
+            pll,
+            external: self.rcc.external_hz(),
+            flash: self.flash_control(),
+            power: self.pwr.read(0, self.now).unwrap_or(0),
+            overdriven: self.pwr.read(4, self.now).unwrap_or(0) & 1 << 17 != 0,
+            converter: self.adc.running_clock(),
+        };
+        for breach in silicon::clocks::check(self.part, &settings) {
+            self.violate(breach.address, breach.what, breach.document);
+        }
+    }
+
+    /// The F446's voltage scale may change only while the PLL is off (RM0390 5.4.1).
+    fn check_scale(&mut self, offset: u32, value: u32) {
+        let before = self.pwr.read(0, self.now).unwrap_or(0);
+        if self.part.family == Family::F4
+            && offset == 0
+            && (before ^ value) & 0xC000 != 0
+            && self.rcc.written(0) & 1 << 24 != 0
+        {
+            let what = "voltage scale changed while the PLL is on".to_owned();
+            self.violate(0x4000_7000, what, "RM0390 5.4.1");
+        }
     }
 
     fn reset_block(&mut self, block: Block) {

@@ -8,6 +8,7 @@
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
 use crate::part::{Family, Part};
+use crate::silicon::clocks::Prescalers;
 
 const CR: u32 = 0x00;
 
@@ -53,6 +54,9 @@ impl ResetCause {
 /// The clock frequencies that follow from the registers, Hz.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Tree {
+    /// The system clock, and its cycles per AHB cycle.
+    pub system: u64,
+    pub ahb: u64,
     pub hclk: u64,
     /// AHB cycles per cycle of APB1, of APB2 and of the APB1 timers.
     pub apb1: u64,
@@ -60,6 +64,16 @@ pub(crate) struct Tree {
     pub timer1: u64,
     /// True if the system clock derives, directly or through the PLL, from the external clock.
     pub external: bool,
+}
+
+impl Tree {
+    pub(crate) fn prescalers(&self) -> Prescalers {
+        Prescalers {
+            ahb: self.ahb,
+            apb1: self.apb1,
+            apb2: self.apb2,
+        }
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -163,6 +177,16 @@ impl Rcc {
     /// RCC_CFGR2 (F303).
     pub(crate) fn cfgr2(&self) -> u32 {
         self.get(0x2C)
+    }
+
+    /// What was written to a register.
+    pub(crate) fn written(&self, offset: u32) -> u32 {
+        self.get(offset)
+    }
+
+    /// The external clock, Hz; zero without one.
+    pub(crate) fn external_hz(&self) -> u64 {
+        self.hse_hz.unwrap_or(0)
     }
 
     /// `None` beyond the last register.
@@ -409,6 +433,8 @@ impl Rcc {
         let apb = |code: u32| if code < 4 { 1 } else { 2 << (code - 4) };
         let apb1 = apb(ppre1);
         Tree {
+            system,
+            ahb: ahb_divider(cfgr >> 4 & 0xF),
             hclk: (system / ahb_divider(cfgr >> 4 & 0xF)).max(1),
             apb1,
             apb2: apb(ppre2),

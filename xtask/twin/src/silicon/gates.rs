@@ -9,13 +9,11 @@
 
 use crate::clock::Cycles;
 use crate::part::Family;
+use crate::silicon::STORE;
 
 /// The document that asks for the delay.
 pub(crate) const DOCUMENT: &str =
     "errata sheet ES0298, delay after an RCC peripheral clock enabling";
-
-/// Cycles of the store itself on the emulated core. The delay begins when it has ended.
-const STORE: Cycles = 2;
 
 /// Core cycles from the beginning of the store that enables a clock to the first access that
 /// works. `enable` is the offset of the enable register in RCC, `apb1` and `apb2` are the AHB

@@ -6,12 +6,18 @@
 //!
 //! | module | rule |
 //! | --- | --- |
+//! | [`clocks`] | frequencies, flash wait states, voltage and converter stay within their limits, also while they change |
 //! | [`gates`] | a peripheral can be used only some cycles after its clock was enabled |
 
+pub(crate) mod clocks;
 pub(crate) mod gates;
 
+use crate::clock::Cycles;
 use can_bus::SimTime;
 use std::fmt;
+
+/// Cycles of a store on the emulated core. What it brings about begins when it has ended.
+pub(crate) const STORE: Cycles = 2;
 
 /// A program did something that its part's documents do not allow.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,8 +62,10 @@ const KEPT: usize = 64;
 pub(crate) struct Log(Vec<Violation>);
 
 impl Log {
+    /// Keeps a violation. The same one at the same register is kept once.
     pub(crate) fn record(&mut self, violation: Violation) {
-        if self.0.len() < KEPT {
+        let known = |of: &Violation| of.address == violation.address && of.what == violation.what;
+        if self.0.len() < KEPT && !self.0.iter().any(known) {
             self.0.push(violation);
         }
     }
