@@ -18,11 +18,11 @@
 //!
 //! Pins matter: a USART or CAN controller is disconnected until the program assigns its pins to it.
 //! A peripheral whose clock gate is closed reads as zero and ignores writes. A register without a
-//! model reads as zero and is listed by [`mcu::Mcu::unmodelled`]. An address without a peripheral
-//! is a bus fault.
+//! model reads as zero, and an address without a peripheral is a bus fault; both end the run.
 //!
-//! A program that does what the part's documents do not allow ends the run with a [`Violation`],
-//! for example by using a peripheral too soon after its clock was enabled.
+//! A program that does what the part's documents do not allow ends the run with a [`Violation`]:
+//! it uses a peripheral too soon after its clock was enabled, lets a clock exceed its limit, or
+//! accesses a register in a way that this does not have.
 //!
 //! # Time
 //! A node counts cycles of its own core clock, which follows its clock tree and the error of its

@@ -27,11 +27,10 @@ pub(crate) enum Block {
     Can,
 }
 
-/// The address of a peripheral and its clock gate.
+/// The address of a peripheral, which has 1 KiB, and its clock gate.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slot {
     pub base: u32,
-    pub size: u32,
     pub block: Block,
     /// Offset of the enable register in RCC, offset of the reset register, bit.
     pub gate: Option<(u32, u32, u32)>,
@@ -42,13 +41,8 @@ pub(crate) const TIMERS: [u8; 3] = [2, 3, 4];
 /// Index of TIM3 in [`TIMERS`], whose TRGO starts the ADC scans.
 pub(crate) const TIM3: usize = 1;
 
-const fn slot(base: u32, size: u32, block: Block, gate: Option<(u32, u32, u32)>) -> Slot {
-    Slot {
-        base,
-        size,
-        block,
-        gate,
-    }
+const fn slot(base: u32, block: Block, gate: Option<(u32, u32, u32)>) -> Slot {
+    Slot { base, block, gate }
 }
 
 const fn f4_ahb1(bit: u32) -> Option<(u32, u32, u32)> {
@@ -72,51 +66,51 @@ const fn f3_apb2(bit: u32) -> Option<(u32, u32, u32)> {
 
 /// RM0390 2.2.2 (addresses), 6.3.5-6.3.14 (gates).
 static F446_SLOTS: [Slot; 23] = [
-    slot(0x4000_0000, 0x400, Block::Tim(0), f4_apb1(0)),
-    slot(0x4000_0400, 0x400, Block::Tim(1), f4_apb1(1)),
-    slot(0x4000_0800, 0x400, Block::Tim(2), f4_apb1(2)),
-    slot(0x4000_3000, 0x400, Block::Iwdg, None),
-    slot(0x4000_4400, 0x400, Block::Usart(1), f4_apb1(17)),
-    slot(0x4000_4800, 0x400, Block::Usart(2), f4_apb1(18)),
-    slot(0x4000_6400, 0x400, Block::Can, f4_apb1(25)),
-    slot(0x4000_7000, 0x400, Block::Pwr, f4_apb1(28)),
-    slot(0x4001_1000, 0x400, Block::Usart(0), f4_apb2(4)),
-    slot(0x4001_2000, 0x400, Block::Adc, f4_apb2(8)),
-    slot(0x4002_0000, 0x400, Block::Gpio(0), f4_ahb1(0)),
-    slot(0x4002_0400, 0x400, Block::Gpio(1), f4_ahb1(1)),
-    slot(0x4002_0800, 0x400, Block::Gpio(2), f4_ahb1(2)),
-    slot(0x4002_0C00, 0x400, Block::Gpio(3), f4_ahb1(3)),
-    slot(0x4002_1000, 0x400, Block::Gpio(4), f4_ahb1(4)),
-    slot(0x4002_1400, 0x400, Block::Gpio(5), f4_ahb1(5)),
-    slot(0x4002_1800, 0x400, Block::Gpio(6), f4_ahb1(6)),
-    slot(0x4002_1C00, 0x400, Block::Gpio(7), f4_ahb1(7)),
-    slot(0x4002_3800, 0x400, Block::Rcc, None),
-    slot(0x4002_3C00, 0x400, Block::Flash, None),
-    slot(0x4002_6000, 0x400, Block::Dma(0), f4_ahb1(21)),
-    slot(0x4002_6400, 0x400, Block::Dma(1), f4_ahb1(22)),
-    slot(0xE004_2000, 0x400, Block::Dbgmcu, None),
+    slot(0x4000_0000, Block::Tim(0), f4_apb1(0)),
+    slot(0x4000_0400, Block::Tim(1), f4_apb1(1)),
+    slot(0x4000_0800, Block::Tim(2), f4_apb1(2)),
+    slot(0x4000_3000, Block::Iwdg, None),
+    slot(0x4000_4400, Block::Usart(1), f4_apb1(17)),
+    slot(0x4000_4800, Block::Usart(2), f4_apb1(18)),
+    slot(0x4000_6400, Block::Can, f4_apb1(25)),
+    slot(0x4000_7000, Block::Pwr, f4_apb1(28)),
+    slot(0x4001_1000, Block::Usart(0), f4_apb2(4)),
+    slot(0x4001_2000, Block::Adc, f4_apb2(8)),
+    slot(0x4002_0000, Block::Gpio(0), f4_ahb1(0)),
+    slot(0x4002_0400, Block::Gpio(1), f4_ahb1(1)),
+    slot(0x4002_0800, Block::Gpio(2), f4_ahb1(2)),
+    slot(0x4002_0C00, Block::Gpio(3), f4_ahb1(3)),
+    slot(0x4002_1000, Block::Gpio(4), f4_ahb1(4)),
+    slot(0x4002_1400, Block::Gpio(5), f4_ahb1(5)),
+    slot(0x4002_1800, Block::Gpio(6), f4_ahb1(6)),
+    slot(0x4002_1C00, Block::Gpio(7), f4_ahb1(7)),
+    slot(0x4002_3800, Block::Rcc, None),
+    slot(0x4002_3C00, Block::Flash, None),
+    slot(0x4002_6000, Block::Dma(0), f4_ahb1(21)),
+    slot(0x4002_6400, Block::Dma(1), f4_ahb1(22)),
+    slot(0xE004_2000, Block::Dbgmcu, None),
 ];
 
 /// RM0316 3.2.2 (addresses), 9.4.4-9.4.11 (gates).
 static F303_SLOTS: [Slot; 18] = [
-    slot(0x4000_0000, 0x400, Block::Tim(0), f3_apb1(0)),
-    slot(0x4000_0400, 0x400, Block::Tim(1), f3_apb1(1)),
-    slot(0x4000_3000, 0x400, Block::Iwdg, None),
-    slot(0x4000_4400, 0x400, Block::Usart(1), f3_apb1(17)),
-    slot(0x4000_4800, 0x400, Block::Usart(2), f3_apb1(18)),
-    slot(0x4000_6400, 0x400, Block::Can, f3_apb1(25)),
-    slot(0x4000_7000, 0x400, Block::Pwr, f3_apb1(28)),
-    slot(0x4001_3800, 0x400, Block::Usart(0), f3_apb2(14)),
-    slot(0x4002_0000, 0x400, Block::Dma(0), f3_ahb(0)),
-    slot(0x4002_1000, 0x400, Block::Rcc, None),
-    slot(0x4002_2000, 0x400, Block::Flash, None),
-    slot(0x4800_0000, 0x400, Block::Gpio(0), f3_ahb(17)),
-    slot(0x4800_0400, 0x400, Block::Gpio(1), f3_ahb(18)),
-    slot(0x4800_0800, 0x400, Block::Gpio(2), f3_ahb(19)),
-    slot(0x4800_0C00, 0x400, Block::Gpio(3), f3_ahb(20)),
-    slot(0x4800_1400, 0x400, Block::Gpio(5), f3_ahb(22)),
-    slot(0x5000_0000, 0x400, Block::Adc, f3_ahb(28)),
-    slot(0xE004_2000, 0x400, Block::Dbgmcu, None),
+    slot(0x4000_0000, Block::Tim(0), f3_apb1(0)),
+    slot(0x4000_0400, Block::Tim(1), f3_apb1(1)),
+    slot(0x4000_3000, Block::Iwdg, None),
+    slot(0x4000_4400, Block::Usart(1), f3_apb1(17)),
+    slot(0x4000_4800, Block::Usart(2), f3_apb1(18)),
+    slot(0x4000_6400, Block::Can, f3_apb1(25)),
+    slot(0x4000_7000, Block::Pwr, f3_apb1(28)),
+    slot(0x4001_3800, Block::Usart(0), f3_apb2(14)),
+    slot(0x4002_0000, Block::Dma(0), f3_ahb(0)),
+    slot(0x4002_1000, Block::Rcc, None),
+    slot(0x4002_2000, Block::Flash, None),
+    slot(0x4800_0000, Block::Gpio(0), f3_ahb(17)),
+    slot(0x4800_0400, Block::Gpio(1), f3_ahb(18)),
+    slot(0x4800_0800, Block::Gpio(2), f3_ahb(19)),
+    slot(0x4800_0C00, Block::Gpio(3), f3_ahb(20)),
+    slot(0x4800_1400, Block::Gpio(5), f3_ahb(22)),
+    slot(0x5000_0000, Block::Adc, f3_ahb(28)),
+    slot(0xE004_2000, Block::Dbgmcu, None),
 ];
 
 /// A peripheral's request line at a DMA controller.

@@ -3,6 +3,7 @@
 
 use crate::clock::Cycles;
 use crate::peripheral::{Nothing, Peripherals, lock};
+use crate::silicon::registers::Access;
 use rsemu::core::error::BusError;
 use rsemu::core::space::{AccessConstraints, MemAttrs, MemOps, MemResult};
 use std::sync::Mutex;
@@ -57,6 +58,19 @@ impl Shared {
     }
 }
 
+/// A store of some bytes of a word, from byte `lane` on.
+fn written(lane: usize, bytes: &[u8]) -> Access {
+    let (mut value, mut mask) = ([0; 4], [0; 4]);
+    for (at, &byte) in (lane..4).zip(bytes) {
+        value[at] = byte;
+        mask[at] = 0xFF;
+    }
+    Access::Write {
+        value: u32::from_le_bytes(value),
+        mask: u32::from_le_bytes(mask),
+    }
+}
+
 /// A range of peripheral addresses.
 #[derive(Debug)]
 pub(crate) struct Window {
@@ -72,9 +86,10 @@ impl MemOps for Window {
         }
         let address = self.base + offset as u32;
         let lane = (address & 3) as usize;
-        let word = self
-            .shared
-            .access(|peripherals| peripherals.read(address & !3));
+        let word = self.shared.access(|peripherals| {
+            peripherals.check(address, dst.len(), Access::Read);
+            peripherals.read(address & !3)
+        });
         let bytes = word.map_err(|Nothing| BusError::Unassigned)?.to_le_bytes();
         let source = bytes
             .get(lane..lane + dst.len())
@@ -92,6 +107,7 @@ impl MemOps for Window {
         let mut bytes = [0; 4];
         self.shared
             .access(|peripherals| {
+                peripherals.check(address, src.len(), written(lane, src));
                 if lane != 0 {
                     bytes = peripherals.read(address & !3)?.to_le_bytes();
                 }

@@ -212,7 +212,7 @@ fn blinker() -> Program {
     let mut program = Program::new();
     to_180_mhz(&mut program);
     program
-        .open(0x4002_3830, 1)
+        .open(0x4002_3830, 1 << 20 | 1)
         .poke(GPIOA, 0xA800_0000 | 1 << 10)
         .open(0x4002_3840, 1 << 28 | 1)
         .poke(0x4000_0028, 4)
@@ -417,7 +417,7 @@ fn a_part_held_in_reset_stands_still_and_starts_anew() {
 fn a_scan_of_two_channels_arrives_in_memory_by_dma() {
     let mut program = Program::new();
     program
-        .open(0x4002_3830, 1 << 22)
+        .open(0x4002_3830, 1 << 20 | 1 << 22)
         .open(0x4002_3840, 1 << 1)
         .open(0x4002_3844, 1 << 8)
         // DMA2 stream 0: half-words, circular, memory increment.
@@ -552,7 +552,13 @@ fn a_peripheral_used_too_soon_after_its_clock_was_enabled_loses_the_write() {
             0x4000_0028,
             5,
         ),
-        (Part::F446, (F446_CFGR, 0), (0x4002_3830, 4), 0x4002_0814, 2),
+        (
+            Part::F446,
+            (F446_CFGR, 0),
+            (0x4002_3830, 1 << 20 | 4),
+            0x4002_0814,
+            2,
+        ),
         (
             Part::F303,
             (F303_CFGR, 0b100 << 8),
@@ -597,6 +603,40 @@ fn an_access_to_nothing_is_a_fault_that_shows() {
     run(&mut mcu, MS);
     assert_eq!(mcu.exception(), 3);
     assert_eq!(mcu.bus_faults(), (1, 0x4000_2800));
+    let [violation] = &mcu.violations()[..] else {
+        panic!("{:?}", mcu.violations());
+    };
+    assert!(
+        violation
+            .to_string()
+            .contains("no peripheral that is modelled")
+    );
+}
+
+#[test]
+fn an_access_that_a_register_does_not_allow_is_a_violation() {
+    let mut program = Program::new();
+    program
+        .open(0x4002_3840, 1 | 1 << 25)
+        // A reserved bit of TIM2_SR; CAN_MSR by a byte: LDRB r2, [r0]; GPIO behind its registers.
+        .poke(0x4000_0010, 1 << 31)
+        .constant(0, 0x4000_6404)
+        .half(0x7802)
+        .open(0x4002_3830, 1 << 20 | 1)
+        .peek(0x4002_003C)
+        .sleep_for_ever();
+    let mut mcu = program.start(Part::F446, &Board::default());
+    run(&mut mcu, MS);
+    let found: Vec<_> = mcu.violations().iter().map(ToString::to_string).collect();
+    assert_eq!(found.len(), 4, "{found:#?}");
+    for (text, wanted) in found.iter().zip([
+        "TIM2_SR (0x40000010): written 0x80000000, which changes the reserved bits 0x80000000",
+        "CAN1_MSR (0x40006404): read by 1 bytes, at least 4 are needed",
+        "Gpio(0) + 0x3c (0x4002003c): there is no register",
+        "Gpio(0) + 0x3c (0x4002003c): read, and it is not modelled",
+    ]) {
+        assert!(text.contains(wanted), "{text}");
+    }
 }
 
 #[test]

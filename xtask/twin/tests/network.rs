@@ -33,7 +33,7 @@ fn join(program: &mut Program, prescaler: u32) {
 fn sender(pins: bool) -> Program {
     let mut program = Program::new();
     program
-        .open(0x4002_3830, 1 << 1)
+        .open(0x4002_3830, 1 << 20 | 1 << 1)
         .open(0x4002_3840, 1 << 25 | 1)
         .poke(0x4002_0424, 9 << 4 | 9);
     if pins {

@@ -14,6 +14,9 @@ const _: () = assert!(
     "one prescaler serves both oscillators"
 );
 
+/// The flags of the status register. Its other bits are reserved and stay zero (RM0316 21.4.5).
+const FLAGS: u32 = 0x1E5F;
+
 /// Reads the counter. It can be copied freely, because reading changes nothing.
 #[derive(Clone, Copy)]
 pub struct Clock(());
@@ -68,7 +71,9 @@ impl Alarms {
         let fired = self.timer.sr.read().cc1if().bit_is_set();
         if fired {
             // SAFETY: rc_w0 flags: writing ones leaves the others alone.
-            self.timer.sr.write(|w| unsafe { w.bits(!(1 << 1)) });
+            self.timer
+                .sr
+                .write(|w| unsafe { w.bits(FLAGS & !(1 << 1)) });
         }
         fired
     }
@@ -92,7 +97,9 @@ impl Alarms {
         if fired {
             self.timer.dier.modify(|_, w| w.cc2ie().clear_bit());
             // SAFETY: rc_w0 flags: writing ones leaves the others alone.
-            self.timer.sr.write(|w| unsafe { w.bits(!(1 << 2)) });
+            self.timer
+                .sr
+                .write(|w| unsafe { w.bits(FLAGS & !(1 << 2)) });
         }
         fired
     }

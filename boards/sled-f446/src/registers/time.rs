@@ -8,6 +8,9 @@ use crate::pac;
 
 const PRESCALER: u32 = parts::SLED_F446.external.time_base_prescaler();
 
+/// The flags of the status register. Its other bits are reserved and stay zero (RM0390 17.4.5).
+const FLAGS: u32 = 0x1E5F;
+
 /// Reads the counter. It can be copied freely, because reading changes nothing.
 #[derive(Clone, Copy)]
 pub struct Clock(());
@@ -67,7 +70,9 @@ impl Alarms {
         let fired = self.timer.sr().read().cc1if().bit_is_set();
         if fired {
             // SAFETY: rc_w0 flags: writing ones leaves the others alone.
-            self.timer.sr().write(|w| unsafe { w.bits(!(1 << 1)) });
+            self.timer
+                .sr()
+                .write(|w| unsafe { w.bits(FLAGS & !(1 << 1)) });
         }
         fired
     }
@@ -92,7 +97,9 @@ impl Alarms {
         if fired {
             self.timer.dier().modify(|_, w| w.cc2ie().clear_bit());
             // SAFETY: rc_w0 flags: writing ones leaves the others alone.
-            self.timer.sr().write(|w| unsafe { w.bits(!(1 << 2)) });
+            self.timer
+                .sr()
+                .write(|w| unsafe { w.bits(FLAGS & !(1 << 2)) });
         }
         fired
     }

@@ -17,6 +17,7 @@ pub use rcc::ResetCause;
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
 use crate::part::{Block, Family, Layout, Part, Pin, Request, Slot, TIM3, TIMERS};
+use crate::silicon::registers::Access;
 use crate::silicon::{self, Violation};
 use can_bus::{ClockRate, NodeId, SimTime};
 use parts::{Role, Signal, Sled, interrupt};
@@ -134,6 +135,11 @@ pub(crate) struct Peripherals {
     pub(crate) unmodelled: BTreeSet<u32>,
     /// Prescalers that are still in force, and until when.
     fading: Option<(silicon::clocks::Prescalers, Cycles)>,
+    table: &'static silicon::registers::Table,
+    /// Slot of each page of addresses, from 1; 0 means that there is none.
+    slots: Box<[u8]>,
+    /// Page of the table for each slot.
+    pages: Vec<Option<usize>>,
     /// First cycle at which each slot can be used after its clock was enabled.
     usable_from: Vec<Cycles>,
     violations: silicon::Log,
@@ -188,6 +194,13 @@ impl Peripherals {
             pins: Vec::new(),
             unmodelled: BTreeSet::new(),
             fading: None,
+            table: silicon::registers::Table::of(part),
+            slots: slots_by_page(part),
+            pages: part
+                .slots()
+                .iter()
+                .map(|slot| silicon::registers::Table::of(part).page(slot.base))
+                .collect(),
             usable_from: vec![0; part.slots().len()],
             violations: silicon::Log::default(),
         };
@@ -584,8 +597,8 @@ impl Peripherals {
 
     /// Index of the slot that holds an address.
     fn index_at(&self, address: u32) -> Option<usize> {
-        let mut slots = self.part.slots().iter();
-        slots.position(|slot| address >= slot.base && address - slot.base < slot.size)
+        let slot = *self.slots.get(page_of(address)?)?;
+        usize::from(slot).checked_sub(1)
     }
 
     fn slot_at(&self, address: u32) -> Option<&'static Slot> {
@@ -599,10 +612,11 @@ impl Peripherals {
     }
 
     fn violate(&mut self, address: u32, what: String, document: &'static str) {
-        let register = self.slot_at(address).map_or_else(
-            || "no register".to_owned(),
-            |slot| format!("{:?} + {:#04x}", slot.block, address - slot.base),
-        );
+        let register = match (self.table.name(address), self.slot_at(address)) {
+            (Some(name), _) => name.to_owned(),
+            (None, Some(slot)) => format!("{:?} + {:#04x}", slot.block, address - slot.base),
+            (None, None) => "no register".to_owned(),
+        };
         self.violations.record(Violation {
             at: self.time(),
             address,
@@ -610,6 +624,27 @@ impl Peripherals {
             what,
             document,
         });
+    }
+
+    /// Records what an access of the program of `size` bytes does that its register does not allow.
+    pub(crate) fn check(&mut self, address: u32, size: usize, access: Access) {
+        let Some(index) = self.index_at(address) else {
+            let what = "accessed, and there is no peripheral that is modelled".to_owned();
+            return self.violate(address, what, self.memory_map());
+        };
+        let Some(page) = self.pages[index] else {
+            return;
+        };
+        if let Err((what, document)) = self.table.check(page, address, size, access) {
+            self.violate(address, what, document);
+        }
+    }
+
+    fn memory_map(&self) -> &'static str {
+        match self.part.family {
+            Family::F4 => "RM0390 2.2.2",
+            Family::F3 => "RM0316 3.2.2",
+        }
     }
 
     /// True if an access reaches the peripheral of this slot: its clock is enabled, and has been
@@ -657,7 +692,9 @@ impl Peripherals {
             Block::Adc => self.adc.read(offset, now),
             Block::Can => match &self.can {
                 Some(link) if offset < 0x320 => Some(lock(&link.bus).read(link.node, offset)),
-                _ => None,
+                // A part on no bus.
+                None => Some(0),
+                Some(_) => None,
             },
         };
         if matches!(slot.block, Block::Usart(_) | Block::Adc) {
@@ -666,6 +703,8 @@ impl Peripherals {
         }
         Ok(value.unwrap_or_else(|| {
             self.unmodelled.insert(address);
+            let what = "read, and it is not modelled".to_owned();
+            self.violate(address, what, self.memory_map());
             0
         }))
     }
@@ -939,6 +978,40 @@ impl Peripherals {
         }
         Ok(())
     }
+}
+
+/// Pages of 1 KiB in the three regions that have peripherals: AHB1 and the APBs, AHB2, AHB3.
+const REGIONS: [(u32, u32); 4] = [
+    (0x4000_0000, 0x400),
+    (0x4800_0000, 0x10),
+    (0x5000_0000, 0x10),
+    (0xE004_2000, 1),
+];
+
+/// Index of the page of an address among those of [`REGIONS`].
+#[inline]
+fn page_of(address: u32) -> Option<usize> {
+    let mut first = 0;
+    for (base, pages) in REGIONS {
+        let page = address.wrapping_sub(base) >> 10;
+        if page < pages {
+            return Some((first + page) as usize);
+        }
+        first += pages;
+    }
+    None
+}
+
+/// The slot of each page, from 1.
+fn slots_by_page(part: &Part) -> Box<[u8]> {
+    let pages: u32 = REGIONS.iter().map(|(_, pages)| pages).sum();
+    let mut slots = vec![0; pages as usize];
+    for (number, slot) in (1..).zip(part.slots()) {
+        if let Some(page) = page_of(slot.base) {
+            slots[page] = number;
+        }
+    }
+    slots.into()
 }
 
 /// The register block of one of rsemu's devices.

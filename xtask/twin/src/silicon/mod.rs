@@ -8,9 +8,11 @@
 //! | --- | --- |
 //! | [`clocks`] | frequencies, flash wait states, voltage and converter stay within their limits, also while they change |
 //! | [`gates`] | a peripheral can be used only some cycles after its clock was enabled |
+//! | [`registers`] | an access suits its register: it exists, in this direction and size, and reserved bits keep their value |
 
 pub(crate) mod clocks;
 pub(crate) mod gates;
+pub(crate) mod registers;
 
 use crate::clock::Cycles;
 use can_bus::SimTime;
