@@ -6,7 +6,9 @@ use furrow_tests::time::{at, seconds, span};
 use twin::ResetCause;
 use vehicle_model::NodeIndex;
 
-use crate::{assert_steady, first_after, last_before, mode, next_cycle, running};
+use crate::{
+    RUNNING, assert_never_reset, assert_steady, first_after, last_before, mode, next_cycle, running,
+};
 
 const BASIC_PERIOD: f64 = 0.1;
 
@@ -209,4 +211,43 @@ fn a_stalled_controller_is_reset_by_its_watchdog_and_rejoins_in_three_periods() 
     let stopped = journey.stopped(at(reset - 0.2)).expect("the motors stop");
     assert!(stopped < at(reset));
     assert_eq!(first_after(&journey, 512, at(reset)).data[0] & 0xF, 4);
+}
+
+/// The watchdog's oscillator is anywhere in the range of the data sheets: 17 to 47 kHz on the F446,
+/// 30 to 50 kHz on the F303.
+#[test]
+fn the_watchdogs_hold_over_the_whole_range_of_their_oscillators() {
+    type End = fn(&twin::part::Part) -> u32;
+    let ends: [End; 2] = [|part| part.lsi.max_hz, |part| part.lsi.min_hz];
+    for end in ends {
+        let mut journey = Journey::of(&format!("start.east = \"0.3 m\"\n{RUNNING}"));
+        for node in nodes::ALL {
+            let hertz = end(journey.vehicle.sled(node).part);
+            journey.vehicle.node_mut(node).set_watchdog_clock(hertz);
+        }
+        journey.to(3.0);
+        assert_never_reset(&journey);
+        // The stalled node's watchdog bites in the time that its oscillator makes of the nominal
+        // one, less the time since it was last fed.
+        let part = journey.vehicle.sled(nodes::DRIVE).part;
+        let timeout = 0.05 * f64::from(part.lsi.hz) / f64::from(end(part));
+        next_cycle(&mut journey);
+        campaign::stall(&mut journey.vehicle, nodes::DRIVE).expect("programs that the parts allow");
+        let stalled = seconds(journey.vehicle.now());
+        journey.to(stalled + 0.1);
+        let resets = journey.vehicle.node(nodes::DRIVE).resets();
+        let [_, (reset, ResetCause::Watchdog)] = resets else {
+            panic!("{resets:?}");
+        };
+        let after = seconds(*reset) - stalled;
+        println!("{} Hz: reset {after:.4} s after the stall", end(part));
+        assert!(
+            (timeout - 0.015..timeout + 0.001).contains(&after),
+            "{after} s"
+        );
+        assert_eq!(
+            journey.effort(nodes::DRIVE, at(seconds(*reset) + 1e-4)),
+            0.0
+        );
+    }
 }

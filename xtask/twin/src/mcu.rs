@@ -38,6 +38,8 @@ pub struct Board {
     pub crystal_ppb: i32,
     /// Error of the internal RC oscillator, parts in 10^9.
     pub rc_ppb: i32,
+    /// Frequency of the watchdog's own RC oscillator (LSI), Hz; `None` for the nominal one.
+    pub watchdog_hz: Option<u32>,
     /// When its power supply comes on.
     pub power_on: SimTime,
     /// How long reading the flash takes.
@@ -62,6 +64,7 @@ impl Default for Board {
             external_clock: Some(parts::Sled::F446.external_hz),
             crystal_ppb: 0,
             rc_ppb: 0,
+            watchdog_hz: None,
             power_on: SimTime::from_ticks(0),
             flash: FlashTiming::default(),
         }
@@ -157,6 +160,7 @@ impl Mcu {
             hse_hz: board.external_clock.map(u64::from),
             crystal_ppb: i64::from(board.crystal_ppb),
             rc_ppb: i64::from(board.rc_ppb),
+            watchdog_hz: u64::from(board.watchdog_hz.unwrap_or(part.lsi.hz)),
         };
         let contents: Arc<[u8]> = Arc::from(image.flash());
         let flash = match board.flash {
@@ -599,6 +603,11 @@ impl Mcu {
         self.surroundings(|p| p.set_internal_error(ppb));
         // The core's rate may have changed.
         self.shared.set_attention(0);
+    }
+
+    /// The watchdog's oscillator has this frequency from now on, Hz.
+    pub fn set_watchdog_clock(&mut self, hertz: u32) {
+        self.surroundings(|p| p.set_watchdog_clock(hertz));
     }
 
     /// Drives a pin from outside from now on. With `None` it is no longer driven, and its pull

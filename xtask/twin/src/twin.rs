@@ -3,6 +3,7 @@
 use crate::image::{Image, ImageError};
 use crate::mcu::{Board, FlashTiming, Mcu};
 use crate::network::Network;
+use crate::part::Part;
 use crate::peripheral::{ResetCause, UartByte};
 use crate::silicon::Violation;
 use crate::statistics::Load;
@@ -123,6 +124,19 @@ fn ppb(ppm: f64) -> i32 {
     (ppm * 1000.0).round() as i32
 }
 
+/// Frequency of a node's watchdog oscillator, drawn from the range of its data sheet. The same seed
+/// and node give the same one.
+fn watchdog_hz(part: &Part, seed: u64, node: NodeIndex) -> u32 {
+    // A step of SplitMix64 (Steele, Lea, Flood 2014).
+    let mut bits = seed
+        .wrapping_mul(0x9E37_79B9_7F4A_7C15)
+        .wrapping_add(node.0 as u64 + 1)
+        .wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    bits = (bits ^ bits >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+    let span = u64::from(part.lsi.max_hz - part.lsi.min_hz) + 1;
+    part.lsi.min_hz + ((bits >> 32) % span) as u32
+}
+
 impl Twin {
     /// Builds the vehicle at time zero.
     ///
@@ -171,6 +185,7 @@ impl Twin {
                 external_clock: external.then_some(wiring.sled().external_hz),
                 crystal_ppb: ppb(world.crystal_ppm(index)),
                 rc_ppb: ppb(world.internal_ppm(index)),
+                watchdog_hz: Some(watchdog_hz(part, seed, index)),
                 flash,
                 ..Board::default()
             };

@@ -45,6 +45,14 @@ impl Iwdg {
         }
     }
 
+    /// Its oscillator has another frequency from `now` on.
+    pub(crate) fn set_rate(&mut self, hertz: u64, now: Ps) {
+        self.settle(now);
+        self.count = self.counter(now);
+        self.since = now;
+        self.hertz = hertz;
+    }
+
     /// Time per count at prescaler code `pr`: 4 << pr cycles, at most 256.
     fn step(&self) -> Ps {
         let divider = 4_u64 << self.prescaler.min(6);
@@ -171,6 +179,14 @@ mod tests {
         assert_eq!(dog.expires(), MS + 100 * MS);
         assert!(!dog.expired(101 * MS - 1));
         assert!(dog.expired(101 * MS));
+    }
+
+    #[test]
+    fn it_follows_its_oscillator() {
+        let mut dog = started(99);
+        // Half of the time has passed; the rest takes twice as long.
+        dog.set_rate(16_000, 51 * MS);
+        assert_eq!(dog.expires(), 51 * MS + 100 * MS);
     }
 
     #[test]

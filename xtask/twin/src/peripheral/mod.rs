@@ -87,6 +87,8 @@ pub(crate) struct Oscillators {
     pub hse_hz: Option<u64>,
     pub crystal_ppb: i64,
     pub rc_ppb: i64,
+    /// Frequency of the oscillator of the watchdog (LSI), Hz.
+    pub watchdog_hz: u64,
 }
 
 /// Largest number of requests of one unit served in a row before the other units. No sensible
@@ -170,7 +172,7 @@ impl Peripherals {
             flash: system::Flash::new(part.family),
             pwr: system::Pwr::new(part.family),
             debug_control: [0; 3],
-            iwdg: iwdg::Iwdg::new(part.family, u64::from(part.lsi.hz)),
+            iwdg: iwdg::Iwdg::new(part.family, oscillators.watchdog_hz),
             ports: (0..8).map(|k| gpio::Port::new(part.family, k)).collect(),
             timers: TIMERS
                 .into_iter()
@@ -258,7 +260,7 @@ impl Peripherals {
         self.flash = system::Flash::new(self.part.family);
         self.pwr = system::Pwr::new(self.part.family);
         self.debug_control = [0; 3];
-        self.iwdg = iwdg::Iwdg::new(self.part.family, u64::from(self.part.lsi.hz));
+        self.iwdg = iwdg::Iwdg::new(self.part.family, self.oscillators.watchdog_hz);
         self.watchdog_at = NEVER;
         for usart in &mut self.usarts {
             usart.reset(now);
@@ -556,6 +558,15 @@ impl Peripherals {
     pub(crate) fn set_internal_error(&mut self, ppb: i32) {
         self.oscillators.rc_ppb = i64::from(ppb);
         self.retune(false);
+        self.refresh();
+    }
+
+    /// The watchdog's oscillator has this frequency from now on.
+    pub(crate) fn set_watchdog_clock(&mut self, hertz: u32) {
+        let hertz = u64::from(hertz.max(1));
+        self.oscillators.watchdog_hz = hertz;
+        self.iwdg.set_rate(hertz, self.clock.time(self.now));
+        self.watchdog_at = self.clock.cycle_from(self.iwdg.expires());
         self.refresh();
     }
 
