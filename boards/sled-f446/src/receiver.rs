@@ -67,8 +67,6 @@ impl Receiver {
 
     /// Acknowledges the idle line, and line errors.
     pub fn acknowledge_line(&mut self) {
-        // The acknowledgement reads the data register. After an idle line no byte is waiting
-        // there that the DMA stream would miss.
         if usart::acknowledge_line(&self.usart) {
             self.overruns = self.overruns.wrapping_add(1);
         }

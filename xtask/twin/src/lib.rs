@@ -37,7 +37,8 @@
 //! and one set of images give one outcome, byte for byte.
 //!
 //! # What is not emulated
-//! - contention with the DMA controllers on the bus matrix; pairing of loads and stores in the
+//! - contention between core and DMA controllers on the bus matrix: a DMA transfer takes time, but
+//!   delays no access of the core; pairing of loads and stores in the
 //!   core's pipeline;
 //! - low-power modes other than sleep, clock and voltage supervision, backup domain, EXTI lines
 //!   (software can pend their interrupts), SYSCFG remaps;

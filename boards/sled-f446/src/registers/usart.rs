@@ -41,14 +41,23 @@ pub(crate) fn data_register(usart: &RegisterBlock) -> u32 {
     usart.dr().as_ptr() as u32
 }
 
-/// Clears the flags of an idle line and of line errors; true if a byte was lost.
+/// Clears the flags of an idle line and of line errors on a port that a DMA stream empties; true if
+/// a byte was lost.
 ///
-/// Reading the status and then the data clears the flags (RM0390 25.6.1).
+/// A read of the status and then one of the data clear the flags (RM0390 25.6.1). The second one
+/// also takes the byte away that waits in the data register. So while a byte waits, it is left to
+/// the stream: its read clears the flags, and the interrupt comes again if it did not.
+///
+/// A byte that ends in the four cycles between the two reads here is still taken. The line was idle
+/// when this interrupt was raised, so that happens only if the interrupt is served later than a
+/// whole byte after its cause.
 #[inline(always)]
 pub(crate) fn acknowledge_line(usart: &RegisterBlock) -> bool {
-    let lost = usart.sr().read().ore().bit_is_set();
-    let _ = usart.dr().read();
-    lost
+    let status = usart.sr().read();
+    if status.rxne().bit_is_clear() {
+        let _ = usart.dr().read();
+    }
+    status.ore().bit_is_set()
 }
 
 /// The byte that has arrived, if one has.

@@ -1,11 +1,22 @@
 //! The DMA controllers: streams of the F446 (RM0390 chapter 9), channels of the F303
 //! (RM0316 chapter 13), behind one engine that moves one item for each request.
 //!
-//! A request is served in the cycle that raises it; bus arbitration takes no time. The stream FIFO,
-//! bursts and the peripheral flow controller are not modelled: a stream works in direct mode
-//! whatever its FIFO register says.
+//! A controller serves one request at a time, that of the highest priority first, and each takes the
+//! cycles of [`transfer`]. Until then the peripheral's data register is not accessed, so a program
+//! that reads it meanwhile takes the byte away. The core does not wait for the buses. Copies from
+//! memory to memory take no time. The stream FIFO, bursts and the peripheral flow controller are
+//! not modelled: a stream works in direct mode whatever its FIFO register says.
 
+use crate::clock::Cycles;
 use crate::part::Family;
+
+/// Cycles from a request to the access to the peripheral: request and arbitration, the bus matrix,
+/// and two cycles of the peripheral's bus, which has `divider` AHB cycles each (AN4031, section on
+/// transfer times of the DMA ports; RM0390 9.3.6 for the order). The F303's documents give no
+/// number.
+pub(crate) const fn transfer(divider: u64) -> Cycles {
+    4 + 2 * divider
+}
 
 /// The next item that a unit moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,6 +77,17 @@ impl Dma {
     pub(crate) fn listens(&self, unit: usize, selector: u32) -> bool {
         let control = self.units[unit].control;
         control & 1 != 0 && (self.family == Family::F3 || control >> 25 & 7 == selector)
+    }
+
+    /// Priority of a unit among those of its controller, the most urgent first: its level, then its
+    /// number (RM0390 9.3.6, RM0316 13.4.2).
+    pub(crate) fn rank(&self, unit: usize) -> (u32, usize) {
+        let control = self.units[unit].control;
+        let level = match self.family {
+            Family::F4 => control >> 16 & 3,
+            Family::F3 => control >> 12 & 3,
+        };
+        (3 - level, unit)
     }
 
     /// Whether the unit is enabled and copies memory to memory, without requests.

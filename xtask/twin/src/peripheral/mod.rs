@@ -16,7 +16,7 @@ mod usart;
 pub use rcc::ResetCause;
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
-use crate::part::{Block, Family, Layout, Part, Pin, Request, Slot, TIM3, TIMERS};
+use crate::part::{Block, Family, Layout, Part, Pin, Request, Route, Slot, TIM3, TIMERS};
 use crate::silicon::registers::Access;
 use crate::silicon::{self, Violation};
 use can_bus::{ClockRate, NodeId, SimTime};
@@ -91,10 +91,6 @@ pub(crate) struct Oscillators {
     pub watchdog_hz: u64,
 }
 
-/// Largest number of requests of one unit served in a row before the other units. No sensible
-/// program reaches it. It ends the endless transfer of a unit that points at the wrong register.
-const BEATS: u32 = 4096;
-
 #[derive(Debug)]
 pub(crate) struct Peripherals {
     part: &'static Part,
@@ -135,6 +131,9 @@ pub(crate) struct Peripherals {
     pub(crate) pins: Vec<PinChange>,
     /// Registers that the program accessed but the model lacks.
     pub(crate) unmodelled: BTreeSet<u32>,
+    /// The request that each DMA controller serves, by the index of its route, and when the
+    /// transfer takes place.
+    serving: [Option<(usize, Cycles)>; 2],
     /// Prescalers that are still in force, and until when.
     fading: Option<(silicon::clocks::Prescalers, Cycles)>,
     table: &'static silicon::registers::Table,
@@ -195,6 +194,7 @@ impl Peripherals {
             sent: Vec::new(),
             pins: Vec::new(),
             unmodelled: BTreeSet::new(),
+            serving: [None; 2],
             fading: None,
             table: silicon::registers::Table::of(part),
             slots: slots_by_page(part),
@@ -257,6 +257,7 @@ impl Peripherals {
         self.reset_request = None;
         self.rcc.reset(cause);
         self.fading = None;
+        self.serving = [None; 2];
         self.flash = system::Flash::new(self.part.family);
         self.pwr = system::Pwr::new(self.part.family);
         self.debug_control = [0; 3];
@@ -340,6 +341,9 @@ impl Peripherals {
         }
         for usart in &self.usarts {
             next = next.min(usart.next_event());
+        }
+        for (_, at) in self.serving.iter().flatten() {
+            next = next.min(*at);
         }
         self.next = next.min(self.adc.next_event());
 
@@ -477,6 +481,19 @@ impl Peripherals {
                 lock(&link.bus).set_clock(link.node, rate, at);
             }
         }
+    }
+
+    /// AHB cycles in a cycle of the bus that a requesting peripheral is on.
+    fn bus_divider(&self, request: Request) -> u64 {
+        let block = match request {
+            Request::UsartReceive(k) | Request::UsartTransmit(k) => Block::Usart(k),
+            Request::Adc => Block::Adc,
+        };
+        let tree = self.rcc.tree();
+        let gate = self.slot_of(block).and_then(|slot| slot.gate);
+        gate.map_or(1, |(enable, ..)| {
+            silicon::gates::divider(self.part.family, enable, tree.apb1, tree.apb2)
+        })
     }
 
     fn slot_of(&self, block: Block) -> Option<&'static Slot> {
@@ -906,22 +923,40 @@ impl Peripherals {
         }
     }
 
+    /// Whether a request waits for its unit.
+    fn waits(&self, route: &Route) -> bool {
+        self.requested(route.request)
+            && self.dmas[route.controller].listens(route.unit, route.selector)
+            && self.gate_open(Block::Dma(route.controller))
+    }
+
+    /// Ends and begins transfers of the DMA controllers.
     fn serve_dma(&mut self) {
-        for route in self.part.routes() {
-            for _ in 0..BEATS {
-                if !(self.requested(route.request)
-                    && self.dmas[route.controller].listens(route.unit, route.selector)
-                    && self.gate_open(Block::Dma(route.controller)))
-                {
-                    break;
+        let routes = self.part.routes();
+        for controller in 0..self.dmas.len() {
+            if let Some((index, at)) = self.serving[controller] {
+                if at > self.now {
+                    continue;
                 }
-                let Some(last) = self.move_item(route.controller, route.unit) else {
-                    break;
-                };
-                if last && route.request == Request::Adc {
+                self.serving[controller] = None;
+                let route = &routes[index];
+                // The program may have taken the byte in the meantime.
+                if self.waits(route)
+                    && self.move_item(controller, route.unit) == Some(true)
+                    && route.request == Request::Adc
+                {
                     self.adc.dma_complete();
                 }
             }
+            let waiting = routes
+                .iter()
+                .enumerate()
+                .filter(|(_, route)| route.controller == controller && self.waits(route));
+            let next = waiting.min_by_key(|(_, route)| self.dmas[controller].rank(route.unit));
+            self.serving[controller] = next.map(|(index, route)| {
+                let duration = dma::transfer(self.bus_divider(route.request));
+                (index, self.now + duration)
+            });
         }
         for controller in 0..self.dmas.len() {
             for unit in 0..self.dmas[controller].units() {

@@ -19,10 +19,14 @@ pub(crate) const DOCUMENT: &str =
 /// works. `enable` is the offset of the enable register in RCC, `apb1` and `apb2` are the AHB
 /// cycles in a cycle of the buses.
 pub(crate) fn delay(family: Family, enable: u32, apb1: u64, apb2: u64) -> Cycles {
-    let delay = match (family, enable) {
-        (Family::F4, 0x40) | (Family::F3, 0x1C) => 1 + apb1,
-        (Family::F4, 0x44) | (Family::F3, 0x18) => 1 + apb2,
-        _ => 2,
-    };
-    STORE + delay
+    STORE + 1 + divider(family, enable, apb1, apb2)
+}
+
+/// AHB cycles in a cycle of the bus whose enable register in RCC has this offset.
+pub(crate) fn divider(family: Family, enable: u32, apb1: u64, apb2: u64) -> u64 {
+    match (family, enable) {
+        (Family::F4, 0x40) | (Family::F3, 0x1C) => apb1,
+        (Family::F4, 0x44) | (Family::F3, 0x18) => apb2,
+        _ => 1,
+    }
 }
