@@ -923,10 +923,12 @@ impl Peripherals {
         }
     }
 
-    /// Whether a request waits for its unit.
+    /// Whether a request waits for its unit, which has something left to move.
     fn waits(&self, route: &Route) -> bool {
-        self.requested(route.request)
-            && self.dmas[route.controller].listens(route.unit, route.selector)
+        let dma = &self.dmas[route.controller];
+        dma.listens(route.unit, route.selector)
+            && dma.item(route.unit).is_some()
+            && self.requested(route.request)
             && self.gate_open(Block::Dma(route.controller))
     }
 
