@@ -251,3 +251,20 @@ fn the_watchdogs_hold_over_the_whole_range_of_their_oscillators() {
         );
     }
 }
+
+#[test]
+fn a_node_whose_supply_dips_lets_go_of_its_motor_and_starts_as_after_power_on() {
+    for node in [nodes::DRIVE, nodes::GPS] {
+        let name = nodes::name(node);
+        let mut journey = running(&format!(
+            "brownout = [{{ node = \"{name}\", at = \"3.2 s\", until = \"3.25 s\" }}]"
+        ));
+        journey.to(5.0);
+        assert!(journey.stopped(at(3.2)).is_some_and(|stop| stop < at(3.45)));
+        let resets = journey.vehicle.node(node).resets();
+        assert_eq!(resets.len(), 2, "{resets:?}");
+        assert_eq!(resets[1].1, ResetCause::PowerOn);
+        assert_steady(&journey, &[100, 206, 300], 4.2, 5.0);
+        journey.assert_in_place();
+    }
+}

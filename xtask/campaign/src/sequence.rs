@@ -6,8 +6,8 @@ use world::Scenario;
 use world::random::{Purpose, Stream};
 use world::receiver::{Fix, FixChange, StreamFault, StreamFaultKind};
 use world::scenario::{
-    BusEvent, Button, ButtonPress, Clock, ClockChange, JoystickMove, ResetEvent, StopLoopChange,
-    WireNoise,
+    BrownOut, BusEvent, Button, ButtonPress, Clock, ClockChange, JoystickMove, ResetEvent,
+    StopLoopChange, WireNoise,
 };
 use world::units::{Angle, Drift, Length, Ppm, Ratio, Time};
 
@@ -225,7 +225,7 @@ impl Drawing<'_> {
 
     fn fault(&mut self) {
         let at = self.within(FIRST, LAST);
-        match self.stream.below(17) {
+        match self.stream.below(18) {
             0..=2 => self.hold(at),
             3 => self.foreign(at),
             4 => self.babble(at),
@@ -240,6 +240,7 @@ impl Drawing<'_> {
             13 => self.clock_loss(at),
             14 => self.late_clock(),
             15 => self.wire(at),
+            16 => self.brownout(at),
             _ => self.upset(at),
         }
     }
@@ -446,6 +447,20 @@ impl Drawing<'_> {
         self.tell(format!("the external clock of {name} comes at {at:.6} s"));
     }
 
+    /// A node's supply dips.
+    fn brownout(&mut self, at: f64) {
+        let (node, name) = self.node();
+        let until = self.within(at + 0.000_1, at + 0.3);
+        self.tell(format!(
+            "the supply of {name} is gone from {at:.6} s to {until:.6} s"
+        ));
+        self.sequence.scenario.brownout.push(BrownOut {
+            node,
+            at: Time::new(at),
+            until: Time::new(until),
+        });
+    }
+
     /// Noise on the line to a motor driver.
     fn wire(&mut self, at: f64) {
         let motors: Vec<NodeIndex> = self
@@ -536,6 +551,7 @@ mod tests {
             "has no external clock",
             "comes at",
             "noise",
+            "the supply",
             "clock of",
             "stalls",
             "joystick",

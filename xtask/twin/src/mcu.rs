@@ -678,6 +678,29 @@ impl Mcu {
         }
     }
 
+    /// The supply is gone: the part stops with its outputs released, and forgets everything.
+    pub fn lose_power(&mut self) {
+        self.hold_reset();
+        // What is left in a RAM after a dip is not known; a pattern that is neither zero nor a
+        // record of the program's shows who relies on it.
+        for ram in &self.memories {
+            let size = ram.store.len() as usize;
+            let pattern: Vec<u8> = (0..size).map(|at| (at * 37 + 0x5A) as u8).collect();
+            let _ = ram.store.write_at(0, &pattern);
+        }
+    }
+
+    /// The supply is back: the program starts as after power-on.
+    pub fn restore_power(&mut self) {
+        if std::mem::take(&mut self.held) {
+            let shared = Arc::clone(&self.shared);
+            lock(&shared.peripherals).reset(ResetCause::PowerOn, self.now);
+            shared.set_attention(0);
+            let now = self.now().as_ticks();
+            self.restart(ResetCause::PowerOn, now);
+        }
+    }
+
     /// True while its reset pin is held low.
     #[must_use]
     pub fn is_held(&self) -> bool {

@@ -403,6 +403,14 @@ impl Twin {
                 self.node_mut(*node).find_external_clock(hertz);
             }
             Effect::InternalClock { node, ppb } => self.node_mut(*node).set_internal_error(*ppb),
+            Effect::Supply {
+                node,
+                present: false,
+            } => self.node_mut(*node).lose_power(),
+            Effect::Supply {
+                node,
+                present: true,
+            } => self.node_mut(*node).restore_power(),
             Effect::Reset { node, held: true } => self.node_mut(*node).hold_reset(),
             Effect::Reset { node, held: false } => self.node_mut(*node).release_reset(),
             Effect::Bus(disturbance) => self.disturb(disturbance, output.at),

@@ -96,6 +96,13 @@ pub enum Effect {
         /// Its level from now on.
         high: bool,
     },
+    /// A node's supply goes or comes.
+    Supply {
+        /// The node.
+        node: NodeIndex,
+        /// Whether it is there from now on.
+        present: bool,
+    },
     /// Noise on the line to a node's motor driver reads as a byte.
     WireNoise {
         /// The node.
@@ -312,6 +319,12 @@ impl World {
                 present: change.present,
             };
             self.push(at(change.at.span()), what);
+        }
+        for dip in self.scenario.brownout.clone() {
+            for (when, present) in [(dip.at, false), (dip.until, true)] {
+                let node = dip.node;
+                self.push(at(when.span()), Effect::Supply { node, present });
+            }
         }
         for noise in self.scenario.wire.clone() {
             let what = Effect::WireNoise {

@@ -373,6 +373,10 @@ fn faults(scenario: &Scenario) -> Outcome {
     for (i, noise) in scenario.wire.iter().enumerate() {
         within(&format!("wire[{i}].at"), noise.at, times())?;
     }
+    for (i, dip) in scenario.brownout.iter().enumerate() {
+        within(&format!("brownout[{i}].at"), dip.at, times())?;
+        later(&format!("brownout[{i}]"), dip.at, Some(dip.until))?;
+    }
     for (i, event) in scenario.bus.iter().enumerate() {
         let field = format!("bus[{i}]");
         match event {

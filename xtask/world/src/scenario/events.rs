@@ -116,6 +116,17 @@ pub struct ResetEvent {
     pub until: Option<Time>,
 }
 
+/// The supply of a node dips so far that it loses its memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BrownOut {
+    /// Which node.
+    pub node: NodeIndex,
+    /// When the supply is gone.
+    pub at: Time,
+    /// When it is back.
+    pub until: Time,
+}
+
 /// Something foreign happens on the bus.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "what", rename_all = "lowercase", deny_unknown_fields)]

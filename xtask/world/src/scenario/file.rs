@@ -6,7 +6,7 @@ use serde::Deserialize;
 use vehicle_model::{Device, NodeIndex, Vehicle};
 
 use super::{
-    BusEvent, ButtonPress, Clock, ClockChange, JoystickMove, KnobTurn, Lcd, Line, Point,
+    BrownOut, BusEvent, ButtonPress, Clock, ClockChange, JoystickMove, KnobTurn, Lcd, Line, Point,
     ResetEvent, Scenario, Start, StartChanges, StopLoopChange, WireNoise,
 };
 use crate::receiver::{self, FixChange, StreamFault};
@@ -34,6 +34,7 @@ pub(super) struct File {
     stop_loop: Vec<StopLoopChange>,
     reset: Vec<Reset>,
     clock: Vec<Change>,
+    brownout: Vec<Dip>,
     wire: Vec<Noise>,
     bus: Vec<BusEvent>,
 }
@@ -58,6 +59,7 @@ impl Default for File {
             stop_loop: Vec::new(),
             reset: Vec::new(),
             clock: Vec::new(),
+            brownout: Vec::new(),
             wire: Vec::new(),
             bus: Vec::new(),
         }
@@ -89,6 +91,15 @@ struct Change {
     node: String,
     at: Time,
     present: bool,
+}
+
+/// A [`BrownOut`] as written in the file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Dip {
+    node: String,
+    at: Time,
+    until: Time,
 }
 
 /// A [`WireNoise`] as written in the file.
@@ -130,6 +141,13 @@ impl File {
                 present: change.present,
             })
         });
+        let brownout = self.brownout.into_iter().enumerate().map(|(i, dip)| {
+            Ok(BrownOut {
+                node: node(format!("brownout[{i}].node"), &dip.node)?,
+                at: dip.at,
+                until: dip.until,
+            })
+        });
         let wire = self.wire.into_iter().enumerate().map(|(i, noise)| {
             Ok(WireNoise {
                 node: node(format!("wire[{i}].node"), &noise.node)?,
@@ -157,6 +175,7 @@ impl File {
             stop_loop: self.stop_loop,
             reset: reset.collect::<Result<_, String>>()?,
             clock: clock.collect::<Result<_, String>>()?,
+            brownout: brownout.collect::<Result<_, String>>()?,
             wire: wire.collect::<Result<_, String>>()?,
             bus: self.bus,
         })

@@ -18,8 +18,8 @@ use vehicle_model::Vehicle;
 
 pub use error::ScenarioError;
 pub use events::{
-    BusEvent, Button, ButtonPress, ClockChange, JoystickMove, KnobTurn, ResetEvent, StopLoopChange,
-    WireNoise,
+    BrownOut, BusEvent, Button, ButtonPress, ClockChange, JoystickMove, KnobTurn, ResetEvent,
+    StopLoopChange, WireNoise,
 };
 use file::File;
 
@@ -73,6 +73,8 @@ pub struct Scenario {
     pub reset: Vec<ResetEvent>,
     /// The 8 MHz clocks of nodes stop and come.
     pub clock: Vec<ClockChange>,
+    /// Dips of the nodes' supplies.
+    pub brownout: Vec<BrownOut>,
     /// Noise on the lines to motor drivers.
     pub wire: Vec<WireNoise>,
     /// Foreign frames and disturbances on the bus.
