@@ -18,6 +18,12 @@ pub enum Edge {
     Pressed,
     /// It was released, or closed.
     Released,
+    /// The output of a toggling remote control fell: its button was pressed, or its receiver lost
+    /// its supply.
+    Fallen,
+    /// The output of a latching remote control rose: its button was pressed, and not the one
+    /// before.
+    Selected,
 }
 
 impl Debounced {
@@ -89,39 +95,103 @@ pub enum Remote {
     Momentary,
     /// Each press changes its output.
     Toggle,
+    /// Its output is high until another button is pressed.
+    Latched,
 }
+
+impl Remote {
+    /// What a change of an input means; `None` if it means nothing.
+    ///
+    /// An output that falls may have lost its supply, so that it starts nothing.
+    const fn reads(self, button: Button, edge: Edge) -> Option<Edge> {
+        match (self, button, edge) {
+            (Self::Momentary, ..)
+            | (_, Button::Joystick | Button::StopLoop, _)
+            | (Self::Toggle, _, Edge::Pressed)
+            | (_, Button::D, Edge::Pressed)
+            | (Self::Toggle, Button::D, _) => Some(edge),
+            (Self::Toggle, ..) => Some(Edge::Fallen),
+            (Self::Latched, _, Edge::Pressed) => Some(Edge::Selected),
+            (Self::Latched, ..) => None,
+        }
+    }
+}
+
+/// Samples without a high output after which the receiver of a latching remote control counts
+/// as lost: 40 ms at 200 Hz. When one output takes over from another, both may bounce.
+const LOST_SAMPLES: u8 = 2 * STEADY_SAMPLES;
 
 /// All inputs, debounced.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Buttons {
     inputs: [Debounced; 6],
-    /// Whether a sample was taken before. The outputs of a toggling remote control may start at
-    /// either level, so the first sample is not a press.
+    /// Whether a sample was taken before. The outputs of a remote control that keeps them may
+    /// start at either level, so the first sample is not a press.
     sampled: bool,
+    /// Whether an output of a latching remote control was high.
+    selected: bool,
+    /// Samples since then without one.
+    lost: u8,
 }
 
 impl Buttons {
     /// Takes one sample of all inputs, in the order of [`Button::ALL`], and hands each
-    /// change to `sink`. Each change of a toggling remote control's output is a press.
+    /// change to `sink`.
+    ///
+    /// | remote control | output rises | output falls |
+    /// | --- | --- | --- |
+    /// | momentary | [`Edge::Pressed`] | [`Edge::Released`] |
+    /// | toggle | [`Edge::Pressed`] | [`Edge::Fallen`]; of D [`Edge::Released`] |
+    /// | latched | [`Edge::Selected`]; of D [`Edge::Pressed`] | nothing while another is high |
+    ///
+    /// The receiver of a latching remote control always has one high output after its first
+    /// press. When it has none any more, it has lost its supply: [`Edge::Released`] of D.
     pub fn sample(
         &mut self,
         remote: Remote,
         levels: [bool; 6],
         mut sink: impl FnMut(Button, Edge),
     ) {
-        let toggles = remote == Remote::Toggle;
-        let first = toggles && !self.sampled;
+        let first = !self.sampled;
         self.sampled = true;
         // loop-bound: 6 inputs
         for ((input, level), button) in self.inputs.iter_mut().zip(levels).zip(Button::ALL) {
-            let toggled = toggles && button.is_remote();
-            if first && toggled {
+            // A latched D is still an emergency stop.
+            let settled = match remote {
+                Remote::Momentary => false,
+                Remote::Toggle => button.is_remote(),
+                Remote::Latched => button.is_remote() && button as u8 != Button::D as u8,
+            };
+            if first && settled {
                 input.settle(level);
             }
-            if let Some(edge) = input.sample(level) {
-                sink(button, if toggled { Edge::Pressed } else { edge });
+            let edge = input.sample(level);
+            if let Some(edge) = edge.and_then(|edge| remote.reads(button, edge)) {
+                sink(button, edge);
             }
         }
+        if remote == Remote::Latched && self.is_receiver_lost() {
+            sink(Button::D, Edge::Released);
+        }
+    }
+
+    /// Whether the receiver of a latching remote control has just been lost.
+    fn is_receiver_lost(&mut self) -> bool {
+        let [a, b, c, d, ..] = &self.inputs;
+        if a.level || b.level || c.level || d.level {
+            self.selected = true;
+            self.lost = 0;
+            return false;
+        }
+        if !self.selected {
+            return false;
+        }
+        self.lost += 1;
+        if self.lost < LOST_SAMPLES {
+            return false;
+        }
+        self.selected = false;
+        true
     }
 
     /// The debounced level of one input.
@@ -168,12 +238,11 @@ mod tests {
     }
 
     #[test]
-    fn a_toggling_remote_control_is_pressed_with_each_change() {
+    fn a_momentary_remote_control_is_pressed_while_its_output_is_high() {
         use Button::{C, Joystick};
         use Edge::{Pressed, Released};
-        let levels = [false, true, false];
         assert_eq!(
-            presses(Remote::Momentary, &levels),
+            presses(Remote::Momentary, &[false, true, false]),
             [
                 (C, Pressed),
                 (Joystick, Pressed),
@@ -181,12 +250,18 @@ mod tests {
                 (Joystick, Released)
             ]
         );
+    }
+
+    #[test]
+    fn an_output_of_a_toggling_remote_control_that_falls_may_be_a_lost_supply() {
+        use Button::{C, Joystick};
+        use Edge::{Fallen, Pressed, Released};
         assert_eq!(
-            presses(Remote::Toggle, &levels),
+            presses(Remote::Toggle, &[false, true, false]),
             [
                 (C, Pressed),
                 (Joystick, Pressed),
-                (C, Pressed),
+                (C, Fallen),
                 (Joystick, Released)
             ]
         );
@@ -198,9 +273,59 @@ mod tests {
             presses(Remote::Toggle, &[true, false]),
             [
                 (Button::Joystick, Edge::Pressed),
-                (Button::C, Edge::Pressed),
+                (Button::C, Edge::Fallen),
                 (Button::Joystick, Edge::Released)
             ]
+        );
+    }
+
+    /// The events of a remote control whose outputs A to D are high in these sets, each for 20
+    /// samples.
+    fn outputs(remote: Remote, sets: &[&str]) -> Vec<(Button, Edge)> {
+        let mut buttons = Buttons::default();
+        let mut seen = Vec::new();
+        for set in sets {
+            let high = |name| set.contains(name);
+            let levels = [high('A'), high('B'), high('C'), high('D'), false, false];
+            for _ in 0..20 {
+                buttons.sample(remote, levels, |button, edge| seen.push((button, edge)));
+            }
+        }
+        seen
+    }
+
+    #[test]
+    fn every_edge_of_d_is_told_of_a_momentary_and_of_a_toggling_remote_control() {
+        let edges = [(Button::D, Edge::Pressed), (Button::D, Edge::Released)];
+        for remote in [Remote::Momentary, Remote::Toggle] {
+            assert_eq!(outputs(remote, &["", "D", ""]), edges, "{remote:?}");
+        }
+        // It toggled up before the controller started.
+        assert_eq!(outputs(Remote::Toggle, &["D", ""]), edges[1..]);
+        assert_eq!(outputs(Remote::Momentary, &["D"]), edges[..1]);
+    }
+
+    #[test]
+    fn a_latching_remote_control_selects_one_button_and_its_loss_is_a_stop() {
+        use Button::{A, B, C, D};
+        use Edge::{Pressed, Released, Selected};
+        assert_eq!(
+            outputs(Remote::Latched, &["", "C", "B", "D", "A", "C"]),
+            [
+                (C, Selected),
+                (B, Selected),
+                (D, Pressed),
+                (A, Selected),
+                (C, Selected)
+            ]
+        );
+        assert_eq!(
+            outputs(Remote::Latched, &["B", "", "", "A"]),
+            [(D, Released), (A, Selected)]
+        );
+        assert_eq!(
+            outputs(Remote::Latched, &["D", ""]),
+            [(D, Pressed), (D, Released)]
         );
     }
 

@@ -25,6 +25,10 @@ type Law = control::plain::PlainController<f32>;
 /// Steps without a potentiometer reading that are tolerated while actuators move.
 const POT_PATIENCE: u8 = 3;
 
+/// Steps within which C, A, C of a latching remote control start a run: 2 s. Its output shows no
+/// second press of C.
+const CONFIRM_STEPS: u8 = 20;
+
 /// Tracking before the first step, for the logging messages.
 const AT_REST: Tracking<f32> = Tracking {
     segment: 0,
@@ -148,6 +152,12 @@ pub struct Pilot<M> {
     position_missing: u8,
     request: Request,
     request_reason: Reason,
+    /// The request stands for two presses of the button.
+    twice: bool,
+    /// The request is of a latching remote control.
+    selected: bool,
+    /// Steps in which C counts as pressed again.
+    confirm: u8,
     /// Why the current mode was entered.
     mode_reason: Reason,
     fixed: bool,
@@ -176,6 +186,9 @@ impl<M: Machine> Pilot<M> {
             position_missing: design::POSITION_PATIENCE,
             request: Request::None,
             request_reason: Reason::StartUp,
+            twice: false,
+            selected: false,
+            confirm: 0,
             mode_reason: Reason::StartUp,
             fixed: false,
             finished: false,
@@ -186,19 +199,31 @@ impl<M: Machine> Pilot<M> {
 
     /// Notes a button; the next step acts on it. A later button never replaces an emergency
     /// stop.
+    ///
+    /// Every edge of button D and of the joystick's switch is an emergency stop, so that no
+    /// remote control of another kind and no broken wire can defeat it. [`Edge::Fallen`] only
+    /// ends driving.
     pub fn button(&mut self, button: Button, edge: Edge) {
-        if edge == Edge::Released || self.request == Request::EmergencyStop {
+        if self.request == Request::EmergencyStop {
             return;
         }
-        let (request, reason) = match button {
-            Button::A => (Request::Release, Reason::ButtonA),
-            Button::B => (Request::Manual, Reason::ButtonB),
-            Button::C => (Request::Autonomous, Reason::ButtonC),
-            Button::D | Button::Joystick => (Request::EmergencyStop, Reason::ButtonD),
-            Button::StopLoop => (Request::EmergencyStop, Reason::StopLoop),
+        let (request, reason) = match (button, edge) {
+            (Button::D | Button::Joystick, _) => (Request::EmergencyStop, Reason::ButtonD),
+            (_, Edge::Released) => return,
+            (Button::StopLoop, _) => (Request::EmergencyStop, Reason::StopLoop),
+            (Button::A, _) => (Request::Release, Reason::ButtonA),
+            (Button::B, _) => (Request::Manual, Reason::ButtonB),
+            (Button::C, _) => (Request::Autonomous, Reason::ButtonC),
         };
-        self.request = request;
+        let stops = request == Request::EmergencyStop;
+        self.request = match edge {
+            Edge::Fallen if !stops && self.modes.mode().source() == Source::Still => Request::None,
+            Edge::Fallen if !stops => Request::Release,
+            _ => request,
+        };
         self.request_reason = reason;
+        self.selected = edge == Edge::Selected;
+        self.twice = self.selected && button == Button::C && self.confirm > 0;
     }
 
     /// One step, once in each basic cycle.
@@ -266,13 +291,22 @@ impl<M: Machine> Pilot<M> {
         };
         // A fault counts while the vehicle drives, and when it is about to. It stays until the
         // operator releases it.
+        let twice = core::mem::take(&mut self.twice);
         let driving = |mode: Mode| mode.source() != Source::Still;
         let conditions = Conditions {
-            fault: (driving(previous) || driving(mode::next(previous, request, sound)))
+            fault: (twice || driving(previous) || driving(mode::next(previous, request, sound)))
                 && (blind || !inputs.in_schedule || !inputs.may_move),
             ..sound
         };
-        let mode = self.modes.step(request, conditions);
+        let mut mode = self.modes.step(request, conditions);
+        if twice && mode == Mode::AutonomousReady {
+            mode = self.modes.step(request, conditions);
+        }
+        self.confirm = match (previous, mode) {
+            (Mode::AutonomousReady, Mode::Idle) if self.selected => CONFIRM_STEPS,
+            (Mode::Idle, Mode::Idle) => self.confirm.saturating_sub(1),
+            _ => 0,
+        };
         if mode == previous {
             return None;
         }

@@ -268,6 +268,87 @@ fn backup(folder: &Folder) {
     );
 }
 
+/// The receiver of the thesis's remote control, which toggles its outputs.
+fn toggle(folder: &Folder) {
+    remote(folder, "toggle");
+}
+
+/// A remote control whose receiver keeps the output of the last button high.
+fn latched(folder: &Folder) {
+    remote(folder, "latched");
+}
+
+/// Another remote control, and a scenario in which each press is 0.5 s after the one before, the
+/// outputs bounce, and the receiver loses its supply.
+fn remote(folder: &Folder, kind: &str) {
+    folder.replace(
+        "vehicle.toml",
+        "remote = \"momentary\"",
+        &format!("remote = {kind:?}"),
+    );
+    let (presses, off) = match kind {
+        "toggle" => (TOGGLE, &[5.75, 7.75][..]),
+        _ => (LATCHED, &[6.75][..]),
+    };
+    let mut text = String::from("remote.bounce = \"8 ms\"\n");
+    for (index, (button, _)) in presses.iter().enumerate() {
+        if *button != ' ' {
+            let at = FIRST + PAUSE * index as f64;
+            text += &format!("[[press]]\nat = \"{at} s\"\nbutton = \"{button}\"\n");
+        }
+    }
+    for off in off {
+        text += &format!("[[supply]]\nat = \"{off} s\"\non = false\n");
+        text += &format!("[[supply]]\nat = \"{} s\"\non = true\n", off + 0.2);
+    }
+    folder.write("scenarios/remote.toml", &text);
+}
+
+/// The first press of a remote control, and the time between two, s.
+const FIRST: f64 = 1.0;
+const PAUSE: f64 = 0.5;
+
+/// Presses of a toggling remote control, each with the mode that follows within 0.2 s. A blank is
+/// none.
+const TOGGLE: [(char, u8); 16] = [
+    ('C', 2), // rises: ready
+    ('C', 2), // falls: not a start
+    ('C', 3), // rises: run
+    ('C', 0), // falls: stops
+    ('B', 1), // rises: manual
+    ('D', 4), // rises: emergency stop
+    ('A', 0), // rises: release
+    ('C', 2), // rises: ready
+    ('D', 4), // falls: emergency stop, too
+    (' ', 4), // A, B and C lose their supply: nothing is released or started
+    ('A', 0), // rises: release
+    ('C', 2), // rises: ready
+    ('D', 4), // rises: emergency stop
+    ('A', 4), // falls: releases nothing; then the supply fails
+    (' ', 4),
+    ('A', 0), // rises: release
+];
+
+/// The same of a latching remote control.
+const LATCHED: [(char, u8); 16] = [
+    ('C', 2), // ready
+    ('C', 2), // no edge
+    ('A', 0), // idle
+    ('C', 3), // C, A, C: run
+    ('B', 1), // manual
+    ('D', 4), // emergency stop
+    ('B', 4),
+    ('A', 0), // release
+    ('C', 2), // ready
+    ('A', 0),
+    ('C', 3), // run; 0.75 s later the supply fails
+    (' ', 3),
+    ('C', 4), // the lost receiver was a stop
+    ('A', 0), // release
+    ('B', 1),
+    ('D', 4),
+];
+
 /// Another vehicle, as it is written.
 fn unchanged(_: &Folder) {}
 
@@ -275,10 +356,12 @@ fn unchanged(_: &Folder) {}
 type Walk = fn(&Folder);
 
 /// Name of the copy, vehicle that is copied, walk.
-const WALKS: [(&str, &str, Walk); 6] = [
+const WALKS: [(&str, &str, Walk); 8] = [
     ("walk-wheelbase", "uagv", wheelbase),
     ("walk-actuator", "uagv", actuator),
     ("walk-backup", "uagv", backup),
+    ("walk-toggle", "uagv", toggle),
+    ("walk-latched", "uagv", latched),
     ("walk-message", "two-boards", message),
     ("walk-node", "two-boards", node),
     ("walk-vehicle", "two-boards", unchanged),
@@ -503,6 +586,33 @@ fn driving_on_under_the_backup_master() {
     let (_, outcome) = drive("walk-backup", "master-dead", 23.0);
     let last = outcome.world.states().last().unwrap();
     assert!(last.speed.abs() < 0.01, "{} m/s", last.speed);
+}
+
+/// Asserts which mode the commands have 0.2 s after each press, and that the motors stand still in
+/// modes that do not drive.
+fn assert_modes(name: &str, presses: &[(char, u8)]) {
+    let end = FIRST + PAUSE * presses.len() as f64;
+    let (vehicle, outcome) = drive(name, "remote", end);
+    let commands = frames(&vehicle, &outcome, "controller", 300);
+    for (index, (button, mode)) in presses.iter().enumerate() {
+        let then = from_seconds(FIRST + PAUSE * index as f64 + 0.2);
+        let before = |frame: &&Sent| frame.end.as_ticks() <= then.as_ticks();
+        let last = commands.iter().filter(before).last().unwrap();
+        assert_eq!(last.data[4], *mode, "press {index}, {button:?}");
+        assert_eq!(last.data[5] != 0, matches!(mode, 1 | 3), "press {index}");
+    }
+}
+
+#[test]
+#[ignore = "builds images of its own: `cargo xtask test --long`"]
+fn a_toggling_remote_control() {
+    assert_modes("walk-toggle", &TOGGLE);
+}
+
+#[test]
+#[ignore = "builds images of its own: `cargo xtask test --long`"]
+fn a_latching_remote_control() {
+    assert_modes("walk-latched", &LATCHED);
 }
 
 #[test]

@@ -170,6 +170,7 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
         let remote = match manifest.operator.remote {
             Remote::Momentary => "Momentary",
             Remote::Toggle => "Toggle",
+            Remote::Latched => "Latched",
         };
         constant(
             &mut out,
@@ -470,10 +471,13 @@ mod tests {
 
     #[test]
     fn the_remote_control_is_a_constant() {
-        let source = changed(&[("remote = \"momentary\"", "remote = \"toggle\"")]).unwrap();
-        assert!(source.contains(
-            "REMOTE: ::firmware::buttons::Remote = ::firmware::buttons::Remote::Toggle;"
-        ));
+        for (word, constant) in [("toggle", "Toggle"), ("latched", "Latched")] {
+            let remote = format!("remote = {word:?}");
+            let source = changed(&[("remote = \"momentary\"", &remote)]).unwrap();
+            assert!(source.contains(&format!(
+                "REMOTE: ::firmware::buttons::Remote = ::firmware::buttons::Remote::{constant};"
+            )));
+        }
     }
 
     #[test]

@@ -253,6 +253,8 @@ pub enum Remote {
     Momentary,
     /// Each press changes its output.
     Toggle,
+    /// Its output is high until another button is pressed.
+    Latched,
 }
 
 /// A vehicle with a steered front axle and a driven rear axle.

@@ -106,6 +106,63 @@ fn every_transition_by_the_buttons() {
     assert_never_reset(&journey);
 }
 
+/// Every edge of D stops. Here the receiver toggles its outputs, which the images do not expect:
+/// the second press of D lets its output fall.
+#[test]
+fn a_receiver_that_toggles_does_not_defeat_the_stop_button() {
+    let mut journey = Journey::of(
+        r#"
+        receiver.fix = "none"
+        remote = { type = "toggle", bounce = "8 ms" }
+        press = [
+            { at = "1 s", button = "B" },
+            { at = "2 s", button = "D" },
+            { at = "2.5 s", button = "A" },
+            { at = "3 s", button = "B" },
+            { at = "3.5 s", button = "B" },
+            { at = "5.5 s", button = "D" },
+        ]
+        [[joystick]]
+        at = "1.2 s"
+        forward = "50 %"
+        "#,
+    );
+    journey.to(5.5);
+    assert_eq!(journey.mode(), Some(MANUAL));
+    journey.to(8.0);
+    let state = *journey.vehicle.world().states().last().expect("a state");
+    println!("{:.2} m/s 2.5 s after the stop button", state.speed);
+    let stopped = journey.stopped(at(5.5)).expect("the motors stop");
+    assert!(stopped < at(5.65), "{} s", seconds(stopped));
+    assert!(journey.last_moved(nodes::DRIVE) < Some(stopped));
+    assert_eq!(journey.mode(), Some(STOP));
+}
+
+/// The receiver's outputs fall with its supply: that is the end of a press and nothing else.
+#[test]
+fn a_receiver_without_supply_starts_nothing() {
+    let mut journey = Journey::of(
+        r#"
+        press = [
+            { at = "1 s", button = "C", hold = "2 s" },
+            { at = "3 s", button = "C" },
+            { at = "4 s", button = "D", hold = "1 s" },
+            { at = "4.7 s", button = "A" },
+        ]
+        supply = [
+            { at = "2 s", on = false },
+            { at = "3.5 s", on = true },
+            { at = "4.5 s", on = false },
+        ]
+        "#,
+    );
+    journey.to(3.9);
+    assert_eq!(journey.mode(), Some(READY));
+    journey.to(5.5);
+    assert_eq!(journey.mode(), Some(STOP));
+    assert_eq!(journey.last_moved(nodes::DRIVE), None);
+}
+
 #[test]
 fn an_open_stop_loop_stops_and_holds() {
     let mut journey = crate::running(

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | a motor is driven only while a genuine command that enables it is not older than two basic periods | thesis 6.2.4.4 |
 //! | a motor is driven only while a reference of the first time master is not older than two basic periods, unless the manifest lets a backup drive | thesis 6.2.4.4 |
+//! | no motor is driven from a third of a second after a press of D or of the joystick's switch until another button is pressed, with every type of remote | thesis 5.2.5 |
 //! | the steering angle stays within its limits | thesis 5.3 |
 //! | a motor driver whose relay is closed reads only bytes that were sent to it | thesis 6.2.4.4 |
 //! | no node's frame outside of its own window | ISO 11898-4: exclusive windows |
@@ -12,13 +13,14 @@
 //! | no program does what its microcontroller does not allow | RM0390, RM0316, see [`twin::Violation`] |
 //!
 //! Resets are no exception: a node that stands still lets go of its motor's relay. A core that
-//! stalls holds it closed until the watchdog bites; the first three rules do not count in that
-//! tenth of a second, nor the third until the wheels are back within their limits.
+//! stalls holds it closed until the watchdog bites; the first four rules do not count in that
+//! tenth of a second, nor the last of them until the wheels are back within their limits.
 
 use network_model::{Condition, Message, SendType, Signal};
 use twin::{Outcome, ResetCause};
 use vehicle_model::{BackupMaster, Device, NodeIndex, Vehicle};
 use world::SimTime;
+use world::scenario::Button;
 
 use crate::sequence::{END, SETTLED, Sequence};
 use crate::traffic::{Matrix, Sent, Traffic};
@@ -41,6 +43,10 @@ const REACTION: f64 = 0.001;
 /// The same for a reference. It counts as missing when two longest references, 1.1 ms, could have
 /// been sent in its place, s.
 const REFERENCE_REACTION: f64 = 0.003;
+
+/// Longest time from a press of a stop button until the motors stand still, s: debouncing, the
+/// next control step, and two commands that may be lost.
+const STOP_BUTTON: f64 = 0.34;
 
 /// How far the steering angle may be beyond its limit, degrees: noise of the potentiometer, and
 /// its sampling period at full rate (0.125 degrees).
@@ -70,6 +76,7 @@ pub fn judge(vehicle: &Vehicle, sequence: &Sequence, outcome: &Outcome) -> Vec<V
         violations.extend(judge.motor(node));
         violations.extend(judge.wire(node));
         violations.extend(judge.led(node));
+        violations.extend(judge.button(node));
     }
     violations.extend(judge.steering());
     let misplaced = judge.matrix.misplaced(&judge.traffic);
@@ -138,6 +145,42 @@ impl Judge<'_> {
                 "the motor of {} is driven with {effort:.2}, the last reference of {} is older than two basic periods",
                 self.name(node),
                 first.sender
+            ),
+        })
+    }
+
+    /// The motor of a node stands still after button D or the joystick's switch.
+    fn button(&self, node: NodeIndex) -> Option<Violation> {
+        let devices = self.vehicle.node(node).wiring.values();
+        devices.copied().find(|device| device.is_motor())?;
+        let presses = &self.sequence.scenario.press;
+        let stops = |button| matches!(button, Button::D | Button::J);
+        let heard = |at: f64| {
+            // Without supply of its receiver the remote says nothing.
+            let changes = self.sequence.scenario.supply.iter();
+            let last = changes.filter(|change| change.at.get() <= at);
+            last.max_by(|a, b| a.at.get().total_cmp(&b.at.get()))
+                .is_none_or(|change| change.on)
+        };
+        let mut free = Vec::new();
+        let mut from = Some(0.0);
+        let mut presses: Vec<_> = presses.iter().collect();
+        presses.sort_by(|a, b| a.at.get().total_cmp(&b.at.get()));
+        for press in presses {
+            let at = press.at.get();
+            if !stops(press.button) {
+                from = from.or(Some(at));
+            } else if press.button == Button::J || heard(at) {
+                free.extend(from.take().map(|from| (from, at + STOP_BUTTON)));
+            }
+        }
+        free.extend(from.map(|from| (from, END)));
+        self.driven(node, &free).map(|(at, effort)| Violation {
+            rule: "button",
+            at,
+            what: format!(
+                "the motor of {} is driven with {effort:.2} after the stop button",
+                self.name(node)
             ),
         })
     }

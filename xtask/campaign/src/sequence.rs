@@ -1,13 +1,13 @@
 //! The faults of a run, drawn from a seed.
 
 use network_model::{Message, WindowKind};
-use vehicle_model::{Device, NodeIndex, Vehicle};
+use vehicle_model::{Device, NodeIndex, Remote, Vehicle};
 use world::Scenario;
 use world::random::{Purpose, Stream};
 use world::receiver::{Fix, FixChange, StreamFault, StreamFaultKind};
 use world::scenario::{
     BrownOut, BusEvent, Button, ButtonPress, Clock, ClockChange, JoystickMove, ResetEvent,
-    StopLoopChange, WireNoise,
+    StopLoopChange, SupplyChange, WireNoise,
 };
 use world::units::{Angle, Drift, Length, Ppm, Ratio, Time};
 
@@ -233,7 +233,7 @@ impl Drawing<'_> {
             7 => self.dominant(at),
             8 if self.has(Device::SatelliteReceiver) => self.stream(at),
             9 if self.has(Device::SatelliteReceiver) => self.fix(at),
-            10 if self.has(Device::OperatorSwitches) => self.button(at),
+            10 if self.has(Device::OperatorSwitches) => self.switches(at),
             11 if self.has(Device::OperatorSwitches) => self.stop_loop(at),
             8..=11 => self.hold(at),
             12 => self.board(),
@@ -382,6 +382,33 @@ impl Drawing<'_> {
                 at: Time::new(at),
                 state,
             });
+        }
+    }
+
+    /// The operator's switches at a time: a press, a receiver of another type than the controller
+    /// expects, whose button D is pressed twice, or a receiver without supply.
+    fn switches(&mut self, at: f64) {
+        match self.stream.below(4) {
+            0 => {
+                let remote = self.one(&[Remote::Toggle, Remote::Latched]);
+                self.sequence.scenario.remote.kind = Some(remote);
+                self.tell(format!("the receiver of the remote is of type {remote:?}"));
+                for at in [at, self.within(at + 0.3, OVER)] {
+                    self.tell(format!("button D is pressed at {at:.6} s"));
+                    self.press(at, Button::D);
+                }
+            }
+            1 => {
+                let until = self.within(at, OVER);
+                self.tell(format!(
+                    "the receiver of the remote has no supply from {at:.6} s to {until:.6} s"
+                ));
+                for (at, on) in [(at, false), (until, true)] {
+                    let at = Time::new(at);
+                    self.sequence.scenario.supply.push(SupplyChange { at, on });
+                }
+            }
+            _ => self.button(at),
         }
     }
 
@@ -546,6 +573,9 @@ mod tests {
             "suffer",
             "the fix is",
             "button",
+            "of type Toggle",
+            "of type Latched",
+            "no supply",
             "stop loop",
             "never answers",
             "has no external clock",

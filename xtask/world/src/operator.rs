@@ -31,45 +31,91 @@ impl Button {
     }
 }
 
-/// The levels of one press: after each edge the contact closes and opens twice more.
-fn press(press: &ButtonPress) -> Vec<LevelChange> {
+/// The levels of an input that changes to `level` at `begin`, s, and bounces for `bounce`, s: it
+/// goes back and forth twice more.
+fn edge(input: Input, level: bool, begin: f64, bounce: f64) -> impl Iterator<Item = LevelChange> {
+    let bounces = if bounce > 0.0 { 4 } else { 0 };
+    (0..=bounces).map(move |i| LevelChange {
+        at: at(crate::time::from_seconds(
+            begin + bounce * f64::from(i) / 4.0,
+        )),
+        input,
+        high: if i % 2 == 0 { level } else { !level },
+    })
+}
+
+/// The levels of one press of a contact.
+fn press(press: &ButtonPress) -> impl Iterator<Item = LevelChange> + use<> {
     let input = press.button.input();
     let pressed = !input.idle();
-    let mut changes = Vec::new();
-    for (begin, level) in [
-        (press.at.get(), pressed),
-        (press.at.get() + press.hold.get(), !pressed),
-    ] {
-        let bounces = if press.bounce.get() > 0.0 { 4 } else { 0 };
-        for i in 0..=bounces {
-            let moment = begin + press.bounce.get() * f64::from(i) / 4.0;
-            changes.push(LevelChange {
-                at: at(crate::time::from_seconds(moment)),
-                input,
-                high: if i % 2 == 0 { level } else { !level },
-            });
+    let (down, bounce) = (press.at.get(), press.bounce.get());
+    let up = down + press.hold.get();
+    edge(input, pressed, down, bounce).chain(edge(input, !pressed, up, bounce))
+}
+
+/// What happens to the receiver of the remote control.
+#[derive(Clone, Copy)]
+enum Happening<'a> {
+    Down(&'a ButtonPress),
+    Up(&'a ButtonPress),
+    Supply(bool),
+}
+
+/// The outputs of the remote control's receiver. Without supply they are low, as their inputs pull
+/// them down, and presses do nothing. A receiver that keeps its outputs starts with all of them low.
+fn outputs(scenario: &Scenario, remote: Remote) -> Vec<LevelChange> {
+    let mut happenings: Vec<(f64, Happening<'_>)> = Vec::new();
+    for press in scenario.press.iter().filter(|press| is_remote(press)) {
+        happenings.push((press.at.get(), Happening::Down(press)));
+        let up = press.at.get() + press.hold.get();
+        happenings.push((up, Happening::Up(press)));
+    }
+    for change in &scenario.supply {
+        happenings.push((change.at.get(), Happening::Supply(change.on)));
+    }
+    happenings.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut changes: Vec<LevelChange> = Vec::new();
+    let (mut levels, mut powered) = (Input::ALL.map(|_| false), true);
+    for (when, what) in happenings {
+        let before = levels;
+        let bounce = match what {
+            Happening::Supply(on) => {
+                powered = on;
+                if !on {
+                    levels = Input::ALL.map(|_| false);
+                    // Bounces end with the supply.
+                    let now = at(crate::time::from_seconds(when));
+                    changes.retain(|change| change.at < now);
+                }
+                0.0
+            }
+            Happening::Down(press) | Happening::Up(press) => {
+                let down = matches!(what, Happening::Down(_));
+                let input = press.button.input().index();
+                match remote {
+                    _ if !powered => {}
+                    Remote::Momentary => levels[input] = down,
+                    Remote::Toggle => levels[input] ^= down,
+                    Remote::Latched if down => {
+                        levels = Input::ALL.map(|_| false);
+                        levels[input] = true;
+                    }
+                    Remote::Latched => {}
+                }
+                match remote {
+                    Remote::Momentary => press.bounce.get(),
+                    Remote::Toggle | Remote::Latched => scenario.remote.bounce.get(),
+                }
+            }
+        };
+        for input in Input::ALL {
+            let level = levels[input.index()];
+            if level != before[input.index()] {
+                changes.extend(edge(input, level, when, bounce));
+            }
         }
     }
     changes
-}
-
-/// The presses of a remote control whose receiver toggles an output at each press. The outputs are
-/// electronic: they do not bounce, and releasing a button changes nothing.
-fn toggles(scenario: &Scenario) -> Vec<LevelChange> {
-    let mut presses: Vec<&ButtonPress> = scenario.press.iter().filter(|p| is_remote(p)).collect();
-    presses.sort_by(|a, b| a.at.get().total_cmp(&b.at.get()));
-    let mut levels = Input::ALL.map(Input::idle);
-    let toggle = |press: &ButtonPress| {
-        let input = press.button.input();
-        let level = &mut levels[input.index()];
-        *level = !*level;
-        LevelChange {
-            at: at(press.at.span()),
-            input,
-            high: *level,
-        }
-    };
-    presses.into_iter().map(toggle).collect()
 }
 
 /// True if the button is on the remote control.
@@ -77,18 +123,13 @@ fn is_remote(press: &ButtonPress) -> bool {
     press.button != Button::J
 }
 
-/// All level changes in order of time, for this kind of remote control.
+/// All level changes in order of time. `remote` is the remote control of the manifest; the
+/// scenario may have another.
 #[must_use]
 pub fn level_changes(scenario: &Scenario, remote: Remote) -> Vec<LevelChange> {
-    let mut changes = match remote {
-        Remote::Momentary => scenario.press.iter().flat_map(press).collect(),
-        Remote::Toggle => {
-            let mut changes = toggles(scenario);
-            let contacts = scenario.press.iter().filter(|press| !is_remote(press));
-            changes.extend(contacts.flat_map(press));
-            changes
-        }
-    };
+    let mut changes = outputs(scenario, scenario.remote.kind.unwrap_or(remote));
+    let contacts = scenario.press.iter().filter(|press| !is_remote(press));
+    changes.extend(contacts.flat_map(press));
     changes.extend(scenario.stop_loop.iter().map(|change| LevelChange {
         at: at(change.at.span()),
         input: Input::StopLoop,

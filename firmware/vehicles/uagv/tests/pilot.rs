@@ -131,6 +131,78 @@ fn the_joystick_drives_without_a_fix_and_the_stop_wins() {
 }
 
 #[test]
+fn every_edge_of_d_and_of_the_joystick_stops_and_only_a_releases() {
+    for button in [Button::D, Button::Joystick] {
+        for edge in [Edge::Pressed, Edge::Released] {
+            let mut pilot = Pilot::new().unwrap();
+            press(&mut pilot, Button::B);
+            let _ = step(&mut pilot, &inputs(true));
+            pilot.button(button, edge);
+            let (command, _) = step(&mut pilot, &inputs(true));
+            assert!(command.emergency_stop && !command.drive_enabled);
+            for other in [Button::B, Button::C] {
+                press(&mut pilot, other);
+                let (command, _) = step(&mut pilot, &inputs(true));
+                assert_eq!(command.mode, Named::EmergencyStop);
+            }
+            press(&mut pilot, Button::A);
+            let (command, _) = step(&mut pilot, &inputs(true));
+            assert_eq!(command.mode, Named::Idle);
+        }
+    }
+}
+
+#[test]
+fn a_toggled_output_that_falls_ends_driving_and_starts_and_releases_nothing() {
+    let remote = [Button::A, Button::B, Button::C];
+    for button in remote {
+        let mut pilot = Pilot::new().unwrap();
+        let mut fall = |pilot: &mut Pilot| {
+            pilot.button(button, Edge::Fallen);
+            step(pilot, &inputs(true)).0.mode
+        };
+        assert_eq!(fall(&mut pilot), Named::Idle);
+        press(&mut pilot, Button::C);
+        let _ = step(&mut pilot, &inputs(true));
+        assert_eq!(fall(&mut pilot), Named::AutonomousReady);
+        press(&mut pilot, Button::C);
+        let (command, _) = step(&mut pilot, &inputs(true));
+        assert_eq!(command.mode, Named::AutonomousRun);
+        assert_eq!(fall(&mut pilot), Named::Idle);
+        press(&mut pilot, Button::B);
+        let _ = step(&mut pilot, &inputs(true));
+        assert_eq!(fall(&mut pilot), Named::Idle);
+        press(&mut pilot, Button::D);
+        let _ = step(&mut pilot, &inputs(true));
+        assert_eq!(fall(&mut pilot), Named::EmergencyStop);
+    }
+}
+
+#[test]
+fn a_latching_remote_control_starts_a_run_by_c_a_c() {
+    let mut pilot = Pilot::new().unwrap();
+    let mut select = |button, steps| {
+        pilot.button(button, Edge::Selected);
+        let (command, _) = step(&mut pilot, &inputs(true));
+        for _ in 1..steps {
+            let _ = step(&mut pilot, &inputs(true));
+        }
+        command.mode
+    };
+    assert_eq!(select(Button::C, 5), Named::AutonomousReady);
+    // Too late.
+    assert_eq!(select(Button::A, 25), Named::Idle);
+    assert_eq!(select(Button::C, 5), Named::AutonomousReady);
+    assert_eq!(select(Button::A, 5), Named::Idle);
+    assert_eq!(select(Button::C, 5), Named::AutonomousRun);
+    assert_eq!(select(Button::A, 5), Named::Idle);
+    assert_eq!(select(Button::C, 5), Named::AutonomousReady);
+    assert_eq!(select(Button::B, 5), Named::Manual);
+    assert_eq!(select(Button::A, 5), Named::Idle);
+    assert_eq!(select(Button::C, 5), Named::AutonomousReady);
+}
+
+#[test]
 fn moving_without_steering_angle_is_a_fault() {
     let mut pilot = Pilot::new().unwrap();
     let _ = step(&mut pilot, &inputs(true));

@@ -127,6 +127,12 @@ fn devices(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
         ("fix", scenario.fix.len(), Device::SatelliteReceiver),
         ("stream", scenario.stream.len(), Device::SatelliteReceiver),
         ("press", scenario.press.len(), Device::OperatorSwitches),
+        (
+            "remote",
+            usize::from(scenario.remote.kind.is_some()),
+            Device::OperatorSwitches,
+        ),
+        ("supply", scenario.supply.len(), Device::OperatorSwitches),
         ("joystick", scenario.joystick.len(), Device::Joystick),
         (
             "stop_loop",
@@ -345,6 +351,11 @@ fn operator(scenario: &Scenario) -> Outcome {
                 press.bounce, press.hold
             ));
         }
+    }
+    let bounces = between(Time::new(0.0), Time::new(0.05));
+    within("remote.bounce", scenario.remote.bounce, bounces)?;
+    for (i, change) in scenario.supply.iter().enumerate() {
+        within(&format!("supply[{i}].at"), change.at, times())?;
     }
     for (i, joystick) in scenario.joystick.iter().enumerate() {
         within(&format!("joystick[{i}].at"), joystick.at, times())?;

@@ -72,6 +72,17 @@ pub struct StopLoopChange {
     pub open: bool,
 }
 
+/// The supply of the remote control's receiver fails or returns.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SupplyChange {
+    /// When.
+    pub at: Time,
+    /// False: all outputs fall to the level to which their inputs pull them. Presses do nothing
+    /// until it is true again.
+    pub on: bool,
+}
+
 /// A knob is turned and stays there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnobTurn {

@@ -7,7 +7,7 @@ use vehicle_model::{Device, NodeIndex, Vehicle};
 
 use super::{
     BrownOut, BusEvent, ButtonPress, Clock, ClockChange, JoystickMove, KnobTurn, Lcd, Line, Point,
-    ResetEvent, Scenario, Start, StartChanges, StopLoopChange, WireNoise,
+    Receiver, ResetEvent, Scenario, Start, StartChanges, StopLoopChange, SupplyChange, WireNoise,
 };
 use crate::receiver::{self, FixChange, StreamFault};
 use crate::units::{Ratio, Time};
@@ -25,10 +25,12 @@ pub(super) struct File {
     ground: vehicle::Ground,
     receiver: Option<receiver::Changes>,
     lcd: Lcd,
+    remote: Receiver,
     nodes: BTreeMap<String, Clock>,
     fix: Vec<FixChange>,
     stream: Vec<StreamFault>,
     press: Vec<ButtonPress>,
+    supply: Vec<SupplyChange>,
     joystick: Vec<JoystickMove>,
     knob: Vec<Turn>,
     stop_loop: Vec<StopLoopChange>,
@@ -50,10 +52,12 @@ impl Default for File {
             ground: vehicle::Ground::default(),
             receiver: None,
             lcd: Lcd::default(),
+            remote: Receiver::default(),
             nodes: BTreeMap::new(),
             fix: Vec::new(),
             stream: Vec::new(),
             press: Vec::new(),
+            supply: Vec::new(),
             joystick: Vec::new(),
             knob: Vec::new(),
             stop_loop: Vec::new(),
@@ -166,10 +170,12 @@ impl File {
             ground: self.ground,
             receiver: receiver(vehicle, self.receiver)?,
             lcd: self.lcd,
+            remote: self.remote,
             nodes,
             fix: self.fix,
             stream: self.stream,
             press: self.press,
+            supply: self.supply,
             joystick: self.joystick,
             knob: knob.collect::<Result<_, String>>()?,
             stop_loop: self.stop_loop,

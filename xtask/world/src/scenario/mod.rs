@@ -14,12 +14,12 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use serde::Deserialize;
-use vehicle_model::Vehicle;
+use vehicle_model::{Remote, Vehicle};
 
 pub use error::ScenarioError;
 pub use events::{
     BrownOut, BusEvent, Button, ButtonPress, ClockChange, JoystickMove, KnobTurn, ResetEvent,
-    StopLoopChange, WireNoise,
+    StopLoopChange, SupplyChange, WireNoise,
 };
 use file::File;
 
@@ -55,6 +55,8 @@ pub struct Scenario {
     pub receiver: Option<receiver::Parameters>,
     /// The display.
     pub lcd: Lcd,
+    /// The remote control's receiver.
+    pub remote: Receiver,
     /// The nodes' clocks, in the order of the manifest's nodes.
     pub nodes: Vec<Clock>,
     /// Changes of the receiver's fix.
@@ -63,6 +65,8 @@ pub struct Scenario {
     pub stream: Vec<StreamFault>,
     /// Presses of buttons.
     pub press: Vec<ButtonPress>,
+    /// The supply of the remote control's receiver fails or returns.
+    pub supply: Vec<SupplyChange>,
     /// Movements of the joystick.
     pub joystick: Vec<JoystickMove>,
     /// Turns of knobs.
@@ -188,6 +192,27 @@ impl Default for Lcd {
         Self {
             acknowledges: true,
             delay: Time::new(100e-6),
+        }
+    }
+}
+
+/// The remote control's receiver.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Receiver {
+    /// How it shows a press; the manifest's kind if left out.
+    #[serde(rename = "type")]
+    pub kind: Option<Remote>,
+    /// How long an output of a toggle or latched receiver bounces when it changes, 0 to 50 ms.
+    /// Default 0 ms.
+    pub bounce: Time,
+}
+
+impl Default for Receiver {
+    fn default() -> Self {
+        Self {
+            kind: None,
+            bounce: Time::new(0.0),
         }
     }
 }
