@@ -265,6 +265,9 @@ impl<T: Scalar> Default for Tracking<T> {
 /// Results of a control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome<T> {
+    /// Output of the law itself, before the safety filter and its limits. `None` unless the law
+    /// commands the actuators, or if it does not know where the vehicle is.
+    pub proposed: Option<Command<T>>,
     /// Command for the actuators. Standstill unless the law commands them.
     pub command: Command<T>,
     /// State relative to the path, for displays and logs; from dead reckoning if
@@ -391,6 +394,7 @@ impl<T: Scalar> Controller<T> {
             sample.dt,
         );
         Outcome {
+            proposed,
             command,
             tracking,
             finished: self.progress.finished,

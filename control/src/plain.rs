@@ -100,6 +100,7 @@ impl<T: Scalar> PlainController<T> {
             sample.dt,
         );
         Outcome {
+            proposed,
             command,
             tracking,
             finished,

@@ -131,6 +131,9 @@ pub struct Decision {
     pub moving: bool,
     /// Command to the actuators.
     pub command: safety::Command<f32>,
+    /// Steering rate that the control law itself asks for, before limits, rad/s; 0 while it does
+    /// not command the actuators.
+    pub control_input: f32,
     /// Where the vehicle is relative to its path.
     pub tracking: Tracking<f32>,
     /// Last position, mm.
@@ -268,6 +271,7 @@ impl<M: Machine> Pilot<M> {
             mode,
             moving: mode.source() != Source::Still,
             command: self.applied,
+            control_input: outcome.proposed.map_or(0.0, |own| own.steering_rate),
             tracking: self.tracking,
             position: self.position,
             pot: self.pot,

@@ -140,7 +140,7 @@ impl Frames {
             }
             .encode(),
             control: LogControl {
-                control_input: DegreesPerSecondQ8(convert::degrees_q8(applied.steering_rate)),
+                control_input: DegreesPerSecondQ8(convert::degrees_q8(decision.control_input)),
                 steering_pot: AdcCount(decision.pot),
             }
             .encode(),

@@ -8,7 +8,7 @@ use firmware::e2e;
 use firmware::pilot::{Change, Inputs, Reason};
 use network::Message as _;
 use uagv::Pilot;
-use uagv::messages::{Command, Mode as Named};
+use uagv::messages::{Command, LogControl, LogGuidance, Mode as Named};
 use uagv::wire::Frames;
 
 fn inputs(fixed: bool) -> Inputs {
@@ -56,6 +56,53 @@ fn a_run_needs_two_presses_and_a_fix_and_ends_with_it() {
     assert_eq!(command.mode, Named::AutonomousReady);
     assert_eq!(command.speed.0, 0);
     assert_eq!(change.unwrap().reason, Reason::FixLost);
+}
+
+/// Message 452 has the command, message 453 what the law asked for.
+#[test]
+fn the_control_input_is_logged_before_limits() {
+    let mut pilot = Pilot::new().unwrap();
+    let mut sender = e2e::Sender::default();
+    let mut largest = (0, 0);
+    for index in 0..30 {
+        if index < 2 {
+            press(&mut pilot, Button::C);
+        }
+        // Five metres right of the line.
+        let inputs = Inputs {
+            position: Some(Position::new(1000 + 100 * index, 5000)),
+            ..inputs(true)
+        };
+        let (decision, _) = pilot.step(&inputs, &Buttons::default());
+        let frames = Frames::of(&decision, &mut sender, 7);
+        let input = LogControl::decode(&frames.control).unwrap().control_input.0;
+        let command = LogGuidance::decode(&frames.guidance).unwrap();
+        let command = i32::from(command.steering_rate_command.0);
+        if input.abs() > i32::abs(largest.0) {
+            largest = (input, command);
+        }
+    }
+    // 1/256 deg/s, and 0.01 deg/s of which 2500 is the limit.
+    let (input, command) = largest;
+    let shown = (f64::from(input) / 256.0, f64::from(command) / 100.0);
+    assert!(
+        input < -30 * 256,
+        "U {} deg/s, command {} deg/s",
+        shown.0,
+        shown.1
+    );
+    assert!((-2500..0).contains(&command), "{} deg/s", shown.1);
+    // By hand the law commands nothing.
+    press(&mut pilot, Button::B);
+    let by_hand = Inputs {
+        joystick: (4095, 2048),
+        ..inputs(true)
+    };
+    let (decision, _) = pilot.step(&by_hand, &Buttons::default());
+    let frames = Frames::of(&decision, &mut sender, 7);
+    let logged = LogControl::decode(&frames.control).unwrap();
+    assert_eq!(logged.control_input.0, 0);
+    assert!(Command::decode(&frames.command).unwrap().steering_rate.0 > 2000);
 }
 
 /// The gps node keeps its position window empty as soon as the fix is gone, and says so in
@@ -157,7 +204,7 @@ fn a_toggled_output_that_falls_ends_driving_and_starts_and_releases_nothing() {
     let remote = [Button::A, Button::B, Button::C];
     for button in remote {
         let mut pilot = Pilot::new().unwrap();
-        let mut fall = |pilot: &mut Pilot| {
+        let fall = |pilot: &mut Pilot| {
             pilot.button(button, Edge::Fallen);
             step(pilot, &inputs(true)).0.mode
         };
