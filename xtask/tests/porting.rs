@@ -117,8 +117,8 @@ fn message(folder: &Folder) {
     folder.replace(sender, "{AdcCount, Knob,", "{AdcCount, Effort, Knob,");
     folder.replace(
         sender,
-        "            output.repeat(obeyed.command().map(|command| command.motor));\n            accepted\n",
-        "            output.repeat(obeyed.command().map(|command| command.motor));\n            \
+        "            output.set(obeyed.command().map(|command| command.motor));\n            accepted\n",
+        "            output.set(obeyed.command().map(|command| command.motor));\n            \
          (accepted, output.last())\n",
     );
     folder.replace(
