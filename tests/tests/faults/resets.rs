@@ -3,7 +3,9 @@
 use furrow_tests::Journey;
 use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
+use network::Message as _;
 use twin::ResetCause;
+use uagv::messages::GpsStatus;
 use vehicle_model::NodeIndex;
 
 use crate::{
@@ -266,5 +268,26 @@ fn a_node_whose_supply_dips_lets_go_of_its_motor_and_starts_as_after_power_on() 
         assert_eq!(resets[1].1, ResetCause::PowerOn);
         assert_steady(&journey, &[100, 206, 300], 4.2, 5.0);
         journey.assert_in_place();
+    }
+}
+
+/// A start that waited for its PLL without a bound, and with its watchdog off, would stand still for
+/// ever.
+#[test]
+fn a_node_whose_pll_does_not_lock_tries_again_and_tells_why() {
+    for node in [nodes::DRIVE, nodes::GPS] {
+        let mut journey = Journey::of(RUNNING);
+        journey.vehicle.node_mut(node).set_pll_locks(false);
+        journey.to(0.5);
+        let tries = journey.vehicle.node(node).resets();
+        assert!(tries.len() > 5, "{} starts", tries.len());
+        let again = tries.iter().skip(1).map(|(_, cause)| *cause);
+        assert!(again.eq(std::iter::repeat_n(ResetCause::Software, tries.len() - 1)));
+        journey.vehicle.node_mut(node).set_pll_locks(true);
+        journey.to(3.0);
+        let report = first_after(&journey, 511 + node.0 as u16, at(0.5));
+        let report = GpsStatus::decode(&report.data).expect("one layout for all nodes");
+        assert_eq!(report.fault, uagv::messages::Fault::ClockFailure);
+        assert_steady(&journey, &[100, 206, 300], 2.0, 3.0);
     }
 }

@@ -610,6 +610,12 @@ impl Mcu {
         self.surroundings(|p| p.set_watchdog_clock(hertz));
     }
 
+    /// Whether the part's PLL locks when it is switched on from now on. A part whose PLL does not
+    /// is broken.
+    pub fn set_pll_locks(&mut self, locks: bool) {
+        self.surroundings(|p| p.set_pll_locks(locks));
+    }
+
     /// Drives a pin from outside from now on. With `None` it is no longer driven, and its pull
     /// resistor sets the level.
     pub fn drive_pin(&mut self, pin: Pin, level: Option<bool>) {

@@ -572,6 +572,10 @@ impl Peripherals {
         self.refresh();
     }
 
+    pub(crate) fn set_pll_locks(&mut self, locks: bool) {
+        self.rcc.set_pll_locks(locks);
+    }
+
     pub(crate) fn set_internal_error(&mut self, ppb: i32) {
         self.oscillators.rc_ppb = i64::from(ppb);
         self.retune(false);

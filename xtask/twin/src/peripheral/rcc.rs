@@ -89,6 +89,8 @@ pub(crate) struct Rcc {
     registers: [u32; 0x98 / 4],
     /// External clock at OSC_IN, if there is one, Hz.
     hse_hz: Option<u64>,
+    /// False for a part whose PLL never locks.
+    pll_locks: bool,
     hsi_ready: Cycles,
     hse_ready: Cycles,
     pll_ready: Cycles,
@@ -104,6 +106,7 @@ impl Rcc {
             part,
             registers: [0; 0x98 / 4],
             hse_hz,
+            pll_locks: true,
             hsi_ready: 0,
             hse_ready: NEVER,
             pll_ready: NEVER,
@@ -314,6 +317,11 @@ impl Rcc {
         self.settle(now, clock);
     }
 
+    /// Whether the PLL locks from now on.
+    pub(crate) fn set_pll_locks(&mut self, locks: bool) {
+        self.pll_locks = locks;
+    }
+
     /// How far the program has trimmed the HSI off its factory setting, parts in 10^9.
     pub(crate) fn trim_ppb(&self) -> i64 {
         (i64::from(self.registers[0] >> 3 & 0x1F) - 16) * TRIM_STEP_PPB
@@ -339,7 +347,7 @@ impl Rcc {
         } else {
             now >= self.hsi_ready
         };
-        let on = self.registers[0] & 1 << 24 != 0 && feed_ready;
+        let on = self.registers[0] & 1 << 24 != 0 && feed_ready && self.pll_locks;
         start(&mut self.pll_ready, on, now + clock.cycles_of(PLL_LOCK));
         let wanted = self.get(self.cfgr_offset()) & 0b11;
         let ready = match wanted {
