@@ -300,18 +300,28 @@ fn limits_beyond_the_actuators_are_refused() {
 #[test]
 fn what_is_not_toml_is_refused_with_its_line_and_key() {
     let cruise = "cruise = \"1 m/s\"";
+    let limits = "[machine.limits]";
+    let line_of = |text| {
+        let manifest = include_str!("../../vehicles/uagv/vehicle.toml");
+        let before = manifest.find(text).expect("in the manifest");
+        1 + manifest[..before].matches('\n').count()
+    };
     for (from, to, sentence) in [
         (
             cruise,
             "cruise = 1 m/s",
-            "line 71, cruise: this is not TOML: ",
+            format!("line {}, cruise: this is not TOML: ", line_of(cruise)),
         ),
         (
-            "[machine.limits]",
+            limits,
             "[machine.limits",
-            "line 77: this is not TOML: ",
+            format!("line {}: this is not TOML: ", line_of(limits)),
         ),
-        (cruise, "cruise = 1", "line 71, machine.cruise: "),
+        (
+            cruise,
+            "cruise = 1",
+            format!("line {}, machine.cruise: ", line_of(cruise)),
+        ),
     ] {
         let said = refusal(from, to);
         assert!(

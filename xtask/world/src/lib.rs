@@ -5,7 +5,7 @@
 //!
 //! - [`vehicle`]: a bicycle model with limits, dead bands, slip and slope;
 //! - [`receiver`]: a Piksi that speaks SBP; [`syren`]: motor drivers; [`lcd`]: the display;
-//!   [`line`]: a serial line as its receiver sees it; [`operator`]: remote control, joystick and
+//!   [`mod@line`]: a serial line as its receiver sees it; [`operator`]: remote control, joystick and
 //!   emergency-stop loop;
 //! - [`scenario`]: what happens, as TOML files with units;
 //! - [`World`]: all of it as one value, driven by a simulation of the nodes;
