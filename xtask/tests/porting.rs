@@ -597,7 +597,7 @@ fn assert_modes(name: &str, presses: &[(char, u8)]) {
     for (index, (button, mode)) in presses.iter().enumerate() {
         let then = from_seconds(FIRST + PAUSE * index as f64 + 0.2);
         let before = |frame: &&Sent| frame.end.as_ticks() <= then.as_ticks();
-        let last = commands.iter().filter(before).next_back().unwrap();
+        let last = commands.iter().rfind(before).unwrap();
         assert_eq!(last.data[4], *mode, "press {index}, {button:?}");
         assert_eq!(
             last.data[5] & 3 != 0,
