@@ -210,14 +210,19 @@ impl<M: Machine> Pilot<M> {
         if self.request == Request::EmergencyStop {
             return;
         }
-        let (request, reason) = match (button, edge) {
-            (Button::D | Button::Joystick, _) => (Request::EmergencyStop, Reason::ButtonD),
-            (_, Edge::Released) => return,
-            (Button::StopLoop, _) => (Request::EmergencyStop, Reason::StopLoop),
-            (Button::A, _) => (Request::Release, Reason::ButtonA),
-            (Button::B, _) => (Request::Manual, Reason::ButtonB),
-            (Button::C, _) => (Request::Autonomous, Reason::ButtonC),
+        // One match over all buttons: a second one, over those that are left, would leave a trap
+        // in the image for the others.
+        let (request, reason) = match button {
+            Button::A => (Request::Release, Reason::ButtonA),
+            Button::B => (Request::Manual, Reason::ButtonB),
+            Button::C => (Request::Autonomous, Reason::ButtonC),
+            Button::D | Button::Joystick => (Request::EmergencyStop, Reason::ButtonD),
+            Button::StopLoop => (Request::EmergencyStop, Reason::StopLoop),
         };
+        let always = reason == Reason::ButtonD;
+        if edge == Edge::Released && !always {
+            return;
+        }
         let stops = request == Request::EmergencyStop;
         self.request = match edge {
             Edge::Fallen if !stops && self.modes.mode().source() == Source::Still => Request::None,
