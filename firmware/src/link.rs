@@ -122,8 +122,8 @@ pub trait WindowTimer {
 pub const INTERNAL_CLOCK: u8 = 1 << 1;
 
 /// How far the RC oscillator of a node may differ from the master's clock while it takes part in
-/// the traffic, ppm: what the bit timing of the boards allows each of two nodes.
-const TOLERANCE_PPM: u32 = 9_800;
+/// the traffic, ppm: not more than the bit timing of a board allows each of two nodes.
+pub const TOLERANCE_PPM: u32 = 9_800;
 
 /// What an interrupt of the bus has brought for the application.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

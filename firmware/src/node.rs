@@ -182,6 +182,11 @@ const WATCHDOG: MillisDurationU32 = design::WATCHDOG_F303;
 const TICKS: u32 = 1000 / design::HOUSEKEEPING_PERIOD.ticks();
 
 const _: () = assert!(
+    crate::link::TOLERANCE_PPM <= board::TOLERANCE_PPM,
+    "the bit timing allows what the link does"
+);
+
+const _: () = assert!(
     1000u32.is_multiple_of(design::HOUSEKEEPING_PERIOD.ticks()),
     "a step is a tick"
 );

@@ -126,9 +126,9 @@ impl Sled {
     pub fn start(device: pac::Peripherals, watchdog: u16) -> Result<Self, Fault> {
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU, watchdog);
         let reset_cause = clocks::reset_cause(&device.RCC);
-        expect(Fault::ClockStart);
+        fault::expect(Fault::ClockStart);
         let clocks = clocks::start(&device.RCC, &device.FLASH).ok_or(Fault::ClockStart)?;
-        expect(Fault::Start);
+        fault::expect(Fault::Start);
         let mut rcc = device.RCC.constrain();
         gate::open::<pac::USART1>(&mut rcc.apb2);
         // The port starts before its pin is connected: so the line goes from floating to idle.
@@ -197,14 +197,6 @@ impl Rest {
             2 * self.clocks.apb1,
         )
     }
-}
-
-/// Notes what start-up is about to wait for. On a PC there is nothing to note.
-fn expect(fault: Fault) {
-    #[cfg(target_os = "none")]
-    fault::expect(fault);
-    #[cfg(not(target_os = "none"))]
-    let _ = fault;
 }
 
 sled_common::fault_handlers!(crate::stop_actuator);

@@ -129,10 +129,10 @@ impl Sled {
     pub fn start(device: pac::Peripherals, watchdog: u16) -> Result<Self, Fault> {
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU, watchdog);
         let reset_cause = clocks::reset_cause(&device.RCC);
-        expect(Fault::ClockStart);
+        fault::expect(Fault::ClockStart);
         let clocks =
             clocks::start(&device.RCC, &device.PWR, &device.FLASH).ok_or(Fault::ClockStart)?;
-        expect(Fault::Start);
+        fault::expect(Fault::Start);
         let mut rcc = device.RCC.constrain();
         gate::open::<pac::TIM2>(&mut rcc);
         let (clock, alarms) = time::start(device.TIM2);
@@ -237,13 +237,5 @@ impl Rest {
 /// Stops the actuator of this sled. It does nothing, because no actuator is connected to this
 /// sled.
 pub fn stop_actuator() {}
-
-/// Notes what start-up is about to wait for. On a PC there is nothing to note.
-fn expect(fault: Fault) {
-    #[cfg(target_os = "none")]
-    fault::expect(fault);
-    #[cfg(not(target_os = "none"))]
-    let _ = fault;
-}
 
 sled_common::fault_handlers!(crate::stop_actuator);

@@ -235,6 +235,21 @@ fn without_any_clock_the_best_master_leads_on_its_own_oscillator_as_the_last_res
     assert!(!errors.any(|record| matches!(record.kind, RecordKind::Error { .. })));
 }
 
+/// Frames that an error destroyed.
+fn destroyed(journey: &Journey) -> usize {
+    let records = journey.vehicle.records().iter();
+    let errors = records.filter(|record| {
+        matches!(
+            record.kind,
+            RecordKind::Error {
+                transmitter: true,
+                ..
+            }
+        )
+    });
+    errors.count()
+}
+
 /// Trims, before it sends anything, what 1.2 % and more made of the bus before: missed references,
 /// bus-off, and error flags over the frames of the others.
 #[test]
@@ -248,17 +263,7 @@ fn a_node_far_off_its_frequency_trims_itself_before_it_sends() {
                 .replace("at = \"1.5 s\"", "at = \"4.5 s\"")
         ));
         journey.to(7.0);
-        let errors = journey.vehicle.records().iter();
-        let errors = errors.filter(|record| {
-            matches!(
-                record.kind,
-                RecordKind::Error {
-                    transmitter: true,
-                    ..
-                }
-            )
-        });
-        assert_eq!(errors.count(), 0, "{error}");
+        assert_eq!(destroyed(&journey), 0, "{error}");
         assert_steady(&journey, &[100, 206, 300, 450, 453], 4.5, 7.0);
         assert_eq!(journey.mode(), Some(mode::RUN), "{error}");
         assert!(journey.effort(nodes::DRIVE, at(7.0)) > 0.2, "{error}");
@@ -274,17 +279,7 @@ fn a_node_that_drifts_away_falls_silent_and_trims_itself_again() {
         "nodes.steering = {{ external = false, internal = \"1000 ppm\", drift = \"2000 ppm/s\" }}\n{RUNNING}"
     ));
     journey.to(9.0);
-    let errors = journey.vehicle.records().iter();
-    let errors = errors.filter(|record| {
-        matches!(
-            record.kind,
-            RecordKind::Error {
-                transmitter: true,
-                ..
-            }
-        )
-    });
-    assert_eq!(errors.count(), 0);
+    assert_eq!(destroyed(&journey), 0);
     assert_steady(&journey, &[100, 300, 450, 453], 1.0, 9.0);
     let console = journey.console(nodes::STEERING);
     assert!(console.contains(" away"), "{console}");

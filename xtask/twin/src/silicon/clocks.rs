@@ -39,7 +39,8 @@ pub(crate) struct Prescalers {
 }
 
 impl Prescalers {
-    /// The smaller ones of both: the worst case while a change is under way.
+    /// For each bus the smaller divider of the two settings. While a change takes effect, the bus
+    /// may run with either.
     pub(crate) fn least(self, other: Self) -> Self {
         Self {
             ahb: self.ahb.min(other.ahb),
