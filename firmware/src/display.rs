@@ -1,7 +1,8 @@
 //! The operator's display (thesis 5.2.5, 6.2.4.5).
 //!
-//! The thesis does not name the display's command set, so the trait [`Language`] stands for it.
-//! Every value that can be good or bad is green or red, as on the vehicle.
+//! The thesis does not name its display's command set. So the trait [`Language`] stands for any, and
+//! [`Lk204`] is that of a display that can be bought: Matrix Orbital's LK204-7T-1U, 20 characters in
+//! 4 rows, with three lamps that are green or red as the thesis's values are.
 
 use control::controller::Tracking;
 use control::mode::Mode;
@@ -11,47 +12,85 @@ use crate::convert;
 use crate::text::Text;
 
 /// Longest string of commands, bytes: the capacity of the port.
-pub const CAPACITY: usize = 898;
+pub const CAPACITY: usize = 160;
 
-/// The byte with which the display acknowledges a command.
-pub const ACKNOWLEDGE: u8 = 0x55;
+/// Rows of the screen.
+pub const ROWS: u8 = 4;
+/// Characters in a row.
+pub const COLUMNS: usize = 20;
 
-/// A colour of the fonts.
+/// A lamp beside the screen: green for "no error", red for "not ready" (thesis 6.2.4.5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Colour {
-    /// Values without a good and a bad state.
-    White,
-    /// "No error" (thesis 6.2.4.5).
-    Green,
-    /// "Not ready" (thesis 6.2.4.5).
-    Red,
+pub enum Lamp {
+    /// The vehicle is not stopped by its operator or by a fault.
+    Mode,
+    /// The node keeps the schedule of the bus.
+    Bus,
+    /// The receiver's solution is fixed.
+    Fix,
 }
 
 /// A display's command set.
 pub trait Language {
-    /// Begins a text in a row, counted from 0 at the top.
-    fn begin<const N: usize>(text: &mut Text<N>, row: u8, colour: Colour);
-    /// Ends it; the display acknowledges the command.
-    fn end<const N: usize>(text: &mut Text<N>);
+    /// The byte with which the display answers [`Language::finish`].
+    const ANSWER: u8;
+    /// Brings the display into the state that the other commands need, even if it lost its supply
+    /// since the last time.
+    fn prepare<const N: usize>(text: &mut Text<N>);
+    /// The text that follows goes to a row, counted from 0 at the top.
+    fn begin<const N: usize>(text: &mut Text<N>, row: u8);
+    /// Makes a lamp green or red.
+    fn lamp<const N: usize>(text: &mut Text<N>, lamp: Lamp, good: bool);
+    /// Asks for an answer, which shows that the display is there.
+    fn finish<const N: usize>(text: &mut Text<N>);
 }
 
-/// A readable command set: the row as two digits, a letter for the colour, the text, a carriage
-/// return.
+/// Matrix Orbital LK204-7T-1U on its serial port: 19 200 baud, 8N1.
+///
+/// Only two pages of its technical manual were at hand. They confirm the answer 0x2B to "read module
+/// type" (6.9) and the two settings of the keypad's transmission (6.6). The colours of the lamps agree
+/// with two published programs for this display. The other commands, what is on after power-up, and
+/// the baud rate are those that the maker's manuals of its sister models agree on (LK204-25,
+/// LK202-25, LK162A-4T). No display has been driven yet.
+///
+/// Its keypad is not used: the operator's buttons are on the remote control (thesis 5.2.5).
 #[derive(Clone, Copy, Debug)]
-pub struct Plain;
+pub struct Lk204;
 
-impl Language for Plain {
-    fn begin<const N: usize>(text: &mut Text<N>, row: u8, colour: Colour) {
-        text.byte(b'0' + row / 10 % 10).byte(b'0' + row % 10);
-        text.byte(match colour {
-            Colour::White => b'W',
-            Colour::Green => b'G',
-            Colour::Red => b'R',
-        });
+/// Begins every command.
+const PREFIX: u8 = 254;
+
+impl Language for Lk204 {
+    /// The module type of an LK204-7T-1U.
+    const ANSWER: u8 = 0x2B;
+
+    /// Auto scroll off, auto line wrap off, auto transmit of key presses off: they are on when the
+    /// display gets its supply. A full row leaves the cursor where it does not matter, as the next
+    /// command sets it: the manuals differ in whether text goes on without line wrap.
+    fn prepare<const N: usize>(text: &mut Text<N>) {
+        // loop-bound: 3 settings
+        for setting in [82, 68, 79] {
+            text.byte(PREFIX).byte(setting);
+        }
     }
 
-    fn end<const N: usize>(text: &mut Text<N>) {
-        text.byte(b'\r');
+    /// Set cursor position: column and row count from 1.
+    fn begin<const N: usize>(text: &mut Text<N>, row: u8) {
+        text.byte(PREFIX).byte(71).byte(1).byte(row + 1);
+    }
+
+    /// Two general purpose outputs colour a lamp: red while the first is on and the second off
+    /// (87 switches one on, 86 off), green the other way round.
+    fn lamp<const N: usize>(text: &mut Text<N>, lamp: Lamp, good: bool) {
+        let first = 2 * lamp as u8 + 1;
+        let (red, green) = if good { (86, 87) } else { (87, 86) };
+        text.byte(PREFIX).byte(red).byte(first);
+        text.byte(PREFIX).byte(green).byte(first + 1);
+    }
+
+    /// Read module type.
+    fn finish<const N: usize>(text: &mut Text<N>) {
+        text.byte(PREFIX).byte(55);
     }
 }
 
@@ -78,111 +117,86 @@ pub struct View {
     pub fixed: bool,
 }
 
-/// Rows of a full screen; one command each.
-pub const ROWS: u8 = 12;
+impl View {
+    /// Whether a lamp is green.
+    const fn is_good(&self, lamp: Lamp) -> bool {
+        match lamp {
+            Lamp::Mode => !matches!(self.mode, Mode::EmergencyStop | Mode::Fault),
+            Lamp::Bus => self.bus,
+            Lamp::Fix => self.fixed,
+        }
+    }
+}
 
-/// Writes all rows.
+/// Writes a full screen.
 pub fn write<L: Language>(text: &mut Text<CAPACITY>, view: &View) {
+    L::prepare(text);
+    // loop-bound: 4 rows
     for row in 0..ROWS {
-        write_row::<L>(text, row, view);
+        L::begin(text, row);
+        let content = content(row, view);
+        // A row is overwritten to its end; what does not fit is cut.
+        // loop-bound: 20 characters
+        for column in 0..COLUMNS {
+            text.byte(content.as_bytes().get(column).copied().unwrap_or(b' '));
+        }
     }
+    // loop-bound: 3 lamps
+    for lamp in [Lamp::Mode, Lamp::Bus, Lamp::Fix] {
+        L::lamp(text, lamp, view.is_good(lamp));
+    }
+    L::finish(text);
 }
 
-/// Writes one row; rows from [`ROWS`] on do not exist.
-#[expect(clippy::too_many_lines, reason = "one short arm for each row")]
-pub fn write_row<L: Language>(text: &mut Text<CAPACITY>, row: u8, view: &View) {
-    let good = |good| if good { Colour::Green } else { Colour::Red };
+/// How long the last row shows the same, ms.
+const PAGE: u32 = 2000;
+
+/// The text of a row. The last one changes its contents.
+fn content(row: u8, view: &View) -> Text<COLUMNS> {
+    let mut text = Text::new();
     let tracking = &view.tracking;
-    let mut begin = |colour, label: &str| {
-        L::begin(text, row, colour);
-        text.str(label);
-    };
-    let value = match row {
+    let tenths = |angle: f32| convert::millidegrees(angle) / 100;
+    match row {
         0 => {
-            begin(Colour::White, "Wa   ");
-            Value::Point(view.from.north, view.from.east)
+            text.str(view.mode.name()).str(" XTE ");
+            text.fixed(convert::millimetres(tracking.cross_track), 3);
+            text.str(" m");
         }
-        1 => {
-            begin(Colour::White, "Wb   ");
-            Value::Point(view.to.north, view.to.east)
-        }
+        1 => point(&mut text, "N", view.north, view.east),
         2 => {
-            begin(good(view.fixed), "NE   ");
-            Value::Point(view.north, view.east)
+            let heading = convert::millidegrees(tracking.heading).rem_euclid(360_000);
+            text.str("H").unsigned((heading / 1000).unsigned_abs());
+            text.str(" e").fixed(tenths(tracking.heading_error), 1);
+            text.str(" s").fixed(tenths(tracking.steering_angle), 1);
         }
-        3 => {
-            begin(Colour::White, "XTE  ");
-            Value::Number(convert::millimetres(tracking.cross_track), 3, " m")
-        }
-        4 => {
-            begin(Colour::White, "Hdg  ");
-            let tenths = convert::millidegrees(tracking.heading).rem_euclid(360_000) / 100;
-            Value::Number(tenths, 1, " deg")
-        }
-        5 => {
-            begin(Colour::White, "Err  ");
-            let tenths = convert::millidegrees(tracking.heading_error) / 100;
-            Value::Number(tenths, 1, " deg")
-        }
-        6 => {
-            begin(Colour::White, "V    ");
-            Value::Number(
-                i32::from(convert::centimetres_per_second(tracking.speed)),
-                2,
-                " m/s",
-            )
-        }
-        7 => {
-            begin(Colour::White, "Str  ");
-            let tenths = convert::millidegrees(tracking.steering_angle) / 100;
-            Value::Number(tenths, 1, " deg")
-        }
-        8 => {
-            begin(Colour::White, "Time ");
-            Value::Number((view.time / 100).cast_signed(), 1, " s")
-        }
-        9 => {
-            let stopped = matches!(view.mode, Mode::EmergencyStop | Mode::Fault);
-            begin(good(!stopped), "Mode ");
-            Value::Word(view.mode.name())
-        }
-        10 => {
-            begin(good(view.bus), "CAN  ");
-            Value::Word(if view.bus {
-                "in schedule"
-            } else {
-                "no schedule"
-            })
-        }
-        11 => {
-            begin(good(view.fixed), "GPS  ");
-            Value::Word(if view.fixed { "fixed" } else { "no fix" })
-        }
-        _ => return,
-    };
-    match value {
-        Value::Point(north, east) => {
-            text.fixed(north, 3).byte(b' ').fixed(east, 3);
-        }
-        Value::Number(number, decimals, unit) => {
-            text.fixed(number, decimals).str(unit);
-        }
-        Value::Word(word) => {
-            text.str(word);
-        }
+        _ => match view.time / PAGE % 5 {
+            0 => {
+                let speed = convert::centimetres_per_second(tracking.speed);
+                text.str("V ").fixed(i32::from(speed), 2).str(" m/s t ");
+                text.fixed((view.time / 1000).cast_signed(), 0);
+            }
+            1 => {
+                let state = if view.bus { "in" } else { "no" };
+                text.str("CAN ").str(state).str(" schedule");
+            }
+            2 => {
+                text.str("GPS ")
+                    .str(if view.fixed { "fixed" } else { "no fix" });
+            }
+            3 => point(&mut text, "a", view.from.north, view.from.east),
+            _ => point(&mut text, "b", view.to.north, view.to.east),
+        },
     }
-    L::end(text);
+    text
 }
 
-enum Value {
-    /// Two lengths, mm.
-    Point(i32, i32),
-    /// A number, its decimals, its unit.
-    Number(i32, u8, &'static str),
-    Word(&'static str),
+/// A point, centimetres north and east.
+fn point(text: &mut Text<COLUMNS>, label: &str, north: i32, east: i32) {
+    text.str(label).fixed(north / 10, 2);
+    text.str(" E").fixed(east / 10, 2);
 }
 
-/// Watches the display's acknowledges.
+/// Watches the display's answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Supervision {
     sent: u8,
@@ -192,26 +206,26 @@ pub struct Supervision {
     silent_refreshes: u8,
 }
 
-/// Refreshes without a single acknowledge after which the display counts as absent: 1 s.
+/// Refreshes without a single answer after which the display counts as absent: 1 s.
 const SILENT_LIMIT: u8 = 5;
 
 impl Supervision {
-    /// Notes that a string of `commands` commands is about to be sent. Commands of the last
-    /// string that are still unacknowledged count as missing.
-    pub fn sent(&mut self, commands: u8) {
+    /// Notes that a string that asks for `answers` answers is about to be sent. Answers to the
+    /// last string that have not come count as missing.
+    pub fn sent(&mut self, answers: u8) {
         self.missing = self.missing.wrapping_add(u32::from(self.awaited));
         self.silent_refreshes = if self.awaited > 0 && self.awaited == self.sent {
             self.silent_refreshes.saturating_add(1)
         } else {
             0
         };
-        self.sent = commands;
-        self.awaited = commands;
+        self.sent = answers;
+        self.awaited = answers;
     }
 
     /// A byte arrived from the display.
-    pub fn received(&mut self, byte: u8) {
-        if byte == ACKNOWLEDGE && self.awaited > 0 {
+    pub fn received<L: Language>(&mut self, byte: u8) {
+        if byte == L::ANSWER && self.awaited > 0 {
             self.awaited -= 1;
         } else {
             self.strange = self.strange.wrapping_add(1);
@@ -223,8 +237,7 @@ impl Supervision {
         self.silent_refreshes < SILENT_LIMIT
     }
 
-    /// Commands that were never acknowledged, and bytes that were no acknowledgement; both
-    /// wrap.
+    /// Answers that never came, and bytes that were no answer; both wrap.
     pub const fn counts(&self) -> (u32, u32) {
         (self.missing, self.strange)
     }
@@ -236,6 +249,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use std::string::String;
+    use std::vec::Vec;
 
     fn view() -> View {
         View {
@@ -259,35 +273,64 @@ mod tests {
         }
     }
 
-    fn shown(view: &View) -> String {
+    /// The string of commands.
+    fn commands(view: &View) -> Vec<u8> {
         let mut text = Text::new();
-        write::<Plain>(&mut text, view);
+        write::<Lk204>(&mut text, view);
         assert!(!text.is_cut());
-        String::from_utf8(text.as_bytes().to_vec()).unwrap()
+        text.as_bytes().to_vec()
+    }
+
+    /// The four rows.
+    fn shown(view: &View) -> Vec<String> {
+        let row = |row| content(row, view).as_bytes().to_vec();
+        (0..ROWS)
+            .map(|at| String::from_utf8(row(at)).unwrap())
+            .collect()
     }
 
     #[test]
     fn every_field_of_the_thesis_is_shown() {
         assert_eq!(
-            shown(&view()).replace('\r', "\n"),
-            "00WWa   0.000 0.000\n\
-             01WWb   243.000 0.000\n\
-             02RNE   12.345 -0.678\n\
-             03WXTE  -0.027 m\n\
-             04WHdg  354.2 deg\n\
-             05WErr  2.8 deg\n\
-             06WV    1.00 m/s\n\
-             07WStr  -11.4 deg\n\
-             08WTime 123.4 s\n\
-             09GMode run\n\
-             10GCAN  in schedule\n\
-             11RGPS  no fix\n"
+            shown(&view()),
+            [
+                "run XTE -0.027 m",
+                "N12.34 E-0.67",
+                "H354 e2.8 s-11.4",
+                "CAN in schedule"
+            ]
+        );
+        let last = |time| shown(&View { time, ..view() }).pop().unwrap();
+        assert_eq!(
+            [0, 4000, 6000, 8000].map(last),
+            [
+                "V 1.00 m/s t 0",
+                "GPS no fix",
+                "a0.00 E0.00",
+                "b243.00 E0.00"
+            ]
+        );
+    }
+
+    #[test]
+    fn the_commands_are_those_of_the_manual() {
+        let sent = commands(&view());
+        assert_eq!(sent[..6], [254, 82, 254, 68, 254, 79]);
+        assert_eq!(sent[6..10], [254, 71, 1, 1]);
+        assert_eq!(&sent[10..30], b"run XTE -0.027 m    ");
+        assert_eq!(sent[30..34], [254, 71, 1, 2]);
+        // Mode green, bus green, fix red.
+        assert_eq!(
+            sent[102..],
+            [
+                254, 86, 1, 254, 87, 2, 254, 86, 3, 254, 87, 4, 254, 87, 5, 254, 86, 6, 254, 55
+            ]
         );
     }
 
     proptest! {
         #[test]
-        fn whatever_is_shown_fits(
+        fn whatever_is_shown_has_one_length(
             north: i32, east: i32, x: f32, heading: f32, error: f32, speed: f32, steering: f32, time: u32,
         ) {
             let view = View {
@@ -299,26 +342,25 @@ mod tests {
                 },
                 ..view()
             };
-            let text = shown(&view);
-            prop_assert_eq!(text.matches('\r').count(), usize::from(ROWS));
+            prop_assert_eq!(commands(&view).len(), 122);
         }
     }
 
     #[test]
     fn a_display_that_never_answers_is_absent_after_a_second_and_back_at_once() {
         let mut watch = Supervision::default();
-        watch.sent(ROWS);
+        watch.sent(1);
         for _ in 0..4 {
-            watch.sent(ROWS);
+            watch.sent(1);
             assert!(watch.is_present());
         }
-        watch.sent(ROWS);
+        watch.sent(1);
         assert!(!watch.is_present());
-        assert_eq!(watch.counts(), (60, 0));
-        watch.received(ACKNOWLEDGE);
-        watch.received(0xAA);
-        watch.sent(ROWS);
+        assert_eq!(watch.counts(), (5, 0));
+        watch.received::<Lk204>(0x2B);
+        watch.received::<Lk204>(0xAA);
+        watch.sent(1);
         assert!(watch.is_present());
-        assert_eq!(watch.counts(), (71, 1));
+        assert_eq!(watch.counts(), (5, 1));
     }
 }

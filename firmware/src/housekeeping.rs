@@ -7,17 +7,24 @@ pub use sled_common::clock::ResetCause;
 use sled_common::can::ErrorState;
 use sled_common::clock::{Clocks, Oscillator};
 use sled_common::fault::Fault;
+use sled_common::selftest::Findings;
 use ttcan::{ErrorLevel, Micros, SyncState};
 
 use crate::console::BusView;
 use crate::link::Silence;
+use crate::selftest::{self, Check, Motor, Report, ReportMessage, Request, RequestMessage};
 
 /// Steps of 10 ms after which a schedule or a task without progress counts as stuck: 150 ms,
 /// one and a half basic cycles of 100 ms.
 const PATIENCE: u8 = 15;
 
-/// Least number of steps between two reports: 100 ms.
+/// Least number of steps between two event messages of the housekeeping, a status or a self-test:
+/// 100 ms. The network file says that the one is sent in place of the other.
 const REPORT_PAUSE: u8 = 10;
+
+/// Steps in the schedule after which a node that has started reports its self-test: 200 ms, two
+/// basic cycles.
+const SETTLE_STEPS: u8 = 20;
 
 /// Steps of 10 ms in which the external clock must be there before the node starts again with it.
 const CLOCK_STEPS: u8 = 10;
@@ -89,11 +96,20 @@ impl Start {
             (Some(Fault::Hard | Fault::Unhandled), ..) => Some(NodeFault::HardFault),
             (Some(Fault::Start), ..) => Some(NodeFault::StartRefused),
             (Some(Fault::Clock | Fault::ClockStart), ..) => Some(NodeFault::ClockFailure),
+            // A supply that is switched off falls first, and one that is switched on rises.
+            (
+                Some(Fault::Supply),
+                ResetCause::Pin | ResetCause::Software | ResetCause::Watchdog | ResetCause::Other,
+                _,
+            ) => Some(NodeFault::SupplyLow),
             (None, ResetCause::Watchdog, _) => Some(NodeFault::WatchdogStarved),
-            (None | Some(Fault::ClockFound | Fault::LastResort), _, Oscillator::Internal) => {
-                Some(NodeFault::ClockFailure)
-            }
-            (None | Some(Fault::ClockFound | Fault::LastResort), _, Oscillator::External) => None,
+            (_, _, Oscillator::Internal) => Some(NodeFault::ClockFailure),
+            (
+                None
+                | Some(Fault::ClockFound | Fault::LastResort | Fault::SelfTest | Fault::Supply),
+                _,
+                Oscillator::External,
+            ) => None,
         }
     }
 
@@ -142,10 +158,18 @@ pub enum NodeFault {
     ClockFailure,
     /// The watchdog was not fed.
     WatchdogStarved,
+    /// The self-test failed: no motor turns by this node's hand.
+    SelfTest,
+    /// The supply was too low for the clock.
+    SupplyLow,
 }
 
 /// The status message of a node, as its network defines it.
 pub trait StatusMessage: Message {
+    /// The message by which the node reports its self-test.
+    type Report: ReportMessage;
+    /// The message by which a program on the bus asks for it.
+    type Request: RequestMessage;
     /// The message for a status.
     fn of(status: &Status) -> Self;
 }
@@ -165,11 +189,22 @@ pub struct Housekeeping {
     idle: u8,
     reported: Option<Status>,
     pause: u8,
+    findings: Findings,
+    /// Bytes of the stack that were never used, when this was last measured.
+    stack: u16,
+    /// The self-test after the last step.
+    test: Option<Report>,
+    /// Steps in the schedule in a row, until the node has reported its start.
+    settled: u8,
+    /// The round for which a report is due.
+    round: Option<u8>,
+    /// The first check on which safety rests that has ever failed.
+    unfit: Option<Check>,
 }
 
 impl Housekeeping {
-    /// Housekeeping that has done no step yet.
-    pub const fn new(start: &Start) -> Self {
+    /// Housekeeping that has done no step yet, on a board with these findings.
+    pub const fn new(start: &Start, findings: &Findings) -> Self {
         Self {
             start: *start,
             clocked: 0,
@@ -182,6 +217,12 @@ impl Housekeeping {
             idle: 0,
             reported: None,
             pause: 0,
+            findings: *findings,
+            stack: u16::MAX,
+            test: None,
+            settled: 0,
+            round: Some(0),
+            unfit: None,
         }
     }
 
@@ -208,6 +249,65 @@ impl Housekeeping {
             report: self.report(bus, running),
             led: self.led(bus, running),
         }
+    }
+
+    /// Judges the node. `unused` measures the bytes of the stack that were never used; `reserve` are
+    /// those that must not be. Returns the report that is due on the bus. Call this before each
+    /// step.
+    pub fn test(
+        &mut self,
+        bus: &BusView,
+        motor: Motor,
+        reserve: u16,
+        unused: impl FnOnce() -> u16,
+    ) -> Option<Report> {
+        let running = bus.status.sync == SyncState::InSchedule;
+        self.settled = if running {
+            self.settled.saturating_add(1)
+        } else {
+            0
+        };
+        let due = self
+            .round
+            .filter(|_| self.settled > SETTLE_STEPS && self.pause == 0);
+        if due.is_some() || self.test.is_none() {
+            self.stack = unused();
+        }
+        let mut report = Report::new(&self.start, &self.findings, bus, motor, self.stack, reserve);
+        if self.unfit.is_none() {
+            self.unfit = report.unfit();
+            self.fault = self.fault.or(self.unfit.map(|_| NodeFault::SelfTest));
+        }
+        report.round = due.or(self.test.map(|last| last.round)).unwrap_or(0);
+        self.test = Some(report);
+        if due.is_some() {
+            self.round = None;
+            self.pause = REPORT_PAUSE;
+        }
+        due.map(|_| report)
+    }
+
+    /// Notes a request of a program on the bus; `still` tells that no motor turns by this node's
+    /// hand. True if the node is to start again.
+    pub fn ask(&mut self, request: &Request, still: bool) -> bool {
+        self.round = Some(request.round);
+        request.start_again && still
+    }
+
+    /// Notes that the queue had no room for the report of a round: it is tried again after the pause.
+    pub fn test_refused(&mut self, round: u8) {
+        self.round = Some(round);
+    }
+
+    /// The self-test after the last step; `None` before the first one.
+    pub const fn last_test(&self) -> Option<&Report> {
+        self.test.as_ref()
+    }
+
+    /// Whether the node may turn a motor. Once it may not, it never may again until it starts
+    /// anew.
+    pub const fn is_fit(&self) -> bool {
+        self.unfit.is_none()
     }
 
     /// Whether the node runs on its RC oscillator and looks for its external clock.
@@ -272,8 +372,8 @@ impl Housekeeping {
     }
 
     /// The LED's pattern. In the schedule: on, with one short dark spot a second, or two on the
-    /// RC oscillator. Looking for the schedule: slow blinking. Off the bus, or at error level S2
-    /// or S3: fast blinking. Silent until the RC oscillator is trimmed: one short flash a second.
+    /// RC oscillator. Unfit to turn a motor: the code of the failed check. Looking for the schedule:
+    /// slow blinking. Off the bus, or at error level S2 or S3: fast blinking. Silent until the RC oscillator is trimmed: one short flash a second.
     fn led(&self, bus: &BusView, running: bool) -> bool {
         let phase = self.steps % 100;
         let trouble = bus.errors.bus_off
@@ -282,7 +382,9 @@ impl Housekeeping {
                 ErrorLevel::Error | ErrorLevel::Severe(_)
             );
         let listens = matches!(bus.silence, Some(Silence::NoReference | Silence::Trimming));
-        if listens {
+        if let Some(check) = self.unfit {
+            selftest::code(check, self.steps)
+        } else if listens {
             phase < 5
         } else if trouble {
             phase % 20 < 10
@@ -296,7 +398,9 @@ impl Housekeeping {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
+    use sled_common::selftest::Reference;
 
     fn start(cause: ResetCause, record: Option<Fault>) -> Start {
         let clocks = Clocks::of(parts::Sled::F303, Oscillator::External);
@@ -307,6 +411,17 @@ mod tests {
         }
     }
 
+    const SOUND: Findings = Findings {
+        memory_defect: None,
+        program: None,
+        clock_error: Some(0),
+        loop_back: Some(true),
+        reference: Some(Reference {
+            count: 1501,
+            factory: 1501,
+        }),
+    };
+
     fn view(sync: SyncState, services: u32) -> BusView {
         let mut view = BusView::quiet(sync, Some(0));
         view.missed_windows = 70_000;
@@ -316,7 +431,7 @@ mod tests {
 
     #[test]
     fn the_watchdog_starves_when_the_schedule_or_the_work_stands_still() {
-        let new = || Housekeeping::new(&start(ResetCause::Pin, None));
+        let new = || Housekeeping::new(&start(ResetCause::Pin, None), &SOUND);
         let mut keeping = new();
         for step in 0..100 {
             assert!(keeping.step(&view(SyncState::InSchedule, step), step).feed);
@@ -341,7 +456,8 @@ mod tests {
 
     #[test]
     fn the_cause_is_reported_once() {
-        let mut keeping = Housekeeping::new(&start(ResetCause::Software, Some(Fault::Panic)));
+        let mut keeping =
+            Housekeeping::new(&start(ResetCause::Software, Some(Fault::Panic)), &SOUND);
         assert_eq!(
             keeping.step(&view(SyncState::Synchronising, 0), 0).report,
             None
@@ -360,5 +476,51 @@ mod tests {
                 None
             );
         }
+    }
+
+    #[test]
+    fn the_self_test_is_reported_after_the_start_and_for_each_request() {
+        let mut keeping = Housekeeping::new(&start(ResetCause::Pin, None), &SOUND);
+        let mut rounds = std::vec::Vec::new();
+        let mut run = |keeping: &mut Housekeeping, sync| {
+            for _ in 0..100 {
+                let bus = view(sync, 0);
+                let report = keeping.test(&bus, Motor::none(true), 0, || 800);
+                let status = keeping.step(&bus, 0).report;
+                assert!(report.is_none() || status.is_none(), "one event a step");
+                rounds.extend(report.map(|report| (report.round, report.stack_free)));
+            }
+        };
+        run(&mut keeping, SyncState::Synchronising);
+        run(&mut keeping, SyncState::InSchedule);
+        let request = |round, start_again| Request { round, start_again };
+        assert!(!keeping.ask(&request(7, false), true));
+        run(&mut keeping, SyncState::InSchedule);
+        keeping.test_refused(7);
+        run(&mut keeping, SyncState::InSchedule);
+        assert_eq!(rounds, [(0, 800), (7, 800), (7, 800)]);
+        assert!(keeping.ask(&request(8, true), true));
+        assert!(!keeping.ask(&request(9, true), false));
+    }
+
+    #[test]
+    fn a_node_that_was_unfit_once_stays_so() {
+        let mut keeping = Housekeeping::new(&start(ResetCause::Pin, None), &SOUND);
+        let bus = view(SyncState::InSchedule, 0);
+        let motor = |opens| Motor { still: true, opens };
+        for (opens, fit) in [
+            (None, true),
+            (Some(true), true),
+            (Some(false), false),
+            (None, false),
+        ] {
+            let _ = keeping.test(&bus, motor(opens), 0, || 0);
+            assert_eq!(keeping.is_fit(), fit);
+        }
+        let status = keeping
+            .step(&bus, 0)
+            .report
+            .expect("a report after the start");
+        assert_eq!(status.fault, Some(NodeFault::SelfTest));
     }
 }

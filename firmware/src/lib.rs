@@ -37,6 +37,7 @@ pub mod navigation;
 pub mod oscillator;
 pub mod pilot;
 pub mod sbp;
+pub mod selftest;
 pub mod text;
 mod vehicle;
 

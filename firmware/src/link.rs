@@ -34,6 +34,8 @@ pub struct Identity {
     pub node: NodeId,
     /// Under which time master its actuators may move.
     pub rule: Rule,
+    /// The event message that the node waits for: the request for its self-test.
+    pub awaited: Id,
 }
 
 /// The CAN controller as the link uses it.
@@ -132,7 +134,7 @@ pub struct News {
     pub reference: bool,
     /// Exclusive windows whose message arrived, one bit each.
     pub windows: u32,
-    /// An event message arrived.
+    /// The event message arrived that the node waits for.
     pub event: bool,
     /// From now on actuators must not move: see [`Link::take_stop`].
     pub stop: bool,
@@ -156,9 +158,6 @@ pub struct Arrival {
     /// move under its time master.
     pub alive: bool,
 }
-
-/// Capacity of the queue of event messages that the application has not taken yet.
-const EVENTS: usize = 4;
 
 /// Counters of the link, in addition to those of the stack. Every counter wraps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -218,7 +217,9 @@ pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
     timer: T,
     inbox: [Option<Frame>; WINDOWS],
     outbox: [Option<[u8; 8]>; WINDOWS],
-    events: heapless::Deque<Frame, EVENTS>,
+    /// The event message that the node waits for, and the last one that came.
+    awaited: Option<Id>,
+    event: Option<Frame>,
     presence: Presence,
     /// Instant to which the window timer is set.
     armed: Option<Stamp>,
@@ -299,7 +300,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             timer,
             inbox: [None; WINDOWS],
             outbox: [None; WINDOWS],
-            events: heapless::Deque::new(),
+            awaited: None,
+            event: None,
             presence,
             armed: None,
             started: false,
@@ -376,11 +378,10 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
                 }
             }
             Reception::Event => {
-                if self.events.is_full() {
-                    self.events.pop_front();
+                if self.awaited == Some(frame.id()) {
+                    self.event = Some(frame);
+                    news.event = true;
                 }
-                let _ = self.events.push_back(frame);
-                news.event = true;
             }
             Reception::Fault(_) => {}
         }
@@ -428,6 +429,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             }
             self.reference_byte = 0;
             self.cycle_time = self.offered_time;
+            self.node.set_drift_limit(self.drift_limit());
         }
         begun
     }
@@ -695,9 +697,14 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         }
     }
 
-    /// Takes the oldest event message.
+    /// Waits for an event message with this identifier.
+    pub fn wait_for(&mut self, event: Id) {
+        self.awaited = Some(event);
+    }
+
+    /// Takes the event message that the node waits for, if one has come.
     pub fn take_event(&mut self) -> Option<Frame> {
-        self.events.pop_front()
+        self.event.take()
     }
 
     /// Enqueues data for a window of this node. It is sent once; without new data the next

@@ -15,6 +15,7 @@ use crate::housekeeping::{BusState, NodeFault, Start};
 use crate::navigation::Navigation;
 use crate::pilot::Reason;
 use crate::sbp::Fix;
+use crate::selftest::{Check, Report};
 
 /// A line of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +44,10 @@ pub enum Entry {
     Schedule(Schedule),
     /// A command was refused.
     Refused(Refused),
+    /// The self-test: the first check that fails, or `None`.
+    SelfTest(Option<Check>),
+    /// A check of the self-test that was not done, once for each.
+    NotDone(Check),
 }
 
 /// State of the CAN controller.
@@ -131,6 +136,9 @@ pub struct Changes {
     own: Own,
     bus: Option<Bus>,
     schedule: Option<Schedule>,
+    test: Option<Option<Check>>,
+    /// The checks that have been logged as not done, one bit for each number.
+    not_done: u16,
 }
 
 impl Changes {
@@ -148,12 +156,14 @@ impl Changes {
             },
             bus: None,
             schedule: None,
+            test: None,
+            not_done: 0,
         }
     }
 
     /// The line for this pass. Start, clocks and fault come first, once each. The facts that
     /// change most often come last, so that they cannot keep the others out for ever.
-    pub fn next(&mut self, bus: &BusView, own: &Own) -> Option<Entry> {
+    pub fn next(&mut self, bus: &BusView, own: &Own, test: Option<&Report>) -> Option<Entry> {
         let said = &mut self.own;
         let controller = Bus {
             state: BusState::of(&bus.errors),
@@ -174,6 +184,17 @@ impl Changes {
                 })
             })
             .or_else(|| self.fault.take().map(Entry::Fault))
+            .or_else(|| {
+                let failed = test.map(|report| report.failed().next());
+                news(&mut self.test, failed).map(Entry::SelfTest)
+            })
+            .or_else(|| {
+                let told = self.not_done;
+                let is_new = |check: &Check| told >> *check as u16 & 1 == 0;
+                let check = test?.not_done().find(is_new)?;
+                self.not_done |= 1 << check as u16;
+                Some(Entry::NotDone(check))
+            })
             .or_else(|| news(&mut said.mode, own.mode).map(|(mode, why)| Entry::Mode(mode, why)))
             .or_else(|| news(&mut said.fix, own.fix).map(Entry::Fix))
             .or_else(|| news(&mut said.command, own.command).map(Entry::Command))
@@ -219,7 +240,7 @@ mod tests {
     fn lines(changes: &mut Changes, states: &[(BusView, Own)]) -> Vec<Entry> {
         let passes = states.iter().flat_map(|state| [state; 12]);
         passes
-            .filter_map(|(bus, own)| changes.next(bus, own))
+            .filter_map(|(bus, own)| changes.next(bus, own, None))
             .collect()
     }
 
@@ -326,7 +347,7 @@ mod tests {
             ..Own::default()
         };
         let mut changes = after_the_start(own(0));
-        let told = [1, 2, 3].map(|count| changes.next(&running(), &own(count)));
+        let told = [1, 2, 3].map(|count| changes.next(&running(), &own(count), None));
         let refused = told.iter().flatten();
         assert!(
             refused
@@ -336,7 +357,7 @@ mod tests {
         assert_eq!(refused.count(), 3);
         let backup = BusView::quiet(SyncState::InSchedule, Some(1));
         assert_eq!(
-            changes.next(&backup, &own(4)),
+            changes.next(&backup, &own(4), None),
             Some(schedule(SyncState::InSchedule, Some(1)))
         );
     }

@@ -8,12 +8,16 @@ use crate::fault;
 use crate::housekeeping::{Housekeeping, Start, StatusMessage};
 use crate::link::{Identity, Link, Stack, WindowTimer};
 use crate::log::{Changes, Own};
+use crate::selftest::{self, Motor, Report, ReportMessage, RequestMessage};
 use board::clock::Oscillator;
+use board::fault::Fault;
 use board::led::Led;
+use board::selftest::Findings;
 use board::watchdog::Watchdog;
 use core::future::{Future, pending};
 use cortex_m::peripheral::{SCB, SYST};
 use fugit::MillisDurationU32;
+use network::Message;
 use rtic::Mutex;
 use rtic_monotonics::TimerQueueBackend;
 use rtic_monotonics::systick::SystickBackend;
@@ -128,8 +132,15 @@ pub fn link<const WINDOWS: usize, const NODES: usize>(
         ..NodeConfig::new(identity.node, clocks.ticks_per_us)
     };
     let timer = Timer { clock, alarms };
-    let Identity { schedule, rule, .. } = identity;
-    Link::new(place, schedule, config, clocks.oscillator, rule, can, timer)
+    let Identity {
+        schedule,
+        rule,
+        awaited,
+        ..
+    } = identity;
+    let mut link = Link::new(place, schedule, config, clocks.oscillator, rule, can, timer)?;
+    link.wait_for(awaited);
+    Ok(link)
 }
 
 /// Starts the board. Does not return if that fails: the node records why, and starts again.
@@ -145,6 +156,7 @@ pub fn start(device: board::pac::Peripherals) -> board::Sled {
 /// waits.
 pub struct Log {
     changes: Changes,
+    test: selftest::Repeat,
 }
 
 impl Log {
@@ -152,12 +164,13 @@ impl Log {
     pub const fn new(start: &Start) -> Self {
         Self {
             changes: Changes::new(start),
+            test: selftest::Repeat::new(),
         }
     }
 
     /// Writes one line at most.
-    fn pass(&mut self, bus: &BusView, own: &Own) {
-        if let Some(entry) = self.changes.next(bus, own) {
+    fn pass(&mut self, bus: &BusView, own: &Own, test: Option<&Report>) {
+        if let Some(entry) = self.changes.next(bus, own, test) {
             defmt::info!("{}", entry);
         }
     }
@@ -177,6 +190,9 @@ const _: () = assert!(
 const WATCHDOG: MillisDurationU32 = design::WATCHDOG_F446;
 #[cfg(feature = "f303")]
 const WATCHDOG: MillisDurationU32 = design::WATCHDOG_F303;
+
+/// Bytes of the stack that must stay unused: an eighth of it.
+const STACK_RESERVE: u16 = (board::FACTS.stack.size / 8) as u16;
 
 /// Ticks in a second: one for each step of the housekeeping.
 const TICKS: u32 = 1000 / design::HOUSEKEEPING_PERIOD.ticks();
@@ -233,13 +249,15 @@ pub struct Keeper {
 }
 
 impl Keeper {
-    /// Starts watchdog and tick: SysTick, from the core clock; `system` sets its priority.
+    /// Starts watchdog and tick: SysTick, from the core clock; `system` sets its priority. The
+    /// board has these `findings`.
     pub fn start(
         tick: SYST,
         system: &mut SCB,
         led: Led,
         mut watchdog: Watchdog,
         start: &Start,
+        findings: &Findings,
     ) -> Self {
         // Start-up is over, and with it all that it waited for.
         board::fault::passed();
@@ -254,7 +272,7 @@ impl Keeper {
             },
         );
         Self {
-            housekeeping: Housekeeping::new(start),
+            housekeeping: Housekeeping::new(start, findings),
             watchdog,
             led,
             shown: None,
@@ -278,54 +296,113 @@ impl Keeper {
         self.steps.is_multiple_of(REPORT_STEPS)
     }
 
-    /// One step. `work` counts what the node's own tasks have done. `idle` tells that the node
-    /// may start again without harm: no motor turns by its hand.
+    /// Whether the node may turn a motor: see [`Report::is_fit`].
+    pub const fn is_fit(&self) -> bool {
+        self.housekeeping.is_fit()
+    }
+
+    /// The self-test after the last step.
+    pub fn last_test(&self) -> Option<Report> {
+        self.housekeeping.last_test().copied()
+    }
+
+    /// One step. `work` counts what the node's own tasks have done. While `motor` stands still, the
+    /// node may start again without harm.
     ///
     /// A node on its RC oscillator starts again when its external clock has come, or to lead as
-    /// the last resort.
+    /// the last resort; every node does when a program on the bus asks for the whole self-test.
     pub fn step<S: StatusMessage, const WINDOWS: usize, const NODES: usize>(
         &mut self,
         link: &mut impl Mutex<T = BoardLink<WINDOWS, NODES>>,
         bus: &BusView,
         work: u32,
-        idle: bool,
+        motor: Motor,
     ) {
         self.steps = self.steps.saturating_add(1);
         let ready = self.housekeeping.wants_clock() && board::clocks::external_is_ready();
-        if let Some(reason) = self.housekeeping.restart(bus, ready, idle) {
+        if let Some(reason) = self.housekeeping.restart(bus, ready, motor.still) {
             fault::stop(reason);
         }
+        let received = link.lock(BoardLink::take_event);
+        let request = received.and_then(|frame| S::Request::decode(frame.data()).ok()?.request());
+        if let Some(request) = request
+            && self.housekeeping.ask(&request, motor.still)
+        {
+            fault::stop(Fault::SelfTest);
+        }
+        let test = self
+            .housekeeping
+            .test(bus, motor, STACK_RESERVE, board::stack::unused);
         let duties = self.housekeeping.step(bus, work);
         if duties.feed {
             self.watchdog.feed();
         }
-        self.led.set(self.shown.unwrap_or(duties.led));
-        if let Some(status) = duties.report {
-            let data = S::of(&status).encode();
-            let data = data.as_ref();
-            let queued = link.lock(|link| link.queue_event(S::ID, data, design::EVENT_LIFETIME));
-            if queued.is_err() {
-                self.housekeeping.report_refused();
+        // The code of a failed check comes first.
+        let shown = self.shown.filter(|_| self.is_fit());
+        self.led.set(shown.unwrap_or(duties.led));
+        // At most one of the two is due.
+        let event = match (test, duties.report) {
+            (Some(report), _) => Some(event(&S::Report::of(&report))),
+            (None, Some(status)) => Some(event(&S::of(&status))),
+            (None, None) => None,
+        };
+        let Some((id, data)) = event else {
+            return;
+        };
+        let queued = link.lock(|link| link.queue_event(id, &data, design::EVENT_LIFETIME));
+        if queued.is_err() {
+            match test {
+                Some(report) => self.housekeeping.test_refused(report.round),
+                None => self.housekeeping.report_refused(),
             }
         }
     }
 }
 
+/// Identifier and data of an event message.
+fn event<M: Message>(message: &M) -> (u16, heapless::Vec<u8, 8>) {
+    let bytes = message.encode();
+    // No message has more bytes.
+    (
+        M::ID,
+        heapless::Vec::from_slice(bytes.as_ref()).unwrap_or_default(),
+    )
+}
+
+/// What a node with a motor tells its self-test. A node that is not fit lets go of its motor.
+#[cfg(feature = "f303")]
+pub fn motor(output: &mut impl Mutex<T = board::motor::MotorOutput>, keeper: &Keeper) -> Motor {
+    output.lock(|output| {
+        if !keeper.is_fit() {
+            output.bar();
+        }
+        Motor {
+            still: output.is_open(),
+            opens: output.watch(),
+        }
+    })
+}
+
 /// The console task: writes the line about the bus and the node's own line, which `show`
-/// composes, and logs changes of the bus and of `own`.
+/// composes, and logs changes of the bus, of `own` and of the self-test. A line about the self-test
+/// takes the place of the node's own.
 pub fn report<const WINDOWS: usize, const NODES: usize>(
     link: &mut impl Mutex<T = BoardLink<WINDOWS, NODES>>,
     console: &mut impl Mutex<T = board::console::Console>,
     log: &mut Log,
     own: &Own,
+    test: Option<Report>,
     show: impl FnOnce(&mut Line),
 ) {
     let bus = link.lock(|link| BusView::of(link));
-    log.pass(&bus, own);
+    log.pass(&bus, own, test.as_ref());
     let mut line = Line::new();
     console::bus(&mut line, &bus);
     console.lock(|console| console.push(line.as_bytes()));
     line.clear();
-    show(&mut line);
+    match test.filter(|report| log.test.is_due(report)) {
+        Some(report) => selftest::show(&mut line, &report),
+        None => show(&mut line),
+    }
     console.lock(|console| console.push(line.as_bytes()));
 }

@@ -374,9 +374,10 @@ impl<M: Machine> Pilot<M> {
         }
     }
 
-    /// Whether nobody commands the actuators in the current mode.
-    pub fn is_still(&self) -> bool {
-        self.modes.mode().source() == Source::Still
+    /// Whether the node may start again: nobody commands the actuators, and no emergency stop or
+    /// fault is latched that the start would forget.
+    pub fn may_restart(&self) -> bool {
+        matches!(self.modes.mode(), Mode::Idle | Mode::AutonomousReady)
     }
 
     /// The current mode.

@@ -69,6 +69,8 @@ impl<const N: usize> Text<N> {
     }
 
     /// Appends a string.
+    // Not inlined: each call would be a loop of its own, together 5 KiB in an image.
+    #[inline(never)]
     pub fn str(&mut self, text: &str) -> &mut Self {
         // loop-bound: 24 no label is longer
         for &byte in text.as_bytes() {

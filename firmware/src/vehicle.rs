@@ -62,6 +62,61 @@ macro_rules! vehicle {
                 schedule: matrix::SCHEDULE.view(),
                 node,
                 rule: $crate::leader::Rule::new(safety::BACKUP_MASTER, matrix::BASIC_CYCLE),
+                awaited: ::ttcan::Id::constant::<
+                    { <messages::SelfTestRequest as ::network::Message>::ID },
+                >(),
+            }
+        }
+    };
+}
+
+/// Implements the traits of [`selftest`](crate::selftest) for the reports of a vehicle's nodes and
+/// for the request. All networks lay these messages out alike, or the manifest is refused. Write it
+/// once, in a crate with [`vehicle!`](crate::vehicle).
+#[expect(
+    clippy::crate_in_macro_def,
+    reason = "the messages are those of the vehicle's crate"
+)]
+#[macro_export]
+macro_rules! self_test_messages {
+    ($($report:ident),*) => {
+        $(
+            impl $crate::selftest::ReportMessage for crate::messages::$report {
+                fn of(report: &$crate::selftest::Report) -> Self {
+                    use crate::messages::CheckResult;
+                    use $crate::selftest::{Check, Outcome};
+
+                    let result = |check| match report.outcome(check) {
+                        Outcome::NotDone => CheckResult::NotDone,
+                        Outcome::Passed => CheckResult::Passed,
+                        Outcome::Failed => CheckResult::Failed,
+                    };
+                    Self {
+                        round: report.round,
+                        reset: result(Check::Reset),
+                        memory: result(Check::Memory),
+                        program: result(Check::Program),
+                        oscillators: result(Check::Oscillators),
+                        loop_back: result(Check::LoopBack),
+                        bus: result(Check::Bus),
+                        reference: result(Check::Reference),
+                        supply: result(Check::Supply),
+                        relay: result(Check::Relay),
+                        stack: result(Check::Stack),
+                        clock_error: report.clock_error,
+                        supply_voltage: (report.supply / 20).min(255) as u8,
+                        stack_free: report.stack_free,
+                    }
+                }
+            }
+        )*
+
+        impl $crate::selftest::RequestMessage for crate::messages::SelfTestRequest {
+            fn request(&self) -> Option<$crate::selftest::Request> {
+                (self.key == $crate::selftest::KEY).then_some($crate::selftest::Request {
+                    round: self.round,
+                    start_again: self.start_again,
+                })
             }
         }
     };

@@ -6,6 +6,9 @@
 //! offset. The second sets the rate (ISO 11898-4: change of the master's mark
 //! over change of the local mark). After that an alpha-beta filter corrects both,
 //! because stamps that are taken in an interrupt carry its latency as noise.
+//! An error beyond that noise is corrected in proportion once it has lasted for two
+//! references. So the clock follows an RC oscillator whose frequency drifts while
+//! the part warms up, and a single disturbed stamp hardly moves it.
 //! Between references, and when they cease, time runs on at the last rate
 //! (holdover).
 
@@ -55,21 +58,41 @@ pub(crate) struct Clock {
     anchor: Stamp,
     global: GlobalTime,
     state: ClockState,
+    /// Whether the rate was measured. Without that it is 0.
+    rated: bool,
+    /// Ticks from the last correction to the anchor.
+    since: i32,
     /// Corrections refused in a row.
     refused: u8,
     /// How long the filter has followed without a large error; see [`GAINS`].
     settled: u8,
+    /// What the last correction left of the error, in 2^-16 us.
+    rest: i32,
+    /// By how much the last error exceeded [`LARGEST_STEP`], in 2^-16 us.
+    excess: i32,
+    /// The same of the part of the error that arose since the correction before.
+    arisen: i32,
 }
 
 /// Fractional bits of the gain. Its product with 32 bits of ticks fits in 64.
 const GAIN_BITS: u32 = 15;
-/// Largest correction in one cycle: 2 us in 2^-16 us. A larger error is not the
-/// noise of an interrupt.
+/// Largest error that can be the noise of an interrupt: 2 us in 2^-16 us. What
+/// exceeds it is not corrected in the first cycle, because a single stamp may be
+/// disturbed by more.
 const LARGEST_STEP: i64 = 2 << GlobalTime::FRACTION_BITS;
 /// Gains of the filter: the number of good corrections from which they apply, and
 /// the shifts for offset and rate. It is fast at first and then averages over more
 /// and more stamps.
 const GAINS: [(u8, u32, u32); 3] = [(0, 1, 3), (6, 2, 5), (16, 3, 7)];
+/// Shift for the part of an offset above [`LARGEST_STEP`] that two errors in a row have in common.
+/// What arose since the correction before tells the error of the rate, and an old offset does not.
+/// The part of it above [`LARGEST_STEP`] that two errors in a row have in common corrects the rate
+/// wholly. A constant drift then leaves an error of the rate of about its change in a cycle, and an
+/// offset that takes some cycles to correct leaves the rate alone.
+const LASTING: u32 = 1;
+/// Shift for the same part of an offset, up to [`LARGEST_STEP`], that corrects the rate: by up to
+/// 5 ppm in a cycle of 100 ms. A drift too slow to stand out between two references shows here.
+const SLOW: u32 = 2;
 /// Largest count of good corrections, and how many of them a bad one undoes.
 const SETTLED: u8 = 24;
 const UNSETTLED: u8 = 4;
@@ -97,21 +120,42 @@ impl Clock {
             anchor: Stamp(0),
             global: GlobalTime::default(),
             state: ClockState::Unset,
+            rated: false,
+            since: 0,
             refused: 0,
             settled: 0,
+            rest: 0,
+            excess: 0,
+            arisen: 0,
         }
     }
 
-    /// Changes the largest rate, ppm.
+    /// Changes the largest rate, ppm. A larger one was measured against another oscillator of the
+    /// master, and is unknown again.
     pub(crate) fn set_limit(&mut self, ppm: u16) {
         self.limit = limit_of(ppm);
+        if self.rate.unsigned_abs() > self.limit.unsigned_abs() {
+            self.unrate();
+            if matches!(self.state, ClockState::Locked | ClockState::Suspended) {
+                self.state = ClockState::Offset;
+            }
+        }
+    }
+
+    /// The rate is unknown. It counts as 0.
+    fn unrate(&mut self) {
+        self.set_rate(0);
+        self.rated = false;
+        self.settled = 0;
+        self.exact();
     }
 
     /// The rate is unknown again. The time stays.
     pub(crate) fn forget_rate(&mut self) {
-        self.rate = 0;
-        self.gain = self.nominal;
-        self.settled = 0;
+        if !GLOBAL_TIME {
+            return;
+        }
+        self.unrate();
         self.refused = 0;
         if self.state != ClockState::Unset {
             self.state = ClockState::Own;
@@ -120,6 +164,11 @@ impl Clock {
 
     pub(crate) fn state(&self) -> ClockState {
         self.state
+    }
+
+    /// Whether the rate against the master was measured.
+    pub(crate) fn is_rated(&self) -> bool {
+        self.rated
     }
 
     /// Rate against the counter less 1, in 2^-32.
@@ -159,10 +208,10 @@ impl Clock {
     /// Largest error of a time of the schedule on this node's counter, in
     /// microseconds: what the drift limit allows until the rate is measured.
     pub(crate) fn rate_error(&self, micros: u32) -> u32 {
-        match self.state {
-            ClockState::Locked | ClockState::Suspended => 0,
-            _ => ((u64::from(micros) * u64::from(self.limit.unsigned_abs())) >> 32) as u32,
+        if self.rated {
+            return 0;
         }
+        ((u64::from(micros) * u64::from(self.limit.unsigned_abs())) >> 32) as u32
     }
 
     /// Ticks in whole microseconds of global time; 0 for negative ticks.
@@ -177,7 +226,18 @@ impl Clock {
             return;
         }
         self.global = self.extrapolate(stamp);
+        if !matches!(self.state, ClockState::Unset | ClockState::Own) {
+            let elapsed = stamp.ticks_since(self.anchor);
+            self.since = self.since.saturating_add(elapsed.max(0));
+        }
         self.anchor = stamp;
+    }
+
+    /// Moves the anchor to a reference of this node's own. It leads by its time, which is right.
+    pub(crate) fn lead(&mut self, stamp: Stamp) {
+        self.carry(stamp);
+        self.since = 0;
+        self.exact();
     }
 
     /// Renumbers stamps so that `stamp` becomes 0, and sets the time at it.
@@ -185,13 +245,16 @@ impl Clock {
     pub(crate) fn restart(&mut self, stamp: Stamp, global: GlobalTime) {
         self.carry(stamp);
         self.anchor = Stamp(0);
+        self.since = 0;
         self.global = global;
     }
 
     /// Sets the time at `stamp`.
     pub(crate) fn set(&mut self, stamp: Stamp, global: GlobalTime) {
         self.anchor = stamp;
+        self.since = 0;
         self.global = global;
+        self.rated = false;
         self.state = ClockState::Own;
         self.refused = 0;
     }
@@ -205,7 +268,9 @@ impl Clock {
         discontinuity: bool,
     ) -> Correction {
         let elapsed = stamp.ticks_since(self.anchor);
-        let span = self.duration(elapsed);
+        // The error arose since the last correction. References without a correction moved the
+        // anchor meanwhile.
+        let span = self.duration(self.since.saturating_add(elapsed.max(0)));
         let error = global.since(self.extrapolate(stamp));
         let first = matches!(self.state, ClockState::Unset | ClockState::Own);
         if first || discontinuity {
@@ -215,26 +280,44 @@ impl Clock {
         if elapsed <= 0 {
             // This node sent the reference itself, so the pair has no rate.
             if error.abs() <= LARGEST_STEP {
+                self.since = 0;
+                self.exact();
                 return Correction::Applied;
             }
             self.leap(stamp, global, true);
             return Correction::Stepped;
         }
-        // 2 us for the noise of two stamps, and the drift limit times the time
-        // between them.
-        let allowed = (((span >> 8) * i64::from(self.limit)) >> 24) + LARGEST_STEP;
-        if error.abs() > allowed {
+        let error_limit = self.error_limit(span);
+        // More than 32 ms tell no rate.
+        if error.abs() > error_limit || (!self.rated && error.abs() > i64::from(i32::MAX)) {
             self.refused = self.refused.saturating_add(1);
+            if !self.rated {
+                // One of the two pairs is wrong, and without a rate this node cannot tell which.
+                let refused = self.refused;
+                self.leap(stamp, global, true);
+                self.refused = refused;
+                if refused < REFUSALS {
+                    return Correction::Stepped;
+                }
+                self.state = ClockState::Suspended;
+                return Correction::Suspended;
+            }
             if self.refused >= REFUSALS {
                 self.leap(stamp, global, true);
                 return Correction::Stepped;
             }
             self.state = ClockState::Suspended;
             self.carry(stamp);
+            self.since = 0;
+            self.exact();
+            self.rest = saturated(error);
             return Correction::Suspended;
         }
-        if self.state == ClockState::Offset {
-            self.set_rate(self.rate.saturating_add(rate_of(error, span)));
+        if self.rated && error.abs() > self.error_limit(self.duration(elapsed)) {
+            // It added up while references were lost.
+            self.leap(stamp, global, false);
+        } else if !self.rated {
+            self.set_rate(rate_of(error, span));
             self.global = global;
         } else {
             // A large error means that a crystal's rate or the master changed.
@@ -243,28 +326,52 @@ impl Clock {
             } else {
                 self.settled.saturating_sub(UNSETTLED)
             };
-            let error = error.clamp(-LARGEST_STEP, LARGEST_STEP);
+            let step = within_noise(error);
+            let offset_error = common(&mut self.excess, error);
+            let rate_error = common(&mut self.arisen, error - i64::from(self.rest));
             let (mut offset, mut rate) = (0, 0);
             for (from, offset_shift, rate_shift) in GAINS {
                 if self.settled >= from {
                     (offset, rate) = (offset_shift, rate_shift);
                 }
             }
-            self.global = self.extrapolate(stamp).offset(error >> offset);
-            self.set_rate(self.rate.saturating_add(rate_of(error, span) >> rate));
+            let correction = (step >> offset) + (offset_error >> LASTING);
+            self.global = self.extrapolate(stamp).offset(correction);
+            self.rest = saturated(error - correction);
+            let slow = within_noise(offset_error) >> SLOW;
+            let correction = (step >> rate) + slow + rate_error;
+            self.set_rate(self.rate.saturating_add(rate_of(correction, span)));
         }
         self.anchor = stamp;
+        self.since = 0;
+        self.rated = true;
         self.state = ClockState::Locked;
         self.refused = 0;
         Correction::Applied
     }
 
+    /// Largest error that the drift limit allows for a time between two stamps, and 2 us for their
+    /// noise. From 268 s on it does not grow.
+    fn error_limit(&self, span: i64) -> i64 {
+        let span = span.min(1 << 44);
+        (((span >> 8) * i64::from(self.limit)) >> 24) + LARGEST_STEP
+    }
+
+    /// The time has no known error.
+    fn exact(&mut self) {
+        self.rest = 0;
+        self.excess = 0;
+        self.arisen = 0;
+    }
+
     fn leap(&mut self, stamp: Stamp, global: GlobalTime, forget_rate: bool) {
         self.anchor = stamp;
+        self.since = 0;
         self.global = global;
+        self.exact();
         self.refused = 0;
         if forget_rate {
-            self.settled = 0;
+            self.unrate();
             self.state = ClockState::Offset;
         }
     }
@@ -275,6 +382,30 @@ impl Clock {
         let correction = (i64::from(self.nominal) * i64::from(self.rate)) >> 32;
         self.gain = self.nominal.wrapping_add_signed(correction as i32);
     }
+}
+
+/// `error`, or the largest that can be noise.
+fn within_noise(error: i64) -> i64 {
+    error.clamp(-LARGEST_STEP, LARGEST_STEP)
+}
+
+/// Saturates at 32 ms, in 2^-16 us.
+fn saturated(time: i64) -> i32 {
+    let most = i64::from(i32::MAX);
+    time.min(most).max(-most) as i32
+}
+
+/// The part of an error's excess over [`LARGEST_STEP`] that the error before had too. It is 0 after a
+/// single disturbed stamp, and for errors of opposite signs. `before` is the excess of the error
+/// before, and becomes that of this one.
+fn common(before: &mut i32, error: i64) -> i64 {
+    let excess = saturated(error - within_noise(error));
+    let before = core::mem::replace(before, excess);
+    i64::from(if excess >= 0 {
+        before.min(excess).max(0)
+    } else {
+        before.max(excess).min(0)
+    })
 }
 
 /// `error` over `span` in 2^-32, both in 2^-16 us, by long division in steps of
@@ -296,7 +427,12 @@ fn rate_of(error: i64, span: i64) -> i32 {
 
 #[cfg(test)]
 mod tests {
-    use super::rate_of;
+    extern crate std;
+
+    use super::{Clock, ClockState, LARGEST_STEP, rate_of};
+    use crate::time::{GlobalTime, Stamp};
+    use proptest::prelude::*;
+    use std::vec::Vec;
 
     #[test]
     fn rates_are_quotients() {
@@ -310,6 +446,179 @@ mod tests {
         ] {
             let exact = (i128::from(error) << 32) / i128::from(span);
             assert_eq!(i128::from(rate_of(error, span)), exact, "{error} / {span}");
+        }
+    }
+
+    const TICKS_PER_US: u32 = 16;
+    const REFERENCES: usize = 200;
+
+    /// The errors of a clock, us: what it makes of the second reference after each one. Its
+    /// oscillator drifts by `slope` ppm/s after the first 50 references, which come every 100 ms.
+    /// `noise` is on the stamps, us.
+    fn errors(slope: f64, noise: &[f64]) -> Vec<f64> {
+        let mut clock = Clock::new(TICKS_PER_US, 10_000);
+        let ticks = |k: usize| {
+            let time = k as f64 * 1e5;
+            let drifting = (time - 50.0 * 1e5).max(0.0);
+            let gained = slope * drifting * drifting / 2e12;
+            (time + gained) * f64::from(TICKS_PER_US)
+        };
+        // The counter wraps soon.
+        let stamp = |ticks: f64| Stamp(0xffff_0000_u32.wrapping_add(ticks as i64 as u32));
+        let time = |k: usize| GlobalTime::from_micros(k as u64 * 100_000);
+        let stamps = noise.iter().enumerate().map(|(k, noise)| {
+            clock.correct(
+                stamp(ticks(k) + noise * f64::from(TICKS_PER_US)),
+                time(k),
+                false,
+            );
+            let seen = clock.at(stamp(ticks(k + 2))).expect("it has a time");
+            seen.since(time(k + 2)) as f64 / 65536.0
+        });
+        stamps.collect()
+    }
+
+    fn noises() -> impl Strategy<Value = Vec<f64>> {
+        prop::collection::vec(0.0..1.0, REFERENCES)
+    }
+
+    fn worst(errors: impl IntoIterator<Item = f64>) -> f64 {
+        errors
+            .into_iter()
+            .fold(0.0, |worst, error| worst.max(error.abs()))
+    }
+
+    /// The stamps are 400 us later from one reference on, as after a change of the master.
+    #[test]
+    fn an_offset_is_worked_off_without_a_wrong_rate() {
+        let mut noise = [0.0; REFERENCES];
+        noise[100..].fill(400.0);
+        let errors = errors(0.0, &noise);
+        let beyond = worst(errors.iter().map(|error| (error + 400.0).min(0.0)));
+        assert!(beyond < 5.0, "{beyond} us");
+        assert!(worst(errors[112..].iter().map(|error| error + 400.0)) < 5.0);
+    }
+
+    /// Lets a clock hear references. They come every 100 ms by the master's time, which began `epoch`
+    /// microseconds before; a second takes `tick` seconds by the node's own counter.
+    fn follow(clock: &mut Clock, tick: f64, references: core::ops::Range<u64>, epoch: u64) {
+        for k in references {
+            let ticks = k as f64 * 1e5 * f64::from(TICKS_PER_US) * tick;
+            let time = GlobalTime::from_micros(epoch + k * 100_000);
+            clock.correct(Stamp(ticks as u64 as u32), time, false);
+        }
+    }
+
+    /// A master leads on its RC oscillator, and starts again with a crystal and another time.
+    #[test]
+    fn a_rate_beyond_a_narrower_limit_is_measured_anew() {
+        let mut clock = Clock::new(TICKS_PER_US, 10_000);
+        follow(&mut clock, 0.996, 1..40, 0);
+        assert_eq!(clock.state(), ClockState::Locked);
+        clock.set_limit(200);
+        assert_eq!((clock.state(), clock.rate()), (ClockState::Offset, 0));
+        assert!(clock.rate_error(10_000) > 0);
+        follow(&mut clock, 1.0, 40..43, 50_000_000);
+        assert_eq!(clock.state(), ClockState::Locked);
+        assert!(clock.rate().abs() < 4295, "{}", clock.rate());
+    }
+
+    /// A narrow limit that the rate keeps changes nothing.
+    #[test]
+    fn a_rate_within_a_narrower_limit_stays() {
+        let mut clock = Clock::new(TICKS_PER_US, 10_000);
+        follow(&mut clock, 0.999_95, 1..40, 0);
+        let rate = clock.rate();
+        clock.set_limit(200);
+        assert_eq!((clock.state(), clock.rate()), (ClockState::Locked, rate));
+    }
+
+    /// A node that never measures its rate within the limit says so.
+    #[test]
+    fn an_oscillator_beyond_the_limit_is_suspended() {
+        let mut clock = Clock::new(TICKS_PER_US, 200);
+        follow(&mut clock, 1.001, 1..3, 0);
+        assert_eq!(clock.state(), ClockState::Offset);
+        follow(&mut clock, 1.001, 3..6, 0);
+        assert_eq!(clock.state(), ClockState::Suspended);
+        assert!(clock.rate_error(10_000) > 0);
+    }
+
+    /// The node hears two references in a row, then a single one, and so on. The clock is carried to
+    /// the single one, and the error of all five cycles arose since the last correction.
+    #[test]
+    fn lost_references_do_not_wind_up_the_rate() {
+        for offset_ppm in [-3000.0, -100.0, 0.0, 100.0, 3000.0] {
+            let tick = 1.0 + offset_ppm / 1e6;
+            let mut clock = Clock::new(TICKS_PER_US, 10_000);
+            let mut heard = 0;
+            for k in (1..400_u64).filter(|k| ![2, 4].contains(&(k % 5))) {
+                let ticks = heard as f64 * 1e5 * f64::from(TICKS_PER_US) * tick;
+                let stamp = Stamp(ticks as u64 as u32);
+                if k == heard + 1 {
+                    clock.correct(stamp, GlobalTime::from_micros(heard * 100_000), false);
+                } else {
+                    clock.carry(stamp);
+                }
+                heard = k;
+                if k > 20 {
+                    let rate = f64::from(clock.rate()) / 4_294.967_296;
+                    let exact = (1.0 / tick - 1.0) * 1e6;
+                    assert!((rate - exact).abs() < 20.0, "{offset_ppm}: {rate}");
+                    assert_eq!(clock.state(), ClockState::Locked);
+                }
+            }
+        }
+    }
+
+    /// So fast a drift soon exceeds what the bit timing allows. A node leaves the bus by its rate, so
+    /// that must not lag far behind.
+    #[test]
+    fn a_drift_beyond_any_data_sheet_is_seen() {
+        let errors = errors(2000.0, &[0.0; REFERENCES]);
+        // The oscillator is off by the limit 50 references after the drift began.
+        assert!(worst(errors[..95].iter().copied()) < 150.0);
+        assert!(worst(errors[70..95].iter().copied()) < 90.0);
+    }
+
+    proptest! {
+        #[test]
+        fn an_oscillator_that_drifts_is_followed(slope in -500.0..500.0, noise in noises()) {
+            let errors = errors(slope, &noise);
+            prop_assert!(worst(errors.iter().copied().skip(20)) < 8.0 + 0.1 * slope.abs());
+            prop_assert!(worst(errors.iter().copied().skip(100)) < 8.0 + 0.06 * slope.abs());
+        }
+
+        /// The filter moves by an eighth of [`LARGEST_STEP`], however much a stamp is disturbed.
+        #[test]
+        fn one_disturbed_stamp_does_not_move_a_clock_that_has_settled(
+            noise in noises(),
+            at in 70..150_usize,
+            disturbance in -900.0..900.0,
+        ) {
+            let good = errors(0.0, &noise);
+            let mut noise = noise;
+            noise[at] += disturbance;
+            let bad = errors(0.0, &noise);
+            let moved = worst(good.iter().zip(&bad).map(|(good, bad)| good - bad));
+            let step = LARGEST_STEP as f64 / 65536.0;
+            prop_assert!(moved <= 0.25 * step, "{moved} us");
+        }
+
+        #[test]
+        fn one_disturbed_stamp_does_not_lose_an_oscillator_that_drifts(
+            slope in -500.0..500.0,
+            noise in noises(),
+            at in 40..190_usize,
+            disturbance in -900.0..900.0,
+        ) {
+            let mut noise = noise;
+            noise[at] += disturbance;
+            let errors = errors(slope, &noise);
+            prop_assert!(worst(errors.iter().copied().skip(20)) < 12.0 + 0.25 * slope.abs());
+            // 20 references after the disturbance it follows as before.
+            let later = errors.iter().copied().skip(100.max(at + 20));
+            prop_assert!(worst(later) < 8.0 + 0.06 * slope.abs());
         }
     }
 }

@@ -14,6 +14,7 @@ use vehicle_model::{NodeIndex, Vehicle};
 use crate::{
     Failure, ReadError, Workspace, audit,
     cli::Build,
+    seal,
     size::{self, Size},
     target, vehicle,
 };
@@ -139,7 +140,7 @@ pub fn images(
         let nodes: Vec<NodeIndex> = nodes.iter().copied().filter(on_board).collect();
         if !nodes.is_empty() {
             let cargo = command(workspace, vehicle, &nodes)?;
-            images.extend(finish(cargo, vehicle, &nodes)?);
+            images.extend(finish(workspace, cargo, vehicle, &nodes)?);
         }
     }
     images.sort_by_key(|image| image.node);
@@ -173,11 +174,13 @@ pub fn command(
 ///
 /// It does not succeed.
 pub(crate) fn finish(
+    workspace: &Workspace,
     mut cargo: Command,
     vehicle: &Vehicle,
     nodes: &[NodeIndex],
 ) -> Result<Vec<Image>, Failure> {
     cargo.arg("--message-format=json-render-diagnostics");
+    let _alone = workspace.builds_alone();
     let output = cargo
         .stderr(Stdio::inherit())
         .output()
@@ -217,16 +220,23 @@ pub(crate) fn finish(
 /// The folder of a vehicle's images, beside that in which cargo has `built` them. Cargo has one
 /// place for all vehicles, in which a node of the same name overwrites another vehicle's.
 fn folder(built: &Path, vehicle: &Vehicle) -> PathBuf {
-    let target = built.ancestors().nth(2).unwrap_or(built);
-    target.join("images").join(vehicle.name())
+    images_folder(built).join(vehicle.name())
 }
 
-/// Copies an image into a folder. Nobody there sees half of it.
-fn keep(built: &Path, folder: &Path, node: &str) -> io::Result<PathBuf> {
+/// The folder of all images, beside that in which cargo has `built` one.
+pub(crate) fn images_folder(built: &Path) -> PathBuf {
+    let target = built.ancestors().nth(2).unwrap_or(built);
+    target.join("images")
+}
+
+/// Copies an image into a folder, and seals it for its self-test. Nobody there sees half of it.
+pub(crate) fn keep(built: &Path, folder: &Path, node: &str) -> io::Result<PathBuf> {
     fs::create_dir_all(folder)?;
     let path = folder.join(node);
     let draft = folder.join(format!(".{node}.{}", process::id()));
-    fs::copy(built, &draft)?;
+    let mut image = fs::read(built)?;
+    seal::seal(&mut image).map_err(io::Error::other)?;
+    fs::write(&draft, image)?;
     fs::rename(&draft, &path)?;
     Ok(path)
 }
@@ -262,15 +272,24 @@ mod tests {
         let target = tempfile::tempdir().unwrap();
         let built = target.path().join("release/gps");
         fs::create_dir(target.path().join("release")).unwrap();
-        let keep = |name: &str, bytes: &str| {
-            fs::write(&built, bytes).unwrap();
+        // Images of different size: an ELF file without anything in it, and bytes behind it.
+        let image = |behind: usize| {
+            let mut file = b"\x7fELF\x01\x01\x01".to_vec();
+            file.resize(52 + behind, 0);
+            // An executable for ARM, version 1, with a header of 52 bytes.
+            file[16..24].copy_from_slice(&[2, 0, 40, 0, 1, 0, 0, 0]);
+            file[40] = 52;
+            file
+        };
+        let keep = |name: &str, behind: usize| {
+            fs::write(&built, image(behind)).unwrap();
             let folder = folder(&built, &vehicle::find(&workspace, name).unwrap());
             super::keep(&built, &folder, "gps").unwrap()
         };
-        let (one, other) = (keep("uagv", "one"), keep("two-boards", "other"));
+        let (one, other) = (keep("uagv", 1), keep("two-boards", 2));
         assert_eq!(one, target.path().join("images/uagv/gps"));
-        assert_eq!(fs::read_to_string(&one).unwrap(), "one");
-        assert_eq!(fs::read_to_string(&other).unwrap(), "other");
+        assert_eq!(fs::read(&one).unwrap(), image(1));
+        assert_eq!(fs::read(&other).unwrap(), image(2));
         let images = fs::read_dir(one.parent().unwrap()).unwrap();
         assert_eq!(images.count(), 1, "a draft is left");
     }

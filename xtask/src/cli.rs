@@ -6,7 +6,10 @@ use clap::{Args, CommandFactory, Parser, Subcommand, error::ErrorKind};
 
 use world::{DURATIONS, SimDuration, time::from_seconds};
 
-use crate::vehicle::{DEFAULT, SMALLEST};
+use crate::{
+    selftest::Bus,
+    vehicle::{DEFAULT, SMALLEST},
+};
 
 /// Builds, flashes, simulates and tests the nodes of the vehicle.
 #[derive(Debug, Parser)]
@@ -20,6 +23,7 @@ use crate::vehicle::{DEFAULT, SMALLEST};
         cargo xtask sim               drive the virtual vehicle down the line\n  \
         cargo xtask flash gps         write the gps image to the connected board\n  \
         cargo xtask run gps           the same, then show its log\n  \
+        cargo xtask selftest          ask all nodes on a bus for their self-test\n  \
         cargo xtask test              everything that CI checks\n  \
         cargo xtask build --help      options and examples of one command"
 )]
@@ -41,6 +45,8 @@ pub enum Command {
     Run(Run),
     /// Run the release images in the virtual vehicle and report the results.
     Sim(Sim),
+    /// Ask the nodes on a bus for their self-test and show the results.
+    Selftest(Selftest),
     /// Write the folder of a new vehicle.
     New(New),
     /// Compute the steering's calibration from a recorded drive.
@@ -135,6 +141,45 @@ pub struct OnBoard {
     /// Print the commands instead of running them
     #[arg(long)]
     pub dry_run: bool,
+}
+
+/// Options of `selftest`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask selftest                                      the nodes of the virtual vehicle\n  \
+    cargo xtask selftest --vehicle uagv --bus socketcan:can0  those of a real one, by SocketCAN\n  \
+    cargo xtask selftest --vehicle two-boards --bus slcan:/dev/ttyACM0\n  \
+    \x20                                                         by a serial adapter\n  \
+    cargo xtask selftest --running                            without a start\n  \
+    cargo xtask selftest --node drive steering --json         two nodes, as JSON\n\n\
+    All nodes whose motor does not turn start again and do all checks; with --running, or while\n\
+    its motor may turn, a node repeats the results of its last start and checks the rest.\n\
+    The request is sent in its window of the schedule, so a time master must lead the bus.\n\
+    For SocketCAN: sudo ip link set can0 up type can bitrate 250000\n\n\
+    Exit code 0: every node reported, and no check failed; 1: a check failed or a node is silent,\n\
+    and what to look at first is shown; 2: wrong input.")]
+pub struct Selftest {
+    /// Vehicle, a folder below firmware/vehicles [default on the virtual bus: uagv]; a real bus
+    /// needs it when there are several
+    #[arg(long, value_name = "NAME")]
+    pub vehicle: Option<String>,
+    /// Nodes that must report; the others may be absent [default: all]
+    #[arg(long = "node", value_name = "NODE", num_args = 1..)]
+    pub nodes: Vec<String>,
+    /// Where the nodes are.
+    #[arg(
+        long,
+        value_name = "BUS",
+        default_value = "twin",
+        help = "Where the nodes are: twin, socketcan:INTERFACE or slcan:PORT[@BAUD]"
+    )]
+    pub bus: Bus,
+    /// Ask without a start: the start-up checks are not done again
+    #[arg(long)]
+    pub running: bool,
+    /// Print the results as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `new`.
@@ -380,12 +425,20 @@ pub struct Priorities {
 }
 
 /// Options of `test`.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask test           all steps; exit code 1 if any of them fails\n  \
     cargo xtask test --long    a whole night: the slow tests too, and more faults\n  \
     cargo xtask test --random  the property tests try new inputs\n  \
-    cargo xtask test --list    list the steps and their commands\n\n\
+    cargo xtask test --list    list the steps and their commands\n  \
+    cargo xtask test --board steering                      the tests of the node's board\n  \
+    cargo xtask test --board motor --vehicle two-boards    a node of another vehicle\n  \
+    cargo xtask test --board gps --probe 066EFF57          with several boards connected\n  \
+    cargo xtask test --board gps --twin --json             on the twin in any case, as JSON\n\n\
+    The tests of a board run on it by probe-rs if a debug probe is connected, otherwise on the\n\
+    virtual microcontroller. They need the image's place in the flash: `flash` brings the node\n\
+    back. boards/GETTING_STARTED.md says what must be wired for them, and what must not.\n\
+    Exit code 0: all passed; 1: one failed, or a step; 2: wrong input.\n\n\
     One step runs the first 30 random fault sequences, with --long 1000;\n\
     `cargo xtask sim --faults N` runs as many as you like.")]
 pub struct Test {
@@ -399,6 +452,21 @@ pub struct Test {
     /// time
     #[arg(long)]
     pub random: bool,
+    /// Run the tests of this node's board instead
+    #[arg(long, value_name = "NODE", conflicts_with_all = ["list", "long", "random"])]
+    pub board: Option<String>,
+    /// Vehicle of the node, when several have a node of that name
+    #[arg(long, value_name = "NAME", requires = "board")]
+    pub vehicle: Option<String>,
+    /// Serial number of the board's debug probe, when several are connected
+    #[arg(long, value_name = "SERIAL", requires = "board")]
+    pub probe: Option<String>,
+    /// Run on the virtual microcontroller even if a debug probe is connected
+    #[arg(long, requires = "board", conflicts_with = "probe")]
+    pub twin: bool,
+    /// Print the outcomes as JSON
+    #[arg(long, requires = "board")]
+    pub json: bool,
 }
 
 /// An error in the command line.
@@ -524,6 +592,9 @@ mod tests {
             "xtask sim --quick",
             "xtask schedulability --explain a.b --json",
             "xtask priorities gps",
+            "xtask selftest gps",
+            "xtask selftest --bus can0",
+            "xtask selftest --bus slcan:/dev/ttyACM0@fast",
             "xtask new",
             "xtask schedule my.dbc --vehicle uagv",
             "xtask new node rudder",

@@ -3,8 +3,8 @@
 use std::{io, path::PathBuf};
 
 use crate::{
-    audit, bench, build, cli, experiment, file, new, probe, schedulability, sim, size, target,
-    test, vehicle, workspace,
+    audit, bench, board, build, cli, experiment, file, new, probe, schedulability, selftest, sim,
+    size, target, test, vehicle, workspace,
 };
 
 /// Why a command ends without success; displays as one sentence.
@@ -19,6 +19,9 @@ pub enum Failure {
     /// `bench`.
     #[error(transparent)]
     Bench(#[from] bench::Error),
+    /// `test --board`.
+    #[error(transparent)]
+    Board(#[from] board::Error),
     /// The command line.
     #[error(transparent)]
     Cli(#[from] cli::Error),
@@ -40,6 +43,9 @@ pub enum Failure {
     /// `schedulability` and `priorities`.
     #[error(transparent)]
     Schedulability(#[from] schedulability::Error),
+    /// `selftest`.
+    #[error(transparent)]
+    Selftest(#[from] selftest::Error),
     /// `sim`.
     #[error(transparent)]
     Sim(#[from] sim::Error),
@@ -77,6 +83,7 @@ impl Failure {
             Failure::Experiment(error) => error.is_usage(),
             Failure::Probe(error) => error.is_usage(),
             Failure::Schedulability(error) => error.is_usage(),
+            Failure::Selftest(error) => error.is_usage(),
             Failure::Sim(error) => error.is_usage(),
             _ => false,
         };

@@ -6,6 +6,7 @@
 
 pub mod audit;
 pub mod bench;
+pub mod board;
 pub mod build;
 pub mod calibrate;
 pub mod cli;
@@ -14,6 +15,7 @@ pub mod new;
 pub mod probe;
 pub mod schedulability;
 pub mod schedule;
+pub mod selftest;
 pub mod sim;
 pub mod size;
 pub mod target;
@@ -23,6 +25,7 @@ pub mod vehicle;
 mod failure;
 mod file;
 mod progress;
+mod seal;
 mod workspace;
 
 pub use failure::{Failure, ReadError};
@@ -70,10 +73,14 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
         cli::Command::Schedule(options) => schedule::run(&workspace, &options),
         cli::Command::Schedulability(options) => schedulability::run(&workspace, &options),
         cli::Command::Priorities(options) => schedulability::run_priorities(&workspace, &options),
+        cli::Command::Selftest(options) => selftest::run(&workspace, &options),
         cli::Command::Sim(options) => match &options.experiment {
             Some(name) => experiment::run(&workspace, name, &options),
             None => sim::run(&workspace, &options),
         },
-        cli::Command::Test(options) => test::run(&workspace, &options),
+        cli::Command::Test(options) => match &options.board {
+            Some(node) => board::run(&workspace, node, &options),
+            None => test::run(&workspace, &options),
+        },
     }
 }

@@ -3,7 +3,11 @@
 
 mod list;
 
-use std::{path::Path, process::Command};
+use std::{
+    io,
+    path::Path,
+    process::{Command, Output},
+};
 
 use parts::Sled;
 
@@ -16,14 +20,38 @@ use crate::{
 
 use list::Probe;
 
+/// The oldest release of probe-rs, major and minor number, that has all options of the commands.
+const OLDEST: (u32, u32) = (0, 30);
+
+/// Where probe-rs needs rights to USB devices, the advice to install them.
+const UDEV_RULES: &str = if cfg!(target_os = "linux") {
+    "; on Linux probe-rs also needs its udev rules, https://probe.rs/docs/getting-started/probe-setup/"
+} else {
+    ""
+};
+
 /// Why a board cannot be reached.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
     /// probe-rs is not there.
     #[error("probe-rs is not installed: `cargo install probe-rs-tools --locked` installs it")]
     NotInstalled,
+    /// probe-rs cannot list the probes.
+    #[error("`probe-rs list` failed: {0}")]
+    List(String),
+    /// probe-rs lacks options that the commands use.
+    #[error(
+        "probe-rs is {found}, but {}.{} or newer is needed: `cargo install probe-rs-tools --locked` \
+         installs it",
+        OLDEST.0,
+        OLDEST.1
+    )]
+    TooOld {
+        /// The version that is there.
+        found: String,
+    },
     /// No debug probe is there.
-    #[error("no debug probe is connected: connect the board of {node} by USB")]
+    #[error("no debug probe is found: connect the board of {node} by USB{UDEV_RULES}")]
     NoProbe {
         /// The node on the board.
         node: String,
@@ -71,8 +99,8 @@ pub enum Action {
 /// # Errors
 ///
 /// There is no such node, or more than one; there is no such probe, or more than one and none
-/// is named (exit code 2). The image does not build, probe-rs is not installed, no probe is
-/// connected, or probe-rs fails.
+/// is named (exit code 2). The image does not build, probe-rs is not installed or too old, no
+/// probe is connected, or probe-rs fails.
 pub fn run(workspace: &Workspace, action: Action, options: &OnBoard) -> Result<(), Failure> {
     let (vehicle, node) = vehicle::with_node(workspace, &options.node, options.vehicle.as_deref())?;
     // A missing probe is reported before a build that takes time.
@@ -93,17 +121,71 @@ pub fn run(workspace: &Workspace, action: Action, options: &OnBoard) -> Result<(
 /// What probe-rs takes for the probe; `None` if there is only one. A dry run needs no probe: it
 /// takes the name as it is when no connected probe has it.
 fn probe(workspace: &Workspace, options: &OnBoard) -> Result<Option<String>, Error> {
-    let list = output(workspace.program("probe-rs").arg("list"));
-    let wanted = options.probe.as_deref();
-    match choose(list.as_deref(), &options.node, wanted) {
+    match find(workspace, &options.node, options.probe.as_deref()) {
         Err(_) if options.dry_run => Ok(options.probe.clone()),
         result => result,
     }
 }
 
+/// The debug probe of a node's board: what probe-rs takes for it, `None` if there is only one.
+///
+/// # Errors
+///
+/// probe-rs is not installed, fails or is too old, no probe is connected; several are and none is
+/// named, or there is none of that name (exit code 2).
+pub(crate) fn find(
+    workspace: &Workspace,
+    node: &str,
+    wanted: Option<&str>,
+) -> Result<Option<String>, Error> {
+    let list = workspace.program("probe-rs").arg("list").output();
+    let probe = choose(&listed(list)?, node, wanted)?;
+    let version = output(workspace.program("probe-rs").arg("--version"));
+    match version.as_deref().and_then(too_old) {
+        Some(found) => Err(Error::TooOld { found }),
+        None => Ok(probe),
+    }
+}
+
+/// What `probe-rs list` lists.
+fn listed(list: io::Result<Output>) -> Result<String, Error> {
+    let list = list.map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => Error::NotInstalled,
+        _ => Error::List(error.to_string()),
+    })?;
+    if list.status.success() {
+        return Ok(String::from_utf8_lossy(&list.stdout).into_owned());
+    }
+    let told = String::from_utf8_lossy(&list.stderr);
+    let why = complaint(&told).map_or_else(|| list.status.to_string(), String::from);
+    Err(Error::List(why))
+}
+
+/// The first line that tells of an error, or the first one of all. Warnings may stand before it.
+fn complaint(told: &str) -> Option<&str> {
+    const ERROR: &str = "error: ";
+    let mut lines = told.lines().map(str::trim).filter(|line| !line.is_empty());
+    let error = |line: &str| {
+        let begin = line.get(..ERROR.len())?;
+        begin.eq_ignore_ascii_case(ERROR).then(|| ERROR.len())
+    };
+    let first = lines.clone().next()?;
+    let said = lines.find_map(|line| line.get(error(line)?..));
+    Some(said.unwrap_or(first))
+}
+
+/// The version that `probe-rs --version` prints, such as `probe-rs 0.31.0 (git commit: 3d2b8b5)`,
+/// if it is too old. `None` for a text that names no version.
+fn too_old(text: &str) -> Option<String> {
+    let version = text.strip_prefix("probe-rs ")?.split_whitespace().next()?;
+    let mut numbers = version.split('.').map(str::parse::<u32>);
+    let (major, minor) = (numbers.next()?.ok()?, numbers.next()?.ok()?);
+    ((major, minor) < OLDEST).then(|| version.to_owned())
+}
+
 /// The probe that is meant.
-fn choose(list: Option<&str>, node: &str, wanted: Option<&str>) -> Result<Option<String>, Error> {
-    let probes = list::read(list.ok_or(Error::NotInstalled)?);
+fn choose(list: &str, node: &str, wanted: Option<&str>) -> Result<Option<String>, Error> {
+    let probes = list::read(list);
     let meant: Vec<&Probe> = match wanted {
         Some(wanted) => probes.iter().filter(|probe| probe.is(wanted)).collect(),
         None => probes.iter().collect(),
@@ -132,6 +214,21 @@ fn choose(list: Option<&str>, node: &str, wanted: Option<&str>) -> Result<Option
 /// processor there, and the node could not stop its actuator.
 const NO_CATCH: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
 
+/// A command of probe-rs for a board.
+pub(crate) fn command(
+    workspace: &Workspace,
+    name: &str,
+    board: &Sled,
+    probe: Option<&str>,
+    options: &[&str],
+) -> Command {
+    let mut command = workspace.program("probe-rs");
+    command.args([name, "--chip", board.part.chip]);
+    command.args(probe.iter().flat_map(|probe| ["--probe", probe]));
+    command.args(options);
+    command
+}
+
 /// The commands of an action, with the image that is on the board or is written to it.
 fn commands(
     workspace: &Workspace,
@@ -140,13 +237,7 @@ fn commands(
     probe: Option<&str>,
     image: &Path,
 ) -> Vec<Command> {
-    let command = |name: &str, options: &[&str]| {
-        let mut command = workspace.program("probe-rs");
-        command.args([name, "--chip", board.part.chip]);
-        command.args(probe.iter().flat_map(|probe| ["--probe", probe]));
-        command.args(options);
-        command
-    };
+    let command = |name: &str, options: &[&str]| command(workspace, name, board, probe, options);
     let with_image = |mut command: Command| {
         command.arg(image);
         command
@@ -216,15 +307,15 @@ mod tests {
 
     #[test]
     fn one_probe_needs_no_name_and_two_do() {
-        assert_eq!(choose(Some(ONE), "gps", None), Ok(None));
-        let second = choose(Some(TWO), "gps", Some("0670ff51"));
+        assert_eq!(choose(ONE, "gps", None), Ok(None));
+        let second = choose(TWO, "gps", Some("0670ff51"));
         assert_eq!(second, Ok(Some("0483:374b:0670FF51".into())));
         let refused = |list, wanted| {
             let failure = Failure::from(choose(list, "gps", wanted).unwrap_err());
             (failure.exit_code(), failure.to_string())
         };
         assert_eq!(
-            refused(Some(TWO), None),
+            refused(TWO, None),
             (
                 2,
                 "2 debug probes are connected: which one has the board of gps, \
@@ -233,16 +324,49 @@ mod tests {
             )
         );
         assert_eq!(
-            refused(Some(ONE), Some("42")),
+            refused(ONE, Some("42")),
             (
                 2,
                 "no connected debug probe is named 42: --probe 066EFF57 (STLink V2-1) is accepted"
                     .into()
             )
         );
-        let (code, text) = refused(Some("No debug probes were found.\n"), Some("42"));
+        let (code, text) = refused("No debug probes were found.\n", Some("42"));
         assert_eq!(code, 1);
-        assert!(text.starts_with("no debug probe is connected"), "{text}");
-        assert_eq!(choose(None, "gps", None), Err(Error::NotInstalled));
+        assert!(text.starts_with("no debug probe is found"), "{text}");
+    }
+
+    #[test]
+    fn an_old_release_is_told_by_its_version() {
+        for (text, old) in [
+            ("probe-rs 0.29.1 (git commit: 3d2b8b5)\n", Some("0.29.1")),
+            ("probe-rs 0.9", Some("0.9")),
+            ("probe-rs 0.30.0 (git commit: 3d2b8b5)\n", None),
+            ("probe-rs 0.31.0-alpha.1", None),
+            ("probe-rs 1.0.0", None),
+            ("probe-rs nightly", None),
+            ("probe-rs", None),
+            ("", None),
+        ] {
+            assert_eq!(too_old(text).as_deref(), old, "{text}");
+        }
+    }
+
+    #[test]
+    fn the_line_that_tells_of_the_error_is_found() {
+        for (told, line) in [
+            (
+                " WARN a\nError: no access\n\nCaused by:\n  b\n",
+                Some("no access"),
+            ),
+            (
+                "\nprobe-rs: no libudev.so.1\n",
+                Some("probe-rs: no libudev.so.1"),
+            ),
+            ("ERROR: é", Some("é")),
+            ("\n", None),
+        ] {
+            assert_eq!(complaint(told), line);
+        }
     }
 }

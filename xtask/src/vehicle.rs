@@ -17,8 +17,10 @@ pub enum Error {
     #[error(transparent)]
     Vehicle(#[from] VehicleError),
     /// The vehicle has no such node.
-    #[error("there is no node {node}: {known}")]
+    #[error("vehicle {vehicle} has no node {node}, but {known}; --vehicle chooses another vehicle")]
     NoNode {
+        /// The vehicle.
+        vehicle: String,
         /// The name.
         node: String,
         /// The nodes that there are.
@@ -37,6 +39,14 @@ pub enum Error {
     WhichVehicle {
         /// The name.
         node: String,
+        /// The options that name each vehicle.
+        choices: String,
+    },
+    /// Several vehicles may be on a bus.
+    #[error("more than one vehicle may be on {bus}: which one, {choices}?")]
+    WhichOnBus {
+        /// The bus.
+        bus: String,
         /// The options that name each vehicle.
         choices: String,
     },
@@ -80,6 +90,28 @@ pub fn find(workspace: &Workspace, name: &str) -> Result<Vehicle, Error> {
     Ok(Vehicle::find(&workspace.vehicles(), name)?)
 }
 
+/// The only vehicle, which is therefore on this bus.
+///
+/// # Errors
+///
+/// There are several vehicles, or the folder of the only one is wrong.
+pub fn on_bus(workspace: &Workspace, bus: &str) -> Result<Vehicle, Error> {
+    match names(workspace)?.as_slice() {
+        [] => find(workspace, DEFAULT),
+        [only] => find(workspace, only),
+        several => Err(Error::WhichOnBus {
+            bus: bus.into(),
+            choices: choices(several.iter().map(String::as_str)),
+        }),
+    }
+}
+
+/// The options that name each of the vehicles.
+fn choices<'v>(names: impl Iterator<Item = &'v str>) -> String {
+    let options: Vec<String> = names.map(|name| format!("--vehicle {name}")).collect();
+    options.join(" or ")
+}
+
 /// Path of the network file of the vehicle `name` of the workspace. Its folder is not read.
 ///
 /// # Errors
@@ -119,6 +151,7 @@ pub fn nodes(vehicle: &Vehicle, names: &[String]) -> Result<Vec<NodeIndex>, Erro
     let mut nodes = Vec::new();
     for name in names {
         nodes.push(vehicle.find_node(name).ok_or_else(|| Error::NoNode {
+            vehicle: vehicle.name().into(),
             node: name.clone(),
             known: node_names(vehicle).join(", "),
         })?);
@@ -149,6 +182,7 @@ pub fn with_node(
     if let Some(name) = vehicle {
         let vehicle = find(workspace, name)?;
         let index = vehicle.find_node(node).ok_or_else(|| Error::NoNode {
+            vehicle: name.into(),
             node: node.into(),
             known: node_names(&vehicle).join(", "),
         })?;
@@ -163,15 +197,12 @@ pub fn with_node(
             having.push((vehicle, index));
         }
     }
-    let names: Vec<String> = having
-        .iter()
-        .map(|(vehicle, _)| format!("--vehicle {}", vehicle.name()))
-        .collect();
+    let choices = choices(having.iter().map(|(vehicle, _)| vehicle.name()));
     match (having.pop(), having.is_empty()) {
         (Some(one), true) => Ok(one),
         (Some(_), false) => Err(Error::WhichVehicle {
             node: node.into(),
-            choices: names.join(" or "),
+            choices,
         }),
         (None, _) => Err(Error::NoNodeAnywhere {
             node: node.into(),
@@ -254,7 +285,8 @@ mod tests {
         assert_eq!(failure.exit_code(), 2);
         assert_eq!(
             failure.to_string(),
-            "there is no node rudder: gps, controller, steering, drive"
+            "vehicle uagv has no node rudder, but gps, controller, steering, drive; --vehicle \
+             chooses another vehicle"
         );
     }
 
@@ -286,5 +318,12 @@ mod tests {
         );
         let (vehicle, _) = with_node(&workspace, "gps", Some("two")).unwrap();
         assert_eq!(vehicle.name(), "two");
+    }
+
+    #[test]
+    fn only_one_vehicle_can_be_on_a_bus_without_a_choice() {
+        let (_folder, workspace) = workspace(&["plough"]);
+        let vehicle = on_bus(&workspace, "socketcan:can0").unwrap();
+        assert_eq!(vehicle.name(), "plough");
     }
 }

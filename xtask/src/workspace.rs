@@ -3,6 +3,7 @@
 use std::{
     env,
     ffi::OsStr,
+    fs::{self, File},
     io,
     path::{Path, PathBuf},
     process::{Command, ExitStatus, Stdio},
@@ -85,6 +86,19 @@ impl Workspace {
     /// Its root folder.
     pub fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// Keeps other threads and programs from building images until it is dropped. Cargo has one place
+    /// for images of one name, so that theirs could replace one before it is copied from there. On a
+    /// file system without locks it keeps nobody.
+    pub(crate) fn builds_alone(&self) -> Option<File> {
+        let target = self.target.clone();
+        let target = target.or_else(|| env::var_os("CARGO_TARGET_DIR").map(PathBuf::from));
+        let target = self.root.join(target.unwrap_or_else(|| "target".into()));
+        fs::create_dir_all(&target).ok()?;
+        let file = File::create(target.join(".images-lock")).ok()?;
+        file.lock().ok()?;
+        Some(file)
     }
 
     /// Cargo, to be run in the workspace.

@@ -5,19 +5,21 @@ use std::{collections::BTreeSet, fs, sync::OnceLock};
 
 use campaign::traffic::Traffic;
 use firmware::{
-    console::BusView,
+    console::{BusView, Line},
     housekeeping::{Housekeeping, ResetCause, Start},
     link,
+    selftest::{self, Check, Outcome, Report},
 };
 use parts::Sled;
 use sled_common::{
     can::ErrorState,
     clock::{Clocks, Oscillator},
+    selftest::Findings,
 };
 use ttcan::{ClockState, ErrorLevel, MasterState, Status, SyncState};
-use twin::Options;
-use vehicle_model::Vehicle;
-use world::Scenario;
+use twin::{Options, Twin, part::Pin};
+use vehicle_model::{NodeIndex, Vehicle};
+use world::{Scenario, SimTime};
 use xtask::{Workspace, build, vehicle};
 
 /// What the guide does with the boards: it turns the knob to one end, resets the master, and takes
@@ -79,6 +81,81 @@ fn seen() -> &'static Seen {
                 .collect(),
         }
     })
+}
+
+/// When the relay of the motor's board closes or opens in a run of these events, in milliseconds. The
+/// relay is open at first.
+fn relay_changes(events: &str, end: u32) -> Vec<u32> {
+    const RELAY: Pin = Pin::new('A', 8);
+    const MOTOR: NodeIndex = NodeIndex(1);
+    let vehicle = two_boards();
+    let nodes: Vec<_> = vehicle.nodes().collect();
+    assert_eq!(vehicle.node(MOTOR).name, "motor");
+    let images = build::images(&workspace(), &vehicle, &nodes).unwrap();
+    let images = build::read(&images).unwrap();
+    let text = format!("summary = \"the relay\"\n{events}");
+    let scenario = Scenario::parse(&vehicle, "relay", "relay", &text).unwrap();
+    let mut twin = Twin::new(&vehicle, &scenario, 1, &images).unwrap();
+    let mut closed = false;
+    let mut changes = Vec::new();
+    for ms in 1..=end {
+        twin.run_until(SimTime::from_ticks(u64::from(ms) * 1_000_000_000))
+            .unwrap();
+        let now = twin.node(MOTOR).pin(RELAY);
+        if now != closed {
+            changes.push(ms);
+            closed = now;
+        }
+    }
+    changes
+}
+
+/// An event: the knob is turned to this position.
+fn turn(ms: u32, percent: u32) -> String {
+    format!("[[knob]]\nnode = \"motor\"\nat = \"{ms} ms\"\nposition = \"{percent} %\"\n")
+}
+
+/// The time from the knob to the motor: `cargo xtask schedulability` bounds it by 50 ms.
+const DELAY: u32 = 50;
+
+#[test]
+fn the_relay_opens_half_a_second_after_the_motor_is_stopped() {
+    let changes = relay_changes(&(turn(1_000, 100) + &turn(1_500, 50)), 2_500);
+    let [closed, opened] = changes[..] else {
+        panic!("{changes:?}")
+    };
+    assert!((1_000..1_000 + DELAY).contains(&closed), "{changes:?}");
+    assert!((1_980..2_000 + DELAY).contains(&opened), "{changes:?}");
+}
+
+/// Each position lasts longer than a command.
+#[test]
+fn a_knob_that_trembles_at_its_middle_does_not_make_the_relay_rattle() {
+    let mut events = String::new();
+    for k in 0..20 {
+        events += &turn(1_000 + 100 * k, 55);
+        events += &turn(1_050 + 100 * k, 50);
+    }
+    let changes = relay_changes(&events, 3_700);
+    let [_, opened] = changes[..] else {
+        panic!("{} changes: {changes:?}", changes.len())
+    };
+    assert!((3_430..3_450 + DELAY).contains(&opened), "{changes:?}");
+}
+
+#[test]
+fn the_relay_opens_at_once_when_there_is_no_valid_command() {
+    // The commands stop while the knob is at its end, and after it was turned back.
+    for middle in [2_000, 1_400] {
+        let events = turn(1_000, 100)
+            + &turn(middle, 50)
+            + "[[reset]]\nnode = \"master\"\nat = \"1.5 s\"\nuntil = \"2.5 s\"\n";
+        let changes = relay_changes(&events, 2_400);
+        let [_, opened] = changes[..] else {
+            panic!("{changes:?}")
+        };
+        assert!((1_500..1_550).contains(&opened), "{changes:?}");
+    }
 }
 
 /// The lines of the code blocks that begin with this word.
@@ -173,13 +250,71 @@ fn view(sync: SyncState, error_level: ErrorLevel) -> BusView {
     }
 }
 
+/// A self-test in which one check failed.
+fn failed(check: Check) -> Report {
+    Report {
+        round: 0,
+        outcomes: Check::ALL.map(|other| {
+            if other == check {
+                Outcome::Failed
+            } else {
+                Outcome::Passed
+            }
+        }),
+        clock_error: 5,
+        supply: 3300,
+        stack_free: 3308,
+    }
+}
+
+#[test]
+fn the_self_test_is_told_as_the_guide_says() {
+    let guide = guide();
+    for check in Check::ALL {
+        let motor = if failed(check).is_fit() {
+            "obeys"
+        } else {
+            "stays off"
+        };
+        let row = format!("| {} | `{}` | {motor} |", check as u32, check.name());
+        assert!(guide.contains(&row), "{row}");
+    }
+    // Two flashes, and the pause up to the next code.
+    let steps: Vec<bool> = (0..215)
+        .map(|step| selftest::code(Check::Memory, step))
+        .collect();
+    let lengths: Vec<usize> = steps.chunk_by(PartialEq::eq).map(<[bool]>::len).collect();
+    let [on, off, _, dark, _] = lengths[..] else {
+        panic!("{lengths:?}")
+    };
+    let code = format!(
+        "{} ms on and {} ms off, then pauses for {:.1} s",
+        10 * on,
+        10 * off,
+        (dark - off) as f64 / 100.0
+    );
+    assert!(guide.contains(&code), "{code}");
+    let mut line = Line::new();
+    selftest::show(&mut line, &failed(Check::Relay));
+    let line = String::from_utf8(line.as_bytes().into()).unwrap();
+    assert_eq!(quoted("failed"), [line.trim_end()]);
+}
+
 /// The LED's pattern, from its first light on: milliseconds on and off.
 fn pattern(view: &BusView) -> (usize, usize) {
-    let mut keeping = Housekeeping::new(&Start {
+    let start = Start {
         cause: ResetCause::Power,
         record: None,
         clocks: Clocks::of(Sled::F446, Oscillator::External),
-    });
+    };
+    let findings = Findings {
+        memory_defect: None,
+        program: None,
+        clock_error: Some(0),
+        loop_back: Some(true),
+        reference: None,
+    };
+    let mut keeping = Housekeeping::new(&start, &findings);
     let steps: Vec<bool> = (0..400).map(|step| keeping.step(view, step).led).collect();
     let dark = steps.iter().position(|led| !led).unwrap();
     let steps = &steps[dark..];

@@ -117,8 +117,8 @@ fn message(folder: &Folder) {
     folder.replace(sender, "{AdcCount, Knob,", "{AdcCount, Effort, Knob,");
     folder.replace(
         sender,
-        "            output.set(obeyed.command().map(|command| command.motor));\n            accepted\n",
-        "            output.set(obeyed.command().map(|command| command.motor));\n            \
+        "            output.set(circuit.byte(obeyed.command(), now));\n            accepted\n",
+        "            output.set(circuit.byte(obeyed.command(), now));\n            \
          (accepted, output.last())\n",
     );
     folder.replace(
@@ -149,28 +149,46 @@ fn message(folder: &Folder) {
     );
 }
 
-/// A second motor's node, which obeys the same command.
-fn node(folder: &Folder) {
+/// The status and the self-test of a second motor's node in the network file.
+fn follower_messages(folder: &Folder) {
     let network = "network.dbc";
     folder.replace(network, "BU_: master motor", "BU_: master motor follower");
     let mut text = folder.text(network);
-    let status = text.split_once("BO_ 512 ").unwrap().1;
-    let status = status.split("\n\n").next().unwrap();
-    let status = format!("BO_ 513 {status}\n\n")
-        .replace("MotorStatus: 8 motor", "FollowerStatus: 8 follower");
+    let copy = |of: &str, to: &str| {
+        let message = text.split_once(of).unwrap().1;
+        let message = message.split("\n\n").next().unwrap();
+        format!("{to}{message}\n\n")
+            .replace("MotorStatus: 8 motor", "FollowerStatus: 8 follower")
+            .replace("MotorSelfTest: 8 motor", "FollowerSelfTest: 8 follower")
+    };
+    let status = copy("BO_ 512 ", "BO_ 513 ") + &copy("BO_ 522 ", "BO_ 523 ");
     text = text.replace("motor,logger", "motor,follower,logger");
     text = text.replacen("CM_ \"Two boards", &format!("{status}CM_ \"Two boards"), 1);
     let lines: Vec<String> = text
         .lines()
         .flat_map(|line| {
-            let of_status = line.contains(" 512 ") && !line.starts_with("BO_");
-            let copy = of_status.then(|| line.replacen(" 512 ", " 513 ", 1));
+            let attribute = !line.starts_with("BO_");
+            let copy =
+                (attribute && (line.contains(" 512 ") || line.contains(" 522 "))).then(|| {
+                    line.replacen(" 512 ", " 513 ", 1)
+                        .replacen(" 522 ", " 523 ", 1)
+                        .replacen("\"MotorStatus\"", "\"FollowerStatus\"", 1)
+                });
             [Some(line.to_owned()), copy]
         })
         .flatten()
         .collect();
     folder.write(network, &format!("{}\n", lines.join("\n")));
+}
 
+/// A second motor's node, which obeys the same command.
+fn node(folder: &Folder) {
+    follower_messages(folder);
+    folder.replace(
+        "vehicle.toml",
+        "motor = \"MotorSelfTest\"\n",
+        "motor = \"MotorSelfTest\"\nfollower = \"FollowerSelfTest\"\n",
+    );
     let manifest = folder.text("vehicle.toml");
     folder.write(
         "vehicle.toml",
@@ -220,13 +238,18 @@ fn node(folder: &Folder) {
     );
     folder.replace(
         "src/lib.rs",
-        "messages::{self as named, Command,",
-        "messages::{self as named, Command, FollowerStatus,",
+        "    self as named, Command,",
+        "    self as named, Command, FollowerSelfTest, FollowerStatus,",
+    );
+    folder.before(
+        "src/lib.rs",
+        "    MotorStatus, MotorSelfTest;",
+        "    FollowerStatus, FollowerSelfTest;\n",
     );
     folder.replace(
         "src/lib.rs",
-        "(MasterStatus, MotorStatus)",
-        "(FollowerStatus, MasterStatus, MotorStatus)",
+        "(MasterSelfTest, MotorSelfTest)",
+        "(FollowerSelfTest, MasterSelfTest, MotorSelfTest)",
     );
     tasks(folder);
 }

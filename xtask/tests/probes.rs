@@ -3,11 +3,14 @@
 
 #![cfg(unix)]
 
+use parts::Sled;
+use serde_json::Value;
 use std::{
     env, fs,
     os::unix::fs::PermissionsExt,
     process::{Command, Output},
 };
+use xtask::{Workspace, board::TestImage};
 
 /// Two boards, as probe-rs 0.31 lists them.
 const TWO: &str = "The following debug probes were found:\n\
@@ -23,12 +26,33 @@ impl StandIn {
         let folder = tempfile::tempdir().unwrap();
         let program = folder.path().join("probe-rs");
         fs::write(folder.path().join("list"), list).unwrap();
+        let version = "probe-rs 0.31.0 (git commit: 3d2b8b5)\n";
+        fs::write(folder.path().join("version"), version).unwrap();
         let script = "#!/bin/sh\n\
             here=$(dirname \"$0\")\n\
-            if [ \"$1\" = list ]; then cat \"$here/list\"; else echo \"$@\" >> \"$here/calls\"; fi\n";
+            case \"$1\" in\n\
+            list) cat \"$here/list\"; \
+            if [ -f \"$here/error\" ]; then cat \"$here/error\" >&2; exit 1; fi;;\n\
+            --version) cat \"$here/version\";;\n\
+            *) echo \"$@\" >> \"$here/calls\";;\n\
+            esac\n\
+            if [ \"$1\" = run ] && [ -f \"$here/report\" ]; then\n\
+            cat \"$here/report\"; ! grep -q FAILED \"$here/report\"; fi\n";
         fs::write(&program, script).unwrap();
         fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
         Self(folder)
+    }
+
+    /// Fails to list probes, and prints this on standard error.
+    fn failing(error: &str) -> Self {
+        let this = Self::listing("");
+        fs::write(this.0.path().join("error"), error).unwrap();
+        this
+    }
+
+    /// Reports this when it runs tests, and fails if one of them did.
+    fn reporting(&self, report: &str) {
+        fs::write(self.0.path().join("report"), report).unwrap();
     }
 
     /// Runs `cargo xtask`.
@@ -59,9 +83,10 @@ impl StandIn {
 #[test]
 fn two_probes_without_a_choice_are_listed() {
     let two = StandIn::listing(TWO);
-    for command in ["flash", "attach", "run"] {
+    for command in [&["flash"][..], &["attach"], &["run"], &["test", "--board"]] {
+        let master = ["master", "--vehicle", "two-boards"];
         assert_eq!(
-            two.refused(&[command, "master", "--vehicle", "two-boards"]),
+            two.refused(&[command, &master].concat()),
             (
                 Some(2),
                 "error: 2 debug probes are connected: which one has the board of master, \
@@ -71,6 +96,64 @@ fn two_probes_without_a_choice_are_listed() {
             )
         );
     }
+}
+
+#[test]
+fn without_probe_rs_it_is_said_how_to_install_it() {
+    let empty = tempfile::tempdir().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .args(["flash", "steering"])
+        .env("PATH", empty.path())
+        .output()
+        .unwrap();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(
+        (output.status.code(), text.trim_end()),
+        (
+            Some(1),
+            "error: probe-rs is not installed: `cargo install probe-rs-tools --locked` installs it"
+        )
+    );
+}
+
+#[test]
+fn a_probe_rs_that_fails_is_not_taken_for_a_missing_one() {
+    for (error, told) in [
+        (
+            " WARN probe_rs: a warning\nError: Failed to list\n\nCaused by:\n    access\n",
+            "error: `probe-rs list` failed: Failed to list",
+        ),
+        (
+            "probe-rs: error while loading shared libraries: libudev.so.1\n",
+            "error: `probe-rs list` failed: probe-rs: error while loading shared libraries: \
+             libudev.so.1",
+        ),
+        ("", "error: `probe-rs list` failed: exit status: 1"),
+    ] {
+        let failing = StandIn::failing(error);
+        for command in [
+            &["flash", "steering"][..],
+            &["attach", "steering"],
+            &["test", "--board", "steering"],
+        ] {
+            assert_eq!(failing.refused(command), (Some(1), told.into()));
+        }
+    }
+}
+
+#[test]
+fn an_old_probe_rs_is_refused_with_the_version_that_is_needed() {
+    let old = StandIn::listing(TWO.lines().nth(1).unwrap());
+    fs::write(old.0.path().join("version"), "probe-rs 0.29.1\n").unwrap();
+    assert_eq!(
+        old.refused(&["attach", "steering"]),
+        (
+            Some(1),
+            "error: probe-rs is 0.29.1, but 0.30 or newer is needed: `cargo install \
+             probe-rs-tools --locked` installs it"
+                .into()
+        )
+    );
 }
 
 #[test]
@@ -90,6 +173,10 @@ fn a_probe_that_is_not_there_is_refused_with_those_that_are() {
     assert!(
         text.contains("connect the board of steering by USB"),
         "{text}"
+    );
+    assert_eq!(
+        text.contains("needs its udev rules"),
+        cfg!(target_os = "linux")
     );
 }
 
@@ -139,5 +226,116 @@ fn the_chosen_probe_gets_the_image_of_the_node() {
             call[0] == "reset" || image.ends_with("images/two-boards/motor"),
             "{image}"
         );
+    }
+}
+
+const MOTOR: [&str; 6] = [
+    "test",
+    "--board",
+    "motor",
+    "--vehicle",
+    "two-boards",
+    "--json",
+];
+
+/// The outcomes that `test --board --json` prints, and the exit code.
+fn outcomes(output: &Output) -> (Value, Option<i32>) {
+    let report = serde_json::from_slice(&output.stdout);
+    (
+        report.unwrap_or_else(|_| panic!("{output:?}")),
+        output.status.code(),
+    )
+}
+
+fn passed(report: &Value) -> Vec<bool> {
+    let tests = report["tests"].as_array().unwrap();
+    tests
+        .iter()
+        .map(|test| test["passed"].as_bool().unwrap())
+        .collect()
+}
+
+/// Builds the tests of a board.
+#[test]
+fn a_boards_tests_run_on_it_where_a_probe_is() {
+    let workspace = Workspace::find().unwrap();
+    let image = TestImage::build(&workspace, Sled::F303).unwrap();
+    let line = |outcome: &str, (subject, name): (&str, &str)| {
+        format!("test board_tests::{subject}::tests::{name} ... {outcome}\n")
+    };
+    let tests = image.tests.iter().map(|test| (&*test.subject, &*test.name));
+    let two = StandIn::listing(TWO);
+    let command = [&MOTOR[..], &["--probe", "0670FF514853826687112233"]].concat();
+
+    let report: String = tests.clone().map(|test| line("ok", test)).collect();
+    two.reporting(&report);
+    let (report, code) = outcomes(&two.xtask(&command));
+    assert_eq!((report["on"].as_str(), code), (Some("board"), Some(0)));
+    assert_eq!(passed(&report), vec![true; image.tests.len()]);
+    let [call] = &two.calls()[..] else {
+        panic!("one call");
+    };
+    let probe = "0483:374b:0670FF514853826687112233";
+    let expected = format!("run --chip STM32F303K8Tx --probe {probe} --verify ");
+    assert!(call.starts_with(&expected), "{call}");
+    assert!(call.ends_with("images/board-tests/f303"), "{call}");
+
+    // The first one fails, and the last one does not run at all.
+    let some = tests.clone().take(image.tests.len() - 1).enumerate();
+    let of = |number| if number == 0 { "FAILED" } else { "ok" };
+    let report: String = some.map(|(number, test)| line(of(number), test)).collect();
+    two.reporting(&report);
+    let (report, code) = outcomes(&two.xtask(&command));
+    let mut expected = vec![true; image.tests.len()];
+    expected[0] = false;
+    expected[image.tests.len() - 1] = false;
+    assert_eq!((passed(&report), code), (expected, Some(1)));
+
+    two.reporting("error: the probe does not answer\n");
+    let output = two.xtask(&command);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text.contains("error: probe-rs has run no test"), "{text}");
+}
+
+/// Runs all tests of a board.
+#[test]
+fn without_a_probe_a_boards_tests_run_on_the_twin() {
+    let none = StandIn::listing("No debug probes were found.\n");
+    let output = none.xtask(&MOTOR);
+    let (report, code) = outcomes(&output);
+    assert_eq!((report["on"].as_str(), code), (Some("twin"), Some(0)));
+    assert!(passed(&report).into_iter().all(|passed| passed));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("run on the virtual STM32F303K8"), "{said}");
+    // A probe that is asked for must be there.
+    let (code, text) = none.refused(&[
+        "test",
+        "--board",
+        "motor",
+        "--vehicle",
+        "two-boards",
+        "--probe",
+        "7",
+    ]);
+    assert_eq!(code, Some(1));
+    assert!(text.contains("no debug probe is found"), "{text}");
+}
+
+#[test]
+fn wrong_options_of_a_boards_tests_are_refused() {
+    let none = StandIn::listing("No debug probes were found.\n");
+    for (arguments, part) in [
+        (
+            &["test", "--board", "rudder"][..],
+            "there is no node rudder: there are",
+        ),
+        (&["test", "--twin"], "--board <NODE>"),
+        (&["test", "--board", "gps", "--list"], "cannot be used with"),
+    ] {
+        let (code, text) = none.refused(arguments);
+        assert_eq!(code, Some(2), "{text}");
+        assert!(text.contains(part), "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
     }
 }

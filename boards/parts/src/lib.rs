@@ -22,7 +22,8 @@ mod part;
 mod sled;
 
 pub use part::{
-    ClockLimits, F303, F446, Family, Flash, InternalClock, Memory, Part, SystemPage, WatchdogClock,
+    ClockLimits, F303, F446, Family, Flash, InternalClock, Memory, Part, Supply, SystemPage,
+    WatchdogClock,
 };
 pub use sled::{
     Budget, Clocks, Connector, LinkerScript, Pin, Role, SLED_F303, SLED_F446, Signal, Sled,

@@ -47,8 +47,13 @@ pub enum Family {
 /// How the core reads the flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Flash {
-    /// Highest core clock in Hz for 0, 1, 2, ... wait states at 2.7 to 3.6 V, ascending.
+    /// Highest core clock in Hz for 0, 1, 2, ... wait states, ascending, from a supply of
+    /// `rated_mv` on.
     pub limits_hz: &'static [u32],
+    /// Lowest supply for these limits, mV.
+    pub rated_mv: u16,
+    /// How much each wait state and none at all give at the lowest supply of the part, Hz.
+    pub weak_step_hz: u32,
     /// Bytes that one read of the flash returns.
     pub line_bytes: u32,
     /// Lines of the instruction cache; 0 if the part has none.
@@ -70,6 +75,18 @@ impl Flash {
         }
         None
     }
+}
+
+/// How a part watches its supply. Thresholds in mV.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Supply {
+    /// The part resets itself below this voltage (power-down reset, typical).
+    pub reset_mv: u16,
+    /// It starts above this one (power-on reset, typical).
+    pub start_mv: u16,
+    /// Threshold of the voltage detector for each level of PLS: the lowest one when the supply
+    /// falls, the highest one when it rises.
+    pub detector_mv: [(u16, u16); 8],
 }
 
 /// The high-speed internal RC oscillator (HSI). The core runs on it after every reset.
@@ -112,6 +129,8 @@ pub struct SystemPage {
     pub unique_id: u32,
     /// Address of the flash size in KiB, 16 bits.
     pub flash_kib: u32,
+    /// Address of the factory's reading of the internal reference at 3.3 V, 16 bits.
+    pub reference: u32,
 }
 
 /// A microcontroller.
@@ -133,6 +152,8 @@ pub struct Part {
     pub flash_access: Flash,
     /// Highest clocks.
     pub limits: ClockLimits,
+    /// How it watches its supply.
+    pub supply: Supply,
     /// The high-speed internal oscillator.
     pub hsi: InternalClock,
     /// The low-speed internal oscillator.
@@ -153,7 +174,8 @@ const MHZ: u32 = 1_000_000;
 /// STM32F446RE.
 ///
 /// Memories RM0390 2.2; flash RM0390 3.4.1 table 5 (wait states), 3.4.2 (caches); clocks
-/// RM0390 6.2; oscillators DS10693 6.3.10; identification RM0390 33.6.1 and 34.
+/// RM0390 6.2; supply DS10693 6.3.5; oscillators DS10693 6.3.10; identification RM0390 33.6.1
+/// and 34; reference DS10693 6.3.24.
 pub static F446: Part = Part {
     name: "f446",
     title: "STM32F446RE",
@@ -180,6 +202,8 @@ pub static F446: Part = Part {
             150 * MHZ,
             180 * MHZ,
         ],
+        rated_mv: 2_700,
+        weak_step_hz: 20 * MHZ,
         line_bytes: 16,
         instruction_lines: 64,
         data_lines: 8,
@@ -188,6 +212,20 @@ pub static F446: Part = Part {
         core: 180 * MHZ,
         apb1: 45 * MHZ,
         apb2: 90 * MHZ,
+    },
+    supply: Supply {
+        reset_mv: 1_680,
+        start_mv: 1_720,
+        detector_mv: [
+            (1_980, 2_190),
+            (2_130, 2_370),
+            (2_290, 2_510),
+            (2_440, 2_650),
+            (2_590, 2_820),
+            (2_650, 2_990),
+            (2_850, 3_100),
+            (2_950, 3_210),
+        ],
     },
     hsi: InternalClock {
         hz: 16 * MHZ,
@@ -203,6 +241,7 @@ pub static F446: Part = Part {
         base: 0x1FFF_7800,
         unique_id: 0x1FFF_7A10,
         flash_kib: 0x1FFF_7A22,
+        reference: 0x1FFF_7A2A,
     },
     idcode: 0x1000_0421,
     priority_bits: 4,
@@ -211,8 +250,9 @@ pub static F446: Part = Part {
 /// STM32F303K8.
 ///
 /// Memories RM0316 3.2 and DS9866 figure 5: the core reaches the core-coupled memory without
-/// wait states, the DMA controllers do not reach it. Flash RM0316 4.2.2 and 4.5.1; clocks
-/// RM0316 9.2; oscillators DS9866 6.3.8; identification RM0316 33.6.1 and 34.
+/// wait states, the DMA controllers do not reach it. Flash RM0316 4.2.2 and 4.5.1, the same down
+/// to the power-down reset (1.8 V); clocks RM0316 9.2; supply DS9866 6.3.3; oscillators DS9866
+/// 6.3.8; identification RM0316 33.6.1 and 34; reference DS9866 6.3.4.
 pub static F303: Part = Part {
     name: "f303",
     title: "STM32F303K8",
@@ -240,6 +280,8 @@ pub static F303: Part = Part {
     ],
     flash_access: Flash {
         limits_hz: &[24 * MHZ, 48 * MHZ, 72 * MHZ],
+        rated_mv: 1_800,
+        weak_step_hz: 24 * MHZ,
         line_bytes: 8,
         instruction_lines: 0,
         data_lines: 0,
@@ -248,6 +290,20 @@ pub static F303: Part = Part {
         core: 72 * MHZ,
         apb1: 36 * MHZ,
         apb2: 72 * MHZ,
+    },
+    supply: Supply {
+        reset_mv: 1_880,
+        start_mv: 1_920,
+        detector_mv: [
+            (2_000, 2_260),
+            (2_090, 2_370),
+            (2_180, 2_480),
+            (2_280, 2_580),
+            (2_370, 2_690),
+            (2_470, 2_790),
+            (2_560, 2_900),
+            (2_660, 3_000),
+        ],
     },
     hsi: InternalClock {
         hz: 8 * MHZ,
@@ -263,6 +319,7 @@ pub static F303: Part = Part {
         base: 0x1FFF_F400,
         unique_id: 0x1FFF_F7AC,
         flash_kib: 0x1FFF_F7CC,
+        reference: 0x1FFF_F7BA,
     },
     idcode: 0x1000_0438,
     priority_bits: 4,

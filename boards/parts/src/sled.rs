@@ -345,6 +345,7 @@ pub static SLED_F303: Sled = Sled {
             signals: &[
                 signal("tx", 'A', 9, Role::UsartTransmit(1), 7),
                 signal("relay", 'A', 8, Role::Output, 0),
+                signal("sense", 'B', 0, Role::Input, 0),
             ],
         },
         Connector {
@@ -462,7 +463,8 @@ impl fmt::Display for LinkerScript<'_> {
         }
         writeln!(f, "}}\n")?;
         writeln!(f, "_stack_start = ORIGIN(STACK) + LENGTH(STACK);")?;
-        writeln!(f, "_stack_end = ORIGIN(STACK);")
+        writeln!(f, "_stack_end = ORIGIN(STACK);")?;
+        writeln!(f, "_ram_start = ORIGIN(RAM);")
     }
 }
 
@@ -568,7 +570,8 @@ mod tests {
              FLASH : ORIGIN = 0x08000000, LENGTH = 524288\n  \
              STACK : ORIGIN = 0x20000000, LENGTH = 16384\n  \
              RAM   : ORIGIN = 0x20004000, LENGTH = 114688\n}\n\n\
-             _stack_start = ORIGIN(STACK) + LENGTH(STACK);\n_stack_end = ORIGIN(STACK);\n"
+             _stack_start = ORIGIN(STACK) + LENGTH(STACK);\n_stack_end = ORIGIN(STACK);\n\
+             _ram_start = ORIGIN(RAM);\n"
         );
         let f303 = Sled::F303.linker_script().to_string();
         assert!(

@@ -123,6 +123,7 @@ const FMR_FINIT: u32 = 1 << 0;
 const MCR_INRQ: u32 = 1 << 0;
 const MCR_TXFP: u32 = 1 << 2;
 const MCR_NART: u32 = 1 << 4;
+const MCR_RESET: u32 = 1 << 15;
 /// Running: single shot, order of request, everything else off.
 const MCR_RUN: u32 = MCR_NART | MCR_TXFP;
 
@@ -141,7 +142,15 @@ const TIR_TXRQ: u32 = 1 << 0;
 const TIR_RTR: u32 = 1 << 1;
 const TIR_IDE: u32 = 1 << 2;
 
+const BTR_LBKM: u32 = 1 << 30;
 const BTR_SILM: u32 = 1 << 31;
+
+/// How often a flag is polled in the loop-back test. A poll takes ten cycles or more. The longest
+/// wait takes 600 us: for a frame of 135 bits, the cell's own or one on the bus.
+const LOOP_BACK_POLLS: u32 = 40_000;
+
+/// The frame of the loop-back test: every bit of the data takes both levels.
+const LOOP_BACK: [u8; 8] = [0x55, 0xAA, 0x00, 0xFF, 0x0F, 0xF0, 0x33, 0xCC];
 
 const RF0R_FMP: u32 = 0b11;
 const RF0R_FOVR: u32 = 1 << 4;
@@ -157,34 +166,109 @@ const ESR_BUS_OFF: u32 = 1 << 2;
 /// The CAN port of a sled: the cell `I` with the registers `R`.
 pub struct Port<I: FilterOwner, R: Registers> {
     can: bxcan::Can<I>,
+    looped: Option<bool>,
     registers: PhantomData<R>,
 }
 
 impl<I: FilterOwner, R: Registers> Port<I, R> {
-    /// Configures the cell and asks it to join the bus. The cell joins after eleven recessive
-    /// bits; this function does not wait for that. A `silent` cell only listens: it sends no
-    /// dominant bit, not even in an acknowledge slot or an error flag.
+    /// Configures the cell, tests it in internal loop-back, and asks it to join the bus. The cell
+    /// joins after eleven recessive bits; this function does not wait for that. A `silent` cell
+    /// only listens: it sends no dominant bit, not even in an acknowledge slot or an error flag.
     ///
     /// Every frame on the bus is accepted into FIFO 0: each node supervises the schedule
     /// of all the others.
     pub fn new(instance: I, timing: BitTiming, silent: bool) -> Self {
-        let mut can = bxcan::Can::builder(instance)
+        let can = bxcan::Can::builder(instance)
             .set_bit_timing(timing.register())
             .set_silent(silent)
             .set_automatic_retransmit(false)
             .leave_disabled();
-        can.enable_interrupt(Interrupt::Fifo0MessagePending);
-        can.enable_interrupt(Interrupt::TransmitMailboxEmpty);
         let mut port = Self {
             can,
+            looped: None,
             registers: PhantomData,
         };
         port.accept_all();
+        port.looped = port.loops_back();
+        port.can.enable_interrupt(Interrupt::Fifo0MessagePending);
+        port.can.enable_interrupt(Interrupt::TransmitMailboxEmpty);
         // The crate has no name for the bus-off interrupt.
         let enabled = port.read(Register::Ier);
         port.write(Register::Ier, enabled | IER_BOFIE | IER_ERRIE);
         port.write(Register::Mcr, MCR_RUN);
         port
+    }
+
+    /// Whether the cell received its own frame in internal loop-back when it was configured. `None`
+    /// if that could not be tested, because the cell did not leave initialisation: its receive
+    /// pin was dominant.
+    pub const fn has_looped_back(&self) -> Option<bool> {
+        self.looped
+    }
+
+    /// Sends a frame to itself, and leaves loop-back again. Ends in initialisation mode.
+    ///
+    /// In loop-back and silent mode the cell neither drives its pin nor takes frames from it (RM0390
+    /// 30.5.3, RM0316 31.5.3). But it leaves initialisation only after eleven recessive bits, and
+    /// the manuals do not say that these come from the loop: INAK is cleared by recessive bits "on
+    /// the CAN RX signal" (RM0390 30.9.2). Users report that in loop-back too it stays set while the
+    /// pin is low. So a bus that is held dominant, or a low pin without a transceiver, may hinder
+    /// the test. That tells nothing about the cell, and the result is `None`.
+    fn loops_back(&mut self) -> Option<bool> {
+        // The cell sleeps, and takes a mode only while it initialises.
+        self.write(Register::Mcr, MCR_RUN | MCR_INRQ);
+        if !self.poll(Register::Msr, MSR_INAK, MSR_INAK) {
+            return Some(false);
+        }
+        let timing = self.read(Register::Btr);
+        self.write(Register::Btr, timing | BTR_LBKM | BTR_SILM);
+        self.write(Register::Mcr, MCR_RUN);
+        let joined = self.poll(Register::Msr, MSR_INAK, 0);
+        let heard = joined && self.hears_itself();
+        let left = self.leave_loop_back(timing);
+        (joined || !left).then_some(heard && left)
+    }
+
+    /// Whether a frame that the cell sends comes back to it.
+    fn hears_itself(&mut self) -> bool {
+        let frame = Id::standard(0x555).map(|id| Frame::from_parts(id, 8, LOOP_BACK));
+        let sent = frame.is_some_and(|frame| self.load(&frame).is_ok())
+            && self.poll(Register::Tsr, TSR_RQCP0, TSR_RQCP0)
+            && self.outcome() == Some(Outcome::Complete);
+        match (self.receive(), frame) {
+            (Some(Received::Data(received)), Some(frame)) => sent && received == frame,
+            _ => false,
+        }
+    }
+
+    /// Takes the cell out of loop-back: `timing` is CAN_BTR without it. False if the cell had to be
+    /// reset for that, because it did not enter initialisation mode. Such a cell is broken: it could
+    /// not recover from bus-off either.
+    fn leave_loop_back(&mut self, timing: u32) -> bool {
+        self.write(Register::Tsr, TSR_ABRQ0);
+        let left = self.initialise_with(timing);
+        if !left {
+            self.write(Register::Mcr, MCR_RESET);
+            self.initialise_with(timing);
+        }
+        left
+    }
+
+    /// Enters initialisation mode and sets CAN_BTR, which the cell takes over in this mode only.
+    /// INAK alone does not show this mode: it is also set while the cell waits for recessive bits.
+    /// Nor does CAN_BTR alone: it may have the value already. So this writes again until the cell
+    /// keeps the value and INAK is set, for a bounded time.
+    fn initialise_with(&mut self, timing: u32) -> bool {
+        self.write(Register::Mcr, MCR_RUN | MCR_INRQ);
+        (0..LOOP_BACK_POLLS).any(|_| {
+            self.write(Register::Btr, timing);
+            self.read(Register::Btr) == timing && self.read(Register::Msr) & MSR_INAK != 0
+        })
+    }
+
+    /// Waits until the bits `mask` of a register are `wanted`, for a bounded time.
+    fn poll(&self, register: Register, mask: u32, wanted: u32) -> bool {
+        (0..LOOP_BACK_POLLS).any(|_| self.read(register) & mask == wanted)
     }
 
     /// Sets filter bank 0 to one 32-bit mask that ignores all bits, into FIFO 0. The crate's

@@ -48,7 +48,7 @@ impl Clocks {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetCause {
-    /// Power came up, or dipped below the brown-out level.
+    /// Power came up, or dipped below the power-down reset.
     #[default]
     Power,
     /// The reset pin.
@@ -66,14 +66,15 @@ impl ResetCause {
     ///
     /// Both parts use the same positions: PINRSTF 26, PORRSTF 27, SFTRSTF 28,
     /// IWDGRSTF 29, WWDGRSTF 30, LPWRRSTF 31. Every internal reset also pulls the
-    /// reset pin, so the pin counts only when nothing else is flagged.
+    /// reset pin, so the pin counts only when nothing else is flagged. Power counts first: a part
+    /// that waits for its supply may start several times before it clears the flags.
     pub const fn from_csr(csr: u32) -> Self {
-        if csr & (1 << 29) != 0 {
+        if csr & (1 << 27) != 0 {
+            Self::Power
+        } else if csr & (1 << 29) != 0 {
             Self::Watchdog
         } else if csr & (1 << 28) != 0 {
             Self::Software
-        } else if csr & (1 << 27) != 0 {
-            Self::Power
         } else if csr & (1 << 30 | 1 << 31) != 0 {
             Self::Other
         } else if csr & (1 << 26) != 0 {
@@ -102,6 +103,7 @@ mod tests {
     #[test]
     fn the_pin_flag_that_comes_with_every_reset_hides_no_cause() {
         assert_eq!(ResetCause::from_csr(0x0C00_0000), ResetCause::Power);
+        assert_eq!(ResetCause::from_csr(0x1C00_0000), ResetCause::Power);
         assert_eq!(ResetCause::from_csr(0x0400_0000), ResetCause::Pin);
         assert_eq!(ResetCause::from_csr(0x1400_0000), ResetCause::Software);
         assert_eq!(ResetCause::from_csr(0x2400_0000), ResetCause::Watchdog);

@@ -27,6 +27,10 @@ pub enum Fault {
     /// No fault: there is neither an external clock nor another time master, and the node starts
     /// again to lead on its RC oscillator.
     LastResort,
+    /// No fault: a program on the bus asked for the whole self-test.
+    SelfTest,
+    /// The supply fell, or did not come, to what the part needs for its clock.
+    Supply,
 }
 
 impl Fault {
@@ -41,6 +45,8 @@ impl Fault {
             Self::ClockStart => 6,
             Self::ClockFound => 7,
             Self::LastResort => 8,
+            Self::SelfTest => 9,
+            Self::Supply => 10,
         }
     }
 
@@ -55,6 +61,8 @@ impl Fault {
             6 => Some(Self::ClockStart),
             7 => Some(Self::ClockFound),
             8 => Some(Self::LastResort),
+            9 => Some(Self::SelfTest),
+            10 => Some(Self::Supply),
             _ => None,
         }
     }
@@ -82,14 +90,14 @@ mod record {
     use core::cell::UnsafeCell;
     use core::mem::MaybeUninit;
 
-    struct Record(UnsafeCell<MaybeUninit<u32>>);
+    pub(crate) struct Record(UnsafeCell<MaybeUninit<u32>>);
 
     // SAFETY: accessed volatile, one aligned word at a time, on a single core.
     unsafe impl Sync for Record {}
 
     // SAFETY: `.uninit` is RAM that cortex-m-rt's start-up code leaves alone.
     #[unsafe(link_section = ".uninit.FAULT_RECORD")]
-    static RECORD: Record = Record(UnsafeCell::new(MaybeUninit::uninit()));
+    pub(crate) static RECORD: Record = Record(UnsafeCell::new(MaybeUninit::uninit()));
 
     /// Takes the fault that led to this start, if one did.
     pub fn take() -> Option<Fault> {
@@ -125,6 +133,8 @@ mod record {
     }
 }
 
+#[cfg(target_os = "none")]
+pub(crate) use record::RECORD;
 #[cfg(target_os = "none")]
 pub use record::{expect, passed, reset, take};
 
@@ -201,10 +211,12 @@ mod tests {
             Fault::ClockStart,
             Fault::ClockFound,
             Fault::LastResort,
+            Fault::SelfTest,
+            Fault::Supply,
         ] {
             assert_eq!(Fault::from_word(fault.word()), Some(fault));
         }
-        for word in [0, 0xFFFF_FFFF, 0xFA17_5A00, 0xFA17_5B01, 0xFA17_5A09] {
+        for word in [0, 0xFFFF_FFFF, 0xFA17_5A00, 0xFA17_5B01, 0xFA17_5A0B] {
             assert_eq!(Fault::from_word(word), None);
         }
     }

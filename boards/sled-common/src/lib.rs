@@ -5,6 +5,8 @@
 //! - [`dma`]: memory that a DMA controller and the processor share;
 //! - [`fault`]: the record of the last fault, which outlives a reset;
 //! - [`clock`]: the clocks of a running board, and why it started;
+//! - [`selftest`]: what a board finds out about itself, by means of [`memory`], [`image`] and
+//!   [`stack`];
 //! - `tick`, on a target only: the priority of SysTick.
 //!
 //! The board crates put their peripherals behind the small traits of this crate, so the nodes
@@ -16,6 +18,10 @@ pub mod can;
 pub mod clock;
 pub mod dma;
 pub mod fault;
+pub mod image;
 pub mod lines;
+pub mod memory;
+pub mod selftest;
+pub mod stack;
 #[cfg(target_os = "none")]
 pub mod tick;

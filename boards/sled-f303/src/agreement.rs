@@ -65,6 +65,7 @@ const _: () = assert!(
         && wired(PhantomData::<gpio::PB3<()>>, "led", "led")
         && wired(PhantomData::<gpio::PA9<()>>, "motor", "tx")
         && wired(PhantomData::<gpio::PA8<()>>, "motor", "relay")
+        && wired(PhantomData::<gpio::PB0<()>>, "motor", "sense")
         && wired(PhantomData::<gpio::PA0<()>>, "pot", "wiper"),
     "the pin types that this crate uses are the pins of the crate parts"
 );

@@ -5,12 +5,13 @@
 //! | pin | function | peripheral | connected to |
 //! | --- | --- | --- | --- |
 //! | PF0 | HSE in, bypass | RCC | 8 MHz of the on-board debugger, if SB4 and SB6 say so |
-//! | PA11 | CAN RX, AF9 | CAN | R of the sled's SN65HVD230 transceiver |
+//! | PA11 | CAN RX, AF9, pull-up | CAN | R of the sled's SN65HVD230 transceiver |
 //! | PA12 | CAN TX, AF9 | CAN | D of the transceiver |
 //! | PB3 | LED, push-pull, high = on | GPIO | LD3 of the Nucleo |
 //! | PA2 | console TX, AF7 | USART2, DMA1 channel 7 | debugger's virtual port |
 //! | PA15 | console RX, AF7 | USART2 | debugger's virtual port |
 //! | PA8 | motor relay, push-pull, high = closed | GPIO | transistor that switches the relay in lead M1 of the motor, 10 kohm to ground |
+//! | PB0 | read-back of the relays, pull-up, low = one conducts | GPIO | joint of the two relays, through 1 kohm and a diode; 10 kohm to 3.3 V |
 //! | PA9 | motor command, AF7 | USART1 | S1 of the SyRen 50 motor driver |
 //! | PA0 | analogue | ADC1_IN1, DMA1 channel 1 | wiper of the steering potentiometer (steering) |
 //!
@@ -32,8 +33,17 @@
 //! has no input that stops it. It consists of two solid-state relays for direct current (60 A) in
 //! series, back to back, because the open relay conducts backwards through its body diode, and
 //! the motor's current has both directions. A suppressor diode across the motor takes its current
-//! when the relay opens. With the relay open no current flows. During reset PA8 floats, and its
-//! resistor opens the relay.
+//! when the relay opens. With the relay open nothing but the current of a resistor of 1 kohm flows
+//! through the motor. During reset PA8 floats, and its resistor opens the relay.
+//!
+//! The two are joined at their + sides, so their body diodes conduct into the joint. While both are
+//! open and the driver is stopped, the joint floats, and the pull-up at PB0 lifts it through a
+//! diode, which blocks the battery's voltage. A relay that conducts joins it to M1 or to the motor's
+//! lead. The stopped driver holds both near ground, and so does a resistor of 1 kohm on each if the
+//! driver's output floats. So PB0 tells that one of the two no longer opens while the other one
+//! still does. It cannot tell if the driver holds its output at the battery's voltage while it is
+//! stopped, or if the wire to PB0 is broken: then PB0 is high. `boards/sleds/README.md` has the
+//! levels.
 //!
 //! # What the HAL does
 //!
@@ -71,14 +81,15 @@ pub use parts::SLED_F303 as FACTS;
 pub use registers::{clocks, time};
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
-pub use sled_common::{can, clock, dma, fault, lines};
+pub use sled_common::{can, clock, dma, fault, lines, selftest, stack};
 // Described by its own crate: here it would be ten thousand pages.
 #[doc(no_inline)]
 pub use stm32f3xx_hal::pac;
 
 use clock::{Clocks, ResetCause};
 use fault::Fault;
-use registers::gate;
+use registers::{crc, gate, reference};
+use selftest::Findings;
 use stm32f3xx_hal::dma::{DmaExt, dma1::C1};
 use stm32f3xx_hal::prelude::*;
 
@@ -98,6 +109,8 @@ pub struct Sled {
     pub console: console::Console,
     /// The motor driver, its relay open.
     pub motor: motor::MotorOutput,
+    /// What the board found out about itself.
+    pub findings: Findings,
     /// The LED.
     pub led: led::Led,
     /// The watchdog, which runs already.
@@ -127,7 +140,8 @@ impl Sled {
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU, watchdog);
         let reset_cause = clocks::reset_cause(&device.RCC);
         fault::expect(Fault::ClockStart);
-        let clocks = clocks::start(&device.RCC, &device.FLASH).ok_or(Fault::ClockStart)?;
+        let (clocks, clock_error) =
+            clocks::start(&device.RCC, &device.FLASH, &device.TIM16).ok_or(Fault::ClockStart)?;
         fault::expect(Fault::Start);
         let mut rcc = device.RCC.constrain();
         gate::open::<pac::USART1>(&mut rcc.apb2);
@@ -157,20 +171,34 @@ impl Sled {
             .into_af_push_pull::<7>(&mut a.moder, &mut a.otyper, &mut a.afrl);
         a.pa15
             .into_af_push_pull::<7>(&mut a.moder, &mut a.otyper, &mut a.afrh);
-        a.pa11
+        // Without a transceiver the pin reads recessive.
+        let mut receive = a
+            .pa11
             .into_af_push_pull::<9>(&mut a.moder, &mut a.otyper, &mut a.afrh);
+        receive.internal_pull_up(&mut a.pupdr, true);
         a.pa12
             .into_af_push_pull::<9>(&mut a.moder, &mut a.otyper, &mut a.afrh);
         a.pa0.into_analog(&mut a.moder, &mut a.pupdr);
+        let sense = b.pb0.into_pull_up_input(&mut b.moder, &mut b.pupdr);
         let led = b.pb3.into_push_pull_output(&mut b.moder, &mut b.otyper);
+        gate::open::<pac::CRC>(&mut rcc.ahb);
+        let can = bus::start(device.CAN, clocks.oscillator);
+        let findings = Findings {
+            memory_defect: sled_common::memory::defect(),
+            program: sled_common::image::is_intact(&FACTS.part.flash, &mut crc::Unit(&device.CRC)),
+            clock_error,
+            loop_back: can.has_looped_back(),
+            reference: reference::read(&device.ADC1, &device.ADC1_2, clocks.core),
+        };
         Ok(Self {
             clocks,
             reset_cause,
             clock,
             alarms,
-            can: bus::start(device.CAN, clocks.oscillator),
+            can,
+            findings,
             console,
-            motor: motor::MotorOutput::new(motor, motor::Relay::new(relay)),
+            motor: motor::MotorOutput::new(motor, motor::Relay::new(relay, sense)),
             led: led::Led::new(led),
             watchdog,
             rest: Rest {

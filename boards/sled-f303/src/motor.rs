@@ -4,12 +4,12 @@
 //!
 //! In simplified serial the driver keeps its last speed for ever, and its S2 input selects a
 //! driver but does not stop it (SyRen 50 user's guide, mode 3). So the node closes the motor's
-//! circuit itself, and only while a command is in force. Whatever stops the node (a reset, the
-//! watchdog, a lost supply) releases the pin, and a resistor pulls it to ground.
+//! circuit itself, and only while its commands ask for that. Whatever stops the node (a reset,
+//! the watchdog, a lost supply) releases the pin, and a resistor pulls it to ground.
 
 use crate::pac;
 use crate::registers::usart;
-use stm32f3xx_hal::gpio::{Output, PA8, PushPull};
+use stm32f3xx_hal::gpio::{Input, Output, PA8, PB0, PushPull};
 use stm32f3xx_hal::prelude::*;
 
 /// Bits per second, the fastest of the driver's switch settings.
@@ -42,11 +42,12 @@ impl Motor {
 /// The relay in the motor lead; open until it is closed.
 pub struct Relay {
     pin: PA8<Output<PushPull>>,
+    sense: PB0<Input>,
 }
 
 impl Relay {
-    pub(crate) fn new(pin: PA8<Output<PushPull>>) -> Self {
-        let mut relay = Self { pin };
+    pub(crate) fn new(pin: PA8<Output<PushPull>>, sense: PB0<Input>) -> Self {
+        let mut relay = Self { pin, sense };
         relay.set(false);
         relay
     }
@@ -62,12 +63,34 @@ impl Relay {
     }
 }
 
+impl Relay {
+    /// Whether at least one of the two relays conducts. It tells this while the driver is stopped:
+    /// M1 and the motor's lead are near ground then, and the relay joins one of them to the lead
+    /// between the relays.
+    fn conducts(&self) -> bool {
+        self.sense.is_low().unwrap_or(true)
+    }
+}
+
+/// Steps for which an open relay must have conducted before it counts as stuck, and for which the
+/// driver must have been stopped: longer than the slowest of the two takes.
+const STUCK: u8 = 10;
+
 /// The motor driver with its relay and the byte that was sent last.
 pub struct MotorOutput {
     motor: Motor,
     relay: Relay,
     closed: bool,
     last: u8,
+    /// Steps of [`MotorOutput::watch`] since the relay was opened, and of these in a row at the
+    /// end the steps in which it conducted.
+    opened: u8,
+    conducted: u8,
+    /// Steps in a row at the end in which it did not.
+    isolated: u8,
+    /// The relay was seen to open since the start.
+    opens: bool,
+    barred: bool,
 }
 
 impl MotorOutput {
@@ -78,6 +101,11 @@ impl MotorOutput {
             relay,
             closed: false,
             last: STOP,
+            opened: 0,
+            conducted: 0,
+            isolated: 0,
+            opens: false,
+            barred: false,
         }
     }
 
@@ -87,14 +115,48 @@ impl MotorOutput {
     }
 
     /// Sends a command byte, even if it is the same as the last one: the driver may have lost its
-    /// power in between, or read noise. `None` means that no command is in force: opens the motor's
-    /// circuit and sends a stop.
+    /// power in between, or read noise. `None` means that the motor is not to turn: opens
+    /// its circuit and sends a stop. So does every command until the relay was seen to open after the
+    /// start.
     pub fn set(&mut self, command: Option<u8>) {
+        let command = command.filter(|_| self.opens && !self.barred);
         self.switch(command.is_some());
         let byte = command.unwrap_or(STOP);
         if self.motor.send(byte) {
             self.last = byte;
         }
+    }
+
+    /// No command turns the motor any more: the board is not sound.
+    pub fn bar(&mut self) {
+        self.barred = true;
+        self.set(None);
+    }
+
+    /// Whether no command turns the motor any more.
+    pub fn is_barred(&self) -> bool {
+        self.barred
+    }
+
+    /// Reads the relay back. Call it every 10 ms. A relay that conducts although it has been open
+    /// for a while is stuck: `Some(false)`. `None` while it is closed, or has just been opened.
+    pub fn watch(&mut self) -> Option<bool> {
+        if self.closed {
+            self.opened = 0;
+            self.conducted = 0;
+            self.isolated = 0;
+            return None;
+        }
+        self.opened = self.opened.saturating_add(1);
+        if self.relay.conducts() {
+            self.conducted = self.conducted.saturating_add(1);
+            self.isolated = 0;
+        } else {
+            self.conducted = 0;
+            self.isolated = self.isolated.saturating_add(1);
+        }
+        self.opens |= self.isolated > STUCK;
+        (self.opened > STUCK).then_some(self.conducted < STUCK)
     }
 
     /// Whether the relay is open: the motor has no circuit.

@@ -12,7 +12,8 @@ const fn dma_is(controller: usize, unit: usize, number: Interrupt) -> bool {
 }
 
 const _: () = assert!(
-    interrupt::TIM2 == Interrupt::TIM2 as u16
+    interrupt::PVD == Interrupt::PVD as u16
+        && interrupt::TIM2 == Interrupt::TIM2 as u16
         && interrupt::TIM2 + 1 == Interrupt::TIM3 as u16
         && interrupt::TIM2 + 2 == Interrupt::TIM4 as u16
         && interrupt::USART1 == Interrupt::USART1 as u16

@@ -1,8 +1,9 @@
-//! The display's port: USART3, TX PC10, RX PC11, 115 200 baud 8N1, sent by DMA1 stream 3,
+//! The display's port: USART3, TX PC10, RX PC11, 19 200 baud 8N1, sent by DMA1 stream 3,
 //! and the 5 Hz tick (TIM4) that it is refreshed with.
 //!
-//! The display answers 0x55 to every command that it accepted (thesis 6.2.4.5); the bytes
-//! arrive by interrupt, one at a time.
+//! The display answers a command that asks for it; the bytes arrive by interrupt, one at a
+//! time. Its lines have TTL level, which `boards/sleds/README.md` tells how to set; RS-232 levels
+//! destroy the pins.
 
 use crate::dma::{self, DmaChannel, Stream3};
 use crate::pac;
@@ -11,9 +12,9 @@ use crate::registers::{clocks::APB1_HZ, usart, usart::Uses};
 use sled_common::dma::{Shared, Window};
 
 /// Bits per second.
-pub const BAUD: u32 = 115_200;
-/// Longest string of commands: 78 ms at 115 200 baud are 898 bytes (thesis 6.2.4.5).
-pub const CAPACITY: usize = 898;
+pub const BAUD: u32 = 19_200;
+/// Longest string of commands: 160 bytes take 83 ms, of the 200 ms between two refreshes.
+pub const CAPACITY: usize = 160;
 /// Refreshes per second.
 pub const REFRESH_HZ: u32 = 5;
 

@@ -5,7 +5,7 @@
 //! | pin | function | peripheral | connected to |
 //! | --- | --- | --- | --- |
 //! | PH0 | HSE in, bypass | RCC | 8 MHz of the on-board debugger |
-//! | PB8 | CAN RX, AF9 | CAN1 | R of the sled's SN65HVD230 transceiver |
+//! | PB8 | CAN RX, AF9, pull-up | CAN1 | R of the sled's SN65HVD230 transceiver |
 //! | PB9 | CAN TX, AF9 | CAN1 | D of the transceiver |
 //! | PA5 | LED, push-pull, high = on | GPIO | LD2 of the Nucleo |
 //! | PA2 | console TX, AF7 | USART2, DMA1 stream 6 | debugger's virtual port |
@@ -41,6 +41,7 @@
 //! | DMA | streams | |
 //! | CAN | `can::Can`, configuration by `bxcan` | mailbox, FIFO, outcome of an attempt: `sled_common::can` |
 //! | watchdog | `watchdog::IndependentWatchdog` | |
+//! | supply | | voltage detector: the HAL has no driver |
 //! | clock tree | | bounded wait, HSI without HSE, clock security system |
 //! | time base | | free-running counter with two compare interrupts |
 //! | periodic timers, serial ports | | rates need `rcc::Clocks`, which only the HAL's clock tree makes |
@@ -49,7 +50,8 @@
 //! # Timers
 //!
 //! TIM2 is the time base and window timer ([`time`]), TIM3 starts the joystick's scan,
-//! TIM4 is the display's tick. The watchdog has its own oscillator.
+//! TIM4 is the display's tick (controller) or looks at the receiver's line (gps). The watchdog
+//! has its own oscillator.
 
 #![no_std]
 
@@ -69,14 +71,15 @@ pub use parts::SLED_F446 as FACTS;
 pub use registers::{clocks, time};
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
-pub use sled_common::{can, clock, fault, lines};
+pub use sled_common::{can, clock, fault, lines, selftest, stack};
 // Described by its own crate: here it would be ten thousand pages.
 #[doc(no_inline)]
 pub use stm32f4xx_hal::pac;
 
 use clock::{Clocks, ResetCause};
 use fault::Fault;
-use registers::gate;
+use registers::{crc, gate, reference, supply};
+use selftest::Findings;
 use stm32f4xx_hal::can::CanExt;
 use stm32f4xx_hal::gpio::{self, GpioExt, alt::usart1, alt::usart2, alt::usart3};
 use stm32f4xx_hal::rcc::{Rcc, RccExt};
@@ -95,6 +98,8 @@ pub struct Sled {
     pub can: CanPort,
     /// The console.
     pub console: console::Console,
+    /// What the board found out about itself.
+    pub findings: Findings,
     /// The LED.
     pub led: led::Led,
     /// The watchdog, which runs already.
@@ -107,7 +112,7 @@ pub struct Sled {
 pub struct Rest {
     receiver: pac::USART1,
     display: pac::USART3,
-    display_tick: pac::TIM4,
+    tick: pac::TIM4,
     adc: pac::ADC1,
     adc_common: pac::ADC_COMMON,
     adc_timer: pac::TIM3,
@@ -121,17 +126,23 @@ pub struct Rest {
 
 impl Sled {
     /// Starts the board: the watchdog first, which bounds everything after it to `watchdog`
-    /// milliseconds, then the clocks, then everything else.
+    /// milliseconds, then the supply and the clocks, then everything else.
     ///
     /// # Errors
-    /// [`Fault::ClockStart`] if a clock does not get ready; [`Fault::Start`] if it was called
+    /// [`Fault::Supply`] if the supply stays too low; [`Fault::ClockStart`] if a clock does not get ready; [`Fault::Start`] if it was called
     /// before, because the memory of the DMA streams can be handed out only once.
     pub fn start(device: pac::Peripherals, watchdog: u16) -> Result<Self, Fault> {
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU, watchdog);
+        fault::expect(Fault::Supply);
+        gate::open_power(&device.RCC);
+        supply::watch(&device.PWR, &device.EXTI).ok_or(Fault::Supply)?;
+        let _watched = supply::Watch::begin();
+        // Only now: a start that ended for want of supply leaves the cause to the next one.
         let reset_cause = clocks::reset_cause(&device.RCC);
         fault::expect(Fault::ClockStart);
-        let clocks =
-            clocks::start(&device.RCC, &device.PWR, &device.FLASH).ok_or(Fault::ClockStart)?;
+        let (clocks, clock_error) =
+            clocks::start(&device.RCC, &device.PWR, &device.FLASH, &device.TIM11)
+                .ok_or(Fault::ClockStart)?;
         fault::expect(Fault::Start);
         let mut rcc = device.RCC.constrain();
         gate::open::<pac::TIM2>(&mut rcc);
@@ -149,20 +160,33 @@ impl Sled {
         let port_b = device.GPIOB.split(&mut rcc);
         let port_c = device.GPIOC.split(&mut rcc);
         let _: (usart2::Tx, usart2::Rx) = (port_a.pa2.into(), port_a.pa3.into());
-        let can = device.CAN1.can((port_b.pb9, port_b.pb8), &mut rcc);
+        // Without a transceiver the pin reads recessive.
+        let receive = port_b.pb8.internal_pull_up(true);
+        let can = device.CAN1.can((port_b.pb9, receive), &mut rcc);
+        let can = bus::start(can, clocks.oscillator);
+        gate::open::<pac::CRC>(&mut rcc);
+        gate::open::<pac::ADC1>(&mut rcc);
+        let findings = Findings {
+            memory_defect: sled_common::memory::defect(),
+            program: sled_common::image::is_intact(&FACTS.part.flash, &mut crc::Unit(&device.CRC)),
+            clock_error,
+            loop_back: can.has_looped_back(),
+            reference: reference::read(&device.ADC1, &device.ADC_COMMON, clocks.core),
+        };
         Ok(Self {
             clocks,
             reset_cause,
             clock,
             alarms,
-            can: bus::start(can, clocks.oscillator),
+            can,
+            findings,
             console,
             led: led::Led::new(port_a.pa5),
             watchdog,
             rest: Rest {
                 receiver: device.USART1,
                 display: device.USART3,
-                display_tick: device.TIM4,
+                tick: device.TIM4,
                 adc: device.ADC1,
                 adc_common: device.ADC_COMMON,
                 adc_timer: device.TIM3,
@@ -196,11 +220,12 @@ impl Rest {
     pub fn receiver(self) -> Option<receiver::Receiver> {
         let mut rcc = self.rcc;
         gate::open::<pac::USART1>(&mut rcc);
+        gate::open::<pac::TIM4>(&mut rcc);
         gate::open::<pac::DMA2>(&mut rcc);
         let streams = dma::StreamsTuple::new(self.dma2, &mut rcc);
         let (tx, rx) = self.receiver_pins;
         let _: (usart1::Tx, usart1::Rx) = (tx.into(), rx.into());
-        receiver::start(self.receiver, streams.2)
+        receiver::start(&self.receiver, streams.2, self.tick)
     }
 
     /// Starts joystick, buttons and display (node controller).
@@ -214,8 +239,7 @@ impl Rest {
         let streams = dma::StreamsTuple::new(self.dma2, &mut rcc);
         let _ = (self.axes.0.into_analog(), self.axes.1.into_analog());
         let _: (usart3::Tx, usart3::Rx) = (self.port_c.pc10.into(), self.port_c.pc11.into());
-        let (lcd, replies, tick) =
-            lcd::start(self.display, self.display_tick, self.display_stream)?;
+        let (lcd, replies, tick) = lcd::start(self.display, self.tick, self.display_stream)?;
         let joystick = panel::start(&self.adc, &self.adc_common, &self.adc_timer, streams.0)?;
         Some(Operator {
             joystick,

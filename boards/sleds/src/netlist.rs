@@ -104,6 +104,13 @@ impl Netlist {
         pins.sort_by_key(|(node, _)| (node.pin.parse::<u32>().ok(), &node.pin));
         pins
     }
+
+    /// The names of the nets that the pins of a component are on, in the order of the pins.
+    #[must_use]
+    pub fn ends(&self, component: &str) -> Vec<&str> {
+        let pins = self.pins_of(component);
+        pins.iter().map(|(_, net)| net.name.as_str()).collect()
+    }
 }
 
 impl Net {

@@ -294,15 +294,13 @@ pub fn bus(netlist: &Netlist, board: &Board, terminations: usize) -> Vec<String>
     if count != 1 {
         findings.push(format!("{count} transceivers are on {}", lines[0]));
     }
-    let ends = |reference: &str| -> Vec<&str> {
-        let pins = netlist.pins_of(reference);
-        pins.iter().map(|(_, net)| net.name.as_str()).collect()
-    };
     let jumpers = netlist
         .components
         .iter()
         .filter(|part| kind(&part.reference) == "JP");
-    let behind: Vec<Vec<&str>> = jumpers.map(|jumper| ends(&jumper.reference)).collect();
+    let behind: Vec<Vec<&str>> = jumpers
+        .map(|jumper| netlist.ends(&jumper.reference))
+        .collect();
     let closes = |net: &str| {
         net == "CANL"
             || behind
@@ -310,7 +308,7 @@ pub fn bus(netlist: &Netlist, board: &Board, terminations: usize) -> Vec<String>
                 .any(|ends| ends.contains(&net) && ends.contains(&"CANL"))
     };
     let across = netlist.components.iter().filter(|part| {
-        let [a, b] = ends(&part.reference)[..] else {
+        let [a, b] = netlist.ends(&part.reference)[..] else {
             return false;
         };
         kind(&part.reference) == "R" && part.value == "120" && a == "CANH" && closes(b)
@@ -381,19 +379,13 @@ pub fn relay(netlist: &Netlist, board: &Board) -> Vec<String> {
     if !between(netlist, "R", "10k", &line, "GND") {
         findings.push("the relay's line floats in reset".into());
     }
-    let relays: Vec<Vec<&str>> = netlist
-        .components
-        .iter()
-        .filter(|part| kind(&part.reference) == "K")
-        .map(|part| {
-            let pins = netlist.pins_of(&part.reference);
-            pins.iter().map(|(_, net)| net.name.as_str()).collect()
-        })
-        .collect();
     // A relay for direct current is a transistor, whose body diode conducts from - to +.
-    let opposed = match relays.as_slice() {
+    let opposed = match relays(netlist).as_slice() {
         [] => true,
-        [one, other] => one[1] == other[1] && one[0] != other[0] && one[2..] == other[2..],
+        [one, other] => {
+            let same = [0, 1].map(|pin| one[pin] == other[pin]);
+            same[0] != same[1] && one[2..] == other[2..]
+        }
         _ => false,
     };
     if !opposed {
@@ -402,12 +394,131 @@ pub fn relay(netlist: &Netlist, board: &Board) -> Vec<String> {
     findings
 }
 
+/// Nets of the pins of each relay: +, -, and its input.
+fn relays(netlist: &Netlist) -> Vec<Vec<&str>> {
+    let relays = netlist.components.iter();
+    relays
+        .filter(|part| kind(&part.reference) == "K")
+        .map(|part| netlist.ends(&part.reference))
+        .collect()
+}
+
+/// Supply of the processor, V.
+const SUPPLY: f64 = 3.3;
+
+/// Voltage at the input below which it counts as low, V: 0.3 of the supply (DS9866, I/O static
+/// characteristics).
+const LOW: f64 = 0.3 * SUPPLY;
+
+/// Smallest pull-up in the processor, which the firmware switches on, ohm (DS9866, the same table).
+const INTERNAL_PULL_UP: f64 = 25e3;
+
+/// Forward voltage of the diode at 0.4 mA, V (BAT46 data sheet: 0.25 V at 0.1 mA, 0.45 V at 10 mA).
+const FORWARD: f64 = 0.4;
+
+/// The input of the relays' read-back is high while both relays are open, low while one of them
+/// conducts, and never sees the battery.
+///
+/// The relays are joined at their + sides: their body diodes conduct into the joint, so nothing
+/// holds the joint while both are open and the driver is stopped. A pull-up lifts it through a
+/// diode. A relay that conducts joins it to M1 or to the motor's lead, which a resistor holds near
+/// ground even if the driver's output floats.
+#[must_use]
+pub fn read_back(netlist: &Netlist, board: &Board) -> Vec<String> {
+    let line = format!("{}motor.sense", board.prefix);
+    let wire = format!("{line}/wire");
+    let supply = board.supply("+3V3");
+    let mut findings = Vec::new();
+    let relays = relays(netlist);
+    let [one, other] = relays.as_slice() else {
+        return vec!["there are not two relays to read back".into()];
+    };
+    let joint = one[0];
+    if joint != other[0] || one[1] == other[1] {
+        findings.push("the relays are not joined at their + sides".into());
+    }
+    let mut diodes = netlist.components.iter();
+    if !diodes.any(|part| {
+        kind(&part.reference) == "D" && netlist.ends(&part.reference) == [joint, wire.as_str()]
+    }) {
+        findings.push("no diode conducts from the read-back into the relays' joint".into());
+    }
+    let [pull_up, series] = [&supply, &line].map(|end| resistance(netlist, &wire, end));
+    if pull_up.is_none() {
+        findings.push("the read-back has no pull-up".into());
+    }
+    for lead in [one[1], other[1]] {
+        match resistance(netlist, lead, "GND") {
+            None => findings.push(format!("{lead} floats with the driver's output")),
+            Some(lead_ohm) => {
+                let level = low_level(pull_up, series.unwrap_or(0.0), lead_ohm);
+                if level >= LOW {
+                    findings.push(format!("the low level by {lead} is {level:.2} V"));
+                }
+            }
+        }
+    }
+    if !clamped(netlist, &line, &supply) {
+        findings.push("nothing clamps the read-back to its supply".into());
+    }
+    // Everything else on the two nets of the input must not lift it above its supply.
+    for name in [&line, &wire] {
+        let net = netlist.nets.iter().find(|net| net.name == *name);
+        for node in net.into_iter().flat_map(|net| &net.nodes) {
+            let ends = netlist.ends(&node.component);
+            let quiet = [name.as_str(), &line, &wire, &supply, "GND"];
+            let harmless = match kind(&node.component) {
+                "CN" | "J" => true,
+                "R" | "C" => ends.iter().all(|end| quiet.contains(end)),
+                "D" if ends.len() == 2 => node.pin == "2",
+                "D" => ends.iter().all(|end| quiet.contains(end)),
+                _ => false,
+            };
+            if !harmless {
+                findings.push(format!("{} can lift {name}", node.component));
+            }
+        }
+    }
+    findings
+}
+
+/// Level at the input while a lead is held at ground by `lead` ohm only, V. The pull-ups, that of
+/// the wire and the processor's own behind the `series` resistor, feed it through the diode.
+fn low_level(pull_up: Option<f64>, series: f64, lead: f64) -> f64 {
+    let own = INTERNAL_PULL_UP + series;
+    let both = 1.0 / (pull_up.map_or(0.0, |ohm| 1.0 / ohm) + 1.0 / own);
+    let wire = FORWARD + (SUPPLY - FORWARD) * lead / (lead + both);
+    wire + (SUPPLY - wire) * series / own
+}
+
+/// Whether a pair of diodes clamps a net between ground and a supply.
+fn clamped(netlist: &Netlist, net: &str, supply: &str) -> bool {
+    let mut parts = netlist.components.iter();
+    parts.any(|part| {
+        kind(&part.reference) == "D" && netlist.ends(&part.reference) == ["GND", supply, net]
+    })
+}
+
+/// Resistance of the component that joins two nets, ohm.
+fn resistance(netlist: &Netlist, one: &str, other: &str) -> Option<f64> {
+    let joins = |reference: &str| {
+        let ends: BTreeSet<&str> = netlist.ends(reference).into_iter().collect();
+        kind(reference) == "R" && ends == BTreeSet::from([one, other])
+    };
+    let mut parts = netlist.components.iter();
+    let part = parts.find(|part| joins(&part.reference))?;
+    let value = part.value.split_whitespace().next()?;
+    match value.strip_suffix('k') {
+        Some(kilo) => kilo.parse::<f64>().ok().map(|kilo| 1e3 * kilo),
+        None => value.parse().ok(),
+    }
+}
+
 /// Whether a component of this kind and value joins two nets.
 fn between(netlist: &Netlist, what: &str, value: &str, one: &str, other: &str) -> bool {
     let mut parts = netlist.components.iter();
     parts.any(|part| {
-        let pins = netlist.pins_of(&part.reference);
-        let ends: BTreeSet<&str> = pins.iter().map(|(_, net)| net.name.as_str()).collect();
+        let ends: BTreeSet<&str> = netlist.ends(&part.reference).into_iter().collect();
         kind(&part.reference) == what && part.value == value && ends == BTreeSet::from([one, other])
     })
 }

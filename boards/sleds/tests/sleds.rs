@@ -44,6 +44,7 @@ impl Drawing {
         findings.extend(rules::supply(&self.netlist, &board));
         if sled.connector("motor").is_some() {
             findings.extend(rules::relay(&self.netlist, &board));
+            findings.extend(rules::read_back(&self.netlist, &board));
         }
         findings
     }
@@ -106,7 +107,7 @@ fn what_is_not_in_the_bills_is_listed() {
 /// A change of a netlist, and a finding that it brings.
 type Fault = (&'static [(&'static str, &'static str)], &'static str);
 
-const FAULTS: [Fault; 15] = [
+const FAULTS: [Fault; 23] = [
     (
         &[(
             "(ref \"CN3\") (pin \"13\") (pinfunction \"PA11\")",
@@ -186,6 +187,67 @@ const FAULTS: [Fault; 15] = [
             ("(ref \"K2\") (pin \"9\")", "(ref \"K2\") (pin \"2\")"),
         ],
         "the relay conducts in one direction while it is open",
+    ),
+    (
+        &[
+            ("(ref \"K1\") (pin \"1\")", "(ref \"K1\") (pin \"9\")"),
+            ("(ref \"K1\") (pin \"2\")", "(ref \"K1\") (pin \"1\")"),
+            ("(ref \"K1\") (pin \"9\")", "(ref \"K1\") (pin \"2\")"),
+            ("(ref \"K2\") (pin \"1\")", "(ref \"K2\") (pin \"9\")"),
+            ("(ref \"K2\") (pin \"2\")", "(ref \"K2\") (pin \"1\")"),
+            ("(ref \"K2\") (pin \"9\")", "(ref \"K2\") (pin \"2\")"),
+        ],
+        "the relays are not joined at their + sides",
+    ),
+    (
+        &[
+            ("(ref \"D4\") (pin \"1\")", "(ref \"D4\") (pin \"9\")"),
+            ("(ref \"D4\") (pin \"2\")", "(ref \"D4\") (pin \"1\")"),
+            ("(ref \"D4\") (pin \"9\")", "(ref \"D4\") (pin \"2\")"),
+        ],
+        "no diode conducts from the read-back into the relays' joint",
+    ),
+    (
+        &[("(node (ref \"R6\") (pin \"2\") (pintype \"passive\"))", "")],
+        "the read-back has no pull-up",
+    ),
+    (
+        &[("(node (ref \"R7\") (pin \"2\") (pintype \"passive\"))", "")],
+        "motor/driver floats with the driver's output",
+    ),
+    (
+        &[("(node (ref \"R8\") (pin \"2\") (pintype \"passive\"))", "")],
+        "motor/switched floats with the driver's output",
+    ),
+    (
+        &[(
+            "(ref \"R8\")\n      (value \"1k 1W\")",
+            "(ref \"R8\")\n      (value \"4.7k 1W\")",
+        )],
+        "the low level by motor/switched is 1.61 V",
+    ),
+    (
+        &[
+            ("(ref \"D5\") (pin \"1\")", "(ref \"D5\") (pin \"9\")"),
+            ("(ref \"D5\") (pin \"2\")", "(ref \"D5\") (pin \"1\")"),
+            ("(ref \"D5\") (pin \"9\")", "(ref \"D5\") (pin \"2\")"),
+        ],
+        "nothing clamps the read-back to its supply",
+    ),
+    (
+        &[
+            ("(node (ref \"R7\") (pin \"1\") (pintype \"passive\"))", ""),
+            (
+                "(node (ref \"J6\") (pin \"3\") (pintype \"passive\"))",
+                "(node (ref \"R7\") (pin \"1\") (pintype \"passive\"))",
+            ),
+            ("(node (ref \"R7\") (pin \"2\") (pintype \"passive\"))", ""),
+            (
+                "(node (ref \"F2\") (pin \"2\") (pintype \"passive\"))",
+                "(node (ref \"R7\") (pin \"2\") (pintype \"passive\"))",
+            ),
+        ],
+        "R7 can lift motor.sense/wire",
     ),
 ];
 

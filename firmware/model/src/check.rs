@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 use std::fmt::Display;
 
-use network_model::Network;
+use network_model::{Message, Network, SendType};
 use parts::Sled;
 
 use crate::manifest::{
     BackupMaster, Calibration, Command, Device, Machine, Manifest, Node, Receiver,
-    RegulatorWeights, SignalPath,
+    RegulatorWeights, SelfTest, SignalPath,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -28,6 +28,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     }
     if let Some(command) = &manifest.command {
         self::command(command, manifest, network)?;
+    }
+    if let Some(self_test) = &manifest.self_test {
+        self::self_test(self_test, manifest, network)?;
     }
     if let Some(calibration) = &manifest.calibration {
         self::calibration(calibration, manifest, network)?;
@@ -62,12 +65,91 @@ fn nodes(nodes: &[Node], network: &Network) -> Result<(), String> {
             return Err(format!("node {name:?} is not in the network file"));
         }
     }
-    // A network file may also name nodes that only listen, such as a logging program.
-    let mut senders = network.messages.iter().map(|message| &message.sender);
-    match senders.find(|sender| !names.contains(sender)) {
-        Some(sender) => Err(format!(
-            "the network file has messages of a node {sender:?} that the manifest does not have"
+    // A network file may also name programs on the bus: one that only listens, such as a logger,
+    // or one that sends event messages, such as a tester. A window of its own would stay empty.
+    let mut messages = network.messages.iter();
+    let foreign = |message: &&Message| {
+        !names.contains(&message.sender) && !matches!(message.send_type, SendType::Event { .. })
+    };
+    match messages.find(foreign) {
+        Some(Message { name, sender, .. }) => Err(format!(
+            "the network file has a message {name:?} of a node {sender:?} that the manifest does \
+             not have: only event messages are accepted from it"
         )),
+        None => Ok(()),
+    }
+}
+
+/// Signals of a request for the self-test, and of a report.
+const REQUEST: [&str; 3] = ["Round", "StartAgain", "Key"];
+const REPORT: [&str; 14] = [
+    "Round",
+    "Reset",
+    "Memory",
+    "Program",
+    "Oscillators",
+    "LoopBack",
+    "Bus",
+    "Reference",
+    "Supply",
+    "Relay",
+    "Stack",
+    "ClockError",
+    "SupplyVoltage",
+    "StackFree",
+];
+
+fn self_test(test: &SelfTest, manifest: &Manifest, network: &Network) -> Result<(), String> {
+    let find = |key: &str, name: &str, signals: &[&str]| {
+        let message = network.messages.iter().find(|message| message.name == name);
+        let message = message.ok_or_else(|| {
+            format!("[self_test] {key}: there is no message {name:?} in the network file")
+        })?;
+        if !matches!(message.send_type, SendType::Event { .. }) {
+            return Err(format!(
+                "[self_test] {key}: the message {name:?} is cyclic: an event message is accepted"
+            ));
+        }
+        let has = |signal: &&&str| message.signals.iter().any(|its| its.name == ***signal);
+        match signals.iter().find(|signal| !has(signal)) {
+            Some(signal) => Err(format!(
+                "[self_test] {key}: the message {name:?} has no signal {signal:?}"
+            )),
+            None => Ok(message),
+        }
+    };
+    let request = find("request", &test.request, &REQUEST)?;
+    if manifest
+        .nodes
+        .iter()
+        .any(|node| node.name == request.sender)
+    {
+        return Err(format!(
+            "[self_test] request: the message {:?} is one of node {:?}: a message of a node that \
+             the manifest does not have is accepted",
+            request.name, request.sender
+        ));
+    }
+    for node in &manifest.nodes {
+        let key = format!("report, node {:?}", node.name);
+        let name = test
+            .report
+            .get(&node.name)
+            .ok_or_else(|| format!("[self_test] {key}: there is no message for it"))?;
+        let report = find(&key, name, &REPORT)?;
+        if report.sender != node.name {
+            return Err(format!(
+                "[self_test] {key}: the message {name:?} is one of node {:?}",
+                report.sender
+            ));
+        }
+    }
+    let unknown = test
+        .report
+        .keys()
+        .find(|name| manifest.nodes.iter().all(|node| node.name != **name));
+    match unknown {
+        Some(name) => Err(format!("[self_test] report: there is no node {name:?}")),
         None => Ok(()),
     }
 }

@@ -24,6 +24,8 @@ pub struct Manifest {
     pub command: Option<Command>,
     /// Which signals `cargo xtask calibrate` reads; `None` when there is nothing to calibrate.
     pub calibration: Option<Calibration>,
+    /// The messages of the nodes' self-test; `None` if there are none.
+    pub self_test: Option<SelfTest>,
     /// When the motors stop. Default: as the thesis says.
     #[serde(default)]
     pub safety: Safety,
@@ -71,7 +73,8 @@ impl Node {
 pub enum Device {
     /// An RTK receiver that speaks SBP on a serial line.
     SatelliteReceiver,
-    /// A serial display that acknowledges each command.
+    /// A serial display of 4 rows with three lamps: Matrix Orbital's LK204-7T-1U.
+    #[serde(rename = "lk204-7t-1u")]
     Display,
     /// A joystick of two potentiometers.
     Joystick,
@@ -109,7 +112,7 @@ impl Device {
     pub const fn name(self) -> &'static str {
         match self {
             Self::SatelliteReceiver => "satellite-receiver",
-            Self::Display => "display",
+            Self::Display => "lk204-7t-1u",
             Self::Joystick => "joystick",
             Self::OperatorSwitches => "operator-switches",
             Self::SteeringMotor => "steering-motor",
@@ -175,6 +178,17 @@ pub struct Command {
     pub message: String,
     /// For each motor, the one-bit signal that lets it turn; each motor has its own.
     pub enable: BTreeMap<Device, String>,
+}
+
+/// The messages of the nodes' self-test.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SelfTest {
+    /// The event message by which a program on the bus asks for it. No node of the vehicle sends
+    /// it.
+    pub request: String,
+    /// For each node, the event message by which it reports.
+    pub report: BTreeMap<String, String>,
 }
 
 /// The signals of a recorded drive from which the steering is calibrated.

@@ -54,6 +54,8 @@ kinds! {
     PpmKind, Ppm: "a clock error", "ppm" = 1.0 / 1.0;
     /// A change of a clock's error over time, in parts per million per second.
     DriftKind, Drift: "a clock's drift", "ppm/s" = 1.0 / 1.0;
+    /// A voltage, in volts.
+    VoltageKind, Voltage: "a voltage", "V" = 1.0 / 1.0, "mV" = 1.0 / 1e3;
     /// A converter reading, in counts.
     CountKind, Count: "a converter reading", "counts" = 1.0 / 1.0, "count" = 1.0 / 1.0;
     /// Counts for an angle, in counts per radian.

@@ -174,8 +174,8 @@ fn nodes_and_their_wiring_must_be_there() {
         ),
         (
             "motor = \"drive-motor\"",
-            "motor = \"display\"",
-            "node \"drive\", connector \"motor\": a display goes to the connector \"display\"",
+            "motor = \"lk204-7t-1u\"",
+            "node \"drive\", connector \"motor\": a lk204-7t-1u goes to the connector \"display\"",
         ),
         (
             "name = \"gps\"\nboard = \"f446\"",
@@ -329,5 +329,43 @@ fn what_is_not_toml_is_refused_with_its_line_and_key() {
             "{said}"
         );
         assert!(!said.contains('\n'), "{said}");
+    }
+}
+
+#[test]
+fn messages_of_the_self_test_are_checked() {
+    for (from, to, why) in [
+        (
+            "request = \"SelfTestRequest\"",
+            "request = \"Ask\"",
+            "[self_test] request: there is no message \"Ask\" in the network file",
+        ),
+        (
+            "request = \"SelfTestRequest\"",
+            "request = \"Command\"",
+            "[self_test] request: the message \"Command\" is cyclic: an event message is accepted",
+        ),
+        (
+            "request = \"SelfTestRequest\"",
+            "request = \"DriveStatus\"",
+            "[self_test] request: the message \"DriveStatus\" has no signal \"Round\"",
+        ),
+        (
+            "drive = \"DriveSelfTest\"",
+            "",
+            "[self_test] report, node \"drive\": there is no message for it",
+        ),
+        (
+            "drive = \"DriveSelfTest\"",
+            "drive = \"GpsSelfTest\"",
+            "[self_test] report, node \"drive\": the message \"GpsSelfTest\" is one of node \"gps\"",
+        ),
+        (
+            "drive = \"DriveSelfTest\"",
+            "drive = \"DriveSelfTest\"\nrudder = \"GpsSelfTest\"",
+            "[self_test] report: there is no node \"rudder\"",
+        ),
+    ] {
+        assert!(refusal(from, to).ends_with(why), "{}", refusal(from, to));
     }
 }

@@ -10,6 +10,7 @@ mod modes;
 mod oscillators;
 mod receiver;
 mod resets;
+mod selftest;
 mod stack;
 mod synchronisation;
 mod tick;

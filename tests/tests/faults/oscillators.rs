@@ -1,10 +1,11 @@
 //! Oscillators that stop during the run, and time masters whose clock input is missing from the
 //! start.
 
+use campaign::traffic::Matrix;
 use can_bus::RecordKind;
 use furrow_tests::Journey;
-use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
+use furrow_tests::{nodes, vehicle};
 use network::Message as _;
 use twin::ResetCause;
 use uagv::messages::{Fault, GpsStatus};
@@ -235,6 +236,55 @@ fn without_any_clock_the_best_master_leads_on_its_own_oscillator_as_the_last_res
     assert!(!errors.any(|record| matches!(record.kind, RecordKind::Error { .. })));
 }
 
+/// The best master leads as the last resort, and later finds its clock. The other nodes have crystals:
+/// they followed a master that was 4000 ppm off, and now follow one that is exact.
+#[test]
+fn a_last_resort_that_finds_its_clock_is_followed_again() {
+    let mut journey = Journey::of(
+        "nodes.gps = { external = false, internal = \"4000 ppm\" }\n\
+        nodes.controller = { external = false, internal = \"-3000 ppm\" }\n\
+        clock = [{ node = \"gps\", at = \"6 s\", present = true }]",
+    );
+    journey.to(10.0);
+    let resets = journey.vehicle.node(nodes::GPS).resets();
+    assert_eq!(resets.len(), 3, "{resets:?}");
+    let reference = last_before(&journey, 100, at(10.0));
+    assert_eq!(reference.bytes()[0] & 2, 0, "it has its clock");
+    assert_steady(&journey, &[100, 206, 300, 453], 8.0, 10.0);
+    // Until then the windows are as far off as the master.
+    let traffic = journey.traffic();
+    let misplaced = Matrix::new(vehicle()).misplaced(&traffic);
+    let mut late = misplaced.iter().filter(|one| one.frame.start > at(7.0));
+    assert_eq!(late.next().map(ToString::to_string), None);
+}
+
+/// The same, but the backup master has its clock first, and leads while the best one starts again. It
+/// has followed a rate of 4000 ppm, and must not lead by it: then the best one, which is behind, could
+/// never take the lead again.
+#[test]
+fn a_backup_that_followed_the_last_resort_leads_by_its_own_clock() {
+    for error in ["4000 ppm", "-4000 ppm"] {
+        let mut journey = Journey::of(&format!(
+            "nodes.gps = {{ external = false, internal = \"{error}\" }}\n\
+            nodes.controller = {{ external = false, internal = \"-3000 ppm\" }}\n\
+            clock = [{{ node = \"controller\", at = \"6 s\", present = true }}, \
+            {{ node = \"gps\", at = \"8 s\", present = true }}]",
+        ));
+        journey.to(11.0);
+        assert_steady(&journey, &[100, 206, 300, 453], 10.0, 11.0);
+        let cycle = seconds(last_before(&journey, 100, at(10.95)).start)
+            - seconds(last_before(&journey, 100, at(9.95)).start);
+        assert!(
+            (cycle - 1.0).abs() < 300e-6,
+            "{error}: {cycle} s for ten cycles"
+        );
+        let traffic = journey.traffic();
+        let misplaced = Matrix::new(vehicle()).misplaced(&traffic);
+        let mut late = misplaced.iter().filter(|one| one.frame.start > at(9.0));
+        assert_eq!(late.next().map(ToString::to_string), None, "{error}");
+    }
+}
+
 /// Frames that an error destroyed.
 fn destroyed(journey: &Journey) -> usize {
     let records = journey.vehicle.records().iter();
@@ -272,18 +322,41 @@ fn a_node_far_off_its_frequency_trims_itself_before_it_sends() {
     }
 }
 
-/// A node whose oscillator drifts away leaves the bus before it disturbs it, and comes back.
+/// The clocks of the nodes follow oscillators that warm up or cool down, so that they stay on the bus.
 #[test]
-fn a_node_that_drifts_away_falls_silent_and_trims_itself_again() {
+fn nodes_whose_oscillators_drift_keep_the_schedule() {
     let mut journey = Journey::of(&format!(
-        "nodes.steering = {{ external = false, internal = \"1000 ppm\", drift = \"2000 ppm/s\" }}\n{RUNNING}"
+        "nodes.steering = {{ external = false, internal = \"-1500 ppm\", drift = \"500 ppm/s\" }}\n\
+        nodes.drive = {{ external = false, internal = \"1500 ppm\", drift = \"-500 ppm/s\" }}\n{RUNNING}"
     ));
-    journey.to(9.0);
+    journey.to(8.0);
     assert_eq!(destroyed(&journey), 0);
-    assert_steady(&journey, &[100, 300, 450, 453], 1.0, 9.0);
-    let console = journey.console(nodes::STEERING);
-    assert!(console.contains(" away"), "{console}");
-    assert_steady(&journey, &[206], 8.0, 9.0);
+    assert_steady(&journey, &[100, 206, 300, 450, 453], 1.0, 8.0);
+    for node in [nodes::STEERING, nodes::DRIVE] {
+        let console = journey.console(node);
+        assert!(!console.contains(" away"), "{console}");
+    }
+    assert_eq!(journey.mode(), Some(mode::RUN));
     journey.assert_in_place();
     assert_never_reset(&journey);
+}
+
+/// A node whose oscillator drifts away leaves the bus before it disturbs it, and comes back: when it is
+/// off by more than its bit timing allows.
+#[test]
+fn a_node_that_drifts_away_falls_silent_and_trims_itself_again() {
+    for (drift, leaves, back) in [("1200 ppm/s", 7.0, 9.0), ("2000 ppm/s", 4.5, 5.7)] {
+        let mut journey = Journey::of(&format!(
+            "nodes.steering = {{ external = false, internal = \"1000 ppm\", drift = \"{drift}\" }}\n{RUNNING}"
+        ));
+        journey.to(10.0);
+        assert_eq!(destroyed(&journey), 0);
+        assert_steady(&journey, &[100, 300, 450, 453], 1.0, 10.0);
+        assert_steady(&journey, &[206], 1.0, leaves);
+        let console = journey.console(nodes::STEERING);
+        assert!(console.contains(" away"), "{console}");
+        assert_steady(&journey, &[206], back, back + 1.0);
+        journey.assert_in_place();
+        assert_never_reset(&journey);
+    }
 }

@@ -104,3 +104,23 @@ fn a_worse_solution_ends_the_run_at_once() {
     let flag = traffic.genuine(100).last().map(|frame| frame.data[0] & 1);
     assert_eq!(flag, Some(0));
 }
+
+/// In each burst a byte ends 20 ns after an instant at which the world takes its record.
+#[test]
+fn a_byte_that_ends_just_after_a_record_is_heard() {
+    let mut journey = Journey::of(
+        r#"
+        [receiver]
+        phase = "10 ms"
+        latency = "39.90002 ms"
+        latency_jitter = "0 s"
+        frame_gap = "0 s"
+        clock = "0 ppm"
+        "#,
+    );
+    journey.to(2.0);
+    let console = journey.console(nodes::GPS);
+    let counters = console.lines().rev().find(|line| line.contains(" crc "));
+    let counters = counters.expect("a line about the receiver");
+    assert!(counters.ends_with(" crc 0 skip 0"), "{counters}");
+}

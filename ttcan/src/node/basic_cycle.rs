@@ -16,6 +16,8 @@ pub(super) struct BasicCycle {
     pub(super) number: u8,
     /// Basic cycles since the start.
     pub(super) count: u32,
+    /// Coarse time in the reference of another master, ms.
+    pub(super) coarse: Option<u32>,
     next_is_gap: bool,
 }
 
@@ -27,6 +29,7 @@ impl BasicCycle {
             master: None,
             number: 0,
             count: 0,
+            coarse: None,
             next_is_gap: false,
         }
     }
@@ -43,6 +46,7 @@ impl BasicCycle {
         self.mark = mark;
         self.number = number;
         self.count = self.count.wrapping_add(1);
+        self.coarse = None;
         self.next_is_gap = next_is_gap;
         self.master.replace(master)
     }

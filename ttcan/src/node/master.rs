@@ -203,7 +203,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if GLOBAL_TIME && matches!(self.clock.state(), ClockState::Unset) {
             self.clock.set(start, Default::default());
         } else {
-            self.clock.carry(start);
+            self.clock.lead(start);
         }
         // A late start means that the bus was taken when it should have been
         // idle, perhaps by the reference of another master that only this node

@@ -12,8 +12,10 @@ const MOST_MISSED: u8 = 7;
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// The same node with all stamps moved so that `now` is stamp 0, with its
     /// counters and its global time at 0, and runs of missed messages cut off at
-    /// 7. It behaves as before, and equals every other node that behaves so. A
-    /// model checker needs this to recognise a state.
+    /// 7. It behaves as before, and equals every other node that behaves so. Only the
+    /// coarse time of the last reference is forgotten: a node of level 2 that has not
+    /// measured its rate takes a reference more. A model checker needs this to
+    /// recognise a state.
     #[must_use]
     pub fn normalised(&self, now: Stamp) -> Self {
         let mut node = self.clone();
@@ -58,6 +60,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if node.clock.at(now).is_some() {
             node.clock.restart(now, GlobalTime::default());
         }
+        node.cycle.coarse = None;
         node.counters = Counters::default();
         node.cycle.count = 0;
         node.supervision

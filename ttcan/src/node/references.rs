@@ -37,7 +37,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
         let consecutive = judgement == Judgement::Next && self.is_consecutive(start, fields.cycle);
         if GLOBAL_TIME {
-            self.take_time(&fields, start, consecutive);
+            let same = self.cycle.master == Some(rank);
+            self.take_time(&fields, start, consecutive, same);
         }
         if judgement == Judgement::Restart {
             self.sync = SyncState::Synchronising;
@@ -46,6 +47,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             bump(&mut self.counters.master_changes, 1);
         }
         self.begin_cycle(start, fields.cycle, fields.next_is_gap, rank, consecutive);
+        if GLOBAL_TIME {
+            self.cycle.coarse = fields.coarse;
+        }
         if let Some(master) = network.masters.get(usize::from(rank)).copied().flatten()
             && let Some(peer) = self.supervision.peer(master)
         {
@@ -99,25 +103,38 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     /// Takes global time from the coarse time of a reference, and its mark of the
-    /// reference before.
-    fn take_time(&mut self, fields: &Fields, start: Stamp, consecutive: bool) {
-        let (Some(coarse), Some(mark), true) = (fields.coarse, fields.mark, consecutive) else {
+    /// reference before. `consecutive` tells that this node received the one before, `same` that it
+    /// came from the same master.
+    fn take_time(&mut self, fields: &Fields, start: Stamp, consecutive: bool, same: bool) {
+        let previous = self.cycle.mark;
+        // A node that has not measured its rate does not know how long it was since the reference
+        // before, and takes the coarse time that this one carried. Another master, or a time that
+        // was set, has nothing to do with that one.
+        let (coarse, since) = if self.clock.is_rated() {
+            (fields.coarse, start.ticks_since(previous))
+        } else if same && !fields.discontinuity {
+            (self.cycle.coarse, 0)
+        } else {
+            if self.clock.state() != ClockState::Unset {
+                self.clock.forget_rate();
+            }
+            (None, 0)
+        };
+        let (Some(coarse), Some(mark), true) = (coarse, fields.mark, consecutive) else {
             // Time runs on at the last rate.
-            self.clock.carry(self.cycle.mark);
+            self.clock.carry(previous);
             return;
         };
-        let previous = self.cycle.mark;
-        let between = self.clock.duration(start.ticks_since(previous));
         let known = match self.clock.state() {
             ClockState::Own => None,
             _ => self.clock.at(start),
         };
-        // The coarse time is rounded down to 1 ms, and the reference may have
-        // waited for the bus: it started up to 1 ms and a frame later than the
-        // coarse time says. A quarter of a millisecond is added to stay within
-        // the range in which the mark is unambiguous.
-        let planned = from_coarse(coarse, known).offset(250 << GlobalTime::FRACTION_BITS);
-        let time = nearest(planned.offset(-between), mark);
+        // The coarse time is rounded down to 1 ms, and the reference may have waited for the bus: it
+        // started up to 1 ms and a frame later than the coarse time says. The middle of that leaves
+        // the most for the error of `since`.
+        let middle = (1000 + i64::from(self.setup.network().reference_length)) / 2;
+        let planned = from_coarse(coarse, known).offset(middle << GlobalTime::FRACTION_BITS);
+        let time = nearest(planned.offset(-self.clock.duration(since)), mark);
         match self.clock.correct(previous, time, fields.discontinuity) {
             Correction::Applied => {}
             Correction::Stepped => {

@@ -296,6 +296,10 @@ impl Judge<'_> {
         };
         let messages = self.matrix.messages().iter();
         let steady = messages.filter(|message| self.is_steady(message));
+        let steady = steady.filter(|message| {
+            let sender = self.matrix.sender(message);
+            sender.is_none_or(|node| !self.is_barred(node))
+        });
         let due = steady.chain([leader]).filter(|message| {
             let sender = self.matrix.sender(message);
             sender.is_some_and(|node| !self.sequence.is_lost(node))
@@ -325,18 +329,42 @@ impl Judge<'_> {
         violations
     }
 
-    /// The state of a node that sends no periodic message is read from its console.
+    /// Whether a node's self-test has found its relay stuck and barred its motor. Then it withholds the
+    /// messages by which others would count on the motor. It looks when another fault stops the vehicle.
+    fn is_barred(&self, node: NodeIndex) -> bool {
+        let mut relays = self.sequence.scenario.relay.iter();
+        let failed = |line: &str| {
+            let failed = line.strip_prefix("test FAILED ");
+            failed.is_some_and(|checks| {
+                let end = checks.find([',', '|']).unwrap_or(checks.len());
+                checks[..end].split(' ').any(|check| check == "relay")
+            })
+        };
+        relays.any(|fault| fault.node == node) && self.console(node).lines().any(failed)
+    }
+
+    /// What a node wrote to its console, to the end of its last whole line.
+    fn console(&self, node: NodeIndex) -> String {
+        let mut nodes = self.outcome.nodes.iter();
+        let console = nodes.find(|of| of.node == node).map(|of| &of.console);
+        let console = String::from_utf8_lossy(console.map_or(&[], |text| text.as_slice()));
+        let whole = console.rsplit_once('\n').map_or("", |(whole, _)| whole);
+        whole.to_owned()
+    }
+
+    /// The state of a node that sends no periodic message, or withholds it, is read from its console.
     fn silent(&self, node: NodeIndex) -> Option<Violation> {
         let mut messages = self.matrix.messages().iter();
         let speaks = messages.any(|message| {
             self.matrix.sender(message) == Some(node)
                 && matches!(message.send_type, SendType::Cyclic { .. })
         });
+        let speaks = speaks && !self.is_barred(node);
         if speaks || self.sequence.is_lost(node) {
             return None;
         }
         let of = self.outcome.nodes.iter().find(|of| of.node == node)?;
-        let console = String::from_utf8_lossy(&of.console);
+        let console = self.console(node);
         let last = console.lines().rev().find(|line| line.starts_with("bus "));
         let scheduled = last.is_some_and(|line| line.starts_with("bus run"));
         (!scheduled).then(|| Violation {
@@ -382,10 +410,20 @@ impl Judge<'_> {
             let mut losses = sequence.clock_losses.iter();
             losses.any(|loss| loss.node == node && loss.at < at)
         };
+        // A part that watches its supply starts anew until the supply is good again.
+        let dipped = |at: f64| {
+            let mut dips = sequence.scenario.brownout.iter();
+            dips.any(|dip| {
+                dip.node == node && (dip.at.get()..dip.until.get() + 0.001).contains(&at)
+            })
+        };
         let strange = of.resets.iter().find(|(at, cause)| match cause {
             ResetCause::PowerOn | ResetCause::Pin => false,
             ResetCause::Watchdog => !upset(seconds(*at)),
-            ResetCause::Software => !stopped(seconds(*at)) && !sequence.is_late(node),
+            ResetCause::Software => {
+                let at = seconds(*at);
+                !stopped(at) && !dipped(at) && !sequence.is_late(node)
+            }
         });
         strange.map(|(at, cause)| Violation {
             rule: "reset",

@@ -97,7 +97,10 @@ fn stop_clock(twin: &mut Twin, node: NodeIndex) -> Result<(), TwinError> {
 pub fn stall(twin: &mut Twin, node: NodeIndex) -> Result<(), TwinError> {
     // A branch to itself where the call stack would end: no program comes that far.
     let trap = twin.sled(node).stack.base;
-    let written = twin.node_mut(node).set_memory(trap, &[0xFE, 0xE7]);
+    // An interrupt in a conditional block of up to four instructions may skip the first ones.
+    let written = twin
+        .node_mut(node)
+        .set_memory(trap, &[0xFE, 0xE7].repeat(5));
     assert!(written, "{trap:#x} is RAM");
     let end = twin.now() + SimDuration::from_ticks(30_000_000_000);
     while twin.now() < end {

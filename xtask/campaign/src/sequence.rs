@@ -6,10 +6,10 @@ use world::Scenario;
 use world::random::{Purpose, Stream};
 use world::receiver::{Fix, FixChange, StreamFault, StreamFaultKind};
 use world::scenario::{
-    BrownOut, BusEvent, Button, ButtonPress, Clock, ClockChange, JoystickMove, ResetEvent,
-    StopLoopChange, SupplyChange, WireNoise,
+    BrownOut, BusEvent, Button, ButtonPress, Clock, ClockChange, JoystickMove, RelayFault,
+    ResetEvent, StopLoopChange, SupplyChange, WireNoise,
 };
-use world::units::{Angle, Drift, Length, Ppm, Ratio, Time};
+use world::units::{Angle, Drift, Length, Ppm, Ratio, Time, Voltage};
 
 /// How much further the wheels could turn than they may, degrees, so that the limit which holds
 /// is that of the steering's node.
@@ -18,7 +18,8 @@ const BEYOND: f64 = 7.0;
 /// Distance from the line at the start, metres.
 const BESIDE: f64 = 0.5;
 
-/// How far an RC oscillator may be off, ppm, and how much that may change, ppm/s.
+/// How far an RC oscillator may be off, ppm, and how much that may change, ppm/s. Two nodes may drift
+/// apart by twice this figure, and stay on the bus: their clocks follow (`ttcan/tests/drift.rs`).
 const INTERNAL: f64 = 30_000.0;
 const DRIFT: f64 = 300.0;
 
@@ -81,6 +82,7 @@ impl Sequence {
                 clock_losses: Vec::new(),
                 story: Vec::new(),
             },
+            hurt: false,
         };
         drawing.operator();
         for _ in 0..1 + drawing.stream.below(4) {
@@ -143,6 +145,8 @@ struct Drawing<'a> {
     vehicle: &'a Vehicle,
     stream: Stream,
     sequence: Sequence,
+    /// A fault that stops a node or disturbs its motor's line has been drawn.
+    hurt: bool,
 }
 
 impl Drawing<'_> {
@@ -225,7 +229,13 @@ impl Drawing<'_> {
 
     fn fault(&mut self) {
         let at = self.within(FIRST, LAST);
-        match self.stream.below(18) {
+        let kind = self.stream.below(19);
+        let of_bus_or_operator = (3..=11).contains(&kind);
+        if !of_bus_or_operator && !self.sequence.scenario.relay.is_empty() {
+            return self.corrupt(at);
+        }
+        self.hurt |= !of_bus_or_operator && kind != 18;
+        match kind {
             0..=2 => self.hold(at),
             3 => self.foreign(at),
             4 => self.babble(at),
@@ -235,12 +245,14 @@ impl Drawing<'_> {
             9 if self.has(Device::SatelliteReceiver) => self.fix(at),
             10 if self.has(Device::OperatorSwitches) => self.switches(at),
             11 if self.has(Device::OperatorSwitches) => self.stop_loop(at),
-            8..=11 => self.hold(at),
+            8..=11 => self.corrupt(at),
             12 => self.board(),
             13 => self.clock_loss(at),
             14 => self.late_clock(),
             15 => self.wire(at),
             16 => self.brownout(at),
+            18 if !self.hurt => self.relay(at),
+            18 => self.corrupt(at),
             _ => self.upset(at),
         }
     }
@@ -474,22 +486,32 @@ impl Drawing<'_> {
         self.tell(format!("the external clock of {name} comes at {at:.6} s"));
     }
 
-    /// A node's supply dips.
+    /// A node's supply dips, half of the times so far that the node loses its memory.
     fn brownout(&mut self, at: f64) {
         let (node, name) = self.node();
         let until = self.within(at + 0.000_1, at + 0.3);
+        let lowest = if self.stream.below(2) == 0 {
+            0.0
+        } else {
+            self.within(1.6, 3.2)
+        };
+        let mut dips = self.sequence.scenario.brownout.iter();
+        if dips.any(|dip| dip.node == node && dip.overlaps(at, until)) {
+            return;
+        }
         self.tell(format!(
-            "the supply of {name} is gone from {at:.6} s to {until:.6} s"
+            "the supply of {name} dips to {lowest:.3} V from {at:.6} s to {until:.6} s"
         ));
         self.sequence.scenario.brownout.push(BrownOut {
             node,
             at: Time::new(at),
             until: Time::new(until),
+            lowest: Voltage::new(lowest),
         });
     }
 
-    /// Noise on the line to a motor driver.
-    fn wire(&mut self, at: f64) {
+    /// A node with a motor.
+    fn motor(&mut self) -> Option<NodeIndex> {
         let motors: Vec<NodeIndex> = self
             .vehicle
             .nodes()
@@ -498,7 +520,26 @@ impl Drawing<'_> {
                 devices.any(|device| device.is_motor())
             })
             .collect();
-        let Some(&node) = motors.get(self.stream.below(motors.len())) else {
+        motors.get(self.stream.below(motors.len())).copied()
+    }
+
+    /// The relay of a motor sticks. The relay is the remedy against a node that stands still and
+    /// against noise on the driver's line, so these faults are not drawn in the same sequence.
+    fn relay(&mut self, at: f64) {
+        let Some(node) = self.motor() else {
+            return self.corrupt(at);
+        };
+        let name = self.vehicle.node(node).name.clone();
+        self.tell(format!("the relay of {name} sticks at {at:.6} s"));
+        self.sequence.scenario.relay.push(RelayFault {
+            node,
+            at: Time::new(at),
+        });
+    }
+
+    /// Noise on the line to a motor driver.
+    fn wire(&mut self, at: f64) {
+        let Some(node) = self.motor() else {
             return self.hold(at);
         };
         let byte = self.stream.byte();
@@ -581,6 +622,7 @@ mod tests {
             "has no external clock",
             "comes at",
             "noise",
+            "sticks",
             "the supply",
             "clock of",
             "stalls",

@@ -8,6 +8,7 @@
 //! - [`Tester`]s are foreign nodes: loggers, spoofers, babbling idiots.
 //! - [`Disturbance`]s flip bits, raise the bit error rate, or hold the bus at one level.
 //! - [`candump`] reads and writes the log format of can-utils.
+//! - [`slcan`] reads and writes the lines of CAN adapters on a serial port.
 //!
 //! # Time
 //! Each node divides its own clock ([`ClockRate`]) into quanta. On an idle bus it keeps its own
@@ -56,6 +57,7 @@ mod frame;
 mod mac;
 mod node_id;
 mod record;
+pub mod slcan;
 mod tester;
 mod time;
 pub mod wire;

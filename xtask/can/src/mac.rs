@@ -254,6 +254,15 @@ impl Mac {
         }
     }
 
+    /// What the node waits for has not come yet: it saw a dominant bit.
+    pub(crate) const fn wait_in_vain(&mut self) {
+        match &mut self.phase {
+            Phase::Integrating { seen } => *seen = 0,
+            Phase::BusOff { run, .. } => *run = 0,
+            _ => {}
+        }
+    }
+
     /// Starts to send in the bit that begins now. Allowed only while idle.
     pub(crate) fn start(&mut self, slot: u8, frame: Frame) {
         self.phase = Phase::InFrame(Box::new(FrameProgress {

@@ -3,7 +3,7 @@
 mod common;
 
 use can_bus::wire::WireFrame;
-use can_bus::{Bus, Frame, Part, RecordKind, Retry, Tester};
+use can_bus::{Bus, Frame, NodeId, Part, RecordKind, Retry, Tester};
 use common::*;
 use proptest::prelude::*;
 
@@ -848,7 +848,48 @@ fn loop_back_receives_its_own_frames_alone() {
         assert_eq!((rir, data[0]), (0x123 << 21, 7));
         assert_eq!(bus.read(node, ESR), 0);
         assert_eq!(bus.read(other, RF0R), 0);
+        let seen = bus.drain_records();
+        assert!(seen.is_empty(), "nobody on the bus sees it: {seen:?}");
     }
+}
+
+/// Asks for normal mode with loop back and silence, and returns the node in initialisation.
+fn looping_node(bus: &mut Bus) -> NodeId {
+    let node = bus.add_bxcan(Part::F446, f446());
+    let now = bus.now();
+    bus.write(node, MCR, INRQ, now);
+    bus.advance_to(now);
+    bus.write(node, BTR, BTR_250K_F446 | 3 << 30, now);
+    bus.write(node, MCR, 0, now);
+    node
+}
+
+#[test]
+fn loop_back_begins_after_eleven_recessive_bits_at_the_pin() {
+    let mut bus = Bus::new();
+    let sender = normal_node(&mut bus, 0);
+    let _other = normal_node(&mut bus, 0);
+    // A frame without data has 44 bits and some of stuff, the last ten of them recessive.
+    let now = bus.now();
+    request(&mut bus, sender, 0, &frame(0x123, &[]), now);
+    bus.advance_to(now + bits(2));
+    let node = looping_node(&mut bus);
+    bus.advance_to(now + bits(30));
+    assert_eq!(bus.read(node, MSR) & 1, 1, "the bus is busy");
+    bus.advance_to(now + bits(70));
+    assert_eq!(bus.read(node, MSR) & 1, 0);
+
+    let node = looping_node(&mut bus);
+    let now = bus.now();
+    bus.hold_receive_pin(node, true, now);
+    bus.advance_to(now + bits(1000));
+    assert_eq!(bus.read(node, MSR) & 1, 1, "the pin is dominant");
+    let now = bus.now();
+    bus.hold_receive_pin(node, false, now);
+    bus.advance_to(now + bits(9));
+    assert_eq!(bus.read(node, MSR) & 1, 1, "not yet eleven bits");
+    bus.advance_to(now + bits(12));
+    assert_eq!(bus.read(node, MSR) & 1, 0);
 }
 
 #[test]

@@ -1,32 +1,22 @@
 //! The candump log format, compared with the reader of the `socketcan` crate.
 
+#[path = "common/frames.rs"]
+mod frames;
+
 use can_bus::candump::{Line, ParseError};
 use can_bus::{Frame, SimTime};
-use embedded_can::{ExtendedId, Id, StandardId};
+use frames::any_frame;
 use proptest::prelude::*;
 
 const SHIPPED: &str = "(1194.396200) can0 064#00004ABB82";
 
 fn any_line() -> impl Strategy<Value = Line> {
-    let id = prop_oneof![
-        (0..=0x7FF_u16).prop_map(|raw| StandardId::new(raw).map(Id::Standard).expect("in range")),
-        (0..=0x1FFF_FFFF_u32)
-            .prop_map(|raw| ExtendedId::new(raw).map(Id::Extended).expect("in range")),
-    ];
-    let content = prop_oneof![
-        3 => prop::collection::vec(any::<u8>(), 0..=8).prop_map(Ok),
-        1 => (0..=8_u8).prop_map(Err),
-    ];
     // Whole microseconds up to about 200 days.
-    (id, content, 0..17_000_000_000_000_u64, "[a-z]{1,6}[0-9]").prop_map(
-        |(id, content, us, interface)| Line {
+    (any_frame(), 0..17_000_000_000_000_u64, "[a-z]{1,6}[0-9]").prop_map(
+        |(frame, us, interface)| Line {
             at: SimTime::from_ticks(us * 1_000_000),
             interface,
-            frame: match content {
-                Ok(data) => Frame::new_data(id, &data),
-                Err(dlc) => Frame::new_remote(id, dlc),
-            }
-            .expect("within the limits"),
+            frame,
         },
     )
 }

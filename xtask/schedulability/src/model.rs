@@ -226,7 +226,7 @@ fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, TaskFault> {
             // the deadline for handling it.
             for job in &mut table.jobs {
                 job.earliest += us * MICROSECOND;
-                job.latest += us * MICROSECOND + bus.fifo_margin();
+                job.latest += us * MICROSECOND + bus.fifo_margin().max(bus.event_margin());
             }
         }
         tables.push(table);

@@ -161,7 +161,7 @@ impl<'a> Bus<'a> {
             .filter(|(window, _)| !(own && *window == WindowKind::Arbitrating))
             .map(|(window, kind)| Timetable {
                 kind,
-                ..self.frames_of(own, |message| {
+                ..self.frames_of(|message| {
                     self.is_own(message) == own && message.window.kind == window
                 })
             })
@@ -169,11 +169,52 @@ impl<'a> Bus<'a> {
             .collect()
     }
 
-    /// Deadline for handling an event frame: the three-deep receive FIFO overruns after three more
-    /// frames.
+    /// Deadline for handling a frame: the three-deep receive FIFO overruns after three more frames.
     #[must_use]
     pub fn fifo_margin(&self) -> Picoseconds {
         3 * self.spacing(false)
+    }
+
+    /// The same in an arbitrating window, where no message comes more often than its interval
+    /// allows: three more frames are at least as long as the three shortest.
+    #[must_use]
+    pub fn event_margin(&self) -> Picoseconds {
+        let events = self.network.messages.iter().filter(|message| {
+            !self.is_own(message) && message.window.kind == WindowKind::Arbitrating
+        });
+        let mut lengths: Vec<Picoseconds> = events
+            .flat_map(|message| {
+                let bits = SHORTEST_BITS + REST_BITS + 8 * u64::from(message.shortest);
+                std::iter::repeat_n(bits * self.bit(), self.events_in_cycle(message))
+            })
+            .collect();
+        lengths.sort_unstable();
+        let margin: Picoseconds = lengths.iter().take(3).sum();
+        // The next frames may be those of another window if that follows soon.
+        let follows = self.pause_after_events().is_none_or(|pause| pause < margin);
+        if lengths.len() < 3 || follows {
+            self.fifo_margin()
+        } else {
+            margin
+        }
+    }
+
+    /// Least time from the end of an arbitrating window to the begin of the next window of another
+    /// kind; `None` without an arbitrating window.
+    fn pause_after_events(&self) -> Option<Picoseconds> {
+        let cycle = u64::from(self.network.basic_cycle_us);
+        let windows = self.network.windows();
+        let (events, others): (Vec<&Window>, Vec<&Window>) = windows
+            .iter()
+            .partition(|window| window.kind == WindowKind::Arbitrating);
+        let pause = |events: &&Window, other: &&Window| {
+            let end = u64::from(events.end_us());
+            (u64::from(other.start_us) + cycle).saturating_sub(end) % cycle
+        };
+        let pauses = events
+            .iter()
+            .flat_map(|event| others.iter().map(move |other| pause(event, other)));
+        Some(pauses.min()? * MICROSECOND)
     }
 
     /// The ends of this node's attempts in each arbitrating window: its message was sent, or lost
@@ -205,7 +246,7 @@ impl<'a> Bus<'a> {
                         + ARBITRATION_BITS * self.bit())
                     .saturating_sub(self.uncertainty()),
                     latest: begin + u64::from(window.end_us()) * MICROSECOND + self.uncertainty(),
-                    deadline: Some(self.fifo_margin()),
+                    deadline: Some(self.event_margin()),
                     transmits: false,
                 };
                 jobs.extend(std::iter::repeat_n(job, self.events_in_cycle(message)));
@@ -220,14 +261,21 @@ impl<'a> Bus<'a> {
     /// The ends of a message of another node; `None` if no other node sends it.
     #[must_use]
     pub fn message(&self, name: &str) -> Option<Timetable> {
-        let table = self.frames_of(false, |message| {
-            !self.is_own(message) && message.name == name
-        });
+        let table = self.frames_of(|message| !self.is_own(message) && message.name == name);
         (!table.jobs.is_empty()).then_some(table)
     }
 
     /// The ends of the wanted messages.
-    fn frames_of(&self, own: bool, wanted: impl Fn(&Message) -> bool) -> Timetable {
+    fn frames_of(&self, wanted: impl Fn(&Message) -> bool) -> Timetable {
+        let wanted_bits = self
+            .network
+            .messages
+            .iter()
+            .filter(|message| wanted(message));
+        let shortest = wanted_bits
+            .map(|message| SHORTEST_BITS + REST_BITS + 8 * u64::from(message.shortest))
+            .min();
+        let spacing = shortest.unwrap_or(SHORTEST_BITS + REST_BITS) * self.bit();
         let mut jobs: Vec<Job> = Vec::new();
         let mut references: Vec<(Window, usize)> = Vec::new();
         for message in self.network.messages.iter().filter(|m| wanted(m)) {
@@ -244,7 +292,7 @@ impl<'a> Bus<'a> {
                         WindowKind::Arbitrating => end + self.uncertainty(),
                         _ => start + self.transmit_enable() + last + self.uncertainty(),
                     },
-                    deadline: (window.kind == WindowKind::Arbitrating).then(|| self.fifo_margin()),
+                    deadline: (window.kind == WindowKind::Arbitrating).then(|| self.event_margin()),
                     transmits: false,
                 };
                 match window.kind {
@@ -271,11 +319,15 @@ impl<'a> Bus<'a> {
                 }
             }
         }
-        self.table(self.spacing(own), jobs)
+        self.table(spacing, jobs)
     }
 
-    /// How often an event message may be sent in one basic cycle.
+    /// How often an event message may be sent in one basic cycle. One that is sent in place of
+    /// another one counts with that.
     fn events_in_cycle(&self, message: &Message) -> usize {
+        if message.instead_of.is_some() {
+            return 0;
+        }
         let interval = match message.send_type {
             SendType::Event { interval_ms } => interval_ms,
             SendType::Cyclic { period_ms } => period_ms,
@@ -395,7 +447,7 @@ impl<'a> Bus<'a> {
             label: "last instant for event messages".to_owned(),
             earliest: end.saturating_sub(longest + self.uncertainty() + self.lead),
             latest: end.saturating_sub(shortest + self.uncertainty() + self.lead) + late,
-            deadline: Some(self.fifo_margin()),
+            deadline: Some(self.event_margin()),
             transmits: false,
         }
     }

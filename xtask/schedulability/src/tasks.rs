@@ -8,6 +8,10 @@ use std::collections::BTreeMap;
 use proc_macro2::{TokenStream, TokenTree};
 use syn::spanned::Spanned;
 
+/// The highest priority of a task. RTIC has one more, whose tasks `BASEPRI` cannot mask. The interrupt
+/// that watches the supply of the F446 has it, also while the program starts.
+const HIGHEST: u32 = 15;
+
 /// A task of an application.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Task {
@@ -69,6 +73,20 @@ pub enum SourceError {
         line: u32,
         /// The task.
         task: String,
+    },
+    /// A task has a priority that `BASEPRI` cannot mask.
+    #[error(
+        "{file}:{line}: task {task} has priority {priority}: {HIGHEST} is the highest, because no mask holds a higher one back"
+    )]
+    PriorityTooHigh {
+        /// The file.
+        file: String,
+        /// Line of its attribute.
+        line: u32,
+        /// The task.
+        task: String,
+        /// Its priority.
+        priority: u32,
     },
     /// There are fewer dispatchers than priorities of software tasks.
     #[error("{file}: {needed} priorities of software tasks but {given} dispatchers")]
@@ -138,14 +156,7 @@ impl App {
                 }
                 let name = signature.ident.to_string();
                 let line = attribute.span().start().line as u32;
-                let priority = arguments
-                    .get("priority")
-                    .and_then(|tokens| tokens.to_string().parse().ok())
-                    .ok_or_else(|| SourceError::NoPriority {
-                        file: file.to_owned(),
-                        line,
-                        task: name.clone(),
-                    })?;
+                let priority = priority(file, line, &name, arguments.get("priority"))?;
                 let (locks, reads) = names(arguments.get("shared"));
                 app.tasks.push(Task {
                     name,
@@ -267,6 +278,27 @@ fn arguments(attribute: &syn::Attribute) -> BTreeMap<String, TokenStream> {
     pairs
 }
 
+/// The written priority of a task.
+fn priority(
+    file: &str,
+    line: u32,
+    task: &str,
+    written: Option<&TokenStream>,
+) -> Result<u32, SourceError> {
+    let priority = written.and_then(|tokens| tokens.to_string().parse().ok());
+    let (file, task) = (file.to_owned(), task.to_owned());
+    match priority {
+        None => Err(SourceError::NoPriority { file, line, task }),
+        Some(priority) if priority > HIGHEST => Err(SourceError::PriorityTooHigh {
+            file,
+            line,
+            task,
+            priority,
+        }),
+        Some(priority) => Ok(priority),
+    }
+}
+
 /// The names in a bracketed list: first those without, then those with `&`. Types and initial
 /// values of local resources are skipped.
 fn names(list: Option<&TokenStream>) -> (Vec<String>, Vec<String>) {
@@ -343,6 +375,17 @@ mod app {
         assert_eq!(app.ceilings()["link"], 6);
         assert_eq!(app.ceilings()["pilot"], 2);
         assert_eq!(app.timer_priority(), 3);
+    }
+
+    #[test]
+    fn a_priority_that_no_mask_holds_back_is_refused() {
+        let source = SOURCE.replace("priority = 6", "priority = 16");
+        let error = App::parse("app.rs", &source).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "app.rs:8: task can_rx has priority 16: 15 is the highest, because no mask holds a \
+             higher one back"
+        );
     }
 
     #[test]

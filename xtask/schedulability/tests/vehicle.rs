@@ -189,7 +189,7 @@ fn releases_come_from_the_network_file() {
             .find(|task| task.name == name)
             .unwrap()
     };
-    // One reference, eleven windows without its own, and five events of other nodes.
+    // One reference, eleven windows without its own, and six events of other nodes.
     let jobs = |task: &str, kind: Kind| -> Vec<Job> {
         let tables = find(task).arrivals.timed.iter();
         let of_kind = tables.filter(|table| table.kind == kind);
@@ -198,7 +198,7 @@ fn releases_come_from_the_network_file() {
     let references = jobs("can_rx", Kind::Reference);
     let single = jobs("can_rx", Kind::Exclusive);
     let events = jobs("can_rx", Kind::Arbitrating);
-    assert_eq!((references.len(), single.len(), events.len()), (1, 10, 5));
+    assert_eq!((references.len(), single.len(), events.len()), (1, 10, 6));
     // The three-deep FIFO holds events of two bytes or more.
     assert!(events.iter().all(|job| job.deadline.is_some()));
     let command = single.iter().find(|job| job.label == "Command").unwrap();
@@ -228,7 +228,7 @@ fn releases_come_from_the_network_file() {
         heading.unwrap().deadline,
         Some((first * 4 - 20) * 1_000_000)
     );
-    // Event messages: its own, lost against five others, withdrawn, enqueued.
+    // Event messages: its own, lost against six others, withdrawn, enqueued.
     let events = jobs("window_timer", Kind::Arbitrating);
     let count = |what: &str| {
         events
@@ -245,7 +245,7 @@ fn releases_come_from_the_network_file() {
             "arbitrating"
         ]
         .map(count),
-        [1, 5, 2, 1, 1]
+        [1, 6, 2, 1, 1]
     );
     // 1000 us less 64, 540, 20 and the lead of 9.
     assert_eq!(time(find("can_rx").deadline), "367.00 us");
@@ -405,18 +405,22 @@ fn releases_that_follow_from_other_files_must_be_there() {
     };
     assert_eq!(
         refused("", "", None),
-        "tasks.toml: task line_idle of gps has a `receiver-burst`, but vehicle.toml has no \
+        "tasks.toml: task parse of gps has a `receiver-burst`, but vehicle.toml has no \
          [receiver]"
     );
     let period = uagv().receiver_period_us();
     assert_eq!(
-        refused("{ task = \"line_idle\" }", "{ task = \"idle\" }", period),
-        "tasks.toml: task parse of gps has `every` with a task that is not in its node or has \
+        refused(
+            "{ receiver-burst = { jobs = 12, apart_us = 100 } }",
+            "{ task = \"idle\" }",
+            period
+        ),
+        "tasks.toml: task ring of gps has `every` with a task that is not in its node or has \
          itself such an `every`"
     );
     assert_eq!(
         refused("jobs = 12", "jobs = 0", period),
-        "tasks.toml: task line_idle of gps has `jobs` = 0: 1 to 10000 is accepted"
+        "tasks.toml: task ring of gps has `jobs` = 0: 1 to 10000 is accepted"
     );
 }
 
@@ -425,9 +429,9 @@ fn a_step_of_a_chain_must_exist() {
     let text = text("firmware/vehicles/uagv/tasks.toml");
     for (from, to, told) in [
         (
-            "task = \"gps.line_idle\"",
-            "task = \"gpz.line_idle\"",
-            "chain `satellite receiver to steering motor`, step 2: `task` is \"gpz.line_idle\": \
+            "task = \"gps.look\"",
+            "task = \"gpz.look\"",
+            "chain `satellite receiver to steering motor`, step 2: `task` is \"gpz.look\": \
              the nodes are controller, drive, gps, steering",
         ),
         (
@@ -445,7 +449,7 @@ fn a_step_of_a_chain_must_exist() {
         (
             "message = \"Velocity\"",
             "message = \"Speed\"",
-            "chain `satellite receiver to steering motor`, step 4: `message` is \"Speed\": the \
+            "chain `satellite receiver to steering motor`, step 5: `message` is \"Speed\": the \
              messages of the network file are TimeReference, ",
         ),
     ] {
@@ -478,7 +482,7 @@ fn a_time_that_would_overflow_is_refused() {
             "task control of controller has `at_us`",
         ),
         (
-            "wait_us = 10\n",
+            "wait_us = 400\n",
             "wait_us = 9000000000000000000\n",
             "chain `satellite receiver to steering motor` has `wait_us`",
         ),

@@ -24,7 +24,7 @@ pub struct Allowed {
 
 /// The panics that a node's program may contain. Each has the same effect: the actuator is
 /// stopped, the cause is recorded, the node resets.
-pub const ALLOWED: [Allowed; 5] = [
+pub const ALLOWED: [Allowed; 6] = [
     Allowed {
         place: Place::Function("HardFault"),
         reason: "a bus fault, an undefined instruction, an overflow of the stack",
@@ -36,6 +36,10 @@ pub const ALLOWED: [Allowed; 5] = [
     Allowed {
         place: Place::Function("NonMaskableInt"),
         reason: "the external clock failed",
+    },
+    Allowed {
+        place: Place::Function("PVD"),
+        reason: "the supply is too low for the core's clock",
     },
     Allowed {
         place: Place::Function("Reset"),

@@ -264,7 +264,7 @@ fn plain_controller(
     let nodes = vehicle::nodes(vehicle, std::slice::from_ref(&rate.message.sender))?;
     let mut cargo = build::command(workspace, vehicle, &nodes)?;
     cargo.args(["--features", "thesis-law"]);
-    let images = build::finish(cargo, vehicle, &nodes)?;
+    let images = build::finish(workspace, cargo, vehicle, &nodes)?;
     let image = images.first().ok_or(Error::NoImage)?;
     let bytes = fs::read(&image.path).map_err(ReadError::of(&image.path))?;
     Ok((image.node, bytes))

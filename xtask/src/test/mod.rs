@@ -16,7 +16,7 @@ use parts::Sled;
 use vehicle_model::Vehicle;
 
 use crate::{
-    Failure, Workspace, build,
+    Failure, Workspace, board, build,
     cli::Test,
     schedulability, sim, size, target, vehicle,
     workspace::{succeed, typed},
@@ -54,6 +54,9 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                     println!("    {}{slow}", typed(cargo));
                 }
                 Work::Faults(count) => println!("    cargo xtask sim --faults {count}"),
+                Work::Board { node, vehicle, .. } => {
+                    println!("    cargo xtask test --board {node} --vehicle {vehicle} --twin");
+                }
                 Work::Images(vehicle) => println!("    cargo xtask build --vehicle {vehicle}"),
                 Work::Drive(vehicle) => {
                     println!("    cargo xtask sim --vehicle {vehicle} --seconds {DRIVE_SECONDS}");
@@ -97,6 +100,13 @@ enum Work {
     Tests { cargo: Command, long: bool },
     /// So many random fault sequences against the images.
     Faults(u64),
+    /// The tests of a board, on the twin.
+    Board {
+        sled: &'static Sled,
+        /// A node that has the board, and its vehicle.
+        node: String,
+        vehicle: String,
+    },
     /// The images of a vehicle: that they build, are within their budgets and do not panic.
     Images(String),
     /// A short run of a vehicle's images on the twin.
@@ -126,6 +136,9 @@ impl Step {
             Work::Faults(count) => found(vehicle::DEFAULT)
                 .and_then(|vehicle| sim::first_faults(workspace, &vehicle, count))
                 .unwrap_or_else(failed),
+            Work::Board { sled, .. } => {
+                board::failures_on_twin(workspace, sled).unwrap_or_else(failed)
+            }
             Work::Images(name) => found(&name)
                 .and_then(|vehicle| images(workspace, &vehicle))
                 .unwrap_or_else(failed),
@@ -158,7 +171,7 @@ impl Step {
 }
 
 /// Crates that exist for a microcontroller only: the host leaves them out.
-const BOARDS: [&str; 2] = ["sled-f446", "sled-f303"];
+const BOARDS: [&str; 3] = ["sled-f446", "sled-f303", "board-tests"];
 
 /// Where the property tests begin unless they are told to try something new: a change is
 /// judged by the same inputs as the one before it.
@@ -185,6 +198,7 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
             Work::Commands(vec![examples(workspace)]),
         ),
     ];
+    steps.extend(board_tests(workspace)?);
     for name in &names {
         let step = |what: &str, work: fn(String) -> Work| {
             Step::new(format!("{what}, {name}"), work(name.clone()))
@@ -208,6 +222,23 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         ),
     ]);
     Ok(steps)
+}
+
+/// The tests of each board that the usual vehicle has.
+fn board_tests(workspace: &Workspace) -> Result<Vec<Step>, Failure> {
+    let vehicle = vehicle::find(workspace, vehicle::DEFAULT)?;
+    let tests = Sled::ALL.into_iter().filter_map(|sled| {
+        let node = vehicle
+            .nodes()
+            .find(|&node| vehicle::board(&vehicle, node) == sled)?;
+        let work = Work::Board {
+            sled,
+            node: vehicle.node(node).name.clone(),
+            vehicle: vehicle.name().to_owned(),
+        };
+        Some(Step::new(format!("board tests, {}", sled.name), work))
+    });
+    Ok(tests.collect())
 }
 
 /// What makes a warning of clippy an error.
@@ -269,7 +300,7 @@ fn on_target(
     for board in Sled::ALL {
         let mut cargo = target::cargo(workspace, command);
         cargo.args(["--features", board.name, "--package", board.package]);
-        cargo.args(["--package", "firmware"]);
+        cargo.args(["--package", "firmware", "--package", "board-tests"]);
         for vehicle in &vehicles {
             let mut nodes = vehicle.nodes();
             if nodes.any(|node| vehicle::board(vehicle, node) == board) {
@@ -404,6 +435,11 @@ mod tests {
         list: false,
         long: false,
         random: false,
+        board: None,
+        vehicle: None,
+        probe: None,
+        twin: false,
+        json: false,
     };
 
     fn scenario() -> world::Scenario {
@@ -529,6 +565,17 @@ mod tests {
         let workspace = Workspace::find().unwrap();
         let usual = typed(&tests(&workspace, &USUAL));
         assert!(usual.contains("--exclude sled-f303"), "{usual}");
+    }
+
+    #[test]
+    fn every_boards_tests_run_on_the_twin() {
+        let workspace = Workspace::find().unwrap();
+        let steps = steps(&workspace, &USUAL).unwrap();
+        for sled in Sled::ALL {
+            let runs =
+                |step: &&Step| matches!(step.work, Work::Board { sled: of, .. } if of == sled);
+            assert_eq!(steps.iter().filter(runs).count(), 1, "{}", sled.name);
+        }
     }
 
     #[test]

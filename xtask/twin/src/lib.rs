@@ -6,6 +6,7 @@
 //! | [`part`] | the two microcontrollers: memory maps, gates, interrupts, DMA requests, pins |
 //! | [`image`] | ELF files: flash contents and names of the handlers |
 //! | [`mcu`] | one microcontroller: core, memories and peripherals |
+//! | [`debugger`] | what a program under test sees of a debugger: semihosting |
 //! | [`statistics`] | cycles of each task: activations, longest execution time, longest response |
 //! | [`network`] | several microcontrollers on one bus |
 //! | [`Twin`] | all nodes of a vehicle and the world around them; [`run`] |
@@ -40,11 +41,12 @@
 //! - contention between core and DMA controllers on the bus matrix: a DMA transfer takes time, but
 //!   delays no access of the core; pairing of loads and stores in the
 //!   core's pipeline;
-//! - low-power modes other than sleep, clock and voltage supervision, backup domain, EXTI lines
-//!   (software can pend their interrupts), SYSCFG remaps;
+//! - low-power modes other than sleep, brown-out reset by option bytes, backup domain, EXTI but
+//!   for the line of the F446's voltage detector (software can pend interrupts), SYSCFG remaps;
 //! - the features that each peripheral's documentation in the source names as not modelled.
 
 mod clock;
+pub mod debugger;
 mod flash;
 pub mod image;
 pub mod mcu;

@@ -1,11 +1,13 @@
 //! One microcontroller: core, memories and peripherals, simulated together.
 
 use crate::clock::{Cycles, NEVER, Ps};
+use crate::debugger::{self, Debugger, Ended};
 use crate::flash::TimedFlash;
 use crate::image::Image;
 use crate::part::{Part, Pin};
 use crate::peripheral::{
-    CanLink, Oscillators, Peripherals, PinChange, Ram, ResetCause, SharedBus, UartByte, lock,
+    CanLink, Oscillators, Peripherals, PinChange, REFERENCE_COUNT, Ram, ResetCause, SharedBus,
+    UartByte, lock,
 };
 use crate::silicon::Violation;
 use crate::statistics::{Load, Observer, Switch};
@@ -89,6 +91,14 @@ pub enum Seen {
 /// Callback for every action of a core.
 pub type Trace = Box<dyn FnMut(Seen) + Send>;
 
+/// A broken bit of memory.
+#[derive(Clone, Copy, Debug)]
+struct Stuck {
+    address: u32,
+    mask: u32,
+    high: bool,
+}
+
 /// A running microcontroller.
 pub struct Mcu {
     image: Arc<Image>,
@@ -104,10 +114,16 @@ pub struct Mcu {
     asleep: bool,
     locked: bool,
     held: bool,
+    /// The supply is below the power-down reset.
+    unpowered: bool,
     /// The core sleeps and must check whether to wake up.
     poke: bool,
     observer: Observer,
     trace: Option<Trace>,
+    debugger: Option<Debugger>,
+    /// A debugger has enabled halting debug (C_DEBUGEN).
+    debugged: bool,
+    stuck: Option<Stuck>,
     resets: Vec<(SimTime, ResetCause)>,
 }
 
@@ -195,9 +211,13 @@ impl Mcu {
             asleep: false,
             locked: false,
             held: false,
+            unpowered: false,
             poke: false,
             observer: Observer::default(),
             trace: None,
+            debugger: None,
+            debugged: false,
+            stuck: None,
             resets: vec![(board.power_on, ResetCause::PowerOn)],
         })
     }
@@ -301,7 +321,7 @@ impl Mcu {
 
     /// True if the core executes nothing until the next event.
     fn stands_still(&self) -> bool {
-        self.held || self.locked || (self.asleep && !self.poke)
+        self.is_held() || self.locked || self.is_halted() || (self.asleep && !self.poke)
     }
 
     /// The next time at which it acts: now while awake, its next event while asleep, `None` if no
@@ -376,7 +396,7 @@ impl Mcu {
 
     /// Skips the time until the next event while the core executes nothing.
     fn skip(&mut self, limit: Cycles) {
-        let idle = self.held || self.locked;
+        let idle = self.is_held() || self.locked || self.is_halted();
         let wrap = self.systick_wrap();
         let to = limit.min(self.shared.attention()).min(wrap).max(self.now);
         let cycles = to - self.now;
@@ -397,7 +417,7 @@ impl Mcu {
 
     /// Cycle at which SysTick interrupts a sleeping core.
     fn systick_wrap(&self) -> Cycles {
-        if self.held || self.locked {
+        if self.is_held() || self.locked || self.is_halted() {
             return NEVER;
         }
         self.core.with_sys(|sys| {
@@ -418,12 +438,18 @@ impl Mcu {
         let at = self.trace.is_some().then(|| self.core.pc());
         self.poke = false;
         self.shared.set_now(self.now);
+        if self.debugged && (self.serve_debugger_call() || self.load_debug_control()) {
+            return;
+        }
         if let Some(flash) = &self.flash {
             flash.set_now(self.now);
         }
         let before = self.core.xpsr();
         let fpscr = self.core.fpscr();
         let used = self.core.step();
+        if self.stuck.is_some() {
+            self.hold_stuck_bit();
+        }
         let stall = self.flash.as_ref().map_or(0, |flash| flash.take_stall());
         if stall > 0 {
             self.wait(stall);
@@ -457,6 +483,53 @@ impl Mcu {
             self.poke = asleep && !self.asleep;
             self.asleep = asleep;
         }
+    }
+
+    /// Lets the debugger answer the instruction at the program counter if that is a semihosting
+    /// call. It takes no time: a debugger halts the core, and its counters with it.
+    fn serve_debugger_call(&mut self) -> bool {
+        let at = self.core.pc();
+        if self.next_code() == Some(debugger::CALL)
+            && let Some(mut debugger) = self.debugger.take()
+        {
+            let (operation, parameter) = (self.core.reg(0), self.core.reg(1));
+            let result = debugger.answer(self, operation, parameter);
+            self.core.set_reg(0, result);
+            self.core.set_pc(at.wrapping_add(2));
+            self.debugger = Some(debugger);
+            return true;
+        }
+        false
+    }
+
+    /// Carries out a load of the debug control register: the emulated core has no debug unit, and
+    /// its own load would read zero. It knows the 16-bit load with a constant offset, outside IT
+    /// blocks. It takes no time.
+    fn load_debug_control(&mut self) -> bool {
+        let Some((target, base, offset)) = self.next_code().and_then(debugger::load) else {
+            return false;
+        };
+        let found = self.core.reg(base).wrapping_add(offset) == debugger::CONTROL;
+        if found {
+            self.core.set_reg(target, debugger::ENABLED);
+            let next = self.core.pc().wrapping_add(2);
+            self.core.set_pc(next);
+        }
+        found
+    }
+
+    /// The first halfword of the instruction at the program counter; `None` outside flash, and while
+    /// a reset is pending.
+    fn next_code(&self) -> Option<u16> {
+        let at = self.core.pc();
+        let offset = at.wrapping_sub(self.image.part().flash.base) as usize;
+        let code = self.image.flash().get(offset..)?.first_chunk()?;
+        (!self.core.reset_pending()).then_some(u16::from_le_bytes(*code))
+    }
+
+    /// True once the program has told its debugger that it has ended: the core stands still.
+    fn is_halted(&self) -> bool {
+        self.ended().is_some()
     }
 
     /// After an exception inside an IT block, adds the remaining IT state to the stacked xPSR. The
@@ -616,6 +689,113 @@ impl Mcu {
         self.surroundings(|p| p.set_pll_locks(locks));
     }
 
+    /// From now on the CAN controller inverts these bits of the first data word of each frame that
+    /// it receives: it is broken.
+    pub fn corrupt_reception(&mut self, mask: u32) {
+        self.surroundings(|p| p.corrupt_reception(mask));
+    }
+
+    /// From now on the CAN controller does not leave the bus when the program asks it to initialise:
+    /// it is broken. Only a reset takes it off the bus. With `unlocked` it also takes a bit timing
+    /// over while it is on the bus.
+    pub fn jam_controller(&mut self, unlocked: bool) {
+        self.surroundings(|p| p.jam_controller(unlocked));
+    }
+
+    /// Plugs a transceiver in at the CAN pins, or takes it away. One is there at first. Without it
+    /// the node is on no bus, and the pull resistor of the receive pin sets its level.
+    pub fn set_transceiver(&mut self, present: bool) {
+        self.surroundings(|p| p.set_transceiver(present));
+    }
+
+    /// Whether the timer that measures the external clock gets its edges. It does at first.
+    pub fn set_clock_measured(&mut self, measured: bool) {
+        self.surroundings(|p| p.set_measured(measured));
+    }
+
+    /// Sets the supply of the part, mV; 3300 at first. The converter measures against it, and the
+    /// voltage detector compares it. Below the power-down reset the part stops with its outputs
+    /// released and forgets everything; above the power-on reset the program starts again.
+    pub fn set_supply(&mut self, millivolts: u16) {
+        let thresholds = self.part().supply;
+        if millivolts < thresholds.reset_mv && !self.unpowered {
+            self.unpowered = true;
+            self.hold(ResetCause::PowerOn);
+            self.forget();
+        }
+        self.surroundings(|p| p.set_supply(millivolts));
+        if millivolts >= thresholds.start_mv && self.unpowered {
+            self.unpowered = false;
+            if !self.held {
+                self.release(ResetCause::PowerOn);
+            }
+        }
+    }
+
+    /// From now on bit `bit` of the word of memory at `address` keeps the level `high`, whatever is
+    /// written to it: the memory is broken.
+    pub fn stick_memory(&mut self, address: u32, bit: u32, high: bool) {
+        self.stuck = Some(Stuck {
+            address,
+            mask: 1 << (bit % 32),
+            high,
+        });
+        self.hold_stuck_bit();
+    }
+
+    /// The broken bit of memory takes its level.
+    fn hold_stuck_bit(&self) {
+        let Some(Stuck {
+            address,
+            mask,
+            high,
+        }) = self.stuck
+        else {
+            return;
+        };
+        for ram in &self.memories {
+            let offset = u64::from(address.wrapping_sub(ram.base));
+            let mut word = [0; 4];
+            if ram.store.read_at(offset, &mut word).is_ok() {
+                let value = u32::from_le_bytes(word);
+                let held = if high { value | mask } else { value & !mask };
+                if held != value {
+                    let _ = ram.store.write_at(offset, &held.to_le_bytes());
+                }
+            }
+        }
+    }
+
+    /// Attaches a debugger, which answers the program's semihosting calls from now on: it passes
+    /// `command_line` and notes the end. Without one such a call is a hard fault, as on a board.
+    pub fn attach_debugger(&mut self, command_line: &str) {
+        self.enable_debug();
+        self.debugger = Some(Debugger::new(command_line));
+    }
+
+    /// A debugger enables halting debug: the program reads C_DEBUGEN as set from now on. Only a
+    /// power cycle of a real part clears it again.
+    pub const fn enable_debug(&mut self) {
+        self.debugged = true;
+    }
+
+    /// How the program under a debugger ended, once it has. The core stands still from then on.
+    #[must_use]
+    pub fn ended(&self) -> Option<&Ended> {
+        self.debugger.as_ref()?.ended.as_ref()
+    }
+
+    /// Writes a peripheral's register as a debugger does. False if no peripheral is mapped there.
+    pub fn write_register(&mut self, address: u32, value: u32) -> bool {
+        self.surroundings(|p| p.write(address, value).is_ok())
+    }
+
+    /// Whether the program has started the watchdog.
+    #[must_use]
+    pub fn watchdog_runs(&self) -> bool {
+        lock(&self.shared.peripherals).watchdog_runs()
+    }
+
     /// Drives a pin from outside from now on. With `None` it is no longer driven, and its pull
     /// resistor sets the level.
     pub fn drive_pin(&mut self, pin: Pin, level: Option<bool>) {
@@ -671,24 +851,33 @@ impl Mcu {
     /// Pulls the reset pin low: the part stops with its outputs released.
     pub fn hold_reset(&mut self) {
         self.held = true;
-        let shared = Arc::clone(&self.shared);
-        lock(&shared.peripherals).reset(ResetCause::Pin, self.now);
-        shared.set_attention(0);
+        self.hold(ResetCause::Pin);
     }
 
     /// Releases the reset pin: the program starts anew, RAM keeps its contents.
     pub fn release_reset(&mut self) {
-        if std::mem::take(&mut self.held) {
-            let now = self.now().as_ticks();
-            self.restart(ResetCause::Pin, now);
+        if std::mem::take(&mut self.held) && !self.unpowered {
+            self.release(ResetCause::Pin);
         }
     }
 
-    /// The supply is gone: the part stops with its outputs released, and forgets everything.
-    pub fn lose_power(&mut self) {
-        self.hold_reset();
-        // What is left in a RAM after a dip is not known; a pattern that is neither zero nor a
-        // record of the program's shows who relies on it.
+    /// The part is in reset from now on.
+    fn hold(&mut self, cause: ResetCause) {
+        let shared = Arc::clone(&self.shared);
+        lock(&shared.peripherals).reset(cause, self.now);
+        shared.set_attention(0);
+    }
+
+    /// The part leaves the reset that [`Mcu::hold`] began.
+    fn release(&mut self, cause: ResetCause) {
+        self.hold(cause);
+        let now = self.now().as_ticks();
+        self.restart(cause, now);
+    }
+
+    /// What is left in a RAM without supply is not known. A pattern that is neither zero nor a
+    /// record of the program's shows who relies on it.
+    fn forget(&self) {
         for ram in &self.memories {
             let size = ram.store.len() as usize;
             let pattern: Vec<u8> = (0..size).map(|at| (at * 37 + 0x5A) as u8).collect();
@@ -696,21 +885,10 @@ impl Mcu {
         }
     }
 
-    /// The supply is back: the program starts as after power-on.
-    pub fn restore_power(&mut self) {
-        if std::mem::take(&mut self.held) {
-            let shared = Arc::clone(&self.shared);
-            lock(&shared.peripherals).reset(ResetCause::PowerOn, self.now);
-            shared.set_attention(0);
-            let now = self.now().as_ticks();
-            self.restart(ResetCause::PowerOn, now);
-        }
-    }
-
-    /// True while its reset pin is held low.
+    /// True while its reset pin is held low, or its supply is too low.
     #[must_use]
     pub fn is_held(&self) -> bool {
-        self.held
+        self.held || self.unpowered
     }
 
     /// Every reset so far, power-on included.
@@ -883,6 +1061,8 @@ fn address_space(
         system[at..at + 12].copy_from_slice(b"furrow-twin\0");
         let at = (page.flash_kib - page.base) as usize;
         system[at..at + 2].copy_from_slice(&((part.flash.size / 1024) as u16).to_le_bytes());
+        let at = (page.reference - page.base) as usize;
+        system[at..at + 2].copy_from_slice(&REFERENCE_COUNT.to_le_bytes());
         let system = Arc::new(RomStore::from_slice(&system));
         map.map(
             Region::rom("system", system, RomWrite::Fault),

@@ -6,7 +6,7 @@ use crate::peripheral::{SharedBus, lock};
 use can_bus::{Bus, SimDuration, SimTime};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// Shortest time for which the nodes run between two updates of the bus: a quarter of a bit at 250
+/// Usual shortest time for which the nodes run between two updates of the bus: a quarter of a bit at 250
 /// kbit/s. A node never runs further ahead of the bus than its horizon or this time, whichever is
 /// later.
 const SLICE: SimDuration = SimDuration::from_ticks(1_000_000);
@@ -20,6 +20,7 @@ pub struct Network {
     bus: SharedBus,
     nodes: Vec<Mcu>,
     now: SimTime,
+    slice: SimDuration,
 }
 
 impl Default for Network {
@@ -32,10 +33,18 @@ impl Network {
     /// A bus without nodes.
     #[must_use]
     pub fn new() -> Self {
+        Self::with_slice(SLICE)
+    }
+
+    /// A bus without nodes that is updated at least this often. An interrupt by the bus comes late
+    /// by this time at most.
+    #[must_use]
+    pub fn with_slice(slice: SimDuration) -> Self {
         Self {
             bus: Arc::new(Mutex::new(Bus::new())),
             nodes: Vec::new(),
             now: SimTime::from_ticks(0),
+            slice,
         }
     }
 
@@ -102,6 +111,6 @@ impl Network {
         } else {
             bus.horizon()
         };
-        target.max(self.now + SLICE).min(end)
+        target.max(self.now + self.slice).min(end)
     }
 }

@@ -13,6 +13,7 @@ pub(crate) enum Block {
     Rcc,
     Flash,
     Pwr,
+    Exti,
     Iwdg,
     Dbgmcu,
     /// Port 0 is A.
@@ -25,6 +26,9 @@ pub(crate) enum Block {
     Dma(usize),
     Adc,
     Can,
+    Crc,
+    /// The timer whose input can be a clock of the part.
+    Capture,
 }
 
 /// The address of a peripheral, which has 1 KiB, and its clock gate.
@@ -65,7 +69,7 @@ const fn f3_apb2(bit: u32) -> Option<(u32, u32, u32)> {
 }
 
 /// RM0390 2.2.2 (addresses), 6.3.5-6.3.14 (gates).
-static F446_SLOTS: [Slot; 23] = [
+static F446_SLOTS: [Slot; 26] = [
     slot(0x4000_0000, Block::Tim(0), f4_apb1(0)),
     slot(0x4000_0400, Block::Tim(1), f4_apb1(1)),
     slot(0x4000_0800, Block::Tim(2), f4_apb1(2)),
@@ -76,6 +80,8 @@ static F446_SLOTS: [Slot; 23] = [
     slot(0x4000_7000, Block::Pwr, f4_apb1(28)),
     slot(0x4001_1000, Block::Usart(0), f4_apb2(4)),
     slot(0x4001_2000, Block::Adc, f4_apb2(8)),
+    slot(0x4001_3C00, Block::Exti, None),
+    slot(0x4001_4800, Block::Capture, f4_apb2(18)),
     slot(0x4002_0000, Block::Gpio(0), f4_ahb1(0)),
     slot(0x4002_0400, Block::Gpio(1), f4_ahb1(1)),
     slot(0x4002_0800, Block::Gpio(2), f4_ahb1(2)),
@@ -84,6 +90,7 @@ static F446_SLOTS: [Slot; 23] = [
     slot(0x4002_1400, Block::Gpio(5), f4_ahb1(5)),
     slot(0x4002_1800, Block::Gpio(6), f4_ahb1(6)),
     slot(0x4002_1C00, Block::Gpio(7), f4_ahb1(7)),
+    slot(0x4002_3000, Block::Crc, f4_ahb1(12)),
     slot(0x4002_3800, Block::Rcc, None),
     slot(0x4002_3C00, Block::Flash, None),
     slot(0x4002_6000, Block::Dma(0), f4_ahb1(21)),
@@ -92,7 +99,7 @@ static F446_SLOTS: [Slot; 23] = [
 ];
 
 /// RM0316 3.2.2 (addresses), 9.4.4-9.4.11 (gates).
-static F303_SLOTS: [Slot; 18] = [
+static F303_SLOTS: [Slot; 20] = [
     slot(0x4000_0000, Block::Tim(0), f3_apb1(0)),
     slot(0x4000_0400, Block::Tim(1), f3_apb1(1)),
     slot(0x4000_3000, Block::Iwdg, None),
@@ -101,9 +108,11 @@ static F303_SLOTS: [Slot; 18] = [
     slot(0x4000_6400, Block::Can, f3_apb1(25)),
     slot(0x4000_7000, Block::Pwr, f3_apb1(28)),
     slot(0x4001_3800, Block::Usart(0), f3_apb2(14)),
+    slot(0x4001_4400, Block::Capture, f3_apb2(17)),
     slot(0x4002_0000, Block::Dma(0), f3_ahb(0)),
     slot(0x4002_1000, Block::Rcc, None),
     slot(0x4002_2000, Block::Flash, None),
+    slot(0x4002_3000, Block::Crc, f3_ahb(6)),
     slot(0x4800_0000, Block::Gpio(0), f3_ahb(17)),
     slot(0x4800_0400, Block::Gpio(1), f3_ahb(18)),
     slot(0x4800_0800, Block::Gpio(2), f3_ahb(19)),

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use vehicle_model::{NodeIndex, Vehicle};
 use world::line::Wave;
 use world::time::Span as _;
-use world::{Analog, Effect, Input, Output, Scenario, World};
+use world::{Analog, Effect, Input, Output, Scenario, World, start_bit};
 
 /// The ELF files of a vehicle's nodes, in the order of its manifest.
 #[derive(Clone, Debug, Default)]
@@ -90,9 +90,9 @@ pub enum TwinError {
 /// Interval at which the analogue inputs follow the world. The nodes sample every 5 ms.
 const STEP: SimDuration = SimDuration::from_ticks(1_000_000_000);
 
-/// How far ahead of the nodes the world produces bytes. It is longer than a byte on any of its
-/// lines, so that every byte is known before its start bit.
-const LOOK_AHEAD: SimDuration = SimDuration::from_ticks(300_000_000);
+/// How far beyond a step the nodes are told what begins on their lines. A core may execute an
+/// instruction more than the step.
+const LOOK_AHEAD: SimDuration = SimDuration::from_ticks(10_000_000);
 
 /// Index of the frame bit that a scenario's corruption inverts. It is in the data field, or in the
 /// checksum of a frame without data.
@@ -301,10 +301,14 @@ impl Twin {
                 coupling = self.world.next_coupling();
             }
             let step = end.min(now + STEP).min(coupling);
+            self.collect();
+            for output in self.world.bytes(step + LOOK_AHEAD) {
+                self.send(&output);
+            }
             // Stop just before the coupling: the bytes that the nodes send until then must reach
             // the world first.
             let before = SimTime::from_ticks(coupling.as_ticks() - 1);
-            self.world.advance_to(before.min(step + LOOK_AHEAD));
+            self.world.advance_to(before.min(step));
             self.collect();
             self.convert(now);
             while let Some(output) = self.ahead.pop_front_if(|output| output.at <= step) {
@@ -366,28 +370,36 @@ impl Twin {
     /// Fetches the world's outputs. Bytes are sent to their lines at once; the others are queued.
     fn collect(&mut self) {
         while let Some(output) = self.world.poll() {
-            if let Effect::Byte {
-                node,
-                device,
-                byte,
-                bit_time,
-            } = output.what
-            {
-                let bit = bit_time.as_ticks().max(1);
-                let start = SimTime::from_ticks(output.at.as_ticks().saturating_sub(10 * bit));
-                let baud = u32::try_from(1_000_000_000_000 / bit).unwrap_or(u32::MAX);
-                if let Some(usart) = self.nodes[node.0].wiring.usart_of(device) {
-                    self.node_mut(node).feed_uart(usart, &[byte], start, baud);
-                }
-            } else {
+            if !self.send(&output) {
                 self.ahead.push_back(output);
             }
         }
     }
 
+    /// Sends a byte to its line. False for anything else.
+    fn send(&mut self, output: &Output) -> bool {
+        let Effect::Byte {
+            node,
+            device,
+            byte,
+            bit_time,
+        } = output.what
+        else {
+            return false;
+        };
+        let start = start_bit(output.at, bit_time);
+        let bit = bit_time.as_ticks().max(1);
+        let baud = u32::try_from(1_000_000_000_000 / bit).unwrap_or(u32::MAX);
+        if let Some(usart) = self.nodes[node.0].wiring.usart_of(device) {
+            self.node_mut(node).feed_uart(usart, &[byte], start, baud);
+        }
+        true
+    }
+
     fn apply(&mut self, output: &Output) {
         match &output.what {
             Effect::Byte { .. } | Effect::WireNoise { .. } => {}
+            Effect::RelayStuck { node } => self.sense_relay(*node),
             Effect::Level { node, input, high } => self.drive_input(*node, *input, *high),
             Effect::ExternalClock {
                 node,
@@ -403,17 +415,18 @@ impl Twin {
                 self.node_mut(*node).find_external_clock(hertz);
             }
             Effect::InternalClock { node, ppb } => self.node_mut(*node).set_internal_error(*ppb),
-            Effect::Supply {
-                node,
-                present: false,
-            } => self.node_mut(*node).lose_power(),
-            Effect::Supply {
-                node,
-                present: true,
-            } => self.node_mut(*node).restore_power(),
+            Effect::Supply { node, millivolts } => self.node_mut(*node).set_supply(*millivolts),
             Effect::Reset { node, held: true } => self.node_mut(*node).hold_reset(),
             Effect::Reset { node, held: false } => self.node_mut(*node).release_reset(),
             Effect::Bus(disturbance) => self.disturb(disturbance, output.at),
+        }
+    }
+
+    /// Sets the line that reads a motor's relay back.
+    fn sense_relay(&mut self, node: NodeIndex) {
+        let high = self.world.relay_sense(node);
+        if let Some(pin) = self.nodes[node.0].wiring.sense {
+            self.node_mut(node).drive_pin(pin, Some(high));
         }
     }
 
@@ -487,7 +500,10 @@ impl Twin {
         sent.sort_by_key(|(at, ..)| *at);
         for (at, node, what) in sent {
             match what {
-                Sent::Relay(closed) => self.world.relay(node, closed, at),
+                Sent::Relay(closed) => {
+                    self.world.relay(node, closed, at);
+                    self.sense_relay(node);
+                }
                 Sent::Byte(byte) => {
                     if let Some(device) = self.nodes[node.0].wiring.device_at(byte.usart) {
                         let wave = Wave {

@@ -21,6 +21,8 @@ pub(crate) struct Wiring {
     plugs: Vec<Plug>,
     /// Pin of the relay in the motor's lead; high closes it.
     pub(crate) relay: Option<Pin>,
+    /// Pin that reads the relay back; low while it conducts.
+    pub(crate) sense: Option<Pin>,
 }
 
 /// Why a node cannot be wired as the manifest says.
@@ -42,7 +44,7 @@ impl Wiring {
         let sled = vehicle.board(node);
         let node = vehicle.node(node);
         let mut plugs = Vec::new();
-        let mut relay = None;
+        let (mut relay, mut sense) = (None, None);
         for (name, &device) in &node.wiring {
             let connector = sled.connector(name).ok_or_else(|| WiringError::Connector {
                 board: sled.name,
@@ -50,13 +52,19 @@ impl Wiring {
             })?;
             if device.is_motor() {
                 relay = connector.signal("relay").map(|line| line.pin);
+                sense = connector.signal("sense").map(|line| line.pin);
             }
             plugs.push(Plug {
                 device,
                 usart: connector.usart(),
             });
         }
-        Ok(Self { sled, plugs, relay })
+        Ok(Self {
+            sled,
+            plugs,
+            relay,
+            sense,
+        })
     }
 
     /// The board of the node.

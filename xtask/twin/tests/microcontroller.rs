@@ -6,6 +6,7 @@ use can_bus::{SimDuration, SimTime};
 use program::{Program, VECTORS};
 use std::sync::{Arc, Mutex};
 use twin::ResetCause;
+use twin::debugger::Ended;
 use twin::mcu::{Board, FlashTiming, Mcu, Seen};
 use twin::part::{Part, Pin};
 
@@ -843,4 +844,89 @@ fn an_interrupt_after_a_float_comparison_leaves_its_outcome_standing() {
         assert!(mcu.register(6) > 1000 && mcu.register(7) > 500);
         assert_eq!(mcu.register(4), 0, "1 was not below 2");
     }
+}
+
+/// Writes `words` from `address` on, then makes the semihosting call `operation`; uses r0 to r2.
+fn call(program: &mut Program, operation: u32, address: u32, words: &[u32]) {
+    for (word, &value) in (0..).zip(words) {
+        program.poke(address + 4 * word, value);
+    }
+    program.constant(1, address).constant(0, operation);
+    program.half(0xBEAB);
+}
+
+#[test]
+fn a_debugger_passes_the_command_line_and_notes_the_end() {
+    const BUFFER: u32 = 0x2000_0100;
+    const BLOCK: u32 = 0x2000_0200;
+    let mut program = Program::new();
+    call(&mut program, 0x15, BLOCK, &[BUFFER, 16]);
+    call(&mut program, 0x20, BLOCK + 8, &[0x2_0026, 7]);
+    program.sleep_for_ever();
+    let mut mcu = program.start(Part::F303, &Board::default());
+    mcu.attach_debugger("run_addr 1");
+    run(&mut mcu, MS);
+    assert_eq!(mcu.ended(), Some(&Ended::Exit(7)));
+    assert_eq!(mcu.memory(BUFFER, 11).unwrap(), b"run_addr 1\0");
+    assert_eq!(mcu.memory(BLOCK + 4, 4).unwrap(), 10_u32.to_le_bytes());
+    // Nothing follows the end.
+    let at = mcu.pc();
+    run(&mut mcu, 2 * MS);
+    assert_eq!((mcu.pc(), mcu.is_locked_up()), (at, false));
+}
+
+#[test]
+fn a_debugger_notices_a_program_that_starts_again() {
+    let mut program = Program::new();
+    call(&mut program, 0x15, 0x2000_0200, &[0x2000_0100, 16]);
+    // A reset by the program (SCB_AIRCR).
+    program.poke(0xE000_ED0C, 0x05FA_0004).sleep_for_ever();
+    let mut mcu = program.start(Part::F446, &Board::default());
+    mcu.attach_debugger("x");
+    for ms in 1..3 {
+        run(&mut mcu, ms * MS);
+    }
+    assert_eq!(mcu.ended(), Some(&Ended::Restarted));
+    assert_eq!(mcu.resets().len(), 2);
+}
+
+#[test]
+fn without_a_debugger_its_call_is_a_fault() {
+    let mut program = Program::new();
+    program.half(0xBEAB).sleep_for_ever();
+    let mut mcu = program.start(Part::F303, &Board::default());
+    run(&mut mcu, MS);
+    assert_eq!((mcu.exception(), mcu.ended()), (3, None));
+}
+
+#[test]
+fn the_input_register_shows_what_a_transmitter_sends() {
+    // PA9 in alternate function 7, USART1 on APB2, 8 MHz HSI, 100 cycles a bit.
+    let mut program = Program::new();
+    program
+        .open(0x4002_1014, 1 << 17)
+        .open(0x4002_1018, 1 << 14)
+        .poke(0x4001_380C, 100)
+        .poke(0x4001_3800, 1 | 1 << 3)
+        .poke(0x4800_0024, 7 << 4)
+        .poke(0x4800_0000, 0xA800_0000 | 2 << 18)
+        .poke(0x4001_3828, 0)
+        .sleep_for_ever();
+    let mut mcu = program.start(Part::F303, &Board::default());
+    run(&mut mcu, MS);
+    let sent = mcu.drain_uart();
+    assert_eq!(sent.len(), 1);
+    let mut mcu = program.start(Part::F303, &Board::default());
+    let pa9 = |mcu: &mut Mcu| mcu.read_register(0x4800_0010).unwrap() >> 9 & 1;
+    for (when, level) in [
+        (sent[0].start.as_ticks() - US, 1),
+        (sent[0].start.as_ticks() + US, 0),
+        (sent[0].edges[9].as_ticks() - US, 0),
+        (sent[0].end.as_ticks(), 1),
+    ] {
+        run(&mut mcu, when);
+        assert_eq!(pa9(&mut mcu), level, "{when}");
+    }
+    mcu.drive_pin(Pin::new('A', 9), Some(false));
+    assert_eq!(pa9(&mut mcu), 0, "a short circuit wins");
 }

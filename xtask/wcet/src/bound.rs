@@ -14,7 +14,7 @@ pub enum Entry {
     /// As a function: only its instructions are charged.
     Function,
     /// As the program's start: loops need not have a bound, and critical sections count from
-    /// the first time that interrupts are enabled.
+    /// the first time that a task can run.
     Program,
 }
 

@@ -3,7 +3,7 @@
 //! A task that follows a pointer in a static variable pays the cost of the memory that the
 //! pointer leads to, and finds the values that start-up left there. The analysis uses that
 //! where it knows the pointer. It knows the pointer in a word if start-up, run on the abstract
-//! machine with interrupts masked, leaves the same address in the word on every path, and no
+//! machine with all tasks masked, leaves the same address in the word on every path, and no
 //! store of a handler or of the idle code can reach the word afterwards.
 //!
 //! Which words a handler can reach depends in turn on where its own pointers lead. So all
@@ -50,9 +50,9 @@ pub enum UnknownStores {
 pub struct Memory {
     /// Words that are taken for granted.
     pub lasting: std::rc::Rc<Words>,
-    /// Bytes that may have been written since interrupts were first enabled.
+    /// Bytes that may have been written since a task could first run.
     pub written: Written,
-    /// Words that memory holds when interrupts are first enabled, on every path so far.
+    /// Words that memory holds when a task can first run, on every path so far.
     pub left: Option<Words>,
     /// While a function that copies or fills memory runs: the bytes outside the stack that it
     /// was called to write, if any.
@@ -62,7 +62,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Notes that a path enables interrupts for the first time, with these words in memory.
+    /// Notes that a path lets tasks run for the first time, with these words in memory.
     pub fn enabled(&mut self, words: &Words) {
         match &mut self.left {
             None => self.left = Some(words.clone()),

@@ -27,6 +27,10 @@ pub(crate) const BIT_BAND: Range = Range::between(0x2200_0000, 0x23ff_ffff);
 /// Peripherals.
 pub(crate) const PERIPHERALS: Range = Range::between(0x4000_0000, 0x5fff_ffff);
 
+/// The CRC unit of both parts (RM0390 2.2.2, RM0316 3.2.2). It has no access to memory, and takes
+/// any word as data, also one that looks like an address.
+pub(crate) const CRC: Range = Range::between(0x4002_3000, 0x4002_33ff);
+
 /// Whether `word` may be an address of flash or RAM.
 #[must_use]
 pub(crate) fn leads_to_memory(word: u32) -> bool {

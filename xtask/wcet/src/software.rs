@@ -9,7 +9,7 @@ use rsemu::cpu::arm::v7m::isa::Insn;
 use super::graph::{Graph, conditional};
 use super::image::Image;
 use super::instruction::{Flow, advance_it, decode};
-use super::register::Register;
+use super::register::{Register, RegisterSet};
 
 /// Prefix of the functions in the executor's only table of waker functions.
 const WAKER: &str = "rtic::export::executor::waker_";
@@ -70,7 +70,8 @@ pub fn taken(image: &Image) -> BTreeSet<u32> {
 ///
 /// The move of the upper half usually follows that of the lower half. If several paths share
 /// the upper one, a branch is in between. So each lower half that is still in its register at
-/// a branch counts with every upper half for that register.
+/// a branch counts with every upper half for that register, and so does one that a conditional
+/// instruction may leave there.
 fn moved(image: &Image, function: u32, size: u32) -> BTreeSet<u32> {
     let mut words = BTreeSet::new();
     let mut low: BTreeMap<u8, u32> = BTreeMap::new();
@@ -88,10 +89,18 @@ fn moved(image: &Image, function: u32, size: u32) -> BTreeSet<u32> {
             Insn::It { cond, mask } => (cond.0 << 4) | mask,
             _ => advance_it(it),
         };
-        // A conditional instruction may be skipped and leave the half in its register.
-        if instruction.flow() != Flow::Next || conditional(&instruction) {
-            carried.extend(low.iter().map(|(register, low)| (*register, *low)));
-        }
+        // A conditional instruction may be skipped and leave the half in the register to which it
+        // writes.
+        let branches = instruction.flow() != Flow::Next;
+        let skipped = if conditional(&instruction) {
+            instruction.written()
+        } else {
+            RegisterSet::NONE
+        };
+        carried.extend(low.iter().filter_map(|(&register, &low)| {
+            let may_stay = branches || skipped.contains(Register::new(register));
+            may_stay.then_some((register, low))
+        }));
         match instruction.insn {
             Insn::MovImm16 {
                 rd,

@@ -57,7 +57,7 @@ pub(crate) struct State {
     pub floats: Rc<[Value; 32]>,
     /// Known words of the stack.
     pub stack: Slots,
-    /// Words outside the stack that hold addresses; kept until interrupts are enabled.
+    /// Words outside the stack that hold addresses; kept until a task can run.
     pub memory: Rc<Words>,
     /// Condition flags.
     pub flags: Flags,
@@ -76,7 +76,7 @@ pub(crate) struct State {
     pub written: RegisterSet,
     /// Critical sections that are still running.
     pub masked: Vec<Masked>,
-    /// True if interrupts have been enabled since reset. False only in start-up code.
+    /// True if a task could run since reset. False only in start-up code.
     pub started: bool,
 }
 

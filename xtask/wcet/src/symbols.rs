@@ -71,7 +71,7 @@ pub struct Symbols {
     indices: HashMap<Symbol, Vec<Indexed>>,
     /// Sources of symbols, unknown ones left out.
     sources: HashMap<Symbol, Source>,
-    /// True if two paths met of which only one had enabled interrupts.
+    /// True if two paths met of which only one had let tasks run.
     pub mixed: bool,
 }
 

@@ -1,30 +1,47 @@
-//! The operator's display at the controller node.
+//! The operator's display at the controller node: Matrix Orbital's LK204-7T-1U.
 //!
-//! The thesis does not name the display's model (6.2.4.5). It only shows that the module answers
-//! every accepted command with `0x55`. Therefore the display is a trait, and [`RowDisplay`] is a
-//! module with that behaviour and with the commands that the controller's firmware sends: two
-//! digits for the row, a letter for the colour (`W`, `G` or `R`), the text, a carriage return.
+//! It is a display of 20 characters in 4 rows with three lamps. [`Lk204`] knows the commands that
+//! the controller's firmware uses and takes every other byte for an error, also text beyond the end
+//! of a row, which ends up elsewhere or nowhere. It has a buffer of 80 bytes, the size that the
+//! maker's manuals of sister models tell, and loses what comes while that is full.
+//!
+//! `firmware::display` tells which facts its maker's manual confirms.
+
+use std::collections::VecDeque;
 
 use crate::syren::fits;
 use crate::time::{SimDuration, SimTime, after, since};
 
-/// The acknowledge byte (thesis 6.2.4.5, Figure 6.28).
-pub const ACKNOWLEDGE: u8 = 0x55;
-
-/// Baud rate of the display.
-pub const BAUD: u32 = 115_200;
+/// Baud rate of the display as it is delivered.
+pub const BAUD: u32 = 19_200;
 
 /// Rows of the screen.
-const ROWS: usize = 20;
+const ROWS: usize = 4;
+/// Characters in a row.
+const COLUMNS: usize = 20;
+/// General purpose outputs, two for each lamp.
+const OUTPUTS: usize = 6;
+/// Bytes that wait for their execution.
+const BUFFER: usize = 80;
 
-/// Longest command that the display buffers, in bytes: row, colour and 40 characters.
-const LONGEST: usize = 43;
+/// Begins every command.
+const PREFIX: u8 = 254;
+/// The display's answer to "read module type".
+pub const MODULE_TYPE: u8 = 0x2B;
+
+/// A byte that the display sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// When the display has executed the command and begins to send.
+    pub at: SimTime,
+    /// The byte.
+    pub byte: u8,
+}
 
 /// A serial display.
 pub trait Display {
-    /// Processes a byte whose stop bit ended at `at`. If the byte completes a command, returns the
-    /// time at which the display has executed it and begins to acknowledge it.
-    fn receive(&mut self, byte: u8, at: SimTime) -> Option<SimTime>;
+    /// Processes a byte whose stop bit ended at `at`, and returns what the display answers.
+    fn receive(&mut self, byte: u8, at: SimTime) -> Option<Answer>;
 
     /// The text on the display, row by row.
     fn text(&self) -> String;
@@ -32,76 +49,157 @@ pub trait Display {
     /// Commands executed.
     fn executed(&self) -> u64;
 
-    /// Commands that the display did not understand and did not answer.
+    /// Bytes and commands that the display did not understand, or had no room for.
     fn refused(&self) -> u64;
 }
 
-/// A display of coloured rows of text.
+/// Matrix Orbital's LK204-7T-1U.
 #[derive(Clone, Debug)]
-pub struct RowDisplay {
-    acknowledges: bool,
+pub struct Lk204 {
+    answers: bool,
+    /// Time to execute a byte.
     delay: SimDuration,
+    /// When each byte in the buffer will be executed.
+    waiting: VecDeque<SimTime>,
     command: Vec<u8>,
-    rows: [Option<(char, String)>; ROWS],
+    rows: [[u8; COLUMNS]; ROWS],
+    /// Column and row, from 0.
+    cursor: (usize, usize),
+    wraps: bool,
+    scrolls: bool,
+    outputs: [bool; OUTPUTS],
     executed: u64,
     refused: u64,
 }
 
-impl RowDisplay {
-    /// A blank display that executes a command in `delay`. With `acknowledges` false it never
-    /// answers.
+impl Lk204 {
+    /// A display that has just got its supply and executes a byte in `delay`. With `answers` false
+    /// it never sends anything.
     #[must_use]
-    pub fn new(acknowledges: bool, delay: SimDuration) -> Self {
+    pub fn new(answers: bool, delay: SimDuration) -> Self {
         Self {
-            acknowledges,
+            answers,
             delay,
+            waiting: VecDeque::new(),
             command: Vec::new(),
-            rows: [const { None }; ROWS],
+            rows: [[b' '; COLUMNS]; ROWS],
+            cursor: (0, 0),
+            wraps: true,
+            scrolls: true,
+            outputs: [false; OUTPUTS],
             executed: 0,
             refused: 0,
         }
     }
 
-    /// Row, colour and text of a command.
-    fn parse(command: &[u8]) -> Option<(usize, char, String)> {
-        let text = core::str::from_utf8(command).ok()?;
-        if command.len() > LONGEST || !text.bytes().all(|byte| (b' '..=b'~').contains(&byte)) {
+    /// When a byte that arrives at `at` is executed; `None` if the buffer is full.
+    fn execution(&mut self, at: SimTime) -> Option<SimTime> {
+        while self.waiting.front().is_some_and(|done| *done <= at) {
+            self.waiting.pop_front();
+        }
+        if self.waiting.len() >= BUFFER {
             return None;
         }
-        let (row, rest) = text.split_at_checked(2)?;
-        let colour = rest
-            .chars()
-            .next()
-            .filter(|colour| "WGR".contains(*colour))?;
-        let digits = row.bytes().all(|byte| byte.is_ascii_digit());
-        let row: usize = row.parse().ok().filter(|row| digits && *row < ROWS)?;
-        Some((row, colour, rest[1..].to_owned()))
+        let begin = self.waiting.back().map_or(at, |last| *last);
+        let done = after(begin, self.delay);
+        self.waiting.push_back(done);
+        Some(done)
+    }
+
+    /// A character of text.
+    fn print(&mut self, byte: u8) {
+        let (column, row) = self.cursor;
+        // With line wrap or scrolling, text ends up where the firmware does not expect it.
+        let fits = column < COLUMNS && !self.wraps && !self.scrolls;
+        if fits && (b' '..=b'~').contains(&byte) {
+            self.rows[row][column] = byte;
+            self.cursor.0 += 1;
+        } else {
+            self.refused += 1;
+        }
+    }
+
+    /// Executes the command if it is complete. The result is what it answers, if it does.
+    fn command(&mut self) -> Option<u8> {
+        let index = |value: u8, most: usize| {
+            usize::from(value)
+                .checked_sub(1)
+                .filter(|index| *index < most)
+        };
+        let mut answer = None;
+        let known = match self.command[..] {
+            [PREFIX] | [PREFIX, 71 | 86 | 87] | [PREFIX, 71, _] => return None,
+            [PREFIX, 68] => {
+                self.wraps = false;
+                true
+            }
+            [PREFIX, 82] => {
+                self.scrolls = false;
+                true
+            }
+            // Auto transmit of key presses off: nobody presses any.
+            [PREFIX, 79] => true,
+            [PREFIX, 71, column, row] => {
+                let place = index(column, COLUMNS).zip(index(row, ROWS));
+                self.cursor = place.unwrap_or(self.cursor);
+                place.is_some()
+            }
+            [PREFIX, what @ (86 | 87), output] => {
+                let output = index(output, OUTPUTS);
+                if let Some(output) = output {
+                    self.outputs[output] = what == 87;
+                }
+                output.is_some()
+            }
+            [PREFIX, 55] => {
+                answer = Some(MODULE_TYPE);
+                true
+            }
+            _ => false,
+        };
+        self.command.clear();
+        if known {
+            self.executed += 1;
+        } else {
+            self.refused += 1;
+        }
+        answer
+    }
+
+    /// The colour of a lamp.
+    fn lamp(&self, lamp: usize) -> &'static str {
+        match (self.outputs[2 * lamp], self.outputs[2 * lamp + 1]) {
+            (false, false) => "yellow",
+            (false, true) => "green",
+            (true, false) => "red",
+            (true, true) => "off",
+        }
     }
 }
 
-impl Display for RowDisplay {
-    fn receive(&mut self, byte: u8, at: SimTime) -> Option<SimTime> {
-        if byte != b'\r' {
-            // One byte more than the limit is kept, to detect that a command is too long.
-            if self.command.len() <= LONGEST {
-                self.command.push(byte);
-            }
-            return None;
-        }
-        let command = core::mem::take(&mut self.command);
-        let Some((row, colour, text)) = Self::parse(&command) else {
+impl Display for Lk204 {
+    fn receive(&mut self, byte: u8, at: SimTime) -> Option<Answer> {
+        let Some(done) = self.execution(at) else {
             self.refused += 1;
             return None;
         };
-        self.rows[row] = Some((colour, text));
-        self.executed += 1;
-        self.acknowledges.then(|| after(at, self.delay))
+        if self.command.is_empty() && byte != PREFIX {
+            self.print(byte);
+            return None;
+        }
+        self.command.push(byte);
+        let byte = self.command()?;
+        self.answers.then_some(Answer { at: done, byte })
     }
 
+    /// Four rows of text, and one with the colours of the lamps.
     fn text(&self) -> String {
-        let rows = self.rows.iter().flatten();
-        rows.map(|(colour, text)| format!("{colour} {text}\n"))
-            .collect()
+        let mut text = String::new();
+        for row in &self.rows {
+            text.push_str(String::from_utf8_lossy(row).trim_end());
+            text.push('\n');
+        }
+        text + &[0, 1, 2].map(|lamp| self.lamp(lamp)).join(" ") + "\n"
     }
 
     fn executed(&self) -> u64 {
@@ -123,68 +221,81 @@ pub fn readable(start: SimTime, end: SimTime) -> bool {
 mod tests {
     use super::*;
 
-    fn display(acknowledges: bool) -> RowDisplay {
-        RowDisplay::new(acknowledges, SimDuration::from_ticks(7))
-    }
-
-    /// The answers to the bytes of `text`, all sent at time 5.
-    fn send(display: &mut RowDisplay, text: &[u8]) -> Vec<Option<u64>> {
-        let answer = |byte: &u8| display.receive(*byte, SimTime::from_ticks(5));
-        text.iter()
-            .map(answer)
-            .map(|at| at.map(|at| at.as_ticks()))
+    /// Sends bytes, one each 500 us, to a display that takes 100 us for each, and returns its
+    /// answers.
+    fn send(display: &mut Lk204, bytes: &[u8]) -> Vec<Answer> {
+        let at = |index: usize| SimTime::from_ticks(500_000_000 * (index as u64 + 1));
+        let bytes = bytes.iter().enumerate();
+        bytes
+            .filter_map(|(index, byte)| display.receive(*byte, at(index)))
             .collect()
     }
 
-    #[test]
-    fn each_command_is_acknowledged_once() {
-        let mut display = display(true);
-        let answers = send(&mut display, b"01Gok\r00W\r");
-        let when: Vec<usize> = (0..answers.len())
-            .filter(|i| answers[*i] == Some(12))
-            .collect();
-        assert_eq!(when, [5, 9]);
-        assert_eq!(display.text(), "W \nG ok\n");
+    fn display(answers: bool) -> Lk204 {
+        let mut display = Lk204::new(answers, SimDuration::from_ticks(100_000_000));
+        assert!(send(&mut display, &[254, 82, 254, 68, 254, 79]).is_empty());
+        assert_eq!((display.executed(), display.refused()), (3, 0));
+        display.waiting.clear();
+        display
     }
 
     #[test]
-    fn a_mute_display_still_shows() {
-        let mut display = display(false);
-        assert!(send(&mut display, b"19RX\r").iter().all(Option::is_none));
-        assert_eq!((display.text().as_str(), display.executed()), ("R X\n", 1));
-    }
-
-    #[test]
-    fn what_is_no_command_gets_no_answer() {
+    fn text_goes_to_its_row_and_lamps_have_colours() {
         let mut display = display(true);
-        for text in [
-            "\r",
-            "1\r",
-            "00\r",
-            "20Wx\r",
-            "xxWx\r",
-            "+1Wx\r",
-            "00Bx\r",
-            "00W\x07\r",
-        ] {
-            assert!(
-                send(&mut display, text.as_bytes())
-                    .iter()
-                    .all(Option::is_none),
-                "{text:?}"
-            );
-        }
-        let endless = ["00W", &"x".repeat(41), "\r"].concat();
-        assert!(
-            send(&mut display, endless.as_bytes())
-                .iter()
-                .all(Option::is_none)
+        let answers = send(&mut display, b"\xFEG\x01\x02abc\xFEG\x14\x04z");
+        assert!(answers.is_empty());
+        send(
+            &mut display,
+            &[254, 86, 1, 254, 87, 2, 254, 87, 3, 254, 86, 4],
         );
-        assert_eq!((display.executed(), display.refused()), (0, 9));
-        let longest = ["00W", &"x".repeat(40), "\r"].concat();
         assert_eq!(
-            send(&mut display, longest.as_bytes()).last(),
-            Some(&Some(12))
+            display.text(),
+            format!("\nabc\n\n{}z\ngreen red yellow\n", " ".repeat(19))
         );
+        assert_eq!(display.refused(), 0);
+    }
+
+    #[test]
+    fn the_module_type_is_the_only_answer() {
+        let answers = send(&mut display(true), &[254, 55]);
+        let at = SimTime::from_ticks(1_100_000_000);
+        assert_eq!(answers, [Answer { at, byte: 0x2B }]);
+        assert!(send(&mut display(false), &[254, 55]).is_empty());
+    }
+
+    #[test]
+    fn what_the_display_does_not_know_is_an_error() {
+        for wrong in [
+            &[254, 1][..],
+            &[254, 71, 0, 1],
+            &[254, 71, 21, 1],
+            &[254, 71, 1, 5],
+            &[254, 87, 0],
+            &[254, 86, 7],
+            b"\r",
+            &[0xFF],
+        ] {
+            let mut display = display(true);
+            assert!(send(&mut display, wrong).is_empty());
+            assert_eq!(display.refused(), 1, "{wrong:?}");
+        }
+        let mut full = display(true);
+        send(&mut full, &[b'x'; 21]);
+        assert_eq!(full.refused(), 1);
+        // Without the settings text would wrap.
+        let mut fresh = Lk204::new(true, SimDuration::from_ticks(0));
+        send(&mut fresh, b"x");
+        assert_eq!(fresh.refused(), 1);
+    }
+
+    #[test]
+    fn what_comes_faster_than_it_is_executed_is_lost() {
+        let mut display = Lk204::new(true, SimDuration::from_ticks(1_000_000_000));
+        let now = SimTime::from_ticks(0);
+        for _ in 0..90 {
+            display.receive(254, now);
+        }
+        // 80 bytes are 40 commands that the display does not know; ten bytes are lost.
+        assert_eq!(display.refused(), 40 + 10);
     }
 }

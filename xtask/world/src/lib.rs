@@ -35,4 +35,4 @@ pub use record::{Counters, EffortChange, Garble, StateSample};
 pub use scenario::{DURATIONS, Scenario, ScenarioError};
 pub use signal::{Analog, Input};
 pub use time::{SimDuration, SimTime};
-pub use world::{Disturbance, Effect, Output, RECORD_PERIOD, World};
+pub use world::{Disturbance, Effect, Output, RECORD_PERIOD, World, start_bit};

@@ -81,7 +81,8 @@ pub struct Listener {
     last: bool,
     /// The instant before which everything has been read.
     read: u64,
-    /// Start and byte of the characters that were sent whole and are not read yet.
+    /// Start and byte of the characters that were sent and are not read yet. One that was cut off
+    /// may still be read right, if its last bits were high.
     sent: VecDeque<(u64, u8)>,
 }
 
@@ -111,9 +112,7 @@ impl Listener {
             }
         }
         self.change(end, true);
-        if wave.cut.is_none() {
-            self.sent.push_back((wave.start().as_ticks(), wave.byte));
-        }
+        self.sent.push_back((wave.start().as_ticks(), wave.byte));
         self.read_until(end, heard);
     }
 

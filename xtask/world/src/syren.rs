@@ -34,6 +34,7 @@ pub struct Syren {
     line: Listener,
     byte: Option<u8>,
     closed: bool,
+    stuck: bool,
 }
 
 impl Syren {
@@ -46,6 +47,7 @@ impl Syren {
             line: Listener::new(BAUD, clock_error),
             byte: None,
             closed: false,
+            stuck: false,
         }
     }
 
@@ -73,10 +75,15 @@ impl Syren {
         self.closed = closed;
     }
 
+    /// The relay conducts from now on, whatever the node says.
+    pub fn stick_relay(&mut self) {
+        self.stuck = true;
+    }
+
     /// Whether the relay is closed.
     #[must_use]
     pub fn is_closed(&self) -> bool {
-        self.closed
+        self.closed || self.stuck
     }
 
     /// The last byte, if there was one.
@@ -89,7 +96,7 @@ impl Syren {
     /// is open.
     #[must_use]
     pub fn effort(&self) -> f64 {
-        if !self.closed {
+        if !self.is_closed() {
             return 0.0;
         }
         let effort = self.byte.map_or(0.0, effort_of);

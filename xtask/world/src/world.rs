@@ -11,7 +11,7 @@ use std::collections::{BinaryHeap, VecDeque};
 
 use vehicle_model::{Device, NodeIndex, Remote};
 
-use crate::lcd::{self, ACKNOWLEDGE, Display, RowDisplay};
+use crate::lcd::{self, Answer, Display, Lk204};
 use crate::line::{Heard, Wave};
 use crate::operator;
 use crate::random::{Purpose, Stream};
@@ -96,12 +96,12 @@ pub enum Effect {
         /// Its level from now on.
         high: bool,
     },
-    /// A node's supply goes or comes.
+    /// A node's supply changes.
     Supply {
         /// The node.
         node: NodeIndex,
-        /// Whether it is there from now on.
-        present: bool,
+        /// What it is from now on, mV.
+        millivolts: u16,
     },
     /// Noise on the line to a node's motor driver reads as a byte.
     WireNoise {
@@ -109,6 +109,11 @@ pub enum Effect {
         node: NodeIndex,
         /// The byte.
         byte: u8,
+    },
+    /// The relay in the lead of a node's motor sticks: it conducts from now on.
+    RelayStuck {
+        /// The node.
+        node: NodeIndex,
     },
     /// A node's 8 MHz clock stops or comes.
     ExternalClock {
@@ -142,6 +147,12 @@ pub struct Output {
     pub at: SimTime,
     /// What.
     pub what: Effect,
+}
+
+/// When the start bit of a byte begins whose stop bit ends at `end`.
+#[must_use]
+pub fn start_bit(end: SimTime, bit_time: SimDuration) -> SimTime {
+    SimTime::from_ticks(end.as_ticks().saturating_sub(10 * bit_time.as_ticks()))
 }
 
 /// A queued output. `order` preserves the order in which outputs of the same time were made.
@@ -254,7 +265,7 @@ impl World {
             let receiver = Receiver::new(receiver.clone(), scenario.stream.clone(), seed);
             (node, receiver)
         });
-        let display = RowDisplay::new(scenario.lcd.acknowledges, scenario.lcd.delay.span());
+        let display = Lk204::new(scenario.lcd.acknowledges, scenario.lcd.delay.span());
         let mut world = Self {
             now: START,
             machine,
@@ -321,9 +332,9 @@ impl World {
             self.push(at(change.at.span()), what);
         }
         for dip in self.scenario.brownout.clone() {
-            for (when, present) in [(dip.at, false), (dip.until, true)] {
+            for (after, millivolts) in dip.course() {
                 let node = dip.node;
-                self.push(at(when.span()), Effect::Supply { node, present });
+                self.push(at(after), Effect::Supply { node, millivolts });
             }
         }
         for noise in self.scenario.wire.clone() {
@@ -332,6 +343,10 @@ impl World {
                 byte: noise.byte,
             };
             self.push(at(noise.at.span()), what);
+        }
+        for fault in self.scenario.relay.clone() {
+            let what = Effect::RelayStuck { node: fault.node };
+            self.push(at(fault.at.span()), what);
         }
         for event in self.scenario.bus.clone() {
             self.script_bus(event);
@@ -481,6 +496,25 @@ impl World {
         self.ready.pop_front()
     }
 
+    /// The bytes whose start bits begin up to `until`, in the order in which they end; they may end
+    /// after the time that the world has been advanced to. The vehicle cannot change them any more.
+    pub fn bytes(&mut self, until: SimTime) -> Vec<Output> {
+        let mut bytes = Vec::new();
+        let mut rest = BinaryHeap::new();
+        for Reverse(queued) in std::mem::take(&mut self.queue).into_vec() {
+            match queued.what {
+                Effect::Byte { bit_time, .. } if start_bit(queued.at, bit_time) <= until => {
+                    bytes.push(queued);
+                }
+                _ => rest.push(Reverse(queued)),
+            }
+        }
+        self.queue = rest;
+        bytes.sort_unstable();
+        let output = |Queued { at, what, .. }| Output { at, what };
+        bytes.into_iter().map(output).collect()
+    }
+
     fn deliver(&mut self, queued: Queued) {
         if let Effect::Level { input, high, .. } = queued.what {
             let level = &mut self.levels[input.index()];
@@ -499,6 +533,9 @@ impl World {
                 self.obey(index, &[noise]);
             }
             return;
+        }
+        if let Effect::RelayStuck { node } = queued.what {
+            self.switch(node, queued.at, Syren::stick_relay);
         }
         self.ready.push_back(Output {
             at: queued.at,
@@ -681,11 +718,23 @@ impl World {
 
     /// A node closes or opens the relay in its motor's lead.
     pub fn relay(&mut self, node: NodeIndex, closed: bool, at: SimTime) {
+        self.switch(node, at, |syren| syren.set_relay(closed));
+    }
+
+    fn switch(&mut self, node: NodeIndex, at: SimTime, change: impl FnOnce(&mut Syren)) {
         if let Some(motor) = self.motors.iter_mut().find(|motor| motor.node == node) {
             let before = (motor.syren.byte(), motor.syren.effort());
-            motor.syren.set_relay(closed);
+            change(&mut motor.syren);
             self.effort_may_change(node, before, at);
         }
+    }
+
+    /// Level of the line that reads the relay of a node's motor back: low while it conducts.
+    /// That holds while the motor driver is stopped; the nodes read it only then.
+    #[must_use]
+    pub fn relay_sense(&self, node: NodeIndex) -> bool {
+        let motor = self.motors.iter().find(|motor| motor.node == node);
+        motor.is_none_or(|motor| !motor.syren.is_closed())
     }
 
     /// Records and applies a change of a driver's last byte or effort since `before`.
@@ -721,14 +770,14 @@ impl World {
         let answer = self.screen.display.receive(byte, end);
         self.counters.lcd_commands = self.screen.display.executed();
         self.counters.lcd_refused = self.screen.display.refused();
-        if let Some(begin) = answer {
+        if let Some(Answer { at: begin, byte }) = answer {
             let bit_time = from_seconds(1.0 / f64::from(lcd::BAUD));
             let done = after(begin.max(self.screen.line_free), bit_time * 10);
             self.screen.line_free = done;
             let what = Effect::Byte {
                 node,
                 device: Device::Display,
-                byte: ACKNOWLEDGE,
+                byte,
                 bit_time,
             };
             self.push(done, what);

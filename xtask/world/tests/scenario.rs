@@ -108,6 +108,43 @@ fn every_mistake_has_its_sentence() {
     );
 }
 
+/// A scenario with a dip from 21 s to 21.1 s and another one.
+fn two_dips(node: &str, at: &str, until: &str) -> Result<Scenario, String> {
+    let dip = |node: &str, at: &str, until: &str| {
+        format!("[[brownout]]\nnode = {node:?}\nat = {at:?}\nuntil = {until:?}\n")
+    };
+    let text = dip("gps", "21 s", "21.1 s") + &dip(node, at, until);
+    let scenario = Scenario::parse(&uagv::vehicle(), "field", "field.toml", &text);
+    scenario.map_err(|error| error.to_string())
+}
+
+#[test]
+fn dips_of_one_supply_that_overlap_are_refused() {
+    for (at, until) in [
+        ("21.05 s", "21.2 s"),
+        ("20.9 s", "21.05 s"),
+        ("20.9 s", "21.2 s"),
+        ("21 s", "21.1 s"),
+        // The supply has not risen yet.
+        ("21.1005 s", "21.2 s"),
+        ("20.9 s", "20.9995 s"),
+    ] {
+        assert_eq!(
+            two_dips("gps", at, until).unwrap_err(),
+            "scenario field.toml, brownout[1] and brownout[0] of one node overlap: a dip begins 1 ms \
+             after the end of the one before, or later",
+            "{at} to {until}"
+        );
+    }
+    for (node, at, until) in [
+        ("gps", "21.101 s", "21.2 s"),
+        ("gps", "20.9 s", "20.999 s"),
+        ("drive", "21.05 s", "21.2 s"),
+    ] {
+        assert!(two_dips(node, at, until).is_ok(), "{node}: {at} to {until}");
+    }
+}
+
 #[test]
 fn names_and_files_that_are_not_there() {
     let sentence = |name: &str| {

@@ -260,11 +260,35 @@ fn a_stop_at_a_ninth_of_the_rate_is_full_reverse() {
 }
 
 #[test]
+fn bytes_are_known_before_their_start_bits() {
+    let text = "[receiver]\nphase = \"0 s\"\nlatency_jitter = \"0 s\"\nclock = \"0 ppm\"\nframe_gap = \"0 s\"\n";
+    let mut world = World::new(&uagv::vehicle(), &scenario(text), 1);
+    world.advance_to(at(from_seconds(0.030)));
+    assert_eq!(world.bytes(at(from_seconds(0.0399))), []);
+    // Bytes of 10 us from 40 ms on: the start bits of the first three are not after 40.02 ms.
+    let ends = |bytes: Vec<Output>| {
+        bytes
+            .iter()
+            .map(|byte| seconds(byte.at))
+            .collect::<Vec<_>>()
+    };
+    let first = ends(world.bytes(at(from_seconds(0.040_02))));
+    assert_eq!(first.len(), 3);
+    assert!((first[0] - 0.040_01).abs() < 1e-9 && (first[2] - 0.040_03).abs() < 1e-9);
+    let next = ends(world.bytes(at(from_seconds(0.040_03))));
+    assert!(next.len() == 1 && (next[0] - 0.040_04).abs() < 1e-9);
+}
+
+#[test]
 fn the_display_answers_after_its_delay() {
-    let mut world = World::new(&uagv::vehicle(), &scenario("[lcd]\ndelay = \"1 ms\"\n"), 1);
-    let bit = 1.0 / 115_200.0;
+    let mut world = World::new(
+        &uagv::vehicle(),
+        &scenario("[lcd]\ndelay = \"250 us\"\n"),
+        1,
+    );
+    let bit = 1.0 / 19_200.0;
     let mut start = 0.010;
-    for byte in b"00Ghello\r" {
+    for byte in b"\xFER\xFED\xFEG\x01\x01hello\xFE7" {
         let (from, to) = (from_seconds(start), from_seconds(start + 10.0 * bit));
         world.serial(uagv::CONTROLLER, Device::Display, *byte, at(from), at(to));
         start += 10.0 * bit;
@@ -275,15 +299,21 @@ fn the_display_answers_after_its_delay() {
         .filter_map(|output| match output.what {
             Effect::Byte {
                 device: Device::Display,
-                byte: 0x55,
+                byte: 0x2B,
                 ..
             } => Some(seconds(output.at)),
             _ => None,
         })
         .collect();
     assert_eq!(answers.len(), 1);
-    assert!((answers[0] - (start + 1e-3 + 10.0 * bit)).abs() < 1e-9);
-    assert_eq!(world.lcd_text(), "G hello\n");
+    // A byte takes 520 us, twice as long as its execution.
+    assert!((answers[0] - (start + 0.25e-3 + 10.0 * bit)).abs() < 1e-9);
+    assert!(
+        world.lcd_text().starts_with("hello\n"),
+        "{}",
+        world.lcd_text()
+    );
+    assert_eq!(world.counters().lcd_refused, 0);
 }
 
 #[test]

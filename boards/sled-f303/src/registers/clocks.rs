@@ -5,9 +5,11 @@
 //! The Nucleo-F303K8 gets the debugger's clock only if its solder bridges are set so. The
 //! program therefore detects the clock at run time and needs no build option.
 
+use super::{gate, ratio};
 use crate::pac;
 use parts::SLED_F303;
 use sled_common::clock::{Clocks, Oscillator, ResetCause};
+use sled_common::selftest::is_plausible;
 
 /// With the external clock.
 pub const EXTERNAL: Clocks = Clocks::of(&SLED_F303, Oscillator::External);
@@ -54,15 +56,36 @@ const fn pllmul(factor: u32) -> u8 {
     (factor - 2) as u8
 }
 
-/// Starts the clock tree and reports which one it became. `None` if the PLL does not lock.
+/// Starts the clock tree and reports which one it became, and the error of the external clock
+/// against the RC oscillator in tenths of a per cent, if it could be measured. `None` if the PLL
+/// does not lock.
 ///
 /// Without the external clock its oscillator stays on, so that [`external_is_ready`] shows when
 /// the clock comes: that of a debugger on a board with a supply of its own comes later than that
 /// of the board, or never.
-pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Option<Clocks> {
+pub fn start(
+    rcc: &pac::RCC,
+    flash: &pac::FLASH,
+    timer: &pac::TIM16,
+) -> Option<(Clocks, Option<i16>)> {
     rcc.cr.modify(|_, w| w.hsebyp().set_bit());
     rcc.cr.modify(|_, w| w.hseon().set_bit());
-    let external = (0..HSE_POLLS).any(|_| rcc.cr.read().hserdy().bit_is_set());
+    let started = (0..HSE_POLLS).any(|_| rcc.cr.read().hserdy().bit_is_set());
+    let error = started.then(|| {
+        gate::open_ratio(rcc);
+        let error = ratio::external_error(timer);
+        rcc.apb2enr.modify(|_, w| w.tim16en().clear_bit());
+        error
+    });
+    let error = error.flatten();
+    // The node also uses a clock that gave no edges to the timer. The part has found this clock stable
+    // (HSERDY, RM0316 9.2.1), so the way to the timer is in doubt and not the clock. The self-test
+    // reports that the clock was not measured.
+    let external = started && error.is_none_or(is_plausible);
+    if started && !external {
+        // On this clock the node would disturb every frame on the bus.
+        rcc.cr.modify(|_, w| w.hseon().clear_bit());
+    }
     if external {
         // If the clock stops later, the non-maskable interrupt ends the program (RM0316 9.2.7).
         rcc.cr.modify(|_, w| w.csson().set_bit());
@@ -97,7 +120,7 @@ pub fn start(rcc: &pac::RCC, flash: &pac::FLASH) -> Option<Clocks> {
     // USART1 on the system clock: its default differs between variants of the part.
     rcc.cfgr3.modify(|_, w| w.usart1sw().sysclk());
 
-    Some(if external { EXTERNAL } else { INTERNAL })
+    Some((if external { EXTERNAL } else { INTERNAL }, error))
 }
 
 /// Whether the external clock is there, on a node that started without it.

@@ -6,6 +6,7 @@
 //! the F303 give no number; the clock control is of the same kind, so the same delay is kept here.
 
 use crate::clocks::{EXTERNAL, INTERNAL};
+use crate::pac;
 use sled_common::clock::Clocks;
 use stm32f3xx_hal::rcc::{Enable, RccBus};
 
@@ -22,6 +23,18 @@ pub(crate) fn open<P: Enable>(bus: &mut <P as RccBus>::Bus) {
     P::enable(bus);
     // The enable register is read back first, so that the delay begins after the write.
     let _ = P::is_enabled();
+    wait();
+}
+
+/// Enables the clock of TIM16, before the HAL has the clock control.
+pub(crate) fn open_ratio(rcc: &pac::RCC) {
+    rcc.apb2enr.modify(|_, w| w.tim16en().set_bit());
+    let _ = rcc.apb2enr.read();
+    wait();
+}
+
+#[inline(always)]
+fn wait() {
     cortex_m::asm::dsb();
     // One for each of `NOPS`.
     cortex_m::asm::nop();

@@ -8,6 +8,8 @@
 //! | [`timer`] | A HAL timer takes its rate from `rcc::Clocks`, which only `freeze` makes, and has no trigger output. |
 //! | [`usart`] | A HAL `Serial` takes its rate from `rcc::Clocks`, too; the motor's port must send without any state when the program ends. |
 //! | [`scan`] | `adc::Adc` converts one channel at a time and waits for it; it has neither an external trigger nor DMA. |
+//! | [`ratio`] | The HAL has no capture of a clock of the part. |
+//! | [`reference`] | `adc::Adc` calibrates with waits that have no bound. |
 //! | [`dma`] | Every setter of an address or a length asserts that the HAL's channel is disabled, which leaves panics in the image; the HAL reads the status register once for each flag. |
 //!
 //! Everything else goes through the HAL: pins, clock gates of the peripherals, DMA channels
@@ -15,8 +17,11 @@
 //! configuration goes through the `bxcan` crate.
 
 pub mod clocks;
+pub(crate) mod crc;
 pub(crate) mod dma;
 pub(crate) mod gate;
+pub(crate) mod ratio;
+pub(crate) mod reference;
 pub(crate) mod scan;
 pub mod time;
 pub(crate) mod timer;

@@ -23,6 +23,8 @@ pub(crate) fn enable(adc: &pac::ADC1, common: &pac::ADC1_2, core: u32) -> Option
         .then_some(())?;
     // ADEN may not be set within four converter cycles of the end of the calibration.
     cortex_m::asm::delay(16);
+    // The flag of an earlier start stays until it is written.
+    adc.isr.write(|w| w.adrdy().set_bit());
     adc.cr.modify(|_, w| w.aden().set_bit());
     (0..POLLS)
         .any(|_| adc.isr.read().adrdy().bit_is_set())

@@ -3,10 +3,11 @@
 //! 8 MHz / 4 = 2 MHz, x 180 = 360 MHz, / 2 = 180 MHz; APB1 / 4 = 45 MHz, APB2 / 2 =
 //! 90 MHz. Voltage scale 1 with over-drive, five flash wait states (2.7-3.6 V).
 
-use super::gate;
+use super::{gate, ratio, supply};
 use crate::pac;
 use parts::{SLED_F446, Sled};
 use sled_common::clock::{Clocks, Oscillator, ResetCause};
+use sled_common::selftest::is_plausible;
 
 /// Core clock, Hz.
 pub const CORE_HZ: u32 = SLED_F446.external.core;
@@ -58,20 +59,43 @@ const HSE_POLLS: u32 = 16_000;
 /// and the switches to them.
 const READY_POLLS: u32 = 16_000;
 
-/// Starts the clock tree and reports it.
+/// Starts the clock tree and reports it. The clock of the power control must be enabled.
 ///
 /// Without the external clock the same frequencies are made from the HSI. The external oscillator
 /// stays on then, so that [`external_is_ready`] shows when its clock comes: that of a debugger on a
 /// board with a supply of its own comes later than that of the board, or never.
 ///
-/// `None` if the PLL or the voltage regulator does not get ready.
-pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Option<Clocks> {
-    gate::open_power(rcc);
+/// Also reports the error of the external clock against the RC oscillator in tenths of a per cent,
+/// if it could be measured.
+///
+/// `None` if the PLL or the voltage regulator does not get ready, or the supply has fallen.
+pub fn start(
+    rcc: &pac::RCC,
+    pwr: &pac::PWR,
+    flash: &pac::FLASH,
+    timer: &pac::TIM11,
+) -> Option<(Clocks, Option<i16>)> {
     pwr.cr().modify(|_, w| w.vos().scale1());
 
     rcc.cr().modify(|_, w| w.hsebyp().set_bit());
     rcc.cr().modify(|_, w| w.hseon().set_bit());
-    let external = (0..HSE_POLLS).any(|_| rcc.cr().read().hserdy().bit_is_set());
+    let started = (0..HSE_POLLS).any(|_| rcc.cr().read().hserdy().bit_is_set());
+    let error = started.then(|| {
+        rcc.cfgr().modify(|_, w| w.rtcpre().set(ratio::DIVIDER));
+        gate::open_ratio(rcc);
+        let error = ratio::external_error(timer);
+        rcc.apb2enr().modify(|_, w| w.tim11en().clear_bit());
+        error
+    });
+    let error = error.flatten();
+    // The node also uses a clock that gave no edges to the timer. The part has found this clock stable
+    // (HSERDY, RM0390 6.2.1), so the way to the timer is in doubt and not the clock. The self-test
+    // reports that the clock was not measured.
+    let external = started && error.is_none_or(is_plausible);
+    if started && !external {
+        // On this clock the node would disturb every frame on the bus.
+        rcc.cr().modify(|_, w| w.hseon().clear_bit());
+    }
     if external {
         // If the clock stops later, the non-maskable interrupt ends the program (RM0390 6.2.7).
         rcc.cr().modify(|_, w| w.csson().set_bit());
@@ -119,6 +143,9 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Option<Clock
     wait(|| flash.acr().read().latency().bits() == WAIT_STATES)?;
 
     wait(|| rcc.cr().read().pllrdy().bit_is_set())?;
+    if !supply::is_good(pwr) {
+        return None;
+    }
     rcc.cfgr().modify(|_, w| w.sw().pll());
     wait(|| rcc.cfgr().read().sws().is_pll())?;
 
@@ -127,7 +154,7 @@ pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, flash: &pac::FLASH) -> Option<Clock
     } else {
         Oscillator::Internal
     };
-    Some(Clocks::of(&SLED_F446, oscillator))
+    Some((Clocks::of(&SLED_F446, oscillator), error))
 }
 
 /// Waits for a flag, for a bounded time.

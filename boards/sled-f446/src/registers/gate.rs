@@ -30,6 +30,13 @@ pub(crate) fn open_power(rcc: &pac::RCC) {
     wait();
 }
 
+/// Enables the clock of TIM11, before the HAL has the clock control.
+pub(crate) fn open_ratio(rcc: &pac::RCC) {
+    rcc.apb2enr().modify(|_, w| w.tim11en().set_bit());
+    let _ = rcc.apb2enr().read();
+    wait();
+}
+
 #[inline(always)]
 fn wait() {
     cortex_m::asm::dsb();

@@ -7,10 +7,8 @@ pub(crate) use crate::pac::usart1::RegisterBlock;
 pub(crate) struct Uses {
     /// A DMA stream feeds the transmitter.
     pub(crate) transmit_dma: bool,
-    /// A DMA stream empties the receiver. Line errors interrupt.
+    /// A DMA stream empties the receiver.
     pub(crate) receive_dma: bool,
-    /// The port interrupts when the line becomes idle.
-    pub(crate) idle: bool,
     /// The port interrupts at each received byte.
     pub(crate) received: bool,
 }
@@ -23,14 +21,12 @@ pub(crate) fn start(usart: &RegisterBlock, clock: u32, baud: u32, uses: Uses) {
     usart.brr().write(|w| unsafe { w.bits(divider as u16) });
     usart.cr3().write(|w| {
         w.dmat().bit(uses.transmit_dma);
-        w.dmar().bit(uses.receive_dma);
-        w.eie().bit(uses.receive_dma)
+        w.dmar().bit(uses.receive_dma)
     });
     usart.cr1().write(|w| {
         w.ue().set_bit();
         w.te().set_bit();
         w.re().set_bit();
-        w.idleie().bit(uses.idle);
         w.rxneie().bit(uses.received)
     });
 }
@@ -39,25 +35,6 @@ pub(crate) fn start(usart: &RegisterBlock, clock: u32, baud: u32, uses: Uses) {
 #[inline(always)]
 pub(crate) fn data_register(usart: &RegisterBlock) -> u32 {
     usart.dr().as_ptr() as u32
-}
-
-/// Clears the flags of an idle line and of line errors on a port that a DMA stream empties; true if
-/// a byte was lost.
-///
-/// A read of the status and then one of the data clear the flags (RM0390 25.6.1). The second one
-/// also takes the byte away that waits in the data register. So while a byte waits, it is left to
-/// the stream: its read clears the flags, and the interrupt comes again if it did not.
-///
-/// A byte that ends in the four cycles between the two reads here is still taken. The line was idle
-/// when this interrupt was raised, so that happens only if the interrupt is served later than a
-/// whole byte after its cause.
-#[inline(always)]
-pub(crate) fn acknowledge_line(usart: &RegisterBlock) -> bool {
-    let status = usart.sr().read();
-    if status.rxne().bit_is_clear() {
-        let _ = usart.dr().read();
-    }
-    status.ore().bit_is_set()
 }
 
 /// The byte that has arrived, if one has.

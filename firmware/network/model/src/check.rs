@@ -32,6 +32,7 @@ pub(crate) fn check(network: &Network, unscheduled: bool) -> Vec<Problem> {
     for message in &network.messages {
         data(network, message, &mut problems);
         precedence(network, message, unscheduled, &mut problems);
+        replacement(network, message, &mut problems);
         if !unscheduled {
             for at in message.windows() {
                 window(network, message, at, &mut problems);
@@ -413,6 +414,38 @@ fn rate(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
 }
 
 /// Checks that the windows of the messages that a message needs lie before its own.
+fn replacement(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
+    let Some(name) = &message.instead_of else {
+        return;
+    };
+    let of = format!("message {} ({})", message.name, message.id);
+    let first = network.messages.iter().find(|other| other.name == *name);
+    let fits = |first: &Message| {
+        let interval = |message: &Message| match message.send_type {
+            SendType::Event { interval_ms } => Some(interval_ms),
+            SendType::Cyclic { .. } => None,
+        };
+        first.sender == message.sender
+            && first.instead_of.is_none()
+            && interval(first).is_some_and(|least| interval(message) >= Some(least))
+            && (first.length, first.shortest) == (message.length, message.shortest)
+    };
+    let what = match first {
+        Some(first) if fits(first) => return,
+        Some(_) => format!(
+            "{of} is sent instead of {name} by its attribute InsteadOf: an event message of the \
+             same sender, of the same length, with an interval that is not longer, is accepted"
+        ),
+        None => format!(
+            "{of} is sent instead of {name} by its attribute InsteadOf, but there is no such message"
+        ),
+    };
+    problems.push(Problem {
+        line: message.line,
+        what,
+    });
+}
+
 fn precedence(
     network: &Network,
     message: &Message,

@@ -67,6 +67,9 @@ pub struct Message {
     /// Names of the messages that its sender needs first: wherever both come in the same
     /// basic cycle, their windows are over before this one's begins.
     pub after: Vec<String>,
+    /// Name of the event message of the same sender in whose place it is sent: the two together
+    /// come no more often than that one may.
+    pub instead_of: Option<String>,
     /// Time in microseconds that its sender needs from the arrival of those messages
     /// ([`Network::release_us`]) until it can send this one.
     pub preparation_us: u32,

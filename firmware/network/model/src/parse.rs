@@ -61,7 +61,7 @@ impl Network {
 }
 
 /// The attributes that are read. A file may also define its own, for other tools.
-const ATTRIBUTES: [&str; 20] = [
+const ATTRIBUTES: [&str; 21] = [
     "After",
     "BasicCycle",
     "BasicCycles",
@@ -71,6 +71,7 @@ const ATTRIBUTES: [&str; 20] = [
     "GenMsgCycleTime",
     "GenMsgDelayTime",
     "GenMsgSendType",
+    "InsteadOf",
     "MasterRank",
     "Preparation",
     "SendCondition",
@@ -277,6 +278,7 @@ impl Reader<'_> {
         };
         let (window, further) = self.windows(message, kind);
         let after = self.after(message);
+        let instead_of = self.instead_of(message);
         let mut signals = Vec::new();
         for signal in &message.signals {
             signals.extend(self.signal(message, signal, tables, line));
@@ -302,6 +304,7 @@ impl Reader<'_> {
                 false => self.message_number(message.id, name, "Preparation"),
             },
             after,
+            instead_of,
             signals,
             line,
         })
@@ -396,6 +399,22 @@ impl Reader<'_> {
             _ => SendType::Cyclic {
                 period_ms: self.message_number(message.id, name, "GenMsgCycleTime"),
             },
+        }
+    }
+
+    /// Name of the message in whose place a message is sent.
+    fn instead_of(&mut self, message: &can_dbc::Message) -> Option<String> {
+        match self.dbc.resolved_message_attribute(message.id, "InsteadOf") {
+            Some(AttributeValue::String(name)) => {
+                Some(name.clone()).filter(|name| !name.is_empty())
+            }
+            Some(other) => {
+                let accepted = "the name of a message in quotation marks is accepted";
+                let text = text_of(other);
+                self.attribute(message, "InsteadOf", &text, accepted);
+                None
+            }
+            None => None,
         }
     }
 

@@ -25,6 +25,7 @@ mod app {
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
+    use firmware::selftest::{Motor, Report};
     use firmware::{e2e, fault};
     use rtic::Mutex as _;
     use two_boards::matrix::{MASTER, release, window};
@@ -36,6 +37,8 @@ mod app {
         clock: Clock,
         link: Link,
         console: board::console::Console,
+        /// The last self-test.
+        test: Option<Report>,
         /// Last position of the knob, and the number of commands sent, which wraps.
         knob: (u16, u32),
     }
@@ -73,6 +76,7 @@ mod app {
                 clock: sled.clock,
                 link,
                 console: sled.console,
+                test: None,
                 knob: (0, 0),
             },
             Local {
@@ -83,6 +87,7 @@ mod app {
                     sled.led,
                     sled.watchdog,
                     &start,
+                    &sled.findings,
                 ),
                 log: Log::new(&start),
             },
@@ -147,7 +152,7 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link], local = [keeper])]
+    #[task(priority = 2, shared = [link, knob, test], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -164,21 +169,31 @@ mod app {
             link.keep();
             BusView::of(link)
         });
-        // No motor turns by this node's hand.
-        keeper.step::<MasterStatus, _, _>(&mut shared.link, &bus, bus.link.services, true);
+        // No motor turns by this node's hand, but without it the motor stops.
+        let (knob, _) = shared.knob.lock(|knob| *knob);
+        let still = two_boards::is_stop(knob);
+        keeper.step::<MasterStatus, _, _>(
+            &mut shared.link,
+            &bus,
+            bus.link.services,
+            Motor::none(still),
+        );
+        shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }
     }
 
-    #[task(binds = EXTI3, priority = 1, shared = [link, knob, console], local = [log])]
+    #[task(binds = EXTI3, priority = 1, shared = [link, knob, console, test], local = [log])]
     fn console(mut cx: console::Context) {
         let (knob, commands) = cx.shared.knob.lock(|knob| *knob);
+        let test = cx.shared.test.lock(|test| *test);
         node::report(
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
             &Own::default(),
+            test,
             |line| {
                 line.str("master knob ").unsigned(u32::from(knob));
                 line.str(" commands ").unsigned(commands).str("\r\n");

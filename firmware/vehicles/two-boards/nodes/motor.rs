@@ -30,11 +30,12 @@ mod app {
     use firmware::link::padded;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
+    use firmware::selftest::Report;
     use network::Message as _;
     use rtic::Mutex as _;
     use two_boards::matrix::{MOTOR, window};
     use two_boards::messages::{AdcCount, Knob, MotorStatus};
-    use two_boards::{COMMAND_TIMEOUT, Link, Obeyed, Stack, identity};
+    use two_boards::{COMMAND_TIMEOUT, Circuit, Link, Obeyed, Stack, identity};
 
     #[shared]
     struct Shared {
@@ -43,11 +44,14 @@ mod app {
         obeyed: Obeyed,
         output: MotorOutput,
         console: board::console::Console,
+        /// The last self-test.
+        test: Option<Report>,
     }
 
     #[local]
     struct Local {
         pot: Pot,
+        circuit: Circuit,
         keeper: Keeper,
         log: Log,
     }
@@ -83,15 +87,18 @@ mod app {
                 obeyed: Obeyed::new(Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us)),
                 output: sled.motor,
                 console: sled.console,
+                test: None,
             },
             Local {
                 pot,
+                circuit: Circuit::open(start.clocks.ticks_per_us),
                 keeper: Keeper::start(
                     cx.core.SYST,
                     &mut cx.core.SCB,
                     sled.led,
                     sled.watchdog,
                     &start,
+                    &sled.findings,
                 ),
                 log: Log::new(&start),
             },
@@ -145,14 +152,14 @@ mod app {
         cx.shared.link.lock(|link| link.put(window::KNOB, data));
     }
 
-    #[task(binds = EXTI1, priority = 5, shared = [&clock, link, obeyed, output])]
+    #[task(binds = EXTI1, priority = 5, shared = [&clock, link, obeyed, output], local = [circuit])]
     fn actuate(cx: actuate::Context) {
         let now = cx.shared.clock.now();
-        let mut link = cx.shared.link;
+        let (mut link, circuit) = (cx.shared.link, cx.local.circuit);
         let arrival = link.lock(|link| link.arrival(window::COMMAND));
         let accepted = (cx.shared.obeyed, cx.shared.output).lock(|obeyed, output| {
             let accepted = obeyed.attend(&arrival, now);
-            output.set(obeyed.command().map(|command| command.motor));
+            output.set(circuit.byte(obeyed.command(), now));
             accepted
         });
         if accepted {
@@ -167,7 +174,7 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link, obeyed, output], local = [keeper])]
+    #[task(priority = 2, shared = [link, obeyed, output, test], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -189,14 +196,15 @@ mod app {
             .obeyed
             .lock(|obeyed| obeyed.command().map(|command| command.led));
         keeper.show(led);
-        let idle = shared.output.lock(|output| output.is_open());
-        keeper.step::<MotorStatus, _, _>(&mut shared.link, &bus, bus.link.services, idle);
+        let motor = node::motor(&mut shared.output, keeper);
+        keeper.step::<MotorStatus, _, _>(&mut shared.link, &bus, bus.link.services, motor);
+        shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }
     }
 
-    #[task(binds = EXTI3, priority = 1, shared = [link, obeyed, output, console], local = [log])]
+    #[task(binds = EXTI3, priority = 1, shared = [link, obeyed, output, console, test], local = [log])]
     fn console(mut cx: console::Context) {
         let byte = cx.shared.output.lock(|output| output.last());
         let view = cx.shared.obeyed.lock(|obeyed| ActuatorView {
@@ -206,11 +214,13 @@ mod app {
             refused: obeyed.refused(),
             refusal: obeyed.refusal(),
         });
+        let test = cx.shared.test.lock(|test| *test);
         node::report(
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
             &Own::from(&view),
+            test,
             |line| lines::actuator(line, "motor", &view),
         );
     }

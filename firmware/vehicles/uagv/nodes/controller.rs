@@ -7,7 +7,7 @@
 //! | `can_tx` | mailbox empty | 6 | stamps, reports the outcome |
 //! | `can_error` | status change | 6 | bus-off |
 //! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 releases `control` |
-//! | `display_rx` | USART3 | 6 | the display's acknowledges |
+//! | `display_rx` | USART3 | 6 | the display's answers |
 //! | `control` | EXTI1, pended by software | 5 | one step for each basic cycle: messages 300, 450-453 |
 //! | `scan` | DMA2 stream 0 | 4 | 200 Hz: joystick, buttons |
 //! | `console_dma` | DMA1 stream 6 | 3 | next console line |
@@ -34,10 +34,11 @@ mod app {
     };
     use firmware::buttons::{Button, Buttons};
     use firmware::console::{self as lines, BusView};
-    use firmware::display::{self, Plain, Supervision};
+    use firmware::display::{self, Lk204, Supervision};
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
+    use firmware::selftest::{Motor, Report};
     use firmware::text::Text;
     use firmware::{design, e2e, fault};
     use network::Message as _;
@@ -59,6 +60,8 @@ mod app {
         lcd: Lcd,
         supervision: Supervision,
         console: board::console::Console,
+        /// The last self-test.
+        test: Option<Report>,
     }
 
     #[local]
@@ -109,6 +112,7 @@ mod app {
                 lcd: operator.lcd,
                 supervision: Supervision::default(),
                 console: sled.console,
+                test: None,
             },
             Local {
                 joystick: operator.joystick,
@@ -125,6 +129,7 @@ mod app {
                     sled.led,
                     sled.watchdog,
                     &start,
+                    &sled.findings,
                 ),
                 log: Log::new(&start),
             },
@@ -238,14 +243,13 @@ mod app {
         cx.shared.lcd.lock(|lcd| lcd.on_transfer_complete());
     }
 
-    /// Deadline: the next acknowledgement, 347 us later, which overruns the port's only
-    /// register.
+    /// Deadline: a byte later, 520 us, which would overrun the port's only register.
     #[task(binds = USART3, priority = 6, shared = [supervision], local = [replies])]
     fn display_rx(mut cx: display_rx::Context) {
         if let Some(byte) = cx.local.replies.received() {
             cx.shared
                 .supervision
-                .lock(|supervision| supervision.received(byte));
+                .lock(|supervision| supervision.received::<Lk204>(byte));
         }
     }
 
@@ -267,17 +271,17 @@ mod app {
         let view = pilot.lock(|pilot| pilot.view(time, bus));
         let screen = cx.local.screen;
         screen.clear();
-        display::write::<Plain>(screen, &view);
+        display::write::<Lk204>(screen, &view);
         let (mut lcd, mut supervision) = (cx.shared.lcd, cx.shared.supervision);
         lcd.lock(|lcd| {
             if !lcd.is_busy() {
-                supervision.lock(|supervision| supervision.sent(display::ROWS));
+                supervision.lock(|supervision| supervision.sent(1));
                 lcd.send(screen.as_bytes());
             }
         });
     }
 
-    #[task(priority = 2, shared = [link, pilot], local = [keeper])]
+    #[task(priority = 2, shared = [link, pilot, test], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -297,25 +301,30 @@ mod app {
             }
             BusView::of(link)
         });
-        let (steps, idle) = shared.pilot.lock(|pilot| (pilot.steps(), pilot.is_still()));
-        keeper.step::<ControllerStatus, _, _>(&mut shared.link, &bus, steps, idle);
+        let (steps, idle) = shared
+            .pilot
+            .lock(|pilot| (pilot.steps(), pilot.may_restart()));
+        keeper.step::<ControllerStatus, _, _>(&mut shared.link, &bus, steps, Motor::none(idle));
+        shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }
     }
 
-    #[task(binds = EXTI3, priority = 1, shared = [link, pilot, supervision, console], local = [log])]
+    #[task(binds = EXTI3, priority = 1, shared = [link, pilot, supervision, console, test], local = [log])]
     fn console(mut cx: console::Context) {
         let present = cx
             .shared
             .supervision
             .lock(|supervision| supervision.is_present());
         let view = cx.shared.pilot.lock(|pilot| pilot.line(present));
+        let test = cx.shared.test.lock(|test| *test);
         node::report(
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
             &Own::from(&view),
+            test,
             |line| lines::pilot(line, "uagv", &view),
         );
     }

@@ -27,6 +27,7 @@ mod app {
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
+    use firmware::selftest::Report;
     use rtic::Mutex as _;
     use uagv::design::COMMAND_TIMEOUT;
     use uagv::matrix::{DRIVE, window};
@@ -40,6 +41,8 @@ mod app {
         driving: Driving,
         output: MotorOutput,
         console: board::console::Console,
+        /// The last self-test.
+        test: Option<Report>,
     }
 
     #[local]
@@ -76,6 +79,7 @@ mod app {
                 driving: Driving::new(Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us)),
                 output: sled.motor,
                 console: sled.console,
+                test: None,
             },
             Local {
                 keeper: Keeper::start(
@@ -84,6 +88,7 @@ mod app {
                     sled.led,
                     sled.watchdog,
                     &start,
+                    &sled.findings,
                 ),
                 log: Log::new(&start),
             },
@@ -151,7 +156,7 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link, output], local = [keeper])]
+    #[task(priority = 2, shared = [link, output, test], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -170,14 +175,15 @@ mod app {
         });
         // Also advances the slew.
         rtic::pend(Interrupt::EXTI1);
-        let idle = shared.output.lock(|output| output.is_open());
-        keeper.step::<DriveStatus, _, _>(&mut shared.link, &bus, bus.link.services, idle);
+        let motor = node::motor(&mut shared.output, keeper);
+        keeper.step::<DriveStatus, _, _>(&mut shared.link, &bus, bus.link.services, motor);
+        shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }
     }
 
-    #[task(binds = EXTI3, priority = 1, shared = [link, driving, output, console], local = [log])]
+    #[task(binds = EXTI3, priority = 1, shared = [link, driving, output, console, test], local = [log])]
     fn console(mut cx: console::Context) {
         let byte = cx.shared.output.lock(|output| output.last());
         let view = cx.shared.driving.lock(|driving| ActuatorView {
@@ -187,11 +193,13 @@ mod app {
             refused: driving.supervised.refused(),
             refusal: driving.supervised.refusal(),
         });
+        let test = cx.shared.test.lock(|test| *test);
         node::report(
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
             &Own::from(&view),
+            test,
             |line| lines::actuator(line, "drive", &view),
         );
     }

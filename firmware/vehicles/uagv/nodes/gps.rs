@@ -7,7 +7,7 @@
 //! | `can_error` | status change | 6 | bus-off |
 //! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 begins the schedule |
 //! | `ring` | DMA2 stream 2 | 5 | takes the receiver's bytes, some at a time |
-//! | `line_idle` | USART1 | 5 | the same at the end of a burst |
+//! | `look` | TIM4 | 5 | 5 kHz: notices the end of a burst |
 //! | `console_dma` | DMA1 stream 6 | 4 | next console line |
 //! | `SysTick` | SysTick | 4 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
 //! | `housekeeping` | software, by EXTI2 | 3 | 100 Hz: watchdog, status, bus recovery, LED |
@@ -28,12 +28,13 @@ mod app {
     use firmware::log::Own;
     use firmware::navigation::{Pause, Station, Step, trim};
     use firmware::node::{self, Keeper, Log, Pace};
+    use firmware::selftest::{Motor, Report};
     use firmware::{design, fault};
     use rtic::Mutex as _;
     use ttcan::{GlobalTime, Micros, Stamp};
     use uagv::design::{RECEIVER_LEAD, RECEIVER_PERIOD};
-    use uagv::matrix::{BASIC_CYCLE, GPS};
-    use uagv::messages::GpsStatus;
+    use uagv::matrix::{BASIC_CYCLE, GPS, window};
+    use uagv::messages::{Command, GpsStatus};
     use uagv::{Link, Stack, identity, wire};
 
     #[shared]
@@ -43,6 +44,8 @@ mod app {
         receiver: Receiver,
         station: Station,
         console: board::console::Console,
+        /// The last self-test.
+        test: Option<Report>,
     }
 
     #[local]
@@ -81,6 +84,7 @@ mod app {
                 receiver,
                 station: Station::new(),
                 console: sled.console,
+                test: None,
             },
             Local {
                 keeper: Keeper::start(
@@ -89,6 +93,7 @@ mod app {
                     sled.led,
                     sled.watchdog,
                     &start,
+                    &sled.findings,
                 ),
                 log: Log::new(&start),
             },
@@ -132,28 +137,24 @@ mod app {
     fn ring(cx: ring::Context) {
         (cx.shared.receiver, cx.shared.station).lock(|receiver, station| {
             receiver.acknowledge_dma();
-            take(receiver, station);
+            // If there may be more bytes, this task runs again; otherwise `parse` reads what was
+            // taken.
+            rtic::pend(if station.take(receiver.arrived()) {
+                Interrupt::DMA2_STREAM2
+            } else {
+                Interrupt::EXTI4
+            });
         });
     }
 
-    #[task(binds = USART1, priority = 5, shared = [&clock, receiver, station])]
-    fn line_idle(cx: line_idle::Context) {
+    #[task(binds = TIM4, priority = 5, shared = [&clock, receiver, station])]
+    fn look(cx: look::Context) {
         let now = cx.shared.clock.now();
         (cx.shared.receiver, cx.shared.station).lock(|receiver, station| {
-            receiver.acknowledge_line();
-            station.pause(now);
-            take(receiver, station);
-        });
-    }
-
-    /// Takes some of the bytes that have arrived. If there may be more, `ring` runs again;
-    /// otherwise `parse` reads what was taken.
-    #[inline(always)]
-    fn take(receiver: &mut Receiver, station: &mut Station) {
-        rtic::pend(if station.take(receiver.arrived()) {
-            Interrupt::DMA2_STREAM2
-        } else {
-            Interrupt::EXTI4
+            if let Some(since) = receiver.look(now) {
+                station.pause(since);
+                rtic::pend(Interrupt::DMA2_STREAM2);
+            }
         });
     }
 
@@ -203,19 +204,27 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 3, shared = [&clock, link, station], local = [keeper])]
+    #[task(
+        priority = 3,
+        shared = [&clock, link, station, test],
+        local = [keeper, moving: bool = false]
+    )]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
             // at-most: 1. The same; the first step waits for nothing.
-            keep(&mut cx.shared, cx.local.keeper);
+            keep(&mut cx.shared, cx.local.keeper, cx.local.moving);
             pace.wait().await;
         }
     }
 
     /// A step of the housekeeping.
-    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
+    fn keep(
+        shared: &mut housekeeping::SharedResources<'_>,
+        keeper: &mut Keeper,
+        moving: &mut bool,
+    ) {
         let clock = shared.clock;
         let timeout = shared
             .link
@@ -223,7 +232,7 @@ mod app {
         let silent = shared
             .station
             .lock(|station| station.navigation_mut().lapse(clock.now(), timeout));
-        let bus = shared.link.lock(|link| {
+        let (bus, command) = shared.link.lock(|link| {
             link.keep();
             if silent {
                 link.set_reference_byte(0);
@@ -233,16 +242,27 @@ mod app {
             if !link.is_started() && keeper.uptime() >= design::receiver_patience(RECEIVER_PERIOD) {
                 link.start();
             }
-            BusView::of(link)
+            let command = link.message::<Command>(window::COMMAND);
+            (BusView::of(link), command)
         });
-        // No motor turns by this node's hand.
-        keeper.step::<GpsStatus, _, _>(&mut shared.link, &bus, bus.link.services, true);
+        // No motor turns by this node's hand, but without it every motor stops.
+        if let Some(command) = command {
+            *moving = command.steering_enabled || command.drive_enabled;
+        }
+        let still = !*moving;
+        keeper.step::<GpsStatus, _, _>(
+            &mut shared.link,
+            &bus,
+            bus.link.services,
+            Motor::none(still),
+        );
+        shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }
     }
 
-    #[task(binds = EXTI3, priority = 1, shared = [&clock, link, station, console], local = [log])]
+    #[task(binds = EXTI3, priority = 1, shared = [&clock, link, station, console, test], local = [log])]
     fn console(mut cx: console::Context) {
         let now = cx.shared.clock.now();
         let millisecond = Micros::millis(1);
@@ -254,11 +274,13 @@ mod app {
         let age = navigation
             .age(now)
             .and_then(|ticks| ticks.checked_div(ticks_per_ms));
+        let test = cx.shared.test.lock(|test| *test);
         node::report(
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
             &Own::from(&navigation),
+            test,
             |line| lines::receiver(line, &navigation, age, counters),
         );
     }

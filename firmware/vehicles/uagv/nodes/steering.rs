@@ -30,6 +30,7 @@ mod app {
     use firmware::link::padded;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
+    use firmware::selftest::Report;
     use network::Message as _;
     use rtic::Mutex as _;
     use uagv::design::COMMAND_TIMEOUT;
@@ -44,6 +45,8 @@ mod app {
         steering: Steering,
         output: MotorOutput,
         console: board::console::Console,
+        /// The last self-test.
+        test: Option<Report>,
     }
 
     #[local]
@@ -84,6 +87,7 @@ mod app {
                 steering: Steering::new(Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us)),
                 output: sled.motor,
                 console: sled.console,
+                test: None,
             },
             Local {
                 pot,
@@ -93,6 +97,7 @@ mod app {
                     sled.led,
                     sled.watchdog,
                     &start,
+                    &sled.findings,
                 ),
                 log: Log::new(&start),
             },
@@ -143,17 +148,20 @@ mod app {
         cx.local.pot.acknowledge();
         let count = cx.local.pot.count();
         let now = cx.shared.clock.now();
-        (cx.shared.steering, cx.shared.output).lock(|steering, output| {
+        let barred = (cx.shared.steering, cx.shared.output).lock(|steering, output| {
             steering.sample(count, now);
             // At each sample: a byte that noise put on the line stays for 5 ms at most.
             output.set(steering.byte(now));
+            output.is_barred()
         });
         let data = SteeringPot {
             count: AdcCount(count),
         };
-        let data = padded(data.encode());
+        // The controller takes a silent potentiometer for a node that cannot steer, and does not
+        // drive.
+        let data = (!barred).then(|| padded(data.encode()));
         let mut link = cx.shared.link;
-        link.lock(|link| link.put(window::STEERING_POT, data));
+        link.lock(|link| link.replace(window::STEERING_POT, data));
     }
 
     #[task(binds = EXTI1, priority = 5, shared = [&clock, link, steering, output])]
@@ -178,7 +186,7 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [&clock, link, steering, output], local = [keeper])]
+    #[task(priority = 2, shared = [&clock, link, steering, output, test], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -201,14 +209,15 @@ mod app {
             .steering
             .lock(|steering| steering.has_sample(clock.now()));
         let work = if fresh { bus.link.services } else { 0 };
-        let idle = shared.output.lock(|output| output.is_open());
-        keeper.step::<SteeringStatus, _, _>(&mut shared.link, &bus, work, idle);
+        let motor = node::motor(&mut shared.output, keeper);
+        keeper.step::<SteeringStatus, _, _>(&mut shared.link, &bus, work, motor);
+        shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
         }
     }
 
-    #[task(binds = EXTI3, priority = 1, shared = [link, steering, output, console], local = [log])]
+    #[task(binds = EXTI3, priority = 1, shared = [link, steering, output, console, test], local = [log])]
     fn console(mut cx: console::Context) {
         let byte = cx.shared.output.lock(|output| output.last());
         let view = cx.shared.steering.lock(|steering| ActuatorView {
@@ -221,11 +230,13 @@ mod app {
             refused: steering.supervised.refused(),
             refusal: steering.supervised.refusal(),
         });
+        let test = cx.shared.test.lock(|test| *test);
         node::report(
             &mut cx.shared.link,
             &mut cx.shared.console,
             cx.local.log,
             &Own::from(&view),
+            test,
             |line| lines::actuator(line, "steering", &view),
         );
     }

@@ -18,9 +18,10 @@ use crate::Uagv;
 use crate::matrix::window;
 use crate::messages::{
     self as named, AdcCount, ButtonEvent, CentidegreesPerSecond, CentimetresPerSecond, Command,
-    ControllerStatus, Degrees, DegreesE10, DegreesPerSecondQ8, DegreesQ8, DriveStatus, GpsStatus,
-    Heading, Latitude, LogControl, LogGuidance, LogMotion, LogPosition, Longitude, Millidegrees,
-    Millimetres, MillimetresPerSecond, Milliseconds, ModeChange, Position, SteeringPot,
+    ControllerSelfTest, ControllerStatus, Degrees, DegreesE10, DegreesPerSecondQ8, DegreesQ8,
+    DriveSelfTest, DriveStatus, GpsSelfTest, GpsStatus, Heading, Latitude, LogControl, LogGuidance,
+    LogMotion, LogPosition, Longitude, Millidegrees, Millimetres, MillimetresPerSecond,
+    Milliseconds, ModeChange, Position, SelfTestRequest, SteeringPot, SteeringSelfTest,
     SteeringStatus, Velocity,
 };
 
@@ -260,8 +261,11 @@ pub const fn mode_of(mode: Mode) -> named::Mode {
 
 /// Implements [`StatusMessage`] for the nodes' status messages, which share one layout.
 macro_rules! status_messages {
-    ($($message:ident),*) => {$(
+    ($($message:ident, $report:ident;)*) => {$(
         impl StatusMessage for $message {
+            type Report = $report;
+            type Request = SelfTestRequest;
+
             fn of(status: &Status) -> Self {
                 Self {
                     reset_cause: reset_cause(status.reset_cause),
@@ -278,7 +282,19 @@ macro_rules! status_messages {
     )*};
 }
 
-status_messages!(GpsStatus, ControllerStatus, SteeringStatus, DriveStatus);
+firmware::self_test_messages!(
+    GpsSelfTest,
+    ControllerSelfTest,
+    SteeringSelfTest,
+    DriveSelfTest
+);
+
+status_messages! {
+    GpsStatus, GpsSelfTest;
+    ControllerStatus, ControllerSelfTest;
+    SteeringStatus, SteeringSelfTest;
+    DriveStatus, DriveSelfTest;
+}
 
 const fn reset_cause(cause: ResetCause) -> named::ResetCause {
     match cause {
@@ -315,5 +331,7 @@ const fn fault(fault: Option<NodeFault>) -> named::Fault {
         Some(NodeFault::StartRefused) => named::Fault::ScheduleRefused,
         Some(NodeFault::ClockFailure) => named::Fault::ClockFailure,
         Some(NodeFault::WatchdogStarved) => named::Fault::WatchdogStarved,
+        Some(NodeFault::SelfTest) => named::Fault::SelfTest,
+        Some(NodeFault::SupplyLow) => named::Fault::SupplyLow,
     }
 }

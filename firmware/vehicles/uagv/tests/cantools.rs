@@ -5,9 +5,10 @@
 use network::Message;
 use network_model::Network;
 use uagv::messages::{
-    AnyMessage, BackupReference, ButtonEvent, Command, ControllerStatus, DriveStatus, GpsStatus,
-    Heading, Latitude, LogControl, LogGuidance, LogMotion, LogPosition, Longitude, ModeChange,
-    Position, SteeringPot, SteeringStatus, TimeReference, Velocity,
+    AnyMessage, BackupReference, ButtonEvent, Command, ControllerSelfTest, ControllerStatus,
+    DriveSelfTest, DriveStatus, GpsSelfTest, GpsStatus, Heading, Latitude, LogControl, LogGuidance,
+    LogMotion, LogPosition, Longitude, ModeChange, Position, SelfTestRequest, SteeringPot,
+    SteeringSelfTest, SteeringStatus, TimeReference, Velocity,
 };
 
 struct Vector {
@@ -116,6 +117,11 @@ fn the_generated_code_reads_and_writes_what_cantools_does() {
             AnyMessage::ControllerStatus(_) => check::<ControllerStatus>(&vector, any),
             AnyMessage::SteeringStatus(_) => check::<SteeringStatus>(&vector, any),
             AnyMessage::DriveStatus(_) => check::<DriveStatus>(&vector, any),
+            AnyMessage::GpsSelfTest(_) => check::<GpsSelfTest>(&vector, any),
+            AnyMessage::ControllerSelfTest(_) => check::<ControllerSelfTest>(&vector, any),
+            AnyMessage::SteeringSelfTest(_) => check::<SteeringSelfTest>(&vector, any),
+            AnyMessage::DriveSelfTest(_) => check::<DriveSelfTest>(&vector, any),
+            AnyMessage::SelfTestRequest(_) => check::<SelfTestRequest>(&vector, any),
         }
     }
 }

@@ -7,9 +7,10 @@ use network_model::Network;
 use proptest::{collection::vec, prelude::*};
 use uagv::messages::{
     AdcCount, AnyMessage, BackupReference, Button, ButtonEvent, CentidegreesPerSecond,
-    CentimetresPerSecond, Command, ControllerStatus, DriveStatus, GpsStatus, Heading, Latitude,
-    LogControl, LogGuidance, LogMotion, LogPosition, Longitude, Millimetres, Mode, ModeChange,
-    Position, SteeringPot, SteeringStatus, TimeReference, Velocity,
+    CentimetresPerSecond, Command, ControllerSelfTest, ControllerStatus, DriveSelfTest,
+    DriveStatus, GpsSelfTest, GpsStatus, Heading, Latitude, LogControl, LogGuidance, LogMotion,
+    LogPosition, Longitude, Millimetres, Mode, ModeChange, Position, SelfTestRequest, SteeringPot,
+    SteeringSelfTest, SteeringStatus, TimeReference, Velocity,
 };
 
 static NETWORK: LazyLock<Network> = LazyLock::new(|| {
@@ -101,7 +102,7 @@ macro_rules! messages {
         proptest! {
             #![proptest_config(ProptestConfig::with_cases(128))]
             $(#[test]
-            fn $test(seeds in vec(any::<u64>(), 8), noise in vec(any::<u8>(), 8)) {
+            fn $test(seeds in vec(any::<u64>(), 16), noise in vec(any::<u8>(), 8)) {
                 agrees::<$message>(&seeds, &noise);
             })*
         }
@@ -138,6 +139,11 @@ messages! {
     controller_status: ControllerStatus,
     steering_status: SteeringStatus,
     drive_status: DriveStatus,
+    gps_self_test: GpsSelfTest,
+    controller_self_test: ControllerSelfTest,
+    steering_self_test: SteeringSelfTest,
+    drive_self_test: DriveSelfTest,
+    self_test_request: SelfTestRequest,
 }
 
 proptest! {

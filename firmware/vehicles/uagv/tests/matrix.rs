@@ -63,7 +63,7 @@ fn positions_name_their_windows() {
 fn events_share_the_window_after_the_last_message() {
     let config = MATRIX.config();
     let events = config.windows[window::EVENTS];
-    assert_eq!(events.length, Micros::millis(4));
+    assert_eq!(events.length, Micros::millis(6));
     assert!(matches!(events.kind, WindowKind::Arbitrating { .. }));
     assert!(config.events.iter().all(|event| event.id.raw() > 500));
     assert!(config.events.iter().any(|event| event.sender == DRIVE));

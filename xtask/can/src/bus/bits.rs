@@ -42,7 +42,11 @@ impl Bus {
         };
         let missed = sampled.saturating_sub(node.waited);
         node.waited += missed;
-        node.mac.wait(missed, &mut self.events);
+        if node.held && missed > 0 {
+            node.mac.wait_in_vain();
+        } else {
+            node.mac.wait(missed, &mut self.events);
+        }
         self.digest(index);
     }
 
@@ -105,11 +109,13 @@ impl Bus {
                 }
                 ids.push(frame.id());
                 first_sender.get_or_insert(index);
-                self.records.push(Record {
-                    at: instant(now),
-                    node: NodeId(index),
-                    kind: RecordKind::FrameStart { frame },
-                });
+                if !node.mac.loop_back {
+                    self.records.push(Record {
+                        at: instant(now),
+                        node: NodeId(index),
+                        kind: RecordKind::FrameStart { frame },
+                    });
+                }
             }
         }
         Started {
@@ -271,7 +277,9 @@ impl Bus {
         let Some(bit) = self.segments[node.segment].bit else {
             return;
         };
-        let level = if std::mem::take(&mut node.flipped) {
+        let level = if node.held && node.mac.patience().is_some() {
+            Level::Dominant
+        } else if std::mem::take(&mut node.flipped) {
             bit.level.inverted()
         } else {
             bit.level
@@ -322,6 +330,7 @@ impl Bus {
                 if let Device::Controller { can, .. } = &mut node.device {
                     can.synchronised();
                 }
+                self.choose_segment(index);
                 return;
             }
             Event::Recovered => return,
@@ -354,7 +363,10 @@ impl Bus {
                     Device::Controller { can, .. } => can.transmitted(slot),
                     Device::Tester(tester) => tester.attempted(slot, true),
                 }
-                segment.finished.push((index, frame));
+                // In loop-back nobody else sees the frame.
+                if !node.mac.loop_back {
+                    segment.finished.push((index, frame));
+                }
                 return;
             }
             Event::Received { frame } => {

@@ -58,6 +58,7 @@ impl Bus {
             clock,
             time,
             connected: true,
+            held: false,
             segment: 0,
             actions: VecDeque::new(),
             anchor: self.now,
@@ -192,6 +193,31 @@ impl Bus {
     pub fn set_connected(&mut self, node: NodeId, connected: bool, at: SimTime) {
         let at = at.as_ticks().max(self.now);
         self.act(node.0, at, Action::Connect(connected));
+    }
+
+    /// From `at` on, a node's receive pin reads dominant whatever is on the bus, or no longer does.
+    /// Only a node that waits for recessive bits to join the bus, or to recover from bus-off, is
+    /// affected: it waits on.
+    pub fn hold_receive_pin(&mut self, node: NodeId, dominant: bool, at: SimTime) {
+        let at = at.as_ticks().max(self.now);
+        self.act(node.0, at, Action::Hold(dominant));
+    }
+
+    /// From now on a controller inverts these bits of the first data word of each frame that it
+    /// receives: it is broken.
+    pub fn corrupt_reception(&mut self, node: NodeId, mask: u32) {
+        if let Device::Controller { can, .. } = &mut self.nodes[node.0].device {
+            can.corrupt(mask);
+        }
+    }
+
+    /// From now on a controller does not leave the bus when the program asks it to initialise or to
+    /// sleep: it is broken. Only a reset takes it off the bus. With `unlocked` it also takes a bit
+    /// timing over while it is on the bus.
+    pub fn jam(&mut self, node: NodeId, unlocked: bool) {
+        if let Device::Controller { can, .. } = &mut self.nodes[node.0].device {
+            can.jam(unlocked);
+        }
     }
 
     /// The error counters of a node.

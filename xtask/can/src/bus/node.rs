@@ -29,6 +29,8 @@ pub(super) enum Action {
     Reset,
     Clock(ClockRate),
     Connect(bool),
+    /// The receive pin reads dominant, or no longer does.
+    Hold(bool),
 }
 
 #[derive(Clone, Debug)]
@@ -38,6 +40,8 @@ pub(super) struct Node {
     pub(super) clock: ClockRate,
     pub(super) time: BitTime,
     pub(super) connected: bool,
+    /// The receive pin reads dominant whatever is on the bus.
+    pub(super) held: bool,
     /// Index of the segment that the node is connected to. 0 is the bus; others belong to one node.
     pub(super) segment: usize,
     pub(super) actions: VecDeque<(Ps, Action)>,
@@ -88,7 +92,8 @@ impl Node {
 
     /// The time at which recessive bits on an idle segment change the node's state.
     pub(super) fn waited_out_at(&self) -> Option<Ps> {
-        let bits = self.waited + self.mac.patience()?;
+        let patience = self.mac.patience().filter(|_| !self.held)?;
+        let bits = self.waited + patience;
         Some(self.anchor + (bits - 1) * self.time.bit + self.time.sample)
     }
 

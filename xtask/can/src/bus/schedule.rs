@@ -141,6 +141,10 @@ impl Bus {
                 node.connected = connected;
                 self.choose_segment(index);
             }
+            Action::Hold(held) => {
+                self.catch_up(index, now);
+                self.nodes[index].held = held;
+            }
         }
     }
 
@@ -171,10 +175,13 @@ impl Bus {
     }
 
     /// Connects a node to the bus, or to its private segment if it is disconnected or in loop back.
-    fn choose_segment(&mut self, index: usize) {
+    /// A controller that joins is on the bus even in loop back, because it waits for recessive bits
+    /// at its pin.
+    pub(super) fn choose_segment(&mut self, index: usize) {
         let now = self.now;
         let node = &self.nodes[index];
-        let alone = !node.connected || node.mac.loop_back;
+        let joins = matches!(&node.device, Device::Controller { can, .. } if can.joins());
+        let alone = !node.connected || (node.mac.loop_back && !joins);
         let wanted = if alone { index + 1 } else { 0 };
         let old = node.segment;
         if wanted == old {

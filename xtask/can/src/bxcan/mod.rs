@@ -11,6 +11,10 @@
 //! - With INRQ and SLEEP both set, the controller initialises. ST's own driver relies on it:
 //!   `HAL_CAN_Init` of STM32CubeF4 sets INRQ, waits for INAK, and only then clears SLEEP.
 //! - In loop back mode the frame is not driven onto the bus.
+//! - The eleven recessive bits after which the controller leaves initialisation are those at its
+//!   receive pin, in loop back mode too. The manuals say that the pin is disregarded in this mode
+//!   (RM0390 30.5.2), and that INAK is cleared after eleven recessive bits "on the CAN RX signal"
+//!   (30.9.2). Users report that without a transceiver INAK stays set even in loop back mode.
 //! - The debug freeze (DBF) has no effect.
 
 mod fifo;
@@ -98,6 +102,12 @@ pub(crate) struct BxCan {
     counters: ErrorCounters,
     mailboxes: [Mailbox; 3],
     fifos: [Fifo; 2],
+    /// Bits of the first data word that reception inverts: the controller is broken.
+    defect: u32,
+    /// It does not leave the bus when the program asks for another mode: it is broken.
+    jammed: bool,
+    /// It takes a bit timing over outside initialisation: it is broken.
+    unlocked: bool,
     requests: u64,
     /// Time at which the counter of time triggered mode was zero.
     timer_origin: Ps,
@@ -119,6 +129,9 @@ impl BxCan {
             counters: ErrorCounters::default(),
             mailboxes: Default::default(),
             fifos: Default::default(),
+            defect: 0,
+            jammed: false,
+            unlocked: false,
             requests: 0,
             timer_origin: 0,
             start_stamp: 0,
@@ -186,6 +199,7 @@ impl BxCan {
         now >= self.mode_requested_at
             && matches!(self.mode, Mode::Normal | Mode::Joining { .. })
             && self.wanted() != Mode::Normal
+            && !self.jammed
     }
 
     /// True if the controller must join the bus.
@@ -206,6 +220,11 @@ impl BxCan {
             from_sleep: self.mode == Mode::Sleep,
         };
         self.timer_origin = now;
+    }
+
+    /// True while the controller waits for eleven recessive bits.
+    pub(crate) const fn joins(&self) -> bool {
+        matches!(self.mode, Mode::Joining { .. })
     }
 
     /// The controller has seen the eleven recessive bits.
@@ -324,6 +343,15 @@ impl BxCan {
 
     // Reception.
 
+    pub(crate) fn corrupt(&mut self, mask: u32) {
+        self.defect = mask;
+    }
+
+    pub(crate) const fn jam(&mut self, unlocked: bool) {
+        self.jammed = true;
+        self.unlocked = unlocked;
+    }
+
     pub(crate) fn received(&mut self, frame: &Frame, filters: &FilterBanks) {
         self.lec = 0;
         let mut rir = match frame.id() {
@@ -349,7 +377,7 @@ impl BxCan {
         let message: Stored = [
             rir,
             time << 16 | u32::from(found.index) << 8 | u32::from(frame.dlc()),
-            word(0),
+            word(0) ^ self.defect,
             word(4),
         ];
         let locked = self.mcr & mcr::RFLM != 0;
@@ -559,7 +587,9 @@ impl BxCan {
             reg::RF1R => self.fifos[1].control(value),
             reg::IER => self.ier = value & ier::WRITABLE,
             reg::ESR => self.lec = value >> esr::LEC_SHIFT & esr::LEC_MASK,
-            reg::BTR if self.mode == Mode::Init => self.btr = value & btr::WRITABLE,
+            reg::BTR if self.mode == Mode::Init || self.unlocked => {
+                self.btr = value & btr::WRITABLE
+            }
             offset @ reg::TI0R..reg::TX_END => {
                 let (mailbox, register) = place(offset - reg::TI0R);
                 if self.mailboxes[mailbox].write(register, value) {

@@ -13,6 +13,13 @@ use crate::part::Family;
 /// calibrating earlier violates the data sheet; the model ignores it.
 const REGULATOR_PS: u64 = 10_000_000;
 
+/// The internal reference voltage, mV (data sheets, table of the embedded reference: 1.20 to 1.24
+/// V on the F446, 1.20 to 1.25 V on the F303).
+const REFERENCE: u32 = 1210;
+
+/// The factory's reading of the internal reference at a supply of 3.3 V.
+pub(crate) const REFERENCE_COUNT: u16 = (REFERENCE * 4095 / 3300) as u16;
+
 /// Number of channels of an ADC.
 pub(crate) const CHANNELS: usize = 19;
 
@@ -34,6 +41,8 @@ pub(crate) struct Adc {
     /// Core cycles per cycle of the converter's clock.
     clock: u64,
     inputs: [u16; CHANNELS],
+    /// Supply of the part, mV.
+    supply: u32,
     sequence: Option<Sequence>,
     data: u32,
     /// A value is ready for the DMA controller.
@@ -67,6 +76,7 @@ impl Adc {
             common: 0,
             clock: 1,
             inputs: [0; CHANNELS],
+            supply: 3300,
             sequence: None,
             data: 0,
             request: false,
@@ -86,9 +96,11 @@ impl Adc {
     /// Resets the converter. The readings at its inputs stay.
     pub(crate) fn reset(&mut self) {
         let inputs = self.inputs;
+        let supply = self.supply;
         let clock = self.clock;
         *self = Self::new(self.family);
         self.inputs = inputs;
+        self.supply = supply;
         self.clock = clock;
     }
 
@@ -96,6 +108,25 @@ impl Adc {
         if let Some(input) = self.inputs.get_mut(channel) {
             *input = count.min(0xFFF);
         }
+    }
+
+    pub(crate) fn set_supply(&mut self, millivolts: u16) {
+        self.supply = u32::from(millivolts);
+    }
+
+    /// The reading of a channel. That of the internal reference is zero until it is switched on
+    /// (TSVREFE, VREFEN).
+    fn reading(&self, channel: usize) -> u16 {
+        let (reference, switch) = match self.family {
+            Family::F4 => (17, 23),
+            Family::F3 => (18, 22),
+        };
+        if channel != reference {
+            return self.inputs[channel];
+        }
+        let on = self.common >> switch & 1;
+        let count = on * REFERENCE * 4095 / self.supply.max(1);
+        u16::try_from(count).unwrap_or(u16::MAX).min(0xFFF)
     }
 
     /// Sets the core cycles per cycle of APB2 and of the F303's own ADC clock.
@@ -258,7 +289,7 @@ impl Adc {
         };
         let (rank, end) = (sequence.rank, sequence.end);
         if sequence.value.is_none() && sequence.sample <= now {
-            let value = self.inputs[self.channel(rank)];
+            let value = self.reading(self.channel(rank));
             if let Some(sequence) = &mut self.sequence {
                 sequence.value = Some(value);
             }

@@ -9,7 +9,10 @@ use rsemu::dev::stm32::gpio::{Gpio, ResetValues, Variant};
 use std::sync::Arc;
 
 const MODER: u32 = 0x00;
-const PUPDR: u32 = 0x0C;
+/// The pull resistors (RM0390 7.3.9, RM0316 11.3.9).
+pub(crate) const PUPDR: u32 = 0x0C;
+/// The levels of the pins, whatever drives them (RM0390 7.3.10, RM0316 11.3.10).
+pub(crate) const IDR: u32 = 0x10;
 
 #[derive(Debug)]
 pub(crate) struct Port {
@@ -84,6 +87,11 @@ impl Port {
         self.model.pin_levels()
     }
 
+    /// What drives a pin from outside.
+    pub(crate) fn external(&self, pin: u8) -> Option<bool> {
+        self.external.get(usize::from(pin)).copied().flatten()
+    }
+
     /// Drives a pin from outside, or stops driving it (`None`).
     pub(crate) fn drive(&mut self, pin: u8, level: Option<bool>) {
         if let Some(external) = self.external.get_mut(usize::from(pin)) {
@@ -93,11 +101,16 @@ impl Port {
     }
 
     fn pull(&mut self) {
-        let pulls = self.read(PUPDR).unwrap_or(0);
-        for (pin, external) in (0_u32..).zip(self.external) {
-            let pulled_up = pulls >> (2 * pin) & 3 == 1;
-            self.model.set_external(pin, external.unwrap_or(pulled_up));
+        for pin in 0..16 {
+            let level = self.level_from_outside(pin);
+            self.model.set_external(u32::from(pin), level);
         }
+    }
+
+    /// The level of a pin that the part does not drive.
+    pub(crate) fn level_from_outside(&self, pin: u8) -> bool {
+        let pulled_up = || self.read(PUPDR).unwrap_or(0) >> (2 * pin) & 3 == 1;
+        self.external(pin).unwrap_or_else(pulled_up)
     }
 
     /// True if the pin is assigned to alternate function `function`.

@@ -45,6 +45,11 @@ impl Iwdg {
         }
     }
 
+    /// Whether it has been started.
+    pub(crate) const fn runs(&self) -> bool {
+        self.running
+    }
+
     /// Its oscillator has another frequency from `now` on.
     pub(crate) fn set_rate(&mut self, hertz: u64, now: Ps) {
         self.settle(now);

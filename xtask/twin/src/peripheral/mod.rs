@@ -5,7 +5,10 @@
 //! sleep from one event to the next, and a register always reads as it would in the current cycle.
 
 mod adc;
+mod capture;
+mod crc;
 mod dma;
+mod exti;
 mod gpio;
 mod iwdg;
 mod rcc;
@@ -13,6 +16,7 @@ mod system;
 mod tim;
 mod usart;
 
+pub(crate) use adc::REFERENCE_COUNT;
 pub use rcc::ResetCause;
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
@@ -105,6 +109,7 @@ pub(crate) struct Peripherals {
     rcc: rcc::Rcc,
     flash: system::Flash,
     pwr: system::Pwr,
+    exti: exti::Exti,
     debug_control: [u32; 3],
     iwdg: iwdg::Iwdg,
     ports: Vec<gpio::Port>,
@@ -112,7 +117,13 @@ pub(crate) struct Peripherals {
     usarts: Vec<usart::Usart>,
     dmas: Vec<dma::Dma>,
     adc: adc::Adc,
+    crc: crc::Crc,
+    capture: capture::Capture,
+    /// Whether the external clock gets to the capturing timer.
+    measured: bool,
     can: Option<CanLink>,
+    /// Whether a transceiver is at the CAN pins.
+    transceiver: bool,
     can_lines: u32,
     flash_image: Arc<[u8]>,
     memories: Vec<Ram>,
@@ -169,7 +180,8 @@ impl Peripherals {
             watchdog_at: NEVER,
             rcc: rcc::Rcc::new(part, oscillators.hse_hz),
             flash: system::Flash::new(part.family),
-            pwr: system::Pwr::new(part.family),
+            pwr: system::Pwr::new(part),
+            exti: exti::Exti::default(),
             debug_control: [0; 3],
             iwdg: iwdg::Iwdg::new(part.family, oscillators.watchdog_hz),
             ports: (0..8).map(|k| gpio::Port::new(part.family, k)).collect(),
@@ -180,7 +192,11 @@ impl Peripherals {
             usarts: (0..3).map(|_| usart::Usart::new(part.family)).collect(),
             dmas: (0..2).map(|_| dma::Dma::new(part.family)).collect(),
             adc: adc::Adc::new(part.family),
+            crc: crc::Crc::new(part.family),
+            capture: capture::Capture::default(),
+            measured: true,
             can,
+            transceiver: true,
             can_lines: 0,
             flash_image,
             memories,
@@ -259,7 +275,9 @@ impl Peripherals {
         self.fading = None;
         self.serving = [None; 2];
         self.flash = system::Flash::new(self.part.family);
-        self.pwr = system::Pwr::new(self.part.family);
+        self.pwr.reset();
+        self.exti.reset();
+        self.watch_supply();
         self.debug_control = [0; 3];
         self.iwdg = iwdg::Iwdg::new(self.part.family, self.oscillators.watchdog_hz);
         self.watchdog_at = NEVER;
@@ -279,6 +297,8 @@ impl Peripherals {
             *dma = dma::Dma::new(self.part.family);
         }
         self.adc.reset();
+        self.crc = crc::Crc::new(self.part.family);
+        self.capture.reset();
         if let Some(link) = &self.can {
             lock(&link.bus).reset(link.node, SimTime::from_ticks(self.clock.time(now)));
         }
@@ -322,6 +342,7 @@ impl Peripherals {
                 self.watchdog_at = self.clock.cycle_from(self.iwdg.expires()).max(now + 1);
             }
         }
+        self.watch_supply();
         self.serve_dma();
     }
 
@@ -336,6 +357,7 @@ impl Peripherals {
     fn refresh(&mut self) {
         self.collect_sent();
         let mut next = self.rcc.next_event(self.now).min(self.watchdog_at);
+        next = next.min(self.pwr.next_event(self.now));
         for timer in &self.timers {
             next = next.min(timer.next_event());
         }
@@ -369,6 +391,7 @@ impl Peripherals {
             }
         }
         raise(interrupt::ADC, self.adc.interrupt());
+        raise(interrupt::PVD, self.exti.interrupt(exti::VOLTAGE));
         for k in 0..4 {
             raise(interrupt::CAN + k, self.can_lines >> k & 1 != 0);
         }
@@ -483,6 +506,27 @@ impl Peripherals {
         }
     }
 
+    /// Frequency of the clock that the capturing timer measures, in millionths of a hertz; zero
+    /// when that clock is off.
+    fn captured(&self) -> u64 {
+        let external = || {
+            let hertz = i128::from(self.rcc.running_external_hz());
+            let billion = 1_000_000_000 + i128::from(self.oscillators.crystal_ppb);
+            u64::try_from(hertz * billion / 1000).unwrap_or(0)
+        };
+        match (self.part.family, self.capture.input()) {
+            _ if !self.measured => 0,
+            // HSE_RTC: the external clock through its own divider (RM0390 6.3.3 and 20.6.11).
+            (Family::F4, 2) => match self.rcc.written(0x08) >> 16 & 0x1F {
+                0 | 1 => 0,
+                divider => external() / u64::from(divider),
+            },
+            // RM0316 23.6.16.
+            (Family::F3, 2) => external() / 32,
+            _ => 0,
+        }
+    }
+
     /// AHB cycles in a cycle of the bus that a requesting peripheral is on.
     fn bus_divider(&self, request: Request) -> u64 {
         let block = match request {
@@ -538,7 +582,36 @@ impl Peripherals {
         let routed = [Role::CanTransmit(1), Role::CanReceive(1)]
             .into_iter()
             .all(|role| routed(&self.ports, self.sled, role));
-        lock(&link.bus).set_connected(link.node, routed, self.time());
+        let mut bus = lock(&link.bus);
+        bus.set_connected(link.node, routed && self.transceiver, self.time());
+        // Without a transceiver the pin's pull resistor sets its level, and an open pin without one
+        // may read low. A driver from outside is stronger than a transceiver.
+        let pin = self
+            .sled
+            .and_then(|sled| sled.wired_as(Role::CanReceive(1)));
+        let low = pin.is_some_and(|signal| {
+            let port = &self.ports[signal.pin.port_index()];
+            let pin = signal.pin.number;
+            let read = port.external(pin).is_some() || !self.transceiver;
+            read && !port.level_from_outside(pin)
+        });
+        bus.hold_receive_pin(link.node, low, self.time());
+    }
+
+    /// Plugs a transceiver in at the CAN pins, or takes it away.
+    pub(crate) fn set_transceiver(&mut self, present: bool) {
+        self.transceiver = present;
+        self.connect_can();
+    }
+
+    /// Whether the external clock gets to the timer that measures it.
+    pub(crate) const fn set_measured(&mut self, measured: bool) {
+        self.measured = measured;
+    }
+
+    /// Whether the watchdog has been started.
+    pub(crate) const fn watchdog_runs(&self) -> bool {
+        self.iwdg.runs()
     }
 
     /// Updates the interrupt lines of the CAN controller after the bus has been simulated further.
@@ -595,13 +668,62 @@ impl Peripherals {
         if let Some(port) = self.ports.get_mut(pin.port_index()) {
             port.drive(pin.number, level);
             self.levels[pin.port_index()] = port.levels();
+            self.connect_can();
         }
     }
 
     pub(crate) fn pin_level(&self, pin: Pin) -> bool {
         self.ports
             .get(pin.port_index())
-            .is_some_and(|port| port.levels() >> pin.number & 1 != 0)
+            .and_then(|_| self.input_levels(pin.port_index()))
+            .is_some_and(|levels| levels >> pin.number & 1 != 0)
+    }
+
+    /// The input register of a port. It shows the level of each pin, also of those that a
+    /// transmitter drives. A driver from outside is stronger: it stands for a short circuit.
+    fn input_levels(&self, port: usize) -> Option<u32> {
+        let mut levels = self.ports[port].read(gpio::IDR)?;
+        for (k, usart) in (1..).zip(&self.usarts) {
+            let role = Role::UsartTransmit(k);
+            let Some(signal) = self.sled.and_then(|sled| sled.wired_as(role)) else {
+                continue;
+            };
+            let number = signal.pin.number;
+            if signal.pin.port_index() == port
+                && self.ports[port].external(number).is_none()
+                && routed(&self.ports, self.sled, role)
+                && let Some(high) = usart.line(self.now)
+            {
+                levels = levels & !(1 << number) | u32::from(high) << number;
+            }
+        }
+        Some(levels)
+    }
+
+    pub(crate) fn corrupt_reception(&mut self, mask: u32) {
+        if let Some(link) = &self.can {
+            lock(&link.bus).corrupt_reception(link.node, mask);
+        }
+    }
+
+    pub(crate) fn jam_controller(&mut self, unlocked: bool) {
+        if let Some(link) = &self.can {
+            lock(&link.bus).jam(link.node, unlocked);
+        }
+    }
+
+    /// The supply has this voltage from now on.
+    pub(crate) fn set_supply(&mut self, millivolts: u16) {
+        self.adc.set_supply(millivolts);
+        self.pwr.set_supply(millivolts);
+        self.watch_supply();
+        self.check_clocks();
+        self.refresh();
+    }
+
+    /// The voltage detector's line to EXTI takes its level.
+    fn watch_supply(&mut self) {
+        self.exti.drive(exti::VOLTAGE, self.pwr.is_low(self.now));
     }
 
     pub(crate) fn set_analog(&mut self, channel: usize, count: u16) {
@@ -711,17 +833,24 @@ impl Peripherals {
             Block::Rcc => self.rcc.read(offset, now),
             Block::Flash => self.flash.read(offset),
             Block::Pwr => self.pwr.read(offset, now),
+            Block::Exti => self.exti.read(offset),
             Block::Iwdg => self.iwdg.read(offset, self.clock.time(now)),
             Block::Dbgmcu => match offset {
                 0 => Some(self.part.idcode),
                 4..=12 => Some(self.debug_control[(offset / 4 - 1) as usize]),
                 _ => None,
             },
+            Block::Gpio(port) if offset == gpio::IDR => self.input_levels(port),
             Block::Gpio(port) => self.ports[port].read(offset),
             Block::Tim(k) => self.timers[k].read(offset, now),
             Block::Usart(k) => self.usarts[k].read(offset),
             Block::Dma(k) => self.dmas[k].read(offset),
             Block::Adc => self.adc.read(offset, now),
+            Block::Crc => self.crc.read(offset),
+            Block::Capture => {
+                let input = self.captured();
+                self.capture.read(offset, now, &self.clock, input)
+            }
             Block::Can => match &self.can {
                 Some(link) if offset < 0x320 => Some(lock(&link.bus).read(link.node, offset)),
                 // A part on no bus.
@@ -760,8 +889,10 @@ impl Peripherals {
             Block::Pwr => {
                 self.check_scale(offset, value);
                 self.pwr.write(offset, value, now, &self.clock);
+                self.watch_supply();
                 self.check_clocks();
             }
+            Block::Exti => self.exti.write(offset, value),
             Block::Iwdg => {
                 let time = self.clock.time(now);
                 if self.iwdg.write(offset, value, time) {
@@ -774,20 +905,7 @@ impl Peripherals {
                     self.debug_control[(offset / 4 - 1) as usize] = value;
                 }
             }
-            Block::Gpio(port) => {
-                let routing = matches!(offset, 0x00 | 0x20 | 0x24);
-                let before = if routing {
-                    self.transmitters()
-                } else {
-                    [false; 3]
-                };
-                self.ports[port].write(offset, value);
-                self.watch_port(port);
-                if routing {
-                    self.cut_transmitters(before);
-                    self.connect_can();
-                }
-            }
+            Block::Gpio(port) => self.write_port(port, offset, value),
             Block::Tim(k) => {
                 self.timers[k].write(offset, value, now);
                 self.forward_triggers();
@@ -801,6 +919,11 @@ impl Peripherals {
                     self.retune(false);
                 }
                 self.check_clocks();
+            }
+            Block::Crc => self.crc.write(offset, value),
+            Block::Capture => {
+                let input = self.captured();
+                self.capture.write(offset, value, now, &self.clock, input);
             }
             Block::Can => {
                 if let Some(link) = &self.can
@@ -816,6 +939,23 @@ impl Peripherals {
         self.serve_dma();
         self.refresh();
         Ok(())
+    }
+
+    fn write_port(&mut self, port: usize, offset: u32, value: u32) {
+        let routing = matches!(offset, 0x00 | 0x20 | 0x24);
+        let before = if routing {
+            self.transmitters()
+        } else {
+            [false; 3]
+        };
+        self.ports[port].write(offset, value);
+        self.watch_port(port);
+        if routing {
+            self.cut_transmitters(before);
+        }
+        if routing || offset == gpio::PUPDR {
+            self.connect_can();
+        }
     }
 
     fn write_rcc(&mut self, offset: u32, value: u32) {
@@ -869,6 +1009,7 @@ impl Peripherals {
             pll,
             external: self.rcc.external_hz(),
             flash: self.flash_control(),
+            supply: self.pwr.supply(),
             power: self.pwr.read(0, self.now).unwrap_or(0),
             overdriven: self.pwr.read(4, self.now).unwrap_or(0) & 1 << 17 != 0,
             converter: self.adc.running_clock(),
@@ -902,14 +1043,19 @@ impl Peripherals {
             Block::Usart(k) => self.usarts[k].reset(self.now),
             Block::Dma(k) => self.dmas[k] = dma::Dma::new(self.part.family),
             Block::Adc => self.adc.reset(),
+            Block::Crc => self.crc = crc::Crc::new(self.part.family),
+            Block::Capture => self.capture.reset(),
             Block::Can => {
                 if let Some(link) = &self.can {
                     lock(&link.bus).reset(link.node, self.time());
                 }
                 self.read_can_lines();
             }
-            Block::Pwr => self.pwr = system::Pwr::new(self.part.family),
-            Block::Rcc | Block::Flash | Block::Iwdg | Block::Dbgmcu => {}
+            Block::Pwr => {
+                self.pwr.reset();
+                self.watch_supply();
+            }
+            Block::Rcc | Block::Flash | Block::Exti | Block::Iwdg | Block::Dbgmcu => {}
         }
     }
 

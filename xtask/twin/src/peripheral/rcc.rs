@@ -192,6 +192,15 @@ impl Rcc {
         self.hse_hz.unwrap_or(0)
     }
 
+    /// The external clock while it is switched on, Hz; zero otherwise.
+    pub(crate) fn running_external_hz(&self) -> u64 {
+        if self.get(CR) & 1 << 16 != 0 {
+            self.external_hz()
+        } else {
+            0
+        }
+    }
+
     /// `None` beyond the last register.
     pub(crate) fn read(&self, offset: u32, now: Cycles) -> Option<u32> {
         let last = match self.part.family {

@@ -58,6 +58,15 @@ impl Sent {
         })
     }
 
+    /// Level of the line at `now`, while it is being sent.
+    fn level(&self, now: Cycles) -> bool {
+        match self.edges.iter().rposition(|edge| *edge <= now) {
+            None | Some(0) => false,
+            Some(bit @ 1..=8) => self.byte >> (bit - 1) & 1 != 0,
+            Some(_) => true,
+        }
+    }
+
     /// The core's clock changes at `now`; `before` is the old one. The bits that remain take the
     /// same number of cycles of the new clock.
     fn reclock(&mut self, now: Cycles, before: &LocalClock) {
@@ -224,6 +233,19 @@ impl Usart {
         self.enabled() && self.cr1 & 1 << 2 != 0
     }
 
+    /// True if transmitter and receiver share the transmit pin (RM0390 25.4.10, RM0316 29.5.14).
+    fn half_duplex(&self) -> bool {
+        self.cr3 & 1 << 3 != 0
+    }
+
+    /// Level that the transmitter gives to its pin at `now`; `None` while it does not drive it.
+    pub(crate) fn line(&self, now: Cycles) -> Option<bool> {
+        match &self.shifting {
+            Some((_, Some(sent))) => Some(sent.level(now)),
+            _ => (self.transmits() && !self.half_duplex()).then_some(true),
+        }
+    }
+
     /// Core cycles in 256 bit times (RM0390 25.4.4, RM0316 29.5.4).
     fn bit256(&self) -> u64 {
         let brr = u64::from(self.brr & 0xFFFF);
@@ -370,6 +392,13 @@ impl Usart {
         if let Some(byte) = self.data_out.take() {
             let end = now + self.frame_cycles();
             self.shifting = Some((end, Some(Sent::new(now, end, byte, self.bit256()))));
+            if self.half_duplex() && self.receives() {
+                self.arriving.push_back(Arriving {
+                    start: now,
+                    bit256: self.bit256(),
+                    byte,
+                });
+            }
             self.flags |= TXE;
             self.flags &= !TC;
         }
@@ -535,6 +564,34 @@ mod tests {
             .map(|s| (s.start, s.end, s.byte))
             .collect();
         assert_eq!(sent, [(2000, 3800, 0x41), (3800, 5600, 0x42)]);
+    }
+
+    #[test]
+    fn the_line_shows_each_bit_of_a_byte_and_is_high_between_them() {
+        let mut usart = megabaud();
+        usart.write(0x04, 0x41, 2000);
+        let levels: Vec<_> = (0..12).map(|bit| usart.line(2000 + 180 * bit)).collect();
+        let bits = [0, 1, 0, 0, 0, 0, 0, 1, 0, 1, 1, 1];
+        assert_eq!(levels, bits.map(|bit| Some(bit != 0)));
+        assert_eq!(usart.line(2179), Some(false));
+        run(&mut usart, 3800);
+        assert_eq!(usart.line(3800), Some(true));
+        usart.write(0x0C, 0, 3900);
+        assert_eq!(usart.line(3900), None, "a port that is off lets go");
+    }
+
+    #[test]
+    fn in_half_duplex_mode_the_receiver_hears_the_transmitter() {
+        let mut usart = megabaud();
+        usart.write(0x14, 1 << 3, 2000);
+        usart.write(0x04, 0xA7, 2000);
+        assert_eq!(usart.line(2000), Some(false));
+        run(&mut usart, 3709);
+        assert_eq!(usart.read(0).unwrap() & RXNE, 0);
+        run(&mut usart, 3710);
+        assert_eq!(usart.read(4), Some(0xA7));
+        run(&mut usart, 3800);
+        assert_eq!(usart.line(3800), None, "the pull resistor holds the line");
     }
 
     #[test]

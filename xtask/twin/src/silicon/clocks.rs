@@ -1,7 +1,8 @@
 //! Clock frequencies within the limits of the part, at every instant.
 //!
 //! - The flash needs enough wait states for the core's clock (RM0390 3.4.1, RM0316 4.5.1): they are
-//!   raised before the clock, and lowered after it.
+//!   raised before the clock, and lowered after it. The F446 needs more of them below 2.7 V; the
+//!   model takes those of its lowest supply there.
 //! - No bus exceeds its limit (RM0390 6.2, RM0316 9.2). A prescaler takes up to 16 AHB cycles to
 //!   take effect (RM0390 6.3.3), so it is written earlier than the clock is switched.
 //! - The PLL's input, its oscillator and its output stay in their ranges (RM0390 6.3.2, data sheets).
@@ -65,6 +66,8 @@ pub(crate) struct Settings {
     pub external: u64,
     /// FLASH_ACR.
     pub flash: u32,
+    /// Supply, mV.
+    pub supply: u16,
     /// PWR_CR of the F446.
     pub power: u32,
     /// The F446's over-drive switching is ready.
@@ -115,14 +118,22 @@ fn flash(part: &Part, settings: &Settings, core: u64, found: &mut Vec<Breach>) {
         Family::F4 => (0x4002_3C00, settings.flash & 0xF, "RM0390 3.4.1, table 5"),
         Family::F3 => (0x4002_2000, settings.flash & 7, "RM0316 4.5.1"),
     };
-    let limit = part.flash_access.limits_hz.get(states as usize);
-    if let Some(&limit) = limit
-        && core > u64::from(limit)
-    {
+    let access = part.flash_access;
+    let Some(&rated) = access.limits_hz.get(states as usize) else {
+        return;
+    };
+    let (limit, at) = if settings.supply < access.rated_mv {
+        let weak = access.weak_step_hz * (states + 1);
+        let volts = f64::from(settings.supply) * 1e-3;
+        (rated.min(weak), format!(" at {volts:.2} V"))
+    } else {
+        (rated, String::new())
+    };
+    if core > u64::from(limit) {
         found.push(breach(
             address,
             format!(
-                "{states} wait states of the flash at a core clock of {}, enough up to {}",
+                "{states} wait states of the flash at a core clock of {}{at}, enough up to {}",
                 mhz(core),
                 mhz(limit.into())
             ),
@@ -283,6 +294,7 @@ mod tests {
             pll: [4 | 180 << 6 | 1 << 22 | 8 << 24 | 2 << 28, 0],
             external: 8_000_000,
             flash: 5,
+            supply: 3_300,
             power: 0xC000,
             overdriven: true,
             converter: Some(8),
@@ -302,6 +314,7 @@ mod tests {
             pll: [7 << 18 | 1 << 16, 0],
             external: 8_000_000,
             flash: 2,
+            supply: 3_300,
             power: 0,
             overdriven: false,
             converter: Some(2),
@@ -328,6 +341,29 @@ mod tests {
         assert!(one(Part::F446, &slow).starts_with("4 wait states"));
         let none = Settings { flash: 0, ..f303() };
         assert!(one(Part::F303, &none).contains("72 MHz, enough up to 24 MHz"));
+    }
+
+    #[test]
+    fn a_low_supply_needs_more_wait_states_or_a_slower_clock() {
+        let low = |supply| Settings { supply, ..f446() };
+        assert_eq!(check(Part::F446, &low(2_700)), []);
+        let text = one(Part::F446, &low(2_690));
+        assert!(
+            text.ends_with("180 MHz at 2.69 V, enough up to 120 MHz"),
+            "{text}"
+        );
+        let slow = Settings {
+            system: 16_000_000,
+            flash: 0,
+            converter: None,
+            ..low(1_800)
+        };
+        assert_eq!(check(Part::F446, &slow), []);
+        let low = Settings {
+            supply: 1_900,
+            ..f303()
+        };
+        assert_eq!(check(Part::F303, &low), []);
     }
 
     #[test]

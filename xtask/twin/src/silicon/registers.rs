@@ -328,7 +328,14 @@ mod tests {
             "TIM_CR1 TIM_SMCR TIM_CCMR1 TIM_CCMR2",
             "the F303 has UIFREMAP and more modes (RM0316 21.4)",
         ),
-        ("TIM_OR", "only the sibling's TIM2 has it"),
+        (
+            "TIM_OR",
+            "only the sibling's TIM2 has it, only the F303's TIM16 (RM0316 23.6.16)",
+        ),
+        (
+            "TIM_CNT TIM_DIER TIM_BDTR",
+            "the F303's TIM16 has UIFCPY, COMDE and BKF (RM0316 23.6)",
+        ),
         ("PWR_CR PWR_CSR", "the sibling has three SDADC (RM0316 7.4)"),
         (
             "RCC_CFGR RCC_CFGR2 RCC_CFGR3 RCC_CSR RCC_APB2RSTR RCC_APB1RSTR RCC_AHBRSTR",

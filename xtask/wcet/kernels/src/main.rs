@@ -75,11 +75,17 @@ pub static POINTER: fn(&mut fn(u32) -> u32) -> u32 = broken::pointer_from_memory
 
 /// A start-up function, and handlers that may run after it.
 #[used]
-pub static HANDLERS: [fn(); 4] = [
+pub static HANDLERS: [fn(); 10] = [
     start::set_up,
+    start::set_up_with_an_alarm,
+    start::set_up_with_a_task,
+    start::set_up_by_the_mask_before,
+    start::set_up_on_two_paths,
     start::use_pointer,
     start::use_index,
     start::move_pointer,
+    start::load_a_number,
+    start::load_a_pointer,
 ];
 
 /// A handler that writes through the pointer in its argument.

@@ -14,6 +14,56 @@ pub fn set_up() {
     unsafe { asm!("cpsie i") };
 }
 
+/// The same, after a stretch in which only interrupts of priority value 0 are served.
+pub fn set_up_with_an_alarm() {
+    set_up_masked::<0x10>();
+}
+
+/// The same, after a stretch in which a task of the highest priority is served.
+pub fn set_up_with_a_task() {
+    set_up_masked::<0x20>();
+}
+
+#[inline(always)]
+fn set_up_masked<const BASEPRI: u32>() {
+    // SAFETY: as in `set_up`.
+    unsafe { asm!("msr basepri, {}", "cpsie i", in(reg) BASEPRI) };
+    PLACE.store(VALUES.as_ptr().cast_mut(), Ordering::Relaxed);
+    // SAFETY: as in `set_up`.
+    unsafe { asm!("cpsid i", "msr basepri, {}", "cpsie i", in(reg) 0) };
+}
+
+/// Lets tasks run by the mask that was found at the beginning.
+pub fn set_up_by_the_mask_before() {
+    // SAFETY: as in `set_up`.
+    unsafe {
+        asm!(
+            "mrs {before}, basepri",
+            "msr basepri, {masked}",
+            "cpsie i",
+            "msr basepri, {before}",
+            before = out(reg) _,
+            masked = in(reg) 0x10,
+        )
+    };
+    PLACE.store(VALUES.as_ptr().cast_mut(), Ordering::Relaxed);
+    // SAFETY: as in `set_up`.
+    unsafe { asm!("cpsid i", "cpsie i") };
+}
+
+/// Masks all tasks on one of two paths.
+pub fn set_up_on_two_paths() {
+    if VALUES[0].load(Ordering::Relaxed) == 0 {
+        // SAFETY: as in `set_up`.
+        unsafe { asm!("msr basepri, {}", in(reg) 0x10) };
+    }
+    // SAFETY: as in `set_up`.
+    unsafe { asm!("cpsie i") };
+    PLACE.store(VALUES.as_ptr().cast_mut(), Ordering::Relaxed);
+    // SAFETY: as in `set_up`.
+    unsafe { asm!("cpsid i", "msr basepri, {}", "cpsie i", in(reg) 0) };
+}
+
 /// Changes the words to which the pointer leads.
 pub fn use_pointer() {
     let place = PLACE.load(Ordering::Relaxed);
@@ -40,4 +90,53 @@ pub fn move_pointer() {
 /// Writes to an unknown address.
 pub fn write_anywhere(place: &AtomicU32) {
     place.store(1, Ordering::Relaxed);
+}
+
+/// Has a conditional instruction between the halves of a number whose lower half is that of a
+/// function's address, and elsewhere the upper half of that address.
+pub fn load_a_number() {
+    // SAFETY: it changes registers and flags only.
+    unsafe {
+        asm!(
+            "movw {word}, #:lower16:{function}",
+            "it hi",
+            "addhi {other}, #1",
+            "movt {word}, #1",
+            "movw {word}, #0",
+            "movt {word}, #:upper16:{function}",
+            function = sym never_taken,
+            word = out(reg) _,
+            other = inout(reg) 0_u32 => _,
+        )
+    };
+}
+
+/// A conditional instruction may leave the lower half in its register.
+pub fn load_a_pointer() {
+    // SAFETY: it changes registers and flags only.
+    unsafe {
+        asm!(
+            "movw {word}, #:lower16:{function}",
+            "it hi",
+            "movhi {word}, {other}",
+            "movt {word}, #:upper16:{function}",
+            function = sym taken,
+            word = out(reg) _,
+            other = in(reg) 0_u32,
+        )
+    };
+}
+
+/// A function of which no pointer is made.
+#[inline(never)]
+pub fn never_taken() {
+    // SAFETY: it does nothing.
+    unsafe { asm!("nop") };
+}
+
+/// A function of which a pointer is made.
+#[inline(never)]
+pub fn taken() {
+    // SAFETY: it does nothing.
+    unsafe { asm!("nop", "nop") };
 }

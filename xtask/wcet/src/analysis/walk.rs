@@ -204,8 +204,8 @@ impl Run<'_, '_> {
         let cycles = self.cost(state, instruction, &effects);
         state.spend(cycles);
         state.written = instruction.written();
-        // Interrupts are masked from reset until start-up first enables them. That stretch delays
-        // no task, so it is not recorded as a critical section.
+        // Interrupts are masked from reset until start-up lets the first task run. That stretch
+        // delays no task, so it is not recorded as a critical section.
         if started {
             for section in effects.unmasked {
                 self.add_section(&section, cycles);

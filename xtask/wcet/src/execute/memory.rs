@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use crate::extent::Extent;
 use crate::lasting::{FAR, places, reach};
-use crate::layout::{FITTED_RAM, PERIPHERALS, RAM, STACK, leads_to_memory};
+use crate::layout::{CRC, FITTED_RAM, PERIPHERALS, RAM, STACK, leads_to_memory};
 use crate::range::Range;
 use crate::value::Value;
 
@@ -123,7 +123,7 @@ impl Step<'_, '_> {
         far && directed || self.machine.symbols.origin(address).is_some()
     }
 
-    /// Notes a store outside the stack. Before interrupts are enabled it changes the known
+    /// Notes a store outside the stack. Before a task can run it changes the known
     /// words of memory; afterwards its bytes count as written.
     fn note_write(&mut self, address: &Value, size: u32, value: &Value) {
         let reached = match reach(&self.machine.symbols, address, size) {
@@ -160,7 +160,7 @@ impl Step<'_, '_> {
     fn lend(&mut self, address: &Value, value: &Value) {
         let to_peripheral = address
             .as_constant()
-            .is_some_and(|at| PERIPHERALS.contains(at));
+            .is_some_and(|at| PERIPHERALS.contains(at) && !CRC.contains(at));
         let Some(lent) = value.as_constant().filter(|_| to_peripheral) else {
             return;
         };

@@ -18,6 +18,12 @@ mod number {
     pub(super) const BASEPRI_MAX: u8 = 18;
 }
 
+/// The bits of `BASEPRI` that the parts have.
+const IMPLEMENTED: u32 = 0xF0;
+/// The value of `BASEPRI` that masks all tasks. It cannot mask the priority value 0, so the nodes give
+/// that to no task; the F446 gives it to an interrupt that does not return.
+const HIGHEST_TASK: u32 = 0x10;
+
 impl Step<'_, '_> {
     pub(super) fn system(&mut self) {
         match self.instruction.insn {
@@ -63,11 +69,19 @@ impl Step<'_, '_> {
             }
             Primask::Clear => {
                 self.end_sections(|level| !level.is_basepri());
-                self.state.started = true;
             }
             Primask::Unknown => self.effects.unknown_mask = true,
         }
         self.state.primask = primask;
+        self.note_start();
+    }
+
+    /// The start ends when a task can run for the first time: on any path to this point, and as far
+    /// as is known.
+    fn note_start(&mut self) {
+        let basepri = self.state.basepri.as_constant();
+        let masks_tasks = basepri.is_some_and(|word| word & IMPLEMENTED == HIGHEST_TASK);
+        self.state.started |= self.state.primask != Primask::Set && !masks_tasks;
     }
 
     /// Writes `BASEPRI`; with `only_raise` the write has no effect unless it masks more.
@@ -84,14 +98,18 @@ impl Step<'_, '_> {
                 self.begin_section(Level::From(new));
             }
             self.state.basepri = *value;
+            self.note_start();
         } else if value.base.is_some() {
             // An unknown word with a symbol was read from the register on entry: no other
             // unknown word is ever written. This task runs, so the word that it found masks
             // no priority at which the task could be, and every section ends here.
             self.end_sections(Level::is_basepri);
             self.state.basepri = *value;
+            self.note_start();
         } else {
             self.effects.unknown_mask = true;
+            self.state.basepri = *value;
+            self.note_start();
         }
     }
 

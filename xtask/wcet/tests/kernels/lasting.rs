@@ -60,3 +60,44 @@ fn unresolved_pointers_may_be_taken_to_spare_a_word() {
     let all = ["use_pointer", "write_anywhere", "move_pointer"];
     assert_eq!(learn(&all, SparePointers).0, 0);
 }
+
+/// The start lasts until the first task can run. Until then its words last, and what it masks blocks
+/// nobody.
+#[test]
+fn the_start_lasts_until_a_task_can_run() {
+    let image = Image::read(image_path()).unwrap();
+    let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
+    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let at = |name: &str| kernel(&image, &format!("start::{name}"));
+    let handlers = [at("use_pointer")];
+    for (name, words, sections) in [
+        ("set_up", 1, 0),
+        ("set_up_with_an_alarm", 1, 0),
+        ("set_up_with_a_task", 0, 2),
+        ("set_up_by_the_mask_before", 0, 1),
+        ("set_up_on_two_paths", 0, 2),
+    ] {
+        let bound = analysis.run(at(name), Entry::Program);
+        assert_eq!(
+            bound.sections.len(),
+            sections,
+            "{name}: {:?}",
+            bound.sections
+        );
+        let found = analysis.learn(at(name), &handlers, ClobberAll).len();
+        assert_eq!(found, words, "{name}");
+    }
+}
+
+/// The halves of an address may stand apart, but the halves of two numbers do not make one.
+#[test]
+fn a_pointer_is_made_of_halves_that_meet_in_a_register() {
+    let image = Image::read(image_path()).unwrap();
+    let taken = wcet::software::taken(&image);
+    let is_taken = |name: &str| {
+        let mut functions = taken.iter().map(|at| image.name(*at));
+        functions.any(|function| function == format!("kernels::start::{name}"))
+    };
+    assert!(is_taken("taken"));
+    assert!(!is_taken("never_taken"));
+}

@@ -3,10 +3,10 @@
 use vehicle_model::{Device, Vehicle};
 
 use super::file::without;
-use super::{BusEvent, DURATIONS, LARGEST_ERROR, Scenario};
+use super::{BrownOut, BusEvent, DURATIONS, LARGEST_ERROR, Scenario};
 use crate::units::{
     Angle, Compliance, Count, CountSlope, Drift, Kind, Length, Ppm, Quantity, Rate, Ratio, Speed,
-    Time,
+    Time, Voltage,
 };
 use crate::vehicle::Parameters;
 
@@ -169,11 +169,14 @@ fn knobs(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
 }
 
 fn wires(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
-    for (i, noise) in scenario.wire.iter().enumerate() {
-        let node = vehicle.node(noise.node);
+    let wires = scenario.wire.iter().map(|noise| noise.node);
+    let relays = scenario.relay.iter().map(|fault| fault.node);
+    let named = wires.enumerate().map(|event| ("wire", event));
+    for (field, (i, node)) in named.chain(relays.enumerate().map(|event| ("relay", event))) {
+        let node = vehicle.node(node);
         if !node.wiring.values().any(|device| device.is_motor()) {
             return Err(format!(
-                "wire[{i}].node: no motor is wired to {:?}",
+                "{field}[{i}].node: no motor is wired to {:?}",
                 node.name
             ));
         }
@@ -384,9 +387,23 @@ fn faults(scenario: &Scenario) -> Outcome {
     for (i, noise) in scenario.wire.iter().enumerate() {
         within(&format!("wire[{i}].at"), noise.at, times())?;
     }
+    for (i, fault) in scenario.relay.iter().enumerate() {
+        within(&format!("relay[{i}].at"), fault.at, times())?;
+    }
     for (i, dip) in scenario.brownout.iter().enumerate() {
         within(&format!("brownout[{i}].at"), dip.at, times())?;
         later(&format!("brownout[{i}]"), dip.at, Some(dip.until))?;
+        let voltages = between(Voltage::new(0.0), Voltage::new(3.3));
+        within(&format!("brownout[{i}].lowest"), dip.lowest, voltages)?;
+        let mut others = scenario.brownout[..i].iter();
+        let overlaps =
+            |of: &BrownOut| of.node == dip.node && of.overlaps(dip.at.get(), dip.until.get());
+        if let Some(k) = others.position(overlaps) {
+            return Err(format!(
+                "brownout[{i}] and brownout[{k}] of one node overlap: a dip begins 1 ms after the \
+                 end of the one before, or later"
+            ));
+        }
     }
     for (i, event) in scenario.bus.iter().enumerate() {
         let field = format!("bus[{i}]");

@@ -2,7 +2,9 @@
 
 use serde::Deserialize;
 
-use crate::units::{Ratio, Time};
+use crate::time::{SimDuration, from_seconds};
+use crate::units::{Ratio, Time, Voltage};
+
 use vehicle_model::NodeIndex;
 
 /// A button that the operator can press.
@@ -116,6 +118,15 @@ pub struct WireNoise {
     pub byte: u8,
 }
 
+/// The relay in the lead of a node's motor fails: it conducts from then on, whatever the node says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RelayFault {
+    /// The node.
+    pub node: NodeIndex,
+    /// When.
+    pub at: Time,
+}
+
 /// A node's reset line is pulled low.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResetEvent {
@@ -127,15 +138,56 @@ pub struct ResetEvent {
     pub until: Option<Time>,
 }
 
-/// The supply of a node dips so far that it loses its memory.
+/// The supply of a node dips. It falls and rises by 5 mV each microsecond, as 20 uF do that feed
+/// 100 mA.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BrownOut {
     /// Which node.
     pub node: NodeIndex,
-    /// When the supply is gone.
+    /// When the supply begins to fall.
     pub at: Time,
-    /// When it is back.
+    /// When it begins to rise.
     pub until: Time,
+    /// How low it falls.
+    pub lowest: Voltage,
+}
+
+impl BrownOut {
+    /// Supply outside a dip, mV.
+    pub const NOMINAL_MV: u16 = 3_300;
+    /// Distance of two values on the slopes, mV.
+    const STEP_MV: u16 = 50;
+    /// Time between them, us.
+    const STEP_US: u16 = 10;
+
+    /// Whether this dip and one of the same node between two times, in seconds, have an instant in
+    /// common: a supply has risen again 1 ms after its dip.
+    #[must_use]
+    pub fn overlaps(&self, from: f64, until: f64) -> bool {
+        // Less 1 ns: sums of times in seconds are rounded.
+        const RISEN: f64 = 0.001 - 1e-9;
+        self.at.get() < until + RISEN && from < self.until.get() + RISEN
+    }
+
+    /// The course of the supply: values in mV, each from the time that stands with it on. A dip that
+    /// is too short for its depth turns back earlier.
+    pub(crate) fn course(&self) -> impl Iterator<Item = (SimDuration, u16)> {
+        let lowest = ((self.lowest.get() * 1e3).round() as u16).min(Self::NOMINAL_MV);
+        let depth = (Self::NOMINAL_MV - lowest).div_ceil(Self::STEP_MV);
+        let (at, until) = (self.at.get(), self.until.get());
+        let after = |from: f64, step: u16| from + f64::from(step * Self::STEP_US) * 1e-6;
+        let reached = (0..depth)
+            .take_while(|step| after(at, *step) < until)
+            .count() as u16;
+        let level = move |steps: u16| {
+            let millivolts = Self::NOMINAL_MV.saturating_sub(steps * Self::STEP_MV);
+            millivolts.max(lowest)
+        };
+        let falling = (0..reached).map(move |step| (after(at, step), level(step + 1)));
+        let rising = (0..reached).map(move |step| (after(until, step), level(reached - 1 - step)));
+        let whole = falling.chain(rising);
+        whole.map(|(seconds, millivolts)| (from_seconds(seconds), millivolts))
+    }
 }
 
 /// Something foreign happens on the bus.
@@ -177,4 +229,56 @@ pub enum BusEvent {
 
 fn once() -> u32 {
     1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::BrownOut;
+    use crate::time::span_seconds;
+    use crate::units::{Time, Voltage};
+    use vehicle_model::NodeIndex;
+
+    /// The course of a dip from 1 s on: microseconds after its beginning, mV.
+    fn course(micros: f64, lowest: f64) -> Vec<(u32, u16)> {
+        let dip = BrownOut {
+            node: NodeIndex(0),
+            at: Time::new(1.0),
+            until: Time::new(1.0 + micros * 1e-6),
+            lowest: Voltage::new(lowest),
+        };
+        let course = dip.course();
+        course
+            .map(|(after, millivolts)| {
+                let micros = (span_seconds(after) - 1.0) * 1e6;
+                (micros.round() as u32, millivolts)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_supply_falls_and_rises_with_its_slope() {
+        assert_eq!(
+            course(1000.0, 3.18),
+            [
+                (0, 3250),
+                (10, 3200),
+                (20, 3180),
+                (1000, 3200),
+                (1010, 3250),
+                (1020, 3300)
+            ]
+        );
+        let deep = course(2000.0, 0.0);
+        assert_eq!(deep[65], (650, 0));
+        assert_eq!(deep.last(), Some(&(2650, 3300)));
+    }
+
+    #[test]
+    fn a_short_dip_turns_back_before_its_lowest_value() {
+        assert_eq!(
+            course(15.0, 0.0),
+            [(0, 3250), (10, 3200), (15, 3250), (25, 3300)]
+        );
+        assert_eq!(course(100.0, 3.3), []);
+    }
 }

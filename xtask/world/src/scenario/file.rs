@@ -7,10 +7,11 @@ use vehicle_model::{Device, NodeIndex, Vehicle};
 
 use super::{
     BrownOut, BusEvent, ButtonPress, Clock, ClockChange, JoystickMove, KnobTurn, Lcd, Line, Point,
-    Receiver, ResetEvent, Scenario, Start, StartChanges, StopLoopChange, SupplyChange, WireNoise,
+    Receiver, RelayFault, ResetEvent, Scenario, Start, StartChanges, StopLoopChange, SupplyChange,
+    WireNoise,
 };
 use crate::receiver::{self, FixChange, StreamFault};
-use crate::units::{Ratio, Time};
+use crate::units::{Ratio, Time, Voltage};
 use crate::vehicle;
 
 /// The tables and fields of a file.
@@ -38,6 +39,7 @@ pub(super) struct File {
     clock: Vec<Change>,
     brownout: Vec<Dip>,
     wire: Vec<Noise>,
+    relay: Vec<Stuck>,
     bus: Vec<BusEvent>,
 }
 
@@ -65,6 +67,7 @@ impl Default for File {
             clock: Vec::new(),
             brownout: Vec::new(),
             wire: Vec::new(),
+            relay: Vec::new(),
             bus: Vec::new(),
         }
     }
@@ -104,6 +107,8 @@ struct Dip {
     node: String,
     at: Time,
     until: Time,
+    #[serde(default)]
+    lowest: Voltage,
 }
 
 /// A [`WireNoise`] as written in the file.
@@ -113,6 +118,14 @@ struct Noise {
     node: String,
     at: Time,
     byte: u8,
+}
+
+/// A [`RelayFault`] as written in the file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stuck {
+    node: String,
+    at: Time,
 }
 
 impl File {
@@ -150,6 +163,7 @@ impl File {
                 node: node(format!("brownout[{i}].node"), &dip.node)?,
                 at: dip.at,
                 until: dip.until,
+                lowest: dip.lowest,
             })
         });
         let wire = self.wire.into_iter().enumerate().map(|(i, noise)| {
@@ -157,6 +171,12 @@ impl File {
                 node: node(format!("wire[{i}].node"), &noise.node)?,
                 at: noise.at,
                 byte: noise.byte,
+            })
+        });
+        let relay = self.relay.into_iter().enumerate().map(|(i, stuck)| {
+            Ok(RelayFault {
+                node: node(format!("relay[{i}].node"), &stuck.node)?,
+                at: stuck.at,
             })
         });
         let line = line(vehicle, self.line)?;
@@ -183,6 +203,7 @@ impl File {
             clock: clock.collect::<Result<_, String>>()?,
             brownout: brownout.collect::<Result<_, String>>()?,
             wire: wire.collect::<Result<_, String>>()?,
+            relay: relay.collect::<Result<_, String>>()?,
             bus: self.bus,
         })
     }

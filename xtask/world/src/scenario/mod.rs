@@ -18,8 +18,8 @@ use vehicle_model::{Remote, Vehicle};
 
 pub use error::ScenarioError;
 pub use events::{
-    BrownOut, BusEvent, Button, ButtonPress, ClockChange, JoystickMove, KnobTurn, ResetEvent,
-    StopLoopChange, SupplyChange, WireNoise,
+    BrownOut, BusEvent, Button, ButtonPress, ClockChange, JoystickMove, KnobTurn, RelayFault,
+    ResetEvent, StopLoopChange, SupplyChange, WireNoise,
 };
 use file::File;
 
@@ -81,6 +81,8 @@ pub struct Scenario {
     pub brownout: Vec<BrownOut>,
     /// Noise on the lines to motor drivers.
     pub wire: Vec<WireNoise>,
+    /// Relays of motors that stick.
+    pub relay: Vec<RelayFault>,
     /// Foreign frames and disturbances on the bus.
     pub bus: Vec<BusEvent>,
 }
@@ -181,9 +183,9 @@ impl Line {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Lcd {
-    /// Whether it acknowledges commands. Default true.
+    /// Whether it answers. Default true.
     pub acknowledges: bool,
-    /// Time to execute a command, 0 to 100 ms. Default 100 us.
+    /// Time to execute a byte, 0 to 100 ms. Default 100 us.
     pub delay: Time,
 }
 

@@ -1,0 +1,27 @@
+//! The fuzz targets as functions of the fuzzer's bytes. The tests of the crate call them with
+//! random bytes, because a fuzzer needs a nightly toolchain.
+
+use can_bus::slcan::{Answer, Decoder, encode};
+
+/// All answers in the bytes of a serial port. Every frame among them must be read back as it is
+/// written.
+pub fn slcan(bytes: &[u8]) -> Vec<Answer> {
+    let mut decoder = Decoder::new();
+    let answers: Vec<Answer> = bytes
+        .iter()
+        .filter_map(|byte| decoder.push(*byte))
+        .collect();
+    for answer in &answers {
+        if let Answer::Frame { frame, .. } = answer {
+            let mut decoder = Decoder::new();
+            let line = encode(frame);
+            let again: Vec<Answer> = line.bytes().filter_map(|b| decoder.push(b)).collect();
+            let same = Answer::Frame {
+                frame: *frame,
+                stamp: None,
+            };
+            assert_eq!(again, [same]);
+        }
+    }
+    answers
+}
