@@ -39,6 +39,9 @@ const LATENCY: Duration = Duration::from_millis(1);
 /// its internal oscillator has an error of 1 %.
 const SHARE: u32 = 80;
 
+/// Inverse of the share of a period by which the half of all periods in the middle may scatter.
+const SCATTER: u32 = 5;
+
 /// What to ask.
 pub struct Question<'m> {
     /// The messages.
@@ -262,16 +265,27 @@ impl Asking<'_> {
         }
     }
 
-    /// The time from one reference message to the next, if most of them have it and the vehicle has
-    /// another one.
+    /// The time from one reference message to the next, if it is that of another vehicle.
+    ///
+    /// A busy computer takes single frames much too late, so the half of the periods in the middle
+    /// says whether there is a cycle. Their mean tells how many cycles each period has been, of which
+    /// some have lost their reference.
     fn other_cycle(&self) -> Option<Duration> {
         let mut periods = self.periods.clone();
         periods.sort_unstable();
-        let middle = *periods.get(periods.len() / 2)?;
-        let like = periods.iter().filter(|period| are_equal(**period, middle));
-        let most = 4 * like.count() >= 3 * periods.len();
-        let other = !are_equal(middle, self.question.messages.basic_cycle());
-        (most && other).then_some(middle)
+        let quarter = periods.len() / 4;
+        let middle = &periods[quarter..periods.len() - quarter];
+        let (least, greatest) = (*middle.first()?, *middle.last()?);
+        let mean = middle.iter().sum::<Duration>() / u32::try_from(middle.len()).ok()?;
+        if mean.is_zero() || greatest - least > LATENCY + mean / SCATTER {
+            return None;
+        }
+        let cycles: f64 = periods
+            .iter()
+            .map(|period| period.div_duration_f64(mean).round())
+            .sum();
+        let period = periods.iter().sum::<Duration>().div_f64(cycles);
+        (!are_equal(period, self.question.messages.basic_cycle())).then_some(period)
     }
 
     /// Waits for a frame and takes it; false if none has come until `end`.

@@ -18,13 +18,13 @@ pub use ask::{Answers, Question, Told, Unsent, ask};
 pub use bus::Bus;
 pub use messages::{Check, Messages, Outcome, Report, Value};
 pub use on_twin::OnTwin;
+pub use report::Results;
 pub use serial::{Line, Port, Slcan};
 pub use transport::{Error as TransportError, Received, Transport};
 
 use vehicle_model::{NodeIndex, Vehicle};
 
 use crate::{Failure, Workspace, cli::Selftest, progress::Display, sim, vehicle};
-use report::{Finding, Results};
 
 /// Why a self-test fails.
 #[derive(Debug, thiserror::Error)]
@@ -103,13 +103,7 @@ pub fn run(workspace: &Workspace, options: &Selftest) -> Result<(), Failure> {
     } else {
         print!("{}", results.text());
     }
-    match results.findings().as_slice() {
-        [] => Ok(()),
-        findings => {
-            let what = findings.iter().map(Finding::what);
-            Err(Error::Failed(what.map(String::from).collect()).into())
-        }
-    }
+    Ok(results.outcome()?)
 }
 
 /// Opens a bus.

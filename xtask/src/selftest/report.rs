@@ -9,22 +9,25 @@ use serde_json::{Value as Json, json};
 use vehicle_model::Vehicle;
 
 use super::{
+    Error,
     ask::{Answers, Unsent, other_cycle},
     messages::{Report, Value},
 };
 
 /// The results of a self-test.
-pub(super) struct Results<'a> {
-    pub(super) vehicle: &'a Vehicle,
+pub struct Results<'a> {
+    /// The vehicle that was asked.
+    pub vehicle: &'a Vehicle,
     /// The bus, as the command line names it.
-    pub(super) bus: String,
+    pub bus: String,
     /// Indices of the nodes that are shown.
-    pub(super) nodes: &'a [usize],
-    pub(super) answers: &'a Answers,
+    pub nodes: &'a [usize],
+    /// What came from the bus.
+    pub answers: &'a Answers,
 }
 
 /// What is wrong.
-pub(super) struct Finding {
+struct Finding {
     /// Node and check, or node and silence.
     what: String,
     /// What is so when the check passes.
@@ -41,13 +44,6 @@ struct Gap {
     why: String,
 }
 
-impl Finding {
-    /// Node and check, or node and silence.
-    pub(super) fn what(&self) -> &str {
-        &self.what
-    }
-}
-
 impl Results<'_> {
     fn name(&self, node: usize) -> &str {
         &self.vehicle.manifest().nodes[node].name
@@ -58,8 +54,22 @@ impl Results<'_> {
         Some(report)
     }
 
+    /// Whether all nodes have reported and no check has failed.
+    ///
+    /// # Errors
+    /// Names each silent node and each failed check.
+    pub fn outcome(&self) -> Result<(), Error> {
+        let findings = self.findings().into_iter();
+        let failed: Vec<String> = findings.map(|finding| finding.what).collect();
+        if failed.is_empty() {
+            Ok(())
+        } else {
+            Err(Error::Failed(failed))
+        }
+    }
+
     /// All that is wrong.
-    pub(super) fn findings(&self) -> Vec<Finding> {
+    fn findings(&self) -> Vec<Finding> {
         let of_node = |&node: &usize| match self.report(node) {
             None => vec![self.silence(node)],
             Some(report) => {
@@ -185,7 +195,8 @@ impl Results<'_> {
     }
 
     /// The results as JSON.
-    pub(super) fn json(&self) -> Json {
+    #[must_use]
+    pub fn json(&self) -> Json {
         let nodes: Vec<Json> = self
             .nodes
             .iter()
@@ -246,7 +257,8 @@ impl Results<'_> {
     }
 
     /// The results as text.
-    pub(super) fn text(&self) -> String {
+    #[must_use]
+    pub fn text(&self) -> String {
         let mut text = String::new();
         // Writing to a string cannot fail.
         let _ = self.write(&mut text);
