@@ -134,6 +134,10 @@ pub struct Matrix {
     nodes: Vec<String>,
 }
 
+/// Longest time between two frames, in bits, of which the second one waited for the first: the
+/// intermission, and a bit for the senders' clocks.
+const WAITED: u64 = 4;
+
 /// A frame outside of its window.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Misplaced {
@@ -206,12 +210,31 @@ impl Matrix {
     }
 
     /// Starts of the complete reference messages that the vehicle's masters sent.
+    ///
+    /// A reference directly behind that of a better master is left out: no node follows it. It
+    /// waited in its controller until the other one was sent, and the intermission is too short for
+    /// a node to take it back.
     #[must_use]
     pub fn references(&self, traffic: &Traffic) -> Vec<SimTime> {
         let ours = traffic.frames.iter().filter(|frame| frame.node.is_some());
-        ours.filter(|frame| frame.complete && self.is_reference(frame.id))
-            .map(|frame| frame.start)
-            .collect()
+        let mut starts = Vec::new();
+        let mut before: Option<&Sent> = None;
+        for frame in ours.filter(|frame| frame.complete && self.is_reference(frame.id)) {
+            let waited = before.is_some_and(|before| {
+                let idle = frame.start.as_ticks().saturating_sub(before.end.as_ticks());
+                frame.id > before.id && idle <= self.bits(WAITED).as_ticks()
+            });
+            if !waited {
+                starts.push(frame.start);
+                before = Some(frame);
+            }
+        }
+        starts
+    }
+
+    /// How long this number of bits takes.
+    fn bits(&self, count: u64) -> SimDuration {
+        SimDuration::from_ticks(count * 1_000_000_000_000 / u64::from(self.network.bit_rate))
     }
 
     /// How long after the beginning of its window a frame started, in picoseconds, negative
@@ -310,5 +333,26 @@ mod tests {
             assert_eq!(found.len(), 1, "{wrong:?}");
             assert_eq!(found[0].frame, wrong);
         }
+    }
+
+    /// Both masters had a reference in their controllers while the bus was disturbed.
+    #[test]
+    fn a_reference_that_waited_for_a_better_one_begins_no_cycle() {
+        let begun = |frames: Vec<Sent>| {
+            let starts = Matrix::new(&crate::uagv()).references(&Traffic { frames });
+            starts
+                .iter()
+                .map(|start| start.as_ticks() / 1_000_000)
+                .collect::<Vec<_>>()
+        };
+        let backup = |us| frame(CONTROLLER, 101, us);
+        assert_eq!(
+            begun(vec![frame(GPS, 100, 50_000), backup(50_512)]),
+            [50_000]
+        );
+        let later = vec![frame(GPS, 100, 50_000), backup(50_520)];
+        assert_eq!(begun(later), [50_000, 50_520]);
+        let better = vec![backup(50_000), frame(GPS, 100, 50_512)];
+        assert_eq!(begun(better), [50_000, 50_512]);
     }
 }
