@@ -40,7 +40,8 @@ fn the_gps_node_in_reset_hands_the_schedule_over_and_takes_it_back() {
     assert!(silence < span(BASIC_PERIOD + 0.000_036));
     // The running nodes send in every window, also in the basic cycles of the takeover.
     let traffic = journey.traffic();
-    let references: Vec<_> = journey.matrix().references(&traffic);
+    let begins = journey.matrix().references(&traffic);
+    let references: Vec<_> = begins.iter().map(|begin| begin.start).collect();
     let near = references.windows(2).filter(|pair| pair[0] >= last.start);
     for pair in near {
         for id in [206, 300, 450, 451, 452, 453] {

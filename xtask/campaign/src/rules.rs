@@ -9,7 +9,7 @@
 //! | a motor driver whose relay is closed reads only bytes that were sent to it | thesis 6.2.4.4 |
 //! | no node's frame outside of its own window | ISO 11898-4: exclusive windows |
 //! | every node that can is back in schedule at the end | |
-//! | no node resets itself for any other reason than its stalled core | |
+//! | no node resets itself except for its stalled core, its clock, its supply, or to lead as the last resort | |
 //! | no program does what its microcontroller does not allow | RM0390, RM0316, see [`twin::Violation`] |
 //!
 //! Resets are no exception: a node that stands still lets go of its motor's relay. A core that
@@ -23,7 +23,7 @@ use world::SimTime;
 use world::scenario::Button;
 
 use crate::sequence::{END, SETTLED, Sequence};
-use crate::traffic::{Matrix, Sent, Traffic};
+use crate::traffic::{Matrix, Oscillator, Sent, Traffic};
 
 /// A broken rule.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -48,6 +48,10 @@ const REFERENCE_REACTION: f64 = 0.003;
 /// next control step, and two commands that may be lost.
 const STOP_BUTTON: f64 = 0.34;
 
+/// Shortest time without references after which a master without its clock starts again to lead as
+/// the last resort, s: 3 s of an oscillator that is 5 % fast.
+const LAST_RESORT: f64 = 2.85;
+
 /// How far the steering angle may be beyond its limit, degrees: noise of the potentiometer, and
 /// its sampling period at full rate (0.125 degrees).
 const STEERING_MARGIN: f64 = 0.5;
@@ -69,7 +73,7 @@ pub fn judge(vehicle: &Vehicle, sequence: &Sequence, outcome: &Outcome) -> Vec<V
         sequence,
         outcome,
         traffic: Traffic::of(outcome),
-        matrix: Matrix::new(vehicle),
+        matrix: matrix(vehicle, sequence, outcome),
     };
     let mut violations = Vec::new();
     for node in vehicle.nodes() {
@@ -91,6 +95,20 @@ pub fn judge(vehicle: &Vehicle, sequence: &Sequence, outcome: &Outcome) -> Vec<V
         violations.extend(judge.resets(node));
     }
     violations
+}
+
+/// The matrix of the vehicle, with the oscillators of a run.
+fn matrix(vehicle: &Vehicle, sequence: &Sequence, outcome: &Outcome) -> Matrix {
+    let mut matrix = Matrix::new(vehicle);
+    for node in vehicle.nodes() {
+        let oscillator = Oscillator {
+            ppm: outcome.world.internal_ppm(node),
+            at: outcome.world.now(),
+            drift: sequence.scenario.nodes[node.0].drift.get(),
+        };
+        matrix.set_oscillator(node, oscillator);
+    }
+    matrix
 }
 
 /// The message that commands motors, and its signal that lets this one turn.
@@ -421,8 +439,8 @@ impl Judge<'_> {
             ResetCause::PowerOn | ResetCause::Pin => false,
             ResetCause::Watchdog => !upset(seconds(*at)),
             ResetCause::Software => {
-                let at = seconds(*at);
-                !stopped(at) && !dipped(at) && !sequence.is_late(node)
+                let own = stopped(seconds(*at)) || dipped(seconds(*at)) || sequence.is_late(node);
+                !own && !self.is_last_resort(node, *at)
             }
         });
         strange.map(|(at, cause)| Violation {
@@ -430,6 +448,19 @@ impl Judge<'_> {
             at: seconds(*at),
             what: format!("{name} was reset by {cause:?}"),
         })
+    }
+
+    /// Whether a node may start again at this instant to lead as the last resort: it is a time master
+    /// without its clock, and nobody leads.
+    fn is_last_resort(&self, node: NodeIndex, at: SimTime) -> bool {
+        let mut messages = self.matrix.messages().iter();
+        let master = messages.any(|message| {
+            self.matrix.is_reference(message.id) && self.matrix.sender(message) == Some(node)
+        });
+        let references = self.matrix.references(&self.traffic);
+        let before = references.iter().rev().find(|begin| begin.start < at);
+        let led = before.map_or(0.0, |begin| seconds(begin.start));
+        master && !self.sequence.can_lead(node) && seconds(at) - led >= LAST_RESORT
     }
 }
 

@@ -132,7 +132,48 @@ pub struct Matrix {
     network: Network,
     /// Names of the vehicle's nodes, by their places.
     nodes: Vec<String>,
+    /// Their internal oscillators, if those are known.
+    oscillators: Vec<Option<Oscillator>>,
 }
+
+/// The error of an internal oscillator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Oscillator {
+    /// At the instant `at`, parts per million; positive when it is fast.
+    pub ppm: f64,
+    /// The instant.
+    pub at: SimTime,
+    /// How the error changes, parts per million each second.
+    pub drift: f64,
+}
+
+impl Oscillator {
+    /// How much of its own time passes in a unit of true time.
+    fn rate(&self, at: SimTime) -> f64 {
+        let later = (at.as_ticks() as f64 - self.at.as_ticks() as f64) * 1e-12;
+        1.0 + (self.ppm + self.drift * later) * 1e-6
+    }
+}
+
+/// The begin of a basic cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Begin {
+    /// Start of frame of its reference message.
+    pub start: SimTime,
+    /// How much of the time master's time passes in a unit of true time.
+    pub rate: f64,
+}
+
+impl Begin {
+    /// Its own time from this begin to an instant, picoseconds.
+    fn until(&self, at: SimTime) -> i64 {
+        let passed = at.as_ticks() as i64 - self.start.as_ticks() as i64;
+        (passed as f64 * self.rate).round() as i64
+    }
+}
+
+/// Signal of a reference message: its sender has no external clock, and leads as the last resort.
+const INTERNAL_CLOCK: &str = "InternalClock";
 
 /// Longest time between two frames, in bits, of which the second one waited for the first: the
 /// intermission, and a bit for the senders' clocks.
@@ -169,8 +210,15 @@ impl Matrix {
         let nodes = vehicle.manifest().nodes.iter();
         Self {
             network: vehicle.network().clone(),
+            oscillators: vec![None; nodes.len()],
             nodes: nodes.map(|node| node.name.clone()).collect(),
         }
+    }
+
+    /// Tells the internal oscillator of a node. Basic cycles that it begins as the last resort pass in
+    /// the time of that oscillator, as all nodes follow it.
+    pub fn set_oscillator(&mut self, node: NodeIndex, oscillator: Oscillator) {
+        self.oscillators[node.0] = Some(oscillator);
     }
 
     /// Name of the node that sent a frame.
@@ -209,15 +257,15 @@ impl Matrix {
         self.network.message(id).map(|message| message.window.kind)
     }
 
-    /// Starts of the complete reference messages that the vehicle's masters sent.
+    /// The basic cycles that the vehicle's masters began by complete reference messages.
     ///
     /// A reference directly behind that of a better master is left out: no node follows it. It
     /// waited in its controller until the other one was sent, and the intermission is too short for
     /// a node to take it back.
     #[must_use]
-    pub fn references(&self, traffic: &Traffic) -> Vec<SimTime> {
+    pub fn references(&self, traffic: &Traffic) -> Vec<Begin> {
         let ours = traffic.frames.iter().filter(|frame| frame.node.is_some());
-        let mut starts = Vec::new();
+        let mut begins = Vec::new();
         let mut before: Option<&Sent> = None;
         for frame in ours.filter(|frame| frame.complete && self.is_reference(frame.id)) {
             let waited = before.is_some_and(|before| {
@@ -225,11 +273,29 @@ impl Matrix {
                 frame.id > before.id && idle <= self.bits(WAITED).as_ticks()
             });
             if !waited {
-                starts.push(frame.start);
+                begins.push(Begin {
+                    start: frame.start,
+                    rate: self.rate(frame),
+                });
                 before = Some(frame);
             }
         }
-        starts
+        begins
+    }
+
+    /// The rate of the master that sent a reference.
+    fn rate(&self, reference: &Sent) -> f64 {
+        let oscillator = reference.node.and_then(|node| self.oscillators[node.0]);
+        let oscillator = oscillator.filter(|_| self.says(reference, INTERNAL_CLOCK));
+        oscillator.map_or(1.0, |oscillator| oscillator.rate(reference.start))
+    }
+
+    /// Whether a frame has a signal of one bit, and that is set.
+    fn says(&self, frame: &Sent, signal: &str) -> bool {
+        let message = self.network.message(frame.id);
+        let mut signals = message.iter().flat_map(|message| &message.signals);
+        let signal = signals.find(|one| one.name == signal);
+        signal.is_some_and(|signal| signal.extract(&frame.bytes()) == 1)
     }
 
     /// How long this number of bits takes.
@@ -238,9 +304,9 @@ impl Matrix {
     }
 
     /// How long after the beginning of its window a frame started, in picoseconds, negative
-    /// when early; by the last of `references` before it. `None` before the first reference.
+    /// when early, in its master's time; by the last of `references` before it. `None` before the first reference.
     #[must_use]
-    pub fn lateness(&self, frame: &Sent, references: &[SimTime]) -> Option<i64> {
+    pub fn lateness(&self, frame: &Sent, references: &[Begin]) -> Option<i64> {
         let offset = offset(frame.start, references)?;
         let message = self.network.message(frame.id)?;
         Some(offset - micros(message.window.start_us).as_ticks() as i64)
@@ -261,7 +327,7 @@ impl Matrix {
             .collect()
     }
 
-    fn in_place(&self, frame: &Sent, references: &[SimTime]) -> bool {
+    fn in_place(&self, frame: &Sent, references: &[Begin]) -> bool {
         let Some(message) = self.network.message(frame.id) else {
             return false;
         };
@@ -283,11 +349,11 @@ impl Matrix {
     }
 }
 
-/// From the last reference before `start`, in picoseconds.
-fn offset(start: SimTime, references: &[SimTime]) -> Option<i64> {
-    let before = references.partition_point(|reference| *reference <= start);
+/// From the last reference before `start`, in picoseconds of its master.
+fn offset(start: SimTime, references: &[Begin]) -> Option<i64> {
+    let before = references.partition_point(|reference| reference.start <= start);
     let last = references.get(before.checked_sub(1)?)?;
-    Some(start.as_ticks() as i64 - last.as_ticks() as i64)
+    Some(last.until(start))
 }
 
 fn micros(us: u32) -> SimDuration {
@@ -339,10 +405,10 @@ mod tests {
     #[test]
     fn a_reference_that_waited_for_a_better_one_begins_no_cycle() {
         let begun = |frames: Vec<Sent>| {
-            let starts = Matrix::new(&crate::uagv()).references(&Traffic { frames });
-            starts
+            let begins = Matrix::new(&crate::uagv()).references(&Traffic { frames });
+            begins
                 .iter()
-                .map(|start| start.as_ticks() / 1_000_000)
+                .map(|begin| begin.start.as_ticks() / 1_000_000)
                 .collect::<Vec<_>>()
         };
         let backup = |us| frame(CONTROLLER, 101, us);
@@ -354,5 +420,33 @@ mod tests {
         assert_eq!(begun(later), [50_000, 50_520]);
         let better = vec![backup(50_000), frame(GPS, 100, 50_512)];
         assert_eq!(begun(better), [50_000, 50_512]);
+    }
+
+    /// A last resort whose oscillator is 2 % fast sends its second window 40 us early, and so do the
+    /// nodes that follow it.
+    #[test]
+    fn the_windows_of_a_last_resort_are_in_its_own_time() {
+        let mut matrix = Matrix::new(&crate::uagv());
+        matrix.set_oscillator(
+            GPS,
+            Oscillator {
+                ppm: 20_000.0,
+                at: SimTime::from_ticks(0),
+                drift: 0.0,
+            },
+        );
+        let mut reference = frame(GPS, 100, 50_000);
+        reference.data[0] = 2;
+        let frames = vec![reference, frame(GPS, 402, 51_961)];
+        assert_eq!(
+            matrix.misplaced(&Traffic {
+                frames: frames.clone()
+            }),
+            []
+        );
+        // With its external clock it has no such excuse.
+        let mut exact = frames;
+        exact[0].data[0] = 0;
+        assert_eq!(matrix.misplaced(&Traffic { frames: exact }).len(), 1);
     }
 }
