@@ -27,5 +27,5 @@ pub use part::{
 };
 pub use sled::{
     Budget, Clocks, Connector, LinkerScript, Pin, Role, SLED_F303, SLED_F446, Signal, Sled,
-    UsartPins,
+    TimerOutput, UsartPins,
 };

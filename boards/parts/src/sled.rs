@@ -50,6 +50,19 @@ pub enum Role {
     Input,
     /// Digital output.
     Output,
+    /// Output of a channel of a timer.
+    TimerOutput(TimerOutput),
+}
+
+/// An output of a channel of a timer. Timers and channels are counted from 1, as in the manuals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct TimerOutput {
+    /// The timer.
+    pub timer: u8,
+    /// Its channel.
+    pub channel: u8,
+    /// True for the complementary output (CHxN in the manuals).
+    pub complementary: bool,
 }
 
 /// One line of a connector.
@@ -89,6 +102,14 @@ impl Connector {
             Role::UsartTransmit(usart) | Role::UsartReceive(usart) => Some(usart),
             _ => None,
         })
+    }
+
+    /// Whether it has analogue inputs. A sled has one converter, one DMA channel and one timer for
+    /// them, so a node can use only one of its connectors with analogue inputs.
+    #[must_use]
+    pub fn uses_converter(&self) -> bool {
+        let mut signals = self.signals.iter();
+        signals.any(|signal| matches!(signal.role, Role::Analog(_)))
     }
 }
 
@@ -195,6 +216,15 @@ const fn signal(name: &'static str, port: char, number: u8, role: Role, alternat
     }
 }
 
+/// An output of TIM1.
+const fn timer_1(channel: u8, complementary: bool) -> Role {
+    Role::TimerOutput(TimerOutput {
+        timer: 1,
+        channel,
+        complementary,
+    })
+}
+
 /// The Nucleo-F446RE on a CAN sled.
 ///
 /// - Clocks: 8 MHz / 4 x 180 / 2 = 180 MHz; from the 16 MHz HSI, divided by 8, the same.
@@ -289,6 +319,8 @@ const CLOCKS_F446: Clocks = Clocks {
 /// - The stack fills the core-coupled memory.
 /// - Stamp: some 45 cycles of 72 MHz, or 0.6 us.
 /// - Transmit lead: the window task takes some 7 us, half a bit is 2 us: 9 us.
+/// - Left free: PA4, PB1 and PF1. PA5 and PA6 are joined to PB7 and PB6 by solder bridges of the
+///   Nucleo-32 (SB18 and SB16, UM1956), so none of the four is used.
 pub static SLED_F303: Sled = Sled {
     name: "f303",
     package: "sled-f303",
@@ -351,6 +383,27 @@ pub static SLED_F303: Sled = Sled {
         Connector {
             name: "pot",
             signals: &[signal("wiper", 'A', 0, Role::Analog(1), 0)],
+        },
+        Connector {
+            name: "distances",
+            signals: &[
+                signal("left", 'A', 1, Role::Analog(2), 0),
+                signal("right", 'A', 3, Role::Analog(4), 0),
+            ],
+        },
+        Connector {
+            name: "servos",
+            signals: &[
+                signal("left", 'A', 7, timer_1(1, true), 6),
+                signal("right", 'A', 10, timer_1(3, false), 6),
+            ],
+        },
+        Connector {
+            name: "remote",
+            signals: &[
+                signal("run", 'B', 5, Role::Input, 0),
+                signal("stop", 'B', 4, Role::Input, 0),
+            ],
         },
     ],
 };
@@ -550,6 +603,19 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_node_of_the_f303_sled_can_use_one_of_two_connectors_with_analogue_inputs() {
+        let analogue = |sled: &'static Sled| -> std::vec::Vec<&str> {
+            let connectors = sled.connectors.iter();
+            connectors
+                .filter(|place| place.uses_converter())
+                .map(|place| place.name)
+                .collect()
+        };
+        assert_eq!(analogue(Sled::F303), ["pot", "distances"]);
+        assert_eq!(analogue(Sled::F446), ["joystick"]);
     }
 
     #[test]

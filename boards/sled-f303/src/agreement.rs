@@ -66,6 +66,12 @@ const _: () = assert!(
         && wired(PhantomData::<gpio::PA9<()>>, "motor", "tx")
         && wired(PhantomData::<gpio::PA8<()>>, "motor", "relay")
         && wired(PhantomData::<gpio::PB0<()>>, "motor", "sense")
-        && wired(PhantomData::<gpio::PA0<()>>, "pot", "wiper"),
+        && wired(PhantomData::<gpio::PA0<()>>, "pot", "wiper")
+        && wired(PhantomData::<gpio::PA1<()>>, "distances", "left")
+        && wired(PhantomData::<gpio::PA3<()>>, "distances", "right")
+        && wired(PhantomData::<gpio::PA7<()>>, "servos", "left")
+        && wired(PhantomData::<gpio::PA10<()>>, "servos", "right")
+        && wired(PhantomData::<gpio::PB5<()>>, "remote", "run")
+        && wired(PhantomData::<gpio::PB4<()>>, "remote", "stop"),
     "the pin types that this crate uses are the pins of the crate parts"
 );

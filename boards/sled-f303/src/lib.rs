@@ -14,6 +14,9 @@
 //! | PB0 | read-back of the relays, pull-up, low = one conducts | GPIO | joint of the two relays, through 1 kohm and a diode; 10 kohm to 3.3 V |
 //! | PA9 | motor command, AF7 | USART1 | S1 of the SyRen 50 motor driver |
 //! | PA0 | analogue | ADC1_IN1, DMA1 channel 1 | wiper of the steering potentiometer (steering) |
+//! | PA1, PA3 | analogue | ADC1_IN2, ADC1_IN4, DMA1 channel 1 | left and right distance sensor, divided by three |
+//! | PA7, PA10 | servo pulses, AF6 | TIM1_CH1N, TIM1_CH3 | left and right motor driver (Victor SP), 10 kohm to ground |
+//! | PB5, PB4 | run, stop, pull-down | GPIO | remote control, 10 kohm to ground and 1 kohm in series |
 //!
 //! # Wiring
 //!

@@ -482,6 +482,56 @@ pub fn read_back(netlist: &Netlist, board: &Board) -> Vec<String> {
     findings
 }
 
+/// Parts of the divider of a distance sensor's voltage, all alike: the input gets what is across the
+/// last one (thesis 2.2.4.2).
+const DIVIDER: usize = 3;
+
+/// Each line of the distance sensors is divided by three, filtered, and clamped to the supply of the
+/// processor (thesis, Figure 2.9).
+#[must_use]
+pub fn distances(netlist: &Netlist, board: &Board) -> Vec<String> {
+    let supply = board.supply("+3V3");
+    let mut findings = Vec::new();
+    for side in ["left", "right"] {
+        let line = format!("{}distances.{side}", board.prefix);
+        let [input, half, third] = ["in", "half", "third"].map(|at| format!("{line}/{at}"));
+        let chain = [&input, &half, &third, "GND"];
+        let parts: Vec<f64> = (0..DIVIDER)
+            .filter_map(|part| resistance(netlist, chain[part], chain[part + 1]))
+            .collect();
+        if parts.len() != DIVIDER || parts.iter().any(|part| *part != parts[0]) {
+            findings.push(format!("{line} is not divided by three"));
+        }
+        if resistance(netlist, &third, &line).is_none() {
+            findings.push(format!("nothing limits the current into {line}"));
+        }
+        if !between(netlist, "C", "100n", &line, "GND") {
+            findings.push(format!("{line} has no filter"));
+        }
+        if !clamped(netlist, &line, &supply) {
+            findings.push(format!("nothing clamps {line} to its supply"));
+        }
+    }
+    findings
+}
+
+/// While the part is in reset, its servo outputs are low: the motor drivers get no pulse. Open
+/// inputs of the remote control are low.
+#[must_use]
+pub fn pulled_down(netlist: &Netlist, board: &Board) -> Vec<String> {
+    [
+        "servos.left",
+        "servos.right",
+        "remote.run/in",
+        "remote.stop/in",
+    ]
+    .into_iter()
+    .map(|name| format!("{}{name}", board.prefix))
+    .filter(|line| !between(netlist, "R", "10k", line, "GND"))
+    .map(|line| format!("{line} floats"))
+    .collect()
+}
+
 /// Level at the input while a lead is held at ground by `lead` ohm only, V. The pull-ups, that of
 /// the wire and the processor's own behind the `series` resistor, feed it through the diode.
 fn low_level(pull_up: Option<f64>, series: f64, lead: f64) -> f64 {

@@ -46,6 +46,10 @@ impl Drawing {
             findings.extend(rules::relay(&self.netlist, &board));
             findings.extend(rules::read_back(&self.netlist, &board));
         }
+        if sled.connector("distances").is_some() {
+            findings.extend(rules::distances(&self.netlist, &board));
+            findings.extend(rules::pulled_down(&self.netlist, &board));
+        }
         findings
     }
 }
@@ -107,7 +111,7 @@ fn what_is_not_in_the_bills_is_listed() {
 /// A change of a netlist, and a finding that it brings.
 type Fault = (&'static [(&'static str, &'static str)], &'static str);
 
-const FAULTS: [Fault; 23] = [
+const FAULTS: [Fault; 29] = [
     (
         &[(
             "(ref \"CN3\") (pin \"13\") (pinfunction \"PA11\")",
@@ -248,6 +252,43 @@ const FAULTS: [Fault; 23] = [
             ),
         ],
         "R7 can lift motor.sense/wire",
+    ),
+    (
+        &[(
+            "(ref \"R11\")\n      (value \"3.3k\")",
+            "(ref \"R11\")\n      (value \"1k\")",
+        )],
+        "distances.left is not divided by three",
+    ),
+    (
+        &[(
+            "(ref \"R17\")\n      (value \"1k\")",
+            "(ref \"R17\")\n      (value \"wire\")",
+        )],
+        "nothing limits the current into distances.right",
+    ),
+    (
+        &[(
+            "(ref \"C8\")\n      (value \"100n\")",
+            "(ref \"C8\")\n      (value \"10u\")",
+        )],
+        "distances.right has no filter",
+    ),
+    (
+        &[
+            ("(ref \"D6\") (pin \"1\")", "(ref \"D6\") (pin \"9\")"),
+            ("(ref \"D6\") (pin \"2\")", "(ref \"D6\") (pin \"1\")"),
+            ("(ref \"D6\") (pin \"9\")", "(ref \"D6\") (pin \"2\")"),
+        ],
+        "nothing clamps distances.left to its supply",
+    ),
+    (
+        &[("(node (ref \"R18\") (pin \"2\") (pintype \"passive\"))", "")],
+        "servos.left floats",
+    ),
+    (
+        &[("(node (ref \"R23\") (pin \"2\") (pintype \"passive\"))", "")],
+        "remote.stop/in floats",
     ),
 ];
 
