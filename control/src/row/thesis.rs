@@ -1,4 +1,4 @@
-//! Following a crop row with two distance sensors (thesis chapter 2).
+//! The signal chain of the thesis for following a crop row (thesis chapter 2).
 //!
 //! The sensors look 45 degrees forward to either side. The right distance minus
 //! the left one grows if the robot is left of the middle, and also if it points
