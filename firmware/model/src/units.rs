@@ -62,6 +62,8 @@ kinds! {
     SlopeKind, CountSlope: "a slope", "counts/deg" = 1.0 / DEGREE, "counts/rad" = 1.0 / 1.0;
     /// Slip angle of a tyre for a lateral load, in radians per unit of the vehicle's weight.
     ComplianceKind, Compliance: "a tyre's slip", "deg/g" = DEGREE / 1.0, "rad/g" = 1.0 / 1.0;
+    /// How many of something stand along a way, in one per metre.
+    DensityKind, Density: "a density", "/m" = 1.0 / 1.0;
 }
 
 /// A number with its unit, stored in the base unit of its kind.

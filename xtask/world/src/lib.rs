@@ -5,8 +5,10 @@
 //!
 //! - [`vehicle`]: a bicycle model with limits, dead bands, slip and slope;
 //! - [`receiver`]: a Piksi that speaks SBP; [`syren`]: motor drivers; [`lcd`]: the display;
+//!   [`victor`]: motor drivers with servo pulses;
 //!   [`mod@line`]: a serial line as its receiver sees it; [`operator`]: remote control, joystick and
 //!   emergency-stop loop;
+//! - [`rows`]: crop rows with plants, leaves and weeds, and what a beam of light meets in them;
 //! - [`scenario`]: what happens, as TOML files with units;
 //! - [`World`]: all of it as one value, driven by a simulation of the nodes;
 //! - [`report`]: figures, tables and pictures of a finished run.
@@ -23,12 +25,14 @@ pub mod random;
 pub mod receiver;
 mod record;
 pub mod report;
+pub mod rows;
 pub mod scenario;
 mod signal;
 pub mod syren;
 pub mod time;
 pub use vehicle_model::{Device, NodeIndex, units};
 pub mod vehicle;
+pub mod victor;
 mod world;
 
 pub use record::{Counters, EffortChange, Garble, StateSample};

@@ -27,6 +27,12 @@ pub enum Purpose {
     Knobs = 7,
     /// Errors of the devices' own clocks.
     DeviceClocks = 8,
+    /// Places and diameters of plants.
+    Plants = 9,
+    /// Leaves that overhang a row.
+    Leaves = 10,
+    /// Weeds in a row.
+    Weeds = 11,
 }
 
 /// A stream of random numbers.

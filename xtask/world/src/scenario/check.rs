@@ -11,14 +11,14 @@ use crate::units::{
 use crate::vehicle::Parameters;
 
 /// The range of values that a field accepts.
-struct Range<K> {
+pub(super) struct Range<K> {
     least: Quantity<K>,
     most: Quantity<K>,
     /// True if `least` itself is not allowed.
     open: bool,
 }
 
-fn between<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
+pub(super) fn between<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
     Range {
         least,
         most,
@@ -26,7 +26,7 @@ fn between<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
     }
 }
 
-fn above<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
+pub(super) fn above<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
     Range {
         least,
         most,
@@ -36,7 +36,7 @@ fn above<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
 
 type Outcome = Result<(), String>;
 
-fn within<K: Kind>(field: &str, value: Quantity<K>, range: Range<K>) -> Outcome {
+pub(super) fn within<K: Kind>(field: &str, value: Quantity<K>, range: Range<K>) -> Outcome {
     let low = if range.open {
         value <= range.least
     } else {
@@ -52,7 +52,7 @@ fn within<K: Kind>(field: &str, value: Quantity<K>, range: Range<K>) -> Outcome 
     Ok(())
 }
 
-fn whole(field: &str, value: u64, least: u64, most: u64) -> Outcome {
+pub(super) fn whole(field: &str, value: u64, least: u64, most: u64) -> Outcome {
     if (least..=most).contains(&value) {
         Ok(())
     } else {

@@ -9,6 +9,7 @@ mod check;
 mod error;
 mod events;
 mod file;
+mod row;
 
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -22,6 +23,7 @@ pub use events::{
     ResetEvent, StopLoopChange, SupplyChange, WireNoise,
 };
 use file::File;
+pub use row::{Bend, Gap, Kind, Leaves, Limits, Row, RowStart, Section, Side, Turn, Weed, Weeds};
 
 use crate::changes::changes;
 use crate::receiver::{self, FixChange, StreamFault};
