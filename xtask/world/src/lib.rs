@@ -8,6 +8,7 @@
 //!   [`victor`]: motor drivers with servo pulses;
 //!   [`mod@line`]: a serial line as its receiver sees it; [`operator`]: remote control, joystick and
 //!   emergency-stop loop;
+//! - [`rover`]: a robot with six wheels that is steered by the speeds of both sides;
 //! - [`rows`]: crop rows with plants, leaves and weeds, and what a beam of light meets in them;
 //! - [`scenario`]: what happens, as TOML files with units;
 //! - [`World`]: all of it as one value, driven by a simulation of the nodes;
@@ -25,6 +26,7 @@ pub mod random;
 pub mod receiver;
 mod record;
 pub mod report;
+pub mod rover;
 pub mod rows;
 pub mod scenario;
 mod signal;

@@ -33,6 +33,14 @@ pub enum Purpose {
     Leaves = 10,
     /// Weeds in a row.
     Weeds = 11,
+    /// Speeds of single motors.
+    Motors = 12,
+    /// Where a chassis tips from one pair of axles to the other.
+    Tips = 13,
+    /// Clods on the way.
+    Clods = 14,
+    /// Grip of the ground along the way.
+    Slip = 15,
 }
 
 /// A stream of random numbers.
