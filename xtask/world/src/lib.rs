@@ -5,7 +5,7 @@
 //!
 //! - [`vehicle`]: a bicycle model with limits, dead bands, slip and slope;
 //! - [`receiver`]: a Piksi that speaks SBP; [`syren`]: motor drivers; [`lcd`]: the display;
-//!   [`victor`]: motor drivers with servo pulses;
+//!   [`victor`]: motor drivers with servo pulses; [`distance`]: laser distance sensors;
 //!   [`mod@line`]: a serial line as its receiver sees it; [`operator`]: remote control, joystick and
 //!   emergency-stop loop;
 //! - [`rover`]: a robot with six wheels that is steered by the speeds of both sides;
@@ -19,6 +19,7 @@
 #![forbid(unsafe_code)]
 
 mod changes;
+pub mod distance;
 pub mod lcd;
 pub mod line;
 pub mod operator;

@@ -41,6 +41,8 @@ pub enum Purpose {
     Clods = 14,
     /// Grip of the ground along the way.
     Slip = 15,
+    /// Phase and noise of distance sensors.
+    Distances = 16,
 }
 
 /// A stream of random numbers.

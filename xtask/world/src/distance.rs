@@ -1,0 +1,266 @@
+//! Laser distance sensor O1D100 (ifm electronic) and the divider behind it.
+//!
+//! The sensor gives 0 to 10 V for 20 to 1000 cm (thesis 2.2.4.2), and three equal resistors divide that
+//! by 3. It measures 1 to 33 times a second (the maker's data sheet); between two measurements its output
+//! stays where it is, though the node samples it more often.
+//!
+//! A time-of-flight sensor sums up all light that comes back while it measures, from the whole spot. So a
+//! spot on the edge of a leaf gives a distance between that of the leaf and that of what is behind: a mean,
+//! weighted with the light that comes from each, which decreases with the square of the distance
+//! (inferred from the principle; a majority would never give a distance at which nothing stands). The
+//! light of a measurement is that of a few rays over the spot, at a few instants of its duration.
+//!
+//! The width of the spot, noise, drop-outs, and what faults do to the voltage are inferred too.
+
+use crate::random::{Purpose, Stream};
+use crate::rover::{Mount, State};
+use crate::rows::{Rows, What};
+use crate::time::{PER_SECOND, SimTime};
+
+/// The distance at 0 V, metres.
+pub const NEAREST: f64 = 0.2;
+
+/// The distance at 10 V, metres.
+pub const FARTHEST: f64 = 10.0;
+
+/// Voltage behind the divider at [`FARTHEST`].
+pub const FULL_SCALE: f64 = 10.0 / 3.0;
+
+/// Voltage at which the diodes of the sled's input hold a line that is shorted to 24 V: that of
+/// the supply and of a Schottky diode.
+const CLAMPED: f64 = 3.6;
+
+/// Rays across the spot.
+const RAYS: u32 = 3;
+
+/// Instants of a measurement at which rays are cast.
+const LOOKS: u32 = 3;
+
+/// Sensors that share a stream of random numbers.
+const SENSORS: u64 = 2;
+
+/// Constants of a sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameters {
+    /// Measurements in a second, 1 to 33. Default 33.
+    pub rate: f64,
+    /// Diameter of the spot at the aperture, metres. Default 4 mm.
+    pub spot_near: f64,
+    /// Diameter of the spot at 10 m, metres. Default 15 mm.
+    pub spot_far: f64,
+    /// Standard deviation of a measurement at distance zero, metres. Default 3 mm.
+    pub noise: f64,
+    /// Its increase over a metre, as a share. Default 2 mm in a metre.
+    pub noise_slope: f64,
+    /// Share of the measurements that find no target although there is one. Default 0.
+    pub drop_outs: f64,
+    /// Distance at which the leaf guard in front of the aperture holds leaves away, metres (thesis
+    /// 2.2.1). Default 20 cm, the lower end of the range.
+    pub guard: f64,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            rate: 33.0,
+            spot_near: 0.004,
+            spot_far: 0.015,
+            noise: 0.003,
+            noise_slope: 0.002,
+            drop_outs: 0.0,
+            guard: 0.2,
+        }
+    }
+}
+
+/// What is wrong with a sensor or its line.
+#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// The lead between sensor and divider is broken: the divider draws the line to ground.
+    Open,
+    /// The lead touches ground.
+    ShortedToGround,
+    /// The lead touches the sensor's supply of 24 V: the diodes of the sled's input clamp it.
+    ShortedToSupply,
+    /// The output stays at its present voltage.
+    Frozen,
+}
+
+/// A beam as it was cast, for pictures.
+#[derive(Copy, Clone, Debug, PartialEq)]
+pub struct Beam {
+    /// The aperture: `x`, `y`, metres.
+    pub from: (f64, f64),
+    /// Where the light ended: `x`, `y`, metres.
+    pub to: (f64, f64),
+    /// What it met; `None` if nothing within 10 m.
+    pub what: Option<What>,
+}
+
+/// The light of a measurement.
+#[derive(Copy, Clone, Debug, Default)]
+struct Light {
+    /// Sum of the weights.
+    sum: f64,
+    /// Sum of the weighted distances.
+    weighted: f64,
+}
+
+/// One sensor with its divider.
+#[derive(Clone, Debug)]
+pub struct DistanceSensor {
+    parameters: Parameters,
+    mount: Mount,
+    /// Number of the sensor, below [`SENSORS`].
+    number: u64,
+    stream: Stream,
+    /// Looks that were taken by now.
+    looks: u64,
+    /// When the first measurement begins, ticks.
+    phase: u64,
+    light: Light,
+    measured: Option<f64>,
+    volts: f64,
+    beam: Option<Beam>,
+    fault: Option<Fault>,
+}
+
+impl DistanceSensor {
+    /// A sensor whose first measurement begins at a random time within its period. `number` is 0 for
+    /// the one on the left, 1 for the one on the right; each has its own noise.
+    #[must_use]
+    pub fn new(parameters: Parameters, mount: Mount, seed: u64, number: u64) -> Self {
+        let mut stream = Stream::new(seed, Purpose::Distances);
+        stream.seek(number % SENSORS);
+        let period = PER_SECOND as f64 / parameters.rate;
+        Self {
+            phase: (period * stream.uniform()) as u64,
+            parameters,
+            mount,
+            number: number % SENSORS,
+            stream,
+            looks: 0,
+            light: Light::default(),
+            measured: None,
+            volts: 0.0,
+            beam: None,
+            fault: None,
+        }
+    }
+
+    /// When it looks next. Looks are a third of a measurement apart.
+    #[must_use]
+    pub fn next_look(&self) -> SimTime {
+        let period = PER_SECOND as f64 / self.parameters.rate / f64::from(LOOKS);
+        SimTime::from_ticks(self.phase + ((self.looks + 1) as f64 * period) as u64)
+    }
+
+    /// Looks as often as is due until `now`, at the rows and from the robot that is in `state` at
+    /// each of these times.
+    pub fn advance_to(
+        &mut self,
+        now: SimTime,
+        rows: &Rows,
+        mut state: impl FnMut(SimTime) -> State,
+    ) {
+        while self.next_look() <= now {
+            let state = state(self.next_look());
+            self.look(rows, &state);
+        }
+    }
+
+    /// Looks from a robot in `state`. The last look of a measurement sets the output.
+    fn look(&mut self, rows: &Rows, state: &State) {
+        let p = &self.parameters;
+        let (x, y, heading) = self.mount.beam(state);
+        let (s, c) = (libm::sin(heading), libm::cos(heading));
+        let spread = (p.spot_far - p.spot_near) / FARTHEST;
+        for ray in 0..RAYS {
+            let share = f64::from(ray) / f64::from(RAYS - 1) - 0.5;
+            let beside = share * p.spot_near;
+            let from = (x - beside * s, y + beside * c);
+            let Some(hit) = rows.cast(from.0, from.1, heading + share * spread, FARTHEST) else {
+                continue;
+            };
+            let distance = match hit.what {
+                What::Leaf => hit.distance.max(p.guard),
+                _ => hit.distance,
+            };
+            // Whatever is nearer than 1 cm is as bright as at 1 cm.
+            let weight = 1.0 / (distance * distance).max(1e-4);
+            self.light.sum += weight;
+            self.light.weighted += weight * distance;
+        }
+        let middle = rows.cast(x, y, heading, FARTHEST);
+        let end = middle.map_or(FARTHEST, |hit| hit.distance);
+        self.beam = Some(Beam {
+            from: (x, y),
+            to: (x + end * c, y + end * s),
+            what: middle.map(|hit| hit.what),
+        });
+        self.looks += 1;
+        if self.looks.is_multiple_of(u64::from(LOOKS)) {
+            let light = core::mem::take(&mut self.light);
+            self.measure(light);
+        }
+    }
+
+    /// Ends a measurement.
+    fn measure(&mut self, light: Light) {
+        // The first numbers belong to the phases.
+        self.stream
+            .seek((1 + self.looks / u64::from(LOOKS)) * SENSORS + self.number);
+        let normal = self.stream.normal();
+        let dropped = self.stream.uniform() < self.parameters.drop_outs;
+        self.measured = (light.sum > 0.0 && !dropped).then(|| {
+            let distance = light.weighted / light.sum;
+            distance + normal * (self.parameters.noise + self.parameters.noise_slope * distance)
+        });
+        if self.fault != Some(Fault::Frozen) {
+            self.volts = volts(self.measured);
+        }
+    }
+
+    /// Begins or ends a fault. A frozen output stays where it is from now on.
+    pub fn set_fault(&mut self, fault: Option<Fault>) {
+        self.fault = fault;
+    }
+
+    /// Voltage behind the divider, from the last measurement that has ended; 0 V before the
+    /// first.
+    #[must_use]
+    pub fn volts(&self) -> f64 {
+        match self.fault {
+            None | Some(Fault::Frozen) => self.volts,
+            Some(Fault::Open | Fault::ShortedToGround) => 0.0,
+            Some(Fault::ShortedToSupply) => CLAMPED,
+        }
+    }
+
+    /// The last distance that it measured, metres; `None` without a target.
+    #[must_use]
+    pub fn measured(&self) -> Option<f64> {
+        self.measured
+    }
+
+    /// The middle of the beam at the last look.
+    #[must_use]
+    pub fn beam(&self) -> Option<Beam> {
+        self.beam
+    }
+}
+
+/// Voltage behind the divider for a distance in metres, without a target full scale.
+#[must_use]
+pub fn volts(distance: Option<f64>) -> f64 {
+    distance.map_or(FULL_SCALE, |distance| {
+        let share = (distance - NEAREST) / (FARTHEST - NEAREST);
+        FULL_SCALE * share.clamp(0.0, 1.0)
+    })
+}
+
+/// The distance in metres for which the divider gives `volts`.
+#[must_use]
+pub fn metres(volts: f64) -> f64 {
+    NEAREST + (FARTHEST - NEAREST) * (volts / FULL_SCALE)
+}
