@@ -10,6 +10,7 @@ mod figures;
 mod folder;
 mod guidance;
 mod plot;
+mod row;
 mod states;
 mod summary;
 mod terminal;
@@ -24,6 +25,7 @@ pub use figures::{
     TakeoverFigures, TaskFigures, WindowFigures,
 };
 pub use folder::{FolderError, OutputFolder};
+pub use row::{RowPicture, row_svg};
 pub use states::states_csv;
 pub use summary::Summary;
 pub use terminal::terminal;

@@ -14,6 +14,8 @@ pub(super) mod colour {
     pub(crate) const BAND: &str = "#009e73";
     pub(crate) const SHADE: &str = "#eef4f8";
     pub(crate) const WARNING: &str = "#f8e6db";
+    pub(crate) const LEAF: &str = "#5fbf9f";
+    pub(crate) const BEAM: &str = "#cc79a7";
 }
 
 /// `text` with the special characters of XML escaped.
@@ -97,7 +99,14 @@ impl Canvas {
         ));
     }
 
-    fn line(&mut self, from: (f64, f64), to: (f64, f64), stroke: &str, width: f64, dash: &str) {
+    pub(super) fn line(
+        &mut self,
+        from: (f64, f64),
+        to: (f64, f64),
+        stroke: &str,
+        width: f64,
+        dash: &str,
+    ) {
         let dash = if dash.is_empty() {
             String::new()
         } else {
@@ -123,6 +132,25 @@ impl Canvas {
     pub(super) fn circle(&mut self, x: f64, y: f64, radius: f64, fill: &str, stroke: &str) {
         self.add(format_args!(
             r#"<circle cx="{x:.1}" cy="{y:.1}" r="{radius}" fill="{fill}" stroke="{stroke}" stroke-width="1.5"/>"#
+        ));
+    }
+
+    /// A disc without an outline.
+    pub(super) fn disc(&mut self, x: f64, y: f64, radius: f64, fill: &str) {
+        self.add(format_args!(
+            r#"<circle cx="{x:.1}" cy="{y:.1}" r="{radius:.1}" fill="{fill}"/>"#
+        ));
+    }
+
+    /// The outline of a polygon.
+    pub(super) fn outline(&mut self, corners: &[(f64, f64)], stroke: &str, width: f64) {
+        let mut points = String::new();
+        for (x, y) in corners {
+            let _ = write!(points, "{x:.1},{y:.1} ");
+        }
+        self.add(format_args!(
+            r#"<polygon points="{}" fill="none" stroke="{stroke}" stroke-width="{width}"/>"#,
+            points.trim_end()
         ));
     }
 

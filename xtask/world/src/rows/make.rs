@@ -19,8 +19,11 @@ const LEAF_RADIUS: f64 = 0.001;
 /// Smallest radius of a plant, metres.
 const LEAST_RADIUS: f64 = 0.002;
 
+/// Shapes, each with the station beside which it stands.
+type Shapes = Vec<(f64, Shape)>;
+
 /// Everything in the field.
-pub(super) fn shapes(row: &Row, line: &CentreLine, seed: u64) -> Vec<Shape> {
+pub(super) fn shapes(row: &Row, line: &CentreLine, seed: u64) -> Shapes {
     let mut shapes = Vec::new();
     let mut plants = Stream::new(seed, Purpose::Plants);
     let mut before: Option<&Section> = None;
@@ -66,7 +69,7 @@ fn sign(side: Side) -> f64 {
 }
 
 fn barrier(
-    shapes: &mut Vec<Shape>,
+    shapes: &mut Shapes,
     row: &Row,
     line: &CentreLine,
     section: &Section,
@@ -89,19 +92,20 @@ fn barrier(
             }
         }
         if from < to {
-            shapes.push(Shape {
+            let shape = Shape {
                 from: line.at(from).beside(right),
                 to: line.at(to).beside(right),
                 radius: 0.0,
                 what: What::Barrier,
-            });
+            };
+            shapes.push((from, shape));
         }
     }
 }
 
 /// The wall across, where the distance of two barriers changes.
 fn step(
-    shapes: &mut Vec<Shape>,
+    shapes: &mut Shapes,
     line: &CentreLine,
     side: Side,
     at: f64,
@@ -111,12 +115,13 @@ fn step(
     let place = line.at(at);
     let end = |section: &Section| place.beside(sign(side) * section.width.get() / 2.0);
     if before.width != section.width {
-        shapes.push(Shape {
+        let shape = Shape {
             from: end(before),
             to: end(section),
             radius: 0.0,
             what: What::Barrier,
-        });
+        };
+        shapes.push((at, shape));
     }
 }
 
@@ -130,7 +135,7 @@ struct PlantLine {
 }
 
 fn plants(
-    shapes: &mut Vec<Shape>,
+    shapes: &mut Shapes,
     row: &Row,
     line: &CentreLine,
     section: &Section,
@@ -160,7 +165,7 @@ fn plants(
             && gaps.any(|gap| gap.side.includes(place.side) && gap.includes(station));
         if present && !gap && (place.from..=place.to).contains(&station) {
             let centre = line.at(station).beside(right);
-            shapes.push(Shape::disc(centre, radius.max(LEAST_RADIUS), what));
+            shapes.push((station, Shape::disc(centre, radius.max(LEAST_RADIUS), what)));
         }
     }
 }
@@ -171,7 +176,7 @@ fn gap(stream: &mut Stream, density: f64) -> f64 {
     -log(1.0 - stream.uniform()) / density
 }
 
-fn leaves(shapes: &mut Vec<Shape>, row: &Row, line: &CentreLine, stream: &mut Stream) {
+fn leaves(shapes: &mut Shapes, row: &Row, line: &CentreLine, stream: &mut Stream) {
     for leaves in &row.leaves {
         for side in [Side::Left, Side::Right] {
             let density = leaves.density.get();
@@ -186,22 +191,23 @@ fn leaves(shapes: &mut Vec<Shape>, row: &Row, line: &CentreLine, stream: &mut St
                 let right = sign(side) * (row.width_at(station) / 2.0 - inward);
                 let (x, y) = line.at(station).beside(right);
                 let (dx, dy) = (half * cos(direction), half * sin(direction));
-                shapes.push(Shape {
+                let leaf = Shape {
                     from: (x - dx, y - dy),
                     to: (x + dx, y + dy),
                     radius: LEAF_RADIUS,
                     what: What::Leaf,
-                });
+                };
+                shapes.push((station, leaf));
                 station += gap(stream, density);
             }
         }
     }
 }
 
-fn weeds(shapes: &mut Vec<Shape>, row: &Row, line: &CentreLine, stream: &mut Stream) {
+fn weeds(shapes: &mut Shapes, row: &Row, line: &CentreLine, stream: &mut Stream) {
     let mut add = |station: f64, right: f64, diameter: f64| {
         let centre = line.at(station).beside(right);
-        shapes.push(Shape::disc(centre, diameter / 2.0, What::Weed));
+        shapes.push((station, Shape::disc(centre, diameter / 2.0, What::Weed)));
     };
     for weed in &row.weed {
         add(weed.at.get(), weed.right.get(), weed.diameter.get());

@@ -45,6 +45,8 @@ pub struct Contact {
 pub struct Rows {
     line: CentreLine,
     shapes: Vec<Shape>,
+    /// Station beside which each shape stands, metres.
+    stations: Vec<f64>,
     grid: Grid,
     length: f64,
     /// Station at which each width begins, and the width, metres.
@@ -57,7 +59,8 @@ impl Rows {
     #[must_use]
     pub fn new(row: &Row, seed: u64) -> Self {
         let line = CentreLine::new(row);
-        let shapes = make::shapes(row, &line, seed);
+        let (stations, shapes): (Vec<f64>, Vec<Shape>) =
+            make::shapes(row, &line, seed).into_iter().unzip();
         let grid = Grid::new(&shapes);
         let widths = row
             .stations()
@@ -65,6 +68,7 @@ impl Rows {
         Self {
             grid,
             shapes,
+            stations,
             widths: widths.collect(),
             length: row.length(),
             line,
@@ -106,6 +110,12 @@ impl Rows {
     #[must_use]
     pub fn shapes(&self) -> &[Shape] {
         &self.shapes
+    }
+
+    /// What stands beside the stations from `from` to `to`, metres.
+    pub fn between(&self, from: f64, to: f64) -> impl Iterator<Item = (f64, &Shape)> {
+        let all = self.stations.iter().copied().zip(&self.shapes);
+        all.filter(move |(station, _)| (from..=to).contains(station))
     }
 
     /// The middle between the two innermost rows.
