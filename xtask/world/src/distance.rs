@@ -12,10 +12,14 @@
 //!
 //! The width of the spot, noise, drop-outs, and what faults do to the voltage are inferred too.
 
+use serde::Deserialize;
+
 use crate::random::{Purpose, Stream};
 use crate::rover::{Mount, State};
 use crate::rows::{Rows, What};
+use crate::scenario::check::{between, within};
 use crate::time::{PER_SECOND, SimTime};
+use crate::units::{Length, Ratio, Time};
 
 /// The distance at 0 V, metres.
 pub const NEAREST: f64 = 0.2;
@@ -39,37 +43,57 @@ const LOOKS: u32 = 3;
 /// Sensors that share a stream of random numbers.
 const SENSORS: u64 = 2;
 
-/// Constants of a sensor.
-#[derive(Clone, Debug, PartialEq)]
+/// Constants of both sensors: table `[distance]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Parameters {
-    /// Measurements in a second, 1 to 33. Default 33.
-    pub rate: f64,
-    /// Diameter of the spot at the aperture, metres. Default 4 mm.
-    pub spot_near: f64,
-    /// Diameter of the spot at 10 m, metres. Default 15 mm.
-    pub spot_far: f64,
-    /// Standard deviation of a measurement at distance zero, metres. Default 3 mm.
-    pub noise: f64,
-    /// Its increase over a metre, as a share. Default 2 mm in a metre.
-    pub noise_slope: f64,
-    /// Share of the measurements that find no target although there is one. Default 0.
-    pub drop_outs: f64,
-    /// Distance at which the leaf guard in front of the aperture holds leaves away, metres (thesis
+    /// Length of a measurement, 30 ms to 1 s. Default 1/33 s.
+    pub period: Time,
+    /// Diameter of the spot at the aperture, 0 to 5 cm. Default 4 mm.
+    pub spot_near: Length,
+    /// Diameter of the spot at 10 m, 0 to 20 cm. Default 15 mm.
+    pub spot_far: Length,
+    /// Standard deviation of a measurement at distance zero, 0 to 20 cm. Default 3 mm.
+    pub noise: Length,
+    /// Its increase with the distance, 0 to 10 %. Default 0.2 %.
+    pub noise_slope: Ratio,
+    /// Share of the measurements that find no target although there is one, 0 to 100 %. Default 0 %.
+    pub drop_outs: Ratio,
+    /// Distance at which the leaf guard in front of the aperture holds leaves away, 0 to 50 cm (thesis
     /// 2.2.1). Default 20 cm, the lower end of the range.
-    pub guard: f64,
+    pub guard: Length,
 }
 
 impl Default for Parameters {
     fn default() -> Self {
         Self {
-            rate: 33.0,
-            spot_near: 0.004,
-            spot_far: 0.015,
-            noise: 0.003,
-            noise_slope: 0.002,
-            drop_outs: 0.0,
-            guard: 0.2,
+            period: Time::new(1.0 / 33.0),
+            spot_near: Length::new(0.004),
+            spot_far: Length::new(0.015),
+            noise: Length::new(0.003),
+            noise_slope: Ratio::new(0.002),
+            drop_outs: Ratio::default(),
+            guard: Length::new(0.2),
         }
+    }
+}
+
+impl Parameters {
+    /// Checks what a file says about the sensors.
+    ///
+    /// # Errors
+    /// The first value out of its range, as a phrase that begins with the field.
+    pub fn check(&self) -> Result<(), String> {
+        let lengths = |most| between(Length::default(), Length::new(most));
+        let shares = |most| between(Ratio::default(), Ratio::new(most));
+        let periods = between(Time::new(0.03), Time::new(1.0));
+        within("distance.period", self.period, periods)?;
+        within("distance.spot_near", self.spot_near, lengths(0.05))?;
+        within("distance.spot_far", self.spot_far, lengths(0.2))?;
+        within("distance.noise", self.noise, lengths(0.2))?;
+        within("distance.noise_slope", self.noise_slope, shares(0.1))?;
+        within("distance.drop_outs", self.drop_outs, shares(1.0))?;
+        within("distance.guard", self.guard, lengths(0.5))
     }
 }
 
@@ -132,7 +156,7 @@ impl DistanceSensor {
     pub fn new(parameters: Parameters, mount: Mount, seed: u64, number: u64) -> Self {
         let mut stream = Stream::new(seed, Purpose::Distances);
         stream.seek(number % SENSORS);
-        let period = PER_SECOND as f64 / parameters.rate;
+        let period = parameters.period.get() * PER_SECOND as f64;
         Self {
             phase: (period * stream.uniform()) as u64,
             parameters,
@@ -151,8 +175,16 @@ impl DistanceSensor {
     /// When it looks next. Looks are a third of a measurement apart.
     #[must_use]
     pub fn next_look(&self) -> SimTime {
-        let period = PER_SECOND as f64 / self.parameters.rate / f64::from(LOOKS);
+        let period = self.parameters.period.get() * PER_SECOND as f64 / f64::from(LOOKS);
         SimTime::from_ticks(self.phase + ((self.looks + 1) as f64 * period) as u64)
+    }
+
+    /// When its output may change next: the end of the current measurement.
+    #[must_use]
+    pub fn next_output(&self) -> SimTime {
+        let period = self.parameters.period.get() * PER_SECOND as f64 / f64::from(LOOKS);
+        let looks = (self.looks / u64::from(LOOKS) + 1) * u64::from(LOOKS);
+        SimTime::from_ticks(self.phase + (looks as f64 * period) as u64)
     }
 
     /// Looks as often as is due until `now`, at the rows and from the robot that is in `state` at
@@ -174,16 +206,17 @@ impl DistanceSensor {
         let p = &self.parameters;
         let (x, y, heading) = self.mount.beam(state);
         let (s, c) = (libm::sin(heading), libm::cos(heading));
-        let spread = (p.spot_far - p.spot_near) / FARTHEST;
+        let near = p.spot_near.get();
+        let spread = (p.spot_far.get() - near) / FARTHEST;
         for ray in 0..RAYS {
             let share = f64::from(ray) / f64::from(RAYS - 1) - 0.5;
-            let beside = share * p.spot_near;
+            let beside = share * near;
             let from = (x - beside * s, y + beside * c);
             let Some(hit) = rows.cast(from.0, from.1, heading + share * spread, FARTHEST) else {
                 continue;
             };
             let distance = match hit.what {
-                What::Leaf => hit.distance.max(p.guard),
+                What::Leaf => hit.distance.max(p.guard.get()),
                 _ => hit.distance,
             };
             // Whatever is nearer than 1 cm is as bright as at 1 cm.
@@ -211,10 +244,13 @@ impl DistanceSensor {
         self.stream
             .seek((1 + self.looks / u64::from(LOOKS)) * SENSORS + self.number);
         let normal = self.stream.normal();
-        let dropped = self.stream.uniform() < self.parameters.drop_outs;
+        let dropped = self.stream.uniform() < self.parameters.drop_outs.get();
         self.measured = (light.sum > 0.0 && !dropped).then(|| {
             let distance = light.weighted / light.sum;
-            distance + normal * (self.parameters.noise + self.parameters.noise_slope * distance)
+            let Parameters {
+                noise, noise_slope, ..
+            } = &self.parameters;
+            distance + normal * (noise.get() + noise_slope.get() * distance)
         });
         if self.fault != Some(Fault::Frozen) {
             self.volts = volts(self.measured);

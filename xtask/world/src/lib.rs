@@ -10,6 +10,7 @@
 //!   emergency-stop loop;
 //! - [`rover`]: a robot with six wheels that is steered by the speeds of both sides;
 //! - [`rows`]: crop rows with plants, leaves and weeds, and what a beam of light meets in them;
+//! - [`row_drive`]: a robot on its way along a row, with its sensors and motor drivers;
 //! - [`scenario`]: what happens, as TOML files with units;
 //! - [`World`]: all of it as one value, driven by a simulation of the nodes;
 //! - [`report`]: figures, tables and pictures of a finished run.
@@ -28,6 +29,7 @@ pub mod receiver;
 mod record;
 pub mod report;
 pub mod rover;
+pub mod row_drive;
 pub mod rows;
 pub mod scenario;
 mod signal;

@@ -9,6 +9,7 @@ use world::rover::{Mount, State};
 use world::rows::Rows;
 use world::scenario::Row;
 use world::time::{at, from_seconds, seconds};
+use world::units::{Length, Ratio};
 
 const BARRIERS: &str = "[[section]]\nkind = \"barriers\"\nlength = \"50 m\"\nwidth = \"1 m\"\n";
 
@@ -39,8 +40,8 @@ fn at_station(x: f64) -> State {
 
 fn quiet() -> Parameters {
     Parameters {
-        noise: 0.0,
-        noise_slope: 0.0,
+        noise: Length::default(),
+        noise_slope: Ratio::default(),
         ..Parameters::default()
     }
 }
@@ -64,6 +65,30 @@ fn voltages_are_those_of_the_thesis() {
     assert_eq!((volts(Some(0.1)), volts(Some(12.0))), (0.0, FULL_SCALE));
     assert_eq!(volts(None), FULL_SCALE);
     assert!((metres(volts(Some(0.77))) - 0.77).abs() < 1e-12);
+}
+
+#[test]
+fn settings_are_read_and_checked() {
+    let read = |text: &str| toml::from_str::<Parameters>(text).unwrap();
+    assert_eq!(read(""), Parameters::default());
+    assert_eq!(read("drop_outs = \"5 %\"").check(), Ok(()));
+    for (text, sentence) in [
+        (
+            "period = \"5 ms\"",
+            "distance.period: 0.005 s is out of range, it takes 0.03 s to 1 s",
+        ),
+        (
+            "guard = \"60 cm\"",
+            "distance.guard: 0.6 m is out of range, it takes 0 m to 0.5 m",
+        ),
+        (
+            "drop_outs = \"101 %\"",
+            "distance.drop_outs: 101 % is out of range, it takes 0 % to 100 %",
+        ),
+    ] {
+        assert_eq!(read(text).check(), Err(sentence.to_owned()));
+    }
+    assert!(toml::from_str::<Parameters>("colour = \"red\"").is_err());
 }
 
 #[test]
@@ -104,8 +129,8 @@ fn the_output_changes_at_the_sensors_rate_only() {
 fn noise_grows_with_the_distance_and_differs_between_sensors() {
     let spread = |text: &str, slope: f64| {
         let parameters = Parameters {
-            noise: 0.003,
-            noise_slope: slope,
+            noise: Length::new(0.003),
+            noise_slope: Ratio::new(slope),
             ..Parameters::default()
         };
         let all = measure(parameters, &rows(text), 10.0, 4000);
@@ -187,7 +212,7 @@ fn leaves_are_no_nearer_than_the_guard() {
 fn drop_outs_and_free_space_give_full_scale() {
     let rows = rows(BARRIERS);
     let parameters = Parameters {
-        drop_outs: 0.1,
+        drop_outs: Ratio::new(0.1),
         ..quiet()
     };
     let lost = measure(parameters, &rows, 10.0, 4000);

@@ -5,6 +5,7 @@ use proptest::prelude::*;
 use world::SimTime;
 use world::rover::{Axles, Mount, Parameters, Rover, Side, State, Terrain};
 use world::time::{at, from_seconds};
+use world::units::{Angle, Density, Ratio};
 
 /// Motors that are all alike, without lag or friction.
 fn ideal() -> Parameters {
@@ -19,7 +20,7 @@ fn ideal() -> Parameters {
 /// A floor on which the chassis never tips.
 fn steady() -> Terrain {
     Terrain {
-        tip_length: f64::INFINITY,
+        tips: Density::default(),
         ..Terrain::default()
     }
 }
@@ -125,7 +126,10 @@ fn only_the_motors_of_the_axles_on_the_ground_drive() {
 #[test]
 fn a_slope_pulls_down_and_turns_against_the_axles_that_stand() {
     let slope = 5_f64.to_radians();
-    let terrain = Terrain { slope, ..steady() };
+    let terrain = Terrain {
+        slope: Angle::new(slope),
+        ..steady()
+    };
     let p = ideal();
     for (axles, centre) in [(Axles::Front, 0.075), (Axles::Rear, -0.075)] {
         let mut rover = Rover::new(p.clone(), terrain.clone(), (0.0, 0.0, 0.0), seed(axles));
@@ -146,8 +150,8 @@ fn a_slope_pulls_down_and_turns_against_the_axles_that_stand() {
 #[test]
 fn clods_and_tips_come_as_often_as_they_should() {
     let terrain = Terrain {
-        clods: 2.0,
-        slip_spread: 0.05,
+        clods: Density::new(2.0),
+        slip_spread: Ratio::new(0.05),
         ..Terrain::default()
     };
     let mut rover = Rover::new(ideal(), terrain, (0.0, 0.0, 0.0), 3);
@@ -186,6 +190,40 @@ fn motors_differ_by_seed_as_much_as_they_should() {
 }
 
 #[test]
+fn a_terrain_is_read_and_checked() {
+    let read = |text: &str| toml::from_str::<Terrain>(text).unwrap();
+    assert_eq!(read(""), Terrain::default());
+    let field = "slope = \"2 deg\"\nslip = \"10 %\"\nslip_spread = \"5 %\"\nclods = \"0.5 /m\"";
+    assert_eq!(read(field), Terrain::field());
+    assert_eq!(read(field).check(), Ok(()));
+    for (text, sentence) in [
+        (
+            "slope = \"31 deg\"",
+            "terrain.slope: 31 deg is out of range, it takes 0 deg to 30 deg",
+        ),
+        (
+            "slip = \"91 %\"",
+            "terrain.slip: 91 % is out of range, it takes 0 % to 90 %",
+        ),
+        (
+            "clods = \"-1 /m\"",
+            "terrain.clods: -1 /m is out of range, it takes 0 /m to 20 /m",
+        ),
+        (
+            "slip_length = \"0 m\"",
+            "terrain.slip_length: 0 m is out of range, it takes 0.01 m to 100 m",
+        ),
+        (
+            "clod_shift = \"1 m\"",
+            "terrain.clod_shift: 1 m is out of range, it takes 0 m to 0.2 m",
+        ),
+    ] {
+        assert_eq!(read(text).check(), Err(sentence.to_owned()));
+    }
+    assert!(toml::from_str::<Terrain>("mud = true").is_err());
+}
+
+#[test]
 fn the_sensors_look_across_the_middle_and_cross_seven_inches_ahead() {
     let state = Rover::new(ideal(), steady(), (3.0, 1.0, 0.5), 1).state();
     for mount in [Mount::left(), Mount::right()] {
@@ -208,7 +246,7 @@ proptest! {
         commands in prop::collection::vec((0.0..0.2_f64, -1.0..1.0_f64, any::<bool>()), 1..12),
         cuts in prop::collection::vec(0.0..1.5_f64, 0..40),
     ) {
-        let terrain = Terrain { clods: 3.0, tip_length: 0.1, ..Terrain::field() };
+        let terrain = Terrain { clods: Density::new(3.0), tips: Density::new(10.0), ..Terrain::field() };
         let new = || Rover::new(Parameters::default(), terrain.clone(), (0.0, 0.0, 0.2), seed);
         let (mut whole, mut cut) = (new(), new());
         let mut at = 0.0;

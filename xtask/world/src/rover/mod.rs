@@ -321,8 +321,8 @@ impl Rover {
                 swiftness += wheel.abs() / 4.0;
             }
         }
-        let slope = sin(self.terrain.slope);
-        let falls = self.terrain.downhill - motion.heading;
+        let slope = sin(self.terrain.slope.get());
+        let falls = self.terrain.downhill.get() - motion.heading;
         let (ahead, right) = (slope * cos(falls), slope * sin(falls));
         let half_track = p.track / 2.0;
         let resistance = half_track * half_track / p.slip_along

@@ -1,6 +1,10 @@
 //! Constants of the robot and of the ground under it.
 
+use serde::Deserialize;
+
 use super::State;
+use crate::scenario::check::{between, within};
+use crate::units::{Angle, Density, Length, Ratio};
 
 /// The robot. The default is that of the thesis (2.2.1) and of its decisions where the thesis is
 /// silent; those are inferred.
@@ -40,8 +44,8 @@ pub struct Parameters {
 impl Default for Parameters {
     fn default() -> Self {
         Self {
-            length: 18.0 * 0.0254,
-            width: 12.0 * 0.0254,
+            length: 0.4572,
+            width: 0.3048,
             track: 0.25,
             axle_spacing: 0.15,
             top_speed: 2.0,
@@ -55,43 +59,45 @@ impl Default for Parameters {
     }
 }
 
-/// The ground. The default is the level floor of a hall.
-#[derive(Clone, Debug, PartialEq)]
+/// The ground under the robot: table `[terrain]`. The default is the level floor of a hall.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Terrain {
-    /// Steepness, radians.
-    pub slope: f64,
-    /// Direction of steepest descent, radians to the right of `x`. Default to the right, so that
-    /// the slope is across the row.
-    pub downhill: f64,
-    /// Mean share of the wheels' speed that is lost to slip.
-    pub slip: f64,
-    /// Standard deviation of that share on either side by itself.
-    pub slip_spread: f64,
-    /// Way for which the slip of a side stays the same, metres. Default 0.25 m.
-    pub slip_length: f64,
-    /// Mean way after which the chassis tips from one pair of axles to the other, metres. Default
-    /// 0.5 m (inferred from "frequently and randomly", thesis 2.2.2). Infinite for none.
-    pub tip_length: f64,
-    /// Clods that a wheel meets in a metre of way.
-    pub clods: f64,
-    /// Standard deviation of the heading that a clod changes, radians. Default 3 deg.
-    pub clod_turn: f64,
-    /// Standard deviation of the way to the side that a clod moves the robot, metres. Default 8 mm.
-    pub clod_shift: f64,
+    /// Steepness, 0 to 30 deg.
+    pub slope: Angle,
+    /// Direction of steepest descent, to the right of the beginning of the row, -360 to 360 deg.
+    /// Default 90 deg: the slope is across the row and pulls to the right.
+    pub downhill: Angle,
+    /// Mean share of the wheels' speed that is lost to slip, 0 to 90 %.
+    pub slip: Ratio,
+    /// Standard deviation of that share on either side by itself, 0 to 50 %.
+    pub slip_spread: Ratio,
+    /// Way for which the slip of a side stays the same, 1 cm to 100 m. Default 25 cm.
+    pub slip_length: Length,
+    /// How often the chassis tips from one pair of axles to the other, 0 to 100 /m. Default 2 /m (inferred
+    /// from "frequently and randomly", thesis 2.2.2).
+    pub tips: Density,
+    /// Clods that a wheel meets, 0 to 20 /m.
+    pub clods: Density,
+    /// Standard deviation of the heading that a clod changes, 0 to 45 deg. Default 3 deg.
+    pub clod_turn: Angle,
+    /// Standard deviation of the way to the side that a clod moves the robot, 0 to 20 cm. Default
+    /// 8 mm.
+    pub clod_shift: Length,
 }
 
 impl Default for Terrain {
     fn default() -> Self {
         Self {
-            slope: 0.0,
-            downhill: core::f64::consts::FRAC_PI_2,
-            slip: 0.0,
-            slip_spread: 0.0,
-            slip_length: 0.25,
-            tip_length: 0.5,
-            clods: 0.0,
-            clod_turn: 3_f64.to_radians(),
-            clod_shift: 0.008,
+            slope: Angle::default(),
+            downhill: Angle::degrees(90.0),
+            slip: Ratio::default(),
+            slip_spread: Ratio::default(),
+            slip_length: Length::new(0.25),
+            tips: Density::new(2.0),
+            clods: Density::default(),
+            clod_turn: Angle::degrees(3.0),
+            clod_shift: Length::new(0.008),
         }
     }
 }
@@ -102,12 +108,36 @@ impl Terrain {
     #[must_use]
     pub fn field() -> Self {
         Self {
-            slope: 2_f64.to_radians(),
-            slip: 0.1,
-            slip_spread: 0.05,
-            clods: 0.5,
+            slope: Angle::degrees(2.0),
+            slip: Ratio::new(0.1),
+            slip_spread: Ratio::new(0.05),
+            clods: Density::new(0.5),
             ..Self::default()
         }
+    }
+
+    /// Checks what a file says about the ground.
+    ///
+    /// # Errors
+    /// The first value out of its range, as a phrase that begins with the field.
+    pub fn check(&self) -> Result<(), String> {
+        let degrees = |least, most| between(Angle::degrees(least), Angle::degrees(most));
+        let shares = |most| between(Ratio::default(), Ratio::new(most));
+        let lengths = |least, most| between(Length::new(least), Length::new(most));
+        let densities = |most| between(Density::default(), Density::new(most));
+        within("terrain.slope", self.slope, degrees(0.0, 30.0))?;
+        within("terrain.downhill", self.downhill, degrees(-360.0, 360.0))?;
+        within("terrain.slip", self.slip, shares(0.9))?;
+        within("terrain.slip_spread", self.slip_spread, shares(0.5))?;
+        within(
+            "terrain.slip_length",
+            self.slip_length,
+            lengths(0.01, 100.0),
+        )?;
+        within("terrain.tips", self.tips, densities(100.0))?;
+        within("terrain.clods", self.clods, densities(20.0))?;
+        within("terrain.clod_turn", self.clod_turn, degrees(0.0, 45.0))?;
+        within("terrain.clod_shift", self.clod_shift, lengths(0.0, 0.2))
     }
 }
 

@@ -53,9 +53,9 @@ impl Surface {
         };
         let mut surface = Self {
             axles,
-            next_tip: way(&mut tips, 1.0 / terrain.tip_length),
+            next_tip: way(&mut tips, terrain.tips.get()),
             tips,
-            next_clod: way(&mut clods, terrain.clods),
+            next_clod: way(&mut clods, terrain.clods.get()),
             clods,
             hit: 0,
             slip: [0.0; 2],
@@ -75,13 +75,13 @@ impl Surface {
                 Axles::Front => Axles::Rear,
                 Axles::Rear => Axles::Front,
             };
-            self.next_tip += self::way(&mut self.tips, 1.0 / self.terrain.tip_length);
+            self.next_tip += self::way(&mut self.tips, self.terrain.tips.get());
         }
         let mut kick = Kick::default();
         while way >= self.next_clod {
-            kick.heading += self.terrain.clod_turn * self.clods.normal();
-            kick.right += self.terrain.clod_shift * self.clods.normal();
-            self.next_clod += self::way(&mut self.clods, self.terrain.clods);
+            kick.heading += self.terrain.clod_turn.get() * self.clods.normal();
+            kick.right += self.terrain.clod_shift.get() * self.clods.normal();
+            self.next_clod += self::way(&mut self.clods, self.terrain.clods.get());
             self.hit += 1;
         }
         self.grip(way);
@@ -89,12 +89,10 @@ impl Surface {
     }
 
     fn grip(&mut self, way: f64) {
-        let stretch = (way / self.terrain.slip_length) as u64;
+        let stretch = (way / self.terrain.slip_length.get()) as u64;
         if self.stretch.replace(stretch) != Some(stretch) {
             self.slips.seek(stretch);
-            let Terrain {
-                slip, slip_spread, ..
-            } = self.terrain;
+            let (slip, slip_spread) = (self.terrain.slip.get(), self.terrain.slip_spread.get());
             self.slip = [(); 2].map(|()| {
                 (slip + slip_spread * self.slips.normal()).clamp(*SLIPS.start(), *SLIPS.end())
             });

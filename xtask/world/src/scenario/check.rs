@@ -11,14 +11,14 @@ use crate::units::{
 use crate::vehicle::Parameters;
 
 /// The range of values that a field accepts.
-pub(super) struct Range<K> {
+pub(crate) struct Range<K> {
     least: Quantity<K>,
     most: Quantity<K>,
     /// True if `least` itself is not allowed.
     open: bool,
 }
 
-pub(super) fn between<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
+pub(crate) fn between<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
     Range {
         least,
         most,
@@ -26,7 +26,7 @@ pub(super) fn between<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
     }
 }
 
-pub(super) fn above<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
+pub(crate) fn above<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
     Range {
         least,
         most,
@@ -36,7 +36,7 @@ pub(super) fn above<K>(least: Quantity<K>, most: Quantity<K>) -> Range<K> {
 
 type Outcome = Result<(), String>;
 
-pub(super) fn within<K: Kind>(field: &str, value: Quantity<K>, range: Range<K>) -> Outcome {
+pub(crate) fn within<K: Kind>(field: &str, value: Quantity<K>, range: Range<K>) -> Outcome {
     let low = if range.open {
         value <= range.least
     } else {

@@ -5,7 +5,7 @@
 //! folder or the path of a file. Times count from the start of the run, when the power comes on.
 //! `SCENARIOS.md` beside this crate's manifest describes the format.
 
-mod check;
+pub(crate) mod check;
 mod error;
 mod events;
 mod file;

@@ -3,6 +3,7 @@
 use serde::Deserialize;
 
 use super::check::{above, between, within};
+use crate::rover::{self, Mount};
 use crate::units::{Angle, Density, Length, Ratio};
 
 /// The rows: table `[row]`.
@@ -275,6 +276,19 @@ pub struct Limits {
     pub beam: f64,
     /// The longest distance that the sensor measures, metres.
     pub range: f64,
+}
+
+impl Limits {
+    /// Those of a robot whose sensors are mounted like `mount`.
+    #[must_use]
+    pub fn of(robot: &rover::Parameters, mount: &Mount) -> Self {
+        Self {
+            width: robot.width,
+            sensor_beside: mount.right.abs(),
+            beam: mount.yaw.abs(),
+            range: crate::distance::FARTHEST,
+        }
+    }
 }
 
 /// The longest row, metres.

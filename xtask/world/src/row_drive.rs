@@ -1,0 +1,286 @@
+//! A robot that drives along a row: rows, robot, sensors and motor drivers as one value.
+//!
+//! Pulses of the motor drivers' lines go in, voltages of the distance sensors come out. What happens
+//! between depends on the settings, the seed and the instants of the pulses only.
+
+use crate::distance::{self, Beam, DistanceSensor, Fault};
+use crate::rover::{self, Axles, Mount, Rover, Side, State, Terrain};
+use crate::rows::{Contact, Footprint, Rows};
+use crate::scenario::Row;
+use crate::time::{START, SimDuration, SimTime, after};
+use crate::victor::Victor;
+use crate::world::RECORD_PERIOD;
+
+/// Both sides, in the order of every pair.
+const SIDES: [Side; 2] = [Side::Left, Side::Right];
+
+/// Records from one pair of beams to the next.
+const BEAM_RECORDS: u64 = 10;
+
+/// What a drive is made of.
+#[derive(Clone, Debug)]
+pub struct Setting<'a> {
+    /// The rows; must have passed [`Row::check`].
+    pub row: &'a Row,
+    /// The robot.
+    pub rover: rover::Parameters,
+    /// The ground.
+    pub terrain: Terrain,
+    /// Both distance sensors.
+    pub distance: distance::Parameters,
+    /// Errors of both motor drivers' clocks, shares of one: left and right.
+    pub driver_clocks: [f64; 2],
+}
+
+/// The robot at one instant. Pairs are left and right.
+#[derive(Copy, Clone, Debug, PartialEq)]
+pub struct RowSample {
+    /// When.
+    pub at: SimTime,
+    /// Position and motion of the robot.
+    pub state: State,
+    /// Its station along the row, metres.
+    pub station: f64,
+    /// Distance of its middle from that of the row, metres, right positive.
+    pub right: f64,
+    /// Its heading against that of the row, radians, right positive.
+    pub heading: f64,
+    /// Efforts of the motor drivers, -1 to 1.
+    pub efforts: [f64; 2],
+    /// What the sensors on the left and on the right measured last, metres; `None` without a target.
+    pub distances: [Option<f64>; 2],
+    /// The axles that the robot stands on.
+    pub axles: Axles,
+}
+
+/// The first contact of a drive.
+#[derive(Copy, Clone, Debug, PartialEq)]
+pub struct FirstContact {
+    /// When it was found; contacts are looked for at each record.
+    pub at: SimTime,
+    /// What the robot touches.
+    pub contact: Contact,
+    /// The area of the robot then.
+    pub chassis: Footprint,
+}
+
+/// A robot on its way along a row.
+#[derive(Clone, Debug)]
+pub struct RowDrive {
+    rows: Rows,
+    rover: Rover,
+    /// The sensors that are mounted on the left and on the right.
+    sensors: [DistanceSensor; 2],
+    drivers: [Victor; 2],
+    efforts: [f64; 2],
+    start: f64,
+    station: f64,
+    records: u64,
+    samples: Vec<RowSample>,
+    beams: Vec<Beam>,
+    contact: Option<FirstContact>,
+}
+
+impl RowDrive {
+    /// A robot at rest at the start of the row, at time zero.
+    #[must_use]
+    pub fn new(setting: &Setting, seed: u64) -> Self {
+        let rows = Rows::new(setting.row, seed);
+        let start = &setting.row.start;
+        let place = rows.line().at(start.station.get());
+        let (x, y) = place.beside(start.right.get());
+        let heading = place.heading + start.heading.get();
+        let sensor =
+            |mount, number| DistanceSensor::new(setting.distance.clone(), mount, seed, number);
+        Self {
+            rover: Rover::new(
+                setting.rover.clone(),
+                setting.terrain.clone(),
+                (x, y, heading),
+                seed,
+            ),
+            rows,
+            sensors: [sensor(Mount::left(), 0), sensor(Mount::right(), 1)],
+            drivers: setting.driver_clocks.map(Victor::new),
+            efforts: [0.0; 2],
+            start: start.station.get(),
+            station: start.station.get(),
+            records: 0,
+            samples: Vec::new(),
+            beams: Vec::new(),
+            contact: None,
+        }
+    }
+
+    /// The line of a side's motor driver changes to `high` at `at`. It may be passed on late, as
+    /// long as the drive has not been advanced to [`RowDrive::next_coupling`].
+    pub fn pulse_edge(&mut self, side: Side, at: SimTime, high: bool) {
+        self.drivers[side as usize].edge(at, high);
+        self.obey(side, at);
+    }
+
+    /// Tells the robot what a motor driver makes of its line.
+    fn obey(&mut self, side: Side, at: SimTime) {
+        let effort = self.drivers[side as usize].effort(at);
+        let before = &mut self.efforts[side as usize];
+        if *before != effort {
+            *before = effort;
+            self.rover.set_effort(at, side, effort);
+        }
+    }
+
+    /// When a motor driver with an effort switches off unless another pulse comes.
+    fn off_at(&self, side: Side) -> Option<SimTime> {
+        let running = self.efforts[side as usize] != 0.0;
+        self.drivers[side as usize].off_at().filter(|_| running)
+    }
+
+    fn next_record(&self) -> SimTime {
+        SimTime::from_ticks(self.records * RECORD_PERIOD.as_ticks())
+    }
+
+    /// The next time at which something reads the robot's state.
+    #[must_use]
+    pub fn next_coupling(&self) -> SimTime {
+        let looks = self.sensors.iter().map(DistanceSensor::next_look);
+        let offs = SIDES.into_iter().filter_map(|side| self.off_at(side));
+        looks.chain(offs).fold(self.next_record(), SimTime::min)
+    }
+
+    /// Does everything that is due up to and including `to`.
+    pub fn advance_to(&mut self, to: SimTime) {
+        loop {
+            let next = self.next_coupling();
+            if next > to {
+                return;
+            }
+            for side in SIDES {
+                if self.off_at(side).is_some_and(|off| off <= next) {
+                    self.obey(side, next);
+                }
+            }
+            self.rover.advance_to(next);
+            let state = self.rover.state();
+            for sensor in &mut self.sensors {
+                sensor.advance_to(next, &self.rows, |_| state);
+            }
+            if next == self.next_record() {
+                self.record(next, state);
+            }
+        }
+    }
+
+    fn record(&mut self, now: SimTime, state: State) {
+        let (station, right) = self.rows.line().locate(state.x, state.y, self.station);
+        self.station = station;
+        if self.records.is_multiple_of(BEAM_RECORDS) {
+            self.beams
+                .extend(self.sensors.iter().filter_map(DistanceSensor::beam));
+        }
+        self.records += 1;
+        self.samples.push(RowSample {
+            at: now,
+            state,
+            station,
+            right,
+            heading: state.heading - self.rows.line().at(station).heading,
+            efforts: self.efforts,
+            distances: self.sensors.each_ref().map(DistanceSensor::measured),
+            axles: self.rover.axles(),
+        });
+        let chassis = self.rover.footprint(&state);
+        if self.contact.is_none()
+            && let Some(contact) = self.rows.contact(&chassis)
+        {
+            self.contact = Some(FirstContact {
+                at: now,
+                contact,
+                chassis,
+            });
+        }
+    }
+
+    /// Voltage behind the divider of the sensor that is mounted on `side`, at `when`. Measurements
+    /// that end after the time that the drive has been advanced to are predicted.
+    #[must_use]
+    pub fn volts(&self, side: Side, when: SimTime) -> f64 {
+        let sensor = &self.sensors[side as usize];
+        if when < sensor.next_output() {
+            return sensor.volts();
+        }
+        let mut sensor = sensor.clone();
+        let mut rover = self.rover.clone();
+        sensor.advance_to(when, &self.rows, |look| {
+            rover.advance_to(look);
+            rover.state()
+        });
+        sensor.volts()
+    }
+
+    /// Begins or ends a fault of the sensor that is mounted on `side`.
+    pub fn set_fault(&mut self, side: Side, fault: Option<Fault>) {
+        self.sensors[side as usize].set_fault(fault);
+    }
+
+    /// Predicts the state of the robot at `when` from the pulses known so far.
+    #[must_use]
+    pub fn state_at(&self, when: SimTime) -> State {
+        self.rover.state_at(when)
+    }
+
+    /// Efforts of the motor drivers, -1 to 1: left and right.
+    #[must_use]
+    pub fn efforts(&self) -> [f64; 2] {
+        self.efforts
+    }
+
+    /// The rows.
+    #[must_use]
+    pub fn rows(&self) -> &Rows {
+        &self.rows
+    }
+
+    /// The robot.
+    #[must_use]
+    pub fn rover(&self) -> &Rover {
+        &self.rover
+    }
+
+    /// A side's motor driver.
+    #[must_use]
+    pub fn driver(&self, side: Side) -> &Victor {
+        &self.drivers[side as usize]
+    }
+
+    /// Station of the robot at the start, metres.
+    #[must_use]
+    pub fn start(&self) -> f64 {
+        self.start
+    }
+
+    /// States recorded so far, every [`RECORD_PERIOD`].
+    #[must_use]
+    pub fn samples(&self) -> &[RowSample] {
+        &self.samples
+    }
+
+    /// Beams recorded so far, a pair each tenth of a second.
+    #[must_use]
+    pub fn beams(&self) -> &[Beam] {
+        &self.beams
+    }
+
+    /// The first contact with something solid. The robot drives on: what a plant does to it is not
+    /// modelled.
+    #[must_use]
+    pub fn contact(&self) -> Option<&FirstContact> {
+        self.contact.as_ref()
+    }
+}
+
+/// Sends a pulse of `width` seconds that begins at `begin`; for tests and examples.
+pub fn pulse(drive: &mut RowDrive, side: Side, begin: SimTime, width: f64) {
+    let width = SimDuration::from_ticks((width * crate::time::PER_SECOND as f64).round() as u64);
+    drive.pulse_edge(side, begin.max(START), true);
+    drive.pulse_edge(side, after(begin, width), false);
+}

@@ -1,0 +1,191 @@
+//! A robot on its way along a row: pulses in, voltages out.
+
+use proptest::prelude::*;
+use world::SimTime;
+use world::distance::{self, Fault, metres};
+use world::rover::{Mount, Parameters, Side, Terrain};
+use world::row_drive::{RowDrive, Setting, pulse};
+use world::rows::What;
+use world::scenario::{Limits, Row};
+use world::time::{at, from_seconds, seconds};
+
+const POLES: &str = "[[section]]\nkind = \"poles\"\nlength = \"30 m\"\n";
+
+fn row(text: &str) -> Row {
+    let row: Row = toml::from_str(text).unwrap();
+    let limits = Limits::of(&Parameters::default(), &Mount::right());
+    row.check(&limits).unwrap();
+    row
+}
+
+fn setting(row: &Row) -> Setting<'_> {
+    Setting {
+        row,
+        rover: Parameters {
+            motors: Some([[1.0; 3]; 2]),
+            ..Parameters::default()
+        },
+        terrain: Terrain::default(),
+        distance: distance::Parameters::default(),
+        driver_clocks: [0.0; 2],
+    }
+}
+
+fn time(seconds: f64) -> SimTime {
+    at(from_seconds(seconds))
+}
+
+/// Pulses for these efforts every 5 ms until `to` seconds, and none behind.
+fn send(drive: &mut RowDrive, left: f64, right: f64, from: f64, to: f64) {
+    let first = (from / 0.005).round() as u32;
+    for i in first..(to / 0.005).round() as u32 {
+        let begin = time(f64::from(i) * 0.005);
+        drive.advance_to(begin);
+        pulse(drive, Side::Left, begin, 1.5e-3 + left * 0.5e-3);
+        pulse(drive, Side::Right, begin, 1.5e-3 + right * 0.5e-3);
+    }
+    drive.advance_to(time(to));
+}
+
+#[test]
+fn the_limits_are_those_of_the_thesis_robot() {
+    let limits = Limits::of(&Parameters::default(), &Mount::left());
+    assert_eq!((limits.width, limits.sensor_beside), (0.3048, 0.152));
+    assert_eq!(
+        (limits.beam, limits.range),
+        (core::f64::consts::FRAC_PI_4, 10.0)
+    );
+}
+
+#[test]
+fn pulses_drive_the_robot_along_the_row() {
+    let row = row(&format!(
+        "{POLES}[start]\nstation = \"1 m\"\nright = \"3 cm\"\n"
+    ));
+    let mut drive = RowDrive::new(&setting(&row), 1);
+    send(&mut drive, 0.24, 0.24, 0.0, 5.0);
+    let last = *drive.samples().last().unwrap();
+    assert_eq!((seconds(last.at), drive.samples().len()), (5.0, 501));
+    // 5 % of the effort is lost to friction; the lag and the second pulse's end are 132 ms.
+    let speed = 2.0 * (0.24 - 0.05) / 0.95;
+    assert!(
+        (last.station - 1.0 - speed * (5.0 - 0.1265)).abs() < 0.01,
+        "{last:?}"
+    );
+    assert!(
+        (last.right - 0.03).abs() < 1e-9 && last.heading.abs() < 1e-9,
+        "{last:?}"
+    );
+    assert!((last.efforts[0] - 0.24).abs() < 1e-9);
+    assert_eq!(drive.contact(), None);
+    assert_eq!(drive.driver(Side::Left).counts().valid, 999);
+    assert!((90..=102).contains(&drive.beams().len()));
+}
+
+#[test]
+fn without_pulses_it_stands_still_after_a_tenth_of_a_second() {
+    let row = row(POLES);
+    let mut drive = RowDrive::new(&setting(&row), 1);
+    send(&mut drive, 0.5, 0.5, 0.0, 1.0);
+    assert!((drive.efforts()[1] - 0.5).abs() < 1e-9);
+    // The last pulse begins at 995 ms and ends 1.75 ms later.
+    drive.advance_to(time(1.0967));
+    assert!((drive.efforts()[0] - 0.5).abs() < 1e-9);
+    drive.advance_to(time(1.0968));
+    assert_eq!(drive.efforts(), [0.0; 2]);
+    drive.advance_to(time(4.0));
+    let state = drive.state_at(time(4.0));
+    assert!(state.speed.abs() < 1e-9, "{state:?}");
+}
+
+#[test]
+fn it_turns_into_the_row_and_says_what_it_touches() {
+    let row = row(POLES);
+    let mut drive = RowDrive::new(&setting(&row), 1);
+    send(&mut drive, 0.4, 0.25, 0.0, 3.0);
+    let contact = drive.contact().unwrap();
+    assert_eq!(contact.contact.what, What::Pole);
+    assert!(contact.contact.y > 0.3, "{contact:?}");
+    assert!(
+        contact.chassis.touches(
+            drive
+                .rows()
+                .shapes()
+                .iter()
+                .find(|shape| shape.from == (contact.contact.x, contact.contact.y))
+                .unwrap()
+        )
+    );
+    // It was found at the first record with it.
+    let before = drive
+        .samples()
+        .iter()
+        .rfind(|sample| sample.at < contact.at);
+    let before = drive.rover().footprint(&before.unwrap().state);
+    assert_eq!(drive.rows().contact(&before), None);
+}
+
+#[test]
+fn each_sensor_is_read_at_its_side_and_can_fail() {
+    let text = "[[section]]\nkind = \"barriers\"\nlength = \"30 m\"\nwidth = \"1 m\"\n\
+                [start]\nstation = \"2 m\"\nright = \"10 cm\"\n";
+    let row = row(text);
+    let mut drive = RowDrive::new(&setting(&row), 4);
+    drive.advance_to(time(0.2));
+    let read = |drive: &RowDrive, side| metres(drive.volts(side, time(0.2)));
+    // The right row is 20 cm nearer; the sensor on the left sees it.
+    let (left, right) = (read(&drive, Side::Left), read(&drive, Side::Right));
+    assert!(
+        (right - left - 0.2 * core::f64::consts::SQRT_2).abs() < 0.03,
+        "{left} {right}"
+    );
+    drive.set_fault(Side::Left, Some(Fault::Open));
+    assert_eq!(drive.volts(Side::Left, time(0.2)), 0.0);
+    assert!(drive.volts(Side::Right, time(0.2)) > 0.1);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn neither_the_callers_steps_nor_readings_change_the_drive(
+        seed: u64,
+        mut cuts in prop::collection::vec(0.0..1.5_f64, 0..40),
+        efforts in prop::collection::vec((-1.0..1.0_f64, -1.0..1.0_f64), 1..20),
+    ) {
+        let row = row("[[section]]\nkind = \"stalks\"\nlength = \"30 m\"\n");
+        let setting = Setting { terrain: Terrain::field(), ..setting(&row) };
+        let (mut whole, mut cut) = (RowDrive::new(&setting, seed), RowDrive::new(&setting, seed));
+        cuts.sort_by(f64::total_cmp);
+        let mut begin = 0.0;
+        for (i, (left, right)) in efforts.iter().enumerate() {
+            // With the longest of these periods the drivers switch off.
+            begin += [0.005, 0.02, 0.09, 0.15][i % 4];
+            for cut_at in cuts.iter().filter(|at| **at < begin) {
+                cut.advance_to(time(*cut_at));
+                let _ = cut.volts(Side::Left, time(cut_at + 0.05));
+            }
+            for drive in [&mut whole, &mut cut] {
+                drive.advance_to(time(begin));
+                pulse(drive, Side::Left, time(begin), 1.5e-3 + left * 0.5e-3);
+                pulse(drive, Side::Right, time(begin), 1.5e-3 + right * 0.5e-3);
+            }
+        }
+        let end = time(3.0);
+        // A prediction takes the efforts as they are; they stay so until a driver switches off.
+        let read = |drive: &RowDrive| {
+            [Side::Left, Side::Right].map(|side| drive.volts(side, time(begin + 0.045)))
+        };
+        let foreseen = read(&cut);
+        let stays = cut.efforts() != [0.0; 2];
+        cut.advance_to(time(begin + 0.045));
+        if stays {
+            prop_assert_eq!(foreseen, read(&cut));
+        }
+        whole.advance_to(end);
+        cut.advance_to(end);
+        prop_assert_eq!(whole.samples(), cut.samples());
+        prop_assert_eq!(whole.beams(), cut.beams());
+        prop_assert_eq!(whole.contact(), cut.contact());
+    }
+}
