@@ -30,6 +30,8 @@ pub type Stack<const WINDOWS: usize, const NODES: usize> =
 pub struct Identity {
     /// The network's schedule.
     pub schedule: ScheduleView<'static>,
+    /// Bit rate of the network, bit/s.
+    pub bit_rate: u32,
     /// The node.
     pub node: NodeId,
     /// Under which time master its actuators may move.

@@ -118,7 +118,7 @@ pub fn link<const WINDOWS: usize, const NODES: usize>(
     alarms: board::time::Alarms,
 ) -> Result<BoardLink<WINDOWS, NODES>, ConfigError> {
     let clocks = start.clocks;
-    let bit = 1_000_000 * clocks.ticks_per_us / board::BIT_RATE;
+    let bit = 1_000_000 * clocks.ticks_per_us / identity.bit_rate;
     let config = NodeConfig {
         latency: StampLatency::bxcan(bit, board::FACTS.stamp_ticks),
         transmit_lead: board::FACTS.transmit_lead_ticks,
@@ -143,9 +143,15 @@ pub fn link<const WINDOWS: usize, const NODES: usize>(
     Ok(link)
 }
 
-/// Starts the board. Does not return if that fails: the node records why, and starts again.
-pub fn start(device: board::pac::Peripherals) -> board::Sled {
-    match board::Sled::start(device, WATCHDOG.ticks() as u16) {
+/// Starts the board for a bus of this bit rate, bit/s. Does not return if that fails: the node records why, and starts again.
+pub fn start<const BIT_RATE: u32>(device: board::pac::Peripherals) -> board::Sled {
+    const {
+        assert!(
+            crate::link::TOLERANCE_PPM <= board::Timings::<BIT_RATE>::TOLERANCE_PPM,
+            "the bit timing allows what the link does"
+        );
+    }
+    match board::Sled::start::<BIT_RATE>(device, WATCHDOG.ticks() as u16) {
         Ok(sled) => sled,
         Err(reason) => fault::stop(reason),
     }
@@ -196,11 +202,6 @@ const STACK_RESERVE: u16 = (board::FACTS.stack.size / 8) as u16;
 
 /// Ticks in a second: one for each step of the housekeeping.
 const TICKS: u32 = 1000 / design::HOUSEKEEPING_PERIOD.ticks();
-
-const _: () = assert!(
-    crate::link::TOLERANCE_PPM <= board::TOLERANCE_PPM,
-    "the bit timing allows what the link does"
-);
 
 const _: () = assert!(
     1000u32.is_multiple_of(design::HOUSEKEEPING_PERIOD.ticks()),

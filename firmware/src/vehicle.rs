@@ -50,16 +50,18 @@ macro_rules! vehicle {
         #[cfg(feature = "target")]
         pub type Link = $crate::node::BoardLink<WINDOWS, NODES>;
 
+        /// Starts the board for the bus of this vehicle. Does not return if that fails: the node
+        /// records why, and starts again.
         #[cfg(feature = "target")]
-        const _: () = assert!(
-            matrix::BIT_RATE == $crate::board::BIT_RATE,
-            "the boards' bit timing is that of the network"
-        );
+        pub fn start(device: $crate::board::pac::Peripherals) -> $crate::board::Sled {
+            $crate::node::start::<{ matrix::BIT_RATE }>(device)
+        }
 
         /// `node` in the network of this vehicle.
         pub const fn identity(node: ::ttcan::NodeId) -> $crate::link::Identity {
             $crate::link::Identity {
                 schedule: matrix::SCHEDULE.view(),
+                bit_rate: matrix::BIT_RATE,
                 node,
                 rule: $crate::leader::Rule::new(safety::BACKUP_MASTER, matrix::BASIC_CYCLE),
                 awaited: ::ttcan::Id::constant::<

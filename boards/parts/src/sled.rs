@@ -179,9 +179,9 @@ pub struct Sled {
     pub external: Clocks,
     /// Clocks made from the internal oscillator, when the external clock is missing.
     pub internal: Clocks,
-    /// Bit rate of the CAN port, bit/s. The board's bit timing makes it exactly from all its
-    /// clocks.
-    pub bit_rate: u32,
+    /// Bit rates of the CAN port, bit/s, of which a network has one. The board's bit timing makes
+    /// each of them exactly from all its clocks.
+    pub bit_rates: &'static [u32],
     /// The stack. Below it lies no memory: an overflow is a bus fault at once, and never a
     /// silent change of a variable.
     pub stack: Memory,
@@ -205,7 +205,7 @@ pub struct Sled {
 const KIB: u32 = 1024;
 
 /// Bit rate of the sleds, bit/s (thesis 6.2.3.1).
-const BIT_RATE: u32 = 250_000;
+const BIT_RATES: &[u32] = &[125_000, 250_000, 500_000];
 
 const fn signal(name: &'static str, port: char, number: u8, role: Role, alternate: u8) -> Signal {
     Signal {
@@ -238,7 +238,7 @@ pub static SLED_F446: Sled = Sled {
     external_hz: 8_000_000,
     external: CLOCKS_F446,
     internal: CLOCKS_F446,
-    bit_rate: BIT_RATE,
+    bit_rates: BIT_RATES,
     stack: Memory {
         name: "STACK",
         base: 0x2000_0000,
@@ -339,7 +339,7 @@ pub static SLED_F303: Sled = Sled {
         apb2: 64_000_000,
         ticks_per_us: 16,
     },
-    bit_rate: BIT_RATE,
+    bit_rates: BIT_RATES,
     stack: Memory {
         name: "STACK",
         base: 0x1000_0000,
@@ -415,6 +415,19 @@ impl Sled {
     pub const F303: &'static Self = &SLED_F303;
     /// All boards.
     pub const ALL: [&'static Self; 2] = [Self::F446, Self::F303];
+
+    /// Whether the board has this bit rate, bit/s.
+    #[must_use]
+    pub const fn has_bit_rate(&self, bit_rate: u32) -> bool {
+        let mut index = 0;
+        while index < self.bit_rates.len() {
+            if self.bit_rates[index] == bit_rate {
+                return true;
+            }
+            index += 1;
+        }
+        false
+    }
 
     /// The board with this name.
     #[must_use]

@@ -6,23 +6,30 @@ use sled_common::can::{Register, Registers};
 use sled_common::clock::Oscillator;
 use ttcan::BitTiming;
 
-/// Bits per second.
-pub const BIT_RATE: u32 = SLED_F303.bit_rate;
+/// The bit timings of a bit rate, bit/s; the build fails when no setting fits.
+pub struct Timings<const BIT_RATE: u32>;
 
-/// The timing with the external clock; the build fails when no setting fits.
-pub const EXTERNAL_TIMING: BitTiming = BitTiming::constant::<{ clocks::EXTERNAL.apb1 }, BIT_RATE>();
-/// The timing with the RC oscillator.
-pub const INTERNAL_TIMING: BitTiming = BitTiming::constant::<{ clocks::INTERNAL.apb1 }, BIT_RATE>();
+impl<const BIT_RATE: u32> Timings<BIT_RATE> {
+    /// With the external clock.
+    pub const EXTERNAL: BitTiming = BitTiming::constant::<{ clocks::EXTERNAL.apb1 }, BIT_RATE>();
+    /// With the RC oscillator.
+    pub const INTERNAL: BitTiming = BitTiming::constant::<{ clocks::INTERNAL.apb1 }, BIT_RATE>();
+    /// Largest error of the RC oscillator, ppm, with which the node may take part in the traffic.
+    pub const TOLERANCE_PPM: u32 = Self::INTERNAL.tolerance_ppm();
 
-const fn fits(timing: BitTiming, clock: u32) -> bool {
-    timing.bit_rate(clock) == BIT_RATE
+    const FITS: () = assert!(
+        SLED_F303.has_bit_rate(BIT_RATE)
+            && fits(Self::EXTERNAL, clocks::EXTERNAL.apb1, BIT_RATE)
+            && fits(Self::INTERNAL, clocks::INTERNAL.apb1, BIT_RATE),
+        "the bit rate with a sample point of 70 to 80 % (thesis 6.2.3.1)"
+    );
+}
+
+const fn fits(timing: BitTiming, clock: u32, bit_rate: u32) -> bool {
+    timing.bit_rate(clock) == bit_rate
         && timing.sample_point_per_mille() >= 700
         && timing.sample_point_per_mille() <= 800
 }
-const _: () = assert!(
-    fits(EXTERNAL_TIMING, clocks::EXTERNAL.apb1) && fits(INTERNAL_TIMING, clocks::INTERNAL.apb1),
-    "the bit rate with a sample point of 70 to 80 % (thesis 6.2.3.1)"
-);
 
 /// The CAN cell, with its pins in their function.
 pub struct Cell {
@@ -42,15 +49,13 @@ unsafe impl bxcan::FilterOwner for Cell {
 /// The CAN port of this sled.
 pub type CanPort = sled_common::can::Port<Cell, Cell>;
 
-/// Largest error of the RC oscillator, ppm, with which the node may take part in the traffic.
-pub const TOLERANCE_PPM: u32 = INTERNAL_TIMING.tolerance_ppm();
-
 /// The pins are in their function and the cell's clock is on. On its RC oscillator the cell only
 /// listens, until the oscillator is trimmed.
-pub(crate) fn start(cell: pac::CAN, oscillator: Oscillator) -> CanPort {
+pub(crate) fn start<const BIT_RATE: u32>(cell: pac::CAN, oscillator: Oscillator) -> CanPort {
+    const { Timings::<BIT_RATE>::FITS };
     let timing = match oscillator {
-        Oscillator::External => EXTERNAL_TIMING,
-        Oscillator::Internal => INTERNAL_TIMING,
+        Oscillator::External => Timings::<BIT_RATE>::EXTERNAL,
+        Oscillator::Internal => Timings::<BIT_RATE>::INTERNAL,
     };
     let silent = oscillator == Oscillator::Internal;
     CanPort::new(Cell { _cell: cell }, timing, silent)

@@ -78,7 +78,7 @@ pub mod pot;
 mod registers;
 pub mod watchdog;
 
-pub use bus::{BIT_RATE, CanPort, EXTERNAL_TIMING, INTERNAL_TIMING, TOLERANCE_PPM};
+pub use bus::{CanPort, Timings};
 pub use motor::stop as stop_actuator;
 pub use parts::SLED_F303 as FACTS;
 pub use registers::{clocks, time};
@@ -132,14 +132,17 @@ pub struct Rest {
 }
 
 impl Sled {
-    /// Starts the board: the watchdog first, which bounds everything after it to `watchdog`
+    /// Starts the board for a bus of this bit rate, bit/s: the watchdog first, which bounds everything after it to `watchdog`
     /// milliseconds, then the clocks, then the motor's port, which sends the stop command, then
     /// everything else.
     ///
     /// # Errors
     /// [`Fault::ClockStart`] if a clock does not get ready; [`Fault::Start`] if it was called
     /// before, because the memory of the DMA channels can be handed out only once.
-    pub fn start(device: pac::Peripherals, watchdog: u16) -> Result<Self, Fault> {
+    pub fn start<const BIT_RATE: u32>(
+        device: pac::Peripherals,
+        watchdog: u16,
+    ) -> Result<Self, Fault> {
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU, watchdog);
         let reset_cause = clocks::reset_cause(&device.RCC);
         fault::expect(Fault::ClockStart);
@@ -185,7 +188,7 @@ impl Sled {
         let sense = b.pb0.into_pull_up_input(&mut b.moder, &mut b.pupdr);
         let led = b.pb3.into_push_pull_output(&mut b.moder, &mut b.otyper);
         gate::open::<pac::CRC>(&mut rcc.ahb);
-        let can = bus::start(device.CAN, clocks.oscillator);
+        let can = bus::start::<BIT_RATE>(device.CAN, clocks.oscillator);
         let findings = Findings {
             memory_defect: sled_common::memory::defect(),
             program: sled_common::image::is_intact(&FACTS.part.flash, &mut crc::Unit(&device.CRC)),

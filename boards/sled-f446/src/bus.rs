@@ -7,32 +7,40 @@ use sled_common::clock::Oscillator;
 use stm32f4xx_hal::can::Can;
 use ttcan::BitTiming;
 
-/// Bits per second.
-pub const BIT_RATE: u32 = SLED_F446.bit_rate;
-
 /// The registers of CAN1.
 pub struct Cell;
 
 /// The CAN port of this sled.
 pub type CanPort = sled_common::can::Port<Can<pac::CAN1>, Cell>;
 
-/// The timing from the clock of APB1; the build fails when no setting fits.
-pub const BIT_TIMING: BitTiming = BitTiming::constant::<APB1_HZ, BIT_RATE>();
+/// The bit timing of a bit rate, bit/s; the build fails when no setting fits. APB1 has the same
+/// clock on both oscillators.
+pub struct Timings<const BIT_RATE: u32>;
 
-const _: () = assert!(
-    BIT_TIMING.bit_rate(APB1_HZ) == BIT_RATE
-        && BIT_TIMING.sample_point_per_mille() >= 700
-        && BIT_TIMING.sample_point_per_mille() <= 800,
-    "the bit rate with a sample point of 70 to 80 % (thesis 6.2.3.1)"
-);
+impl<const BIT_RATE: u32> Timings<BIT_RATE> {
+    /// From the clock of APB1.
+    pub const TIMING: BitTiming = BitTiming::constant::<APB1_HZ, BIT_RATE>();
+    /// Largest error of this node's oscillator, ppm, with which it may take part in the traffic.
+    pub const TOLERANCE_PPM: u32 = Self::TIMING.tolerance_ppm();
 
-/// On its RC oscillator the cell only listens, until the oscillator is trimmed.
-pub(crate) fn start(instance: Can<pac::CAN1>, oscillator: Oscillator) -> CanPort {
-    CanPort::new(instance, BIT_TIMING, oscillator == Oscillator::Internal)
+    const FITS: () = assert!(
+        SLED_F446.has_bit_rate(BIT_RATE)
+            && Self::TIMING.bit_rate(APB1_HZ) == BIT_RATE
+            && Self::TIMING.sample_point_per_mille() >= 700
+            && Self::TIMING.sample_point_per_mille() <= 800,
+        "the bit rate with a sample point of 70 to 80 % (thesis 6.2.3.1)"
+    );
 }
 
-/// Largest error of this node's oscillator, ppm, with which it may take part in the traffic.
-pub const TOLERANCE_PPM: u32 = BIT_TIMING.tolerance_ppm();
+/// On its RC oscillator the cell only listens, until the oscillator is trimmed.
+pub(crate) fn start<const BIT_RATE: u32>(
+    instance: Can<pac::CAN1>,
+    oscillator: Oscillator,
+) -> CanPort {
+    const { Timings::<BIT_RATE>::FITS };
+    let silent = oscillator == Oscillator::Internal;
+    CanPort::new(instance, Timings::<BIT_RATE>::TIMING, silent)
+}
 
 // SAFETY: every address comes from the register block of the cell.
 unsafe impl Registers for Cell {

@@ -66,7 +66,7 @@ pub mod receiver;
 mod registers;
 pub mod watchdog;
 
-pub use bus::{BIT_RATE, BIT_TIMING, CanPort, TOLERANCE_PPM};
+pub use bus::{CanPort, Timings};
 pub use parts::SLED_F446 as FACTS;
 pub use registers::{clocks, time};
 #[cfg(target_os = "none")]
@@ -125,13 +125,16 @@ pub struct Rest {
 }
 
 impl Sled {
-    /// Starts the board: the watchdog first, which bounds everything after it to `watchdog`
+    /// Starts the board for a bus of this bit rate, bit/s: the watchdog first, which bounds everything after it to `watchdog`
     /// milliseconds, then the supply and the clocks, then everything else.
     ///
     /// # Errors
     /// [`Fault::Supply`] if the supply stays too low; [`Fault::ClockStart`] if a clock does not get ready; [`Fault::Start`] if it was called
     /// before, because the memory of the DMA streams can be handed out only once.
-    pub fn start(device: pac::Peripherals, watchdog: u16) -> Result<Self, Fault> {
+    pub fn start<const BIT_RATE: u32>(
+        device: pac::Peripherals,
+        watchdog: u16,
+    ) -> Result<Self, Fault> {
         let watchdog = watchdog::start(device.IWDG, &device.DBGMCU, watchdog);
         fault::expect(Fault::Supply);
         gate::open_power(&device.RCC);
@@ -163,7 +166,7 @@ impl Sled {
         // Without a transceiver the pin reads recessive.
         let receive = port_b.pb8.internal_pull_up(true);
         let can = device.CAN1.can((port_b.pb9, receive), &mut rcc);
-        let can = bus::start(can, clocks.oscillator);
+        let can = bus::start::<BIT_RATE>(can, clocks.oscillator);
         gate::open::<pac::CRC>(&mut rcc);
         gate::open::<pac::ADC1>(&mut rcc);
         let findings = Findings {

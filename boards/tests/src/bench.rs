@@ -7,6 +7,9 @@ use defmt::info;
 /// The watchdog's time, ms: longer than any test.
 const WATCHDOG_MS: u16 = 20_000;
 
+/// Bit rate of the CAN controller, bit/s.
+pub(crate) const BIT_RATE: u32 = 250_000;
+
 /// A started board.
 pub(crate) struct Bench {
     pub(crate) sled: Sled,
@@ -17,7 +20,7 @@ impl Bench {
     pub(crate) fn start() -> Self {
         start_cycle_counter();
         let device = board::pac::Peripherals::take().expect("the first call");
-        match Sled::start(device, WATCHDOG_MS) {
+        match Sled::start::<BIT_RATE>(device, WATCHDOG_MS) {
             Ok(sled) => {
                 info!("{} {}", sled.reset_cause, sled.clocks.oscillator);
                 Self { sled }
@@ -43,7 +46,7 @@ impl Bench {
 
     /// Ticks of the time base in a bit on the CAN bus.
     pub(crate) fn bit(&self) -> u32 {
-        self.ticks(1_000_000) / board::BIT_RATE
+        self.ticks(1_000_000) / BIT_RATE
     }
 
     /// Waits.

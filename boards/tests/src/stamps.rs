@@ -4,9 +4,9 @@
 //! stack takes the latency of the stamps from `StampLatency`; with it both stamps must lead back to
 //! the same start of frame, which is the first bit after the request.
 
-use crate::bench::{Bench, enable, near};
+use crate::bench::{BIT_RATE, Bench, enable, near};
+use crate::board::FACTS;
 use crate::board::pac::Interrupt;
-use crate::board::{BIT_RATE, FACTS};
 use crate::registers::{can, tim2};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use defmt::info;

@@ -160,11 +160,15 @@ fn self_test(test: &SelfTest, manifest: &Manifest, network: &Network) -> Result<
 /// Names the attribute of the network file, its value and what is accepted.
 pub fn bit_rate(manifest: &Manifest, network: &Network) -> Result<(), String> {
     for node in &manifest.nodes {
-        let sled = Sled::named(&node.board).filter(|sled| sled.bit_rate != network.bit_rate);
+        let sled = Sled::named(&node.board).filter(|sled| !sled.has_bit_rate(network.bit_rate));
         if let Some(sled) = sled {
+            let rates: Vec<String> = sled.bit_rates.iter().map(u32::to_string).collect();
             return Err(format!(
-                "Baudrate is {} bit/s: {} is accepted, the bit rate of the board {} of node {:?}",
-                network.bit_rate, sled.bit_rate, sled.name, node.name
+                "Baudrate is {} bit/s: {} are accepted, the bit rates of the board {} of node {:?}",
+                network.bit_rate,
+                rates.join(", "),
+                sled.name,
+                node.name
             ));
         }
     }

@@ -15,12 +15,12 @@ fn a_bit_rate_that_no_board_makes_is_refused() {
     let rate = "BA_ \"Baudrate\" 250000;";
     let network = text("network.dbc");
     assert!(network.contains(rate));
-    let faster = network.replacen(rate, "BA_ \"Baudrate\" 500000;", 1);
+    let faster = network.replacen(rate, "BA_ \"Baudrate\" 400000;", 1);
     let vehicle = Vehicle::parse("uagv", Path::new("uagv"), &text("vehicle.toml"), &faster);
     assert_eq!(
         vehicle.unwrap_err().to_string(),
-        "uagv/network.dbc: Baudrate is 500000 bit/s: 250000 is accepted, the bit rate of the \
-         board f446 of node \"gps\""
+        "uagv/network.dbc: Baudrate is 400000 bit/s: 125000, 250000, 500000 are accepted, the \
+         bit rates of the board f446 of node \"gps\""
     );
 }
 

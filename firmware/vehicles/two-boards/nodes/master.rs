@@ -53,7 +53,7 @@ mod app {
     #[init(local = [stack: Option<Stack> = None])]
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
-        let sled = node::start(cx.device);
+        let sled = two_boards::start(cx.device);
         let start = Start {
             cause: sled.reset_cause,
             record,
