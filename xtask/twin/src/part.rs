@@ -29,6 +29,8 @@ pub(crate) enum Block {
     Crc,
     /// The timer whose input can be a clock of the part.
     Capture,
+    /// The timer that makes pulses.
+    Pulses,
 }
 
 /// The address of a peripheral, which has 1 KiB, and its clock gate.
@@ -99,7 +101,7 @@ static F446_SLOTS: [Slot; 26] = [
 ];
 
 /// RM0316 3.2.2 (addresses), 9.4.4-9.4.11 (gates).
-static F303_SLOTS: [Slot; 20] = [
+static F303_SLOTS: [Slot; 21] = [
     slot(0x4000_0000, Block::Tim(0), f3_apb1(0)),
     slot(0x4000_0400, Block::Tim(1), f3_apb1(1)),
     slot(0x4000_3000, Block::Iwdg, None),
@@ -107,6 +109,7 @@ static F303_SLOTS: [Slot; 20] = [
     slot(0x4000_4800, Block::Usart(2), f3_apb1(18)),
     slot(0x4000_6400, Block::Can, f3_apb1(25)),
     slot(0x4000_7000, Block::Pwr, f3_apb1(28)),
+    slot(0x4001_2C00, Block::Pulses, f3_apb2(11)),
     slot(0x4001_3800, Block::Usart(0), f3_apb2(14)),
     slot(0x4001_4400, Block::Capture, f3_apb2(17)),
     slot(0x4002_0000, Block::Dma(0), f3_ahb(0)),

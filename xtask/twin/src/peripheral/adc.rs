@@ -4,7 +4,8 @@
 //! The twin holds a 12-bit reading for each channel. A conversion takes the reading at the end of
 //! its sampling time. Not modelled are resolutions below 12 bits, left alignment, offsets,
 //! oversampling, injected conversions, analogue watchdogs, differential inputs and the dual modes:
-//! their registers only read back what was written.
+//! their registers only read back what was written. The F303's configuration is checked: a bit that
+//! asks for one of these, or a setting that changes while the converter is started, is a violation.
 
 use crate::clock::{Cycles, NEVER};
 use crate::part::Family;
@@ -362,10 +363,53 @@ impl Adc {
         self.request
     }
 
-    /// The DMA controller moved the last item of its buffer.
+    /// The DMA controller moved the last item of its buffer. In one-shot mode the F303 then gives up
+    /// the conversion and begins no other one, although ADSTART stays set (RM0316 15.3.26).
     pub(crate) fn dma_complete(&mut self) {
         if !self.dma_continues() {
             self.dma_done = true;
+            if self.family == Family::F3 {
+                self.sequence = None;
+            }
+        }
+    }
+
+    /// What a write to a register of the F303 does that its manual does not allow, or that this
+    /// model lacks, with the section of the manual.
+    pub(crate) fn refuse(&self, offset: u32, value: u32) -> Option<(String, &'static str)> {
+        if self.family != Family::F3 {
+            return None;
+        }
+        let bits = |mask: u32, what: &str, document| {
+            let wrong = value & mask;
+            (wrong != 0).then(|| (format!("{what}: {wrong:#010x}"), document))
+        };
+        let unmodelled = "sets bits that are not modelled";
+        let locked = || {
+            self.armed.then(|| {
+                let what = "written while the converter is started".to_owned();
+                (what, "RM0316 15.5, ADSTART")
+            })
+        };
+        match offset {
+            // Everything except end of conversion and of sequence, overrun, ready.
+            0x04 => bits(!0b1_1101, unmodelled, "RM0316 15.5.2"),
+            0x08 => {
+                // Injected conversions, differential calibration.
+                let other = bits(1 << 3 | 1 << 5 | 1 << 30, unmodelled, "RM0316 15.5.3");
+                let absent = |bit: u32, holds: bool, what: &str| {
+                    let wrong = value & 1 << bit != 0 && !holds;
+                    wrong.then(|| (what.to_owned(), "RM0316 15.5.3"))
+                };
+                other
+                    .or_else(|| absent(2, self.enabled, "started while it is disabled"))
+                    .or_else(|| absent(4, self.armed, "stopped while it is not started"))
+                    .or_else(|| absent(1, self.enabled && !self.armed, "disabled while started"))
+            }
+            // Of the configuration: DMA, trigger, overrun mode, continuous mode.
+            0x0C => locked().or_else(|| bits(!0x3FC3, unmodelled, "RM0316 15.5.4")),
+            0x14 | 0x18 | 0x30..=0x3C => locked(),
+            _ => None,
         }
     }
 
@@ -593,6 +637,113 @@ mod tests {
             Some(1111),
             "the first value is kept"
         );
+    }
+
+    /// The F303's converter, ready, with a core of 72 MHz and half of it for the converter. It scans
+    /// channels 2 and 4 without a pause, with DMA requests until the buffer is full.
+    fn bursting(trigger: u32) -> Adc {
+        let mut adc = Adc::new(Family::F3);
+        adc.write(0x308, 2 << 16, 0, no_delay);
+        adc.set_clock(1, 1);
+        adc.set_input(2, 1111);
+        adc.set_input(4, 2222);
+        adc.write(0x08, 0, 0, no_delay);
+        adc.write(0x08, 1 << 28, 0, no_delay);
+        adc.write(0x08, 1 << 28 | 1, 1, no_delay);
+        adc.write(0x14, 5 << 6 | 5 << 12, 1, no_delay);
+        adc.write(0x30, 1 | 2 << 6 | 4 << 12, 1, no_delay);
+        adc.write(0x0C, 1 << 13 | trigger | 1, 1, no_delay);
+        adc
+    }
+
+    const START: u32 = 1 << 28 | 1 << 2;
+    const STOP: u32 = 1 << 28 | 1 << 4;
+
+    #[test]
+    fn a_burst_takes_both_channels_in_turn_until_the_buffer_is_full() {
+        let mut adc = bursting(0);
+        adc.write(0x08, START, 1000, no_delay);
+        // 61.5 and 12.5 cycles of two core cycles each.
+        let mut now = 1000;
+        for k in 0..100 {
+            run(&mut adc, now + 147);
+            assert!(!adc.dma_request(), "{k}");
+            now += 148;
+            run(&mut adc, now);
+            assert!(adc.dma_request(), "{k}");
+            let value = adc.read(0x40, now).unwrap();
+            assert_eq!(value, if k % 2 == 0 { 1111 } else { 2222 });
+        }
+        adc.dma_complete();
+        assert_eq!(adc.next_event(), u64::MAX, "it stands still");
+        assert_eq!(adc.read(0x00, now).unwrap() & 1 << 4, 0, "no overrun");
+        assert_ne!(adc.read(0x08, now).unwrap() & 1 << 2, 0, "still started");
+        // Until the requests were switched off and on, a burst has none.
+        adc.write(0x08, STOP, now, no_delay);
+        assert_eq!(adc.read(0x08, now).unwrap() & 1 << 2, 0);
+        adc.write(0x08, START, now, no_delay);
+        run(&mut adc, now + 148);
+        assert!(!adc.dma_request());
+        adc.write(0x08, STOP, now + 200, no_delay);
+        adc.write(0x00, 0x1E, now + 200, no_delay);
+        adc.write(0x0C, 1 << 13, now + 200, no_delay);
+        adc.write(0x0C, 1 << 13 | 1, now + 200, no_delay);
+        adc.write(0x08, START, now + 200, no_delay);
+        run(&mut adc, now + 348);
+        assert!(adc.dma_request());
+        assert_eq!(
+            adc.read(0x40, now + 348),
+            Some(1111),
+            "begins with the first"
+        );
+    }
+
+    #[test]
+    fn a_burst_begins_at_a_trigger_and_results_that_nobody_fetches_overrun() {
+        let mut adc = bursting(4 << 6 | 1 << 10);
+        adc.write(0x08, START, 100, no_delay);
+        assert_eq!(adc.next_event(), u64::MAX);
+        adc.tim3_trigger(1000);
+        run(&mut adc, 1148);
+        assert!(adc.dma_request());
+        adc.tim3_trigger(1200);
+        run(&mut adc, 1296);
+        assert_ne!(adc.read(0x00, 1296).unwrap() & 1 << 4, 0);
+        assert_eq!(adc.read(0x40, 1296), Some(1111), "the first one is kept");
+        run(&mut adc, 2000);
+        assert!(!adc.dma_request(), "no requests after an overrun");
+    }
+
+    #[test]
+    fn the_f303_refuses_what_its_manual_does_not_allow() {
+        let mut adc = bursting(0);
+        let refused = |adc: &Adc, offset, value| adc.refuse(offset, value).map(|(what, _)| what);
+        assert_eq!(refused(&adc, 0x0C, 1 << 13 | 1), None);
+        // Discontinuous mode, 8 bits, an analogue watchdog, injected conversions.
+        for (offset, value) in [
+            (0x0C, 1 << 16),
+            (0x0C, 2 << 3),
+            (0x0C, 1 << 23),
+            (0x08, 1 << 3),
+        ] {
+            let what = refused(&adc, offset, value).unwrap();
+            assert!(what.contains("not modelled"), "{what}");
+        }
+        assert!(refused(&adc, 0x08, STOP).unwrap().contains("not started"));
+        adc.write(0x08, START, 100, no_delay);
+        for (offset, value) in [(0x0C, 1 << 13), (0x14, 0), (0x30, 0)] {
+            let what = refused(&adc, offset, value).unwrap();
+            assert!(what.contains("while the converter is started"), "{what}");
+        }
+        assert_eq!(refused(&adc, 0x08, STOP), None);
+        assert!(
+            refused(&adc, 0x08, 1 << 28 | 2)
+                .unwrap()
+                .contains("disabled")
+        );
+        let off = Adc::new(Family::F3);
+        assert!(refused(&off, 0x08, START).unwrap().contains("disabled"));
+        assert_eq!(refused(&Adc::new(Family::F4), 0x0C, u32::MAX), None);
     }
 
     #[test]

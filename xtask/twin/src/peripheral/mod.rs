@@ -11,6 +11,7 @@ mod dma;
 mod exti;
 mod gpio;
 mod iwdg;
+mod pulse;
 mod rcc;
 mod system;
 mod tim;
@@ -24,7 +25,7 @@ use crate::part::{Block, Family, Layout, Part, Pin, Request, Route, Slot, TIM3, 
 use crate::silicon::registers::Access;
 use crate::silicon::{self, Violation};
 use can_bus::{ClockRate, NodeId, SimTime};
-use parts::{Role, Signal, Sled, interrupt};
+use parts::{Role, Signal, Sled, TimerOutput, interrupt};
 use rsemu::core::device::Device;
 use rsemu::core::space::{MemAttrs, MemOps, RamStore, RegionKind};
 use std::collections::BTreeSet;
@@ -119,6 +120,9 @@ pub(crate) struct Peripherals {
     adc: adc::Adc,
     crc: crc::Crc,
     capture: capture::Capture,
+    pulses: pulse::Pulses,
+    /// The pins of its outputs, and their levels.
+    pulse_pins: Vec<(TimerOutput, &'static Signal, bool)>,
     /// Whether the external clock gets to the capturing timer.
     measured: bool,
     can: Option<CanLink>,
@@ -194,6 +198,8 @@ impl Peripherals {
             adc: adc::Adc::new(part.family),
             crc: crc::Crc::new(part.family),
             capture: capture::Capture::default(),
+            pulses: pulse::Pulses::new(),
+            pulse_pins: pulse_pins(part),
             measured: true,
             can,
             transceiver: true,
@@ -299,6 +305,7 @@ impl Peripherals {
         self.adc.reset();
         self.crc = crc::Crc::new(self.part.family);
         self.capture.reset();
+        self.pulses.reset();
         if let Some(link) = &self.can {
             lock(&link.bus).reset(link.node, SimTime::from_ticks(self.clock.time(now)));
         }
@@ -329,6 +336,7 @@ impl Peripherals {
         for timer in &mut self.timers {
             timer.advance(now);
         }
+        self.pulses.advance(now);
         self.forward_triggers();
         self.adc.advance(now);
         for usart in &mut self.usarts {
@@ -356,6 +364,7 @@ impl Peripherals {
     /// Recomputes the next event and the interrupt lines after a change.
     fn refresh(&mut self) {
         self.collect_sent();
+        self.watch_pulses();
         let mut next = self.rcc.next_event(self.now).min(self.watchdog_at);
         next = next.min(self.pwr.next_event(self.now));
         for timer in &self.timers {
@@ -367,7 +376,9 @@ impl Peripherals {
         for (_, at) in self.serving.iter().flatten() {
             next = next.min(*at);
         }
-        self.next = next.min(self.adc.next_event());
+        self.next = next
+            .min(self.adc.next_event())
+            .min(self.pulses.next_event());
 
         let mut lines = [0_u32; 4];
         let mut raise = |irq: u16, level: bool| {
@@ -476,6 +487,8 @@ impl Peripherals {
             let clocked = self.gate_open(Block::Tim(k));
             self.timers[k].set_clock(now, clocked, tree.timer1);
         }
+        let clocked = self.gate_open(Block::Pulses);
+        self.pulses.set_clock(now, clocked, tree.timer2);
         for k in 0..self.usarts.len() {
             let divider = match (self.part.family, k) {
                 (Family::F4, 0) => tree.apb2,
@@ -577,6 +590,31 @@ impl Peripherals {
         }
     }
 
+    /// The level that the timer gives to the pin of one of its outputs, if the program has connected
+    /// it. A driver from outside is stronger.
+    fn pulse_level(&self, output: TimerOutput, signal: &Signal) -> Option<bool> {
+        let port = &self.ports[signal.pin.port_index()];
+        let connected = port.routed(signal.pin.number, signal.alternate)
+            && port.external(signal.pin.number).is_none();
+        connected.then(|| self.pulses.level(output)).flatten()
+    }
+
+    /// Records the edges at the pins of the timer's outputs. A pin that the timer does not drive has
+    /// the level of its pull resistor.
+    fn watch_pulses(&mut self) {
+        for k in 0..self.pulse_pins.len() {
+            let (output, signal, before) = self.pulse_pins[k];
+            let open = || self.ports[signal.pin.port_index()].level_from_outside(signal.pin.number);
+            let high = self.pulse_level(output, signal).unwrap_or_else(open);
+            if high != before {
+                self.pulse_pins[k].2 = high;
+                let at = self.time();
+                let pin = signal.pin;
+                self.pins.push(PinChange { at, pin, high });
+            }
+        }
+    }
+
     fn connect_can(&mut self) {
         let Some(link) = &self.can else { return };
         let routed = [Role::CanTransmit(1), Role::CanReceive(1)]
@@ -633,6 +671,9 @@ impl Peripherals {
     /// The external clock stops. True if the core gets an NMI for it.
     pub(crate) fn lose_external_clock(&mut self) -> bool {
         let interrupts = self.rcc.lose_external();
+        if interrupts {
+            self.pulses.clock_failed();
+        }
         self.retune(false);
         self.refresh();
         interrupts
@@ -694,6 +735,14 @@ impl Peripherals {
                 && routed(&self.ports, self.sled, role)
                 && let Some(high) = usart.line(self.now)
             {
+                levels = levels & !(1 << number) | u32::from(high) << number;
+            }
+        }
+        for (output, signal, _) in &self.pulse_pins {
+            if signal.pin.port_index() == port
+                && let Some(high) = self.pulse_level(*output, signal)
+            {
+                let number = signal.pin.number;
                 levels = levels & !(1 << number) | u32::from(high) << number;
             }
         }
@@ -851,6 +900,7 @@ impl Peripherals {
                 let input = self.captured();
                 self.capture.read(offset, now, &self.clock, input)
             }
+            Block::Pulses => self.pulses.read(offset, now),
             Block::Can => match &self.can {
                 Some(link) if offset < 0x320 => Some(lock(&link.bus).read(link.node, offset)),
                 // A part on no bus.
@@ -914,6 +964,9 @@ impl Peripherals {
             Block::Dma(k) => self.dmas[k].write(offset, value),
             Block::Adc => {
                 let clock = self.clock;
+                if let Some((what, document)) = self.adc.refuse(offset, value) {
+                    self.violate(address, what, document);
+                }
                 self.adc.write(offset, value, now, |ps| clock.cycles_of(ps));
                 if offset >= 0x300 {
                     self.retune(false);
@@ -924,6 +977,12 @@ impl Peripherals {
             Block::Capture => {
                 let input = self.captured();
                 self.capture.write(offset, value, now, &self.clock, input);
+            }
+            Block::Pulses => {
+                if let Some(bits) = self.pulses.write(offset, value, now) {
+                    let what = format!("written with {bits:#010x}, which is not modelled");
+                    self.violate(address, what, "RM0316 20.4");
+                }
             }
             Block::Can => {
                 if let Some(link) = &self.can
@@ -970,6 +1029,10 @@ impl Peripherals {
                 let delay = silicon::gates::delay(self.part.family, enable, tree.apb1, tree.apb2);
                 *usable_from = now + delay;
             }
+        }
+        if self.part.family == Family::F3 && offset == 0x30 && value & 1 << 8 != 0 {
+            let what = "TIM1 on the doubled clock of the PLL, which is not modelled".to_owned();
+            self.violate(0x4002_1030, what, "RM0316 9.4.13");
         }
         let before = self.rcc.tree().prescalers();
         self.rcc.write(offset, value, now, &self.clock);
@@ -1045,6 +1108,7 @@ impl Peripherals {
             Block::Adc => self.adc.reset(),
             Block::Crc => self.crc = crc::Crc::new(self.part.family),
             Block::Capture => self.capture.reset(),
+            Block::Pulses => self.pulses.reset(),
             Block::Can => {
                 if let Some(link) = &self.can {
                     lock(&link.bus).reset(link.node, self.time());
@@ -1210,6 +1274,17 @@ fn slots_by_page(part: &Part) -> Box<[u8]> {
         }
     }
     slots.into()
+}
+
+/// The outputs of TIM1 that a part's board wires, all low.
+fn pulse_pins(part: &Part) -> Vec<(TimerOutput, &'static Signal, bool)> {
+    let signals = Sled::carrying(part).into_iter().flat_map(Sled::signals);
+    signals
+        .filter_map(|signal| match signal.role {
+            Role::TimerOutput(output) if output.timer == 1 => Some((output, signal, false)),
+            _ => None,
+        })
+        .collect()
 }
 
 /// The register block of one of rsemu's devices.

@@ -58,10 +58,11 @@ pub(crate) struct Tree {
     pub system: u64,
     pub ahb: u64,
     pub hclk: u64,
-    /// AHB cycles per cycle of APB1, of APB2 and of the APB1 timers.
+    /// AHB cycles per cycle of APB1, of APB2 and of their timers.
     pub apb1: u64,
     pub apb2: u64,
     pub timer1: u64,
+    pub timer2: u64,
     /// True if the system clock derives, directly or through the PLL, from the external clock.
     pub external: bool,
 }
@@ -448,14 +449,16 @@ impl Rcc {
             Family::F3 => (cfgr >> 8 & 7, cfgr >> 11 & 7),
         };
         let apb = |code: u32| if code < 4 { 1 } else { 2 << (code - 4) };
-        let apb1 = apb(ppre1);
+        let timer = |bus: u64| if bus == 1 { 1 } else { bus / 2 };
+        let (apb1, apb2) = (apb(ppre1), apb(ppre2));
         Tree {
             system,
             ahb: ahb_divider(cfgr >> 4 & 0xF),
             hclk: (system / ahb_divider(cfgr >> 4 & 0xF)).max(1),
             apb1,
-            apb2: apb(ppre2),
-            timer1: if apb1 == 1 { 1 } else { apb1 / 2 },
+            apb2,
+            timer1: timer(apb1),
+            timer2: timer(apb2),
             external,
         }
     }
