@@ -72,6 +72,7 @@ fn once(register: u32, bit: u32, act: impl Fn(&mut Mcu)) -> impl FnMut(&mut Netw
 
 const TIM2: u32 = 0x4000_0000;
 const TIM3: u32 = 0x4000_0400;
+const DMA1_CCR1: u32 = 0x4002_0008;
 const CR1: u32 = 0x00;
 const DIER: u32 = 0x0C;
 const EGR: u32 = 0x14;
@@ -181,6 +182,62 @@ fn a_converter_at_another_rate_is_found() {
         mcu.write_register(TIM3 + ARR, period / 2);
     });
     found(Sled::F303, name, "ticks of a ring", &mut faster);
+}
+
+/// ADC1_2_CCR, and the bits that divide the converter's clock by four.
+const CONVERTERS_CCR: u32 = 0x5000_0308;
+const BY_FOUR: u32 = 0b11 << 16;
+
+#[test]
+fn a_converter_that_is_too_slow_is_found() {
+    let name = "a_burst_by_software_takes_its_time_and_gives_both_means";
+    let mut slower = |network: &mut Network| {
+        let mcu = network.node_mut(0);
+        if mcu.read_register(CONVERTERS_CCR) == Some(2 << 16) {
+            mcu.write_register(CONVERTERS_CCR, BY_FOUR);
+        }
+    };
+    found(Sled::F303, name, "the burst does not end", &mut slower);
+    let name = "the_timer_begins_bursts_at_its_rate";
+    let mut faster = once(TIM3 + CR1, CEN, |mcu| {
+        let period = mcu.read_register(TIM3 + ARR).unwrap();
+        mcu.write_register(TIM3 + ARR, period / 2);
+    });
+    found(Sled::F303, name, "ticks between bursts", &mut faster);
+    // The DMA channel is off: nobody fetches the results.
+    let name = "a_burst_that_is_begun_again_tells_and_ends";
+    let mut stopped = |network: &mut Network| {
+        network.node_mut(0).write_register(DMA1_CCR1, 0);
+    };
+    found(Sled::F303, name, "Err(Overrun)", &mut stopped);
+}
+
+/// The means that the tests log are those of the voltages at the inputs.
+#[test]
+fn the_means_are_those_of_the_inputs() {
+    let image = image(Sled::F303);
+    for name in [
+        "a_burst_by_software_takes_its_time_and_gives_both_means",
+        "the_timer_begins_bursts_at_its_rate",
+    ] {
+        let test = image.tests.iter().find(|test| test.name == name).unwrap();
+        let mut voltages = |network: &mut Network| {
+            let mcu = network.node_mut(0);
+            mcu.set_analog(2, 1000);
+            mcu.set_analog(4, 3001);
+        };
+        let verdict = run_on_twin(&image, test, &sound(Sled::F303), &mut voltages).unwrap();
+        assert_eq!(verdict.outcome, Outcome::Passed);
+        let means = verdict.log.iter().filter(|line| line.contains("left"));
+        let lines: Vec<_> = means.collect();
+        assert!(lines.len() >= 3, "{:?}", verdict.log);
+        assert!(
+            lines
+                .iter()
+                .all(|line| line.contains("left 16000, right 48016")),
+            "{lines:?}"
+        );
+    }
 }
 
 #[test]

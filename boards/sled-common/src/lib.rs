@@ -2,6 +2,8 @@
 //!
 //! - [`can`]: the bxCAN cell, single shot and with the outcome of each attempt;
 //! - [`lines`]: text lines in static memory, sent one after the other by DMA;
+//! - [`burst`]: means of bursts of samples;
+//! - [`pulse`]: widths and periods of servo pulses;
 //! - [`dma`]: memory that a DMA controller and the processor share;
 //! - [`fault`]: the record of the last fault, which outlives a reset;
 //! - [`clock`]: the clocks of a running board, and why it started;
@@ -14,6 +16,7 @@
 
 #![no_std]
 
+pub mod burst;
 pub mod can;
 pub mod clock;
 pub mod dma;
@@ -21,6 +24,7 @@ pub mod fault;
 pub mod image;
 pub mod lines;
 pub mod memory;
+pub mod pulse;
 pub mod selftest;
 pub mod stack;
 #[cfg(target_os = "none")]

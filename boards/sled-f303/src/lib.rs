@@ -64,18 +64,21 @@
 //!
 //! # Timers
 //!
-//! TIM2 is the time base and window timer ([`time`]), TIM3 starts the potentiometer's
-//! conversions. The watchdog has its own oscillator.
+//! TIM2 is the time base and window timer ([`time`]), TIM3 starts the conversions of the
+//! potentiometer or of the distance sensors, TIM1 makes the servo pulses. The watchdog has its own oscillator.
 
 #![no_std]
 
 mod agreement;
 mod bus;
 pub mod console;
+pub mod distances;
 pub mod led;
 pub mod motor;
 pub mod pot;
 mod registers;
+pub mod remote;
+pub mod servos;
 pub mod watchdog;
 
 pub use bus::{CanPort, Timings};
@@ -84,7 +87,7 @@ pub use parts::SLED_F303 as FACTS;
 pub use registers::{clocks, time};
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
-pub use sled_common::{can, clock, dma, fault, lines, selftest, stack};
+pub use sled_common::{burst, can, clock, dma, fault, lines, pulse, selftest, stack};
 // Described by its own crate: here it would be ten thousand pages.
 #[doc(no_inline)]
 pub use stm32f3xx_hal::pac;
@@ -94,7 +97,9 @@ use fault::Fault;
 use registers::{crc, gate, reference};
 use selftest::Findings;
 use stm32f3xx_hal::dma::{DmaExt, dma1::C1};
+use stm32f3xx_hal::gpio::{self, Input, PushPull, gpioa, gpiob};
 use stm32f3xx_hal::prelude::*;
+use stm32f3xx_hal::rcc;
 
 /// What every node on this sled has.
 pub struct Sled {
@@ -128,7 +133,28 @@ pub struct Rest {
     adc_common: pac::ADC1_2,
     adc_timer: pac::TIM3,
     adc_channel: C1,
+    pulses: Option<Pulses>,
+    remote: Option<RemotePins>,
+    bus: rcc::APB2,
     clocks: Clocks,
+    pins: Pins,
+}
+
+/// The timer and the pins of the servo outputs, left and right.
+type Pulses = (pac::TIM1, gpioa::PA7<Input>, gpioa::PA10<Input>);
+
+/// The pins of the remote control: run and stop.
+type RemotePins = (gpiob::PB5<Input>, gpiob::PB4<gpio::AF0<PushPull>>);
+
+/// Their pins, and the registers that assign them.
+struct Pins {
+    distances: (gpioa::PA1<Input>, gpioa::PA3<Input>),
+    modes_a: gpioa::MODER,
+    pulls_a: gpioa::PUPDR,
+    types_a: gpioa::OTYPER,
+    functions_a: (gpioa::AFRL, gpioa::AFRH),
+    modes_b: gpiob::MODER,
+    pulls_b: gpiob::PUPDR,
 }
 
 impl Sled {
@@ -212,7 +238,19 @@ impl Sled {
                 adc_common: device.ADC1_2,
                 adc_timer: device.TIM3,
                 adc_channel: channels.ch1,
+                pulses: Some((device.TIM1, a.pa7, a.pa10)),
+                remote: Some((b.pb5, b.pb4)),
+                bus: rcc.apb2,
                 clocks,
+                pins: Pins {
+                    distances: (a.pa1, a.pa3),
+                    modes_a: a.moder,
+                    pulls_a: a.pupdr,
+                    types_a: a.otyper,
+                    functions_a: (a.afrl, a.afrh),
+                    modes_b: b.moder,
+                    pulls_b: b.pupdr,
+                },
             },
         })
     }
@@ -229,6 +267,52 @@ impl Rest {
             self.adc_channel,
             self.clocks.core,
             2 * self.clocks.apb1,
+        )
+    }
+
+    /// Starts the servo pulses, neutral, one each `period` (node motors of the row follower). Call it
+    /// before anything else: until then the lines are low, and the motor drivers stand still. `None`
+    /// the second time.
+    pub fn servos(&mut self, period: pulse::PulsePeriod) -> Option<servos::Servos> {
+        let (timer, left, right) = self.pulses.take()?;
+        gate::open::<pac::TIM1>(&mut self.bus);
+        // The core's clock: APB2 is not divided.
+        let servos = servos::start(timer, self.clocks.core, period);
+        let Pins {
+            modes_a,
+            types_a,
+            functions_a: (low, high),
+            ..
+        } = &mut self.pins;
+        left.into_af_push_pull::<6>(modes_a, types_a, low);
+        right.into_af_push_pull::<6>(modes_a, types_a, high);
+        Some(servos)
+    }
+
+    /// The lines of the remote control (node feedback of the row follower). `None` the second time.
+    pub fn remote(&mut self) -> Option<remote::Remote> {
+        let (run, stop) = self.remote.take()?;
+        let (modes, pulls) = (&mut self.pins.modes_b, &mut self.pins.pulls_b);
+        Some(remote::Remote::new(
+            run.into_pull_down_input(modes, pulls),
+            stop.into_pull_down_input(modes, pulls),
+        ))
+    }
+
+    /// Starts the distance sensors' conversions (node sensors of the row follower). `None` when the
+    /// converter does not get ready.
+    pub fn distances(mut self, trigger: distances::Trigger) -> Option<distances::Distances> {
+        let (left, right) = self.pins.distances;
+        left.into_analog(&mut self.pins.modes_a, &mut self.pins.pulls_a);
+        right.into_analog(&mut self.pins.modes_a, &mut self.pins.pulls_a);
+        distances::start(
+            self.adc,
+            &self.adc_common,
+            &self.adc_timer,
+            self.adc_channel,
+            self.clocks.core,
+            2 * self.clocks.apb1,
+            trigger,
         )
     }
 }

@@ -8,7 +8,7 @@
 //! the watchdog, a lost supply) releases the pin, and a resistor pulls it to ground.
 
 use crate::pac;
-use crate::registers::usart;
+use crate::registers::{pulse, usart};
 use stm32f3xx_hal::gpio::{Input, Output, PA8, PB0, PushPull};
 use stm32f3xx_hal::prelude::*;
 
@@ -173,7 +173,8 @@ impl MotorOutput {
 /// Opens the relay, sends the stop command and waits until it has left the pin. Uses no state.
 ///
 /// For the end of the program. Bytes that are still being sent are waited for, each for a
-/// bounded time.
+/// bounded time. So are servo pulses.
 pub fn stop() {
     usart::end(STOP, BAUD);
+    pulse::end();
 }

@@ -12,6 +12,9 @@
 //! | [`stamps`] | time stamps of frames in silent loop-back | |
 //! | [`dma_ring`] | lines of the console, rings of receiver and converter | |
 //! | [`can_errors`] | error states of a node that nobody acknowledges | transceiver, or a wire from CAN transmit to CAN receive; no other node on the bus |
+//! | `distances`, F303 only | bursts of the distance sensors' converter | |
+//! | `servos`, F303 only | widths and instants of the servo pulses | nothing that drives these pins |
+//! | `remote`, F303 only | the lines of the remote control | open lines without the sled's resistors, or only a Nucleo |
 //! | [`wave_forms`] | what the serial transmitters put on their pins | nothing that drives these pins |
 
 #![no_std]
@@ -29,8 +32,14 @@ use defmt_rtt as _;
 mod bench;
 mod can_errors;
 mod clocks;
+#[cfg(feature = "f303")]
+mod distances;
 mod dma_ring;
 mod registers;
+#[cfg(feature = "f303")]
+mod remote;
+#[cfg(feature = "f303")]
+mod servos;
 mod stamps;
 mod time_base;
 mod wave_forms;

@@ -64,6 +64,12 @@ pub(crate) fn port_a() -> Block {
     Block(pac::GPIOA::ptr() as u32)
 }
 
+/// Port B.
+#[cfg(feature = "f303")]
+pub(crate) fn port_b() -> Block {
+    Block(pac::GPIOB::ptr() as u32)
+}
+
 /// The first serial port (RM0390 25.6).
 #[cfg(feature = "f446")]
 pub(crate) fn usart1() -> Block {

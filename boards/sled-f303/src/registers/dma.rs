@@ -42,6 +42,47 @@ pub(crate) fn set_ring_of_half_words(channel: &CH) {
     });
 }
 
+/// Lets a channel read half-words from its register, one after the other into its memory, until that
+/// is full.
+#[inline(always)]
+pub(crate) fn set_row_of_half_words(channel: &CH) {
+    channel.cr.modify(|_, w| {
+        w.minc().set_bit();
+        w.psize().bits16();
+        w.msize().bits16()
+    });
+}
+
+/// How a transfer of channel 1 has ended.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum End {
+    /// Its memory is full.
+    Complete,
+    /// A bus refused an access.
+    Failed,
+    /// It has not ended.
+    Running,
+}
+
+/// Acknowledges the interrupt of channel 1.
+#[inline(always)]
+pub(crate) fn end_1() -> End {
+    // SAFETY: reads and clears the flags of channel 1 only (bits 0 to 3).
+    let flags = unsafe {
+        let dma = &*crate::pac::DMA1::ptr();
+        let flags = dma.isr.read().bits() & 0b1111;
+        dma.ifcr.write(|w| w.bits(flags));
+        flags
+    };
+    if flags & 1 << 3 != 0 {
+        End::Failed
+    } else if flags & 1 << 1 != 0 {
+        End::Complete
+    } else {
+        End::Running
+    }
+}
+
 /// Lets a channel send the bytes of its memory one after the other.
 #[inline(always)]
 pub(crate) fn set_memory_increment(channel: &CH) {

@@ -1,0 +1,97 @@
+//! Servo pulses for two motor drivers (Victor SP): PA7 left, PA10 right, made by TIM1 with a
+//! resolution of 1 us.
+//!
+//! Both pulses begin together, and again after each [`PulsePeriod`]. [`Servos::fire`] begins them at
+//! once, for a command that has just arrived, if 2.9 ms have passed since the last ones began; else
+//! the new widths come with the next pulses. A pulse that has begun keeps its width.
+//!
+//! So that every command is fired at once, the period is longer than the time between two commands,
+//! and that is 2.9 ms or more.
+//!
+//! # When the node fails
+//!
+//! - The external clock stops: the pulses end at once, in hardware. A pulse that runs is cut, and is
+//!   never too long.
+//! - The program ends by a fault: [`end`] lets the pulses end first.
+//! - A reset by the pin or the watchdog, or a lost supply: the pins float, a resistor pulls them low,
+//!   and a pulse that runs is cut.
+//!
+//! Then no pulses follow, and the motor drivers stop. A cut pulse is shorter than it was to be: one
+//! of less than 1 ms is none, a longer one counts as another command until the driver misses the
+//! pulses.
+
+use crate::pac;
+use crate::registers::pulse;
+use sled_common::pulse::{PulsePeriod, PulseWidth};
+
+/// The two servo outputs.
+pub struct Servos {
+    timer: pac::TIM1,
+    period: PulsePeriod,
+    /// Widths that were set last.
+    widths: (PulseWidth, PulseWidth),
+}
+
+/// Starts the timer; its outputs are low, and the first pulses, neutral, begin 100 us later. `clock`
+/// is that of the timer in hertz. The clock gate of TIM1 is open, and the pins are not connected yet.
+pub(crate) fn start(timer: pac::TIM1, clock: u32, period: PulsePeriod) -> Servos {
+    pulse::start(&timer, clock, period);
+    Servos {
+        timer,
+        period,
+        widths: (PulseWidth::NEUTRAL, PulseWidth::NEUTRAL),
+    }
+}
+
+impl Servos {
+    /// Sets the widths of the next pulses and of all that follow. Both change together.
+    #[inline]
+    pub fn set(&mut self, left: PulseWidth, right: PulseWidth) {
+        self.widths = (left, right);
+        pulse::set(&self.timer, left, right);
+    }
+
+    /// Sets the widths and begins pulses with them at once. False if the last pulses began less than
+    /// 2.9 ms ago, or the next ones begin within 2 us anyway: then the widths come with these.
+    ///
+    /// Interrupts are masked for the time of some instructions, so that no pulse of the timer's own
+    /// comes in between and is lengthened.
+    #[inline]
+    pub fn fire(&mut self, left: PulseWidth, right: PulseWidth) -> bool {
+        self.widths = (left, right);
+        cortex_m::interrupt::free(|_| {
+            pulse::set(&self.timer, left, right);
+            pulse::fire(&self.timer, self.period)
+        })
+    }
+
+    /// Neutral from the next pulses on.
+    #[inline]
+    pub fn stop(&mut self) {
+        self.set(PulseWidth::NEUTRAL, PulseWidth::NEUTRAL);
+    }
+
+    /// The widths that were set last, left and right.
+    pub fn widths(&self) -> (PulseWidth, PulseWidth) {
+        self.widths
+    }
+
+    /// Whether both widths are neutral.
+    pub fn is_neutral(&self) -> bool {
+        self.widths == (PulseWidth::NEUTRAL, PulseWidth::NEUTRAL)
+    }
+
+    /// Whether pulses are made. A lost clock ends them; only a new start of the node makes them
+    /// again.
+    pub fn is_on(&self) -> bool {
+        pulse::is_on(&self.timer)
+    }
+}
+
+/// Lets the present pulses end and keeps the outputs low from then on. Uses no state, and does
+/// nothing on a node without servo outputs. Waits for 2 ms at most.
+///
+/// For the end of the program.
+pub fn end() {
+    pulse::end();
+}

@@ -1,0 +1,214 @@
+//! The servo pulses, sampled through the input register of the port.
+
+use crate::bench::{Bench, near};
+use crate::board::clock::Clocks;
+use crate::board::pulse::{PulsePeriod, PulseWidth};
+use crate::board::servos::Servos;
+use crate::board::time::Clock;
+use crate::registers::port_a;
+
+const IDR: u32 = 0x10;
+
+/// The pins, left and right.
+const PINS: [u32; 2] = [7, 10];
+
+/// A period that no command of these tests waits for.
+const PERIOD_US: u16 = 10_000;
+
+/// How far a measured width may be from the true one, us: two samples are less than 1 us apart.
+const SLACK_US: u32 = 2;
+
+/// The outputs with what measures them.
+struct Outputs {
+    servos: Servos,
+    clock: Clock,
+    clocks: Clocks,
+}
+
+impl Outputs {
+    fn start() -> Self {
+        let mut bench = Bench::start();
+        let period = PulsePeriod::new(PERIOD_US).expect("a period");
+        let servos = bench.sled.rest.servos(period).expect("the first call");
+        assert!(bench.sled.rest.servos(period).is_none(), "a second call");
+        Self {
+            servos,
+            clock: bench.sled.clock,
+            clocks: bench.sled.clocks,
+        }
+    }
+
+    fn us(&self, ticks: u32) -> u32 {
+        ticks / self.clocks.ticks_per_us
+    }
+
+    /// Levels of both pins, one bit each.
+    fn levels() -> u32 {
+        let port = port_a().read(IDR);
+        (port >> PINS[0] & 1) | (port >> PINS[1] & 1) << 1
+    }
+
+    /// Waits for these levels, and returns when they came.
+    #[track_caller]
+    fn wait(&self, what: &str, done: impl Fn(u32) -> bool) -> u32 {
+        let since = self.clock.now();
+        loop {
+            let levels = Self::levels();
+            let now = self.clock.now();
+            if done(levels) {
+                return now;
+            }
+            let waited = self.us(now.wrapping_sub(since));
+            assert!(waited < 2 * u32::from(PERIOD_US), "{what}");
+        }
+    }
+
+    /// Measures the next pulses from their beginning: when that is, and their widths in
+    /// microseconds. The lines are low.
+    #[track_caller]
+    fn pulses(&self) -> (u32, [u32; 2]) {
+        assert!(Self::levels() == 0, "a line is not low");
+        let began = self.wait("no pulse begins", |levels| levels != 0);
+        assert!(Self::levels() == 0b11, "the pulses do not begin together");
+        (began, self.ends(began))
+    }
+
+    /// The widths of the pulses that began then.
+    #[track_caller]
+    fn ends(&self, began: u32) -> [u32; 2] {
+        let mut widths = [0; 2];
+        let first = self.wait("no pulse ends", |levels| levels != 0b11);
+        let left = Self::levels();
+        for (side, width) in widths.iter_mut().enumerate() {
+            let ended = if left >> side & 1 == 0 {
+                first
+            } else {
+                self.wait("a pulse does not end", |levels| levels >> side & 1 == 0)
+            };
+            *width = self.us(ended.wrapping_sub(began));
+        }
+        widths
+    }
+
+    fn pause(&self, us: u32) {
+        let since = self.clock.now();
+        while self.us(self.clock.now().wrapping_sub(since)) < us {}
+    }
+}
+
+#[track_caller]
+fn widths(measured: [u32; 2], left: u32, right: u32) {
+    near("left pulse, us", measured[0], left, SLACK_US);
+    near("right pulse, us", measured[1], right, SLACK_US);
+}
+
+#[embedded_test::tests(default_timeout = 5)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_pulses_are_neutral_and_follow_in_their_period() {
+        let outputs = Outputs::start();
+        assert!(outputs.servos.is_neutral() && outputs.servos.is_on());
+        let (first, measured) = outputs.pulses();
+        widths(measured, 1500, 1500);
+        let (second, measured) = outputs.pulses();
+        widths(measured, 1500, 1500);
+        let between = outputs.us(second.wrapping_sub(first));
+        near("us between pulses", between, PERIOD_US.into(), SLACK_US);
+    }
+
+    #[test]
+    fn a_width_counts_from_the_next_pulse() {
+        let mut outputs = Outputs::start();
+        outputs.pulses();
+        outputs
+            .servos
+            .set(PulseWidth::SHORTEST, PulseWidth::LONGEST);
+        let (_, measured) = outputs.pulses();
+        widths(measured, 1000, 2000);
+        // In the middle of a pulse.
+        let began = outputs.wait("no pulse begins", |levels| levels != 0);
+        outputs.pause(500);
+        outputs.servos.stop();
+        widths(outputs.ends(began), 1000, 2000);
+        let (_, measured) = outputs.pulses();
+        widths(measured, 1500, 1500);
+    }
+
+    #[test]
+    fn a_command_fires_pulses_at_once() {
+        let mut outputs = Outputs::start();
+        let (mut last, _) = outputs.pulses();
+        for us in [1200, 1800, 1499] {
+            // 4 ms after the last pulses began, long before the next ones would.
+            while outputs.us(outputs.clock.now().wrapping_sub(last)) < 4000 {}
+            let width = PulseWidth::clamped(us);
+            let since = outputs.clock.now();
+            let fired = outputs.servos.fire(width, PulseWidth::NEUTRAL);
+            let began = outputs.wait("no pulse begins", |levels| levels == 0b11);
+            assert!(fired, "it was not fired");
+            near(
+                "us until it began",
+                outputs.us(began.wrapping_sub(since)),
+                0,
+                5,
+            );
+            widths(outputs.ends(began), us.into(), 1500);
+            last = began;
+        }
+        let (began, _) = outputs.pulses();
+        let between = outputs.us(began.wrapping_sub(last));
+        near("us between pulses", between, PERIOD_US.into(), 5);
+    }
+
+    /// Neither in the middle of a pulse nor within 2.9 ms of its beginning.
+    #[test]
+    fn a_command_waits_for_the_period_when_it_comes_too_soon() {
+        let mut outputs = Outputs::start();
+        let (mut last, _) = outputs.pulses();
+        for (wait, us) in [(700, 1300), (2800, 1700)] {
+            let began = outputs.wait("no pulse begins", |levels| levels != 0);
+            let between = outputs.us(began.wrapping_sub(last));
+            near("us between pulses", between, PERIOD_US.into(), SLACK_US);
+            last = began;
+            outputs.pause(wait);
+            let before = Outputs::levels();
+            let width = PulseWidth::clamped(us);
+            let fired = outputs.servos.fire(width, width);
+            assert!(!fired, "it was fired too soon");
+            assert!(Outputs::levels() == before, "a level has changed");
+            if before != 0 {
+                outputs.ends(began);
+            }
+            let (next, measured) = outputs.pulses();
+            near(
+                "us between pulses",
+                outputs.us(next.wrapping_sub(last)),
+                PERIOD_US.into(),
+                SLACK_US,
+            );
+            widths(measured, us.into(), us.into());
+            last = next;
+        }
+    }
+
+    /// Once they have ended, as before a reset, the lines stay low; the pulses that run end first.
+    #[test]
+    fn the_end_of_the_program_does_not_cut_a_pulse() {
+        use crate::board::servos::end;
+        let mut outputs = Outputs::start();
+        outputs.pulses();
+        let long = PulseWidth::LONGEST;
+        outputs.servos.set(long, long);
+        let began = outputs.wait("no pulse begins", |levels| levels != 0);
+        end();
+        let ended = outputs.us(outputs.clock.now().wrapping_sub(began));
+        near("us until the end", ended, 2000, 20);
+        assert!(!outputs.servos.is_on(), "the outputs are on");
+        let since = outputs.clock.now();
+        while outputs.us(outputs.clock.now().wrapping_sub(since)) < 3 * u32::from(PERIOD_US) {
+            assert!(Outputs::levels() == 0, "a pulse after the end");
+        }
+    }
+}
