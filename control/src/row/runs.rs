@@ -1,0 +1,172 @@
+//! Runs of readings: what one sensor sees of one surface.
+
+use super::end::OpenWay;
+use super::health::Watch;
+use super::settings::Readings;
+use crate::scalar::Scalar;
+
+/// Least readings of a run that counts.
+const RUN_READINGS: u8 = 3;
+
+/// How much nearer than the row a reading is that a leaf must have made, m.
+const LEAF: f64 = 0.06;
+/// Share of the way hidden by leaves up to which a side counts as clear, and
+/// from which it counts as leafy.
+const LEAFY: (f64, f64) = (0.25, 0.55);
+/// Odds of a run at a clear and at a leafy side. Fitted to rows with 0 to 6
+/// leaves a metre on each face, and with 25 on one.
+const CLEAR_ODDS: Odds<f64> = Odds {
+    stalk: 0.65,
+    near: 0.6,
+    far: 0.5,
+};
+const LEAFY_ODDS: Odds<f64> = Odds {
+    stalk: 0.1,
+    near: 3.0,
+    far: 0.3,
+};
+
+/// What a run may come from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Odds<T> {
+    /// Probability of a stalk.
+    pub(super) stalk: T,
+    /// Probability density of something nearer than the row, 1/m.
+    pub(super) near: T,
+    /// Probability density of something behind the row, 1/m.
+    pub(super) far: T,
+}
+
+/// A run of readings that agree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Run<T> {
+    /// Sum of what the readings exceeded their predictions by, m.
+    sum: T,
+    readings: u8,
+    way: T,
+}
+
+impl<T: Scalar> Run<T> {
+    fn empty() -> Self {
+        Self {
+            sum: T::zero(),
+            readings: 0,
+            way: T::zero(),
+        }
+    }
+
+    /// Adds a reading. While the robot hardly moves, a run has more readings than
+    /// it needs; the later ones are left out.
+    fn add(&mut self, excess: T, way: T) {
+        if self.readings < u8::MAX {
+            self.readings += 1;
+            self.sum += excess;
+        }
+        self.way += way;
+    }
+
+    fn mean(&self) -> T {
+        if self.readings == 0 {
+            T::zero()
+        } else {
+            self.sum / T::integer(i32::from(self.readings))
+        }
+    }
+}
+
+/// What is remembered of one side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct RowMemory<T> {
+    run: Run<T>,
+    /// What the last reading exceeded its prediction by, m.
+    last: Option<T>,
+    /// Way along which the surface in the beam does not count again, m.
+    counted: T,
+    /// Share of the way along which leaves hide the row, in [0, 1].
+    cover: T,
+    pub(super) watch: Watch<T>,
+    pub(super) open: OpenWay<T>,
+    /// Way since the last stalk, m.
+    pub(super) blind_way: T,
+}
+
+impl<T: Scalar> RowMemory<T> {
+    pub(super) fn new() -> Self {
+        Self {
+            run: Run::empty(),
+            last: None,
+            counted: T::zero(),
+            cover: T::zero(),
+            watch: Watch::new(),
+            open: OpenWay::new(),
+            blind_way: T::zero(),
+        }
+    }
+
+    /// Adds what a reading exceeds its prediction by (m), `None` if nothing
+    /// is within range, after the `way` (m). Returns the mean of the run that
+    /// this ends, if that counts.
+    pub(super) fn extend(
+        &mut self,
+        excess: Option<T>,
+        way: T,
+        readings: &Readings<T>,
+    ) -> Option<T> {
+        let is_leaf = excess.is_some_and(|excess| excess < -T::lit(LEAF));
+        let hidden = if is_leaf { T::one() } else { T::zero() };
+        let share = way / readings.leaf_way;
+        let share = if share < T::one() { share } else { T::one() };
+        self.cover += (hidden - self.cover) * share;
+
+        let agree = |a: T, b: T| (a - b).abs() <= readings.agreement;
+        let is_same_surface = match (excess, self.last) {
+            (Some(excess), Some(last)) => agree(excess, last),
+            _ => false,
+        };
+        let agrees = is_same_surface && excess.is_some_and(|excess| agree(excess, self.run.mean()));
+        let mut done = None;
+        if !agrees || self.run.way >= readings.run {
+            let run = core::mem::replace(&mut self.run, Run::empty());
+            if run.readings >= RUN_READINGS && !(self.counted > T::zero()) {
+                self.counted = readings.surface;
+                done = Some(run.mean());
+            }
+        }
+        self.counted = if is_same_surface {
+            self.counted - way
+        } else {
+            T::zero()
+        };
+        self.last = excess;
+        if let Some(excess) = excess {
+            self.run.add(excess, way);
+        }
+        done
+    }
+
+    /// Lets the readings of the unfinished run follow their prediction, which a
+    /// correction has moved by `moved` (m).
+    pub(super) fn shift(&mut self, moved: T) {
+        self.run.sum -= moved * T::integer(i32::from(self.run.readings));
+        self.last = self.last.map(|last| last - moved);
+    }
+
+    /// The odds of a run at this side.
+    pub(super) fn odds(&self) -> Odds<T> {
+        let (clear, leafy) = LEAFY;
+        let share = (self.cover - T::lit(clear)) / T::lit(leafy - clear);
+        let share = if share > T::one() {
+            T::one()
+        } else if share > T::zero() {
+            share
+        } else {
+            T::zero()
+        };
+        let mix = |clear: f64, leafy: f64| T::lit(clear) + T::lit(leafy - clear) * share;
+        Odds {
+            stalk: mix(CLEAR_ODDS.stalk, LEAFY_ODDS.stalk),
+            near: mix(CLEAR_ODDS.near, LEAFY_ODDS.near),
+            far: mix(CLEAR_ODDS.far, LEAFY_ODDS.far),
+        }
+    }
+}
