@@ -1,0 +1,124 @@
+//! Settings derived from measurable facts of a robot and its rows.
+
+use super::beams::{Beams, Mounting};
+use super::controller::{RowSettings, RowSettingsError};
+use super::law::RowLawSettings;
+use super::settings::{Motion, Readings, RowEstimatorSettings, Rows};
+use super::thesis::Sides;
+use crate::calibration::{Actuator, Direction};
+use crate::scalar::Scalar;
+
+/// Measurable facts of a robot and the rows it follows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RowRobot {
+    /// Where the sensors are mounted.
+    pub mounting: Mounting<f64>,
+    /// Smallest reading of an intact sensor, m.
+    pub least: f64,
+    /// Reading from which on no plant is within range, m.
+    pub open: f64,
+    /// Distance between left and right wheels as it acts in a turn, m. Wheels
+    /// that slip sideways make it larger than it is by construction.
+    pub track: f64,
+    /// Time constant with which the wheels follow their command, s.
+    pub lag: f64,
+    /// Motors of both sides: speed of the wheels over ground (m/s) by effort.
+    pub motors: Sides<Actuator<f64>>,
+    /// Speed between the rows, m/s.
+    pub cruise: f64,
+    /// Distance between the stalks of both rows, m.
+    pub width: f64,
+    /// By how much that differs from row to row, as a standard deviation, m.
+    pub tolerance: f64,
+    /// Diameter of a stalk, m.
+    pub stalk: f64,
+    /// Length of the longest gap in both rows at once, m.
+    pub gap: f64,
+}
+
+impl<T: Scalar> RowSettings<T> {
+    /// Settings for a robot. What is not among its facts was chosen on simulated
+    /// rows (`tests/row_following.rs`) and is written here.
+    ///
+    /// # Errors
+    /// [`RowSettingsError`] names the setting that is unusable.
+    pub fn for_robot(robot: &RowRobot) -> Result<Self, RowSettingsError> {
+        let lit = T::lit;
+        let mounting = Mounting {
+            ahead: lit(robot.mounting.ahead),
+            beside: lit(robot.mounting.beside),
+            angle: lit(robot.mounting.angle),
+        };
+        let beams = Beams::new(mounting).map_err(RowSettingsError::Mounting)?;
+        let Sides { left, right } = robot.motors;
+        let fastest = left.positive.full_rate.min(right.positive.full_rate);
+        let settings = Self {
+            estimator: RowEstimatorSettings {
+                beams,
+                rows: Rows {
+                    half_width: lit(robot.width * 0.5),
+                    tolerance: lit(robot.tolerance * 0.5),
+                    width_way: lit(4.0),
+                    // Stalks stand within about 2 cm of their line.
+                    scatter: lit(0.02),
+                },
+                readings: Readings {
+                    least: lit(robot.least),
+                    open: lit(robot.open),
+                    agreement: lit(0.035),
+                    // The beam is 6 mm wide and crosses a stalk at 45 degrees.
+                    run: lit((robot.stalk + 0.016) * 1.414),
+                    surface: lit(0.2),
+                    leaf_way: lit(0.35),
+                    doubt: lit(0.002),
+                    fault_way: lit(0.6),
+                    fresh_way: lit(1.0),
+                },
+                motion: Motion {
+                    track: lit(robot.track),
+                    wheel_speed: lit(fastest),
+                    lag: lit(robot.lag),
+                    // A clod every 2 m that turns the robot by 4 degrees.
+                    heading_walk: lit(0.05),
+                    offset_walk: lit(0.01),
+                    turn_error: lit(0.1),
+                    // Motors that differ by 4 %, rows with a radius of 15 m.
+                    curvature: lit(0.07),
+                    curvature_way: lit(10.0),
+                },
+            },
+            law: RowLawSettings {
+                cruise: lit(robot.cruise),
+                slow: lit(0.5),
+                good: lit(0.03),
+                poor: lit(0.1),
+                settling: lit(0.35),
+                damping: lit(1.2),
+                approach: lit(0.25),
+                turn_rate: lit(2.0),
+                wheel_speed: lit(fastest),
+                track: lit(robot.track),
+            },
+            // Two plants beside a gap may be missing, and the last one be missed.
+            end_way: lit(robot.gap + 0.6),
+            lost_way: lit(robot.gap + 1.5),
+            motors: Sides {
+                left: converted(&left),
+                right: converted(&right),
+            },
+        };
+        settings.check()?;
+        Ok(settings)
+    }
+}
+
+fn converted<T: Scalar>(motor: &Actuator<f64>) -> Actuator<T> {
+    let direction = |direction: &Direction<f64>| Direction {
+        dead_band: T::lit(direction.dead_band),
+        full_rate: T::lit(direction.full_rate),
+    };
+    Actuator {
+        positive: direction(&motor.positive),
+        negative: direction(&motor.negative),
+    }
+}

@@ -1,0 +1,429 @@
+//! Parts of row following: beams, estimator, law, settings.
+
+mod common;
+#[path = "common/rows.rs"]
+mod rows;
+
+use control::row::{
+    Beams, Mounting, MountingError, RowController, RowDistances, RowEstimate, RowEstimator,
+    RowEstimatorError, RowLawError, RowPose, RowSettings, RowSettingsError, RowState, Side,
+    SideHealth, WheelSpeeds,
+};
+use control::scalar::Scalar;
+use proptest::prelude::*;
+use rows::{Crop, FULL_SPEED, Field, Ground, STEP, robot, run};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, SQRT_2};
+
+fn settings<T: Scalar>() -> RowSettings<T> {
+    RowSettings::for_robot(&robot(0.4)).unwrap()
+}
+
+fn beams() -> Beams<f64> {
+    Beams::new(Mounting {
+        ahead: 0.2545,
+        beside: 0.152,
+        angle: FRAC_PI_4,
+    })
+    .unwrap()
+}
+
+fn pose(offset: f64, heading: f64) -> RowPose<f64> {
+    RowPose {
+        offset,
+        heading,
+        half_width: 0.381,
+    }
+}
+
+/// Thesis Figure 2.3: in the middle each beam crosses 0.152 + 0.381 m sideways at
+/// 45 degrees, and meets its row 0.7875 m ahead of the robot's middle.
+#[test]
+fn the_beams_of_the_thesis() {
+    let both = [Side::Left, Side::Right];
+    for side in both {
+        let distance = beams().predict(side, &pose(0.0, 0.0)).unwrap().distance;
+        assert!((distance - 0.533 * SQRT_2).abs() < 1e-12, "{distance}");
+    }
+    assert!((beams().reach(0.381) - 0.7875).abs() < 1e-12);
+    // Equation 2.1: right less left grows when the robot is left of the middle
+    // and when it points to the left.
+    for (offset, heading) in [(-0.03, 0.0), (0.0, -0.05)] {
+        let [left, right] = both.map(|side| {
+            beams()
+                .predict(side, &pose(offset, heading))
+                .unwrap()
+                .distance
+        });
+        assert!(right > left + 0.05, "{left} {right}");
+    }
+    // Beams across the robot: straight to the side.
+    let square = Beams::new(Mounting {
+        ahead: 0.1,
+        beside: 0.2,
+        angle: FRAC_PI_2,
+    });
+    let seen = square.unwrap().predict(Side::Right, &pose(0.1, 0.0));
+    assert!((seen.unwrap().distance - (0.381 - 0.1 + 0.2)).abs() < 1e-12);
+}
+
+#[test]
+fn a_beam_that_misses_the_row_predicts_nothing() {
+    assert!(beams().predict(Side::Left, &pose(0.0, 0.7)).is_none());
+    assert!(beams().predict(Side::Right, &pose(0.0, 0.7)).is_some());
+    assert!(beams().predict(Side::Left, &pose(-0.7, 0.0)).is_none());
+    assert!(beams().predict(Side::Left, &pose(f64::NAN, 0.0)).is_none());
+}
+
+#[test]
+fn mountings_that_cannot_be_are_named() {
+    let sound = beams().mounting();
+    let refusal = |mounting| Beams::<f64>::new(mounting).err();
+    assert_eq!(
+        refusal(Mounting {
+            ahead: f64::NAN,
+            ..sound
+        }),
+        Some(MountingError::Ahead)
+    );
+    assert_eq!(
+        refusal(Mounting {
+            beside: 0.0,
+            ..sound
+        }),
+        Some(MountingError::Beside)
+    );
+    for angle in [0.1, 1.6, f64::NAN] {
+        assert_eq!(
+            refusal(Mounting { angle, ..sound }),
+            Some(MountingError::Angle)
+        );
+    }
+}
+
+proptest! {
+    /// The end of a predicted beam lies on the row's line, and the derivatives are
+    /// those of the prediction.
+    #[test]
+    fn predictions_end_on_the_row(
+        offset in -0.2_f64..0.2, heading in -0.5_f64..0.5, half_width in 0.3_f64..0.5,
+        ahead in -0.2_f64..0.5, beside in 0.05_f64..0.2, angle in 0.7_f64..1.5,
+        is_left in any::<bool>(),
+    ) {
+        let beams = Beams::new(Mounting { ahead, beside, angle }).unwrap();
+        let side = if is_left { Side::Left } else { Side::Right };
+        let pose = RowPose { offset, heading, half_width };
+        let seen = beams.predict(side, &pose).unwrap();
+        // The aperture is on the other side of the robot.
+        let sign = if is_left { 1.0 } else { -1.0 };
+        let across = offset + ahead * heading.sin() + sign * beside * heading.cos();
+        let end = across + seen.distance * (heading - sign * angle).sin();
+        prop_assert!((end + sign * half_width).abs() < 1e-9, "{end}");
+
+        let step = 1e-6;
+        let at = |pose| beams.predict(side, &pose).unwrap().distance;
+        let slope = |more: RowPose<f64>, less: RowPose<f64>| (at(more) - at(less)) / (2.0 * step);
+        let by_offset = slope(
+            RowPose { offset: offset + step, ..pose },
+            RowPose { offset: offset - step, ..pose },
+        );
+        let by_heading = slope(
+            RowPose { heading: heading + step, ..pose },
+            RowPose { heading: heading - step, ..pose },
+        );
+        let by_half_width = slope(
+            RowPose { half_width: half_width + step, ..pose },
+            RowPose { half_width: half_width - step, ..pose },
+        );
+        prop_assert!((seen.by_offset - by_offset).abs() < 1e-4);
+        prop_assert!((seen.by_heading - by_heading).abs() < 1e-3 * (1.0 + by_heading.abs()));
+        prop_assert!((seen.by_half_width - by_half_width).abs() < 1e-4);
+    }
+}
+
+fn any_number() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        4 => 0.2_f32..1.6,
+        2 => 0.7_f32..0.8,
+        1 => Just(1.5_f32),
+        1 => any::<f32>(),
+        1 => Just(f32::NAN),
+        1 => Just(f32::INFINITY),
+        1 => Just(f32::MAX),
+    ]
+}
+
+fn is_sound(estimate: &RowEstimate<f32>) -> bool {
+    let pose = &estimate.pose;
+    [
+        pose.offset,
+        pose.heading,
+        pose.half_width,
+        estimate.curvature,
+        estimate.deviation,
+    ]
+    .into_iter()
+    .all(f32::is_finite)
+        && pose.offset.abs() <= 0.381
+        && pose.heading.abs() <= 0.61
+        && (pose.half_width - 0.381).abs() <= 0.061
+        && estimate.deviation >= 0.0
+}
+
+proptest! {
+    /// Whatever the sensors say and whatever the time step: all outputs are
+    /// numbers within their limits.
+    #[test]
+    fn outputs_stay_within_limits(
+        history in proptest::collection::vec(
+            (any_number(), any_number(), 1_usize..30, any::<bool>()), 1..40),
+        odd_step in any::<f32>(),
+    ) {
+        let mut controller = RowController::<f32>::new(settings()).unwrap();
+        for (left, right, times, odd) in history {
+            for _ in 0..times {
+                let dt = if odd { odd_step } else { STEP as f32 };
+                let outcome = controller.step(&RowDistances { left, right }, true, dt);
+                let sides = outcome.efforts;
+                prop_assert!(sides.left.abs() <= 1.0 && sides.right.abs() <= 1.0);
+                let wheels = outcome.wheels;
+                let fastest = FULL_SPEED as f32 * 1.0001;
+                prop_assert!(wheels.left.abs() <= fastest && wheels.right.abs() <= fastest);
+                prop_assert!(is_sound(&outcome.estimate), "{:?}", outcome.estimate);
+            }
+        }
+    }
+
+    /// The estimator alone, with any wheel speeds.
+    #[test]
+    fn the_estimate_stays_sound(
+        history in proptest::collection::vec(
+            (any_number(), any_number(), any::<f32>(), -2.0_f32..2.0, 1_usize..50), 1..40),
+    ) {
+        let mut estimator = RowEstimator::<f32>::new(settings().estimator).unwrap();
+        for (left, right, odd, wheel, times) in history {
+            for _ in 0..times {
+                let wheels = WheelSpeeds { left: wheel, right: odd };
+                let distances = RowDistances { left, right };
+                let estimate = estimator.step(&distances, &wheels, STEP as f32);
+                prop_assert!(is_sound(&estimate), "{estimate:?}");
+            }
+        }
+    }
+}
+
+/// In a mirror the robot does the mirrored. When runs of both sides end in the same
+/// step, the left one comes first, and another hypothesis may be dropped: a
+/// difference that the next stalks take back.
+#[test]
+fn a_mirrored_row_gives_mirrored_commands() {
+    for seed in 1..=3 {
+        let field = Field::new(&Crop::hard(), seed);
+        let mut seen = Vec::new();
+        run(
+            &field,
+            Ground::rough(seed),
+            seed,
+            55.0,
+            |left, right, robot| {
+                seen.push((left, right));
+                // Any steady drive shows the same row to both controllers.
+                let (_, beside) = robot.at();
+                (0.28 - 0.2 * beside, 0.28 + 0.2 * beside)
+            },
+        );
+        let mut straight = RowController::<f64>::new(settings()).unwrap();
+        let mut mirrored = straight;
+        let (mut sum, mut most) = (0.0, 0.0);
+        for (step, &(left, right)) in seen.iter().enumerate() {
+            let distances = RowDistances { left, right };
+            let other = RowDistances {
+                left: right,
+                right: left,
+            };
+            let a = straight.step(&distances, true, STEP);
+            let b = mirrored.step(&other, true, STEP);
+            let apart = (a.wheels.left - b.wheels.right).abs();
+            assert!(apart < 0.1, "seed {seed}, step {step}: {a:?} {b:?}");
+            sum += apart;
+            most += (a.wheels.left - a.wheels.right).abs();
+        }
+        assert!(sum < 0.05 * most, "seed {seed}: {sum} of {most}");
+    }
+}
+
+/// The estimate finds offset, heading, width and the difference of the motors of a
+/// robot between smooth walls.
+#[test]
+fn the_estimate_finds_the_true_state() {
+    let mut estimator = RowEstimator::<f64>::new(settings().estimator).unwrap();
+    // The left wheels are 2 % faster than commanded, and the rows 1 cm wider on
+    // each side than expected.
+    let (mut offset, mut heading) = (0.05, -0.04);
+    let mut estimate = estimator.estimate();
+    for _ in 0..3000 {
+        let truth = RowPose {
+            half_width: 0.391,
+            ..pose(offset, heading)
+        };
+        let distance = |side| beams().predict(side, &truth).unwrap().distance;
+        let distances = RowDistances {
+            left: distance(Side::Left),
+            right: distance(Side::Right),
+        };
+        let turn = -1.5 * (estimate.pose.offset + estimate.pose.heading);
+        let wheels = WheelSpeeds {
+            left: 0.4 + turn * 0.225,
+            right: 0.4 - turn * 0.225,
+        };
+        estimate = estimator.step(&distances, &wheels, STEP);
+        heading += (turn + 0.02 * 0.4 / 0.45) * STEP;
+        offset += 0.4 * heading.sin() * STEP;
+    }
+    let found = estimate.pose;
+    assert!((found.offset - offset).abs() < 0.005, "{found:?} {offset}");
+    assert!(
+        (found.heading - heading).abs() < 0.01,
+        "{found:?} {heading}"
+    );
+    assert!((found.half_width - 0.391).abs() < 0.003, "{found:?}");
+    assert!(
+        (estimate.curvature - 0.02 / 0.45).abs() < 0.02,
+        "{estimate:?}"
+    );
+    assert!(estimate.deviation < 0.04, "{estimate:?}");
+}
+
+fn estimate_of(offset: f64, heading: f64, curvature: f64, deviation: f64) -> RowEstimate<f64> {
+    RowEstimate {
+        pose: pose(offset, heading),
+        curvature,
+        deviation,
+        left: SideHealth::Fresh,
+        right: SideHealth::Fresh,
+        blind_way: 0.0,
+        open_way: 0.0,
+    }
+}
+
+#[test]
+fn the_law_steers_to_the_middle_and_slows_down_in_doubt() {
+    let law = settings::<f64>().law;
+    let turn = |estimate: &RowEstimate<f64>| {
+        let wheels = law.wheels(estimate);
+        (wheels.left - wheels.right) / law.track
+    };
+    let speed = |estimate: &RowEstimate<f64>| {
+        let wheels = law.wheels(estimate);
+        (wheels.left + wheels.right) / 2.0
+    };
+    assert!(
+        turn(&estimate_of(0.05, 0.0, 0.0, 0.01)) < 0.0,
+        "right: turn left"
+    );
+    assert!(turn(&estimate_of(0.0, -0.05, 0.0, 0.01)) > 0.0);
+    // What turns the robot to the right is taken back.
+    let curved = turn(&estimate_of(0.0, 0.0, 0.1, 0.01));
+    assert!((curved + 0.4 * 0.1).abs() < 1e-12, "{curved}");
+    let sure = estimate_of(0.05, 0.0, 0.0, 0.01);
+    let unsure = estimate_of(0.05, 0.0, 0.0, 0.2);
+    assert!((speed(&sure) - 0.4).abs() < 1e-12);
+    assert!((speed(&unsure) - 0.2).abs() < 1e-12);
+    assert!(turn(&unsure).abs() < turn(&sure).abs() / 4.0);
+    // Full turn rate, and never more.
+    let far = turn(&estimate_of(3.0, -1.5, -9.0, 0.01));
+    assert!((far - law.turn_rate).abs() < 1e-12, "{far}");
+    let lost = law.wheels(&estimate_of(f64::NAN, 0.0, 0.0, 0.01));
+    assert_eq!((lost.left, lost.right), (0.0, 0.0));
+}
+
+#[test]
+fn it_stands_until_it_is_engaged() {
+    let mut controller = RowController::<f32>::new(settings()).unwrap();
+    let distances = RowDistances {
+        left: 0.75,
+        right: 0.75,
+    };
+    let outcome = controller.step(&distances, false, STEP as f32);
+    assert_eq!(outcome.state, RowState::Idle);
+    assert_eq!((outcome.efforts.left, outcome.efforts.right), (0.0, 0.0));
+    let outcome = controller.step(&distances, true, STEP as f32);
+    assert_eq!(outcome.state, RowState::Following);
+    assert!(outcome.efforts.left > 0.0);
+}
+
+/// The refusal of changed settings; its text is one sentence.
+fn refusal(change: impl Fn(&mut RowSettings<f64>)) -> Option<RowSettingsError> {
+    let mut settings = settings();
+    change(&mut settings);
+    let error = RowController::new(settings).err();
+    if let Some(error) = &error {
+        let sentence = error.to_string();
+        assert!(!sentence.is_empty() && !sentence.contains('\n'));
+    }
+    error
+}
+
+#[test]
+fn unusable_settings_of_the_estimator_are_named() {
+    use RowEstimatorError as E;
+    let refused = |change: fn(&mut control::row::RowEstimatorSettings<f64>)| match refusal(|s| {
+        change(&mut s.estimator);
+    }) {
+        Some(RowSettingsError::Estimator(error)) => Some(error),
+        None => None,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(refused(|_| ()), None);
+    assert_eq!(refused(|s| s.rows.half_width = 0.0), Some(E::HalfWidth));
+    assert_eq!(refused(|s| s.rows.tolerance = 0.4), Some(E::Tolerance));
+    assert_eq!(refused(|s| s.rows.scatter = f64::NAN), Some(E::Scatter));
+    assert_eq!(refused(|s| s.readings.least = 2.0), Some(E::Range));
+    assert_eq!(refused(|s| s.readings.open = 0.7), Some(E::OutOfRange));
+    assert_eq!(refused(|s| s.readings.agreement = 0.0), Some(E::Agreement));
+    assert_eq!(refused(|s| s.readings.doubt = 0.0), Some(E::Doubt));
+    assert_eq!(refused(|s| s.readings.run = -1.0), Some(E::Way));
+    assert_eq!(refused(|s| s.motion.track = 0.0), Some(E::Track));
+    assert_eq!(
+        refused(|s| s.motion.wheel_speed = -1.0),
+        Some(E::WheelSpeed)
+    );
+    assert_eq!(refused(|s| s.motion.lag = -0.1), Some(E::Lag));
+    assert_eq!(refused(|s| s.motion.heading_walk = 0.0), Some(E::Walk));
+}
+
+#[test]
+fn unusable_settings_of_the_law_are_named() {
+    use RowLawError as E;
+    let refused = |change: fn(&mut control::row::RowLawSettings<f64>)| match refusal(|s| {
+        change(&mut s.law);
+    }) {
+        Some(RowSettingsError::Law(error)) => Some(error),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(refused(|s| s.cruise = 0.0), Some(E::Cruise));
+    assert_eq!(refused(|s| s.slow = 1.5), Some(E::Slow));
+    assert_eq!(refused(|s| s.poor = s.good), Some(E::Deviations));
+    assert_eq!(refused(|s| s.settling = f64::NAN), Some(E::Settling));
+    assert_eq!(refused(|s| s.damping = 0.1), Some(E::Damping));
+    assert_eq!(refused(|s| s.approach = 1.0), Some(E::Approach));
+    assert_eq!(refused(|s| s.turn_rate = 0.0), Some(E::TurnRate));
+    assert_eq!(refused(|s| s.wheel_speed = 0.3), Some(E::WheelSpeed));
+    assert_eq!(refused(|s| s.track = 0.0), Some(E::Track));
+}
+
+#[test]
+fn unusable_settings_of_the_controller_are_named() {
+    use RowSettingsError as E;
+    assert_eq!(refusal(|s| s.end_way = 0.0), Some(E::EndWay));
+    assert_eq!(refusal(|s| s.lost_way = 1.0), Some(E::LostWay));
+    assert_eq!(
+        refusal(|s| s.motors.left.negative.dead_band = 1.0),
+        Some(E::Motor)
+    );
+    let mut askew = robot(0.4);
+    askew.mounting.angle = 0.0;
+    assert_eq!(
+        RowSettings::<f32>::for_robot(&askew).err(),
+        Some(E::Mounting(MountingError::Angle))
+    );
+}
