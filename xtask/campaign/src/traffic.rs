@@ -165,10 +165,13 @@ pub struct Begin {
 }
 
 impl Begin {
-    /// Its own time from this begin to an instant, picoseconds.
-    fn until(&self, at: SimTime) -> i64 {
-        let passed = at.as_ticks() as i64 - self.start.as_ticks() as i64;
-        (passed as f64 * self.rate).round() as i64
+    /// Time from this begin to an instant, picoseconds: the least and the most of what nodes may
+    /// count. A node counts in the master's time when it has measured its rate, and in its own, nearly
+    /// true time before that.
+    fn until(&self, at: SimTime) -> (i64, i64) {
+        let own = at.as_ticks() as i64 - self.start.as_ticks() as i64;
+        let masters = (own as f64 * self.rate).round() as i64;
+        (own.min(masters), own.max(masters))
     }
 }
 
@@ -215,8 +218,8 @@ impl Matrix {
         }
     }
 
-    /// Tells the internal oscillator of a node. Basic cycles that it begins as the last resort pass in
-    /// the time of that oscillator, as all nodes follow it.
+    /// Tells the internal oscillator of a node. In basic cycles that it begins as the last resort, all
+    /// nodes follow the time of that oscillator.
     pub fn set_oscillator(&mut self, node: NodeIndex, oscillator: Oscillator) {
         self.oscillators[node.0] = Some(oscillator);
     }
@@ -304,10 +307,10 @@ impl Matrix {
     }
 
     /// How long after the beginning of its window a frame started, in picoseconds, negative
-    /// when early, in its master's time; by the last of `references` before it. `None` before the first reference.
+    /// when early; by the last of `references` before it. `None` before the first reference.
     #[must_use]
     pub fn lateness(&self, frame: &Sent, references: &[Begin]) -> Option<i64> {
-        let offset = offset(frame.start, references)?;
+        let (_, offset) = offset(frame.start, references)?;
         let message = self.network.message(frame.id)?;
         Some(offset - micros(message.window.start_us).as_ticks() as i64)
     }
@@ -322,7 +325,7 @@ impl Matrix {
             .map(|frame| Misplaced {
                 node: self.name(frame).unwrap_or("a foreign node").to_owned(),
                 frame: frame.clone(),
-                offset_us: offset(frame.start, &references).map(|ps| ps / 1_000_000),
+                offset_us: offset(frame.start, &references).map(|(_, ps)| ps / 1_000_000),
             })
             .collect()
     }
@@ -337,20 +340,20 @@ impl Matrix {
         if message.window.kind == WindowKind::Reference {
             return true;
         }
-        let Some(start) = offset(frame.start, references) else {
+        let Some((least, most)) = offset(frame.start, references) else {
             return false;
         };
         let length = frame.end.as_ticks() - frame.start.as_ticks();
         let tick = |us: u32| i64::from(us) * 1_000_000;
         let window = message.window;
         // The matrix grants each node the clock error that it was laid out for.
-        start >= tick(window.start_us) - tick(self.network.sync_uncertainty_us)
-            && start + length as i64 <= tick(window.end_us())
+        most >= tick(window.start_us) - tick(self.network.sync_uncertainty_us)
+            && least + length as i64 <= tick(window.end_us())
     }
 }
 
-/// From the last reference before `start`, in picoseconds of its master.
-fn offset(start: SimTime, references: &[Begin]) -> Option<i64> {
+/// From the last reference before `start`, as [`Begin::until`].
+fn offset(start: SimTime, references: &[Begin]) -> Option<(i64, i64)> {
     let before = references.partition_point(|reference| reference.start <= start);
     let last = references.get(before.checked_sub(1)?)?;
     Some(last.until(start))
@@ -423,30 +426,26 @@ mod tests {
     }
 
     /// A last resort whose oscillator is 2 % fast sends its second window 40 us early, and so do the
-    /// nodes that follow it.
+    /// nodes that have measured its rate; the others send in true time.
     #[test]
     fn the_windows_of_a_last_resort_are_in_its_own_time() {
-        let mut matrix = Matrix::new(&crate::uagv());
-        matrix.set_oscillator(
-            GPS,
-            Oscillator {
-                ppm: 20_000.0,
-                at: SimTime::from_ticks(0),
-                drift: 0.0,
-            },
-        );
-        let mut reference = frame(GPS, 100, 50_000);
-        reference.data[0] = 2;
-        let frames = vec![reference, frame(GPS, 402, 51_961)];
-        assert_eq!(
-            matrix.misplaced(&Traffic {
-                frames: frames.clone()
-            }),
-            []
-        );
+        let misplaced = |ppm, flags, node, id, us| {
+            let mut matrix = Matrix::new(&crate::uagv());
+            let at = SimTime::from_ticks(0);
+            let drift = 0.0;
+            matrix.set_oscillator(GPS, Oscillator { ppm, at, drift });
+            let mut reference = frame(GPS, 100, 50_000);
+            reference.data[0] = flags;
+            let frames = vec![reference, frame(node, id, us)];
+            !matrix.misplaced(&Traffic { frames }).is_empty()
+        };
+        let last_resort = 2;
+        assert!(!misplaced(20_000.0, last_resort, GPS, 402, 51_961));
+        assert!(misplaced(20_000.0, last_resort, GPS, 402, 51_900));
         // With its external clock it has no such excuse.
-        let mut exact = frames;
-        exact[0].data[0] = 0;
-        assert_eq!(matrix.misplaced(&Traffic { frames: exact }).len(), 1);
+        assert!(misplaced(20_000.0, 0, GPS, 402, 51_961));
+        assert!(!misplaced(-16_000.0, last_resort, CONTROLLER, 300, 57_002));
+        assert!(!misplaced(-16_000.0, last_resort, CONTROLLER, 300, 57_114));
+        assert!(misplaced(-16_000.0, last_resort, CONTROLLER, 300, 56_960));
     }
 }
