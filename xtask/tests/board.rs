@@ -240,6 +240,140 @@ fn the_means_are_those_of_the_inputs() {
     }
 }
 
+const TIM1: u32 = 0x4001_2C00;
+const CCMR1: u32 = 0x18;
+/// CCMR1: PWM mode 1 of channel 1, without its preload.
+const NO_PRELOAD: u32 = 0b110 << 4;
+/// The pins of the servo pulses, left and right.
+const SERVOS: [Pin; 2] = [Pin::new('A', 7), Pin::new('A', 10)];
+
+#[test]
+fn servo_pulses_that_are_wrong_are_found() {
+    let neutral = "the_first_pulses_are_neutral_and_follow_in_their_period";
+    let mut slower = once(TIM1 + CR1, CEN, |mcu| {
+        let prescaler = mcu.read_register(TIM1 + PSC).unwrap();
+        mcu.write_register(TIM1 + PSC, prescaler + 1);
+    });
+    found(Sled::F303, neutral, "left pulse, us: 1520", &mut slower);
+    let next = "a_width_counts_from_the_next_pulse";
+    let mut at_once = once(TIM1 + CR1, CEN, |mcu| {
+        mcu.write_register(TIM1 + CCMR1, NO_PRELOAD);
+    });
+    found(Sled::F303, next, "left pulse, us", &mut at_once);
+    for (pin, level, sentence) in [
+        (SERVOS[0], true, "a line is not low"),
+        (SERVOS[1], false, "the pulses do not begin together"),
+    ] {
+        let mut stuck = |network: &mut Network| network.node_mut(0).drive_pin(pin, Some(level));
+        found(Sled::F303, neutral, sentence, &mut stuck);
+    }
+}
+
+#[test]
+fn a_stuck_line_of_the_remote_control_is_found() {
+    let name = "open_lines_of_the_remote_control_are_low_and_each_is_read_by_itself";
+    let mut stuck = |network: &mut Network| {
+        network.node_mut(0).drive_pin(Pin::new('B', 5), Some(true));
+    };
+    found(Sled::F303, name, "an open line is high", &mut stuck);
+    let mut open = |network: &mut Network| {
+        network.node_mut(0).drive_pin(Pin::new('B', 4), Some(false));
+    };
+    found(
+        Sled::F303,
+        name,
+        "run and stop are (false, false)",
+        &mut open,
+    );
+}
+
+/// A pulse: when it began, and its width, in picoseconds.
+type Pulse = (u64, u64);
+
+/// Runs a test with the servo outputs and gives how it ends and the pulses at both pins. `around` is
+/// called every 50 us.
+fn servo_pulses(name: &str, around: &mut dyn FnMut(&mut Network)) -> (Outcome, [Vec<Pulse>; 2]) {
+    let image = image(Sled::F303);
+    let test = image.tests.iter().find(|test| test.name == name).unwrap();
+    let mut changes = Vec::new();
+    let verdict = run_on_twin(&image, test, &sound(Sled::F303), &mut |network| {
+        around(network);
+        changes.extend(network.node_mut(0).drain_pins());
+    });
+    let pulses = SERVOS.map(|pin| {
+        let own: Vec<_> = changes.iter().filter(|change| change.pin == pin).collect();
+        let whole = own.chunks_exact(2).map(|edges| {
+            assert!(edges[0].high && !edges[1].high, "{edges:?}");
+            let began = edges[0].at.as_ticks();
+            (began, edges[1].at.as_ticks() - began)
+        });
+        whole.collect()
+    });
+    (verdict.unwrap().outcome, pulses)
+}
+
+const US: u64 = 1_000_000;
+
+/// The edges of a test that commands pulses at all phases: each pulse has a width that was
+/// commanded, to 20 ns, both begin together, as one command says, and no two within 2.9 ms.
+#[test]
+fn no_command_cuts_or_lengthens_a_servo_pulse() {
+    let name = "a_command_at_any_phase_leaves_every_pulse_whole";
+    let (outcome, [left, right]) = servo_pulses(name, &mut |_| {});
+    assert_eq!(outcome, Outcome::Passed);
+    // The test may end while the pulses of one side have not.
+    assert!(left.len() > 250 && left.len().abs_diff(right.len()) <= 1);
+    for (left, right) in left.iter().zip(&right) {
+        assert_eq!(left.0, right.0, "they begin together");
+        let us = [left, right].map(|(_, width)| (width + US / 2) / US);
+        for (us, (_, width)) in us.iter().zip([left, right]) {
+            assert!((us * US).abs_diff(*width) < US / 50, "{width} ps");
+        }
+        let command = us[0] - 1000;
+        let neutral = us == [1500, 1500];
+        assert!(
+            neutral || command < 490 && us[1] == 2000 - command,
+            "{us:?}"
+        );
+    }
+    let gaps: Vec<u64> = left.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    let bounds = (
+        gaps.iter().min().unwrap() / US,
+        gaps.iter().max().unwrap() / US,
+    );
+    // The crystal has no error; the longest gap is the period.
+    assert!(
+        bounds.0 >= 2900 && bounds.0 < 2905 && bounds.1 == 3300,
+        "{bounds:?}"
+    );
+}
+
+/// The external clock stops in the middle of a pulse: both lines are low from then on, until the
+/// program ends for it. Without the break input the pulse would last nine times as long.
+#[test]
+fn a_lost_clock_ends_the_servo_pulses_in_hardware() {
+    let name = "a_width_counts_from_the_next_pulse";
+    let mut lost = None;
+    let mut lose = |network: &mut Network| {
+        let now = network.now().as_ticks();
+        let mcu = network.node_mut(0);
+        if lost.is_none() && mcu.pin(SERVOS[0]) && mcu.pin(SERVOS[1]) {
+            assert!(mcu.lose_external_clock());
+            lost = Some(now);
+        }
+    };
+    let (outcome, pulses) = servo_pulses(name, &mut lose);
+    judge(outcome, "the program has started again");
+    let lost = lost.unwrap();
+    for pulses in pulses {
+        let [(began, width)] = pulses[..] else {
+            panic!("one pulse: {pulses:?}");
+        };
+        assert!(began < lost && began + width < lost + US, "{pulses:?}");
+        assert!(width < 1500 * US);
+    }
+}
+
 #[test]
 fn a_wrong_divider_of_a_serial_port_is_found() {
     const USART2_BRR: u32 = 0x4000_4408;

@@ -27,8 +27,12 @@ struct Outputs {
 
 impl Outputs {
     fn start() -> Self {
+        Self::with_period(PERIOD_US)
+    }
+
+    fn with_period(us: u16) -> Self {
         let mut bench = Bench::start();
-        let period = PulsePeriod::new(PERIOD_US).expect("a period");
+        let period = PulsePeriod::new(us).expect("a period");
         let servos = bench.sled.rest.servos(period).expect("the first call");
         assert!(bench.sled.rest.servos(period).is_none(), "a second call");
         Self {
@@ -191,6 +195,43 @@ mod tests {
             widths(measured, us.into(), us.into());
             last = next;
         }
+    }
+
+    /// Commands at all phases of a short period: in steps of 33 us, and in steps of three ticks near
+    /// the two instants from which and until which a command fires.
+    #[test]
+    #[timeout(30)]
+    fn a_command_at_any_phase_leaves_every_pulse_whole() {
+        const SHORT_US: u16 = 3300;
+        let mut outputs = Outputs::with_period(SHORT_US);
+        let per_us = outputs.clocks.ticks_per_us;
+        let near = |us: u32| ((us - 4) * per_us..(us + 1) * per_us).step_by(3);
+        let all = (0..u32::from(SHORT_US) * per_us).step_by(33 * per_us as usize);
+        let (mut fired, mut waited) = (0, 0);
+        for (turn, phase) in (0..).zip(all.chain(near(2900)).chain(near(SHORT_US.into()))) {
+            // Lengths that no other turn has had for a while, and that tell left from right.
+            let left = PulseWidth::clamped(1000 + turn % 490);
+            let right = PulseWidth::clamped(2000 - turn % 490);
+            let began = outputs.wait("no pulse begins", |levels| levels != 0);
+            while outputs.clock.now().wrapping_sub(began) < phase {}
+            if outputs.servos.fire(left, right) {
+                fired += 1;
+            } else {
+                waited += 1;
+            }
+            // The pulses that follow when the lines are low are the new ones at the latest.
+            outputs.wait("a pulse does not end", |levels| levels == 0);
+            let began = outputs.wait("no pulse begins", |levels| levels != 0);
+            let measured = outputs.ends(began);
+            assert!(
+                measured[0].abs_diff(left.us().into()) <= SLACK_US
+                    && measured[1].abs_diff(right.us().into()) <= SLACK_US,
+                "{measured:?} us after a command at {phase} ticks, not {left:?} and {right:?}"
+            );
+        }
+        // It fires for 400 of 3300 us: at 12 of the first 100 phases, and about half of the others.
+        defmt::info!("fired {=u32}, waited {=u32}", fired, waited);
+        assert!(fired > 25 && waited > 90, "{fired} fired, {waited} waited");
     }
 
     /// Once they have ended, as before a reset, the lines stay low; the pulses that run end first.

@@ -590,22 +590,21 @@ impl Peripherals {
         }
     }
 
-    /// The level that the timer gives to the pin of one of its outputs, if the program has connected
-    /// it. A driver from outside is stronger.
-    fn pulse_level(&self, output: TimerOutput, signal: &Signal) -> Option<bool> {
+    /// The level of a pin that a timer's output is wired to. A driver from outside is stronger than
+    /// the timer; a pin that neither of them drives has the level of its pull resistor.
+    fn pulse_level(&self, output: TimerOutput, signal: &Signal) -> bool {
         let port = &self.ports[signal.pin.port_index()];
-        let connected = port.routed(signal.pin.number, signal.alternate)
-            && port.external(signal.pin.number).is_none();
-        connected.then(|| self.pulses.level(output)).flatten()
+        let number = signal.pin.number;
+        let connected = port.routed(number, signal.alternate) && port.external(number).is_none();
+        let driven = connected.then(|| self.pulses.level(output)).flatten();
+        driven.unwrap_or_else(|| port.level_from_outside(number))
     }
 
-    /// Records the edges at the pins of the timer's outputs. A pin that the timer does not drive has
-    /// the level of its pull resistor.
+    /// Records the edges at the pins of the timer's outputs.
     fn watch_pulses(&mut self) {
         for k in 0..self.pulse_pins.len() {
             let (output, signal, before) = self.pulse_pins[k];
-            let open = || self.ports[signal.pin.port_index()].level_from_outside(signal.pin.number);
-            let high = self.pulse_level(output, signal).unwrap_or_else(open);
+            let high = self.pulse_level(output, signal);
             if high != before {
                 self.pulse_pins[k].2 = high;
                 let at = self.time();
@@ -739,10 +738,10 @@ impl Peripherals {
             }
         }
         for (output, signal, _) in &self.pulse_pins {
-            if signal.pin.port_index() == port
-                && let Some(high) = self.pulse_level(*output, signal)
+            let number = signal.pin.number;
+            if signal.pin.port_index() == port && self.ports[port].routed(number, signal.alternate)
             {
-                let number = signal.pin.number;
+                let high = self.pulse_level(*output, signal);
                 levels = levels & !(1 << number) | u32::from(high) << number;
             }
         }
