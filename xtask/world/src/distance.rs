@@ -1,16 +1,18 @@
 //! Laser distance sensor O1D100 (ifm electronic) and the divider behind it.
 //!
 //! The sensor gives 0 to 10 V for 20 to 1000 cm (thesis 2.2.4.2), and three equal resistors divide that
-//! by 3. It measures 1 to 33 times a second (the maker's data sheet); between two measurements its output
-//! stays where it is, though the node samples it more often.
+//! by 3. It measures at most 33 times a second (inferred); between two measurements its output stays where
+//! it is, though the node samples it more often.
 //!
-//! A time-of-flight sensor sums up all light that comes back while it measures, from the whole spot. So a
-//! spot on the edge of a leaf gives a distance between that of the leaf and that of what is behind: a mean,
-//! weighted with the light that comes from each, which decreases with the square of the distance
-//! (inferred from the principle; a majority would never give a distance at which nothing stands). The
-//! light of a measurement is that of a few rays over the spot, at a few instants of its duration.
+//! Light comes back during the sensor's exposure, from the whole spot; here it is that of a few rays over
+//! the spot, at a few instants. It decreases with the square of the distance. A spot on the edge of a plant
+//! gets light from two distances, and the maker does not say what the sensor makes of it. By default it
+//! gives the distance from which most light comes. With the mean of both, readings between plant and
+//! background are held until the next plant; the thesis's law then touches bare stalks after 12 m, with
+//! mean differences of 14 cm, though it drove 16 m of field with means of 5 to 8 cm. So the mean is there for
+//! comparison only.
 //!
-//! The width of the spot, noise, drop-outs, and what faults do to the voltage are inferred too.
+//! The exposure, the width of the spot, noise, drop-outs, and what faults do to the voltage are inferred.
 
 use serde::Deserialize;
 
@@ -37,11 +39,24 @@ const CLAMPED: f64 = 3.6;
 /// Rays across the spot.
 const RAYS: u32 = 3;
 
-/// Instants of a measurement at which rays are cast.
+/// Instants of an exposure at which rays are cast.
 const LOOKS: u32 = 3;
 
 /// Sensors that share a stream of random numbers.
 const SENSORS: u64 = 2;
+
+/// Distance of two things that a sensor tells apart with [`Edges::Brightest`], metres.
+const APART: f64 = 0.1;
+
+/// What a sensor makes of a spot on an edge, whose light comes from two distances.
+#[derive(Copy, Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Edges {
+    /// The mean, weighted with the light.
+    Mean,
+    /// The distance from which most light comes.
+    Brightest,
+}
 
 /// Constants of both sensors: table `[distance]`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -49,6 +64,10 @@ const SENSORS: u64 = 2;
 pub struct Parameters {
     /// Length of a measurement, 30 ms to 1 s. Default 1/33 s.
     pub period: Time,
+    /// How long the sensor gathers light at the end of a measurement, 1 ms to 30 ms. Default 5 ms.
+    pub exposure: Time,
+    /// What it makes of a spot on an edge. Default the brightest.
+    pub edges: Edges,
     /// Diameter of the spot at the aperture, 0 to 5 cm. Default 4 mm.
     pub spot_near: Length,
     /// Diameter of the spot at 10 m, 0 to 20 cm. Default 15 mm.
@@ -68,6 +87,8 @@ impl Default for Parameters {
     fn default() -> Self {
         Self {
             period: Time::new(1.0 / 33.0),
+            exposure: Time::new(0.005),
+            edges: Edges::Brightest,
             spot_near: Length::new(0.004),
             spot_far: Length::new(0.015),
             noise: Length::new(0.003),
@@ -88,6 +109,8 @@ impl Parameters {
         let shares = |most| between(Ratio::default(), Ratio::new(most));
         let periods = between(Time::new(0.03), Time::new(1.0));
         within("distance.period", self.period, periods)?;
+        let exposures = between(Time::new(0.001), Time::new(0.03));
+        within("distance.exposure", self.exposure, exposures)?;
         within("distance.spot_near", self.spot_near, lengths(0.05))?;
         within("distance.spot_far", self.spot_far, lengths(0.2))?;
         within("distance.noise", self.noise, lengths(0.2))?;
@@ -121,13 +144,11 @@ pub struct Beam {
     pub what: Option<What>,
 }
 
-/// The light of a measurement.
-#[derive(Copy, Clone, Debug, Default)]
-struct Light {
-    /// Sum of the weights.
-    sum: f64,
-    /// Sum of the weighted distances.
-    weighted: f64,
+/// Light that comes back from one distance.
+#[derive(Copy, Clone, Debug)]
+struct Echo {
+    distance: f64,
+    weight: f64,
 }
 
 /// One sensor with its divider.
@@ -142,7 +163,8 @@ pub struct DistanceSensor {
     looks: u64,
     /// When the first measurement begins, ticks.
     phase: u64,
-    light: Light,
+    /// What has come back during the current measurement.
+    light: Vec<Echo>,
     measured: Option<f64>,
     volts: f64,
     beam: Option<Beam>,
@@ -164,7 +186,7 @@ impl DistanceSensor {
             number: number % SENSORS,
             stream,
             looks: 0,
-            light: Light::default(),
+            light: Vec::new(),
             measured: None,
             volts: 0.0,
             beam: None,
@@ -172,19 +194,21 @@ impl DistanceSensor {
         }
     }
 
-    /// When it looks next. Looks are a third of a measurement apart.
+    /// When it looks next. The looks of a measurement are spread over its exposure; the last one ends
+    /// it.
     #[must_use]
     pub fn next_look(&self) -> SimTime {
-        let period = self.parameters.period.get() * PER_SECOND as f64 / f64::from(LOOKS);
-        SimTime::from_ticks(self.phase + ((self.looks + 1) as f64 * period) as u64)
+        let left = u64::from(LOOKS) - 1 - self.looks % u64::from(LOOKS);
+        let apart = self.parameters.exposure.get() * PER_SECOND as f64 / f64::from(LOOKS - 1);
+        SimTime::from_ticks(self.next_output().as_ticks() - (left as f64 * apart) as u64)
     }
 
     /// When its output may change next: the end of the current measurement.
     #[must_use]
     pub fn next_output(&self) -> SimTime {
-        let period = self.parameters.period.get() * PER_SECOND as f64 / f64::from(LOOKS);
-        let looks = (self.looks / u64::from(LOOKS) + 1) * u64::from(LOOKS);
-        SimTime::from_ticks(self.phase + (looks as f64 * period) as u64)
+        let period = self.parameters.period.get() * PER_SECOND as f64;
+        let measurements = self.looks / u64::from(LOOKS) + 1;
+        SimTime::from_ticks(self.phase + (measurements as f64 * period) as u64)
     }
 
     /// Looks as often as is due until `now`, at the rows and from the robot that is in `state` at
@@ -221,8 +245,7 @@ impl DistanceSensor {
             };
             // Whatever is nearer than 1 cm is as bright as at 1 cm.
             let weight = 1.0 / (distance * distance).max(1e-4);
-            self.light.sum += weight;
-            self.light.weighted += weight * distance;
+            self.light.push(Echo { distance, weight });
         }
         let middle = rows.cast(x, y, heading, FARTHEST);
         let end = middle.map_or(FARTHEST, |hit| hit.distance);
@@ -239,14 +262,17 @@ impl DistanceSensor {
     }
 
     /// Ends a measurement.
-    fn measure(&mut self, light: Light) {
+    fn measure(&mut self, light: Vec<Echo>) {
         // The first numbers belong to the phases.
         self.stream
             .seek((1 + self.looks / u64::from(LOOKS)) * SENSORS + self.number);
         let normal = self.stream.normal();
         let dropped = self.stream.uniform() < self.parameters.drop_outs.get();
-        self.measured = (light.sum > 0.0 && !dropped).then(|| {
-            let distance = light.weighted / light.sum;
+        let found = match self.parameters.edges {
+            Edges::Mean => mean(&light),
+            Edges::Brightest => brightest(light),
+        };
+        self.measured = found.filter(|_| !dropped).map(|distance| {
             let Parameters {
                 noise, noise_slope, ..
             } = &self.parameters;
@@ -284,6 +310,23 @@ impl DistanceSensor {
     pub fn beam(&self) -> Option<Beam> {
         self.beam
     }
+}
+
+/// The mean of all distances, weighted with their light; `None` without light.
+fn mean(light: &[Echo]) -> Option<f64> {
+    let sum: f64 = light.iter().map(|echo| echo.weight).sum();
+    let weighted: f64 = light.iter().map(|echo| echo.weight * echo.distance).sum();
+    (sum > 0.0).then(|| weighted / sum)
+}
+
+/// The mean of the thing from which most light comes. What is less than [`APART`] behind it counts as the
+/// same thing.
+fn brightest(mut light: Vec<Echo>) -> Option<f64> {
+    light.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+    let things = light.chunk_by(|a, b| b.distance - a.distance < APART);
+    let sum = |thing: &[Echo]| thing.iter().map(|echo| echo.weight).sum::<f64>();
+    let most = things.max_by(|a, b| sum(a).total_cmp(&sum(b)))?;
+    mean(most)
 }
 
 /// Voltage behind the divider for a distance in metres, without a target full scale.
