@@ -2,11 +2,11 @@
 //! resolution of 1 us.
 //!
 //! Both pulses begin together, and again after each [`PulsePeriod`]. [`Servos::fire`] begins them at
-//! once, for a command that has just arrived, if 2.9 ms have passed since the last ones began; else
+//! once, for a command that has just arrived, if 3 ms have passed since the last ones began; else
 //! the new widths come with the next pulses. A pulse that has begun keeps its width.
 //!
 //! So that every command is fired at once, the period is longer than the time between two commands,
-//! and that is 2.9 ms or more.
+//! and that is 3 ms or more.
 //!
 //! # When the node fails
 //!
@@ -52,7 +52,7 @@ impl Servos {
     }
 
     /// Sets the widths and begins pulses with them at once. False if the last pulses began less than
-    /// 2.9 ms ago, or the next ones begin within 2 us anyway: then the widths come with these.
+    /// 3 ms ago, or the next ones begin within 2 us anyway: then the widths come with these.
     ///
     /// Interrupts are masked for the time of some instructions, so that no pulse of the timer's own
     /// comes in between and is lengthened.

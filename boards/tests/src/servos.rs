@@ -166,7 +166,7 @@ mod tests {
         near("us between pulses", between, PERIOD_US.into(), 5);
     }
 
-    /// Neither in the middle of a pulse nor within 2.9 ms of its beginning.
+    /// Neither in the middle of a pulse nor within 3 ms of its beginning.
     #[test]
     fn a_command_waits_for_the_period_when_it_comes_too_soon() {
         let mut outputs = Outputs::start();
@@ -208,7 +208,7 @@ mod tests {
         let near = |us: u32| ((us - 4) * per_us..(us + 1) * per_us).step_by(3);
         let all = (0..u32::from(SHORT_US) * per_us).step_by(33 * per_us as usize);
         let (mut fired, mut waited) = (0, 0);
-        for (turn, phase) in (0..).zip(all.chain(near(2900)).chain(near(SHORT_US.into()))) {
+        for (turn, phase) in (0..).zip(all.chain(near(3000)).chain(near(SHORT_US.into()))) {
             // Lengths that no other turn has had for a while, and that tell left from right.
             let left = PulseWidth::clamped(1000 + turn % 490);
             let right = PulseWidth::clamped(2000 - turn % 490);
@@ -229,9 +229,9 @@ mod tests {
                 "{measured:?} us after a command at {phase} ticks, not {left:?} and {right:?}"
             );
         }
-        // It fires for 400 of 3300 us: at 12 of the first 100 phases, and about half of the others.
+        // It fires for 300 of 3300 us: at 9 of the first 100 phases, and about half of the others.
         defmt::info!("fired {=u32}, waited {=u32}", fired, waited);
-        assert!(fired > 25 && waited > 90, "{fired} fired, {waited} waited");
+        assert!(fired > 15 && waited > 90, "{fired} fired, {waited} waited");
     }
 
     /// Once they have ended, as before a reset, the lines stay low; the pulses that run end first.

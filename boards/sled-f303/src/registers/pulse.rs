@@ -75,8 +75,8 @@ pub(crate) fn set(timer: &pac::TIM1, left: PulseWidth, right: PulseWidth) {
     }
 }
 
-/// Begins pulses now, unless the last ones began less than 2.9 ms ago or the next ones begin by
-/// themselves within some microseconds. True if it did. Nothing may interrupt it.
+/// Begins pulses now, unless the last ones began less than [`PulsePeriod::SHORTEST`] ago or the next
+/// ones begin by themselves within some microseconds. True if it did. Nothing may interrupt it.
 #[inline(always)]
 pub(crate) fn fire(timer: &pac::TIM1, period: PulsePeriod) -> bool {
     let count = timer.cnt.read().cnt().bits();
