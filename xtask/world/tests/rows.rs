@@ -227,7 +227,7 @@ fn ten_kilometres_of_a_curved_row_are_one_value() {
             format!(
                 "[[bend]]\nfrom = \"{} m\"\nto = \"{} m\"\nradius = \"30 m\"\nturn = \"{turn}\"\n",
                 100 * i,
-                100 * i + 50
+                100 * i + 40
             )
         })
         .collect();
@@ -334,6 +334,10 @@ fn every_mistake_has_its_sentence() {
             "row.bend[1].from: 1 m is before the end of the bend before, at 2 m",
         ),
         (
+            with("[[bend]]\nfrom = \"0 m\"\nto = \"5 m\"\nradius = \"3 m\"\nturn = \"left\""),
+            "row.bend[0]: the row has turned by 95 deg at its end, beyond 90 deg it could cross itself",
+        ),
+        (
             with("[start]\nright = \"25 cm\""),
             "row.start.right: 0.25 m puts the robot into the row, there is room for 0.2285 m to \
              either side",
@@ -389,7 +393,7 @@ fn any_row() -> impl Strategy<Value = String> {
         .prop_map(
             |(kind, length, width, missing, behind, density, radius, left)| {
                 let turn = if left { "left" } else { "right" };
-                let radius = radius.max(width * 5.0);
+                let radius = radius.max(width * 5.0).max((length + 0.5) / 1.5);
                 format!(
                     "[[section]]\nkind = \"barriers\"\nlength = \"2 m\"\nwidth = \"{width} m\"\n\
                  [[section]]\nkind = \"{kind}\"\nlength = \"{length} m\"\nwidth = \"{width} m\"\n\

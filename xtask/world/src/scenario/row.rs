@@ -1,5 +1,7 @@
 //! The rows that a row follower drives through, as a scenario describes them.
 
+use core::f64::consts::FRAC_PI_2;
+
 use serde::Deserialize;
 
 use super::check::{above, between, within};
@@ -23,7 +25,8 @@ pub struct Row {
     pub weed: Vec<Weed>,
     /// Stretches with weeds at random places.
     pub weeds: Vec<Weeds>,
-    /// Bends, in order. The row is straight elsewhere.
+    /// Bends, in order. The row is straight elsewhere, and nowhere turned by more than 90 deg from its
+    /// beginning.
     pub bend: Vec<Bend>,
     /// Where the robot stands at the start.
     pub start: RowStart,
@@ -440,6 +443,7 @@ impl Row {
             .map(|section| section.width.get() * (0.5 + f64::from(section.behind())));
         let broadest = breadths.fold(0.0, f64::max);
         let mut end = Length::new(0.0);
+        let mut heading = 0.0;
         for (i, bend) in self.bend.iter().enumerate() {
             let field = format!("row.bend[{i}]");
             self.stretch(&field, bend.from, bend.to)?;
@@ -462,6 +466,19 @@ impl Row {
                 ));
             }
             end = bend.to;
+            let turned = (bend.to.get() - bend.from.get()) / bend.radius.get();
+            heading += match bend.turn {
+                Turn::Left => -turned,
+                Turn::Right => turned,
+            };
+            // A row that never turns back cannot cross itself.
+            if heading.abs() > FRAC_PI_2 {
+                return Err(format!(
+                    "{field}: the row has turned by {:.0} deg at its end, beyond 90 deg it could \
+                     cross itself",
+                    heading.abs().to_degrees()
+                ));
+            }
         }
         Ok(())
     }
