@@ -43,6 +43,8 @@ pub enum Purpose {
     Slip = 15,
     /// Phase and noise of distance sensors.
     Distances = 16,
+    /// Noise on the lines of distance sensors.
+    DistanceLines = 17,
 }
 
 /// A stream of random numbers.

@@ -17,6 +17,8 @@ use crate::operator;
 use crate::random::{Purpose, Stream};
 use crate::receiver::{Fix, Receiver};
 use crate::record::{Counters, EffortChange, Garble, StateSample};
+use crate::rover::Side;
+use crate::row_drive::RowDrive;
 use crate::scenario::{BusEvent, Clock, LARGEST_ERROR, Scenario};
 use crate::signal::{Analog, Input};
 use crate::syren::{STOP, Syren};
@@ -36,6 +38,12 @@ const CENTRE: f64 = 2048.0;
 
 /// Standard deviation of the noise on the joystick's voltages, counts.
 const JOYSTICK_NOISE: f64 = 2.0;
+
+/// Supply and reference of the nodes' converters, volts.
+const SUPPLY: f64 = 3.3;
+
+/// Standard deviation of the noise on the line of a distance sensor, counts.
+const DISTANCE_NOISE: f64 = 1.0;
 
 /// Standard deviation of the noise on a knob's voltage, counts.
 const KNOB_NOISE: f64 = 1.0;
@@ -233,6 +241,8 @@ pub struct World {
     counters: Counters,
     analog_noise: Stream,
     knob_noise: Stream,
+    distance_noise: Stream,
+    drive: Option<RowDrive>,
     clocks: Vec<Clocks>,
 }
 
@@ -291,6 +301,8 @@ impl World {
             counters: Counters::default(),
             analog_noise: Stream::new(seed, Purpose::Analog),
             knob_noise: Stream::new(seed, Purpose::Knobs),
+            distance_noise: Stream::new(seed, Purpose::DistanceLines),
+            drive: None,
             clocks: clocks(scenario, seed),
             scenario: scenario.clone(),
         };
@@ -302,6 +314,13 @@ impl World {
     #[must_use]
     pub fn with_display(mut self, display: Box<dyn Display + Send>) -> Self {
         self.screen.display = display;
+        self
+    }
+
+    /// Puts the nodes on a robot that drives along a row.
+    #[must_use]
+    pub fn with_drive(mut self, drive: RowDrive) -> Self {
+        self.drive = Some(drive);
         self
     }
 
@@ -450,8 +469,16 @@ impl World {
     /// time.
     #[must_use]
     pub fn next_coupling(&self) -> SimTime {
-        let record = self.next_record;
-        self.next_epoch().map_or(record, |epoch| epoch.min(record))
+        let others = [self.next_epoch(), self.next_drive()];
+        others
+            .into_iter()
+            .flatten()
+            .fold(self.next_record, SimTime::min)
+    }
+
+    /// When something reads the state of the robot that drives along a row, if there is one.
+    fn next_drive(&self) -> Option<SimTime> {
+        self.drive.as_ref().map(RowDrive::next_coupling)
     }
 
     /// When the receiver, if there is one, takes its next measurement.
@@ -467,17 +494,28 @@ impl World {
         loop {
             let queued = self.queue.peek().map(|Reverse(queued)| queued.at);
             let repeated = self.repeats.iter().map(|repeat| repeat.next).min();
-            let next = [Some(self.next_record), self.next_epoch(), queued, repeated]
-                .into_iter()
-                .flatten()
-                .min()
-                .unwrap_or(to);
+            let drive = self.next_drive();
+            let next = [
+                Some(self.next_record),
+                self.next_epoch(),
+                queued,
+                repeated,
+                drive,
+            ]
+            .into_iter()
+            .flatten()
+            .min()
+            .unwrap_or(to);
             if next > to {
                 break;
             }
-            // The order of events at the same time is fixed: record, measure, then effects on the
-            // nodes.
-            if self.next_record == next {
+            // The order of events at the same time is fixed: the robot in its row, record, measure,
+            // then effects on the nodes.
+            if drive == Some(next)
+                && let Some(drive) = &mut self.drive
+            {
+                drive.advance_to(next);
+            } else if self.next_record == next {
                 self.record(next);
             } else if self.next_epoch() == Some(next) {
                 self.measure(next);
@@ -821,6 +859,37 @@ impl World {
         noise.seek(place);
         let noisy = counts + deviation * noise.normal();
         noisy.round().clamp(0.0, FULL_SCALE) as u16
+    }
+
+    /// The line of a side's motor driver with servo pulses changes to `high` at `at`. It may be passed
+    /// on late, like the bytes before [`World::next_coupling`]. Without a robot in a row it has no
+    /// effect.
+    pub fn servo_edge(&mut self, side: Side, at: SimTime, high: bool) {
+        if let Some(drive) = &mut self.drive {
+            drive.pulse_edge(side, at, high);
+        }
+    }
+
+    /// Reading of a 12-bit converter that samples, at `when`, the distance sensor that is mounted on
+    /// `side`; 0 without one. The noise is a function of the sensor and the microsecond.
+    pub fn distance_count(&mut self, side: Side, when: SimTime) -> u16 {
+        let Some(drive) = &self.drive else { return 0 };
+        let counts = drive.volts(side, when) / SUPPLY * FULL_SCALE;
+        let us = when.as_ticks() / 1_000_000;
+        self.distance_noise.seek(2 * us + side as u64);
+        let noisy = counts + DISTANCE_NOISE * self.distance_noise.normal();
+        noisy.round().clamp(0.0, FULL_SCALE) as u16
+    }
+
+    /// The robot that drives along a row, if there is one.
+    #[must_use]
+    pub fn drive(&self) -> Option<&RowDrive> {
+        self.drive.as_ref()
+    }
+
+    /// The same, to let its sensors fail.
+    pub fn drive_mut(&mut self) -> Option<&mut RowDrive> {
+        self.drive.as_mut()
     }
 
     /// Effort of the motor driver at a node, -1 to 1; 0 for nodes without one.

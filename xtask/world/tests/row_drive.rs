@@ -1,13 +1,15 @@
 //! A robot on its way along a row: pulses in, voltages out.
 
+mod uagv;
+
 use proptest::prelude::*;
-use world::SimTime;
 use world::distance::{self, Fault, metres};
 use world::rover::{Mount, Parameters, Side, Terrain};
 use world::row_drive::{RowDrive, Setting, pulse};
 use world::rows::What;
 use world::scenario::{Limits, Row};
 use world::time::{at, from_seconds, seconds};
+use world::{SimTime, World};
 
 const POLES: &str = "[[section]]\nkind = \"poles\"\nlength = \"30 m\"\n";
 
@@ -142,6 +144,58 @@ fn each_sensor_is_read_at_its_side_and_can_fail() {
     drive.set_fault(Side::Left, Some(Fault::Open));
     assert_eq!(drive.volts(Side::Left, time(0.2)), 0.0);
     assert!(drive.volts(Side::Right, time(0.2)) > 0.1);
+}
+
+#[test]
+fn a_world_with_a_drive_couples_with_it() {
+    let row = row(POLES);
+    let setting = setting(&row);
+    let scenario = uagv::scenario("");
+    let new = || World::new(&uagv::vehicle(), &scenario, 1);
+    let mut world = new().with_drive(RowDrive::new(&setting, 7));
+    let mut alone = RowDrive::new(&setting, 7);
+    let mut couplings = 0;
+    for i in 0..200 {
+        let begin = time(f64::from(i) * 0.005);
+        while world.next_coupling() <= begin {
+            // Nothing reads the robot before the time that the world names.
+            let next = world.next_coupling();
+            assert!(alone.next_coupling() >= next);
+            world.advance_to(next);
+            alone.advance_to(next);
+            couplings += 1;
+        }
+        for side in [Side::Left, Side::Right] {
+            pulse(&mut alone, side, begin, 1.65e-3);
+            world.servo_edge(side, begin, true);
+            world.servo_edge(side, begin + from_seconds(1.65e-3), false);
+        }
+    }
+    world.advance_to(time(1.0));
+    alone.advance_to(time(1.0));
+    assert_eq!(world.drive().unwrap().samples(), alone.samples());
+    // About 100 records, and 100 looks of either sensor.
+    assert!((290..=305).contains(&couplings), "{couplings}");
+    let last = alone.samples().last().unwrap();
+    assert!(last.state.speed > 0.4, "{last:?}");
+
+    for side in [Side::Left, Side::Right] {
+        let count = f64::from(world.distance_count(side, time(1.0)));
+        let volts = alone.volts(side, time(1.0));
+        assert!(
+            (count / 4095.0 * 3.3 - volts.min(3.3)).abs() < 5e-3,
+            "{count} {volts}"
+        );
+        assert_eq!(count, f64::from(world.distance_count(side, time(1.0))));
+    }
+    let short = Some(Fault::ShortedToGround);
+    world.drive_mut().unwrap().set_fault(Side::Left, short);
+    assert!(world.distance_count(Side::Left, time(1.0)) < 6);
+
+    let mut without = new();
+    without.servo_edge(Side::Left, time(0.5), true);
+    assert_eq!(without.distance_count(Side::Left, time(0.5)), 0);
+    assert!(without.drive().is_none());
 }
 
 proptest! {
