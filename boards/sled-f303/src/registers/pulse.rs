@@ -49,8 +49,10 @@ pub(crate) fn start(timer: &pac::TIM1, clock: u32, period: PulsePeriod) {
     timer.cr1.write(|w| w.cen().set_bit());
     // Until a tick of the counter has taken the outputs low.
     cortex_m::asm::delay(2 * prescaler);
-    // SAFETY: values of the registers, as above.
+    // SAFETY: values of the registers, as above. The break input takes its polarity a cycle after it
+    // is written, so it is on before the outputs are.
     unsafe {
+        timer.bdtr.write(|w| w.bits(IDLE));
         timer.ccer.write(|w| w.bits(OUTPUTS));
         timer.bdtr.write(|w| w.bits(ENABLED));
     }
