@@ -13,7 +13,7 @@ use rows::{
     Crop, DEAD_BAND, FULL_SPEED, Field, Ground, Robot, Run, STEP, Stretch, furrow, robot, run,
 };
 
-const SEEDS: u64 = 12;
+const SEEDS: u64 = 40;
 const SPEEDS: [f64; 2] = [0.4, 0.8];
 
 /// The thesis's chain with gains that were searched for on these rows. It drives
@@ -116,13 +116,20 @@ fn the_thesis_fails_where_leaves_hang_on_one_side() {
     let mut failed = 0;
     for speed in SPEEDS {
         let (touched, mean) = all_seeds(&Crop::corn(), speed, thesis);
-        assert!(touched <= 2, "{touched} contacts at {speed} m/s on corn");
+        assert!(
+            touched <= SEEDS as u32 / 8,
+            "{touched} contacts at {speed} m/s on corn"
+        );
         assert!(mean < 0.05, "{mean} m at {speed} m/s");
         let (touched, mean) = all_seeds(&Crop::hard(), speed, thesis);
         failed += touched;
         assert!(mean > 0.04, "{mean} m at {speed} m/s");
     }
-    assert!((2..=18).contains(&failed), "{failed} contacts in 24 runs");
+    let runs = 2 * SEEDS as u32;
+    assert!(
+        (runs / 20..runs / 2).contains(&failed),
+        "{failed} contacts in {runs} runs"
+    );
 }
 
 /// A beam at 45 degrees passes between the stalks most of the time: stalks of

@@ -66,6 +66,8 @@ impl core::fmt::Display for RowSettingsError {
 impl core::error::Error for RowSettingsError {}
 
 impl<T: Scalar> RowSettings<T> {
+    /// Checks the settings.
+    ///
     /// # Errors
     /// [`RowSettingsError`] names the setting that is unusable.
     pub fn check(&self) -> Result<(), RowSettingsError> {

@@ -10,15 +10,14 @@ const READINGS: u8 = 3;
 ///
 /// Leaves and weeds count as plants: they, too, say that the row goes on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OpenWay<T> {
+pub(super) struct OpenWay<T> {
     way: T,
     readings: u8,
 }
 
 impl<T: Scalar> OpenWay<T> {
     /// A way that begins now.
-    #[must_use]
-    pub fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self {
             way: T::zero(),
             readings: 0,
@@ -27,7 +26,7 @@ impl<T: Scalar> OpenWay<T> {
 
     /// Adds the `way` (m) driven since the last reading. `plant` says whether
     /// the present reading shows something within range.
-    pub fn add(&mut self, plant: bool, way: T) {
+    pub(super) fn add(&mut self, plant: bool, way: T) {
         self.readings = if plant {
             self.readings.saturating_add(1)
         } else {
@@ -41,14 +40,7 @@ impl<T: Scalar> OpenWay<T> {
     }
 
     /// Way since the last plant, m.
-    #[must_use]
-    pub fn way(&self) -> T {
+    pub(super) fn way(&self) -> T {
         self.way
-    }
-}
-
-impl<T: Scalar> Default for OpenWay<T> {
-    fn default() -> Self {
-        Self::new()
     }
 }

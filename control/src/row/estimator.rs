@@ -39,6 +39,10 @@ const CURVATURE: usize = 3;
 const LARGEST_HEADING: f64 = 0.6;
 /// Largest offset of the estimate as a share of half the width.
 const LARGEST_OFFSET: f64 = 0.9;
+/// Standard deviations of the offset, as a share of half the width, and of the
+/// heading (rad), of a robot at its start, and of one that may be anywhere.
+const AT_START: (f64, f64) = (0.15, 0.1);
+const ANYWHERE: (f64, f64) = (0.2, 0.2);
 /// Longest time step, s. A longer one counts as this one.
 const LONGEST_STEP: f64 = 0.1;
 
@@ -104,7 +108,7 @@ impl<T: Scalar> RowEstimator<T> {
     /// [`RowEstimatorError`] names the setting that is unusable.
     pub fn new(settings: RowEstimatorSettings<T>) -> Result<Self, RowEstimatorError> {
         settings.check()?;
-        let (state, covariance) = start(&settings);
+        let (state, covariance) = start(&settings, AT_START);
         Ok(Self {
             settings,
             mixture: Mixture::of(state, covariance),
@@ -118,7 +122,7 @@ impl<T: Scalar> RowEstimator<T> {
 
     /// Forgets everything.
     pub fn restart(&mut self) {
-        let (state, covariance) = start(&self.settings);
+        let (state, covariance) = start(&self.settings, AT_START);
         self.mixture = Mixture::of(state, covariance);
         self.mean = state;
         self.speed = T::zero();
@@ -227,7 +231,7 @@ impl<T: Scalar> RowEstimator<T> {
             Side::Right => &mut self.right,
         };
         let odds = row.odds();
-        let (state, covariance) = start(settings);
+        let (state, covariance) = start(settings, ANYWHERE);
         let fresh = Hypothesis {
             weight: settings.readings.doubt,
             state,
@@ -297,22 +301,26 @@ impl<T: Scalar> RowEstimator<T> {
             finite &= bound_covariance(hypothesis, &bounds);
         }
         if !finite {
-            let (state, covariance) = start(&self.settings);
+            let (state, covariance) = start(&self.settings, AT_START);
             self.mixture = Mixture::of(state, covariance);
         }
     }
 }
 
-/// State and covariance of a robot that has not seen anything.
-fn start<T: Scalar>(settings: &RowEstimatorSettings<T>) -> (Vector<T>, Matrix<T>) {
+/// State and covariance of a robot that has not seen anything, with these
+/// deviations of its offset and heading.
+fn start<T: Scalar>(
+    settings: &RowEstimatorSettings<T>,
+    (offset, heading): (f64, f64),
+) -> (Vector<T>, Matrix<T>) {
     let Rows {
         half_width,
         tolerance,
         ..
     } = settings.rows;
     let deviations = [
-        half_width * T::lit(0.15),
-        T::lit(0.1),
+        half_width * T::lit(offset),
+        T::lit(heading),
         tolerance,
         settings.motion.curvature,
     ];
@@ -395,9 +403,9 @@ fn advance<T: Scalar>(
     let drift = ahead * cosine;
     let covariance = &mut hypothesis.covariance;
     let [offsets, headings, half_widths, curvatures] = covariance;
-    let rows_of = offsets.iter_mut().zip(headings);
-    let rows_of = rows_of.zip(half_widths).zip(curvatures);
-    for (((offset, heading), half_width), curvature) in rows_of {
+    let columns = offsets.iter_mut().zip(headings);
+    let columns = columns.zip(half_widths).zip(curvatures);
+    for (((offset, heading), half_width), curvature) in columns {
         *offset += drift * *heading;
         *heading += ahead * *curvature;
         *half_width *= keep_width;

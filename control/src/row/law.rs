@@ -12,7 +12,8 @@ pub struct RowLawSettings<T> {
     pub slow: T,
     /// Deviation of the estimate up to which it is good, m.
     pub good: T,
-    /// Deviation from which on it is poor, m, above `good`.
+    /// Deviation from which on it is poor, m, above `good`. Corrections are then
+    /// half as strong.
     pub poor: T,
     /// Way in which an offset decays to about a third, m.
     pub settling: T,
@@ -74,6 +75,8 @@ impl core::fmt::Display for RowLawError {
 impl core::error::Error for RowLawError {}
 
 impl<T: Scalar> RowLawSettings<T> {
+    /// Checks the settings.
+    ///
     /// # Errors
     /// [`RowLawError`] names the setting that is unusable.
     pub fn check(&self) -> Result<(), RowLawError> {

@@ -7,6 +7,9 @@ use crate::scalar::Scalar;
 
 /// Least readings of a run that counts.
 const RUN_READINGS: u8 = 3;
+/// Least way of a run that counts, as a share of the longest. What is seen for
+/// a shorter way is the rim of a leaf more often than a stalk.
+const LEAST_RUN: f64 = 1.0 / 6.0;
 
 /// How much nearer than the row a reading is that a leaf must have made, m.
 const LEAF: f64 = 0.06;
@@ -127,7 +130,10 @@ impl<T: Scalar> RowMemory<T> {
         let mut done = None;
         if !agrees || self.run.way >= readings.run {
             let run = core::mem::replace(&mut self.run, Run::empty());
-            if run.readings >= RUN_READINGS && !(self.counted > T::zero()) {
+            if run.readings >= RUN_READINGS
+                && run.way >= readings.run * T::lit(LEAST_RUN)
+                && !(self.counted > T::zero())
+            {
                 self.counted = readings.surface;
                 done = Some(run.mean());
             }

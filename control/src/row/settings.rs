@@ -138,6 +138,8 @@ fn is_positive<T: Scalar>(value: T) -> bool {
 }
 
 impl<T: Scalar> RowEstimatorSettings<T> {
+    /// Checks the settings.
+    ///
     /// # Errors
     /// [`RowEstimatorError`] names the setting that is unusable.
     pub fn check(&self) -> Result<(), RowEstimatorError> {

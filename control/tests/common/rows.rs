@@ -470,9 +470,14 @@ pub(crate) fn robot(cruise: f64) -> RowRobot {
 
 /// Lets Furrow drive through a field until it has stood at its end for a while.
 pub(crate) fn furrow(field: &Field, ground: Ground, speed: f64, seed: u64) -> Run {
-    let settings = RowSettings::for_robot(&robot(speed)).unwrap();
+    furrow_of(&robot(speed), field, ground, seed)
+}
+
+/// The same for any robot.
+pub(crate) fn furrow_of(robot: &RowRobot, field: &Field, ground: Ground, seed: u64) -> Run {
+    let settings = RowSettings::for_robot(robot).unwrap();
     let mut controller = RowController::<f32>::new(settings).unwrap();
-    let seconds = (field.crop.length + 4.0) / speed * 1.3;
+    let seconds = (field.crop.length + 4.0) / robot.cruise * 1.3;
     run(field, ground, seed, seconds, |left, right, _| {
         let distances = RowDistances {
             left: left as f32,
