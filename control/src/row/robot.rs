@@ -81,7 +81,7 @@ impl<T: Scalar> RowSettings<T> {
                     // A clod every 2 m that turns the robot by 4 degrees.
                     heading_walk: lit(0.05),
                     offset_walk: lit(0.01),
-                    turn_error: lit(0.1),
+                    turn_error: lit(0.2),
                     // Motors that differ by 4 %, rows with a radius of 15 m.
                     curvature: lit(0.07),
                     curvature_way: lit(10.0),
@@ -92,7 +92,7 @@ impl<T: Scalar> RowSettings<T> {
                 slow: lit(0.5),
                 good: lit(0.03),
                 poor: lit(0.15),
-                settling: lit(0.35),
+                settling: lit(0.3),
                 damping: lit(1.2),
                 approach: lit(0.25),
                 turn_rate: lit(2.0),
