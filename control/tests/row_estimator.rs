@@ -102,11 +102,11 @@ fn mountings_that_cannot_be_are_named() {
 
 proptest! {
     /// The end of a predicted beam lies on the row's line, and the derivatives are
-    /// those of the prediction.
+    /// those of the prediction. All these beams meet the line.
     #[test]
     fn predictions_end_on_the_row(
-        offset in -0.2_f64..0.2, heading in -0.5_f64..0.5, half_width in 0.3_f64..0.5,
-        ahead in -0.2_f64..0.5, beside in 0.05_f64..0.2, angle in 0.7_f64..1.5,
+        offset in -0.15_f64..0.15, heading in -0.3_f64..0.3, half_width in 0.3_f64..0.5,
+        ahead in -0.2_f64..0.3, beside in 0.05_f64..0.2, angle in 0.7_f64..1.5,
         is_left in any::<bool>(),
     ) {
         let beams = Beams::new(Mounting { ahead, beside, angle }).unwrap();
