@@ -79,7 +79,7 @@ pub enum BurstError {
     Overrun,
     /// The DMA channel could not store a sample.
     Transfer,
-    /// The converter has not stopped when it was told to.
+    /// The converter still runs although its stop was set.
     Stuck,
 }
 

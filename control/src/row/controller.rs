@@ -101,14 +101,14 @@ impl<T: Scalar> RowSettings<T> {
 /// What the robot does between its rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RowState {
-    /// Stands, for it is not told to drive.
+    /// Stands because it is not engaged.
     Idle,
     /// Follows the rows.
     Following,
-    /// Stands at the row's end, until it is told to drive anew.
+    /// Stands at the row's end, until it is engaged anew.
     End,
     /// Stands because it has seen no stalk for too long, or because both sensors
-    /// are faulty, until it is told to drive anew.
+    /// are faulty, until it is engaged anew.
     Lost,
 }
 
@@ -135,7 +135,7 @@ pub struct RowController<T> {
 }
 
 impl<T: Scalar> RowController<T> {
-    /// A controller that stands until it is told to drive.
+    /// A controller that stands until it is engaged.
     ///
     /// # Errors
     /// [`RowSettingsError`] names the setting that is unusable.

@@ -70,8 +70,8 @@ pub struct RowDistances<T> {
 pub struct RowEstimate<T> {
     /// Offset, heading and width.
     pub pose: RowPose<T>,
-    /// Curvature by which the robot turns to the right against its rows without
-    /// being told to, 1/m.
+    /// Curvature by which the robot turns to the right against its rows although
+    /// no command asks for it, 1/m.
     pub curvature: T,
     /// Standard deviation of the offset that the robot would have where the
     /// beams meet the rows, m.
