@@ -8,7 +8,7 @@ use parts::Sled;
 
 use crate::manifest::{
     BackupMaster, Calibration, Command, Device, Machine, Manifest, Node, Receiver,
-    RegulatorWeights, SelfTest, SignalPath,
+    RegulatorWeights, Rover, SelfTest, SignalPath,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -38,7 +38,13 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     if let Some(receiver) = &manifest.receiver {
         self::receiver(receiver)?;
     }
+    if let Some(rover) = &manifest.rover {
+        self::rover(rover)?;
+    }
     match &manifest.machine {
+        Some(_) if manifest.rover.is_some() => {
+            Err("there are a [machine] and a [rover]: one of the two is accepted".into())
+        }
         Some(machine) => {
             self::machine(machine)?;
             waypoints(manifest)
@@ -182,8 +188,9 @@ fn devices(manifest: &Manifest) -> Result<(), String> {
             let at = format!("node {:?}, connector {connector:?}", node.name);
             if device.connector() != connector {
                 return Err(format!(
-                    "{at}: a {} goes to the connector {:?}",
-                    device.name(),
+                    "{at}: {} {} to the connector {:?}",
+                    device.with_article(),
+                    if device.is_plural() { "go" } else { "goes" },
                     device.connector()
                 ));
             }
@@ -198,32 +205,67 @@ fn devices(manifest: &Manifest) -> Result<(), String> {
             }
             let many = matches!(device, Device::BenchMotor | Device::Knob);
             if !seen.insert(device) && !many {
-                return Err(format!("{at}: there is a second {}", device.name()));
+                let set = if device.is_plural() { "set of " } else { "" };
+                return Err(format!("{at}: there is a second {set}{}", device.name()));
             }
-            if device.needs_machine() && manifest.machine.is_none() {
-                return Err(format!(
-                    "{at}: a {} needs a [machine], which the manifest does not have",
-                    device.name()
-                ));
-            }
+            let needed = match device {
+                _ if device.needs_machine() && manifest.machine.is_none() => "machine",
+                _ if device.needs_rover() && manifest.rover.is_none() => "rover",
+                _ => continue,
+            };
+            return Err(format!(
+                "{at}: {} needs a [{needed}], which the manifest does not have",
+                device.with_article()
+            ));
         }
+        converter(node)?;
     }
     let moving = [
         Device::SteeringMotor,
         Device::DriveMotor,
         Device::SteeringPotentiometer,
     ];
-    let missing = moving.into_iter().find(|device| !seen.contains(device));
-    if let Some(device) = missing.filter(|_| manifest.machine.is_some()) {
-        return Err(format!(
-            "[machine] needs a {}, which no node has in its wiring",
-            device.name()
-        ));
+    let driving = [
+        Device::DistanceSensors,
+        Device::DriveMotors,
+        Device::PinRemote,
+    ];
+    for (section, there, needed) in [
+        ("machine", manifest.machine.is_some(), moving),
+        ("rover", manifest.rover.is_some(), driving),
+    ] {
+        let missing = needed.into_iter().find(|device| !seen.contains(device));
+        if let Some(device) = missing.filter(|_| there) {
+            return Err(format!(
+                "[{section}] needs {}, which no node has in its wiring",
+                device.with_article()
+            ));
+        }
     }
     if seen.contains(&Device::SatelliteReceiver) && manifest.receiver.is_none() {
         return Err("[receiver] is missing: a satellite-receiver is wired".into());
     }
     Ok(())
+}
+
+/// The converter of a board serves one connector.
+fn converter(node: &Node) -> Result<(), String> {
+    let Some(sled) = Sled::named(&node.board) else {
+        return Ok(());
+    };
+    let wired = node.wiring.keys();
+    let mut analogue = wired.filter(|name| {
+        let connector = sled.connector(name);
+        connector.is_some_and(parts::Connector::uses_converter)
+    });
+    match (analogue.next(), analogue.next()) {
+        (Some(first), Some(second)) => Err(format!(
+            "node {:?}: the connectors {first:?} and {second:?} use the same converter: one of \
+             the two is accepted",
+            node.name
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// A vehicle drives on under a backup master only if its network has one.
@@ -408,6 +450,72 @@ fn machine(machine: &Machine) -> Result<(), String> {
     )
 }
 
+/// Checks those numbers of a rover that [`crate::design::check`] does not check.
+fn rover(rover: &Rover) -> Result<(), String> {
+    within("rover.length", rover.length, 0.1, 5.0)?;
+    within("rover.width", rover.width, 0.1, 3.0)?;
+    within("rover.track", rover.track, 0.05, 3.0)?;
+    within("rover.turning_track", rover.turning_track, 0.05, 10.0)?;
+    within("rover.axle_spacing", rover.axle_spacing, 0.02, 2.0)?;
+    let motors = &rover.motors;
+    within("rover.motors.dead_band", motors.dead_band, 0.0, 0.5)?;
+    above("rover.motors.full_speed", motors.full_speed, 10.0)?;
+    within("rover.motors.lag", motors.lag, 0.0, 1.0)?;
+    above("rover.cruise", rover.cruise, motors.full_speed.get() * 0.5)?;
+    let sensors = &rover.sensors;
+    within("rover.sensors.ahead", sensors.ahead, -5.0, 5.0)?;
+    above("rover.sensors.beside", sensors.beside, 3.0)?;
+    let right = core::f64::consts::FRAC_PI_2;
+    within("rover.sensors.angle", sensors.angle, right / 9.0, right)?;
+    within("rover.sensors.least", sensors.least, 0.0, 1.5)?;
+    within(
+        "rover.sensors.open",
+        sensors.open,
+        sensors.least.get(),
+        LARGEST_DISTANCE,
+    )?;
+    let rows = &rover.rows;
+    within("rover.rows.width", rows.width, rover.width.get(), 5.0)?;
+    above("rover.rows.tolerance", rows.tolerance, 1.0)?;
+    within("rover.rows.stalk", rows.stalk, 0.001, 0.2)?;
+    above("rover.rows.gap", rows.gap, 5.0)?;
+    let law = &rover.thesis;
+    within("rover.thesis.least", law.least, 0.0, LARGEST_DISTANCE)?;
+    within(
+        "rover.thesis.most",
+        law.most,
+        law.least.get(),
+        LARGEST_DISTANCE,
+    )?;
+    above("rover.thesis.difference", law.difference, LARGEST_DISTANCE)?;
+    above("rover.thesis.effort", law.effort, 1.0)?;
+    for (key, value, zero) in [
+        ("process", law.process, false),
+        ("proportional", law.proportional, false),
+        ("integral", law.integral, true),
+    ] {
+        positive(&format!("rover.thesis.{key}"), value, zero)?;
+    }
+    Ok(())
+}
+
+/// Largest distance that a rover's nodes tell each other, metres (thesis 2.2.4.2).
+const LARGEST_DISTANCE: f64 = 1.5;
+
+/// Refuses a number that is not above 0, unless it is 0 and `zero` is accepted too.
+fn positive(field: &str, value: f64, zero: bool) -> Result<(), String> {
+    let sound = value > 0.0 || zero && value == 0.0;
+    if sound && value.is_finite() {
+        return Ok(());
+    }
+    let range = if zero {
+        "0 or a number above it"
+    } else {
+        "a number above 0"
+    };
+    Err(format!("{field} is {value}: {range} is accepted"))
+}
+
 /// Checks the weights of a regulator: `name` is its key in `machine.weights`.
 fn regulator(name: &str, weights: &RegulatorWeights) -> Result<(), String> {
     let RegulatorWeights {
@@ -424,17 +532,11 @@ fn regulator(name: &str, weights: &RegulatorWeights) -> Result<(), String> {
         ("steering_angle", steering_angle, true),
         ("steering_rate", steering_rate, false),
     ] {
-        let sound = weight > 0.0 || accepts_zero && weight == 0.0;
-        if !(sound && weight.is_finite()) {
-            let range = if accepts_zero {
-                "0 or a number above it"
-            } else {
-                "a number above 0"
-            };
-            return Err(format!(
-                "machine.weights.{name}.{key} is {weight}: {range} is accepted"
-            ));
-        }
+        positive(
+            &format!("machine.weights.{name}.{key}"),
+            weight,
+            accepts_zero,
+        )?;
     }
     Ok(())
 }

@@ -7,14 +7,48 @@ use control::controller::Settings;
 use control::design::SteeringWeights;
 use control::feedback::Limits;
 use control::model::{Antenna, Geometry};
+use control::row::{Mounting, RowRobot, RowSettings, Sides};
 use control::vehicle::{self, Description, Refusal};
 
 use crate::error::VehicleError;
 use crate::manifest::{
-    BackupMaster, Device, Direction, Machine, Receiver, RegulatorWeights, Remote, Safety, Waypoint,
+    BackupMaster, Device, Direction, Machine, Receiver, RegulatorWeights, Remote, Rover, RowLaw,
+    Safety, ThesisLaw, Waypoint,
 };
 use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind};
 use crate::vehicle::Vehicle;
+
+/// A rover and its rows as the control law knows them.
+pub(crate) fn robot(rover: &Rover) -> RowRobot {
+    let direction = calibration::Direction {
+        dead_band: rover.motors.dead_band.get(),
+        full_rate: rover.motors.full_speed.get(),
+    };
+    let motor = Actuator {
+        positive: direction,
+        negative: direction,
+    };
+    RowRobot {
+        mounting: Mounting {
+            ahead: rover.sensors.ahead.get(),
+            beside: rover.sensors.beside.get(),
+            angle: rover.sensors.angle.get(),
+        },
+        least: rover.sensors.least.get(),
+        open: rover.sensors.open.get(),
+        track: rover.turning_track.get(),
+        lag: rover.motors.lag.get(),
+        motors: Sides {
+            left: motor,
+            right: motor,
+        },
+        cruise: rover.cruise.get(),
+        width: rover.rows.width.get(),
+        tolerance: rover.rows.tolerance.get(),
+        stalk: rover.rows.stalk.get(),
+        gap: rover.rows.gap.get(),
+    }
+}
 
 /// The vehicle data from which the control law is designed; `None` for a vehicle without a
 /// machine.
@@ -67,6 +101,9 @@ pub fn description(vehicle: &Vehicle) -> Option<Description> {
 /// # Errors
 /// Names the key of the manifest at fault, its value and what is accepted.
 pub(crate) fn check(vehicle: &Vehicle) -> Result<(), String> {
+    if let Some(rover) = &vehicle.manifest().rover {
+        RowSettings::<f32>::for_robot(&robot(rover)).map_err(|error| format!("rover: {error}"))?;
+    }
     let Some(description) = description(vehicle) else {
         return Ok(());
     };
@@ -182,6 +219,9 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
     if let Some(receiver) = &manifest.receiver {
         self::receiver(&mut out, receiver);
     }
+    if let Some(rover) = &manifest.rover {
+        self::rover(&mut out, rover);
+    }
     if let Some(machine) = &manifest.machine {
         let description = description(vehicle);
         let settings = description
@@ -263,6 +303,56 @@ fn receiver(out: &mut String, receiver: &Receiver) {
         let value = format!("::ttcan::Micros::micros({})", time.micros());
         constant(out, doc, &format!("{name}: ::ttcan::Micros"), &value);
     }
+}
+
+fn rover(out: &mut String, rover: &Rover) {
+    let law = match rover.law {
+        RowLaw::Furrow => "Furrow",
+        RowLaw::Thesis => "Thesis",
+    };
+    constant(
+        out,
+        "The law that steers.",
+        "LAW: ::firmware::rows::Law",
+        &format!("::firmware::rows::Law::{law}"),
+    );
+    // The same type with its full path.
+    let robot = format!(
+        "{{\nuse ::control::{{calibration::{{Actuator, Direction}}, row::{{Mounting, RowRobot, Sides}}}};\n{:#?}\n}}",
+        robot(rover)
+    );
+    constant(
+        out,
+        "The robot and its rows.",
+        "ROBOT: ::control::row::RowRobot",
+        &robot,
+    );
+    let ThesisLaw {
+        least,
+        most,
+        process,
+        proportional,
+        integral,
+        difference,
+        effort,
+    } = rover.thesis;
+    let centimetres = |length: Quantity<LengthKind>| (length.get() * 100.0) as f32;
+    constant(
+        out,
+        "Numbers of the thesis's law, for distances in centimetres.",
+        "THESIS_LAW: ::firmware::rows::ThesisLaw",
+        &format!(
+            "::firmware::rows::ThesisLaw {{ least: {:?}, most: {:?}, process: {:?}, \
+             proportional: {:?}, integral: {:?}, difference: {:?}, effort: {:?} }}",
+            centimetres(least),
+            centimetres(most),
+            process as f32,
+            proportional as f32,
+            integral as f32,
+            centimetres(difference),
+            single(effort),
+        ),
+    );
 }
 
 /// A quantity in single precision, as the images use it.

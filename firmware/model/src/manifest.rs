@@ -35,6 +35,9 @@ pub struct Manifest {
     /// The machine that the nodes move; `None` for boards without one. Its motors and its
     /// potentiometer must be wired.
     pub machine: Option<Machine>,
+    /// The robot that the nodes drive between the rows of a crop, instead of a machine; `None` for
+    /// other vehicles. Its sensors, its motors and its remote control must be wired.
+    pub rover: Option<Rover>,
     /// The satellite receiver; needed when one is wired.
     pub receiver: Option<Receiver>,
     /// The ends of the line that the run follows, two when there is a machine.
@@ -91,11 +94,17 @@ pub enum Device {
     SteeringPotentiometer,
     /// A potentiometer that a person turns.
     Knob,
+    /// The two distance sensors of a rover.
+    DistanceSensors,
+    /// The two motor drivers of a rover, on servo pulses.
+    DriveMotors,
+    /// A remote control's receiver with a line for run and one for stop.
+    PinRemote,
 }
 
 impl Device {
     /// All devices.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 12] = [
         Self::SatelliteReceiver,
         Self::Display,
         Self::Joystick,
@@ -105,6 +114,9 @@ impl Device {
         Self::BenchMotor,
         Self::SteeringPotentiometer,
         Self::Knob,
+        Self::DistanceSensors,
+        Self::DriveMotors,
+        Self::PinRemote,
     ];
 
     /// Its name in a manifest.
@@ -120,6 +132,27 @@ impl Device {
             Self::BenchMotor => "bench-motor",
             Self::SteeringPotentiometer => "steering-potentiometer",
             Self::Knob => "knob",
+            Self::DistanceSensors => "distance-sensors",
+            Self::DriveMotors => "drive-motors",
+            Self::PinRemote => "pin-remote",
+        }
+    }
+
+    /// Whether its name is a plural.
+    pub(crate) const fn is_plural(self) -> bool {
+        matches!(
+            self,
+            Self::OperatorSwitches | Self::DistanceSensors | Self::DriveMotors
+        )
+    }
+
+    /// Its name for a sentence, with an article unless it is a plural.
+    pub(crate) fn with_article(self) -> String {
+        let name = self.name();
+        if self.is_plural() {
+            name.to_owned()
+        } else {
+            format!("a {name}")
         }
     }
 
@@ -133,12 +166,24 @@ impl Device {
             Self::OperatorSwitches => "inputs",
             Self::SteeringMotor | Self::DriveMotor | Self::BenchMotor => "motor",
             Self::SteeringPotentiometer | Self::Knob => "pot",
+            Self::DistanceSensors => "distances",
+            Self::DriveMotors => "servos",
+            Self::PinRemote => "remote",
         }
     }
 
-    /// Whether it is a motor driver.
+    /// Whether it drives a motor.
     #[must_use]
     pub const fn is_motor(self) -> bool {
+        matches!(
+            self,
+            Self::SteeringMotor | Self::DriveMotor | Self::BenchMotor | Self::DriveMotors
+        )
+    }
+
+    /// Whether it is a motor driver on simplified serial, with a relay in its motor's lead.
+    #[must_use]
+    pub const fn has_relay(self) -> bool {
         matches!(
             self,
             Self::SteeringMotor | Self::DriveMotor | Self::BenchMotor
@@ -154,6 +199,15 @@ impl Device {
                 | Self::SteeringMotor
                 | Self::DriveMotor
                 | Self::SteeringPotentiometer
+        )
+    }
+
+    /// Whether it is part of a rover and makes no sense without one.
+    #[must_use]
+    pub const fn needs_rover(self) -> bool {
+        matches!(
+            self,
+            Self::DistanceSensors | Self::DriveMotors | Self::PinRemote
         )
     }
 }
@@ -424,6 +478,131 @@ pub struct RegulatorWeights {
     pub steering_angle: f64,
     /// Steering rate, above 0.
     pub steering_rate: f64,
+}
+
+/// A robot that is steered by the difference of its wheels' speeds, and follows the rows of a crop by
+/// two distance sensors (thesis 2.2.1).
+///
+/// Where no range is stated, [`control::row`] has it.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rover {
+    /// Length of the chassis, 10 cm to 5 m.
+    pub length: Length,
+    /// Width of the chassis, 10 cm to 3 m.
+    pub width: Length,
+    /// Middle of the left wheels to that of the right ones, 5 cm to 3 m.
+    pub track: Length,
+    /// The same as it acts in a turn: wheels that slip sideways make it larger.
+    pub turning_track: Length,
+    /// Distance of two of the three axles, 2 cm to 2 m.
+    pub axle_spacing: Length,
+    /// Speed between the rows, at most half the motors' full speed, so that turns have the rest.
+    pub cruise: Speed,
+    /// The motors of a side.
+    pub motors: Motors,
+    /// The distance sensors.
+    pub sensors: DistanceSensors,
+    /// The rows.
+    pub rows: CropRows,
+    /// The law that steers. Default: Furrow's.
+    #[serde(default)]
+    pub law: RowLaw,
+    /// Numbers of the thesis's law. Default: those with which it has the thesis's errors on simulated
+    /// rows.
+    #[serde(default)]
+    pub thesis: ThesisLaw,
+}
+
+/// The motors of a rover's side on their motor driver, alike in both directions.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Motors {
+    /// Share of the full effort that moves nothing, 0 to 50 %.
+    pub dead_band: Ratio,
+    /// Speed of a wheel at full effort, above 0 to 10 m/s.
+    pub full_speed: Speed,
+    /// Time constant from commanded to real speed, 0 to 1 s.
+    pub lag: Time,
+}
+
+/// Two distance sensors at the front of a rover. Each looks across the centre line, so that the
+/// one on the right measures the left row (thesis, Figure 2.3).
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DistanceSensors {
+    /// Apertures ahead of the point about which the robot turns.
+    pub ahead: Length,
+    /// Apertures to the left and to the right of the centre line.
+    pub beside: Length,
+    /// Angle of the beams against straight ahead, 10 to 90 deg.
+    pub angle: Angle,
+    /// Smallest reading of an intact sensor.
+    pub least: Length,
+    /// Reading from which on no plant is within range, at most 1.5 m, which is the largest distance
+    /// on the bus (thesis 2.2.4.2).
+    pub open: Length,
+}
+
+/// The rows that a rover follows.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CropRows {
+    /// Distance between the stalks of two rows, wider than the rover, up to 5 m.
+    pub width: Length,
+    /// Standard deviation of that distance from row to row.
+    pub tolerance: Length,
+    /// Diameter of a stalk, 1 mm to 20 cm.
+    pub stalk: Length,
+    /// Longest gap in both rows at once, above 0 to 5 m. After it, and 60 cm more, the row has ended.
+    pub gap: Length,
+}
+
+/// The law that steers a rover.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RowLaw {
+    /// Furrow's: an estimator of the place between the rows, and a law that brings it to the middle.
+    #[default]
+    Furrow,
+    /// The thesis's, on the difference of the distances: proportional, or with an integral if
+    /// [`ThesisLaw::integral`] is above 0.
+    Thesis,
+}
+
+/// Numbers of the thesis's law (thesis 2.2.5.3 and 2.2.6.1). Its text does not have them.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ThesisLaw {
+    /// Smallest plausible distance. Default 50 cm.
+    pub least: Length,
+    /// Largest plausible distance. Default 120 cm.
+    pub most: Length,
+    /// Variance that a distance gains from one sample to the next, as a share of the variance of a
+    /// sample. Default 0.005.
+    pub process: f64,
+    /// Effort for a difference of one centimetre. Default 0.0012.
+    pub proportional: f64,
+    /// Effort for a difference of one centimetre that lasts a second, 0 or above. Default 0.
+    pub integral: f64,
+    /// Limit of the difference. Default 40 cm.
+    pub difference: Length,
+    /// Limit of the effort. Default 10 %.
+    pub effort: Ratio,
+}
+
+impl Default for ThesisLaw {
+    fn default() -> Self {
+        Self {
+            least: Length::new(0.5),
+            most: Length::new(1.2),
+            process: 0.005,
+            proportional: 0.0012,
+            integral: 0.0,
+            difference: Length::new(0.4),
+            effort: Ratio::new(0.1),
+        }
+    }
 }
 
 /// The satellite receiver.

@@ -134,7 +134,7 @@ impl Judge<'_> {
     /// The motor of a node is driven for no longer than a genuine command allows.
     fn motor(&self, node: NodeIndex) -> Option<Violation> {
         let devices = self.vehicle.node(node).wiring.values();
-        let motor = devices.copied().find(|device| device.is_motor())?;
+        let motor = devices.copied().find(|device| device.has_relay())?;
         let (message, signal) = enabling(self.vehicle, motor)?;
         let commands = self.allowed(message, signal);
         self.driven(node, &commands).map(|(at, effort)| Violation {
@@ -170,7 +170,7 @@ impl Judge<'_> {
     /// The motor of a node stands still after button D or the joystick's switch.
     fn button(&self, node: NodeIndex) -> Option<Violation> {
         let devices = self.vehicle.node(node).wiring.values();
-        devices.copied().find(|device| device.is_motor())?;
+        devices.copied().find(|device| device.has_relay())?;
         let presses = &self.sequence.scenario.press;
         let stops = |button| matches!(button, Button::D | Button::J);
         let heard = |at: f64| {

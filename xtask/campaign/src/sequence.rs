@@ -517,7 +517,7 @@ impl Drawing<'_> {
             .nodes()
             .filter(|node| {
                 let mut devices = self.vehicle.node(*node).wiring.values();
-                devices.any(|device| device.is_motor())
+                devices.any(|device| device.has_relay())
             })
             .collect();
         motors.get(self.stream.below(motors.len())).copied()

@@ -50,7 +50,7 @@ impl Wiring {
                 board: sled.name,
                 connector: name.clone(),
             })?;
-            if device.is_motor() {
+            if device.has_relay() {
                 relay = connector.signal("relay").map(|line| line.pin);
                 sense = connector.signal("sense").map(|line| line.pin);
             }

@@ -702,7 +702,7 @@ impl World {
 
     /// A node sent a character to one of its devices.
     pub fn wave(&mut self, node: NodeIndex, device: Device, wave: &Wave) {
-        if device.is_motor() {
+        if device.has_relay() {
             self.motor(node, wave);
         } else if device == Device::Display && self.screen.node == Some(node) {
             self.show(node, wave.byte, wave.start(), wave.end());
@@ -979,7 +979,7 @@ fn motors(
     let mut errors = Stream::new(seed, Purpose::DeviceClocks);
     let wired = vehicle.nodes().flat_map(|index| {
         let devices = vehicle.node(index).wiring.values();
-        let motors = devices.filter(|device| device.is_motor());
+        let motors = devices.filter(|device| device.has_relay());
         motors.map(move |&device| (index, device))
     });
     let driver = |(node, device)| {

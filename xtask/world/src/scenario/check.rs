@@ -174,7 +174,7 @@ fn wires(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
     let named = wires.enumerate().map(|event| ("wire", event));
     for (field, (i, node)) in named.chain(relays.enumerate().map(|event| ("relay", event))) {
         let node = vehicle.node(node);
-        if !node.wiring.values().any(|device| device.is_motor()) {
+        if !node.wiring.values().any(|device| device.has_relay()) {
             return Err(format!(
                 "{field}[{i}].node: no motor is wired to {:?}",
                 node.name
