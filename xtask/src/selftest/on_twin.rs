@@ -9,9 +9,6 @@ use world::Scenario;
 
 use super::transport::{Error, Received, Transport};
 
-/// The world around the nodes: it stands, and nobody operates it.
-const SCENARIO: &str = "summary = \"the vehicle stands\"\n";
-
 /// Seed of the clock errors and of the noise.
 const SEED: u64 = 1;
 
@@ -40,8 +37,7 @@ impl OnTwin {
     /// # Errors
     /// An image is no program for its node, or did what its microcontroller does not allow.
     pub fn new(vehicle: &Vehicle, images: &Images) -> Result<Self, Error> {
-        let scenario = Scenario::parse(vehicle, "self-test", "self-test", SCENARIO);
-        let scenario = scenario.expect("a scenario with a summary alone is complete");
+        let scenario = Scenario::uneventful(vehicle, "self-test");
         Self::within(vehicle, &scenario, images)
     }
 

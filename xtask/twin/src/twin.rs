@@ -18,6 +18,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use vehicle_model::{NodeIndex, Vehicle};
 use world::line::Wave;
+use world::rover::Side;
 use world::time::Span as _;
 use world::{Analog, Effect, Input, Output, Scenario, World, start_bit};
 
@@ -207,8 +208,8 @@ impl Twin {
             starts: 0,
             last_start: None,
         };
-        if let Some(node) = twin.world.switches() {
-            for input in Input::ALL {
+        for input in Input::ALL {
+            if let Some(node) = twin.world.input_node(input) {
                 let level = twin.world.level(input);
                 twin.drive_input(node, input, level);
             }
@@ -490,10 +491,12 @@ impl Twin {
                     sent.push((end, node, Sent::Byte(byte)));
                 }
             }
-            let relay = self.nodes[node.0].wiring.relay;
             for change in self.node_mut(node).drain_pins() {
-                if Some(change.pin) == relay {
+                let wiring = &self.nodes[node.0].wiring;
+                if Some(change.pin) == wiring.relay {
                     sent.push((change.at, node, Sent::Relay(change.high)));
+                } else if let Some(side) = wiring.servo(change.pin) {
+                    sent.push((change.at, node, Sent::Servo(side, change.high)));
                 }
             }
         }
@@ -504,6 +507,7 @@ impl Twin {
                     self.world.relay(node, closed, at);
                     self.sense_relay(node);
                 }
+                Sent::Servo(side, high) => self.world.servo_edge(side, at, high),
                 Sent::Byte(byte) => {
                     if let Some(device) = self.nodes[node.0].wiring.device_at(byte.usart) {
                         let wave = Wave {
@@ -549,6 +553,7 @@ impl Twin {
 enum Sent {
     Byte(UartByte),
     Relay(bool),
+    Servo(Side, bool),
 }
 
 /// The results of one node.

@@ -2,6 +2,7 @@
 
 use parts::{Pin, Role, Sled};
 use vehicle_model::{Device, NodeIndex, Vehicle};
+use world::rover::Side;
 use world::{Analog, Input};
 
 /// The connection of a device to the microcontroller of its node.
@@ -23,6 +24,8 @@ pub(crate) struct Wiring {
     pub(crate) relay: Option<Pin>,
     /// Pin that reads the relay back; low while it conducts.
     pub(crate) sense: Option<Pin>,
+    /// Pins of the servo pulses, with the side whose motors they drive.
+    servos: Vec<(Pin, Side)>,
 }
 
 /// Why a node cannot be wired as the manifest says.
@@ -45,6 +48,7 @@ impl Wiring {
         let node = vehicle.node(node);
         let mut plugs = Vec::new();
         let (mut relay, mut sense) = (None, None);
+        let mut servos = Vec::new();
         for (name, &device) in &node.wiring {
             let connector = sled.connector(name).ok_or_else(|| WiringError::Connector {
                 board: sled.name,
@@ -53,6 +57,11 @@ impl Wiring {
             if device.has_relay() {
                 relay = connector.signal("relay").map(|line| line.pin);
                 sense = connector.signal("sense").map(|line| line.pin);
+            }
+            if device == Device::DriveMotors {
+                let lines = [("left", Side::Left), ("right", Side::Right)];
+                let pins = lines.map(|(line, side)| Some((connector.signal(line)?.pin, side)));
+                servos.extend(pins.into_iter().flatten());
             }
             plugs.push(Plug {
                 device,
@@ -64,6 +73,7 @@ impl Wiring {
             plugs,
             relay,
             sense,
+            servos,
         })
     }
 
@@ -88,6 +98,12 @@ impl Wiring {
         Some(plugs.find(|plug| plug.usart == Some(usart))?.device)
     }
 
+    /// The side whose motor driver reads servo pulses at a pin.
+    pub(crate) fn servo(&self, pin: Pin) -> Option<Side> {
+        let mut servos = self.servos.iter();
+        servos.find(|(one, _)| *one == pin).map(|(_, side)| *side)
+    }
+
     /// The pin that one of the operator's inputs is wired to.
     pub(crate) fn input(&self, input: Input) -> Option<Pin> {
         let name = match input {
@@ -97,8 +113,10 @@ impl Wiring {
             Input::RemoteD => "d",
             Input::JoystickSwitch => "joystick-switch",
             Input::StopLoop => "stop-loop",
+            Input::PinRun => "run",
+            Input::PinStop => "stop",
         };
-        let connector = self.sled.connector(Device::OperatorSwitches.connector())?;
+        let connector = self.sled.connector(input.device().connector())?;
         Some(connector.signal(name)?.pin)
     }
 
@@ -109,6 +127,8 @@ impl Wiring {
             Analog::JoystickY => (Device::Joystick, "y"),
             Analog::SteeringPot => (Device::SteeringPotentiometer, "wiper"),
             Analog::Knob(_) => (Device::Knob, "wiper"),
+            Analog::Distance(Side::Left) => (Device::DistanceSensors, "left"),
+            Analog::Distance(Side::Right) => (Device::DistanceSensors, "right"),
         };
         let signal = self.sled.connector(device.connector())?.signal(name)?;
         match signal.role {

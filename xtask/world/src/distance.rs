@@ -121,7 +121,8 @@ impl Parameters {
 }
 
 /// What is wrong with a sensor or its line.
-#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+#[derive(Copy, Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Fault {
     /// The lead between sensor and divider is broken: the divider draws the line to ground.
     Open,
@@ -131,6 +132,8 @@ pub enum Fault {
     ShortedToSupply,
     /// The output stays at its present voltage.
     Frozen,
+    /// The sensor finds no target, as behind a dirty lens.
+    Blind,
 }
 
 /// A beam as it was cast, for pictures.
@@ -272,7 +275,8 @@ impl DistanceSensor {
             Edges::Mean => mean(&light),
             Edges::Brightest => brightest(light),
         };
-        self.measured = found.filter(|_| !dropped).map(|distance| {
+        let blind = dropped || self.fault == Some(Fault::Blind);
+        self.measured = found.filter(|_| !blind).map(|distance| {
             let Parameters {
                 noise, noise_slope, ..
             } = &self.parameters;
@@ -296,6 +300,7 @@ impl DistanceSensor {
             None | Some(Fault::Frozen) => self.volts,
             Some(Fault::Open | Fault::ShortedToGround) => 0.0,
             Some(Fault::ShortedToSupply) => CLAMPED,
+            Some(Fault::Blind) => volts(None),
         }
     }
 

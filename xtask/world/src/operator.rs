@@ -27,6 +27,8 @@ impl Button {
             Self::C => Input::RemoteC,
             Self::D => Input::RemoteD,
             Self::J => Input::JoystickSwitch,
+            Self::Run => Input::PinRun,
+            Self::Stop => Input::PinStop,
         }
     }
 }
@@ -91,15 +93,13 @@ fn outputs(scenario: &Scenario, remote: Remote) -> Vec<LevelChange> {
             }
             Happening::Down(press) | Happening::Up(press) => {
                 let down = matches!(what, Happening::Down(_));
-                let input = press.button.input().index();
+                let input = press.button.input();
+                let level = &mut levels[input.index()];
                 match remote {
                     _ if !powered => {}
-                    Remote::Momentary => levels[input] = down,
-                    Remote::Toggle => levels[input] ^= down,
-                    Remote::Latched if down => {
-                        levels = Input::ALL.map(|_| false);
-                        levels[input] = true;
-                    }
+                    Remote::Momentary => *level = down,
+                    Remote::Toggle => *level ^= down,
+                    Remote::Latched if down => levels = Input::ALL.map(|other| other == input),
                     Remote::Latched => {}
                 }
                 match remote {

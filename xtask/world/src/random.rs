@@ -45,6 +45,8 @@ pub enum Purpose {
     Distances = 16,
     /// Noise on the lines of distance sensors.
     DistanceLines = 17,
+    /// Errors of the clocks of motor drivers with servo pulses.
+    ServoClocks = 18,
 }
 
 /// A stream of random numbers.

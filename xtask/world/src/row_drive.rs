@@ -3,6 +3,8 @@
 //! Pulses of the motor drivers' lines go in, voltages of the distance sensors come out. What happens
 //! between depends on the settings, the seed and the instants of the pulses only.
 
+use std::collections::VecDeque;
+
 use crate::distance::{self, Beam, DistanceSensor, Fault};
 use crate::rover::{self, Axles, Mount, Rover, Side, State, Terrain};
 use crate::rows::{Contact, Footprint, Rows};
@@ -24,6 +26,8 @@ pub struct Setting<'a> {
     pub row: &'a Row,
     /// The robot.
     pub rover: rover::Parameters,
+    /// Where the sensor on the right is mounted; the one on the left is its mirror image.
+    pub mount: Mount,
     /// The ground.
     pub terrain: Terrain,
     /// Both distance sensors.
@@ -53,15 +57,25 @@ pub struct RowSample {
     pub axles: Axles,
 }
 
-/// The first contact of a drive.
+/// A contact of the robot with something solid.
 #[derive(Copy, Clone, Debug, PartialEq)]
-pub struct FirstContact {
+pub struct Touch {
     /// When it was found; contacts are looked for at each record.
     pub at: SimTime,
     /// What the robot touches.
     pub contact: Contact,
     /// The area of the robot then.
     pub chassis: Footprint,
+    /// Its station along the row then, metres.
+    pub station: f64,
+}
+
+/// A fault of a distance sensor that begins, or ends with `None`.
+#[derive(Copy, Clone, Debug, PartialEq)]
+struct FaultChange {
+    at: SimTime,
+    side: Side,
+    fault: Option<Fault>,
 }
 
 /// A robot on its way along a row.
@@ -78,7 +92,13 @@ pub struct RowDrive {
     records: u64,
     samples: Vec<RowSample>,
     beams: Vec<Beam>,
-    contact: Option<FirstContact>,
+    /// When the motors came to rest and when they left it: true from then on if both efforts are zero.
+    rests: Vec<(SimTime, bool)>,
+    touches: Vec<Touch>,
+    /// Whether the robot touched something at the last record.
+    touching: bool,
+    /// Changes of faults that are still to come, in order of time.
+    faults: VecDeque<FaultChange>,
 }
 
 impl RowDrive {
@@ -100,7 +120,10 @@ impl RowDrive {
                 seed,
             ),
             rows,
-            sensors: [sensor(Mount::left(), 0), sensor(Mount::right(), 1)],
+            sensors: [
+                sensor(setting.mount.mirrored(), 0),
+                sensor(setting.mount, 1),
+            ],
             drivers: setting.driver_clocks.map(Victor::new),
             efforts: [0.0; 2],
             start: start.station.get(),
@@ -108,7 +131,10 @@ impl RowDrive {
             records: 0,
             samples: Vec::new(),
             beams: Vec::new(),
-            contact: None,
+            rests: vec![(START, true)],
+            touches: Vec::new(),
+            touching: false,
+            faults: VecDeque::new(),
         }
     }
 
@@ -126,6 +152,10 @@ impl RowDrive {
         if *before != effort {
             *before = effort;
             self.rover.set_effort(at, side, effort);
+            let rest = self.efforts == [0.0; 2];
+            if self.rests.last().is_none_or(|(_, last)| *last != rest) {
+                self.rests.push((at, rest));
+            }
         }
     }
 
@@ -144,7 +174,9 @@ impl RowDrive {
     pub fn next_coupling(&self) -> SimTime {
         let looks = self.sensors.iter().map(DistanceSensor::next_look);
         let offs = SIDES.into_iter().filter_map(|side| self.off_at(side));
-        looks.chain(offs).fold(self.next_record(), SimTime::min)
+        let faults = self.faults.front().map(|change| change.at);
+        let others = looks.chain(offs).chain(faults);
+        others.fold(self.next_record(), SimTime::min)
     }
 
     /// Does everything that is due up to and including `to`.
@@ -158,6 +190,9 @@ impl RowDrive {
                 if self.off_at(side).is_some_and(|off| off <= next) {
                     self.obey(side, next);
                 }
+            }
+            while let Some(change) = self.faults.pop_front_if(|change| change.at <= next) {
+                self.set_fault(change.side, change.fault);
             }
             self.rover.advance_to(next);
             let state = self.rover.state();
@@ -189,13 +224,14 @@ impl RowDrive {
             axles: self.rover.axles(),
         });
         let chassis = self.rover.footprint(&state);
-        if self.contact.is_none()
-            && let Some(contact) = self.rows.contact(&chassis)
-        {
-            self.contact = Some(FirstContact {
+        let contact = self.rows.contact(&chassis);
+        let touched = core::mem::replace(&mut self.touching, contact.is_some());
+        if let Some(contact) = contact.filter(|_| !touched) {
+            self.touches.push(Touch {
                 at: now,
                 contact,
                 chassis,
+                station,
             });
         }
     }
@@ -205,19 +241,35 @@ impl RowDrive {
     #[must_use]
     pub fn volts(&self, side: Side, when: SimTime) -> f64 {
         let sensor = &self.sensors[side as usize];
-        if when < sensor.next_output() {
+        let due = self.faults.front().is_some_and(|change| change.at <= when);
+        if when < sensor.next_output() && !due {
             return sensor.volts();
         }
         let mut sensor = sensor.clone();
         let mut rover = self.rover.clone();
-        sensor.advance_to(when, &self.rows, |look| {
+        let mut state = |look| {
             rover.advance_to(look);
             rover.state()
-        });
+        };
+        let own = self.faults.iter().filter(|change| change.side == side);
+        for change in own.take_while(|change| change.at <= when) {
+            // A measurement that ends at the same time comes after the change.
+            let before = SimTime::from_ticks(change.at.as_ticks().saturating_sub(1));
+            sensor.advance_to(before, &self.rows, &mut state);
+            sensor.set_fault(change.fault);
+        }
+        sensor.advance_to(when, &self.rows, state);
         sensor.volts()
     }
 
-    /// Begins or ends a fault of the sensor that is mounted on `side`.
+    /// Begins or ends a fault of the sensor that is mounted on `side` at a time in the future; of two
+    /// changes at one time the one that was planned later counts.
+    pub fn plan_fault(&mut self, at: SimTime, side: Side, fault: Option<Fault>) {
+        let place = self.faults.partition_point(|change| change.at <= at);
+        self.faults.insert(place, FaultChange { at, side, fault });
+    }
+
+    /// Begins or ends a fault of the sensor that is mounted on `side` now.
     pub fn set_fault(&mut self, side: Side, fault: Option<Fault>) {
         self.sensors[side as usize].set_fault(fault);
     }
@@ -232,6 +284,13 @@ impl RowDrive {
     #[must_use]
     pub fn efforts(&self) -> [f64; 2] {
         self.efforts
+    }
+
+    /// When the motors came to rest and when they left it, in order of time from the start on: true from
+    /// then on if both efforts are zero.
+    #[must_use]
+    pub fn rests(&self) -> &[(SimTime, bool)] {
+        &self.rests
     }
 
     /// The rows.
@@ -270,11 +329,17 @@ impl RowDrive {
         &self.beams
     }
 
-    /// The first contact with something solid. The robot drives on: what a plant does to it is not
-    /// modelled.
+    /// The contacts with something solid so far, in order of time. A contact lasts until the robot
+    /// touches nothing. It drives on: what a plant does to it is not modelled.
     #[must_use]
-    pub fn contact(&self) -> Option<&FirstContact> {
-        self.contact.as_ref()
+    pub fn touches(&self) -> &[Touch] {
+        &self.touches
+    }
+
+    /// The first of them.
+    #[must_use]
+    pub fn contact(&self) -> Option<&Touch> {
+        self.touches.first()
     }
 }
 

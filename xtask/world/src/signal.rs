@@ -1,6 +1,8 @@
 //! The voltages and logic levels that devices put on the nodes' pins.
 
-use vehicle_model::NodeIndex;
+use vehicle_model::{Device, NodeIndex};
+
+use crate::rover::Side;
 
 /// An analogue voltage that a node converts.
 #[derive(Copy, Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -13,9 +15,11 @@ pub enum Analog {
     SteeringPot,
     /// A knob at the `pot` connector of this node.
     Knob(NodeIndex),
+    /// The distance sensor that is mounted on this side of the robot.
+    Distance(Side),
 }
 
-/// A logic level at the node that has the operator's switches.
+/// A logic level that the operator controls.
 #[derive(Copy, Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Input {
     /// Remote button A, high while pressed.
@@ -30,18 +34,33 @@ pub enum Input {
     JoystickSwitch,
     /// Emergency-stop loop, normally closed to ground: high means stop.
     StopLoop,
+    /// Output "run" of the pin remote, high while on.
+    PinRun,
+    /// Output "stop" of the pin remote, high while on.
+    PinStop,
 }
 
 impl Input {
     /// All inputs.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 8] = [
         Self::RemoteA,
         Self::RemoteB,
         Self::RemoteC,
         Self::RemoteD,
         Self::JoystickSwitch,
         Self::StopLoop,
+        Self::PinRun,
+        Self::PinStop,
     ];
+
+    /// The device that it belongs to.
+    #[must_use]
+    pub const fn device(self) -> Device {
+        match self {
+            Self::PinRun | Self::PinStop => Device::PinRemote,
+            _ => Device::OperatorSwitches,
+        }
+    }
 
     /// The level while it is not operated.
     #[must_use]

@@ -18,7 +18,7 @@ use crate::random::{Purpose, Stream};
 use crate::receiver::{Fix, Receiver};
 use crate::record::{Counters, EffortChange, Garble, StateSample};
 use crate::rover::Side;
-use crate::row_drive::RowDrive;
+use crate::row_drive::{RowDrive, Setting};
 use crate::scenario::{BusEvent, Clock, LARGEST_ERROR, Scenario};
 use crate::signal::{Analog, Input};
 use crate::syren::{STOP, Syren};
@@ -97,7 +97,7 @@ pub enum Effect {
     },
     /// A logic level changes.
     Level {
-        /// The node that has the operator's switches.
+        /// The node that the input is wired to.
         node: NodeIndex,
         /// The input.
         input: Input,
@@ -228,7 +228,8 @@ pub struct World {
     motors: Vec<Driver>,
     screen: Screen,
     analogs: Vec<(NodeIndex, Analog)>,
-    switches: Option<NodeIndex>,
+    /// The nodes to which the operator's inputs are wired.
+    inputs: [Option<NodeIndex>; Input::ALL.len()],
     levels: [bool; Input::ALL.len()],
     queue: BinaryHeap<Reverse<Queued>>,
     order: u64,
@@ -288,7 +289,7 @@ impl World {
                 line_free: START,
             },
             analogs: analogs(vehicle),
-            switches: vehicle.node_of(Device::OperatorSwitches),
+            inputs: Input::ALL.map(|input| vehicle.node_of(input.device())),
             levels: Input::ALL.map(Input::idle),
             queue: BinaryHeap::new(),
             order: 0,
@@ -302,7 +303,7 @@ impl World {
             analog_noise: Stream::new(seed, Purpose::Analog),
             knob_noise: Stream::new(seed, Purpose::Knobs),
             distance_noise: Stream::new(seed, Purpose::DistanceLines),
-            drive: None,
+            drive: drive(scenario, seed),
             clocks: clocks(scenario, seed),
             scenario: scenario.clone(),
         };
@@ -326,8 +327,8 @@ impl World {
 
     /// Queues the events of the scenario.
     fn script(&mut self, remote: Remote) {
-        if let Some(node) = self.switches {
-            for change in operator::level_changes(&self.scenario, remote) {
+        for change in operator::level_changes(&self.scenario, remote) {
+            if let Some(node) = self.input_node(change.input) {
                 let what = Effect::Level {
                     node,
                     input: change.input,
@@ -681,10 +682,10 @@ impl World {
         &self.analogs
     }
 
-    /// The node that has the operator's switches.
+    /// The node that an input is wired to.
     #[must_use]
-    pub fn switches(&self) -> Option<NodeIndex> {
-        self.switches
+    pub fn input_node(&self, input: Input) -> Option<NodeIndex> {
+        self.inputs[input.index()]
     }
 
     /// Passes on a byte that a node sent to a device. `start` is the falling edge of its start bit,
@@ -851,9 +852,15 @@ impl World {
                     us * self.clocks.len() as u64 + node.0 as u64,
                 )
             }
+            Analog::Distance(side) => {
+                let Some(drive) = &self.drive else { return 0 };
+                let counts = drive.volts(side, when) / SUPPLY * FULL_SCALE;
+                (counts, DISTANCE_NOISE, 2 * us + side as u64)
+            }
         };
         let noise = match channel {
             Analog::Knob(_) => &mut self.knob_noise,
+            Analog::Distance(_) => &mut self.distance_noise,
             _ => &mut self.analog_noise,
         };
         noise.seek(place);
@@ -868,17 +875,6 @@ impl World {
         if let Some(drive) = &mut self.drive {
             drive.pulse_edge(side, at, high);
         }
-    }
-
-    /// Reading of a 12-bit converter that samples, at `when`, the distance sensor that is mounted on
-    /// `side`; 0 without one. The noise is a function of the sensor and the microsecond.
-    pub fn distance_count(&mut self, side: Side, when: SimTime) -> u16 {
-        let Some(drive) = &self.drive else { return 0 };
-        let counts = drive.volts(side, when) / SUPPLY * FULL_SCALE;
-        let us = when.as_ticks() / 1_000_000;
-        self.distance_noise.seek(2 * us + side as u64);
-        let noisy = counts + DISTANCE_NOISE * self.distance_noise.normal();
-        noisy.round().clamp(0.0, FULL_SCALE) as u16
     }
 
     /// The robot that drives along a row, if there is one.
@@ -970,6 +966,35 @@ fn clocks(scenario: &Scenario, seed: u64) -> Vec<Clocks> {
     scenario.nodes.iter().map(draw).collect()
 }
 
+/// The rover in its row, if the vehicle has one.
+fn drive(scenario: &Scenario, seed: u64) -> Option<RowDrive> {
+    let setting = scenario.row.as_ref()?;
+    let mut errors = Stream::new(seed, Purpose::ServoClocks);
+    let setting = Setting {
+        row: &setting.row,
+        rover: setting.rover.clone(),
+        mount: setting.mount,
+        terrain: setting.terrain.clone(),
+        distance: setting.distance.clone(),
+        driver_clocks: [(); 2].map(|()| errors.symmetric(DRIVER_CLOCK)),
+    };
+    let mut drive = RowDrive::new(&setting, seed);
+    // Ends before begins: one fault may begin when another one ends.
+    for fault in &scenario.distance_fault {
+        if let Some(until) = fault.until {
+            for side in fault.sides() {
+                drive.plan_fault(at(until.span()), side, None);
+            }
+        }
+    }
+    for fault in &scenario.distance_fault {
+        for side in fault.sides() {
+            drive.plan_fault(at(fault.at.span()), side, Some(fault.fault));
+        }
+    }
+    Some(drive)
+}
+
 /// The motor drivers that are wired, in the order of their nodes.
 fn motors(
     vehicle: &vehicle_model::Vehicle,
@@ -1008,6 +1033,10 @@ fn analogs(vehicle: &vehicle_model::Vehicle) -> Vec<(NodeIndex, Analog)> {
                 }
                 Device::SteeringPotentiometer => analogs.push((index, Analog::SteeringPot)),
                 Device::Knob => analogs.push((index, Analog::Knob(index))),
+                Device::DistanceSensors => {
+                    let sensors = [Side::Left, Side::Right].map(Analog::Distance);
+                    analogs.extend(sensors.map(|sensor| (index, sensor)));
+                }
                 _ => {}
             }
         }

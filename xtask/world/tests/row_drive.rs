@@ -9,7 +9,7 @@ use world::row_drive::{RowDrive, Setting, pulse};
 use world::rows::What;
 use world::scenario::{Limits, Row};
 use world::time::{at, from_seconds, seconds};
-use world::{SimTime, World};
+use world::{Analog, SimTime, World};
 
 const POLES: &str = "[[section]]\nkind = \"poles\"\nlength = \"30 m\"\n";
 
@@ -27,6 +27,7 @@ fn setting(row: &Row) -> Setting<'_> {
             motors: Some([[1.0; 3]; 2]),
             ..Parameters::default()
         },
+        mount: Mount::right(),
         terrain: Terrain::default(),
         distance: distance::Parameters::default(),
         driver_clocks: [0.0; 2],
@@ -79,7 +80,7 @@ fn pulses_drive_the_robot_along_the_row() {
         "{last:?}"
     );
     assert!((last.efforts[0] - 0.24).abs() < 1e-9);
-    assert_eq!(drive.contact(), None);
+    assert_eq!(drive.touches(), []);
     assert_eq!(drive.driver(Side::Left).counts().valid, 999);
     assert!((90..=102).contains(&drive.beams().len()));
 }
@@ -125,6 +126,24 @@ fn it_turns_into_the_row_and_says_what_it_touches() {
         .rfind(|sample| sample.at < contact.at);
     let before = drive.rover().footprint(&before.unwrap().state);
     assert_eq!(drive.rows().contact(&before), None);
+    // Poles stand closer than the robot is long: it touches them without a pause.
+    assert_eq!(drive.touches().len(), 1);
+}
+
+#[test]
+fn a_contact_ends_when_the_robot_touches_nothing() {
+    let weed = |at| format!("[[weed]]\nat = \"{at} m\"\nright = \"0 m\"\ndiameter = \"5 cm\"\n");
+    let row = row(&format!("{POLES}{}{}", weed(2), weed(3)));
+    let mut drive = RowDrive::new(&setting(&row), 1);
+    send(&mut drive, 0.5, 0.5, 0.0, 4.0);
+    let stations: Vec<f64> = drive.touches().iter().map(|touch| touch.station).collect();
+    // The front edge is 22.9 cm ahead, and a weed reaches 2.5 cm towards it.
+    let expected = [2.0 - 0.2536, 3.0 - 0.2536];
+    assert_eq!(stations.len(), 2, "{stations:?}");
+    for (found, expected) in stations.iter().zip(expected) {
+        // A record is 1 cm on.
+        assert!((0.0..0.012).contains(&(found - expected)), "{stations:?}");
+    }
 }
 
 #[test]
@@ -180,21 +199,24 @@ fn a_world_with_a_drive_couples_with_it() {
     assert!(last.state.speed > 0.4, "{last:?}");
 
     for side in [Side::Left, Side::Right] {
-        let count = f64::from(world.distance_count(side, time(1.0)));
+        let count = f64::from(world.adc(Analog::Distance(side), time(1.0)));
         let volts = alone.volts(side, time(1.0));
         assert!(
             (count / 4095.0 * 3.3 - volts.min(3.3)).abs() < 5e-3,
             "{count} {volts}"
         );
-        assert_eq!(count, f64::from(world.distance_count(side, time(1.0))));
+        assert_eq!(
+            count,
+            f64::from(world.adc(Analog::Distance(side), time(1.0)))
+        );
     }
     let short = Some(Fault::ShortedToGround);
     world.drive_mut().unwrap().set_fault(Side::Left, short);
-    assert!(world.distance_count(Side::Left, time(1.0)) < 6);
+    assert!(world.adc(Analog::Distance(Side::Left), time(1.0)) < 6);
 
     let mut without = new();
     without.servo_edge(Side::Left, time(0.5), true);
-    assert_eq!(without.distance_count(Side::Left, time(0.5)), 0);
+    assert_eq!(without.adc(Analog::Distance(Side::Left), time(0.5)), 0);
     assert!(without.drive().is_none());
 }
 
@@ -206,10 +228,25 @@ proptest! {
         seed: u64,
         mut cuts in prop::collection::vec(0.0..1.5_f64, 0..40),
         efforts in prop::collection::vec((-1.0..1.0_f64, -1.0..1.0_f64), 1..20),
+        faults in prop::collection::vec((0.0..1.5_f64, any::<bool>(), 0_usize..6), 0..6),
     ) {
         let row = row("[[section]]\nkind = \"stalks\"\nlength = \"30 m\"\n");
         let setting = Setting { terrain: Terrain::field(), ..setting(&row) };
         let (mut whole, mut cut) = (RowDrive::new(&setting, seed), RowDrive::new(&setting, seed));
+        for (at, left, kind) in faults {
+            let side = if left { Side::Left } else { Side::Right };
+            let fault = [
+                None,
+                Some(Fault::Open),
+                Some(Fault::ShortedToGround),
+                Some(Fault::ShortedToSupply),
+                Some(Fault::Frozen),
+                Some(Fault::Blind),
+            ][kind];
+            for drive in [&mut whole, &mut cut] {
+                drive.plan_fault(time(at), side, fault);
+            }
+        }
         cuts.sort_by(f64::total_cmp);
         let mut begin = 0.0;
         for (i, (left, right)) in efforts.iter().enumerate() {
@@ -240,6 +277,6 @@ proptest! {
         cut.advance_to(end);
         prop_assert_eq!(whole.samples(), cut.samples());
         prop_assert_eq!(whole.beams(), cut.beams());
-        prop_assert_eq!(whole.contact(), cut.contact());
+        prop_assert_eq!(whole.touches(), cut.touches());
     }
 }

@@ -41,7 +41,7 @@ use crate::time::{SimDuration, SimTime, after, since, span_seconds};
 const STEP: SimDuration = SimDuration::from_ticks(1_000_000_000);
 
 /// One of the two groups of three wheels.
-#[derive(Copy, Clone, Debug, PartialEq, Eq)]
+#[derive(Copy, Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Side {
     /// The left wheels.
     Left,

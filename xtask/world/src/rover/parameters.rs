@@ -1,6 +1,7 @@
 //! Constants of the robot and of the ground under it.
 
 use serde::Deserialize;
+use vehicle_model::manifest;
 
 use super::State;
 use crate::scenario::check::{between, within};
@@ -55,6 +56,23 @@ impl Default for Parameters {
             lag: 0.12,
             slip_along: 0.25,
             slip_across: 14_f64.to_radians(),
+        }
+    }
+}
+
+impl Parameters {
+    /// Those of a manifest's rover. What the manifest does not say has its default.
+    #[must_use]
+    pub fn of(rover: &manifest::Rover) -> Self {
+        Self {
+            length: rover.length.get(),
+            width: rover.width.get(),
+            track: rover.track.get(),
+            axle_spacing: rover.axle_spacing.get(),
+            top_speed: rover.motors.full_speed.get(),
+            friction: rover.motors.dead_band.get(),
+            lag: rover.motors.lag.get(),
+            ..Self::default()
         }
     }
 }
@@ -153,6 +171,26 @@ pub struct Mount {
 }
 
 impl Mount {
+    /// The sensor on the right of a manifest's rover.
+    #[must_use]
+    pub fn of(rover: &manifest::Rover) -> Self {
+        Self {
+            ahead: rover.sensors.ahead.get(),
+            right: rover.sensors.beside.get(),
+            yaw: -rover.sensors.angle.get(),
+        }
+    }
+
+    /// The sensor on the other side, which looks to the other side.
+    #[must_use]
+    pub fn mirrored(&self) -> Self {
+        Self {
+            right: -self.right,
+            yaw: -self.yaw,
+            ..*self
+        }
+    }
+
     /// The sensor on the right of the thesis's robot, which looks 45 degrees to the left and so measures
     /// the left row. The beams cross 7 inches ahead of the front edge (thesis 2.2.1), so the
     /// apertures are 0.026 m ahead of it (inferred).
@@ -168,12 +206,7 @@ impl Mount {
     /// The sensor on the left, which measures the right row.
     #[must_use]
     pub fn left() -> Self {
-        let right = Self::right();
-        Self {
-            right: -right.right,
-            yaw: -right.yaw,
-            ..right
-        }
+        Self::right().mirrored()
     }
 
     /// The aperture, and the heading of the beam, of a robot in `state`: `x`, `y`, heading.

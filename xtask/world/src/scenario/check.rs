@@ -62,7 +62,7 @@ pub(super) fn whole(field: &str, value: u64, least: u64, most: u64) -> Outcome {
     }
 }
 
-fn times() -> Range<crate::units::TimeKind> {
+pub(super) fn times() -> Range<crate::units::TimeKind> {
     between(Time::new(0.0), Time::new(86_400.0))
 }
 
@@ -70,7 +70,7 @@ fn coordinates() -> Range<crate::units::LengthKind> {
     between(Length::new(-10_000.0), Length::new(10_000.0))
 }
 
-fn later(field: &str, from: Time, until: Option<Time>) -> Outcome {
+pub(super) fn later(field: &str, from: Time, until: Option<Time>) -> Outcome {
     let Some(until) = until else { return Ok(()) };
     within(&format!("{field}.until"), until, times())?;
     if until <= from {
@@ -94,6 +94,10 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
         start(scenario, machine)?;
     }
     ground(scenario)?;
+    if let Some(setting) = &scenario.row {
+        setting.check()?;
+    }
+    super::rover::faults(&scenario.distance_fault)?;
     receiver(scenario)?;
     within(
         "lcd.delay",
@@ -123,33 +127,51 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
 
 /// Checks that the vehicle has the devices that the scenario uses.
 fn devices(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
+    let presses = |device| {
+        let mut presses = scenario.press.iter();
+        presses.any(|press| press.button.input().device() == device)
+    };
     let tables = [
-        ("fix", scenario.fix.len(), Device::SatelliteReceiver),
-        ("stream", scenario.stream.len(), Device::SatelliteReceiver),
-        ("press", scenario.press.len(), Device::OperatorSwitches),
+        ("fix", !scenario.fix.is_empty(), Device::SatelliteReceiver),
         (
-            "remote",
-            usize::from(scenario.remote.kind.is_some()),
+            "stream",
+            !scenario.stream.is_empty(),
+            Device::SatelliteReceiver,
+        ),
+        (
+            "press",
+            presses(Device::OperatorSwitches),
             Device::OperatorSwitches,
         ),
-        ("supply", scenario.supply.len(), Device::OperatorSwitches),
-        ("joystick", scenario.joystick.len(), Device::Joystick),
+        ("press", presses(Device::PinRemote), Device::PinRemote),
+        ("joystick", !scenario.joystick.is_empty(), Device::Joystick),
         (
             "stop_loop",
-            scenario.stop_loop.len(),
+            !scenario.stop_loop.is_empty(),
             Device::OperatorSwitches,
         ),
+        (
+            "distance_fault",
+            !scenario.distance_fault.is_empty(),
+            Device::DistanceSensors,
+        ),
     ];
-    for (table, entries, device) in tables {
-        if entries > 0 && vehicle.node_of(device).is_none() {
-            return Err(without(
-                vehicle,
-                table,
-                &format!("a device {:?}", device.name()),
-            ));
+    for (table, given, device) in tables {
+        if given && vehicle.node_of(device).is_none() {
+            let what = format!("a device {:?}", device.name());
+            return Err(without(vehicle, table, &what));
         }
     }
-    Ok(())
+    let remotes = [Device::OperatorSwitches, Device::PinRemote];
+    let remote = remotes.iter().any(|&one| vehicle.node_of(one).is_some());
+    let tables = [
+        ("remote", scenario.remote.kind.is_some()),
+        ("supply", !scenario.supply.is_empty()),
+    ];
+    match tables.iter().find(|(_, given)| *given) {
+        Some((table, _)) if !remote => Err(without(vehicle, table, "a remote control")),
+        _ => Ok(()),
+    }
 }
 
 fn knobs(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {

@@ -20,6 +20,12 @@ pub enum Button {
     D,
     /// Switch of the joystick, which means the same as D (thesis 5.2.5).
     J,
+    /// Pin remote: run.
+    #[serde(rename = "run")]
+    Run,
+    /// Pin remote: stop.
+    #[serde(rename = "stop")]
+    Stop,
 }
 
 /// A button is pressed and released.

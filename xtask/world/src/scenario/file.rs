@@ -5,12 +5,15 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use vehicle_model::{Device, NodeIndex, Vehicle};
 
+use super::rover::{self, DistanceFault};
 use super::{
     BrownOut, BusEvent, ButtonPress, Clock, ClockChange, JoystickMove, KnobTurn, Lcd, Line, Point,
-    Receiver, RelayFault, ResetEvent, Scenario, Start, StartChanges, StopLoopChange, SupplyChange,
-    WireNoise,
+    Receiver, RelayFault, ResetEvent, Row, Scenario, Start, StartChanges, StopLoopChange,
+    SupplyChange, WireNoise,
 };
+use crate::distance;
 use crate::receiver::{self, FixChange, StreamFault};
+use crate::rover::Terrain;
 use crate::units::{Ratio, Time, Voltage};
 use crate::vehicle;
 
@@ -41,6 +44,10 @@ pub(super) struct File {
     wire: Vec<Noise>,
     relay: Vec<Stuck>,
     bus: Vec<BusEvent>,
+    row: Option<Row>,
+    terrain: Option<Terrain>,
+    distance: Option<distance::Parameters>,
+    distance_fault: Vec<DistanceFault>,
 }
 
 impl Default for File {
@@ -69,6 +76,10 @@ impl Default for File {
             wire: Vec::new(),
             relay: Vec::new(),
             bus: Vec::new(),
+            row: None,
+            terrain: None,
+            distance: None,
+            distance_fault: Vec::new(),
         }
     }
 }
@@ -205,6 +216,8 @@ impl File {
             wire: wire.collect::<Result<_, String>>()?,
             relay: relay.collect::<Result<_, String>>()?,
             bus: self.bus,
+            row: rover::setting(vehicle, self.row, self.terrain, self.distance)?,
+            distance_fault: self.distance_fault,
         })
     }
 }

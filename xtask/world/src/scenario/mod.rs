@@ -9,6 +9,7 @@ pub(crate) mod check;
 mod error;
 mod events;
 mod file;
+mod rover;
 mod row;
 
 use std::ops::RangeInclusive;
@@ -23,6 +24,7 @@ pub use events::{
     ResetEvent, StopLoopChange, SupplyChange, WireNoise,
 };
 use file::File;
+pub use rover::{DistanceFault, RowSetting};
 pub use row::{Bend, Gap, Kind, Leaves, Limits, Row, RowStart, Section, Side, Turn, Weed, Weeds};
 
 use crate::changes::changes;
@@ -87,6 +89,10 @@ pub struct Scenario {
     pub relay: Vec<RelayFault>,
     /// Foreign frames and disturbances on the bus.
     pub bus: Vec<BusEvent>,
+    /// The rover and its row; `None` when the vehicle has no rover.
+    pub row: Option<RowSetting>,
+    /// Faults of the distance sensors.
+    pub distance_fault: Vec<DistanceFault>,
 }
 
 /// Pose of the vehicle at the start of the run. By default the vehicle is at rest at the start of
@@ -314,6 +320,21 @@ impl Scenario {
             .file_stem()
             .map_or(name.into(), |stem| stem.to_string_lossy());
         Self::parse(vehicle, &stem, name, &text)
+    }
+
+    /// A scenario in which nothing happens, with the default duration: the vehicle of the manifest at
+    /// rest at the beginning of its line. A rover stands at the beginning of a straight row of bare
+    /// poles that is 100 m long.
+    ///
+    /// # Panics
+    /// Never: such a scenario is one of every vehicle.
+    #[must_use]
+    pub fn uneventful(vehicle: &Vehicle, name: &str) -> Self {
+        let text = match vehicle.manifest().rover {
+            Some(_) => "[[row.section]]\nkind = \"poles\"\nlength = \"100 m\"\n",
+            None => "",
+        };
+        Self::parse(vehicle, name, name, text).expect("a scenario without events")
     }
 
     /// Parses a scenario of a vehicle from TOML. Reports use `name` for the scenario, error

@@ -10,7 +10,7 @@ use control::row::{
     ConditionalHold, IntegralState, ProportionalIntegral, ScalarKalman, differential,
 };
 use world::distance::{self, metres};
-use world::rover::{self, Side, Terrain};
+use world::rover::{self, Mount, Side, Terrain};
 use world::row_drive::{RowDrive, Setting, pulse};
 use world::scenario::Row;
 use world::time::{at, from_seconds};
@@ -146,6 +146,7 @@ pub(crate) fn drive(
     let setting = Setting {
         row,
         rover,
+        mount: Mount::right(),
         terrain: terrain.clone(),
         distance: distance::Parameters::default(),
         driver_clocks: [0.0; 2],
