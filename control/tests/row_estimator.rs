@@ -211,6 +211,43 @@ proptest! {
     }
 }
 
+/// A step is its two parts, and the second one changes no command before the next
+/// step.
+#[test]
+fn a_step_is_a_command_and_a_correction() {
+    let field = Field::new(&Crop::hard(), 2);
+    let mut whole = RowController::<f32>::new(settings()).unwrap();
+    let mut parts = whole;
+    let mut never = whole;
+    let mut differs = false;
+    run(&field, Ground::rough(2), 2, 30.0, |left, right, _| {
+        let distances = RowDistances {
+            left: left as f32,
+            right: right as f32,
+        };
+        let outcome = whole.step(&distances, true, STEP as f32);
+        assert_eq!(outcome, parts.command(&distances, true, STEP as f32));
+        parts.correct();
+        let uncorrected = never.command(&distances, true, STEP as f32);
+        differs |= uncorrected.estimate.pose != outcome.estimate.pose;
+        (
+            f64::from(outcome.efforts.left),
+            f64::from(outcome.efforts.right),
+        )
+    });
+    assert!(differs, "nothing was corrected");
+}
+
+proptest! {
+    #[test]
+    fn a_reciprocal_root_is_within_a_millionth(exponent in -30.0_f32..30.0) {
+        let value = 10.0_f32.powf(exponent);
+        let exact = 1.0 / f64::from(value).sqrt();
+        let error = f64::from(value.reciprocal_root()) / exact - 1.0;
+        prop_assert!(error.abs() < 1e-6, "{error}");
+    }
+}
+
 /// In a mirror the robot does the mirrored. When runs of both sides end in the same
 /// step, the left one comes first, and another hypothesis may be dropped: a
 /// difference that the next stalks take back.

@@ -139,26 +139,62 @@ impl<T: Scalar> Beams<T> {
     /// the aperture is beyond it.
     #[must_use]
     pub fn predict(&self, side: Side, pose: &RowPose<T>) -> Option<Prediction<T>> {
+        self.view(side, pose, pose.heading.sine_cosine())
+            .predict(T::zero(), T::zero(), T::zero())
+    }
+
+    /// The row at `side` from a pose, of which sine and cosine of the heading are
+    /// known.
+    pub(super) fn view(&self, side: Side, pose: &RowPose<T>, (sine, cosine): (T, T)) -> View<T> {
         // The right row is the left one in a mirror.
         let mirror = match side {
             Side::Left => T::one(),
             Side::Right => -T::one(),
         };
-        let (sine, cosine) = (pose.heading * mirror).sine_cosine();
+        let sine = sine * mirror;
         let Mounting { ahead, beside, .. } = self.mounting;
-        let across = pose.half_width + pose.offset * mirror + ahead * sine + beside * cosine;
-        // Sine and cosine of the angle between beam and row.
-        let steep = self.sine * cosine - self.cosine * sine;
-        let along = self.cosine * cosine + self.sine * sine;
+        View {
+            mirror,
+            across: pose.half_width + pose.offset * mirror + ahead * sine + beside * cosine,
+            by_heading: ahead * cosine - beside * sine,
+            steep: self.sine * cosine - self.cosine * sine,
+            along: self.cosine * cosine + self.sine * sine,
+        }
+    }
+}
+
+/// One row from one pose. It predicts the distance for poses near by without
+/// angular functions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct View<T> {
+    mirror: T,
+    /// From the aperture to the row, across it, m.
+    across: T,
+    /// Change of that with the mirrored heading, m/rad.
+    by_heading: T,
+    /// Sine and cosine of the angle between beam and row.
+    steep: T,
+    along: T,
+}
+
+impl<T: Scalar> View<T> {
+    /// Distance for a pose that differs by these (m, rad, m). The third power of
+    /// the heading's difference is left out.
+    pub(super) fn predict(&self, offset: T, heading: T, half_width: T) -> Option<Prediction<T>> {
+        let heading = heading * self.mirror;
+        let across = self.across + half_width + offset * self.mirror + self.by_heading * heading;
+        let steep = self.steep - (self.along + self.steep * heading * T::lit(0.5)) * heading;
         if !(across > T::zero() && steep > T::lit(LEAST_SINE)) {
             return None;
         }
         let by_width = T::one() / steep;
         let distance = across * by_width;
+        let along = self.along + self.steep * heading;
+        let by_offset = by_width * self.mirror;
         Some(Prediction {
             distance,
-            by_offset: by_width * mirror,
-            by_heading: (ahead * cosine - beside * sine + distance * along) * by_width * mirror,
+            by_offset,
+            by_heading: (self.by_heading + distance * along) * by_offset,
             by_half_width: by_width,
         })
     }

@@ -151,9 +151,25 @@ impl<T: Scalar> RowController<T> {
     }
 
     /// One step, `dt` seconds after the last one, with the distances measured
-    /// now. The robot drives while it is `engaged`. It starts with an empty
-    /// estimate whenever that becomes true, and from the row's end only so.
+    /// now: [`RowController::command`], and then [`RowController::correct`].
     pub fn step(&mut self, distances: &RowDistances<T>, engaged: bool, dt: T) -> RowOutcome<T> {
+        let outcome = self.command(distances, engaged, dt);
+        self.correct();
+        outcome
+    }
+
+    /// The larger part of a step, which no command waits for: corrects the estimate
+    /// by what [`RowController::command`] has seen. It is due before the next
+    /// command.
+    pub fn correct(&mut self) {
+        self.estimator.correct();
+    }
+
+    /// The part of a step that the motors wait for, `dt` seconds after the last one,
+    /// with the distances measured now. The robot drives while it is `engaged`. It
+    /// starts with an empty estimate whenever that becomes true, and from the row's
+    /// end only so.
+    pub fn command(&mut self, distances: &RowDistances<T>, engaged: bool, dt: T) -> RowOutcome<T> {
         if !engaged {
             self.state = RowState::Idle;
         } else if self.state == RowState::Idle {
@@ -161,7 +177,7 @@ impl<T: Scalar> RowController<T> {
             self.estimator.restart();
             self.wheels = still();
         }
-        let estimate = self.estimator.step(distances, &self.wheels, dt);
+        let estimate = self.estimator.observe(distances, &self.wheels, dt);
         if self.state == RowState::Following {
             self.state = self.judge(&estimate);
         }

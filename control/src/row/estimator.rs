@@ -23,17 +23,13 @@
 //! Without stalks the estimate goes on by the wheel speeds, and its deviation
 //! grows with the way.
 
-use super::beams::{RowPose, Side};
+use super::beams::{RowPose, Side, View};
 use super::health::SideHealth;
-use super::mixture::{Hypothesis, Matrix, Mixture, STATES, Seen, Vector, diagonal, transposed};
+use super::mixture::{Bounds, Finding, Hypothesis, Mixture};
+use super::motion::{Covariance, Drift, State};
 use super::runs::RowMemory;
-use super::settings::{RowEstimatorError, RowEstimatorSettings, Rows};
+use super::settings::{RowEstimatorError, RowEstimatorSettings};
 use crate::scalar::{Scalar, clamp_symmetric};
-
-const OFFSET: usize = 0;
-const HEADING: usize = 1;
-const HALF_WIDTH: usize = 2;
-const CURVATURE: usize = 3;
 
 /// Largest heading of the estimate, rad. The beams are of no use beyond.
 const LARGEST_HEADING: f64 = 0.6;
@@ -45,6 +41,9 @@ const AT_START: (f64, f64) = (0.15, 0.1);
 const ANYWHERE: (f64, f64) = (0.2, 0.2);
 /// Longest time step, s. A longer one counts as this one.
 const LONGEST_STEP: f64 = 0.1;
+/// Way (m) and commanded turn (rad) after which the hypotheses are moved though
+/// no run has come.
+const LONGEST_DRIFT: (f64, f64) = (0.1, 0.1);
 
 /// Speeds of the wheels over ground, m/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,18 +85,42 @@ pub struct RowEstimate<T> {
     pub open_way: T,
 }
 
+/// How far a correction has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// There is none.
+    Waiting,
+    /// The hypotheses have met a run.
+    Split,
+    /// Their number is as before again.
+    Reduced,
+}
+
 /// The estimator.
+///
+/// [`RowEstimator::observe`] is short. What a run of readings corrects is left to
+/// [`RowEstimator::correct`], which can follow when the robot has got its command.
 #[derive(Clone, Copy, Debug)]
 pub struct RowEstimator<T> {
     settings: RowEstimatorSettings<T>,
+    bounds: Bounds<T>,
+    /// Errors of `state` as of the last correction.
     mixture: Mixture<T>,
+    /// What has happened to them since then.
+    drift: Drift<T>,
+    /// How far the present correction has come.
+    stage: Stage,
     /// Mean of the mixture.
-    mean: Vector<T>,
+    state: State<T>,
+    /// Sine and cosine of its heading.
+    direction: (T, T),
     /// Speed along the robot (m/s) and turn rate (rad/s) after the lag.
     speed: T,
     turn: T,
     left: RowMemory<T>,
     right: RowMemory<T>,
+    /// The side whose run is looked at first.
+    next: Side,
 }
 
 impl<T: Scalar> RowEstimator<T> {
@@ -108,59 +131,77 @@ impl<T: Scalar> RowEstimator<T> {
     /// [`RowEstimatorError`] names the setting that is unusable.
     pub fn new(settings: RowEstimatorSettings<T>) -> Result<Self, RowEstimatorError> {
         settings.check()?;
-        let (state, covariance) = start(&settings, AT_START);
-        Ok(Self {
+        let mut estimator = Self {
             settings,
-            mixture: Mixture::of(state, covariance),
-            mean: state,
+            bounds: bounds(&settings),
+            mixture: Mixture::of(Covariance::zero()),
+            drift: Drift::none(),
+            stage: Stage::Waiting,
+            state: State::zero(),
+            direction: (T::zero(), T::one()),
             speed: T::zero(),
             turn: T::zero(),
             left: RowMemory::new(),
             right: RowMemory::new(),
-        })
+            next: Side::Left,
+        };
+        estimator.restart();
+        Ok(estimator)
     }
 
     /// Forgets everything.
     pub fn restart(&mut self) {
-        let (state, covariance) = start(&self.settings, AT_START);
-        self.mixture = Mixture::of(state, covariance);
-        self.mean = state;
+        self.forget();
         self.speed = T::zero();
         self.turn = T::zero();
         self.left = RowMemory::new();
         self.right = RowMemory::new();
     }
 
+    /// Begins anew with the state of a robot that has seen nothing.
+    fn forget(&mut self) {
+        self.mixture = Mixture::of(covariance(&self.settings, AT_START));
+        self.drift = Drift::none();
+        self.stage = Stage::Waiting;
+        self.state = middle(&self.settings);
+        self.direction = (T::zero(), T::one());
+    }
+
     /// One step, `dt` seconds after the last one: the robot was commanded
-    /// `wheels` since then, and measures `distances` now.
+    /// `wheels` since then, and measures `distances` now. The same as
+    /// [`RowEstimator::observe`] and then [`RowEstimator::correct`].
     pub fn step(
         &mut self,
         distances: &RowDistances<T>,
         wheels: &WheelSpeeds<T>,
         dt: T,
     ) -> RowEstimate<T> {
+        let estimate = self.observe(distances, wheels, dt);
+        self.correct();
+        estimate
+    }
+
+    /// Moves the estimate and takes the readings. A run of readings that ends here
+    /// waits for [`RowEstimator::correct`].
+    pub fn observe(
+        &mut self,
+        distances: &RowDistances<T>,
+        wheels: &WheelSpeeds<T>,
+        dt: T,
+    ) -> RowEstimate<T> {
         let way = self.predict(wheels, dt);
-        let left = self.measure(Side::Left, distances.left, way);
-        let right = self.measure(Side::Right, distances.right, way);
-        if let Some(distance) = left {
-            self.judge(Side::Left, distance);
-        }
-        if let Some(distance) = right {
-            self.judge(Side::Right, distance);
-        }
-        self.limit();
-        self.settle();
+        self.measure(Side::Left, distances.left, way);
+        self.measure(Side::Right, distances.right, way);
         self.estimate()
     }
 
     /// The present estimate.
     #[must_use]
     pub fn estimate(&self) -> RowEstimate<T> {
-        let pose = pose(&self.mean);
-        let reach = self.settings.beams.reach(pose.half_width);
+        let pose = self.pose();
         let variance = self
-            .mixture
-            .variance(&[T::one(), reach, T::zero(), T::zero()]);
+            .drift
+            .variance_ahead(self.mixture.covariance(), self.reach());
         let readings = &self.settings.readings;
         let health = |row: &RowMemory<T>| {
             row.watch
@@ -168,9 +209,9 @@ impl<T: Scalar> RowEstimator<T> {
         };
         RowEstimate {
             pose,
-            curvature: self.mean[CURVATURE],
+            curvature: self.state.curvature,
             deviation: if variance > T::zero() {
-                variance.root()
+                variance * variance.reciprocal_root()
             } else {
                 T::zero()
             },
@@ -179,6 +220,32 @@ impl<T: Scalar> RowEstimator<T> {
             blind_way: smallest(self.left.blind_way, self.right.blind_way),
             open_way: smallest(self.left.open.way(), self.right.open.way()),
         }
+    }
+
+    fn pose(&self) -> RowPose<T> {
+        RowPose {
+            offset: self.state.offset,
+            heading: self.state.heading,
+            half_width: self.state.half_width,
+        }
+    }
+
+    fn row(&mut self, side: Side) -> &mut RowMemory<T> {
+        match side {
+            Side::Left => &mut self.left,
+            Side::Right => &mut self.right,
+        }
+    }
+
+    fn view(&self, side: Side) -> View<T> {
+        self.settings.beams.view(side, &self.pose(), self.direction)
+    }
+
+    /// Distance to the row as the estimate has it, m.
+    fn expected(&self, side: Side) -> Option<T> {
+        let zero = T::zero();
+        let seen = self.view(side).predict(zero, zero, zero)?;
+        Some(seen.distance)
     }
 
     /// Time update. Returns the way driven, m.
@@ -192,245 +259,207 @@ impl<T: Scalar> RowEstimator<T> {
         self.turn += ((left - right) / motion.track - self.turn) * follow;
         let ahead = self.speed * dt;
         let turned = self.turn * dt;
-        for hypothesis in &mut self.mixture.hypotheses {
-            advance(hypothesis, &self.settings, ahead, turned);
-        }
-        self.mean = self.mixture.mean();
+        let (sine, cosine) = self.direction;
+        let drift = Drift::step(&self.settings, ahead, turned, cosine);
+        let centre = middle(&self.settings);
+        let carried = drift.carry(&State {
+            offset: self.state.offset,
+            // The lever is that of small changes of the heading.
+            heading: T::zero(),
+            half_width: self.state.half_width - centre.half_width,
+            curvature: self.state.curvature,
+        });
+        self.state = State {
+            offset: carried.offset + ahead * sine,
+            heading: self.state.heading + turned + carried.heading,
+            half_width: carried.half_width + centre.half_width,
+            curvature: carried.curvature,
+        };
+        self.drift.extend(&drift);
+        self.limit();
         ahead.abs()
     }
 
-    /// Takes a reading of the row at `side`. Returns the distance of the run that
-    /// it ends, as it would be measured now.
-    fn measure(&mut self, side: Side, reading: T, way: T) -> Option<T> {
-        let readings = &self.settings.readings;
-        let prediction = self.settings.beams.predict(side, &pose(&self.mean));
-        let row = match side {
-            Side::Left => &mut self.left,
-            Side::Right => &mut self.right,
-        };
+    /// Takes a reading of the row at `side`, after the `way` (m).
+    fn measure(&mut self, side: Side, reading: T, way: T) {
+        let expected = self.expected(side);
+        let readings = self.settings.readings;
+        let row = self.row(side);
         let possible = reading.is_finite() && reading >= readings.least;
         let plant = possible && reading < readings.open;
         row.watch.add(reading, possible, plant, way);
         row.blind_way += way;
         let usable = plant && !row.watch.is_faulty(readings.fault_way);
         row.open.add(usable, way);
-
-        let excess = match prediction {
-            Some(prediction) if usable => Some(reading - prediction.distance),
+        let excess = match expected {
+            Some(expected) if usable => Some(reading - expected),
             _ => None,
         };
-        let run = row.extend(excess, way, readings)?;
-        Some(run + prediction?.distance)
+        row.extend(excess, way, &readings);
     }
 
-    /// Corrects the estimate by a run at this distance.
-    fn judge(&mut self, side: Side, distance: T) {
+    /// Corrects the estimate by runs of readings that have ended. A run takes three
+    /// calls, so that each of them is short: the first splits the hypotheses, the
+    /// second reduces their number, and the third corrects the estimate.
+    pub fn correct(&mut self) {
+        match self.stage {
+            Stage::Waiting => self.begin(),
+            Stage::Split => {
+                self.mixture.reduce(self.reach());
+                self.stage = Stage::Reduced;
+            }
+            Stage::Reduced => {
+                self.stage = Stage::Waiting;
+                match self.mixture.settle(&self.bounds) {
+                    // The estimate has gone on since the hypotheses were moved.
+                    Some(mean) => self.shift(&self.drift.carry(&mean)),
+                    None => self.forget(),
+                }
+            }
+        }
+    }
+
+    /// Takes the next run, if there is one, and splits the hypotheses by it.
+    fn begin(&mut self) {
+        let side = self.next;
+        let other = match side {
+            Side::Left => Side::Right,
+            Side::Right => Side::Left,
+        };
+        let (side, run) = match self.row(side).take_ended() {
+            Some(run) => (side, Some(run)),
+            None => (other, self.row(other).take_ended()),
+        };
+        let (way, turn) = LONGEST_DRIFT;
+        let is_due = self.drift.way() >= T::lit(way) || self.drift.turned() >= T::lit(turn);
+        if run.is_none() && !is_due {
+            return;
+        }
+        self.mixture.advance(&self.drift);
+        self.drift = Drift::none();
+        self.stage = Stage::Reduced;
+        if let Some(run) = run {
+            self.next = match side {
+                Side::Left => Side::Right,
+                Side::Right => Side::Left,
+            };
+            self.stage = Stage::Split;
+            if !self.judge(side, run) {
+                self.forget();
+            }
+        }
+    }
+
+    /// Distance ahead at which the beams meet the rows, m.
+    fn reach(&self) -> T {
+        self.settings.beams.reach(self.settings.rows.half_width)
+    }
+
+    /// Splits the hypotheses by a run that exceeds the expected distance by `excess`
+    /// (m). False if none of them can explain it.
+    fn judge(&mut self, side: Side, excess: T) -> bool {
+        let view = self.view(side);
+        let zero = T::zero();
+        let Some(seen) = view.predict(zero, zero, zero) else {
+            return true;
+        };
         let settings = &self.settings;
+        let fresh = Hypothesis {
+            weight: settings.readings.doubt,
+            state: middle(settings).minus(&self.state),
+            covariance: covariance(settings, ANYWHERE),
+        };
         let row = match side {
             Side::Left => &mut self.left,
             Side::Right => &mut self.right,
         };
-        let odds = row.odds();
-        let (state, covariance) = start(settings, ANYWHERE);
-        let fresh = Hypothesis {
-            weight: settings.readings.doubt,
-            state,
-            covariance,
+        let finding = Finding {
+            view,
+            distance: seen.distance + excess,
+            scatter: settings.rows.scatter,
+            odds: row.odds(),
         };
-        let probability = self.mixture.meet(
-            settings.beams.reach(settings.rows.half_width),
-            &fresh,
-            |state| {
-                let seen = settings.beams.predict(side, &pose(state))?;
-                let scatter = settings.rows.scatter * seen.by_half_width;
-                let excess = distance - seen.distance;
-                Some(Seen {
-                    row: [
-                        seen.by_offset,
-                        seen.by_heading,
-                        seen.by_half_width,
-                        T::zero(),
-                    ],
-                    excess,
-                    variance: scatter * scatter,
-                    stalk: odds.stalk,
-                    clutter: if excess < T::zero() {
-                        odds.near
-                    } else {
-                        odds.far
-                    },
-                })
-            },
-        );
+        let Some(probability) = self.mixture.meet(&finding, fresh) else {
+            return false;
+        };
         if probability > T::lit(0.5) {
             row.blind_way = T::zero();
         }
+        true
     }
 
-    /// Computes the mean anew. What the readings of unfinished runs exceed their
+    /// Moves the estimate. What the readings of unfinished runs exceed their
     /// predictions by follows it.
-    fn settle(&mut self) {
-        let mean = self.mixture.mean();
-        let beams = self.settings.beams;
-        for (side, row) in [(Side::Left, &mut self.left), (Side::Right, &mut self.right)] {
-            let before = beams.predict(side, &pose(&self.mean));
-            let after = beams.predict(side, &pose(&mean));
-            if let (Some(before), Some(after)) = (before, after) {
-                row.shift(after.distance - before.distance);
-            }
+    fn shift(&mut self, by: &State<T>) {
+        let before = (self.expected(Side::Left), self.expected(Side::Right));
+        self.state = self.state.plus(by);
+        self.limit();
+        let after = (self.expected(Side::Left), self.expected(Side::Right));
+        if let (Some(before), Some(after)) = (before.0, after.0) {
+            self.left.shift(after - before);
         }
-        self.mean = mean;
+        if let (Some(before), Some(after)) = (before.1, after.1) {
+            self.right.shift(after - before);
+        }
     }
 
-    /// Keeps all hypotheses within what can be.
+    /// Keeps the estimate within what can be.
     fn limit(&mut self) {
-        let bounds = bounds(&self.settings);
-        let centre = [
-            T::zero(),
-            T::zero(),
-            self.settings.rows.half_width,
-            T::zero(),
-        ];
-        let mut finite = true;
-        for hypothesis in &mut self.mixture.hypotheses {
-            for ((state, centre), bound) in hypothesis.state.iter_mut().zip(centre).zip(bounds) {
-                finite &= state.is_finite();
-                *state = centre + clamp_symmetric(*state - centre, bound);
-            }
-            finite &= hypothesis.weight.is_finite();
-            finite &= bound_covariance(hypothesis, &bounds);
-        }
-        if !finite {
-            let (state, covariance) = start(&self.settings, AT_START);
-            self.mixture = Mixture::of(state, covariance);
-        }
+        let settings = &self.settings;
+        let (half_width, three) = (settings.rows.half_width, T::lit(3.0));
+        let State {
+            offset,
+            heading,
+            half_width: width,
+            curvature,
+        } = self.state;
+        self.state = State {
+            offset: clamp_symmetric(offset, half_width * T::lit(LARGEST_OFFSET)),
+            heading: clamp_symmetric(heading, T::lit(LARGEST_HEADING)),
+            half_width: half_width
+                + clamp_symmetric(width - half_width, settings.rows.tolerance * three),
+            curvature: clamp_symmetric(curvature, settings.motion.curvature * three),
+        };
+        self.direction = self.state.heading.sine_cosine();
     }
 }
 
-/// State and covariance of a robot that has not seen anything, with these
-/// deviations of its offset and heading.
-fn start<T: Scalar>(
+/// State of a robot that has not seen anything.
+fn middle<T: Scalar>(settings: &RowEstimatorSettings<T>) -> State<T> {
+    State {
+        half_width: settings.rows.half_width,
+        ..State::zero()
+    }
+}
+
+/// Covariance of such a robot, with these deviations of its offset and heading.
+fn covariance<T: Scalar>(
     settings: &RowEstimatorSettings<T>,
     (offset, heading): (f64, f64),
-) -> (Vector<T>, Matrix<T>) {
-    let Rows {
-        half_width,
-        tolerance,
-        ..
-    } = settings.rows;
-    let deviations = [
-        half_width * T::lit(offset),
-        T::lit(heading),
-        tolerance,
-        settings.motion.curvature,
-    ];
-    let [offset, heading, width, curvature] = deviations.map(|deviation| deviation * deviation);
-    let mut covariance = [[T::zero(); STATES]; STATES];
-    covariance[OFFSET][OFFSET] = offset;
-    covariance[HEADING][HEADING] = heading;
-    covariance[HALF_WIDTH][HALF_WIDTH] = width;
-    covariance[CURVATURE][CURVATURE] = curvature;
-    ([T::zero(), T::zero(), half_width, T::zero()], covariance)
+) -> Covariance<T> {
+    let square = |deviation: T| deviation * deviation;
+    Covariance::diagonal(&State {
+        offset: square(settings.rows.half_width * T::lit(offset)),
+        heading: square(T::lit(heading)),
+        half_width: square(settings.rows.tolerance),
+        curvature: square(settings.motion.curvature),
+    })
 }
 
-/// Largest deviation of each state from the middle.
-fn bounds<T: Scalar>(settings: &RowEstimatorSettings<T>) -> Vector<T> {
+/// Bounds of the variances: those of the largest deviations, and small shares of
+/// these, so that single precision suffices.
+fn bounds<T: Scalar>(settings: &RowEstimatorSettings<T>) -> Bounds<T> {
+    let square = |deviation: T| deviation * deviation;
     let three = T::lit(3.0);
-    [
-        settings.rows.half_width * T::lit(LARGEST_OFFSET),
-        T::lit(LARGEST_HEADING),
-        settings.rows.tolerance * three,
-        settings.motion.curvature * three,
-    ]
-}
-
-/// Keeps a covariance symmetric and its variances between bounds, so that single
-/// precision suffices. False if it is not finite.
-fn bound_covariance<T: Scalar>(hypothesis: &mut Hypothesis<T>, bounds: &Vector<T>) -> bool {
-    let covariance = &mut hypothesis.covariance;
-    let mut finite = true;
-    let mut scales = [T::one(); STATES];
-    for ((scale, variance), bound) in scales.iter_mut().zip(diagonal(covariance)).zip(bounds) {
-        finite &= variance.is_finite();
-        let most = *bound * *bound;
-        if variance > most {
-            // Scaling row and column alike keeps the matrix positive.
-            *scale = (most / variance).root();
-        }
-    }
-    let mirrored = transposed(covariance);
-    for ((line, mirrored), row) in covariance.iter_mut().zip(mirrored).zip(scales) {
-        for ((entry, mirrored), column) in line.iter_mut().zip(mirrored).zip(scales) {
-            *entry = (*entry + mirrored) * T::lit(0.5) * row * column;
-            finite &= entry.is_finite();
-        }
-    }
-    let floor = |variance: &mut T, bound: T| {
-        let least = bound * bound * T::lit(1e-7);
-        if !(*variance > least) {
-            *variance = least;
-        }
+    let most = State {
+        offset: square(settings.rows.half_width * T::lit(LARGEST_OFFSET)),
+        heading: square(T::lit(LARGEST_HEADING)),
+        half_width: square(settings.rows.tolerance * three),
+        curvature: square(settings.motion.curvature * three),
     };
-    let [offset, heading, half_width, curvature] = *bounds;
-    floor(&mut covariance[OFFSET][OFFSET], offset);
-    floor(&mut covariance[HEADING][HEADING], heading);
-    floor(&mut covariance[HALF_WIDTH][HALF_WIDTH], half_width);
-    floor(&mut covariance[CURVATURE][CURVATURE], curvature);
-    finite
-}
-
-/// Moves a hypothesis by `ahead` (m) and the commanded turn `turned` (rad).
-fn advance<T: Scalar>(
-    hypothesis: &mut Hypothesis<T>,
-    settings: &RowEstimatorSettings<T>,
-    ahead: T,
-    turned: T,
-) {
-    let RowEstimatorSettings { rows, motion, .. } = settings;
-    let way = ahead.abs();
-    let [offset, heading, half_width, curvature] = hypothesis.state;
-    let (sine, cosine) = heading.sine_cosine();
-    // Width and curvature return to what is known of them, along their ways.
-    let keep = |length: T| T::one() - smallest(way / length, T::one());
-    let (keep_width, keep_curvature) = (keep(rows.width_way), keep(motion.curvature_way));
-    hypothesis.state = [
-        offset + ahead * sine,
-        heading + turned + ahead * curvature,
-        rows.half_width + (half_width - rows.half_width) * keep_width,
-        curvature * keep_curvature,
-    ];
-    // F P F' as operations on rows and columns.
-    let drift = ahead * cosine;
-    let covariance = &mut hypothesis.covariance;
-    let [offsets, headings, half_widths, curvatures] = covariance;
-    let columns = offsets.iter_mut().zip(headings);
-    let columns = columns.zip(half_widths).zip(curvatures);
-    for (((offset, heading), half_width), curvature) in columns {
-        *offset += drift * *heading;
-        *heading += ahead * *curvature;
-        *half_width *= keep_width;
-        *curvature *= keep_curvature;
-    }
-    for line in covariance.iter_mut() {
-        line[OFFSET] += drift * line[HEADING];
-        line[HEADING] += ahead * line[CURVATURE];
-        line[HALF_WIDTH] *= keep_width;
-        line[CURVATURE] *= keep_curvature;
-    }
-    let square = |value: T| value * value;
-    let renewed = |keep: T| T::one() - keep * keep;
-    covariance[OFFSET][OFFSET] += square(motion.offset_walk) * way;
-    covariance[HEADING][HEADING] +=
-        square(motion.heading_walk) * way + square(motion.turn_error) * turned.abs();
-    covariance[HALF_WIDTH][HALF_WIDTH] += square(rows.tolerance) * renewed(keep_width);
-    covariance[CURVATURE][CURVATURE] += square(motion.curvature) * renewed(keep_curvature);
-}
-
-fn pose<T: Scalar>(state: &Vector<T>) -> RowPose<T> {
-    RowPose {
-        offset: state[OFFSET],
-        heading: state[HEADING],
-        half_width: state[HALF_WIDTH],
+    Bounds {
+        most,
+        least: most.times(T::lit(1e-7)),
     }
 }
 

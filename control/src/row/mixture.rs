@@ -1,4 +1,4 @@
-//! A weighted set of Gaussian hypotheses about the robot's place.
+//! A weighted set of Gaussian hypotheses about the error of the estimate.
 //!
 //! Each run of readings may come from a stalk or from something else. A
 //! hypothesis therefore becomes two: in one the run corrects it, in the other it
@@ -9,240 +9,307 @@
 //!
 //! All loops have constant counts: an unused hypothesis has the weight 0.
 
+use super::beams::View;
+use super::motion::{Covariance, Drift, State};
+use super::runs::Odds;
 use crate::scalar::Scalar;
 
-/// Number of states: offset, heading, half width, curvature.
-pub(super) const STATES: usize = 4;
-/// Most hypotheses between two steps.
-pub(super) const HYPOTHESES: usize = 12;
+/// Most hypotheses between two runs.
+pub(super) const HYPOTHESES: usize = 5;
 /// Distance within which two hypotheses are merged: of their offsets where the
 /// beams meet the rows (m) and of their headings (rad).
 const MERGE: (f64, f64) = (0.02, 0.05);
 /// Weight below which a hypothesis is dropped.
 const LEAST_WEIGHT: f64 = 1e-4;
+/// Largest product of weight and probability density that is followed. The
+/// density of a stalk is at most 0.4 over the least deviation.
+const LARGEST_WEIGHT: f64 = 1e6;
 
 /// Most hypotheses while they meet a run.
 const CANDIDATES: usize = 2 * HYPOTHESES + 1;
-
-pub(super) type Vector<T> = [T; STATES];
-pub(super) type Matrix<T> = [[T; STATES]; STATES];
+// What limits the joins in `Mixture::reduce`.
+const _: () = assert!(CANDIDATES == 11);
 
 /// A Gaussian with a weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hypothesis<T> {
     pub(super) weight: T,
-    pub(super) state: Vector<T>,
-    pub(super) covariance: Matrix<T>,
+    /// Difference from the estimate.
+    pub(super) state: State<T>,
+    pub(super) covariance: Covariance<T>,
 }
 
-/// A run of readings as one hypothesis sees it.
+/// A run of readings that may come from a stalk.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Seen<T> {
-    /// Change of the distance with each state.
-    pub(super) row: Vector<T>,
-    /// Measured distance less the predicted one, m.
-    pub(super) excess: T,
-    /// Variance of the distance to a stalk, m^2.
-    pub(super) variance: T,
-    /// Probability that a run comes from a stalk.
-    pub(super) stalk: T,
-    /// Probability density of a run at this distance that comes from anything
-    /// else, 1/m.
-    pub(super) clutter: T,
+pub(super) struct Finding<T> {
+    /// The row at its side, from the estimate.
+    pub(super) view: View<T>,
+    /// Measured distance, m.
+    pub(super) distance: T,
+    /// Deviation of a stalk from its row, m.
+    pub(super) scatter: T,
+    /// What else it may come from.
+    pub(super) odds: Odds<T>,
+}
+
+/// Limits of what is followed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bounds<T> {
+    /// Largest variances.
+    pub(super) most: State<T>,
+    /// Least variances. They keep rounding from making a variance negative.
+    pub(super) least: State<T>,
 }
 
 impl<T: Scalar> Hypothesis<T> {
     pub(super) fn unused() -> Self {
         Self {
             weight: T::zero(),
-            state: [T::zero(); STATES],
-            covariance: [[T::zero(); STATES]; STATES],
+            state: State::zero(),
+            covariance: Covariance::zero(),
         }
     }
 
-    /// This hypothesis if the run came from a stalk, and if it did not. The
-    /// weights are those of this one times the probability density of the run.
-    pub(super) fn split(&self, seen: &Seen<T>) -> (Self, Self) {
-        let mut missed = *self;
-        missed.weight *= seen.clutter;
-        let cross = times(&self.covariance, &seen.row);
-        let spread = dot(&seen.row, &cross) + seen.variance;
+    /// Makes this hypothesis that of a run which did not come from a stalk, and
+    /// returns the one in which it did. Both weights are multiplied by the
+    /// probability density of the run. A hypothesis from which the beam does not
+    /// meet the row is dropped.
+    pub(super) fn split(&mut self, finding: &Finding<T>) -> Self {
+        let State {
+            offset,
+            heading,
+            half_width,
+            ..
+        } = self.state;
+        let Some(seen) = finding.view.predict(offset, heading, half_width) else {
+            self.weight = T::zero();
+            return Self::unused();
+        };
+        let (o, h, w) = (seen.by_offset, seen.by_heading, seen.by_half_width);
+        let cross = self.covariance.times(o, h, w);
+        let scatter = finding.scatter * w;
+        let spread =
+            cross.offset * o + cross.heading * h + cross.half_width * w + scatter * scatter;
+        let excess = finding.distance - seen.distance;
+        let weight = self.weight;
+        self.weight *= if excess < T::zero() {
+            finding.odds.near
+        } else {
+            finding.odds.far
+        };
         if !(spread > T::zero()) {
-            return (Self::unused(), missed);
+            return Self::unused();
         }
-        let mut hit = *self;
+        let certainty = T::one() / spread;
         // A bell with heavier tails than a Gaussian: (1 + x / 8)^-4 is near
         // exp(-x / 2) for small x. The factor is 1 / sqrt(2 pi).
-        let square = seen.excess * seen.excess / spread;
-        let tail = T::one() + square * T::lit(0.125);
+        let tail = T::one() + excess * excess * certainty * T::lit(0.125);
         let tail = tail * tail;
-        hit.weight *= seen.stalk * T::lit(0.399) / (spread.root() * tail * tail);
-        let lines = hit.state.iter_mut().zip(&mut hit.covariance);
-        for ((state, line), entry) in lines.zip(cross) {
-            let gain = entry / spread;
-            *state += gain * seen.excess;
-            for (entry, cross) in line.iter_mut().zip(cross) {
-                *entry -= gain * cross;
-            }
+        let bell = T::lit(0.399) * spread.reciprocal_root() / (tail * tail);
+        let mut covariance = self.covariance;
+        covariance.add_square(&cross, -certainty);
+        Self {
+            weight: weight * finding.odds.stalk * bell,
+            state: self.state.plus(&cross.times(certainty * excess)),
+            covariance,
         }
-        (hit, missed)
+    }
+
+    /// Keeps variances within bounds. False if the hypothesis is no number.
+    fn limit(&mut self, bounds: &Bounds<T>) -> bool {
+        let p = &mut self.covariance;
+        let Bounds { most, least } = bounds;
+        if !(p.oo <= most.offset && p.hh <= most.heading) {
+            // So uncertain a hypothesis knows nothing of how its errors depend on
+            // each other.
+            *p = Covariance::diagonal(&State {
+                offset: smaller(p.oo, most.offset),
+                heading: smaller(p.hh, most.heading),
+                half_width: smaller(p.ww, most.half_width),
+                curvature: smaller(p.cc, most.curvature),
+            });
+        }
+        raise(&mut p.oo, least.offset);
+        raise(&mut p.hh, least.heading);
+        raise(&mut p.ww, least.half_width);
+        raise(&mut p.cc, least.curvature);
+        let cross = p.oh + p.ow + p.oc + p.hw + p.hc + p.wc;
+        self.state.is_finite() && self.weight.is_finite() && (p.ww + p.cc + cross).is_finite()
+    }
+}
+
+/// The smaller value; `b` if `a` is NaN.
+fn smaller<T: Scalar>(a: T, b: T) -> T {
+    if a < b { a } else { b }
+}
+
+fn raise<T: Scalar>(value: &mut T, least: T) {
+    if !(*value > least) {
+        *value = least;
     }
 }
 
 /// The hypotheses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Mixture<T> {
-    pub(super) hypotheses: [Hypothesis<T>; HYPOTHESES],
+    /// The first [`HYPOTHESES`] of these, and room for those that arise while
+    /// they meet a run.
+    slots: [Hypothesis<T>; CANDIDATES],
+    /// Weight below which one is dropped.
+    least: T,
+    /// Covariance of all.
+    covariance: Covariance<T>,
 }
 
 impl<T: Scalar> Mixture<T> {
     /// One hypothesis.
-    pub(super) fn of(state: Vector<T>, covariance: Matrix<T>) -> Self {
-        let mut hypotheses = [Hypothesis::unused(); HYPOTHESES];
-        hypotheses[0] = Hypothesis {
+    pub(super) fn of(covariance: Covariance<T>) -> Self {
+        let mut slots = [Hypothesis::unused(); CANDIDATES];
+        slots[0] = Hypothesis {
             weight: T::one(),
-            state,
+            state: State::zero(),
             covariance,
         };
-        Self { hypotheses }
-    }
-
-    /// Mean of all hypotheses.
-    pub(super) fn mean(&self) -> Vector<T> {
-        let mut mean = [T::zero(); STATES];
-        for hypothesis in &self.hypotheses {
-            for (mean, state) in mean.iter_mut().zip(hypothesis.state) {
-                *mean += hypothesis.weight * state;
-            }
+        Self {
+            slots,
+            least: T::zero(),
+            covariance,
         }
-        mean
     }
 
-    /// Variance of `row` times the states.
-    pub(super) fn variance(&self, row: &Vector<T>) -> T {
-        let middle = dot(row, &self.mean());
-        self.hypotheses.iter().fold(T::zero(), |sum, hypothesis| {
-            let apart = dot(row, &hypothesis.state) - middle;
-            let own = dot(row, &times(&hypothesis.covariance, row));
-            sum + hypothesis.weight * (own + apart * apart)
-        })
+    /// Covariance of all hypotheses about the estimate.
+    pub(super) fn covariance(&self) -> &Covariance<T> {
+        &self.covariance
     }
 
-    /// Splits each hypothesis, and `fresh`, by a run, of which `see` says how a
-    /// hypothesis with this state sees it, and reduces their number again. `reach` is
-    /// the distance ahead at which the beams meet the rows, m. Returns the
-    /// probability that the run came from a stalk by the old hypotheses.
-    pub(super) fn meet(
-        &mut self,
-        reach: T,
-        fresh: &Hypothesis<T>,
-        see: impl Fn(&Vector<T>) -> Option<Seen<T>>,
-    ) -> T {
-        let mut all = [Hypothesis::unused(); CANDIDATES];
-        // A new hypothesis counts only where the run corrects it.
-        if let Some(seen) = see(&fresh.state) {
-            all[CANDIDATES - 1] = fresh.split(&seen).0;
+    /// Moves all hypotheses.
+    pub(super) fn advance(&mut self, drift: &Drift<T>) {
+        self.covariance = drift.spread(&self.covariance);
+        for hypothesis in self.slots.iter_mut().take(HYPOTHESES) {
+            hypothesis.state = drift.carry(&hypothesis.state);
+            hypothesis.covariance = drift.spread(&hypothesis.covariance);
         }
-        let (hits, misses) = all.split_at_mut(HYPOTHESES);
+    }
+
+    /// Splits each hypothesis by a run. A run also speaks for `fresh`, in which it
+    /// corrects one that knows nothing. Returns the probability that the run came
+    /// from a stalk by the old hypotheses, or `None` if none of them can explain it.
+    /// [`Mixture::reduce`] must follow.
+    pub(super) fn meet(&mut self, finding: &Finding<T>, mut fresh: Hypothesis<T>) -> Option<T> {
+        let (misses, hits) = self.slots.split_at_mut(HYPOTHESES);
         let (mut total, mut stalk) = (T::zero(), T::zero());
-        for ((hypothesis, hit), miss) in self.hypotheses.iter().zip(hits).zip(misses) {
-            if hypothesis.weight > T::zero()
-                && let Some(seen) = see(&hypothesis.state)
-            {
-                (*hit, *miss) = hypothesis.split(&seen);
-                stalk += hit.weight;
-                total += hit.weight + miss.weight;
-            }
+        for (miss, hit) in misses.iter_mut().zip(hits.iter_mut()) {
+            *hit = if miss.weight > T::zero() {
+                miss.split(finding)
+            } else {
+                Hypothesis::unused()
+            };
+            stalk += hit.weight;
+            total += hit.weight + miss.weight;
         }
-        if !(total > T::zero() && total.is_finite()) {
-            return T::zero();
+        if let Some(last) = hits.last_mut() {
+            *last = fresh.split(finding);
         }
-        self.reduce(&mut all, total, reach);
-        stalk / total
+        self.least = total * T::lit(LEAST_WEIGHT);
+        (total > T::zero() && total < T::lit(LARGEST_WEIGHT)).then(|| stalk / total)
     }
 
-    fn reduce(&mut self, all: &mut [Hypothesis<T>; CANDIDATES], total: T, reach: T) {
-        let least = total * T::lit(LEAST_WEIGHT);
-        let mut kept = T::zero();
-        for slot in &mut self.hypotheses {
-            *slot = take_group(all, least, reach);
-            kept += slot.weight;
-        }
-        for slot in &mut self.hypotheses {
-            slot.weight /= kept;
-        }
-    }
-}
-
-/// Takes the likeliest hypothesis out of `all` together with those that agree
-/// with it, and merges them.
-fn take_group<T: Scalar>(
-    all: &mut [Hypothesis<T>; CANDIDATES],
-    least: T,
-    reach: T,
-) -> Hypothesis<T> {
-    let mut best = Hypothesis::unused();
-    for hypothesis in all.iter() {
-        if hypothesis.weight > best.weight {
-            best = *hypothesis;
-        }
-    }
-    if !(best.weight >= least) {
-        return Hypothesis::unused();
-    }
-    let mut group = Hypothesis::unused();
-    for hypothesis in all.iter_mut() {
-        let mut apart = [T::zero(); STATES];
-        for ((apart, state), best) in apart.iter_mut().zip(hypothesis.state).zip(best.state) {
-            *apart = state - best;
-        }
-        let ahead = (apart[0] + reach * apart[1]) / T::lit(MERGE.0);
-        let askew = apart[1] / T::lit(MERGE.1);
-        if hypothesis.weight > T::zero() && ahead * ahead + askew * askew <= T::one() {
-            let weight = core::mem::replace(&mut hypothesis.weight, T::zero());
-            group.weight += weight;
-            let lines = group.covariance.iter_mut().zip(hypothesis.covariance);
-            for ((sum, apart_row), (line, own)) in group.state.iter_mut().zip(apart).zip(lines) {
-                *sum += weight * apart_row;
-                for ((entry, own), apart) in line.iter_mut().zip(own).zip(apart) {
-                    *entry += weight * (own + apart_row * apart);
+    /// Gathers hypotheses that agree, the likeliest first, and drops what is left.
+    /// `reach` is the distance ahead at which the beams meet the rows, m.
+    pub(super) fn reduce(&mut self, reach: T) {
+        let mut groups = [Hypothesis::unused(); HYPOTHESES];
+        for group in &mut groups {
+            let Some(centre) = self.likeliest() else {
+                break;
+            };
+            let mut sum = Hypothesis::unused();
+            for hypothesis in &mut self.slots {
+                if hypothesis.weight > T::zero() && agree(&hypothesis.state, &centre, reach) {
+                    // at-most: 11 a hypothesis joins one group
+                    join(&mut sum, &centre, hypothesis);
                 }
             }
+            *group = merged(&sum, &centre);
+        }
+        for (slot, group) in self.slots.iter_mut().zip(&groups) {
+            *slot = *group;
         }
     }
-    let share = T::one() / group.weight;
-    let middle = group.state.map(|sum| sum * share);
-    for (((state, best), line), middle_row) in (group.state.iter_mut().zip(best.state))
-        .zip(&mut group.covariance)
-        .zip(middle)
-    {
-        *state = best + middle_row;
-        for (entry, middle) in line.iter_mut().zip(middle) {
-            *entry = *entry * share - middle_row * middle;
+
+    /// State of the likeliest hypothesis, if it is likely enough.
+    fn likeliest(&self) -> Option<State<T>> {
+        let mut best = None;
+        let mut weight = self.least;
+        for hypothesis in &self.slots {
+            if hypothesis.weight > weight {
+                weight = hypothesis.weight;
+                best = Some(hypothesis.state);
+            }
         }
+        best
     }
-    group
+
+    /// Normalises the weights and computes mean and covariance. Returns the mean,
+    /// which is zero afterwards, or `None` if the hypotheses are no numbers.
+    pub(super) fn settle(&mut self, bounds: &Bounds<T>) -> Option<State<T>> {
+        let all = self.slots.iter().take(HYPOTHESES);
+        let total = all.fold(T::zero(), |sum, hypothesis| sum + hypothesis.weight);
+        if !(total > T::zero()) {
+            return None;
+        }
+        let share = T::one() / total;
+        let mut mean = State::zero();
+        for hypothesis in self.slots.iter_mut().take(HYPOTHESES) {
+            hypothesis.weight *= share;
+            if !hypothesis.limit(bounds) {
+                return None;
+            }
+            mean = mean.plus(&hypothesis.state.times(hypothesis.weight));
+        }
+        self.covariance = Covariance::zero();
+        for hypothesis in self.slots.iter_mut().take(HYPOTHESES) {
+            hypothesis.state = hypothesis.state.minus(&mean);
+            self.covariance
+                .add(&hypothesis.covariance, hypothesis.weight);
+            self.covariance
+                .add_square(&hypothesis.state, hypothesis.weight);
+        }
+        Some(mean)
+    }
 }
 
-pub(super) fn dot<T: Scalar>(a: &Vector<T>, b: &Vector<T>) -> T {
-    a.iter().zip(b).fold(T::zero(), |sum, (&a, &b)| sum + a * b)
+/// Whether two states are near enough to be merged.
+fn agree<T: Scalar>(a: &State<T>, b: &State<T>, reach: T) -> bool {
+    let heading = a.heading - b.heading;
+    let ahead = a.offset - b.offset + reach * heading;
+    let (ahead, askew) = (
+        ahead * T::lit(1.0 / MERGE.0),
+        heading * T::lit(1.0 / MERGE.1),
+    );
+    ahead * ahead + askew * askew <= T::one()
 }
 
-fn times<T: Scalar>(matrix: &Matrix<T>, vector: &Vector<T>) -> Vector<T> {
-    matrix.map(|row| dot(&row, vector))
+/// Adds a hypothesis to the sums of a group, with states from its centre, and leaves
+/// it unused. A function of its own in the image, so that its calls can be counted.
+#[inline(never)]
+fn join<T: Scalar>(sum: &mut Hypothesis<T>, centre: &State<T>, hypothesis: &mut Hypothesis<T>) {
+    let weight = core::mem::replace(&mut hypothesis.weight, T::zero());
+    let apart = hypothesis.state.minus(centre);
+    sum.weight += weight;
+    sum.state = sum.state.plus(&apart.times(weight));
+    sum.covariance.add(&hypothesis.covariance, weight);
+    sum.covariance.add_square(&apart, weight);
 }
 
-pub(super) fn diagonal<T: Scalar>(matrix: &Matrix<T>) -> Vector<T> {
-    let [a, b, c, d] = matrix;
-    [a[0], b[1], c[2], d[3]]
-}
-
-pub(super) fn transposed<T: Scalar>(matrix: &Matrix<T>) -> Matrix<T> {
-    let [a, b, c, d] = matrix;
-    [
-        [a[0], b[0], c[0], d[0]],
-        [a[1], b[1], c[1], d[1]],
-        [a[2], b[2], c[2], d[2]],
-        [a[3], b[3], c[3], d[3]],
-    ]
+/// The group with these sums as one hypothesis.
+fn merged<T: Scalar>(sum: &Hypothesis<T>, centre: &State<T>) -> Hypothesis<T> {
+    let share = T::one() / sum.weight;
+    let middle = sum.state.times(share);
+    let mut covariance = sum.covariance.times_scalar(share);
+    covariance.add_square(&middle, -T::one());
+    Hypothesis {
+        weight: sum.weight,
+        state: centre.plus(&middle),
+        covariance,
+    }
 }

@@ -11,6 +11,7 @@ mod estimator;
 mod health;
 mod law;
 mod mixture;
+mod motion;
 mod robot;
 mod runs;
 mod settings;

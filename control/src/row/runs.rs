@@ -75,12 +75,20 @@ impl<T: Scalar> Run<T> {
             self.sum / T::integer(i32::from(self.readings))
         }
     }
+
+    /// Whether the mean and a reading differ by no more than `agreement`.
+    fn agrees(&self, excess: T, agreement: T) -> bool {
+        let readings = T::integer(i32::from(self.readings));
+        (excess * readings - self.sum).abs() <= agreement * readings
+    }
 }
 
 /// What is remembered of one side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RowMemory<T> {
     run: Run<T>,
+    /// Mean of a run that has ended and waits to be judged, m.
+    ended: Option<T>,
     /// What the last reading exceeded its prediction by, m.
     last: Option<T>,
     /// Way along which the surface in the beam does not count again, m.
@@ -97,6 +105,7 @@ impl<T: Scalar> RowMemory<T> {
     pub(super) fn new() -> Self {
         Self {
             run: Run::empty(),
+            ended: None,
             last: None,
             counted: T::zero(),
             cover: T::zero(),
@@ -107,14 +116,9 @@ impl<T: Scalar> RowMemory<T> {
     }
 
     /// Adds what a reading exceeds its prediction by (m), `None` if nothing
-    /// is within range, after the `way` (m). Returns the mean of the run that
-    /// this ends, if that counts.
-    pub(super) fn extend(
-        &mut self,
-        excess: Option<T>,
-        way: T,
-        readings: &Readings<T>,
-    ) -> Option<T> {
+    /// is within range, after the `way` (m). A run that this ends waits for
+    /// [`RowMemory::take_ended`], if it counts.
+    pub(super) fn extend(&mut self, excess: Option<T>, way: T, readings: &Readings<T>) {
         let is_leaf = excess.is_some_and(|excess| excess < -T::lit(LEAF));
         let hidden = if is_leaf { T::one() } else { T::zero() };
         let share = way / readings.leaf_way;
@@ -126,8 +130,8 @@ impl<T: Scalar> RowMemory<T> {
             (Some(excess), Some(last)) => agree(excess, last),
             _ => false,
         };
-        let agrees = is_same_surface && excess.is_some_and(|excess| agree(excess, self.run.mean()));
-        let mut done = None;
+        let agrees = is_same_surface
+            && excess.is_some_and(|excess| self.run.agrees(excess, readings.agreement));
         if !agrees || self.run.way >= readings.run {
             let run = core::mem::replace(&mut self.run, Run::empty());
             if run.readings >= RUN_READINGS
@@ -135,7 +139,7 @@ impl<T: Scalar> RowMemory<T> {
                 && !(self.counted > T::zero())
             {
                 self.counted = readings.surface;
-                done = Some(run.mean());
+                self.ended = Some(run.mean());
             }
         }
         self.counted = if is_same_surface {
@@ -147,7 +151,11 @@ impl<T: Scalar> RowMemory<T> {
         if let Some(excess) = excess {
             self.run.add(excess, way);
         }
-        done
+    }
+
+    /// The mean of a run that has ended, once.
+    pub(super) fn take_ended(&mut self) -> Option<T> {
+        self.ended.take()
     }
 
     /// Lets the readings of the unfinished run follow their prediction, which a
@@ -155,6 +163,7 @@ impl<T: Scalar> RowMemory<T> {
     pub(super) fn shift(&mut self, moved: T) {
         self.run.sum -= moved * T::integer(i32::from(self.run.readings));
         self.last = self.last.map(|last| last - moved);
+        self.ended = self.ended.map(|ended| ended - moved);
     }
 
     /// The odds of a run at this side.
