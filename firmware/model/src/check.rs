@@ -7,7 +7,7 @@ use network_model::{Message, Network, SendType};
 use parts::Sled;
 
 use crate::manifest::{
-    BackupMaster, Calibration, Command, Device, Machine, Manifest, Node, Receiver,
+    BackupMaster, Calibration, Command, Device, DistanceSignals, Machine, Manifest, Node, Receiver,
     RegulatorWeights, Rover, SelfTest, SignalPath,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
@@ -34,6 +34,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     }
     if let Some(calibration) = &manifest.calibration {
         self::calibration(calibration, manifest, network)?;
+    }
+    if let Some(signals) = &manifest.distances {
+        distances(signals, manifest, network)?;
     }
     if let Some(receiver) = &manifest.receiver {
         self::receiver(receiver)?;
@@ -371,10 +374,18 @@ fn calibration(
     if calibration.north.message != calibration.east.message {
         return Err("calibration.east is not in the message of calibration.north".into());
     }
-    signal::<CountKind>("potentiometer", &calibration.potentiometer, network)?;
-    signal::<RateKind>("steering_rate", &calibration.steering_rate, network)?;
-    signal::<LengthKind>("north", &calibration.north, network)?;
-    signal::<LengthKind>("east", &calibration.east, network)
+    signal::<CountKind>(
+        "calibration.potentiometer",
+        &calibration.potentiometer,
+        network,
+    )?;
+    signal::<RateKind>(
+        "calibration.steering_rate",
+        &calibration.steering_rate,
+        network,
+    )?;
+    signal::<LengthKind>("calibration.north", &calibration.north, network)?;
+    signal::<LengthKind>("calibration.east", &calibration.east, network)
 }
 
 /// Checks that a signal exists and has a unit of `K`.
@@ -383,19 +394,31 @@ fn signal<K: Kind>(field: &str, path: &SignalPath, network: &Network) -> Result<
     let mut messages = network.messages.iter();
     let found = messages
         .find(|other| other.name == *message)
-        .ok_or_else(|| format!("calibration.{field}: there is no message {message:?}"))?;
+        .ok_or_else(|| format!("{field}: there is no message {message:?}"))?;
     let mut signals = found.signals.iter();
-    let found = signals.find(|other| other.name == *signal).ok_or_else(|| {
-        format!("calibration.{field}: message {message:?} has no signal {signal:?}")
-    })?;
+    let found = signals
+        .find(|other| other.name == *signal)
+        .ok_or_else(|| format!("{field}: message {message:?} has no signal {signal:?}"))?;
     match factor::<K>(&found.unit) {
         Some(_) => Ok(()),
         None => Err(format!(
-            "calibration.{field}: the unit of signal {signal:?} is {:?}: {} is accepted",
+            "{field}: the unit of signal {signal:?} is {:?}: {} is accepted",
             found.unit,
             units_of::<K>()
         )),
     }
+}
+
+fn distances(
+    signals: &DistanceSignals,
+    manifest: &Manifest,
+    network: &Network,
+) -> Result<(), String> {
+    if manifest.rover.is_none() {
+        return Err("distances: the manifest has no [rover]".into());
+    }
+    signal::<LengthKind>("distances.left", &signals.left, network)?;
+    signal::<LengthKind>("distances.right", &signals.right, network)
 }
 
 fn receiver(receiver: &Receiver) -> Result<(), String> {

@@ -24,6 +24,8 @@ pub struct Manifest {
     pub command: Option<Command>,
     /// Which signals `cargo xtask calibrate` reads; `None` when there is nothing to calibrate.
     pub calibration: Option<Calibration>,
+    /// The signals with a rover's distances to both rows; `None` if no message carries them.
+    pub distances: Option<DistanceSignals>,
     /// The messages of the nodes' self-test; `None` if there are none.
     pub self_test: Option<SelfTest>,
     /// When the motors stop. Default: as the thesis says.
@@ -257,6 +259,17 @@ pub struct Calibration {
     pub north: SignalPath,
     /// Easting of the antenna, in the same message.
     pub east: SignalPath,
+}
+
+/// The signals with a rover's distances to both rows, as they were measured; reports of a run read
+/// them.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DistanceSignals {
+    /// To the left row.
+    pub left: SignalPath,
+    /// To the right row.
+    pub right: SignalPath,
 }
 
 /// A signal and its message, written `Message.Signal`.

@@ -8,6 +8,11 @@ fn vehicles() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../vehicles")
 }
 
+/// A file of the UAGV.
+fn text_of(file: &str) -> String {
+    std::fs::read_to_string(vehicles().join("uagv").join(file)).unwrap()
+}
+
 #[test]
 fn a_bit_rate_that_no_board_makes_is_refused() {
     let folder = vehicles().join("uagv");
@@ -368,4 +373,51 @@ fn messages_of_the_self_test_are_checked() {
     ] {
         assert!(refusal(from, to).ends_with(why), "{}", refusal(from, to));
     }
+}
+
+/// The manifest of boards with a rover's devices, in the UAGV's network, with the signals of its
+/// distances.
+fn distances(manifest: &str, left: &str, right: &str) -> Result<Vehicle, String> {
+    let boards = include_str!("../../../xtask/world/tests/boards_in_row/vehicle.toml");
+    let manifest = if manifest.is_empty() {
+        boards
+    } else {
+        manifest
+    };
+    let text = format!("{manifest}\n[distances]\nleft = {left:?}\nright = {right:?}\n");
+    Vehicle::parse("rover", "rover".as_ref(), &text, &text_of("network.dbc"))
+        .map_err(|error| error.to_string())
+}
+
+#[test]
+fn the_signals_of_distances_are_lengths_of_a_rover() {
+    let vehicle = distances("", "LogPosition.X", "Position.East").unwrap();
+    let signals = vehicle.manifest().distances.as_ref().unwrap();
+    assert_eq!(signals.left.signal, "X");
+    for (left, right, sentence) in [
+        (
+            "Range.Left",
+            "Position.East",
+            "distances.left: there is no message \"Range\"",
+        ),
+        (
+            "Position.North",
+            "Position.Up",
+            "distances.right: message \"Position\" has no signal \"Up\"",
+        ),
+        (
+            "Position.North",
+            "Command.SteeringRate",
+            "distances.right: the unit of signal \"SteeringRate\" is",
+        ),
+    ] {
+        let refused = distances("", left, right).unwrap_err();
+        assert!(refused.contains(sentence), "{refused}");
+    }
+    let uagv = text_of("vehicle.toml");
+    let refused = distances(&uagv, "Position.North", "Position.East").unwrap_err();
+    assert!(
+        refused.contains("distances: the manifest has no [rover]"),
+        "{refused}"
+    );
 }

@@ -198,6 +198,7 @@ mod tests {
             bit_time: SimDuration::from_ticks(4_000_000),
             modes: &modes,
             tasks: &[],
+            rover: None,
         };
         Figures::of(&run, rates).unwrap()
     }

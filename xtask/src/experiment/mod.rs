@@ -336,6 +336,7 @@ impl Job<'_> {
             bit_time: matrix.bit_time(),
             modes: &modes,
             tasks: &[],
+            rover: None,
         };
         Figures::of(&run, rate.of_frames(&log.frames))
             .ok_or_else(|| self.failed(RunError::NeverDrove))

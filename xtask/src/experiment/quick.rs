@@ -326,6 +326,7 @@ impl Record {
             bit_time: self.bit_time,
             modes: &self.modes,
             tasks: &[],
+            rover: None,
         }
     }
 }

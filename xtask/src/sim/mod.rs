@@ -1,6 +1,7 @@
 //! `sim`: runs the release images on the virtual vehicle and reports the result.
 
 pub(crate) mod bus;
+mod distances;
 mod faults;
 pub(crate) mod matrix;
 mod tasks;
@@ -21,7 +22,8 @@ use vehicle_model::Vehicle;
 use world::{
     EffortChange, Scenario, ScenarioError, SimDuration, SimTime,
     report::{
-        self, FolderError, GlobalTimeFigures, ModeChange, OutputFolder, Run, Summary, TaskTime,
+        self, DistancePair, FolderError, GlobalTimeFigures, ModeChange, OutputFolder, RoverRun,
+        Run, Summary, TaskTime,
     },
     scenario::Listed,
     time,
@@ -139,16 +141,12 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     let run = finished.run();
     let summary = finished.summary();
     if let Some(mut folder) = folder {
-        let path = folder
+        let (files, path) = folder
             .write("bus.log", finished.log.candump().as_bytes())
             .and_then(|()| report::write(&run, &summary, &mut folder))
-            .and_then(|()| folder.finish())
+            .and_then(|written| Ok((written, folder.finish()?)))
             .map_err(Error::from)?;
-        let files = match &scenario.vehicle {
-            Some(_) => "bus.log, states.csv, summary.json and track.svg",
-            None => "bus.log and summary.json",
-        };
-        eprintln!("Wrote {files} to {}.", path.display());
+        eprintln!("Wrote bus.log, {} to {}.", files.join(", "), path.display());
     }
     if options.json {
         println!("{}", summary.json().trim_end());
@@ -258,6 +256,7 @@ pub(crate) struct Finished<'s> {
     matrix: Matrix,
     outcome: Outcome,
     log: Log,
+    distances: Vec<DistancePair>,
     modes: Vec<ModeChange>,
     tasks: Vec<TaskTime>,
     agreement: Option<agreement::Figures>,
@@ -309,6 +308,7 @@ pub(crate) fn simulate<'s>(
         seed,
         matrix,
         outcome,
+        distances: distances::pairs(vehicle, &log.frames),
         log,
         modes,
         tasks,
@@ -334,6 +334,10 @@ impl Finished<'_> {
             bit_time: self.matrix.bit_time(),
             modes: &self.modes,
             tasks: &self.tasks,
+            rover: self.outcome.world.drive().map(|drive| RoverRun {
+                drive,
+                distances: &self.distances,
+            }),
         }
     }
 

@@ -501,6 +501,7 @@ mod tests {
             bit_time: from_seconds(4e-6),
             modes: &[],
             tasks: &[],
+            rover: None,
         };
         let wrong = judge(&Summary::of(&silent)).join("; ");
         assert!(wrong.contains("no frame was on the bus"), "{wrong}");
@@ -553,6 +554,7 @@ mod tests {
             bit_time: us(4),
             modes: &[],
             tasks: &[],
+            rover: None,
         };
         let wrong = judge(&Summary::of(&run)).join("; ");
         assert!(wrong.contains("started 41 us after"), "{wrong}");

@@ -76,6 +76,12 @@ impl Victor {
         }
     }
 
+    /// Error of its own clock, a share of one.
+    #[must_use]
+    pub fn clock_error(&self) -> f64 {
+        self.clock_error
+    }
+
     /// Its line changes to `high` at `at`. Instants must not decrease; a level that it has
     /// already is no change.
     pub fn edge(&mut self, at: SimTime, high: bool) {

@@ -38,6 +38,7 @@ fn drive(name: &str, seed: u64, length: f64) -> (Summary, String, String) {
         bit_time: from_seconds(4e-6),
         modes: &modes,
         tasks: &[],
+        rover: None,
     };
     let summary = Summary::of(&run);
     let files = (

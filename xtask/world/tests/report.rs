@@ -104,6 +104,7 @@ impl Made {
             bit_time: BIT,
             modes: &self.modes,
             tasks: &self.tasks,
+            rover: None,
         }
     }
 

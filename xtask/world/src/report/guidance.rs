@@ -124,6 +124,11 @@ pub(super) fn autonomous_runs(run: &Run) -> Vec<AutonomousRun> {
 
 /// True if the effort of every motor is zero at `when`.
 fn standing(run: &Run, when: SimTime) -> bool {
+    let rests = run.rover.map_or(&[][..], |rover| rover.drive.rests());
+    let last = rests.partition_point(|(at, _)| *at <= when).checked_sub(1);
+    if last.is_some_and(|last| !rests[last].1) {
+        return false;
+    }
     let mut efforts = BTreeMap::new();
     for change in run.efforts.iter().take_while(|change| change.at <= when) {
         efforts.insert(change.node, change.effort);
@@ -162,11 +167,15 @@ pub(super) fn stops(run: &Run) -> Vec<StopFigures> {
         .skip(1)
         .map(|(when, _)| *when)
         .chain([at(run.duration)]);
+    let rests = run.rover.map_or(&[][..], |rover| rover.drive.rests());
+    let mut moments: Vec<SimTime> = run.efforts.iter().map(|change| change.at).collect();
+    moments.extend(rests.iter().map(|(at, _)| *at));
+    moments.sort();
     events
         .iter()
         .zip(ends)
         .map(|((when, event), end)| {
-            let moments = run.efforts.iter().map(|change| change.at);
+            let moments = moments.iter().copied();
             let stopped = [*when]
                 .into_iter()
                 .chain(moments.filter(|moment| moment > when && *moment < end))

@@ -1,8 +1,8 @@
 //! Figures, tables and pictures of a finished run.
 //!
 //! [`Run`] holds the recordings, [`Summary`] the figures computed from them. [`write()`] puts the
-//! summary (`summary.json`), the vehicle's states (`states.csv`) and a picture (`track.svg`) into
-//! an [`OutputFolder`]; [`terminal`] formats the summary as text. The files do not depend on the
+//! summary (`summary.json`), the vehicle's states (`states.csv`) and a picture (`track.svg`, or
+//! `row.svg` of a rover) into an [`OutputFolder`]; [`terminal`] formats the summary as text. The files do not depend on the
 //! computer that simulates: the same run gives the same bytes.
 
 mod bus;
@@ -10,6 +10,7 @@ mod figures;
 mod folder;
 mod guidance;
 mod plot;
+mod rover;
 mod row;
 mod states;
 mod summary;
@@ -25,6 +26,7 @@ pub use figures::{
     TakeoverFigures, TaskFigures, WindowFigures,
 };
 pub use folder::{FolderError, OutputFolder};
+pub use rover::{ContactFigures, DistancePair, RoverFigures, RoverRun, rover_csv, rover_svg};
 pub use row::{RowPicture, row_svg};
 pub use states::states_csv;
 pub use summary::Summary;
@@ -60,6 +62,8 @@ pub struct Run<'a> {
     pub modes: &'a [ModeChange],
     /// Longest observed times of the nodes' tasks.
     pub tasks: &'a [TaskTime],
+    /// The rover's recordings; `None` when the vehicle has none.
+    pub rover: Option<RoverRun<'a>>,
 }
 
 /// A frame on the bus.
@@ -152,18 +156,34 @@ pub struct TaskTime {
     pub core_hz: u64,
 }
 
-/// Writes `summary.json` into `folder`, and for a vehicle with a machine `states.csv` and
-/// `track.svg`.
+/// Writes `summary.json` into `folder`, for a vehicle with a machine `states.csv` and `track.svg`,
+/// and for one with a rover `states.csv` and `row.svg`. Returns the names of the files.
 ///
 /// # Errors
 /// When a file cannot be written.
-pub fn write(run: &Run, summary: &Summary, folder: &mut OutputFolder) -> Result<(), FolderError> {
-    folder.write("summary.json", summary.json().as_bytes())?;
-    if let Some(states) = states_csv(run) {
-        folder.write("states.csv", states.as_bytes())?;
+pub fn write(
+    run: &Run,
+    summary: &Summary,
+    folder: &mut OutputFolder,
+) -> Result<Vec<&'static str>, FolderError> {
+    let scenario = run.scenario;
+    let about = format!("{}; seed {}", scenario.summary, run.seed);
+    let rover = run.rover.as_ref();
+    let files = [
+        ("summary.json", Some(summary.json())),
+        ("states.csv", states_csv(run).or(rover.map(rover_csv))),
+        ("track.svg", track_svg(run, summary)),
+        (
+            "row.svg",
+            rover.map(|rover| rover_svg(rover, &scenario.name, &about)),
+        ),
+    ];
+    let mut names = Vec::new();
+    for (name, contents) in files {
+        if let Some(contents) = contents {
+            folder.write(name, contents.as_bytes())?;
+            names.push(name);
+        }
     }
-    if let Some(track) = track_svg(run, summary) {
-        folder.write("track.svg", track.as_bytes())?;
-    }
-    Ok(())
+    Ok(names)
 }

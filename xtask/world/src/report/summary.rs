@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::figures::{AutonomousRun, BusFigures, ModeFigures, StopFigures, TaskFigures, rounded};
-use super::{Run, bus, guidance};
+use super::{RoverFigures, Run, bus, guidance};
 use crate::time::{seconds, span_seconds};
 
 /// The figures of a run. The fields' names and meanings are those of `summary.json`; units are
@@ -27,6 +27,9 @@ pub struct Summary {
     pub largest_steering_angle_deg: f64,
     /// One entry for each node reset and each loss of the fix in the scenario.
     pub stops: Vec<StopFigures>,
+    /// How a rover drove along its row; left out for vehicles without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rover: Option<RoverFigures>,
     /// The vehicle's modes.
     pub modes: Vec<ModeFigures>,
     /// The bus.
@@ -58,6 +61,7 @@ impl Summary {
             largest_speed_m_s: rounded(largest(|state| state.speed), 4),
             largest_steering_angle_deg: rounded(largest(|state| state.steering).to_degrees(), 3),
             stops: guidance::stops(run),
+            rover: run.rover.as_ref().map(RoverFigures::of),
             modes: run
                 .modes
                 .iter()

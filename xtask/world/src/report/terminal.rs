@@ -4,7 +4,7 @@ use core::fmt::Write;
 use std::time::Duration;
 
 use super::{
-    Summary,
+    RoverFigures, Summary,
     figures::{AutonomousRun, BusFigures},
 };
 
@@ -47,16 +47,9 @@ fn write_all(t: &mut String, s: &Summary, wall: Option<Duration>) -> core::fmt::
 
 fn write_guidance(t: &mut String, s: &Summary) -> core::fmt::Result {
     writeln!(t, "\nGuidance")?;
-    writeln!(
-        t,
-        "  {:.1} m driven, up to {:.2} m/s and {:.1} deg of steering",
-        s.distance_m, s.largest_speed_m_s, s.largest_steering_angle_deg
-    )?;
-    if s.autonomous_runs.is_empty() {
-        writeln!(t, "  no autonomous run")?;
-    }
-    for run in &s.autonomous_runs {
-        write_run(t, run)?;
+    match &s.rover {
+        Some(rover) => write_rover(t, rover)?,
+        None => write_machine(t, s)?,
     }
     for mode in &s.modes {
         writeln!(t, "  {:>10.3} s  {}", mode.at_seconds, mode.mode)?;
@@ -68,6 +61,71 @@ fn write_guidance(t: &mut String, s: &Summary) -> core::fmt::Result {
                 format!("motors stopped after {ms:.1} ms")
             });
         writeln!(t, "  {:>10.3} s  {}: {after}", stop.at_seconds, stop.event)?;
+    }
+    Ok(())
+}
+
+fn write_machine(t: &mut String, s: &Summary) -> core::fmt::Result {
+    writeln!(
+        t,
+        "  {:.1} m driven, up to {:.2} m/s and {:.1} deg of steering",
+        s.distance_m, s.largest_speed_m_s, s.largest_steering_angle_deg
+    )?;
+    if s.autonomous_runs.is_empty() {
+        writeln!(t, "  no autonomous run")?;
+    }
+    for run in &s.autonomous_runs {
+        write_run(t, run)?;
+    }
+    Ok(())
+}
+
+fn write_rover(t: &mut String, rover: &RoverFigures) -> core::fmt::Result {
+    let Some((from, until)) = rover.from_seconds.zip(rover.until_seconds) else {
+        return writeln!(t, "  the rover did not move in its row");
+    };
+    writeln!(
+        t,
+        "  {:.2} m along the row of {:.2} m, {from:.2} s to {until:.2} s; at {:.2} m at the end",
+        rover.way_m, rover.row_length_m, rover.end_station_m
+    )?;
+    let rows = [
+        ("mean speed", figure(rover.mean_speed_m_s, 2, "m/s")),
+        ("largest speed", figure(rover.largest_speed_m_s, 2, "m/s")),
+        (
+            "mean offset from the middle",
+            figure(rover.mean_offset_cm, 2, "cm"),
+        ),
+        ("largest offset", figure(rover.largest_offset_cm, 2, "cm")),
+        (
+            "mean of right - left distance",
+            figure(rover.mean_difference_cm, 2, "cm"),
+        ),
+        (
+            "mean of its magnitude",
+            figure(rover.mean_absolute_difference_cm, 2, "cm"),
+        ),
+    ];
+    for (name, value) in rows {
+        writeln!(t, "    {name:<30}{value:>12}")?;
+    }
+    if rover.contacts.is_empty() {
+        writeln!(t, "  no contact")?;
+    }
+    for contact in &rover.contacts {
+        writeln!(
+            t,
+            "  {:>10.3} s  touched a {} at {:.2} m, {:.0} cm to the {} of the middle",
+            contact.at_seconds,
+            contact.with,
+            contact.station_m,
+            contact.right_cm.abs(),
+            if contact.right_cm < 0.0 {
+                "left"
+            } else {
+                "right"
+            }
+        )?;
     }
     Ok(())
 }

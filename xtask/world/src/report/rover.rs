@@ -1,0 +1,214 @@
+//! A rover's way along its row: figures and states.
+
+use core::fmt::Write;
+
+use serde::Serialize;
+
+use super::RowPicture;
+use super::figures::rounded;
+use crate::row_drive::{RowDrive, RowSample};
+use crate::time::{SimTime, seconds};
+
+/// A rover that is slower than this stands, metres per second.
+const STANDS: f64 = 0.01;
+
+/// What a rover recorded in a run.
+#[derive(Clone, Copy, Debug)]
+pub struct RoverRun<'a> {
+    /// The rover in its row.
+    pub drive: &'a RowDrive,
+    /// Distances to both rows that its nodes tell on the bus, filtered as in the thesis (2.2.5.3), in
+    /// order of time; empty if they tell none.
+    pub distances: &'a [DistancePair],
+}
+
+/// Distances of a rover to both rows, filtered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DistancePair {
+    /// When they were sent.
+    pub at: SimTime,
+    /// To the left row, metres along the beam.
+    pub left: f64,
+    /// To the right row, metres along the beam.
+    pub right: f64,
+}
+
+/// How a rover drove along its row. The figures are those of the time from its first movement to its
+/// last one or to its first contact, without the times at which it stood or was outside the row.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RoverFigures {
+    /// Length of the row along its middle.
+    pub row_length_m: f64,
+    /// Station at which the rover's middle was at the end of the run; the row begins at 0.
+    pub end_station_m: f64,
+    /// When that time began; `null` if the rover never moved within the row.
+    pub from_seconds: Option<f64>,
+    /// When it ended.
+    pub until_seconds: Option<f64>,
+    /// Way along the row in that time.
+    pub way_m: f64,
+    /// Mean speed.
+    pub mean_speed_m_s: Option<f64>,
+    /// Largest speed.
+    pub largest_speed_m_s: Option<f64>,
+    /// Mean distance of the rover's middle from that of the row.
+    pub mean_offset_cm: Option<f64>,
+    /// The largest such distance.
+    pub largest_offset_cm: Option<f64>,
+    /// Mean of the filtered distance to the right row minus that to the left one: the error of the thesis
+    /// (2.2.2, 2.3); `null` if no message carries distances.
+    pub mean_difference_cm: Option<f64>,
+    /// Mean of the magnitude of that difference.
+    pub mean_absolute_difference_cm: Option<f64>,
+    /// Contacts with something solid, in the whole run. The rover drives on: what a plant does to it is
+    /// not simulated.
+    pub contacts: Vec<ContactFigures>,
+}
+
+/// A contact of a rover.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ContactFigures {
+    /// When it began.
+    pub at_seconds: f64,
+    /// What the rover touched.
+    pub with: String,
+    /// Station of the rover's middle.
+    pub station_m: f64,
+    /// How far to the right of the row's middle the touched thing stands.
+    pub right_cm: f64,
+}
+
+/// Mean of some values; `None` without any.
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0_u32);
+    for value in values {
+        sum += value;
+        count += 1;
+    }
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+fn largest(values: impl Iterator<Item = f64>) -> Option<f64> {
+    values.reduce(f64::max)
+}
+
+impl RoverFigures {
+    /// The figures of a run.
+    #[must_use]
+    pub fn of(run: &RoverRun) -> Self {
+        Self::between(run, 0.0, run.drive.rows().length())
+    }
+
+    /// The same for a part of the row: only times at which the rover's middle is between two stations,
+    /// metres, count.
+    #[must_use]
+    pub fn between(run: &RoverRun, from: f64, to: f64) -> Self {
+        let drive = run.drive;
+        let touched = drive.contact().map(|touch| touch.at);
+        let counts = |sample: &&RowSample| {
+            sample.state.speed.abs() >= STANDS
+                && (from..=to).contains(&sample.station)
+                && touched.is_none_or(|touched| sample.at <= touched)
+        };
+        let driven: Vec<&RowSample> = drive.samples().iter().filter(counts).collect();
+        let ends = driven.first().zip(driven.last());
+        let differences = |magnitude: fn(f64) -> f64| {
+            let (first, last) = ends?;
+            let pairs = run.distances.iter();
+            let pairs = pairs.filter(|pair| (first.at..=last.at).contains(&pair.at));
+            mean(pairs.map(|pair| magnitude(pair.right - pair.left)))
+        };
+        let driven = || driven.iter();
+        let cm = |metres: Option<f64>| metres.map(|metres| rounded(metres * 100.0, 3));
+        let figure = |value: Option<f64>| value.map(|value| rounded(value, 4));
+        let when = |sample: &RowSample| rounded(seconds(sample.at), 6);
+        Self {
+            row_length_m: rounded(drive.rows().length(), 3),
+            end_station_m: rounded(
+                drive.samples().last().map_or(drive.start(), |s| s.station),
+                3,
+            ),
+            from_seconds: ends.map(|(first, _)| when(first)),
+            until_seconds: ends.map(|(_, last)| when(last)),
+            way_m: ends.map_or(0.0, |(first, last)| {
+                rounded(last.station - first.station, 3)
+            }),
+            mean_speed_m_s: figure(mean(driven().map(|s| s.state.speed))),
+            largest_speed_m_s: figure(largest(driven().map(|s| s.state.speed.abs()))),
+            mean_offset_cm: cm(mean(driven().map(|s| s.right.abs()))),
+            largest_offset_cm: cm(largest(driven().map(|s| s.right.abs()))),
+            mean_difference_cm: cm(differences(|difference| difference)),
+            mean_absolute_difference_cm: cm(differences(f64::abs)),
+            contacts: contacts(drive),
+        }
+    }
+}
+
+fn contacts(drive: &RowDrive) -> Vec<ContactFigures> {
+    let figures = |touch: &crate::row_drive::Touch| {
+        let (x, y) = (touch.contact.x, touch.contact.y);
+        let (_, right) = drive.rows().line().locate(x, y, touch.station);
+        ContactFigures {
+            at_seconds: rounded(seconds(touch.at), 6),
+            with: touch.contact.what.name().to_owned(),
+            station_m: rounded(touch.station, 3),
+            right_cm: rounded(right * 100.0, 1),
+        }
+    };
+    drive.touches().iter().map(figures).collect()
+}
+
+/// `states.csv` of a rover: one line for each recorded state, every 10 ms. Stations, offsets and
+/// headings are the true ones; distances are those that the sensors measured last, empty without a
+/// target.
+#[must_use]
+pub fn rover_csv(run: &RoverRun) -> String {
+    let mut text = String::from(
+        "time_s,x_m,y_m,station_m,right_m,heading_error_deg,speed_m_s,left_effort,right_effort,\
+         left_sensor_m,right_sensor_m\n",
+    );
+    for sample in run.drive.samples() {
+        let columns = [
+            (seconds(sample.at), 2),
+            (sample.state.x, 4),
+            (sample.state.y, 4),
+            (sample.station, 4),
+            (sample.right, 4),
+            (sample.heading.to_degrees(), 3),
+            (sample.state.speed, 4),
+            (sample.efforts[0], 4),
+            (sample.efforts[1], 4),
+        ];
+        let columns = columns.map(|(value, digits)| (Some(value), digits));
+        let sensors = sample.distances.map(|distance| (distance, 4));
+        for (i, (value, digits)) in columns.into_iter().chain(sensors).enumerate() {
+            let comma = if i == 0 { "" } else { "," };
+            // Writing to a string cannot fail.
+            let _ = match value {
+                Some(value) => {
+                    let value = rounded(value, digits as i32);
+                    write!(text, "{comma}{value:.digits$}")
+                }
+                None => write!(text, "{comma}"),
+            };
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// `row.svg` of a rover: the row, its path and the first contact.
+#[must_use]
+pub fn rover_svg(run: &RoverRun, name: &str, about: &str) -> String {
+    let drive = run.drive;
+    let path: Vec<_> = drive.samples().iter().map(|sample| sample.state).collect();
+    super::row_svg(&RowPicture {
+        name,
+        about,
+        rows: drive.rows(),
+        start: drive.start(),
+        path: &path,
+        beams: drive.beams(),
+        contact: drive.contact().map(|touch| (touch.contact, touch.chassis)),
+    })
+}
