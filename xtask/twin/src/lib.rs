@@ -45,6 +45,7 @@
 //!   for the line of the F446's voltage detector (software can pend interrupts), SYSCFG remaps;
 //! - the features that each peripheral's documentation in the source names as not modelled.
 
+mod chain;
 mod clock;
 pub mod debugger;
 mod flash;
@@ -59,7 +60,8 @@ mod twin;
 mod window;
 mod wiring;
 
-pub use peripheral::{PinChange, ResetCause, SharedBus, UartByte};
+pub use chain::{Chain, Latency};
+pub use peripheral::{Burst, PinChange, ResetCause, SharedBus, UartByte};
 pub use silicon::Violation;
 pub use twin::{Images, NodeOutcome, Options, Outcome, Progress, Twin, TwinError, run};
 pub use wiring::WiringError;

@@ -6,8 +6,8 @@ use crate::flash::TimedFlash;
 use crate::image::Image;
 use crate::part::{Part, Pin};
 use crate::peripheral::{
-    CanLink, Oscillators, Peripherals, PinChange, REFERENCE_COUNT, Ram, ResetCause, SharedBus,
-    UartByte, lock,
+    Burst, CanLink, Oscillators, Peripherals, PinChange, REFERENCE_COUNT, Ram, ResetCause,
+    SharedBus, UartByte, lock,
 };
 use crate::silicon::Violation;
 use crate::statistics::{Load, Observer, Switch};
@@ -834,6 +834,11 @@ impl Mcu {
     /// Output pins that changed since the last call.
     pub fn drain_pins(&mut self) -> Vec<PinChange> {
         std::mem::take(&mut lock(&self.shared.peripherals).pins)
+    }
+
+    /// Conversions that were begun since the last call.
+    pub fn drain_bursts(&mut self) -> Vec<Burst> {
+        std::mem::take(&mut lock(&self.shared.peripherals).bursts)
     }
 
     /// Updates the CAN interrupts after the bus has been simulated further.

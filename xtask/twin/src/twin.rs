@@ -1,5 +1,6 @@
 //! A whole vehicle: its nodes with their images, the bus, and the simulated world.
 
+use crate::chain::Chain;
 use crate::image::{Image, ImageError};
 use crate::mcu::{Board, FlashTiming, Mcu};
 use crate::network::Network;
@@ -111,6 +112,7 @@ pub struct Twin {
     /// Number of starts of frame so far; nodes that start together count as one.
     starts: u64,
     last_start: Option<SimTime>,
+    chain: Chain,
 }
 
 /// A node of the vehicle.
@@ -207,6 +209,7 @@ impl Twin {
             records: Vec::new(),
             starts: 0,
             last_start: None,
+            chain: Chain::default(),
         };
         for input in Input::ALL {
             if let Some(node) = twin.world.input_node(input) {
@@ -286,6 +289,12 @@ impl Twin {
     #[must_use]
     pub fn console(&self, node: NodeIndex) -> &[u8] {
         &self.nodes[node.0].console
+    }
+
+    /// Samples of the distance sensors and pulses of the motors so far.
+    #[must_use]
+    pub fn chain(&self) -> &Chain {
+        &self.chain
     }
 
     /// Runs up to `end`.
@@ -499,6 +508,10 @@ impl Twin {
                     sent.push((change.at, node, Sent::Servo(side, change.high)));
                 }
             }
+            let bursts = self.node_mut(node).drain_bursts();
+            let wiring = &self.nodes[node.0].wiring;
+            let samples = bursts.iter().filter(|burst| wiring.samples(burst.channel));
+            self.chain.samples.extend(samples.map(|burst| burst.at));
         }
         sent.sort_by_key(|(at, ..)| *at);
         for (at, node, what) in sent {
@@ -507,7 +520,12 @@ impl Twin {
                     self.world.relay(node, closed, at);
                     self.sense_relay(node);
                 }
-                Sent::Servo(side, high) => self.world.servo_edge(side, at, high),
+                Sent::Servo(side, high) => {
+                    self.world.servo_edge(side, at, high);
+                    if high {
+                        self.chain.pulses.push((at, side));
+                    }
+                }
                 Sent::Byte(byte) => {
                     if let Some(device) = self.nodes[node.0].wiring.device_at(byte.usart) {
                         let wave = Wave {
@@ -545,6 +563,7 @@ impl Twin {
             records: self.records,
             nodes,
             world: self.world,
+            chain: self.chain,
         }
     }
 }
@@ -590,6 +609,8 @@ pub struct Outcome {
     pub nodes: Vec<NodeOutcome>,
     /// The world at the end, with its recordings.
     pub world: World,
+    /// Samples of the distance sensors and pulses of the motors.
+    pub chain: Chain,
 }
 
 impl Outcome {

@@ -98,6 +98,16 @@ impl Wiring {
         Some(plugs.find(|plug| plug.usart == Some(usart))?.device)
     }
 
+    /// Whether a distance sensor is wired to an ADC channel.
+    pub(crate) fn samples(&self, channel: usize) -> bool {
+        let wired = self
+            .plugs
+            .iter()
+            .any(|plug| plug.device == Device::DistanceSensors);
+        let mut sides = [Side::Left, Side::Right].into_iter();
+        wired && sides.any(|side| self.channel(Analog::Distance(side)) == Some(channel))
+    }
+
     /// The side whose motor driver reads servo pulses at a pin.
     pub(crate) fn servo(&self, pin: Pin) -> Option<Side> {
         let mut servos = self.servos.iter();

@@ -174,6 +174,36 @@ fn pulses_of_a_node_drive_the_robot() {
 }
 
 #[test]
+fn the_begin_of_bursts_and_pulses_is_recorded() {
+    let mut twin = twin("");
+    twin.run_until(time(0.5)).unwrap();
+    let chain = twin.chain();
+    // The oscillator is off by up to 1 %.
+    let expected = 0.5 / 0.005;
+    for side in [Side::Left, Side::Right] {
+        let begins = chain.pulses.iter().filter(|(_, of)| *of == side);
+        let begins: Vec<SimTime> = begins.map(|(at, _)| *at).collect();
+        assert!(
+            (begins.len() as f64 - expected).abs() < 3.0,
+            "{}",
+            begins.len()
+        );
+        for pair in begins.windows(2) {
+            let period = span_seconds(since(pair[1], pair[0]));
+            assert!((period - 0.005).abs() < 60e-6, "{period}");
+        }
+    }
+    // One conversion after the other, of 2 and of 4: the program's loop takes 60 us at 8 MHz.
+    assert!(chain.samples.is_sorted() && chain.samples.len() > 5_000);
+    let latencies: Vec<_> = chain.latencies().collect();
+    // The first pulse of each side begins before the first sample.
+    assert_eq!(latencies.len() + 2, chain.pulses.len());
+    for latency in latencies {
+        assert!(span_seconds(latency.since_sample) < 60e-6, "{latency:?}");
+    }
+}
+
+#[test]
 fn the_motors_rest_after_a_reset_of_their_node() {
     let mut twin = twin("[[reset]]\nnode = \"drive\"\nat = \"500 ms\"\n");
     twin.run_until(time(1.0)).unwrap();

@@ -45,6 +45,8 @@ pub(crate) struct Adc {
     /// Supply of the part, mV.
     supply: u32,
     sequence: Option<Sequence>,
+    /// When conversions were begun that nobody has asked for yet, and their first channel.
+    begun: Option<(Cycles, usize)>,
     data: u32,
     /// A value is ready for the DMA controller.
     request: bool,
@@ -79,6 +81,7 @@ impl Adc {
             inputs: [0; CHANNELS],
             supply: 3300,
             sequence: None,
+            begun: None,
             data: 0,
             request: false,
             dma_done: false,
@@ -211,8 +214,15 @@ impl Adc {
     fn start(&mut self, now: Cycles) {
         if self.on() && self.sequence.is_none() {
             self.started = true;
+            self.begun = Some((now, self.channel(0)));
             self.convert(0, now);
         }
+    }
+
+    /// When conversions were begun by a trigger or by software since the last call, and their first
+    /// channel. Those that follow by themselves in continuous mode do not count.
+    pub(crate) fn take_begun(&mut self) -> Option<(Cycles, usize)> {
+        self.begun.take()
     }
 
     fn length(&self) -> usize {

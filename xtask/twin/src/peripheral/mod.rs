@@ -69,6 +69,15 @@ pub struct PinChange {
     pub high: bool,
 }
 
+/// The converter began conversions, by a trigger or by software.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Burst {
+    /// When.
+    pub at: SimTime,
+    /// Its first channel.
+    pub channel: usize,
+}
+
 /// A memory that can be written.
 #[derive(Debug, Clone)]
 pub(crate) struct Ram {
@@ -144,6 +153,7 @@ pub(crate) struct Peripherals {
     outputs: [u32; 8],
     pub(crate) sent: Vec<UartByte>,
     pub(crate) pins: Vec<PinChange>,
+    pub(crate) bursts: Vec<Burst>,
     /// Registers that the program accessed but the model lacks.
     pub(crate) unmodelled: BTreeSet<u32>,
     /// The request that each DMA controller serves, by the index of its route, and when the
@@ -215,6 +225,7 @@ impl Peripherals {
             outputs: [0; 8],
             sent: Vec::new(),
             pins: Vec::new(),
+            bursts: Vec::new(),
             unmodelled: BTreeSet::new(),
             serving: [None; 2],
             fading: None,
@@ -365,6 +376,10 @@ impl Peripherals {
     fn refresh(&mut self) {
         self.collect_sent();
         self.watch_pulses();
+        if let Some((at, channel)) = self.adc.take_begun() {
+            let at = SimTime::from_ticks(self.clock.time(at));
+            self.bursts.push(Burst { at, channel });
+        }
         let mut next = self.rcc.next_event(self.now).min(self.watchdog_at);
         next = next.min(self.pwr.next_event(self.now));
         for timer in &self.timers {
