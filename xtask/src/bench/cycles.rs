@@ -33,7 +33,7 @@ const EVENTS: [(&str, &str); 3] = [
 /// The program that is measured.
 const PROGRAM: &str = "the program `cycles`";
 /// Address of the node in RAM.
-const PLACE: u32 = 0x2000_1000;
+pub(super) const PLACE: u32 = 0x2000_1000;
 /// Address of the loop in which the program waits. Functions return there.
 pub(super) const IDLE: u32 = 0x0800_0008;
 /// Top of the stack.

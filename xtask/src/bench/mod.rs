@@ -4,6 +4,7 @@
 pub mod control;
 pub mod cycles;
 pub mod kernels;
+pub mod row;
 pub mod size;
 
 use std::{env, fmt::Write, io, path::PathBuf, process::Stdio};
@@ -68,6 +69,20 @@ pub enum Error {
     /// A part of the control step did nothing.
     #[error("the part `{part}` of the control step did not do its work")]
     Idle {
+        /// The part.
+        part: String,
+    },
+    /// A part of the step between two rows has no bound.
+    #[error("the part `{part}` of the step between two rows has no bound: {problem}")]
+    NoBound {
+        /// The part.
+        part: String,
+        /// What the analysis cannot follow.
+        problem: String,
+    },
+    /// A part of the step between two rows ran for longer than its bound.
+    #[error("the part `{part}` takes more than its bound: the analysis is unsound")]
+    Unsound {
         /// The part.
         part: String,
     },
@@ -285,12 +300,13 @@ pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
         })
         .collect::<Result<Vec<_>, Failure>>()?;
     let kernels = kernels::measure(&builder)?;
+    let row = row::measure(&builder)?;
     let step = match settings {
         Some(source) => control::measure(&builder.with_settings(&source)?)?,
         None => Vec::new(),
     };
     if options.json {
-        println!("{}", report_json(&cycles, &sizes, &step, &kernels));
+        println!("{}", report_json(&cycles, &sizes, &step, &row, &kernels));
     } else {
         println!("{}", report(&cycles, &sizes));
         if step.is_empty() {
@@ -299,6 +315,7 @@ pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
         } else {
             print!("{}", control::report(&step));
         }
+        print!("\n{}", row::report(&row));
         println!(
             "\nCycles of the execution-time analysis' kernels, without wait states and with five"
         );
@@ -369,6 +386,7 @@ fn report_json(
     cycles: &Cycles,
     sizes: &Sizes,
     step: &[control::Cost],
+    row: &[row::Cost],
     kernels: &[KernelReport],
 ) -> String {
     let cycles: Vec<Value> = cycles
@@ -398,12 +416,24 @@ fn report_json(
         .iter()
         .map(|cost| json!({ "part": cost.part, "coming": cost.coming, "there": cost.there }))
         .collect();
+    let row: Vec<Value> = row
+        .iter()
+        .map(|cost| {
+            json!({
+                "part": cost.part,
+                "seen": cost.seen,
+                "bound": cost.bound.to_array(),
+                "stack": cost.stack,
+            })
+        })
+        .collect();
     format!(
         "{:#}",
         json!({
             "cycles": cycles,
             "bytes": sizes,
             "control_step": step,
+            "row_step": row,
             "kernels": kernels.iter().map(|kernel| json!({
                 "name": kernel.name,
                 "bound": kernel.bound.to_array(),
