@@ -257,6 +257,8 @@ pub(crate) struct Finished<'s> {
     outcome: Outcome,
     log: Log,
     distances: Vec<DistancePair>,
+    /// Pulses of a rover's motors, and the time from the last samples of its distances to them.
+    latencies: Vec<(SimTime, SimDuration)>,
     modes: Vec<ModeChange>,
     tasks: Vec<TaskTime>,
     agreement: Option<agreement::Figures>,
@@ -307,6 +309,11 @@ pub(crate) fn simulate<'s>(
         nodes: vehicle::node_names(vehicle),
         seed,
         matrix,
+        latencies: outcome
+            .chain
+            .latencies()
+            .map(|one| (one.pulse, one.since_sample))
+            .collect(),
         outcome,
         distances: distances::pairs(vehicle, &log.frames),
         log,
@@ -337,6 +344,7 @@ impl Finished<'_> {
             rover: self.outcome.world.drive().map(|drive| RoverRun {
                 drive,
                 distances: &self.distances,
+                latencies: &self.latencies,
             }),
         }
     }

@@ -46,6 +46,26 @@ fn barriers(more: &str) -> Scenario {
     Scenario::parse(&vehicle(), "barriers", "barriers", &text).unwrap()
 }
 
+/// Pulses before the drive of [`the_figures_are_those_of_the_drive`], in it, and after it.
+const LATENCIES: [(SimTime, SimDuration); 4] = [
+    (
+        SimTime::from_ticks(500_000_000_000),
+        SimDuration::from_ticks(1),
+    ),
+    (
+        SimTime::from_ticks(2_000_000_000_000),
+        SimDuration::from_ticks(1_500_000_000),
+    ),
+    (
+        SimTime::from_ticks(2_500_000_000_000),
+        SimDuration::from_ticks(1_620_000_000),
+    ),
+    (
+        SimTime::from_ticks(5_900_000_000_000),
+        SimDuration::from_ticks(9_000_000_000),
+    ),
+];
+
 fn run<'a>(scenario: &'a Scenario, world: &'a World, distances: &'a [DistancePair]) -> Run<'a> {
     Run {
         scenario,
@@ -64,6 +84,7 @@ fn run<'a>(scenario: &'a Scenario, world: &'a World, distances: &'a [DistancePai
         rover: Some(RoverRun {
             drive: world.drive().unwrap(),
             distances,
+            latencies: &LATENCIES,
         }),
     }
 }
@@ -112,6 +133,14 @@ fn the_figures_are_those_of_the_drive() {
     }
     assert_eq!(rover.mean_difference_cm, Some(2.0));
     assert_eq!(rover.mean_absolute_difference_cm, Some(8.0));
+    assert_eq!(
+        (
+            rover.least_latency_us,
+            rover.mean_latency_us,
+            rover.largest_latency_us
+        ),
+        (Some(1500.0), Some(1560.0), Some(1620.0))
+    );
     assert_eq!((rover.row_length_m, rover.contacts.len()), (4.0, 0));
 
     let text = terminal(&summary, None);
@@ -127,6 +156,7 @@ fn the_figures_are_those_of_the_drive() {
         &RoverRun {
             drive: world.drive().unwrap(),
             distances: &[],
+            latencies: &[],
         },
         0.5,
         0.7,
@@ -197,6 +227,7 @@ fn motors_without_pulses_are_stopped() {
         rover: Some(RoverRun {
             drive: world.drive().unwrap(),
             distances: &[],
+            latencies: &[],
         }),
         ..run
     };
@@ -235,7 +266,7 @@ proptest! {
     fn parts_of_a_row_make_the_whole(cut in 0.2..1.0_f64, right in -0.1..0.1_f64) {
         let scenario = barriers(&format!("[row.start]\nright = \"{right} m\"\n"));
         let world = driven(&scenario, 0.5, 6.0, 6.0);
-        let run = RoverRun { drive: world.drive().unwrap(), distances: &[] };
+        let run = RoverRun { drive: world.drive().unwrap(), distances: &[], latencies: &[] };
         let [whole, first, second] = [(0.0, 4.0), (0.0, cut), (cut, 4.0)]
             .map(|(from, to)| RoverFigures::between(&run, from, to));
         // Between two records, 1 cm apart at most, no way is counted.

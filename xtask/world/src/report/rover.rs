@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::RowPicture;
 use super::figures::rounded;
 use crate::row_drive::{RowDrive, RowSample};
-use crate::time::{SimTime, seconds};
+use crate::time::{SimDuration, SimTime, seconds, span_seconds};
 
 /// A rover that is slower than this stands, metres per second.
 const STANDS: f64 = 0.01;
@@ -20,6 +20,9 @@ pub struct RoverRun<'a> {
     /// Distances to both rows that its nodes tell on the bus, filtered as in the thesis (2.2.5.3), in
     /// order of time; empty if they tell none.
     pub distances: &'a [DistancePair],
+    /// Pulses of its motors: when they began, and how long after the last burst of samples of its
+    /// distance sensors; in order of time.
+    pub latencies: &'a [(SimTime, SimDuration)],
 }
 
 /// Distances of a rover to both rows, filtered.
@@ -60,6 +63,13 @@ pub struct RoverFigures {
     pub mean_difference_cm: Option<f64>,
     /// Mean of the magnitude of that difference.
     pub mean_absolute_difference_cm: Option<f64>,
+    /// Time from the begin of a burst of distance samples to the begin of the next pulses of the motors,
+    /// the smallest; `null` without pulses.
+    pub least_latency_us: Option<f64>,
+    /// Its mean.
+    pub mean_latency_us: Option<f64>,
+    /// The largest.
+    pub largest_latency_us: Option<f64>,
     /// Contacts with something solid, in the whole run. The rover drives on: what a plant does to it is
     /// not simulated.
     pub contacts: Vec<ContactFigures>,
@@ -118,6 +128,15 @@ impl RoverFigures {
             let pairs = pairs.filter(|pair| (first.at..=last.at).contains(&pair.at));
             mean(pairs.map(|pair| magnitude(pair.right - pair.left)))
         };
+        let latencies: Vec<f64> = ends.map_or_else(Vec::new, |(first, last)| {
+            let pulses = run.latencies.iter();
+            let pulses = pulses.filter(|(at, _)| (first.at..=last.at).contains(at));
+            pulses
+                .map(|(_, after)| span_seconds(*after) * 1e6)
+                .collect()
+        });
+        let us = |value: Option<f64>| value.map(|value| rounded(value, 3));
+        let latencies = || latencies.iter().copied();
         let driven = || driven.iter();
         let cm = |metres: Option<f64>| metres.map(|metres| rounded(metres * 100.0, 3));
         let figure = |value: Option<f64>| value.map(|value| rounded(value, 4));
@@ -139,6 +158,9 @@ impl RoverFigures {
             largest_offset_cm: cm(largest(driven().map(|s| s.right.abs()))),
             mean_difference_cm: cm(differences(|difference| difference)),
             mean_absolute_difference_cm: cm(differences(f64::abs)),
+            least_latency_us: us(latencies().reduce(f64::min)),
+            mean_latency_us: us(mean(latencies())),
+            largest_latency_us: us(largest(latencies())),
             contacts: contacts(drive),
         }
     }

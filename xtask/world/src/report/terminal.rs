@@ -105,6 +105,12 @@ fn write_rover(t: &mut String, rover: &RoverFigures) -> core::fmt::Result {
             "mean of its magnitude",
             figure(rover.mean_absolute_difference_cm, 2, "cm"),
         ),
+        (
+            "from sample to pulse, least",
+            figure(rover.least_latency_us, 2, "us"),
+        ),
+        ("mean", figure(rover.mean_latency_us, 2, "us")),
+        ("largest", figure(rover.largest_latency_us, 2, "us")),
     ];
     for (name, value) in rows {
         writeln!(t, "    {name:<30}{value:>12}")?;
