@@ -1,6 +1,6 @@
 //! Whether every message fits in its window.
 
-use network_model::{Message, Network, SendType, WindowKind, worst_case_bits};
+use network_model::{Message, Network, SendType, Window, WindowKind, worst_case_bits};
 
 use crate::can;
 use crate::results::MessageReport;
@@ -10,8 +10,8 @@ use crate::units::MICROSECOND;
 /// The answers for all messages, in the order of their windows.
 ///
 /// The window of a reference message and an exclusive window must hold one frame
-/// ([`Network::needed_us`]). Messages that share an arbitrating
-/// window delay each other as on a bus of their own (Davis et al. 2007), with errors.
+/// ([`Network::needed_us`]). Messages that share an arbitrating window in the same basic cycles
+/// delay each other as on a bus of their own (Davis et al. 2007), with errors.
 #[must_use]
 pub fn messages(network: &Network, table: &BusTable) -> Vec<MessageReport> {
     let bit = u64::from(network.bit_time_ns());
@@ -25,14 +25,16 @@ pub fn messages(network: &Network, table: &BusTable) -> Vec<MessageReport> {
         .filter(|m| m.window.kind == WindowKind::Arbitrating)
         .collect();
     events.sort_by_key(|m| m.id);
-    let streams: Vec<can::Message> = events.iter().map(|m| stream(m, bit)).collect();
     let mut reports: Vec<MessageReport> = network
         .messages
         .iter()
         .map(|m| {
             let arbitrating = m.window.kind == WindowKind::Arbitrating;
             let need = if arbitrating {
-                let at = events.iter().position(|e| e.id == m.id).unwrap_or(0);
+                let together: Vec<&&Message> =
+                    events.iter().filter(|e| meet(e.window, m.window)).collect();
+                let streams: Vec<can::Message> = together.iter().map(|e| stream(e, bit)).collect();
+                let at = together.iter().position(|e| e.id == m.id).unwrap_or(0);
                 can::response(&streams, at, bit, errors)
                     .ok()
                     .map(|ns| ns * 1000)
@@ -51,6 +53,13 @@ pub fn messages(network: &Network, table: &BusTable) -> Vec<MessageReport> {
         .collect();
     reports.sort_by_key(|m| (m.start, m.id));
     reports
+}
+
+/// Whether two arbitrating windows are open in the same basic cycles. Both repeats are powers of two
+/// (ISO 11898-4), so the rarer one alone decides.
+fn meet(one: Window, other: Window) -> bool {
+    let often = one.repeat.min(other.repeat).max(1);
+    one.offset % often == other.offset % often
 }
 
 /// An event message as a stream on its bus.

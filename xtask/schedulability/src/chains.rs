@@ -2,7 +2,7 @@
 //!
 //! Two clocks follow a chain: the time since its first event, and the phase, which is the
 //! latest instant of the basic cycle at which the last step ends. The phase is known from the
-//! first window or time mark on. Before that, a step that waits for an instant of the cycle
+//! begin of a chain that begins at an instant of the cycle, else from the first window or time mark on. Before that, a step that waits for an instant of the cycle
 //! may have just missed it and is charged a whole cycle.
 
 use crate::results::{ChainReport, MessageReport, NodeReport, StepReport};
@@ -21,7 +21,7 @@ pub fn follow(
     let mut clock = Clock {
         cycle,
         total: Some(0),
-        phase: None,
+        phase: chain.from_us.map(|from| from * MICROSECOND),
     };
     let mut steps = Vec::new();
     for step in &chain.steps {

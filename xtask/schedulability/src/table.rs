@@ -467,6 +467,9 @@ pub struct Chain {
     pub name: String,
     /// Deadline from the first event to the last effect, in microseconds.
     pub deadline_us: u64,
+    /// Instant of the basic cycle at which the first event occurs, in microseconds. Without it the
+    /// first event may occur at any time.
+    pub from_us: Option<u64>,
     /// Steps in order.
     pub steps: Vec<Step>,
 }
@@ -657,6 +660,7 @@ impl Table {
         for chain in &self.chain {
             let of = || format!("chain `{}`", chain.name);
             accept(of(), "deadline_us", chain.deadline_us, LONGEST_US)?;
+            accept(of(), "from_us", chain.from_us.unwrap_or(0), LONGEST_US)?;
             for step in &chain.steps {
                 accept(of(), "wait_us", step.wait_us, LONGEST_US)?;
                 accept(of(), "at_us", step.at_us.unwrap_or(0), LONGEST_US)?;

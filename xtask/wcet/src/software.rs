@@ -16,6 +16,9 @@ const WAKER: &str = "rtic::export::executor::waker_";
 /// The function in that table which calls the `fn()` that was given to the waker.
 const WAKE: &str = "rtic::export::executor::waker_wake";
 
+/// Functions that `cortex-m-rt` calls in assembly.
+const START: [&str; 2] = ["__pre_init", "main"];
+
 /// Source whose loops are known. A new version has to be examined anew.
 const LIST: &str = "rtic-time-2.0.1/src/linked_list.rs";
 /// See [`LIST`].
@@ -45,17 +48,23 @@ pub fn pointee(image: &Image, word: u32) -> Option<u32> {
 }
 
 /// Functions whose address stands in data, in literals among code, or in the halves of a pair of
-/// moves. The vector table is left out.
+/// moves.
+///
+/// No source takes the address of a handler of the vector table, or of a function of the start. So
+/// two halves that seem to make one belong to other numbers: the functions of the start lie at the begin
+/// of the flash, where the lower half is as small as an identifier.
 #[must_use]
 pub fn taken(image: &Image) -> BTreeSet<u32> {
-    let mut taken = BTreeSet::new();
+    let (mut taken, mut handlers) = (BTreeSet::new(), BTreeSet::new());
     let first = image.functions().next().map_or(0, |(first, _)| first);
     for (start, bytes) in image.contents() {
         let aligned = start.next_multiple_of(4);
         let words = bytes.get((aligned - start) as usize..).unwrap_or_default();
         for (at, word) in (aligned..).step_by(4).zip(words.chunks_exact(4)) {
-            if at >= first && !image.is_code(at) {
-                let word = word.try_into().map_or(0, u32::from_le_bytes);
+            let word = word.try_into().map_or(0, u32::from_le_bytes);
+            if at < first {
+                handlers.extend(pointee(image, word));
+            } else if !image.is_code(at) {
                 taken.extend(pointee(image, word));
             }
         }
@@ -63,6 +72,8 @@ pub fn taken(image: &Image) -> BTreeSet<u32> {
     for (function, known) in image.functions() {
         taken.extend(moved(image, function, known.size));
     }
+    let starts = |function: &u32| START.contains(&image.name(*function).as_str());
+    taken.retain(|function| !handlers.contains(function) && !starts(function));
     taken
 }
 
