@@ -67,7 +67,8 @@ pub use frame::{Frame, TooLong};
 pub use id::Id;
 pub use length::{INTERFRAME_BITS, frame_bits, shortest_bits, worst_case_bits};
 pub use matrix::{
-    Event, MatrixConfig, MatrixError, Message, NodeId, Problem, SystemMatrix, Window, WindowKind,
+    Event, LONGEST_TRANSMIT_ENABLE, MatrixConfig, MatrixError, Message, NodeId, Problem,
+    SystemMatrix, Window, WindowKind,
 };
 pub use node::{
     Action, ConfigError, Counters, Fault, Grant, MasterState, Node, NodeConfig, NotInCharge,

@@ -179,10 +179,10 @@ fn networks_are_refused() {
         ),
         (
             MatrixConfig {
-                transmit_enable_bits: 17,
+                transmit_enable_bits: 33,
                 ..base
             },
-            "system matrix: a transmit enable window of 17 bit times, but it must be 1 to 16",
+            "system matrix: a transmit enable window of 33 bit times, but it must be 1 to 32",
         ),
         (
             MatrixConfig {

@@ -19,7 +19,8 @@ pub enum Problem {
         /// Its length.
         micros: u32,
     },
-    /// The transmit enable window is not 1 to 16 bit times.
+    /// The transmit enable window is not 1 to [`LONGEST_TRANSMIT_ENABLE`](super::LONGEST_TRANSMIT_ENABLE)
+    /// bit times.
     TransmitEnable {
         /// The number of bit times given.
         bits: u32,
@@ -186,7 +187,7 @@ impl Problem {
             Problem::TransmitEnable { bits } => message
                 .text("a transmit enable window of ")
                 .number(bits)
-                .text(" bit times, but it must be 1 to 16"),
+                .text(" bit times, but it must be 1 to 32"),
             Problem::MasterCount { masters, room } => message
                 .number(masters)
                 .text(" potential masters, but the reference identifier leaves room for 1 to ")

@@ -179,6 +179,13 @@ impl<'a> Event<'a> {
     }
 }
 
+/// Longest transmit enable window, in bit times.
+///
+/// ISO 11898-4 has 1 to 16, for controllers that begin a frame by themselves. Here a program does
+/// it, which takes the same time at every bit rate: at 500 kbit/s, 16 bit times are only 32 us. A
+/// receiver does not see the difference: it judges a frame by the window that it ends in.
+pub const LONGEST_TRANSMIT_ENABLE: u8 = 32;
+
 /// What all nodes of a network have in common, before the check.
 #[derive(Clone, Copy, Debug)]
 pub struct MatrixConfig<'a> {
@@ -197,7 +204,8 @@ pub struct MatrixConfig<'a> {
     /// The potential time masters, best rank first: one to eight.
     pub masters: &'a [NodeId],
     /// Transmit enable window (Tx_Enable_Window): how long after its time mark a
-    /// frame may still begin in an exclusive window, in bit times, 1 to 16.
+    /// frame may still begin in an exclusive window, in bit times, 1 to
+    /// [`LONGEST_TRANSMIT_ENABLE`].
     pub transmit_enable_bits: u8,
     /// Largest difference between the cycle times of two nodes in schedule.
     pub sync_uncertainty: Micros,

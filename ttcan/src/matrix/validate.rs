@@ -1,6 +1,9 @@
 //! The checks of a matrix.
 
-use super::{Event, MatrixConfig, MatrixError, Problem, Window, WindowKind, bits_to_micros};
+use super::{
+    Event, LONGEST_TRANSMIT_ENABLE, MatrixConfig, MatrixError, Problem, Window, WindowKind,
+    bits_to_micros,
+};
 use crate::id::Id;
 use crate::length;
 use crate::time::Micros;
@@ -70,7 +73,7 @@ const fn check_network<'a>(config: &MatrixConfig<'a>) -> Checked<'a> {
             cycles: config.cycles as u32,
         });
     }
-    if config.transmit_enable_bits == 0 || config.transmit_enable_bits > 16 {
+    if config.transmit_enable_bits == 0 || config.transmit_enable_bits > LONGEST_TRANSMIT_ENABLE {
         return network(Problem::TransmitEnable {
             bits: config.transmit_enable_bits as u32,
         });

@@ -94,7 +94,7 @@ pub(super) fn find(
                 .iter()
                 .filter_map(|name| cyclic.iter().position(|(other, _)| other.name == *name))
                 .collect(),
-            gap: Micros::from_ticks(message.preparation_us + Network::RELEASE_GRAIN_US),
+            gap: Micros::from_ticks(message.preparation_us + network.release_grain_us()),
         })
         .collect();
     let masters = masters(network);

@@ -2,6 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+/// Longest transmit enable window, in bit times: that of `ttcan`, which checks it once more when the
+/// images are built.
+const LONGEST_TRANSMIT_ENABLE: u8 = 32;
+
 use crate::{
     frame::worst_case_bits,
     generate,
@@ -54,10 +58,10 @@ fn bus(network: &Network, problems: &mut Vec<Problem>) {
             network.bit_rate
         ));
     }
-    if !(1..=16).contains(&network.transmit_enable_bits) {
+    if !(1..=LONGEST_TRANSMIT_ENABLE).contains(&network.transmit_enable_bits) {
         refuse(format!(
-            "TransmitEnable is {}: 1 to 16 bit times are accepted",
-            network.transmit_enable_bits
+            "TransmitEnable is {}: 1 to {} bit times are accepted",
+            network.transmit_enable_bits, LONGEST_TRANSMIT_ENABLE
         ));
     }
 }

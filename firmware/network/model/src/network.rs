@@ -194,8 +194,12 @@ impl Network {
     /// microseconds.
     pub const START_JITTER_US: u32 = 100;
 
-    /// Release times of steps are multiples of this, in microseconds.
-    pub const RELEASE_GRAIN_US: u32 = 100;
+    /// Release times of steps are multiples of this, in microseconds: the two-hundredth part of the
+    /// basic cycle, but not more than 100.
+    #[must_use]
+    pub fn release_grain_us(&self) -> u32 {
+        (self.basic_cycle_us / 200).clamp(1, 100)
+    }
 
     /// The message with this identifier.
     pub fn message(&self, id: u16) -> Option<&Message> {
@@ -234,8 +238,9 @@ impl Network {
     /// Cycle time in microseconds at which everything that a message's sender needs has
     /// arrived, so that its step can be released; `None` for a message that needs nothing.
     ///
-    /// The last of those frames may begin a transmit enable window after its mark and may have
-    /// the longest length. The result is rounded up to [`Network::RELEASE_GRAIN_US`].
+    /// The last of those frames may begin a transmit enable window after its mark, by a clock that is
+    /// late by the network's uncertainty, and may have the longest length. The result is rounded up
+    /// to [`Network::release_grain_us`].
     pub fn release_us(&self, message: &Message) -> Option<u32> {
         let needed = message.after.iter().filter_map(|name| {
             let mut messages = self.messages.iter();
@@ -243,14 +248,14 @@ impl Network {
         });
         let arrivals = needed.flat_map(|other| {
             let bits = worst_case_bits(other.length) + u32::from(self.transmit_enable_bits);
-            let duration = self.bits_to_us(bits);
+            let duration = self.bits_to_us(bits) + self.sync_uncertainty_us;
             other
                 .windows()
                 .map(move |window| window.start_us.saturating_add(duration))
         });
         let last = arrivals.max()?;
-        let grains = last.div_ceil(Self::RELEASE_GRAIN_US);
-        Some(grains.saturating_mul(Self::RELEASE_GRAIN_US))
+        let grain = self.release_grain_us();
+        Some(last.div_ceil(grain).saturating_mul(grain))
     }
 
     /// Time in microseconds from the end of a frame of `message`, in an exclusive window, until

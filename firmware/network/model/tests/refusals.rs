@@ -293,8 +293,8 @@ fn attributes_must_be_numbers_in_range() {
     );
     refused(
         "\"TransmitEnable\" 16;\nBA_DEF_DEF_ \"MasterRank\"",
-        "\"TransmitEnable\" 17;\nBA_DEF_DEF_ \"MasterRank\"",
-        &["TransmitEnable is 17"],
+        "\"TransmitEnable\" 33;\nBA_DEF_DEF_ \"MasterRank\"",
+        &["TransmitEnable is 33: 1 to 32 bit times are accepted"],
     );
     refused(
         "BA_ \"WindowStart\" BO_ 200 1000;",
@@ -465,8 +465,9 @@ fn with_command(after: &str, preparation: u32, start: u32) -> Result<Network, St
 fn a_message_before_one_that_it_needs_is_refused() {
     let network = with_command("Speed", 1300, 3000).unwrap();
     let command = network.message(300).unwrap();
-    // The window at 1000 us, 64 us until the frame begins, 135 bits of 4 us.
-    assert_eq!(network.release_us(command), Some(1700));
+    // The window at 1000 us, 64 us until the frame begins, 135 bits of 4 us, and 20 us between two
+    // clocks.
+    assert_eq!(network.release_us(command), Some(1650));
     let told = with_command("Speed", 0, 0).unwrap_err();
     assert!(
         told.contains("message Command (300) is scheduled before Speed, which it needs"),
@@ -474,7 +475,7 @@ fn a_message_before_one_that_it_needs_is_refused() {
     );
     let told = with_command("Speed", 1400, 3000).unwrap_err();
     assert!(
-        told.contains("it needs has arrived at 1700 us, and its Preparation takes 1400 us"),
+        told.contains("it needs has arrived at 1650 us, and its Preparation takes 1400 us"),
         "{told}"
     );
     let told = with_command("Sped", 0, 3000).unwrap_err();
