@@ -10,6 +10,7 @@
 //! - [`e2e`]: the protection of actuator commands; [`actuator`]: their supervision;
 //! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: its messages, for the bus;
 //! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law;
+//! - [`rows`]: following the rows of a crop;
 //! - [`text`], [`display`], [`console`]: text for the operator;
 //! - [`housekeeping`]: watchdog, status messages, LED;
 //! - [`log`]: which lines a debug probe shows.
@@ -36,6 +37,7 @@ pub mod machine;
 pub mod navigation;
 pub mod oscillator;
 pub mod pilot;
+pub mod rows;
 pub mod sbp;
 pub mod selftest;
 pub mod text;

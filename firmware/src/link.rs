@@ -285,7 +285,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             Oscillator::Internal => Presence::Listening,
         };
         let quality = if internal { INTERNAL_CLOCK } else { 0 };
-        #[cfg(feature = "f446")]
+        #[cfg(feature = "master")]
         node.set_reference_payload(&[quality]);
         Ok(Self {
             tuner: (internal && !last_resort).then(|| Tuner::new(cycle)),
@@ -639,7 +639,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
 
     /// Sets the application's byte of this node's references. Its bit 1 is the link's: the node
     /// leads on its RC oscillator.
-    #[cfg(feature = "f446")]
+    #[cfg(feature = "master")]
     pub fn set_reference_byte(&mut self, byte: u8) {
         let byte = byte & !INTERNAL_CLOCK | self.quality;
         self.node.set_reference_payload(&[byte]);

@@ -16,7 +16,11 @@ macro_rules! vehicle {
         ///
         /// A quantity is a whole number of its unit or of a fraction of it, as its name
         /// says; the offsets by which the frames shift some of them are taken off.
-        #[allow(unused_parens, reason = "written by a program")]
+        #[allow(
+            unused_parens,
+            clippy::manual_range_contains,
+            reason = "written by a program"
+        )]
         pub mod messages {
             use ::network::{DecodeError, Message, Signal};
             use ::ttcan::{Frame, Id};

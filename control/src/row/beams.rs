@@ -78,12 +78,16 @@ pub struct Prediction<T> {
     pub by_half_width: T,
 }
 
-/// The beams of two sensors with a sound [`Mounting`].
+/// The beams of two sensors with a sound [`Mounting`], as [`Beams::new`] makes them. Its fields are
+/// public so that a program may have them as a constant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beams<T> {
-    mounting: Mounting<T>,
-    sine: T,
-    cosine: T,
+    /// Where the sensors are mounted.
+    pub mounting: Mounting<T>,
+    /// Sine of the beams' angle.
+    pub sine: T,
+    /// Cosine of the beams' angle.
+    pub cosine: T,
 }
 
 /// Least sine of the angle between a beam and the row. A beam that is closer to

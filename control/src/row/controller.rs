@@ -27,6 +27,30 @@ pub struct RowSettings<T> {
     pub motors: Sides<Actuator<T>>,
 }
 
+/// `settings` as a Rust block expression, for the output of a build script. The block imports the types
+/// that it names, and restores each number exactly.
+#[must_use]
+pub fn source(settings: &RowSettings<f32>) -> impl core::fmt::Display + '_ {
+    Source(settings)
+}
+
+/// Displays settings by their derived `Debug`, which is a valid Rust expression.
+struct Source<'a>(&'a RowSettings<f32>);
+
+impl core::fmt::Display for Source<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(
+            "{\n\
+             use ::control::calibration::{Actuator, Direction};\n\
+             use ::control::row::{\n\
+             Beams, Motion, Mounting, Readings, RowEstimatorSettings, RowLawSettings, RowSettings,\n\
+             Rows, Sides,\n\
+             };\n",
+        )?;
+        write!(f, "{:#?}\n}}", self.0)
+    }
+}
+
 /// The setting of the control step that is unusable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RowSettingsError {
@@ -141,13 +165,19 @@ impl<T: Scalar> RowController<T> {
     /// [`RowSettingsError`] names the setting that is unusable.
     pub fn new(settings: RowSettings<T>) -> Result<Self, RowSettingsError> {
         settings.check()?;
-        Ok(Self {
+        Ok(Self::of(settings))
+    }
+
+    /// The same, with settings that were checked before: a program that has them as a constant
+    /// ([`source`]) need not carry the check.
+    #[must_use]
+    pub fn of(settings: RowSettings<T>) -> Self {
+        Self {
             settings,
-            estimator: RowEstimator::new(settings.estimator)
-                .map_err(RowSettingsError::Estimator)?,
+            estimator: RowEstimator::of(settings.estimator),
             wheels: still(),
             state: RowState::Idle,
-        })
+        }
     }
 
     /// One step, `dt` seconds after the last one, with the distances measured

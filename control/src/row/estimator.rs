@@ -131,6 +131,12 @@ impl<T: Scalar> RowEstimator<T> {
     /// [`RowEstimatorError`] names the setting that is unusable.
     pub fn new(settings: RowEstimatorSettings<T>) -> Result<Self, RowEstimatorError> {
         settings.check()?;
+        Ok(Self::of(settings))
+    }
+
+    /// The same, with settings that were checked before.
+    #[must_use]
+    pub fn of(settings: RowEstimatorSettings<T>) -> Self {
         let mut estimator = Self {
             settings,
             bounds: bounds(&settings),
@@ -146,7 +152,7 @@ impl<T: Scalar> RowEstimator<T> {
             next: Side::Left,
         };
         estimator.restart();
-        Ok(estimator)
+        estimator
     }
 
     /// Forgets everything.

@@ -18,7 +18,7 @@ mod settings;
 pub mod thesis;
 
 pub use beams::{Beams, Mounting, MountingError, Prediction, RowPose, Side};
-pub use controller::{RowController, RowOutcome, RowSettings, RowSettingsError, RowState};
+pub use controller::{RowController, RowOutcome, RowSettings, RowSettingsError, RowState, source};
 pub use estimator::{RowDistances, RowEstimate, RowEstimator, WheelSpeeds};
 pub use health::SideHealth;
 pub use law::{RowLawError, RowLawSettings};

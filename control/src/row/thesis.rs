@@ -38,13 +38,19 @@ impl<T: Scalar> ConditionalHold<T> {
     /// [`EmptyRange`] unless both are finite and `least` is below `most`.
     pub fn new(least: T, most: T) -> Result<Self, EmptyRange> {
         if least.is_finite() && most.is_finite() && least < most {
-            Ok(Self {
-                least,
-                most,
-                held: (least + most) * T::lit(0.5),
-            })
+            Ok(Self::within(least, most))
         } else {
             Err(EmptyRange)
+        }
+    }
+
+    /// The same, with a range that was checked before.
+    #[must_use]
+    pub fn within(least: T, most: T) -> Self {
+        Self {
+            least,
+            most,
+            held: (least + most) * T::lit(0.5),
         }
     }
 
@@ -102,13 +108,19 @@ impl<T: Scalar> ScalarKalman<T> {
         if !positive(measurement) {
             return Err(VarianceError::Measurement);
         }
-        Ok(Self {
+        Ok(Self::of(process, measurement))
+    }
+
+    /// The same, with variances that were checked before.
+    #[must_use]
+    pub fn of(process: T, measurement: T) -> Self {
+        Self {
             process,
             measurement,
             estimate: T::zero(),
             // Large enough for the first sample to replace the estimate.
             variance: measurement * T::lit(1e9),
-        })
+        }
     }
 
     /// The estimate after `sample`. A sample that is not finite is ignored.
@@ -194,7 +206,7 @@ impl<T: Scalar> ProportionalIntegral<T> {
 
 /// Motor efforts of both sides of a differentially steered vehicle, each in
 /// [-1, 1].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sides<T> {
     /// Left wheels.
     pub left: T,

@@ -7,7 +7,7 @@ use control::controller::Settings;
 use control::design::SteeringWeights;
 use control::feedback::Limits;
 use control::model::{Antenna, Geometry};
-use control::row::{Mounting, RowRobot, RowSettings, Sides};
+use control::row::{self, Mounting, RowRobot, RowSettings, RowSettingsError, Sides};
 use control::vehicle::{self, Description, Refusal};
 
 use crate::error::VehicleError;
@@ -220,7 +220,10 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
         self::receiver(&mut out, receiver);
     }
     if let Some(rover) = &manifest.rover {
-        self::rover(&mut out, rover);
+        self::rover(&mut out, rover).map_err(|error| VehicleError::Manifest {
+            file: vehicle.manifest_file(),
+            what: format!("rover: {error}"),
+        })?;
     }
     if let Some(machine) = &manifest.machine {
         let description = description(vehicle);
@@ -305,54 +308,57 @@ fn receiver(out: &mut String, receiver: &Receiver) {
     }
 }
 
-fn rover(out: &mut String, rover: &Rover) {
-    let law = match rover.law {
-        RowLaw::Furrow => "Furrow",
-        RowLaw::Thesis => "Thesis",
-    };
-    constant(
-        out,
-        "The law that steers.",
-        "LAW: ::firmware::rows::Law",
-        &format!("::firmware::rows::Law::{law}"),
-    );
-    // The same type with its full path.
-    let robot = format!(
-        "{{\nuse ::control::{{calibration::{{Actuator, Direction}}, row::{{Mounting, RowRobot, Sides}}}};\n{:#?}\n}}",
-        robot(rover)
+/// # Errors
+/// No law can be made of the rover's numbers.
+fn rover(out: &mut String, rover: &Rover) -> Result<(), RowSettingsError> {
+    let robot = robot(rover);
+    // The type with its full path; the block imports the types of its fields.
+    let value = format!(
+        "{{\nuse ::control::{{calibration::{{Actuator, Direction}}, row::{{Mounting, RowRobot, Sides}}}};\n{robot:#?}\n}}",
     );
     constant(
         out,
         "The robot and its rows.",
         "ROBOT: ::control::row::RowRobot",
-        &robot,
+        &value,
     );
-    let ThesisLaw {
-        least,
-        most,
-        process,
-        proportional,
-        integral,
-        difference,
-        effort,
-    } = rover.thesis;
-    let centimetres = |length: Quantity<LengthKind>| (length.get() * 100.0) as f32;
+    let (law, settings) = match rover.law {
+        RowLaw::Furrow => {
+            let settings = RowSettings::<f32>::for_robot(&robot)?;
+            ("Furrow", row::source(&settings).to_string())
+        }
+        RowLaw::Thesis => ("Thesis", thesis_source(&robot, &rover.thesis)),
+    };
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        out,
+        "/// The law that steers.\npub type Law = ::firmware::rows::{law};\n"
+    );
     constant(
         out,
-        "Numbers of the thesis's law, for distances in centimetres.",
-        "THESIS_LAW: ::firmware::rows::ThesisLaw",
-        &format!(
-            "::firmware::rows::ThesisLaw {{ least: {:?}, most: {:?}, process: {:?}, \
-             proportional: {:?}, integral: {:?}, difference: {:?}, effort: {:?} }}",
-            centimetres(least),
-            centimetres(most),
-            process as f32,
-            proportional as f32,
-            integral as f32,
-            centimetres(difference),
-            single(effort),
-        ),
+        "Settings of the law.",
+        "LAW: <Law as ::firmware::rows::Law>::Settings",
+        &settings,
     );
+    Ok(())
+}
+
+/// The settings of the thesis's law, for distances in centimetres.
+fn thesis_source(robot: &RowRobot, law: &ThesisLaw) -> String {
+    let centimetres = |length: Quantity<LengthKind>| (length.get() * 100.0) as f32;
+    format!(
+        "::firmware::rows::ThesisLaw {{ least: {:?}, most: {:?}, process: {:?}, proportional: {:?}, \
+         integral: {:?}, difference: {:?}, effort: {:?}, forward: {:?}, sine: {:?} }}",
+        centimetres(law.least),
+        centimetres(law.most),
+        law.process as f32,
+        law.proportional as f32,
+        law.integral as f32,
+        centimetres(law.difference),
+        single(law.effort),
+        robot.motors.left.effort(robot.cruise) as f32,
+        robot.mounting.angle.sin() as f32,
+    )
 }
 
 /// A quantity in single precision, as the images use it.
