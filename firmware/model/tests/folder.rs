@@ -421,3 +421,78 @@ fn the_signals_of_distances_are_lengths_of_a_rover() {
         "{refused}"
     );
 }
+
+/// What each change of the row follower's manifest is refused with.
+#[test]
+fn a_rover_that_makes_no_sense_is_refused_in_one_sentence() {
+    let folder = vehicles().join("row-follower");
+    let text = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+    let (manifest, network) = (text("vehicle.toml"), text("network.dbc"));
+    for (from, to, sentence) in [
+        (
+            "wiring = { servos = \"drive-motors\" }",
+            "wiring = {}",
+            "[rover] needs drive-motors, which no node has in its wiring",
+        ),
+        (
+            "wiring = { remote = \"pin-remote\" }",
+            "wiring = {}",
+            "[rover] needs a pin-remote, which no node has in its wiring",
+        ),
+        (
+            "wiring = { distances = \"distance-sensors\" }",
+            "wiring = { distances = \"distance-sensors\", pot = \"knob\" }",
+            "node \"sensors\": the connectors \"distances\" and \"pot\" use the same converter: \
+             one of the two is accepted",
+        ),
+        (
+            "wiring = { distances = \"distance-sensors\" }",
+            "wiring = { pot = \"distance-sensors\" }",
+            "node \"sensors\", connector \"pot\": distance-sensors go to the connector \
+             \"distances\"",
+        ),
+        (
+            "cruise = \"0.4 m/s\"",
+            "cruise = \"1.2 m/s\"",
+            "rover.cruise is 1.2 m/s: above 0 to 1 m/s is accepted",
+        ),
+        (
+            "angle = \"45 deg\"",
+            "angle = \"95 deg\"",
+            "rover.sensors.angle is 95 deg: 10 deg to 90 deg is accepted",
+        ),
+        (
+            "open = \"1.45 m\"",
+            "open = \"2 m\"",
+            "rover.sensors.open is 2 m: 0.22 m to 1.5 m is accepted",
+        ),
+        (
+            "width = \"76.2 cm\"",
+            "width = \"30 cm\"",
+            "rover.rows.width is 0.3 m: 0.3048 m to 5 m is accepted",
+        ),
+        (
+            "law = \"furrow\"",
+            "law = \"best\"",
+            "unknown variant `best`, expected `furrow` or `thesis`",
+        ),
+        (
+            "[rover.motors]",
+            "[rover.thesis]\nproportional = -1.0\n\n[rover.motors]",
+            "rover.thesis.proportional is -1: a number above 0 is accepted",
+        ),
+        (
+            "tolerance = \"4 cm\"",
+            "tolerance = \"90 cm\"",
+            "rover: the tolerance of the width is not a positive number below half the width",
+        ),
+    ] {
+        assert!(manifest.contains(from), "{from}");
+        let changed = manifest.replacen(from, to, 1);
+        let path = Path::new("row-follower");
+        let vehicle = Vehicle::parse("row-follower", path, &changed, &network);
+        let said = vehicle.unwrap_err().to_string();
+        assert!(said.contains(sentence), "{said}");
+        assert!(!said.contains('\n'), "{said}");
+    }
+}
