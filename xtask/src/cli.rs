@@ -263,7 +263,7 @@ pub struct Sim {
     #[arg(long, value_name = "I/N", requires = "faults",
         conflicts_with_all = ["scenario", "seconds", "experiment"])]
     pub shard: Option<campaign::Shard>,
-    /// Folder for bus.log, states.csv, summary.json and track.svg, an experiment's
+    /// Folder for bus.log, states.csv, summary.json and track.svg (row.svg of a rover), an experiment's
     /// experiment.json and runs.csv, or the fault sequences' faults.json [default: no files]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
