@@ -38,9 +38,9 @@ pub const PERIOD: f32 = matrix::BASIC_CYCLE.ticks() as f32 * 1e-6;
 /// Time from the end of a command frame until the second frame after it is overdue.
 pub const COMMAND_TIMEOUT: Micros = matrix::overdue::COMMAND;
 
-/// Time between two servo pulses while no command comes. It is longer than that between two
-/// commands, so that each command begins pulses of its own.
-pub const PULSE_PERIOD_US: u16 = 10_000;
+/// Time between two servo pulses while no command comes. It is longer than a command lasts, so that each
+/// command begins pulses of its own, and so do the neutral ones when none is in force any more.
+pub const PULSE_PERIOD_US: u16 = COMMAND_TIMEOUT.ticks() as u16 + 1_000;
 
 /// The command of a control step, in the basic cycle that began at system time `time` (ms).
 pub fn command(step: &Step, sender: &mut e2e::Sender, time: u32) -> [u8; 8] {
