@@ -52,6 +52,8 @@ mod app {
         follower: &'static mut Follower,
         /// Whether `correct` is to follow the next frame.
         due: bool,
+        /// Whether the schedule has been lost since the last control step.
+        halted: bool,
         /// The last control step.
         last: Option<Step>,
     }
@@ -98,6 +100,7 @@ mod app {
                 test: None,
                 follower,
                 due: false,
+                halted: false,
                 last: None,
             },
             Local {
@@ -124,13 +127,15 @@ mod app {
         }
     }
 
-    #[task(binds = USB_LP_CAN_RX0, priority = 6, shared = [&clock, link])]
-    fn can_rx(mut cx: can_rx::Context) {
+    #[task(binds = USB_LP_CAN_RX0, priority = 6, shared = [&clock, link, halted])]
+    fn can_rx(cx: can_rx::Context) {
         let stamp = cx.shared.clock.now();
-        cx.shared.link.lock(|link| {
-            if link.on_receive(stamp).reference {
+        (cx.shared.link, cx.shared.halted).lock(|link, halted| {
+            let news = link.on_receive(stamp);
+            if news.reference {
                 link.release_at(release::COMMAND);
             }
+            *halted |= news.stop;
         });
     }
 
@@ -148,18 +153,24 @@ mod app {
         cx.shared.link.lock(|link| link.on_error());
     }
 
-    #[task(binds = TIM2, priority = 6, shared = [link])]
-    fn window_timer(mut cx: window_timer::Context) {
-        if cx.shared.link.lock(|link| link.on_timer()) {
+    #[task(binds = TIM2, priority = 6, shared = [link, halted])]
+    fn window_timer(cx: window_timer::Context) {
+        let due = (cx.shared.link, cx.shared.halted).lock(|link, halted| {
+            let due = link.on_timer();
+            *halted |= link.take_stop();
+            due
+        });
+        if due {
             rtic::pend(Interrupt::EXTI1);
         }
     }
 
     /// Deadline: the beginning of the command's window.
-    #[task(binds = EXTI1, priority = 5, shared = [link, follower, due, last], local = [remote, switch, sender])]
+    #[task(binds = EXTI1, priority = 5, shared = [link, follower, due, halted, last], local = [remote, switch, sender])]
     fn control(cx: control::Context) {
         let (mut link, mut last) = (cx.shared.link, cx.shared.last);
         let (mut follower, mut due) = (cx.shared.follower, cx.shared.due);
+        let mut halted = cx.shared.halted;
         let (left, right, time) = link.lock(|link| {
             let left = link.message::<DistanceLeft>(window::DISTANCE_LEFT);
             let right = link.message::<DistanceRight>(window::DISTANCE_RIGHT);
@@ -170,7 +181,9 @@ mod app {
             right: right.map(|right| right.distance),
         };
         let (run, stop) = (cx.local.remote.run(), cx.local.remote.stop());
-        let engaged = cx.local.switch.read(run, stop);
+        // After a time without a schedule the robot waits to be engaged anew, as without distances.
+        let halted = halted.lock(core::mem::take);
+        let engaged = cx.local.switch.read(run, stop || halted);
         let step = follower.lock(|follower| follower.command(&distances, engaged, PERIOD));
         let command = row_follower::command(&step, cx.local.sender, time);
         let log = row_follower::row_log(&distances, &step);

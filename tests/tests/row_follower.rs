@@ -1,0 +1,102 @@
+//! The release images of the row follower drive the virtual robot between rows.
+
+use std::sync::OnceLock;
+
+use twin::{Images, Options, Outcome};
+use vehicle_model::Vehicle;
+use world::report::{RoverFigures, RoverRun};
+use world::time::{at, from_seconds, seconds, span_seconds};
+use world::{Scenario, SimTime};
+
+/// The vehicle with its images.
+fn vehicle() -> &'static (Vehicle, Images) {
+    static VEHICLE: OnceLock<(Vehicle, Images)> = OnceLock::new();
+    VEHICLE.get_or_init(|| {
+        let build = || {
+            let workspace = xtask::Workspace::find()?;
+            let vehicle = xtask::vehicle::find(&workspace, "row-follower")?;
+            let nodes: Vec<_> = vehicle.nodes().collect();
+            let images = xtask::build::images(&workspace, &vehicle, &nodes)?;
+            Ok((vehicle, xtask::build::read(&images)?))
+        };
+        build().unwrap_or_else(|failure: xtask::Failure| panic!("{failure}"))
+    })
+}
+
+/// The robot is let go after half a second between two rows of poles.
+fn drive(more: &str, length: f64) -> Outcome {
+    let (vehicle, images) = vehicle();
+    let text = format!(
+        "row.start.station = \"30 cm\"\n\
+         [[row.section]]\nkind = \"poles\"\nlength = \"20 m\"\n\
+         [[press]]\nat = \"500 ms\"\nbutton = \"run\"\n{more}"
+    );
+    let scenario = Scenario::parse(vehicle, "test", "the test's scenario", &text).unwrap();
+    let options = Options {
+        duration: Some(from_seconds(length)),
+        ..Options::default()
+    };
+    twin::run(vehicle, &scenario, images, &options, |_| {}).unwrap()
+}
+
+/// When the motors first came to rest after `time`, seconds later, and whether they rested from then
+/// on.
+fn rest_after(outcome: &Outcome, time: f64) -> (f64, bool) {
+    let rests = outcome.world.drive().unwrap().rests();
+    let first = rests
+        .iter()
+        .position(|(when, rest)| *rest && seconds(*when) >= time)
+        .expect("the motors rest");
+    (seconds(rests[first].0) - time, first + 1 == rests.len())
+}
+
+/// Two basic cycles, and the neutral pulse by whose end the motor drivers know.
+const TWO_PERIODS: f64 = 0.010 + 0.002;
+
+#[test]
+fn it_follows_a_row_until_a_press_of_stop() {
+    let outcome = drive("[[press]]\nat = \"4 s\"\nbutton = \"stop\"\n", 5.0);
+    let drive = outcome.world.drive().unwrap();
+    let run = RoverRun {
+        drive,
+        distances: &[],
+        latencies: &[],
+    };
+    let figures = RoverFigures::of(&run);
+    assert!((1.2..1.7).contains(&figures.way_m), "{figures:?}");
+    assert!(figures.mean_offset_cm.unwrap() < 8.0, "{figures:?}");
+    assert_eq!(figures.contacts, []);
+    let (after, stays) = rest_after(&outcome, 4.0);
+    assert!(after < TWO_PERIODS && stays, "{after}");
+
+    // From the first control step on, each burst of samples leads to pulses within 2 ms.
+    let begun = at(from_seconds(0.6));
+    let until: SimTime = at(from_seconds(4.0));
+    let driven = outcome.chain.latencies();
+    let driven: Vec<_> = driven
+        .filter(|one| (begun..until).contains(&one.pulse))
+        .map(|one| span_seconds(one.since_sample))
+        .collect();
+    // Both motors, 200 times a second.
+    assert!((1358..=1362).contains(&driven.len()), "{}", driven.len());
+    assert!(driven.iter().all(|latency| *latency < 0.002), "{driven:?}");
+}
+
+#[test]
+fn without_its_distances_it_stops_and_stays() {
+    let reset = "[[reset]]\nnode = \"sensors\"\nat = \"2 s\"\nuntil = \"2.5 s\"\n";
+    let outcome = drive(reset, 4.0);
+    let (after, stays) = rest_after(&outcome, 2.0);
+    assert!(after < TWO_PERIODS && stays, "{after}");
+    // The sensors are back and sample; a press of run is still missing.
+    let last = outcome.chain.samples.last().unwrap();
+    assert!(seconds(*last) > 3.9);
+}
+
+#[test]
+fn without_commands_it_stops() {
+    let reset = "[[reset]]\nnode = \"feedback\"\nat = \"2 s\"\nuntil = \"2.5 s\"\n";
+    let outcome = drive(reset, 4.0);
+    let (after, stays) = rest_after(&outcome, 2.0);
+    assert!(after < TWO_PERIODS && stays, "{after}");
+}
