@@ -86,6 +86,22 @@ impl Tester {
         Self::with_silence(true)
     }
 
+    /// The same tester at another bit rate, bit/s: one of those that divide 3 Mbit/s, such as 125 000,
+    /// 250 000 and 500 000, and 1 kbit/s or more. The sample point stays.
+    ///
+    /// # Panics
+    /// At any other bit rate.
+    #[must_use]
+    pub fn at_bit_rate(mut self, bit_rate: u32) -> Self {
+        const FASTEST: u32 = 3_000_000;
+        let prescaler = FASTEST.checked_div(bit_rate).map(u16::try_from);
+        let Some(Ok(prescaler)) = prescaler.filter(|_| FASTEST.is_multiple_of(bit_rate)) else {
+            panic!("{bit_rate} bit/s do not divide 3 Mbit/s");
+        };
+        self.segments = BitSegments::fifteen_quanta(prescaler);
+        self
+    }
+
     /// The same tester with another clock and bit timing.
     #[must_use]
     pub fn with_timing(mut self, clock: ClockRate, segments: BitSegments) -> Self {

@@ -419,3 +419,36 @@ fn a_cut_off_node_hears_nobody_and_comes_back() {
     assert_eq!(bus.read(other, TSR) & 0xF, 0b0011);
     assert_eq!(bus.read(third, RF0R), 2);
 }
+
+#[test]
+fn testers_of_one_bit_rate_hear_each_other_in_its_time() {
+    for (rate, bit) in [
+        (125_000, 8_000_000),
+        (250_000, 4_000_000),
+        (500_000, 2_000_000),
+    ] {
+        let mut bus = Bus::new();
+        let sender = bus.add_tester(Tester::new().at_bit_rate(rate));
+        bus.add_tester(Tester::new().at_bit_rate(rate));
+        let frame = Frame::standard(0x123, &[1, 2, 3]).unwrap();
+        bus.send_at(
+            sender,
+            SimTime::from_ticks(1_000_000_000),
+            frame,
+            Retry::UntilSent,
+        );
+        bus.advance_to(SimTime::from_ticks(5_000_000_000));
+        let records = bus.drain_records();
+        let [(node, sent, start, bits)] = ends(&records)[..] else {
+            panic!("{records:?}");
+        };
+        assert_eq!((node, sent), (sender, frame));
+        let end = records
+            .iter()
+            .find(|record| matches!(record.kind, RecordKind::FrameEnd { .. }));
+        let lasted = end.unwrap().at.as_ticks() - start.as_ticks();
+        // The record is made at the sample point of the last bit but one.
+        let expected = u64::from(bits) * bit;
+        assert!(lasted.abs_diff(expected) <= 2 * bit, "{lasted} {expected}");
+    }
+}

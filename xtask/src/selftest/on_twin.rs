@@ -47,7 +47,8 @@ impl OnTwin {
     /// As [`OnTwin::new`].
     pub fn within(vehicle: &Vehicle, scenario: &Scenario, images: &Images) -> Result<Self, Error> {
         let mut twin = Twin::new(vehicle, scenario, SEED, images)?;
-        let program = twin.network().bus().add_tester(Tester::new());
+        let tester = Tester::new().at_bit_rate(vehicle.network().bit_rate);
+        let program = twin.network().bus().add_tester(tester);
         twin.run_until(SimTime::from_ticks(0) + STARTED)?;
         Ok(Self {
             seen: twin.records().len(),

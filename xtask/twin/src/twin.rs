@@ -199,7 +199,8 @@ impl Twin {
                 console: Vec::new(),
             });
         }
-        let foreign = network.bus().add_tester(Tester::new());
+        let rate = vehicle.network().bit_rate;
+        let foreign = network.bus().add_tester(Tester::new().at_bit_rate(rate));
         let mut twin = Self {
             network,
             world,
