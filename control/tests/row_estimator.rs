@@ -211,6 +211,40 @@ proptest! {
     }
 }
 
+/// Through a gap a robot that has turned to the right sees the next row on the
+/// right. Taken for a stalk of the near row, it would say that the robot has turned
+/// to the left.
+#[test]
+fn a_stalk_of_the_next_row_tells_the_heading() {
+    let heading = |spacing: f64| {
+        let mut settings = settings::<f64>().estimator;
+        settings.rows.spacing = spacing;
+        let mut estimator = RowEstimator::new(settings).unwrap();
+        let next_row = RowPose {
+            half_width: 0.381 + 0.762,
+            ..pose(0.0, 0.3)
+        };
+        let right = beams().predict(Side::Right, &next_row).unwrap().distance;
+        assert!(right > 1.3 && right < 1.45, "{right}");
+        let wheels = WheelSpeeds {
+            left: 0.4,
+            right: 0.4,
+        };
+        // A stalk, and then nothing.
+        for step in 0..80 {
+            let distances = RowDistances {
+                left: 1.5,
+                right: if step < 30 { right } else { 1.5 },
+            };
+            estimator.step(&distances, &wheels, STEP);
+        }
+        estimator.estimate().pose.heading
+    };
+    let (with, without) = (heading(0.762), heading(0.0));
+    assert!(with > 0.02, "{with}");
+    assert!(without < 0.0, "{without}");
+}
+
 /// A step is its two parts, and the second one changes no command before the next
 /// step.
 #[test]
@@ -413,10 +447,13 @@ fn unusable_settings_of_the_estimator_are_named() {
     assert_eq!(refused(|_| ()), None);
     assert_eq!(refused(|s| s.rows.half_width = 0.0), Some(E::HalfWidth));
     assert_eq!(refused(|s| s.rows.tolerance = 0.4), Some(E::Tolerance));
+    assert_eq!(refused(|s| s.rows.spacing = -0.1), Some(E::Spacing));
     assert_eq!(refused(|s| s.rows.scatter = f64::NAN), Some(E::Scatter));
     assert_eq!(refused(|s| s.readings.least = 2.0), Some(E::Range));
     assert_eq!(refused(|s| s.readings.open = 0.7), Some(E::OutOfRange));
     assert_eq!(refused(|s| s.readings.agreement = 0.0), Some(E::Agreement));
+    assert_eq!(refused(|s| s.readings.clear.stalk = 1.1), Some(E::Odds));
+    assert_eq!(refused(|s| s.readings.leafy.far = 0.0), Some(E::Odds));
     assert_eq!(refused(|s| s.readings.doubt = 0.0), Some(E::Doubt));
     assert_eq!(refused(|s| s.readings.run = -1.0), Some(E::Way));
     assert_eq!(refused(|s| s.motion.track = 0.0), Some(E::Track));

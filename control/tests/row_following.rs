@@ -11,6 +11,7 @@ use control::row::{
 };
 use rows::{
     Crop, DEAD_BAND, FULL_SPEED, Field, Ground, Robot, Run, STEP, Stretch, furrow, robot, run,
+    settings_of,
 };
 
 const SEEDS: u64 = 40;
@@ -188,7 +189,7 @@ fn furrow_watched(
 }
 
 fn settings(speed: f64) -> RowSettings<f32> {
-    RowSettings::for_robot(&robot(speed)).unwrap()
+    settings_of(&robot(speed))
 }
 
 /// The robot stands at the row's end whatever it is shown there, and drives again

@@ -43,7 +43,7 @@ impl core::fmt::Display for Source<'_> {
             "{\n\
              use ::control::calibration::{Actuator, Direction};\n\
              use ::control::row::{\n\
-             Beams, Motion, Mounting, Readings, RowEstimatorSettings, RowLawSettings, RowSettings,\n\
+             Beams, Motion, Mounting, Odds, Readings, RowEstimatorSettings, RowLawSettings, RowSettings,\n\
              Rows, Sides,\n\
              };\n",
         )?;

@@ -383,7 +383,8 @@ impl<T: Scalar> RowEstimator<T> {
             view,
             distance: seen.distance + excess,
             scatter: settings.rows.scatter,
-            odds: row.odds(),
+            spacing: settings.rows.spacing,
+            odds: row.odds(&settings.readings),
         };
         let Some(probability) = self.mixture.meet(&finding, fresh) else {
             return false;

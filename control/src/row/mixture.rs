@@ -9,9 +9,9 @@
 //!
 //! All loops have constant counts: an unused hypothesis has the weight 0.
 
-use super::beams::View;
+use super::beams::{Prediction, View};
 use super::motion::{Covariance, Drift, State};
-use super::runs::Odds;
+use super::settings::Odds;
 use crate::scalar::Scalar;
 
 /// Most hypotheses between two runs.
@@ -48,6 +48,8 @@ pub(super) struct Finding<T> {
     pub(super) distance: T,
     /// Deviation of a stalk from its row, m.
     pub(super) scatter: T,
+    /// Distance to the next row, m; 0 without one.
+    pub(super) spacing: T,
     /// What else it may come from.
     pub(super) odds: Odds<T>,
 }
@@ -59,6 +61,23 @@ pub(super) struct Bounds<T> {
     pub(super) most: State<T>,
     /// Least variances. They keep rounding from making a variance negative.
     pub(super) least: State<T>,
+}
+
+impl<T: Scalar> Finding<T> {
+    /// The row that the run may come from, for a pose that differs by these (m, rad,
+    /// m): that at the side of the robot, or the next one if the run is nearer to it.
+    /// A beam meets the next row through a gap if the robot has turned towards it,
+    /// and taken for the near row that would say the contrary.
+    fn see(&self, offset: T, heading: T, half_width: T) -> Option<Prediction<T>> {
+        let seen = self.view.predict(offset, heading, half_width)?;
+        let between = seen.distance + self.spacing * seen.by_half_width * T::lit(0.5);
+        if self.spacing > T::zero() && self.distance > between {
+            self.view
+                .predict(offset, heading, half_width + self.spacing)
+        } else {
+            Some(seen)
+        }
+    }
 }
 
 impl<T: Scalar> Hypothesis<T> {
@@ -81,7 +100,7 @@ impl<T: Scalar> Hypothesis<T> {
             half_width,
             ..
         } = self.state;
-        let Some(seen) = finding.view.predict(offset, heading, half_width) else {
+        let Some(seen) = finding.see(offset, heading, half_width) else {
             self.weight = T::zero();
             return Self::unused();
         };

@@ -23,7 +23,7 @@ pub use estimator::{RowDistances, RowEstimate, RowEstimator, WheelSpeeds};
 pub use health::SideHealth;
 pub use law::{RowLawError, RowLawSettings};
 pub use robot::RowRobot;
-pub use settings::{Motion, Readings, RowEstimatorError, RowEstimatorSettings, Rows};
+pub use settings::{Motion, Odds, Readings, RowEstimatorError, RowEstimatorSettings, Rows};
 pub use thesis::{
     ConditionalHold, EmptyRange, IntegralState, ProportionalIntegral, RowFollower, ScalarKalman,
     Sides, VarianceError, differential,

@@ -3,7 +3,7 @@
 use super::beams::{Beams, Mounting};
 use super::controller::{RowSettings, RowSettingsError};
 use super::law::RowLawSettings;
-use super::settings::{Motion, Readings, RowEstimatorSettings, Rows};
+use super::settings::{Motion, Odds, Readings, RowEstimatorSettings, Rows};
 use super::thesis::Sides;
 use crate::calibration::{Actuator, Direction};
 use crate::scalar::Scalar;
@@ -37,8 +37,8 @@ pub struct RowRobot {
 }
 
 impl<T: Scalar> RowSettings<T> {
-    /// Settings for a robot. What is not among its facts was chosen on simulated
-    /// rows (`tests/row_following.rs`) and is written here.
+    /// Settings for a robot. What is not among its facts was fitted to the field rows
+    /// of the virtual robot (`xtask/world/examples/furrow_row.rs`) and is written here.
     ///
     /// # Errors
     /// [`RowSettingsError`] names the setting that is unusable.
@@ -58,6 +58,8 @@ impl<T: Scalar> RowSettings<T> {
                 rows: Rows {
                     half_width: lit(robot.width * 0.5),
                     tolerance: lit(robot.tolerance * 0.5),
+                    // All rows of a field are about as far apart.
+                    spacing: lit(robot.width),
                     width_way: lit(4.0),
                     // Stalks stand within about 2 cm of their line.
                     scatter: lit(0.02),
@@ -70,6 +72,17 @@ impl<T: Scalar> RowSettings<T> {
                     run: lit((robot.stalk + 0.016) * 1.414),
                     surface: lit(0.2),
                     leaf_way: lit(0.25),
+                    // Rows with 0.5 leaves a metre, and with 6.
+                    clear: Odds {
+                        stalk: lit(0.9),
+                        near: lit(0.4),
+                        far: lit(0.05),
+                    },
+                    leafy: Odds {
+                        stalk: lit(0.33),
+                        near: lit(1.9),
+                        far: lit(0.05),
+                    },
                     doubt: lit(0.001),
                     fault_way: lit(0.6),
                     fresh_way: lit(1.0),
@@ -78,10 +91,10 @@ impl<T: Scalar> RowSettings<T> {
                     track: lit(robot.track),
                     wheel_speed: lit(fastest),
                     lag: lit(robot.lag),
-                    // A clod every 2 m that turns the robot by 4 degrees.
-                    heading_walk: lit(0.05),
+                    // Uneven grip, and a clod every 2 m that turns the robot by 3 degrees.
+                    heading_walk: lit(0.08),
                     offset_walk: lit(0.01),
-                    turn_error: lit(0.2),
+                    turn_error: lit(0.1),
                     // Motors that differ by 4 %, rows with a radius of 15 m.
                     curvature: lit(0.07),
                     curvature_way: lit(10.0),
@@ -92,7 +105,7 @@ impl<T: Scalar> RowSettings<T> {
                 slow: lit(0.5),
                 good: lit(0.03),
                 poor: lit(0.15),
-                settling: lit(0.3),
+                settling: lit(0.16),
                 damping: lit(1.2),
                 approach: lit(0.25),
                 turn_rate: lit(2.0),

@@ -2,7 +2,7 @@
 
 use super::end::OpenWay;
 use super::health::Watch;
-use super::settings::Readings;
+use super::settings::{Odds, Readings};
 use crate::scalar::Scalar;
 
 /// Least readings of a run that counts.
@@ -16,30 +16,6 @@ const LEAF: f64 = 0.06;
 /// Share of the way hidden by leaves up to which a side counts as clear, and
 /// from which it counts as leafy.
 const LEAFY: (f64, f64) = (0.25, 0.55);
-/// Odds of a run at a clear and at a leafy side. Fitted to rows with 0 to 6
-/// leaves a metre on each face, and with 25 on one.
-const CLEAR_ODDS: Odds<f64> = Odds {
-    stalk: 0.65,
-    near: 0.6,
-    far: 0.5,
-};
-const LEAFY_ODDS: Odds<f64> = Odds {
-    stalk: 0.1,
-    near: 3.0,
-    far: 0.3,
-};
-
-/// What a run may come from.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Odds<T> {
-    /// Probability of a stalk.
-    pub(super) stalk: T,
-    /// Probability density of something nearer than the row, 1/m.
-    pub(super) near: T,
-    /// Probability density of something behind the row, 1/m.
-    pub(super) far: T,
-}
-
 /// A run of readings that agree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Run<T> {
@@ -167,9 +143,9 @@ impl<T: Scalar> RowMemory<T> {
     }
 
     /// The odds of a run at this side.
-    pub(super) fn odds(&self) -> Odds<T> {
-        let (clear, leafy) = LEAFY;
-        let share = (self.cover - T::lit(clear)) / T::lit(leafy - clear);
+    pub(super) fn odds(&self, readings: &Readings<T>) -> Odds<T> {
+        let (low, high) = LEAFY;
+        let share = (self.cover - T::lit(low)) / T::lit(high - low);
         let share = if share > T::one() {
             T::one()
         } else if share > T::zero() {
@@ -177,11 +153,12 @@ impl<T: Scalar> RowMemory<T> {
         } else {
             T::zero()
         };
-        let mix = |clear: f64, leafy: f64| T::lit(clear) + T::lit(leafy - clear) * share;
+        let Readings { clear, leafy, .. } = readings;
+        let mix = |clear: T, leafy: T| clear + (leafy - clear) * share;
         Odds {
-            stalk: mix(CLEAR_ODDS.stalk, LEAFY_ODDS.stalk),
-            near: mix(CLEAR_ODDS.near, LEAFY_ODDS.near),
-            far: mix(CLEAR_ODDS.far, LEAFY_ODDS.far),
+            stalk: mix(clear.stalk, leafy.stalk),
+            near: mix(clear.near, leafy.near),
+            far: mix(clear.far, leafy.far),
         }
     }
 }

@@ -23,6 +23,8 @@ pub struct Rows<T> {
     pub half_width: T,
     /// Standard deviation of `half_width` from row to row, m.
     pub tolerance: T,
+    /// Distance from either row to the next one behind it, m; 0 if there is none.
+    pub spacing: T,
     /// Way over which the width changes by about its tolerance, m.
     pub width_way: T,
     /// Standard deviation of the stalks beside their row's line, m. It includes
@@ -47,6 +49,10 @@ pub struct Readings<T> {
     pub surface: T,
     /// Way over which the share of leaves at a side is averaged, m.
     pub leaf_way: T,
+    /// What a run comes from where leaves hide little of a side.
+    pub clear: Odds<T>,
+    /// What a run comes from where leaves hide more than half of a side.
+    pub leafy: Odds<T>,
     /// Weight with which each run also speaks for a robot that may be anywhere,
     /// in (0, 0.5]: so a wrong estimate is left again.
     pub doubt: T,
@@ -55,6 +61,28 @@ pub struct Readings<T> {
     pub fault_way: T,
     /// Way without a stalk after which a side no longer carries the estimate, m.
     pub fresh_way: T,
+}
+
+/// What a run of readings comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Odds<T> {
+    /// Probability of a stalk, in (0, 1].
+    pub stalk: T,
+    /// Probability density of anything nearer than the row, 1/m, positive.
+    pub near: T,
+    /// Probability density of anything that stands behind the row and is no stalk of
+    /// the next one, 1/m, positive. The smaller it is, the sooner a leaf that was
+    /// taken for a stalk is given up when stalks are seen behind it.
+    pub far: T,
+}
+
+impl<T: Scalar> Odds<T> {
+    fn are_sound(&self) -> bool {
+        is_positive(self.stalk)
+            && self.stalk <= T::one()
+            && is_positive(self.near)
+            && is_positive(self.far)
+    }
 }
 
 /// How the robot moves, and how far that is uncertain.
@@ -88,6 +116,8 @@ pub enum RowEstimatorError {
     HalfWidth,
     /// The width's tolerance is not positive or not below the half width.
     Tolerance,
+    /// The distance to the next row is negative.
+    Spacing,
     /// The scatter is not positive.
     Scatter,
     /// The least reading is negative or not below the open one.
@@ -96,6 +126,8 @@ pub enum RowEstimatorError {
     OutOfRange,
     /// The agreement is not positive.
     Agreement,
+    /// Odds are not positive, or a probability is above 1.
+    Odds,
     /// The weight of doubt is outside (0, 0.5].
     Doubt,
     /// A way is not positive.
@@ -117,10 +149,12 @@ impl core::fmt::Display for RowEstimatorError {
             Self::Tolerance => {
                 "the tolerance of the width is not a positive number below half the width"
             }
+            Self::Spacing => "the distance to the next row is not a number of at least 0",
             Self::Scatter => "the scatter of the stalks is not a positive number",
             Self::Range => "the least reading is negative or not below the open one",
             Self::OutOfRange => "the rows are farther from the sensors than the open reading",
             Self::Agreement => "the agreement of readings is not a positive number",
+            Self::Odds => "odds of a run are not positive, or a probability is above 1",
             Self::Doubt => "the weight of doubt is not between 0 and 0.5",
             Self::Way => "a way of the row estimator is not a positive number",
             Self::Track => "the track between the wheels is not a positive number",
@@ -155,6 +189,9 @@ impl<T: Scalar> RowEstimatorSettings<T> {
         if !(is_positive(rows.tolerance) && rows.tolerance < rows.half_width) {
             return Err(RowEstimatorError::Tolerance);
         }
+        if !(rows.spacing.is_finite() && rows.spacing >= T::zero()) {
+            return Err(RowEstimatorError::Spacing);
+        }
         if !is_positive(rows.scatter) {
             return Err(RowEstimatorError::Scatter);
         }
@@ -175,6 +212,9 @@ impl<T: Scalar> RowEstimatorSettings<T> {
         }
         if !is_positive(readings.agreement) {
             return Err(RowEstimatorError::Agreement);
+        }
+        if !(readings.clear.are_sound() && readings.leafy.are_sound()) {
+            return Err(RowEstimatorError::Odds);
         }
         if !(is_positive(readings.doubt) && readings.doubt <= T::lit(0.5)) {
             return Err(RowEstimatorError::Doubt);

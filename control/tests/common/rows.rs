@@ -8,7 +8,7 @@
 
 use crate::common::Noise;
 use control::calibration::{Actuator, Direction};
-use control::row::{Mounting, RowController, RowDistances, RowRobot, RowSettings, Sides};
+use control::row::{Mounting, Odds, RowController, RowDistances, RowRobot, RowSettings, Sides};
 
 /// A stretch of one row.
 #[derive(Clone, Copy, Debug)]
@@ -468,6 +468,28 @@ pub(crate) fn robot(cruise: f64) -> RowRobot {
     }
 }
 
+/// Settings for this field. It is leafier than the one that the settings are fitted
+/// to, with leaves behind the rows too, but no next row, and its ground turns the
+/// robot less.
+pub(crate) fn settings_of(robot: &RowRobot) -> RowSettings<f32> {
+    let mut settings = RowSettings::for_robot(robot).unwrap();
+    settings.estimator.readings.clear = Odds {
+        stalk: 0.65,
+        near: 0.6,
+        far: 0.5,
+    };
+    settings.estimator.readings.leafy = Odds {
+        stalk: 0.1,
+        near: 3.0,
+        far: 0.3,
+    };
+    settings.estimator.rows.spacing = 0.0;
+    settings.estimator.motion.heading_walk = 0.05;
+    settings.estimator.motion.turn_error = 0.2;
+    settings.law.settling = 0.3;
+    settings
+}
+
 /// Lets Furrow drive through a field until it has stood at its end for a while.
 pub(crate) fn furrow(field: &Field, ground: Ground, speed: f64, seed: u64) -> Run {
     furrow_of(&robot(speed), field, ground, seed)
@@ -475,7 +497,7 @@ pub(crate) fn furrow(field: &Field, ground: Ground, speed: f64, seed: u64) -> Ru
 
 /// The same for any robot.
 pub(crate) fn furrow_of(robot: &RowRobot, field: &Field, ground: Ground, seed: u64) -> Run {
-    let settings = RowSettings::for_robot(robot).unwrap();
+    let settings = settings_of(robot);
     let mut controller = RowController::<f32>::new(settings).unwrap();
     let seconds = (field.crop.length + 4.0) / robot.cruise * 1.3;
     run(field, ground, seed, seconds, |left, right, _| {

@@ -1,0 +1,188 @@
+//! Furrow's row controller on a PC: what its three nodes do together, without a bus.
+//!
+//! 200 Hz, whole centimetres up to 150 cm, single precision, servo pulses that begin 2 ms after the
+//! sample.
+
+#![allow(dead_code)]
+
+use control::calibration::{Actuator, Direction};
+use control::row::{Mounting, RowController, RowDistances, RowRobot, RowSettings, RowState, Sides};
+use world::distance::{self, metres};
+use world::rover::{self, Mount, Side, Terrain};
+use world::row_drive::{RowDrive, Setting, pulse};
+use world::scenario::{Limits, Row};
+use world::time::{at, from_seconds};
+
+/// Period of the control step, seconds.
+const PERIOD: f64 = 0.005;
+
+/// From the sample to the beginning of the pulse, seconds.
+const LATENCY: f64 = 0.002;
+
+/// What a field row has.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Field {
+    /// Gaps of 1 m: in the left row, in the right row, and in both at once.
+    pub(crate) gaps: bool,
+    /// Leaves over 3.5 m of the right row, then of the left one, for a metre.
+    pub(crate) leaves: f64,
+    /// Direction in which the row bends with a radius of 30 m; empty for a straight row.
+    pub(crate) turn: &'static str,
+}
+
+impl Field {
+    /// Everything that the row of 75 feet is asked to have, straight.
+    pub(crate) const FULL: Self = Self {
+        gaps: true,
+        leaves: 6.0,
+        turn: "",
+    };
+
+    /// The row of the thesis (2.2.7) with this on it, and leaves here and there. Nothing grows between
+    /// the rows: the robot cannot drive around it.
+    pub(crate) fn row(&self) -> Row {
+        let mut text = String::from(
+            r#"
+start.station = "30 cm"
+[[section]]
+kind = "stalks"
+length = "22.86 m"
+missing = "5 %"
+[[leaves]]
+from = "0 m"
+to = "22.86 m"
+density = "0.5 /m"
+"#,
+        );
+        for (side, from, to) in [("right", 3.0, 6.5), ("left", 13.0, 16.5)] {
+            text += &format!(
+                "[[leaves]]\nside = \"{side}\"\nfrom = \"{from} m\"\nto = \"{to} m\"\ndensity = \"{} /m\"\n",
+                self.leaves
+            );
+        }
+        if self.gaps {
+            for (side, from) in [("left", 8.0), ("right", 10.0), ("both", 18.5)] {
+                text += &format!(
+                    "[[gap]]\nside = \"{side}\"\nfrom = \"{from} m\"\nto = \"{} m\"\n",
+                    from + 1.0
+                );
+            }
+        }
+        if !self.turn.is_empty() {
+            text += &format!(
+                "[[bend]]\nfrom = \"2 m\"\nto = \"22.86 m\"\nradius = \"30 m\"\nturn = \"{}\"\n",
+                self.turn
+            );
+        }
+        let row: Row = toml::from_str(&text).expect("the row is right");
+        let limits = Limits::of(&rover::Parameters::default(), &Mount::right());
+        row.check(&limits).expect("the row is right");
+        row
+    }
+}
+
+/// The thesis's robot, measured on the field: there its wheels slip by 10 %, and turn it as if they were
+/// 38 cm apart.
+pub(crate) fn robot(speed: f64) -> RowRobot {
+    let rover = rover::Parameters::default();
+    let mount = Mount::right();
+    let direction = Direction {
+        dead_band: rover.friction,
+        full_rate: 0.9 * rover.top_speed,
+    };
+    let motor = Actuator {
+        positive: direction,
+        negative: direction,
+    };
+    RowRobot {
+        mounting: Mounting {
+            ahead: mount.ahead,
+            beside: mount.right,
+            angle: -mount.yaw,
+        },
+        least: 0.22,
+        open: 1.45,
+        track: 0.38,
+        lag: rover.lag,
+        motors: Sides {
+            left: motor,
+            right: motor,
+        },
+        cruise: speed,
+        width: 0.762,
+        tolerance: 0.04,
+        stalk: 0.022,
+        gap: 1.0,
+    }
+}
+
+/// What a drive came to.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Outcome {
+    /// Mean distance from the middle of the row, metres.
+    pub(crate) offset: f64,
+    /// The largest one, metres.
+    pub(crate) largest: f64,
+    /// Way along the row, metres.
+    pub(crate) way: f64,
+    /// Whether the robot touched something.
+    pub(crate) touched: bool,
+    /// Whether it stopped by itself before the end of the row.
+    pub(crate) stopped: bool,
+}
+
+/// Drives along the row until a metre before its end, until a contact, or until the robot stops.
+pub(crate) fn drive(row: &Row, speed: f64, seed: u64) -> Outcome {
+    let setting = Setting {
+        row,
+        rover: rover::Parameters::default(),
+        mount: Mount::right(),
+        terrain: Terrain::field(),
+        distance: distance::Parameters::default(),
+        driver_clocks: [0.0; 2],
+    };
+    let mut drive = RowDrive::new(&setting, seed);
+    let settings = RowSettings::<f32>::for_robot(&robot(speed)).expect("the robot is right");
+    let mut controller = RowController::new(settings).expect("the settings are right");
+    let (mut outcome, mut count) = (Outcome::default(), 0.0);
+    // Four times as long as at full speed.
+    for step in 1..=(4.0 * row.length() / speed / PERIOD) as u32 {
+        let seconds = f64::from(step) * PERIOD;
+        let now = at(from_seconds(seconds));
+        drive.advance_to(now);
+        let Some(&sample) = drive.samples().last() else {
+            continue;
+        };
+        outcome.way = sample.station - drive.start();
+        if drive.contact().is_some() || sample.station > drive.rows().length() - 1.0 {
+            break;
+        }
+        count += 1.0;
+        outcome.offset += sample.right.abs();
+        outcome.largest = outcome.largest.max(sample.right.abs());
+        let read = |side| {
+            let counts = (drive.volts(side, now) / 3.3 * 4095.0).round().min(4095.0);
+            let distance = metres(counts / 4095.0 * 3.3) * 100.0;
+            (distance.round().clamp(0.0, 150.0) / 100.0) as f32
+        };
+        // The sensor on the right measures the left row.
+        let distances = RowDistances {
+            left: read(Side::Right),
+            right: read(Side::Left),
+        };
+        let command = controller.command(&distances, true, PERIOD as f32);
+        controller.correct();
+        if command.state != RowState::Following {
+            outcome.stopped = true;
+            break;
+        }
+        let begin = at(from_seconds(seconds + LATENCY));
+        let efforts = command.efforts;
+        for (side, effort) in [(Side::Left, efforts.left), (Side::Right, efforts.right)] {
+            pulse(&mut drive, side, begin, 1.5e-3 + f64::from(effort) * 0.5e-3);
+        }
+    }
+    outcome.touched = drive.contact().is_some();
+    outcome.offset /= f64::max(count, 1.0);
+    outcome
+}
