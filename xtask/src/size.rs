@@ -455,7 +455,7 @@ mod tests {
         let over = excess(over);
         assert_eq!(over.len(), 2);
         assert!(
-            over[0].contains("drive uses 49155 bytes of flash, 3 more"),
+            over[0].contains("drive uses 61443 bytes of flash, 3 more"),
             "{over:?}"
         );
         let deep = Usage {

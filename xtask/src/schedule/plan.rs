@@ -94,7 +94,8 @@ pub(super) fn find(
                 .iter()
                 .filter_map(|name| cyclic.iter().position(|(other, _)| other.name == *name))
                 .collect(),
-            gap: Micros::from_ticks(message.preparation_us + network.release_grain_us()),
+            // The basic cycle, and with it the grain of the release, is not known yet.
+            gap: Micros::from_ticks(message.preparation_us + Network::LARGEST_RELEASE_GRAIN_US),
         })
         .collect();
     let masters = masters(network);

@@ -194,11 +194,14 @@ impl Network {
     /// microseconds.
     pub const START_JITTER_US: u32 = 100;
 
+    /// The largest [`Network::release_grain_us`].
+    pub const LARGEST_RELEASE_GRAIN_US: u32 = 100;
+
     /// Release times of steps are multiples of this, in microseconds: the two-hundredth part of the
-    /// basic cycle, but not more than 100.
+    /// basic cycle, but not more than [`Network::LARGEST_RELEASE_GRAIN_US`].
     #[must_use]
     pub fn release_grain_us(&self) -> u32 {
-        (self.basic_cycle_us / 200).clamp(1, 100)
+        (self.basic_cycle_us / 200).clamp(1, Self::LARGEST_RELEASE_GRAIN_US)
     }
 
     /// The message with this identifier.
