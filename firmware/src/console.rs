@@ -5,7 +5,7 @@ use sled_common::can::ErrorState;
 use ttcan::{ErrorLevel, MasterState, Micros, Status, SyncState};
 
 use crate::actuator::Refusal;
-use crate::link::{self, Silence};
+use crate::link::{self, AnyLink, Silence};
 use crate::navigation::Navigation;
 use crate::pilot::Reason;
 use crate::sbp;
@@ -48,26 +48,8 @@ pub struct BusView {
 
 impl BusView {
     /// The current state of a link.
-    pub fn of<P: link::Port, T: link::WindowTimer, const WINDOWS: usize, const NODES: usize>(
-        link: &link::Link<P, T, WINDOWS, NODES>,
-    ) -> Self {
-        let counters = link.node().counters();
-        Self {
-            status: link.node().status(),
-            missed_references: counters.missed_references,
-            missed_messages: counters.missed_messages,
-            missed_windows: counters
-                .skipped
-                .wrapping_add(counters.suppressed)
-                .wrapping_add(counters.transmit_errors),
-            misplaced: counters.misplaced.wrapping_add(counters.foreign),
-            errors: link.error_state(),
-            link: link.counters(),
-            silence: link.silence(),
-            trim: link.trim(),
-            quiet: link.quiet(),
-            rank: link.rank(),
-        }
+    pub fn of(link: &impl AnyLink) -> Self {
+        link.view()
     }
 }
 

@@ -5,6 +5,7 @@
 //! - [`machine`]: the machine and its commands, as a vehicle's crate describes them;
 //! - [`convert`]: where raw codes and physical units meet;
 //! - [`link`]: protocol stack, CAN port and window timer as one value;
+//! - [`event`]: the same for a vehicle whose nodes send at once, without a schedule;
 //! - [`oscillator`]: trims an RC oscillator by the references;
 //! - [`leader`]: under which time master the actuators may move;
 //! - [`e2e`]: the protection of actuator commands; [`actuator`]: their supervision;
@@ -29,6 +30,7 @@ pub mod convert;
 pub mod design;
 pub mod display;
 pub mod e2e;
+pub mod event;
 pub mod housekeeping;
 pub mod leader;
 pub mod link;

@@ -16,6 +16,7 @@ use ttcan::{
     Reception, ScheduleView, Stamp, TransmitOutcome,
 };
 
+use crate::console::BusView;
 use crate::leader::{Leader, Rule};
 
 /// Capacity of a node's queue of event messages that wait for their window. An actuator node
@@ -120,6 +121,20 @@ pub trait WindowTimer {
     fn set_window(&mut self, instant: u32);
     /// Disarms the timer.
     fn clear_window(&mut self);
+}
+
+/// What housekeeping and console need of a link, whatever the protocol of its vehicle: this
+/// module's or that of [`event`](crate::event).
+pub trait AnyLink {
+    /// The bus as the node sees it.
+    fn view(&self) -> BusView;
+    /// Takes the event message that the node waits for, if one has come.
+    fn take_event(&mut self) -> Option<Frame>;
+    /// Queues an event message of this node, to be sent within `lifetime`.
+    ///
+    /// # Errors
+    /// The queue is full, or the message is not one of this node's events.
+    fn queue_event(&mut self, id: u16, data: &[u8], lifetime: Micros) -> Result<(), QueueError>;
 }
 
 /// Bit of the application's byte of a reference: its master runs on its RC oscillator.
@@ -667,6 +682,11 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.node.is_alive() && matches!(level, ErrorLevel::None | ErrorLevel::Warning)
     }
 
+    /// Whether the node follows the schedule of a bus that is alive.
+    pub fn is_alive(&self) -> bool {
+        self.node.is_alive()
+    }
+
     /// The application's byte of the last reference from another node; 0 if this node itself is
     /// the time master.
     pub const fn reference_byte(&self) -> u8 {
@@ -824,6 +844,38 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
 
     fn now(&self) -> Stamp {
         Stamp(self.timer.now())
+    }
+}
+
+impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> AnyLink
+    for Link<P, T, WINDOWS, NODES>
+{
+    fn view(&self) -> BusView {
+        let counters = self.node.counters();
+        BusView {
+            status: self.node.status(),
+            missed_references: counters.missed_references,
+            missed_messages: counters.missed_messages,
+            missed_windows: counters
+                .skipped
+                .wrapping_add(counters.suppressed)
+                .wrapping_add(counters.transmit_errors),
+            misplaced: counters.misplaced.wrapping_add(counters.foreign),
+            errors: self.error_state(),
+            link: self.counters(),
+            silence: self.silence(),
+            trim: self.trim(),
+            quiet: self.quiet(),
+            rank: self.rank(),
+        }
+    }
+
+    fn take_event(&mut self) -> Option<Frame> {
+        self.take_event()
+    }
+
+    fn queue_event(&mut self, id: u16, data: &[u8], lifetime: Micros) -> Result<(), QueueError> {
+        self.queue_event(id, data, lifetime)
     }
 }
 

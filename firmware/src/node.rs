@@ -4,9 +4,10 @@
 use crate::board;
 use crate::console::{self, BusView, Line};
 use crate::design;
+use crate::event;
 use crate::fault;
 use crate::housekeeping::{Housekeeping, Start, StatusMessage};
-use crate::link::{Identity, Link, Stack, WindowTimer};
+use crate::link::{AnyLink, Identity, Link, Stack, WindowTimer};
 use crate::log::{Changes, Own};
 use crate::selftest::{self, Motor, Report, ReportMessage, RequestMessage};
 use board::clock::Oscillator;
@@ -33,6 +34,10 @@ pub struct Timer {
 /// The link of a node on this board, in a network with this many windows and nodes.
 pub type BoardLink<const WINDOWS: usize, const NODES: usize> =
     Link<board::CanPort, Timer, WINDOWS, NODES>;
+
+/// The link of a node that sends at once, on this board. See [`event::Link`].
+pub type BoardEventLink<const WINDOWS: usize, const PLACES: usize> =
+    event::Link<board::CanPort, Timer, WINDOWS, PLACES>;
 
 impl WindowTimer for Timer {
     #[inline]
@@ -83,6 +88,33 @@ impl<const WINDOWS: usize, const NODES: usize> BoardLink<WINDOWS, NODES> {
     }
 }
 
+impl<const WINDOWS: usize, const PLACES: usize> BoardEventLink<WINDOWS, PLACES> {
+    /// Keeps the node on the bus. Call this every few milliseconds.
+    pub fn keep(&mut self) {
+        self.keep_present();
+    }
+
+    /// Interrupt of the time base: supervises the bus if the window timer fired. True if the
+    /// node's second alarm fired.
+    pub fn on_timer(&mut self) -> bool {
+        let released = self.timer_mut().take_release();
+        if self.timer_mut().take_window() {
+            self.service();
+        }
+        released
+    }
+
+    /// Sets the node's second alarm to fire in `time`.
+    pub fn release_in(&mut self, time: Micros) {
+        let ticks = self.ticks(time);
+        self.timer_mut().release_in(ticks.cast_signed());
+    }
+
+    /// Does nothing: there is no cycle time. A call for the schedule compiles, and never comes,
+    /// as no reference begins a basic cycle.
+    pub const fn release_at(&mut self, _: Micros) {}
+}
+
 impl Timer {
     /// Acknowledges the window timer; true if it had fired.
     #[inline]
@@ -104,43 +136,96 @@ impl Timer {
     }
 }
 
+/// A vehicle's way to use the bus, named by what its link keeps in static memory: the protocol
+/// stack of the schedule ([`Stack`]), or the queue of a node that sends at once
+/// ([`event::Stack`]).
+pub trait Protocol: Sized {
+    /// Which node of which network an image is.
+    type Identity;
+    /// The link of a node on this board.
+    type Link;
+    /// See [`link`].
+    ///
+    /// # Errors
+    /// The protocol stack refuses the configuration.
+    fn link(
+        place: &'static mut Option<Self>,
+        identity: Self::Identity,
+        start: &Start,
+        can: board::CanPort,
+        timer: Timer,
+    ) -> Result<Self::Link, ConfigError>;
+}
+
+impl<const WINDOWS: usize, const NODES: usize> Protocol for Stack<WINDOWS, NODES> {
+    type Identity = Identity;
+    type Link = BoardLink<WINDOWS, NODES>;
+
+    fn link(
+        place: &'static mut Option<Self>,
+        identity: Identity,
+        start: &Start,
+        can: board::CanPort,
+        timer: Timer,
+    ) -> Result<Self::Link, ConfigError> {
+        let clocks = start.clocks;
+        let bit = 1_000_000 * clocks.ticks_per_us / identity.bit_rate;
+        let config = NodeConfig {
+            latency: StampLatency::bxcan(bit, board::FACTS.stamp_ticks),
+            transmit_lead: board::FACTS.transmit_lead_ticks,
+            drift_limit_ppm: match clocks.oscillator {
+                Oscillator::External => design::DRIFT_LIMIT_PPM,
+                Oscillator::Internal => design::DRIFT_LIMIT_PPM_INTERNAL,
+            },
+            // A master on its RC oscillator would lead the others at a pace that none of them has
+            // measured. So the next master in rank leads, and this node keeps its windows.
+            may_lead: clocks.oscillator == Oscillator::External || start.is_last_resort(),
+            ..NodeConfig::new(identity.node, clocks.ticks_per_us)
+        };
+        let Identity {
+            schedule,
+            rule,
+            awaited,
+            ..
+        } = identity;
+        let mut link = Link::new(place, schedule, config, clocks.oscillator, rule, can, timer)?;
+        link.wait_for(awaited);
+        Ok(link)
+    }
+}
+
+impl<const WINDOWS: usize, const PLACES: usize> Protocol for event::Stack<WINDOWS, PLACES> {
+    type Identity = event::Identity<WINDOWS>;
+    type Link = BoardEventLink<WINDOWS, PLACES>;
+
+    fn link(
+        place: &'static mut Option<Self>,
+        identity: Self::Identity,
+        start: &Start,
+        can: board::CanPort,
+        timer: Timer,
+    ) -> Result<Self::Link, ConfigError> {
+        let Start { clocks, .. } = *start;
+        let per_us = clocks.ticks_per_us;
+        let link = event::Link::new(place, identity, clocks.oscillator, per_us, can, timer);
+        Ok(link)
+    }
+}
+
 /// Makes the link of a node, with its protocol stack in `place`. It is silent until
 /// [`Link::start`].
 ///
 /// # Errors
 /// The protocol stack refuses the configuration.
-pub fn link<const WINDOWS: usize, const NODES: usize>(
-    place: &'static mut Option<Stack<WINDOWS, NODES>>,
-    identity: Identity,
+pub fn link<S: Protocol>(
+    place: &'static mut Option<S>,
+    identity: S::Identity,
     start: &Start,
     can: board::CanPort,
     clock: board::time::Clock,
     alarms: board::time::Alarms,
-) -> Result<BoardLink<WINDOWS, NODES>, ConfigError> {
-    let clocks = start.clocks;
-    let bit = 1_000_000 * clocks.ticks_per_us / identity.bit_rate;
-    let config = NodeConfig {
-        latency: StampLatency::bxcan(bit, board::FACTS.stamp_ticks),
-        transmit_lead: board::FACTS.transmit_lead_ticks,
-        drift_limit_ppm: match clocks.oscillator {
-            Oscillator::External => design::DRIFT_LIMIT_PPM,
-            Oscillator::Internal => design::DRIFT_LIMIT_PPM_INTERNAL,
-        },
-        // A master on its RC oscillator would lead the others at a pace that none of them has
-        // measured. So the next master in rank leads, and this node keeps its windows.
-        may_lead: clocks.oscillator == Oscillator::External || start.is_last_resort(),
-        ..NodeConfig::new(identity.node, clocks.ticks_per_us)
-    };
-    let timer = Timer { clock, alarms };
-    let Identity {
-        schedule,
-        rule,
-        awaited,
-        ..
-    } = identity;
-    let mut link = Link::new(place, schedule, config, clocks.oscillator, rule, can, timer)?;
-    link.wait_for(awaited);
-    Ok(link)
+) -> Result<S::Link, ConfigError> {
+    S::link(place, identity, start, can, Timer { clock, alarms })
 }
 
 /// Starts the board for a bus of this bit rate, bit/s. Does not return if that fails: the node records why, and starts again.
@@ -312,9 +397,9 @@ impl Keeper {
     ///
     /// A node on its RC oscillator starts again when its external clock has come, or to lead as
     /// the last resort; every node does when a program on the bus asks for the whole self-test.
-    pub fn step<S: StatusMessage, const WINDOWS: usize, const NODES: usize>(
+    pub fn step<S: StatusMessage>(
         &mut self,
-        link: &mut impl Mutex<T = BoardLink<WINDOWS, NODES>>,
+        link: &mut impl Mutex<T: AnyLink>,
         bus: &BusView,
         work: u32,
         motor: Motor,
@@ -324,7 +409,7 @@ impl Keeper {
         if let Some(reason) = self.housekeeping.restart(bus, ready, motor.still) {
             fault::stop(reason);
         }
-        let received = link.lock(BoardLink::take_event);
+        let received = link.lock(AnyLink::take_event);
         let request = received.and_then(|frame| S::Request::decode(frame.data()).ok()?.request());
         if let Some(request) = request
             && self.housekeeping.ask(&request, motor.still)
@@ -343,8 +428,8 @@ impl Keeper {
         self.led.set(shown.unwrap_or(duties.led));
         // At most one of the two is due.
         let event = match (test, duties.report) {
-            (Some(report), _) => Some(event(&S::Report::of(&report))),
-            (None, Some(status)) => Some(event(&S::of(&status))),
+            (Some(report), _) => Some(encoded(&S::Report::of(&report))),
+            (None, Some(status)) => Some(encoded(&S::of(&status))),
             (None, None) => None,
         };
         let Some((id, data)) = event else {
@@ -361,7 +446,7 @@ impl Keeper {
 }
 
 /// Identifier and data of an event message.
-fn event<M: Message>(message: &M) -> (u16, heapless::Vec<u8, 8>) {
+fn encoded<M: Message>(message: &M) -> (u16, heapless::Vec<u8, 8>) {
     let bytes = message.encode();
     // No message has more bytes.
     (
@@ -387,8 +472,8 @@ pub fn motor(output: &mut impl Mutex<T = board::motor::MotorOutput>, keeper: &Ke
 /// The console task: writes the line about the bus and the node's own line, which `show`
 /// composes, and logs changes of the bus, of `own` and of the self-test. A line about the self-test
 /// takes the place of the node's own.
-pub fn report<const WINDOWS: usize, const NODES: usize>(
-    link: &mut impl Mutex<T = BoardLink<WINDOWS, NODES>>,
+pub fn report(
+    link: &mut impl Mutex<T: AnyLink>,
     console: &mut impl Mutex<T = board::console::Console>,
     log: &mut Log,
     own: &Own,

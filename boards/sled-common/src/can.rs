@@ -1,5 +1,5 @@
-//! The bxCAN cell in single shot: one mailbox, the outcome of each attempt, the
-//! receive FIFO, the error counters and the way back from bus-off.
+//! The bxCAN cell in single shot: one mailbox, or three by identifier, the outcome of each attempt,
+//! the receive FIFO, the error counters and the way back from bus-off.
 //!
 //! Configuration goes through the `bxcan` crate. The run-time path is written against the
 //! registers (RM0390 chapter 30, RM0316 chapter 31; the cell is the same in both), because the
@@ -136,6 +136,13 @@ const TSR_ALST0: u32 = 1 << 2;
 const TSR_TERR0: u32 = 1 << 3;
 const TSR_ABRQ0: u32 = 1 << 7;
 const TSR_TME0: u32 = 1 << 26;
+/// Bits from the status of one mailbox to that of the next, in the low three bytes.
+const TSR_STRIDE: usize = 8;
+
+/// Words from the registers of one mailbox to those of the next.
+const MAILBOX_WORDS: usize = 4;
+/// Transmit mailboxes of a cell.
+pub const MAILBOXES: usize = 3;
 
 /// Bits of the identifier registers of mailbox and FIFO.
 const TIR_TXRQ: u32 = 1 << 0;
@@ -333,7 +340,17 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
     /// [`Occupied`] while an earlier frame is pending.
     #[inline]
     pub fn load(&mut self, frame: &Frame) -> Result<(), Occupied> {
-        if self.read(Register::Tsr) & TSR_TME0 == 0 {
+        self.load_into(0, frame)
+    }
+
+    /// The same for one of the [`MAILBOXES`]. Which of the loaded frames goes first is a matter of
+    /// [`Port::order_by_identifier`].
+    ///
+    /// # Errors
+    /// [`Occupied`] while an earlier frame is pending in it, or if there is no such mailbox.
+    #[inline]
+    pub fn load_into(&mut self, mailbox: usize, frame: &Frame) -> Result<(), Occupied> {
+        if mailbox >= MAILBOXES || self.read(Register::Tsr) & TSR_TME0 << mailbox == 0 {
             return Err(Occupied);
         }
         let [a, b, c, d, e, f, g, h] = frame.buffer();
@@ -345,11 +362,17 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
         };
         // Written as whole words: a TGT bit left from before would overwrite the last two
         // bytes.
-        self.write(Register::Tdt0r, u32::from(frame.len()));
-        self.write(Register::Tdl0r, u32::from_le_bytes([a, b, c, d]));
-        self.write(Register::Tdh0r, u32::from_le_bytes([e, f, g, h]));
-        self.write(Register::Ti0r, identifier | TIR_TXRQ);
+        self.write_to(mailbox, Register::Tdt0r, u32::from(frame.len()));
+        self.write_to(mailbox, Register::Tdl0r, u32::from_le_bytes([a, b, c, d]));
+        self.write_to(mailbox, Register::Tdh0r, u32::from_le_bytes([e, f, g, h]));
+        self.write_to(mailbox, Register::Ti0r, identifier | TIR_TXRQ);
         Ok(())
+    }
+
+    /// Lets the lowest identifier among the loaded mailboxes go first, and not the oldest request.
+    /// [`Port::leave_bus`] and [`Port::join_bus`] end this.
+    pub fn order_by_identifier(&mut self) {
+        self.write(Register::Mcr, MCR_RUN & !MCR_TXFP);
     }
 
     /// Asks to withdraw the pending frame. A frame that is already on the bus is completed.
@@ -359,15 +382,32 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
         self.write(Register::Tsr, TSR_ABRQ0);
     }
 
+    /// The same for one of the [`MAILBOXES`].
+    #[inline]
+    pub fn abort_in(&mut self, mailbox: usize) {
+        if mailbox < MAILBOXES {
+            self.write(Register::Tsr, TSR_ABRQ0 << (TSR_STRIDE * mailbox));
+        }
+    }
+
     /// Acknowledges a finished attempt and says how it ended; `None` when none has ended
     /// since the last call.
     #[inline]
     pub fn outcome(&mut self) -> Option<Outcome> {
-        let status = self.read(Register::Tsr);
+        self.outcome_in(0)
+    }
+
+    /// The same for one of the [`MAILBOXES`].
+    #[inline]
+    pub fn outcome_in(&mut self, mailbox: usize) -> Option<Outcome> {
+        if mailbox >= MAILBOXES {
+            return None;
+        }
+        let status = self.read(Register::Tsr) >> (TSR_STRIDE * mailbox);
         if status & TSR_RQCP0 == 0 {
             return None;
         }
-        self.write(Register::Tsr, TSR_RQCP0);
+        self.write(Register::Tsr, TSR_RQCP0 << (TSR_STRIDE * mailbox));
         Some(if status & TSR_TXOK0 != 0 {
             Outcome::Complete
         } else if status & TSR_ALST0 != 0 {
@@ -438,6 +478,14 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
     fn read(&self, register: Register) -> u32 {
         // SAFETY: a register of the cell that `self` owns.
         unsafe { R::address(register).read_volatile() }
+    }
+
+    /// Writes the register of a mailbox that `register` names for mailbox 0.
+    #[inline(always)]
+    fn write_to(&mut self, mailbox: usize, register: Register, value: u32) {
+        let address = R::address(register).wrapping_add(MAILBOX_WORDS * mailbox);
+        // SAFETY: a register of the cell that `self` owns: the caller has checked the mailbox.
+        unsafe { address.write_volatile(value) }
     }
 
     #[inline(always)]

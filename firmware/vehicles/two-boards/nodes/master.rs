@@ -172,7 +172,7 @@ mod app {
         // No motor turns by this node's hand, but without it the motor stops.
         let (knob, _) = shared.knob.lock(|knob| *knob);
         let still = two_boards::is_stop(knob);
-        keeper.step::<MasterStatus, _, _>(
+        keeper.step::<MasterStatus>(
             &mut shared.link,
             &bus,
             bus.link.services,

@@ -197,7 +197,7 @@ mod app {
             .lock(|obeyed| obeyed.command().map(|command| command.led));
         keeper.show(led);
         let motor = node::motor(&mut shared.output, keeper);
-        keeper.step::<MotorStatus, _, _>(&mut shared.link, &bus, bus.link.services, motor);
+        keeper.step::<MotorStatus>(&mut shared.link, &bus, bus.link.services, motor);
         shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);

@@ -304,7 +304,7 @@ mod app {
         let (steps, idle) = shared
             .pilot
             .lock(|pilot| (pilot.steps(), pilot.may_restart()));
-        keeper.step::<ControllerStatus, _, _>(&mut shared.link, &bus, steps, Motor::none(idle));
+        keeper.step::<ControllerStatus>(&mut shared.link, &bus, steps, Motor::none(idle));
         shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);

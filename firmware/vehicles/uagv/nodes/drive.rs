@@ -176,7 +176,7 @@ mod app {
         // Also advances the slew.
         rtic::pend(Interrupt::EXTI1);
         let motor = node::motor(&mut shared.output, keeper);
-        keeper.step::<DriveStatus, _, _>(&mut shared.link, &bus, bus.link.services, motor);
+        keeper.step::<DriveStatus>(&mut shared.link, &bus, bus.link.services, motor);
         shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);

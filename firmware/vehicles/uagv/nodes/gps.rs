@@ -250,7 +250,7 @@ mod app {
             *moving = command.steering_enabled || command.drive_enabled;
         }
         let still = !*moving;
-        keeper.step::<GpsStatus, _, _>(
+        keeper.step::<GpsStatus>(
             &mut shared.link,
             &bus,
             bus.link.services,

@@ -210,7 +210,7 @@ mod app {
             .lock(|steering| steering.has_sample(clock.now()));
         let work = if fresh { bus.link.services } else { 0 };
         let motor = node::motor(&mut shared.output, keeper);
-        keeper.step::<SteeringStatus, _, _>(&mut shared.link, &bus, work, motor);
+        keeper.step::<SteeringStatus>(&mut shared.link, &bus, work, motor);
         shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
