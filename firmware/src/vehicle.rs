@@ -7,6 +7,7 @@
 /// - `matrix`: nodes, windows, releases of steps and the system matrix;
 /// - `safety`: what the manifest says about stops;
 /// - `WINDOWS`, `NODES`: how many there are;
+/// - `EVENT_TRIGGERED`: whether the nodes send at once, without the schedule;
 /// - `Stack`: the protocol stack of a node; `Link`: its link on its board;
 /// - `identity`: a node in this network.
 #[macro_export]
@@ -47,12 +48,20 @@ macro_rules! vehicle {
         /// Nodes of the network.
         pub const NODES: usize = matrix::MATRIX.node_count();
 
+        /// Whether the nodes send at once, without the schedule.
+        pub const EVENT_TRIGGERED: bool = cfg!(event_triggered);
+
         /// The protocol stack of a node.
+        #[cfg(not(event_triggered))]
         pub type Stack = $crate::link::Stack<WINDOWS, NODES>;
+
+        /// The queue of a node, and what it has received.
+        #[cfg(event_triggered)]
+        pub type Stack = $crate::event::Stack<WINDOWS, { $crate::event::places(&matrix::MATRIX) }>;
 
         /// The link of a node on its board.
         #[cfg(feature = "target")]
-        pub type Link = $crate::node::BoardLink<WINDOWS, NODES>;
+        pub type Link = <Stack as $crate::node::Protocol>::Link;
 
         /// Starts the board for the bus of this vehicle. Does not return if that fails: the node
         /// records why, and starts again.
@@ -62,17 +71,33 @@ macro_rules! vehicle {
         }
 
         /// `node` in the network of this vehicle.
+        #[cfg(not(event_triggered))]
         pub const fn identity(node: ::ttcan::NodeId) -> $crate::link::Identity {
             $crate::link::Identity {
                 schedule: matrix::SCHEDULE.view(),
                 bit_rate: matrix::BIT_RATE,
                 node,
                 rule: $crate::leader::Rule::new(safety::BACKUP_MASTER, matrix::BASIC_CYCLE),
-                awaited: ::ttcan::Id::constant::<
-                    { <messages::SelfTestRequest as ::network::Message>::ID },
-                >(),
+                awaited: REQUEST,
             }
         }
+
+        /// `node` in the network of this vehicle.
+        #[cfg(event_triggered)]
+        pub const fn identity(node: ::ttcan::NodeId) -> $crate::event::Identity<WINDOWS> {
+            static ROUTES: [Option<$crate::event::Route>; WINDOWS] =
+                $crate::event::routes(&matrix::MATRIX);
+            $crate::event::Identity {
+                routes: &ROUTES,
+                basic_cycle: matrix::BASIC_CYCLE,
+                node,
+                awaited: REQUEST,
+            }
+        }
+
+        /// The message by which a program on the bus asks for a self-test.
+        const REQUEST: ::ttcan::Id =
+            ::ttcan::Id::constant::<{ <messages::SelfTestRequest as ::network::Message>::ID }>();
     };
 }
 

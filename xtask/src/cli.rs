@@ -4,6 +4,7 @@ use std::{ffi::OsString, path::PathBuf};
 
 use clap::{Args, CommandFactory, Parser, Subcommand, error::ErrorKind};
 
+use vehicle_model::Protocol;
 use world::{DURATIONS, SimDuration, time::from_seconds};
 
 use crate::{
@@ -68,7 +69,8 @@ pub enum Command {
 #[command(after_help = "Examples:\n  \
     cargo xtask build                  all nodes\n  \
     cargo xtask build steering drive   two of them\n  \
-    cargo xtask build --json           the table as JSON, sizes in bytes\n\n\
+    cargo xtask build --json           the table as JSON, sizes in bytes\n  \
+    cargo xtask build --vehicle two-boards --bus event-triggered\n\n\
     The target thumbv7em-none-eabihf is installed when it is missing.")]
 pub struct Build {
     /// Nodes to build [default: all]
@@ -77,6 +79,9 @@ pub struct Build {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
+    /// Protocol of the bus in place of the manifest's: time-triggered or event-triggered
+    #[arg(long, value_name = "PROTOCOL", value_parser = Protocol::named)]
+    pub bus: Option<Protocol>,
     /// Print the table as JSON
     #[arg(long)]
     pub json: bool,
@@ -218,6 +223,8 @@ pub enum Kind {
     cargo xtask sim gps-lost --seed 7 --out run    and bus.log, states.csv, summary.json, track.svg\n  \
     cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
     cargo xtask sim --list                         the scenarios of the vehicle\n  \
+    cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
+    \x20 messages are sent at once instead of in their windows\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
     cargo xtask sim --faults 200                   random faults; --shard 1/8 for an eighth of them\n\n\
     Experiments:\n  \
@@ -231,6 +238,9 @@ pub struct Sim {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
+    /// Protocol of the bus in place of the manifest's: time-triggered or event-triggered
+    #[arg(long, value_name = "PROTOCOL", value_parser = Protocol::named, conflicts_with_all = ["experiment", "list"])]
+    pub bus: Option<Protocol>,
     /// Simulated time in seconds [default: the scenario's]
     #[arg(long, value_name = "N", value_parser = seconds, allow_hyphen_values = true)]
     pub seconds: Option<SimDuration>,
@@ -397,6 +407,9 @@ pub struct Schedulability {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
+    /// Protocol of the bus in place of the manifest's: time-triggered or event-triggered
+    #[arg(long, value_name = "PROTOCOL", value_parser = Protocol::named)]
+    pub bus: Option<Protocol>,
     /// Print the results as JSON
     #[arg(long)]
     pub json: bool,
@@ -419,6 +432,9 @@ pub struct Priorities {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
+    /// Protocol of the bus in place of the manifest's: time-triggered or event-triggered
+    #[arg(long, value_name = "PROTOCOL", value_parser = Protocol::named)]
+    pub bus: Option<Protocol>,
     /// Print the proposal as JSON
     #[arg(long)]
     pub json: bool,

@@ -6,7 +6,7 @@ use std::{
 };
 
 use parts::Sled;
-use vehicle_model::{NodeIndex, Vehicle, VehicleError};
+use vehicle_model::{NodeIndex, Protocol, Vehicle, VehicleError};
 
 use crate::Workspace;
 
@@ -88,6 +88,19 @@ pub const SMALLEST: &str = "two-boards";
 /// There is none, or its folder is wrong.
 pub fn find(workspace: &Workspace, name: &str) -> Result<Vehicle, Error> {
     Ok(Vehicle::find(&workspace.vehicles(), name)?)
+}
+
+/// Reads the vehicle of that name, with another protocol than its manifest says if one is given.
+///
+/// # Errors
+///
+/// There is none, its folder is wrong, or it cannot use the bus so.
+pub fn on_protocol(
+    workspace: &Workspace,
+    name: &str,
+    protocol: Option<Protocol>,
+) -> Result<Vehicle, Error> {
+    Ok(find(workspace, name)?.with_protocol(protocol)?)
 }
 
 /// The only vehicle, which is therefore on this bus.

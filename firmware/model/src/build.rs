@@ -8,7 +8,12 @@ use std::{env, fs};
 use network_model::generate;
 
 use crate::design;
+use crate::manifest::Protocol;
 use crate::vehicle::Vehicle;
+
+/// Environment variable that names a protocol in place of the manifest's: `time-triggered` or
+/// `event-triggered`.
+pub const PROTOCOL: &str = "FURROW_BUS";
 
 /// Generates the files that a vehicle's crate includes. The crate's folder is the vehicle's
 /// folder.
@@ -20,8 +25,9 @@ use crate::vehicle::Vehicle;
 /// | `safety.rs` | what the manifest says about stops |
 /// | `design.rs` | the machine's numbers and the settings of its control law |
 ///
-/// Also passes the linker scripts of the images to the linker and sets the log level. Reports
-/// an error in the folder in one sentence.
+/// Also passes the linker scripts of the images to the linker, sets the log level, and sets the
+/// configuration `event_triggered` where the nodes send at once. Reports an error in the folder in
+/// one sentence.
 #[must_use]
 pub fn run() -> ExitCode {
     match write() {
@@ -33,6 +39,16 @@ pub fn run() -> ExitCode {
     }
 }
 
+/// The protocol that the environment names.
+fn protocol() -> Result<Option<Protocol>, String> {
+    match env::var(PROTOCOL) {
+        Ok(name) => Protocol::named(&name)
+            .map(Some)
+            .map_err(|accepted| format!("{PROTOCOL} is {name:?}: {accepted}")),
+        Err(_) => Ok(None),
+    }
+}
+
 fn write() -> Result<(), Box<dyn Error>> {
     let of = |name: &str| env::var_os(name).ok_or(format!("cargo sets no {name}"));
     let (folder, out) = (of("CARGO_MANIFEST_DIR")?, of("OUT_DIR")?);
@@ -40,7 +56,12 @@ fn write() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-changed=vehicle.toml");
     println!("cargo::rerun-if-changed=network.dbc");
-    let vehicle = Vehicle::read(folder)?;
+    println!("cargo::rerun-if-env-changed={PROTOCOL}");
+    println!("cargo::rustc-check-cfg=cfg(event_triggered)");
+    let vehicle = Vehicle::read(folder)?.with_protocol(protocol()?)?;
+    if vehicle.is_event_triggered() {
+        println!("cargo::rustc-cfg=event_triggered");
+    }
     let network = vehicle.network();
     fs::write(out.join("messages.rs"), generate::messages(network))?;
     fs::write(out.join("matrix.rs"), generate::matrix(network))?;

@@ -7,8 +7,8 @@ use network_model::{Message, Network, SendType};
 use parts::Sled;
 
 use crate::manifest::{
-    BackupMaster, Calibration, Command, Device, DistanceSignals, Machine, Manifest, Node, Receiver,
-    RegulatorWeights, Rover, SelfTest, SignalPath,
+    BackupMaster, Calibration, Command, Device, DistanceSignals, Machine, Manifest, Node, Protocol,
+    Receiver, RegulatorWeights, Rover, SelfTest, SignalPath,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -22,6 +22,7 @@ pub const FULL_SCALE: f64 = 4095.0;
 pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     nodes(&manifest.nodes, network)?;
     devices(manifest)?;
+    protocol(manifest)?;
     backup_master(manifest.safety.backup_master, network)?;
     if let Some(mode) = &manifest.mode {
         mode_signal(mode, network)?;
@@ -269,6 +270,28 @@ fn converter(node: &Node) -> Result<(), String> {
         )),
         _ => Ok(()),
     }
+}
+
+/// Checks that the nodes can use the bus as the manifest says.
+///
+/// # Errors
+/// Names what needs the schedule.
+pub fn protocol(manifest: &Manifest) -> Result<(), String> {
+    if manifest.bus.protocol == Protocol::TimeTriggered {
+        return Ok(());
+    }
+    let reason = if manifest.machine.is_some() {
+        "the commands to a [machine] carry the time of their basic cycle"
+    } else if manifest.receiver.is_some() {
+        "a [receiver] sets the time of the schedule"
+    } else if manifest.safety.backup_master == BackupMaster::Drive {
+        "safety.backup_master is \"drive\", and without a schedule there is no time master"
+    } else {
+        return Ok(());
+    };
+    Err(format!(
+        "bus.protocol is \"event-triggered\": \"time-triggered\" is accepted, as {reason}"
+    ))
 }
 
 /// A vehicle drives on under a backup master only if its network has one.

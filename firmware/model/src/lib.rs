@@ -24,5 +24,5 @@ mod vehicle;
 
 pub use design::{description, drive, limits, potentiometer, steering};
 pub use error::VehicleError;
-pub use manifest::{BackupMaster, Device, Machine, Manifest, Node, Remote};
+pub use manifest::{BackupMaster, Device, Machine, Manifest, Node, Protocol, Remote};
 pub use vehicle::{NodeIndex, Vehicle};

@@ -28,6 +28,9 @@ pub struct Manifest {
     pub distances: Option<DistanceSignals>,
     /// The messages of the nodes' self-test; `None` if there are none.
     pub self_test: Option<SelfTest>,
+    /// How the nodes use the bus. Default: by the schedule of the network file.
+    #[serde(default)]
+    pub bus: Bus,
     /// When the motors stop. Default: as the thesis says.
     #[serde(default)]
     pub safety: Safety,
@@ -295,6 +298,52 @@ impl TryFrom<String> for SignalPath {
                 "{text:?} is no signal: write the message's name, a dot and the signal's name"
             )),
         }
+    }
+}
+
+/// How the nodes use the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Bus {
+    /// When a message is sent.
+    pub protocol: Protocol,
+}
+
+/// When a message is sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Protocol {
+    /// In its window of the system matrix.
+    #[default]
+    TimeTriggered,
+    /// As soon as its data are there: the identifiers decide. The times of the windows mean nothing
+    /// then, and there is no time master.
+    EventTriggered,
+}
+
+impl Protocol {
+    /// All protocols.
+    pub const ALL: [Self; 2] = [Self::TimeTriggered, Self::EventTriggered];
+
+    /// Its name in a manifest.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TimeTriggered => "time-triggered",
+            Self::EventTriggered => "event-triggered",
+        }
+    }
+
+    /// The protocol of that name.
+    ///
+    /// # Errors
+    /// A clause that says which names are accepted.
+    pub fn named(name: &str) -> Result<Self, String> {
+        let mut all = Self::ALL.into_iter();
+        all.find(|protocol| protocol.name() == name).ok_or_else(|| {
+            let names = Self::ALL.map(Self::name).join(" and ");
+            format!("{names} are accepted")
+        })
     }
 }
 

@@ -9,7 +9,7 @@ use parts::Sled;
 use crate::check;
 use crate::design;
 use crate::error::VehicleError;
-use crate::manifest::{Device, Manifest, Node};
+use crate::manifest::{Device, Manifest, Node, Protocol};
 use crate::text;
 
 /// Name of the manifest in a vehicle's folder.
@@ -28,6 +28,8 @@ pub struct Vehicle {
     folder: PathBuf,
     manifest: Manifest,
     network: Network,
+    /// The protocol that the manifest names, if another one is used.
+    replaced: Option<Protocol>,
 }
 
 impl Vehicle {
@@ -134,9 +136,46 @@ impl Vehicle {
             folder: folder.into(),
             manifest,
             network,
+            replaced: None,
         };
         design::check(&vehicle).map_err(wrong)?;
         Ok(vehicle)
+    }
+
+    /// The same vehicle with another protocol than its manifest says; `None` changes nothing.
+    ///
+    /// # Errors
+    /// It cannot use the bus so.
+    pub fn with_protocol(mut self, protocol: Option<Protocol>) -> Result<Self, VehicleError> {
+        let named = self.replaced.unwrap_or(self.manifest.bus.protocol);
+        let used = protocol.unwrap_or(self.manifest.bus.protocol);
+        self.replaced = (used != named).then_some(named);
+        self.manifest.bus.protocol = used;
+        match check::protocol(&self.manifest) {
+            Ok(()) => Ok(self),
+            Err(what) => Err(VehicleError::Manifest {
+                file: self.manifest_file(),
+                what,
+            }),
+        }
+    }
+
+    /// When its messages are sent.
+    #[must_use]
+    pub fn protocol(&self) -> Protocol {
+        self.manifest.bus.protocol
+    }
+
+    /// Whether its nodes send at once, without the schedule.
+    #[must_use]
+    pub fn is_event_triggered(&self) -> bool {
+        self.protocol() == Protocol::EventTriggered
+    }
+
+    /// The protocol in place of the one that its manifest names; `None` if it is that one.
+    #[must_use]
+    pub fn other_protocol(&self) -> Option<Protocol> {
+        self.replaced.map(|_| self.protocol())
     }
 
     /// Its name: the name of its folder.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use vehicle_model::{Device, Vehicle};
+use vehicle_model::{Device, Protocol, Vehicle};
 
 fn vehicles() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../vehicles")
@@ -495,4 +495,86 @@ fn a_rover_that_makes_no_sense_is_refused_in_one_sentence() {
         assert!(said.contains(sentence), "{said}");
         assert!(!said.contains('\n'), "{said}");
     }
+/// `two-boards` with this text at the end of its manifest.
+fn two_boards(more: &str) -> Result<Vehicle, String> {
+    let folder = vehicles().join("two-boards");
+    let text = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+    let manifest = text("vehicle.toml") + more;
+    Vehicle::parse(
+        "boards",
+        Path::new("boards"),
+        &manifest,
+        &text("network.dbc"),
+    )
+    .map_err(|error| error.to_string())
+}
+
+#[test]
+fn a_vehicle_is_time_triggered_unless_its_manifest_says_otherwise() {
+    assert_eq!(two_boards("").unwrap().protocol(), Protocol::TimeTriggered);
+    let event = two_boards("[bus]\nprotocol = \"event-triggered\"\n").unwrap();
+    assert!(event.is_event_triggered() && event.other_protocol().is_none());
+    let wrong = two_boards("[bus]\nprotocol = \"both\"\n").unwrap_err();
+    assert!(
+        wrong.contains("bus.protocol: unknown variant `both`")
+            && wrong.contains("`time-triggered`")
+            && wrong.contains("`event-triggered`"),
+        "{wrong}"
+    );
+    assert!(!wrong.contains('\n'));
+}
+
+#[test]
+fn another_protocol_than_the_manifests_is_noted() {
+    let own = two_boards("").unwrap();
+    let same = own.clone().with_protocol(Some(Protocol::TimeTriggered));
+    assert_eq!(same.unwrap().other_protocol(), None);
+    let event = own.with_protocol(Some(Protocol::EventTriggered)).unwrap();
+    assert_eq!(event.other_protocol(), Some(Protocol::EventTriggered));
+    let kept = event.with_protocol(None).unwrap();
+    assert!(kept.is_event_triggered() && kept.other_protocol().is_some());
+    let back = kept.with_protocol(Some(Protocol::TimeTriggered)).unwrap();
+    assert_eq!(
+        (back.protocol(), back.other_protocol()),
+        (Protocol::TimeTriggered, None)
+    );
+}
+
+#[test]
+fn what_needs_the_schedule_is_refused_without_it() {
+    let refused = "vehicle.toml: bus.protocol is \"event-triggered\": \"time-triggered\" is \
+                   accepted, as ";
+    assert_eq!(
+        refusal(
+            "[safety]",
+            "[bus]\nprotocol = \"event-triggered\"\n\n[safety]"
+        ),
+        format!("uagv/{refused}the commands to a [machine] carry the time of their basic cycle")
+    );
+    let event = "[bus]\nprotocol = \"event-triggered\"\n";
+    let receiver = "[receiver]\nlatency = \"50 ms\"\nburst = \"4 ms\"\nperiod = \"100 ms\"\n\
+                    lead = \"5 ms\"\n";
+    assert_eq!(
+        two_boards(&format!("{event}{receiver}")).unwrap_err(),
+        format!("boards/{refused}a [receiver] sets the time of the schedule")
+    );
+    let backup = "[safety]\nbackup_master = \"drive\"\n";
+    assert_eq!(
+        two_boards(&format!("{event}{backup}")).unwrap_err(),
+        format!(
+            "boards/{refused}safety.backup_master is \"drive\", and without a schedule there is \
+             no time master"
+        )
+    );
+}
+
+#[test]
+fn a_protocol_is_found_by_its_name() {
+    for protocol in Protocol::ALL {
+        assert_eq!(Protocol::named(protocol.name()), Ok(protocol));
+    }
+    assert_eq!(
+        Protocol::named("both"),
+        Err("time-triggered and event-triggered are accepted".to_owned())
+    );
 }

@@ -19,11 +19,20 @@ pub(crate) struct Matrix {
 }
 
 impl Matrix {
-    /// The matrix of a vehicle.
+    /// The matrix of a vehicle. Messages of nodes that send at once are like those of an arbitrating
+    /// window: they come at any time. There is no reference.
     pub(crate) fn new(vehicle: &Vehicle) -> Self {
         let network = vehicle.network().clone();
+        let mut all: Vec<Window> = network.messages.iter().flat_map(windows).collect();
+        if vehicle.is_event_triggered() {
+            all.retain(|window| window.kind != WindowKind::Reference);
+            for window in &mut all {
+                window.kind = WindowKind::Arbitrating;
+                window.due = Due::Sometimes;
+            }
+        }
         Self {
-            windows: network.messages.iter().flat_map(windows).collect(),
+            windows: all,
             mode: vehicle.manifest().mode.clone(),
             network,
         }
@@ -120,6 +129,7 @@ fn micros(us: u32) -> SimDuration {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use vehicle_model::Protocol;
     use world::SimTime;
 
     fn matrix() -> Matrix {
@@ -138,6 +148,20 @@ mod tests {
         assert_eq!(window(501).due, Due::Sometimes);
         assert_eq!(matrix.bit_time(), SimDuration::from_ticks(4_000_000));
         assert_eq!(matrix.basic_cycle(), micros(100_000));
+    }
+
+    #[test]
+    fn nodes_that_send_at_once_have_no_windows_to_keep_to() {
+        let workspace = crate::Workspace::find().unwrap();
+        let protocol = Some(Protocol::EventTriggered);
+        let vehicle = crate::vehicle::on_protocol(&workspace, "two-boards", protocol).unwrap();
+        let windows = Matrix::new(&vehicle).windows;
+        let ids: Vec<u16> = windows.iter().map(|window| window.id).collect();
+        assert!(ids.contains(&300) && !ids.contains(&100), "{ids:?}");
+        let free = |window: &Window| {
+            (window.kind, window.due) == (WindowKind::Arbitrating, Due::Sometimes)
+        };
+        assert!(windows.iter().all(free));
     }
 
     #[test]

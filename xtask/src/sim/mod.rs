@@ -47,6 +47,11 @@ pub enum Error {
         /// How many there are.
         of: usize,
     },
+    /// The rules of the fault sequences do not fit.
+    #[error(
+        "--faults needs a time-triggered bus: its rules are those of the schedule, and the nodes are event-triggered"
+    )]
+    NoRules,
     /// The vehicle has no scenario and none is named.
     #[error("vehicle {vehicle:?} has no scenario: name a file")]
     NoScenario {
@@ -89,7 +94,11 @@ impl Error {
     pub(crate) fn is_usage(&self) -> bool {
         matches!(
             self,
-            Self::Scenario(_) | Self::Listed { .. } | Self::NoScenario { .. } | Self::Folder(_)
+            Self::Scenario(_)
+                | Self::Listed { .. }
+                | Self::NoRules
+                | Self::NoScenario { .. }
+                | Self::Folder(_)
         )
     }
 }
@@ -112,8 +121,11 @@ pub enum SourceError {
 /// The scenario or the output folder is wrong (exit code 2), or an image
 /// does not build or run.
 pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
-    let vehicle = vehicle::find(workspace, &options.vehicle)?;
+    let vehicle = vehicle::on_protocol(workspace, &options.vehicle, options.bus)?;
     if let Some(sequences) = options.faults {
+        if vehicle.is_event_triggered() {
+            return Err(Error::NoRules.into());
+        }
         return faults::run(workspace, &vehicle, options, sequences);
     }
     // Wrong input is reported before a build that takes time.

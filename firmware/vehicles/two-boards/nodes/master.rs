@@ -104,7 +104,11 @@ mod app {
     #[task(binds = CAN1_RX0, priority = 6, shared = [&clock, link])]
     fn can_rx(mut cx: can_rx::Context) {
         let stamp = cx.shared.clock.now();
-        cx.shared.link.lock(|link| link.on_receive(stamp));
+        let news = cx.shared.link.lock(|link| link.on_receive(stamp));
+        // Without a schedule the message itself releases the step.
+        if two_boards::EVENT_TRIGGERED && news.has(window::KNOB) {
+            rtic::pend(Interrupt::EXTI1);
+        }
     }
 
     #[task(binds = CAN1_TX, priority = 6, shared = [&clock, link])]

@@ -138,7 +138,7 @@ mod app {
         let act = cx
             .shared
             .link
-            .lock(|link| link.on_timer() || link.take_stop() || !link.node().is_alive());
+            .lock(|link| link.on_timer() || link.take_stop() || !link.is_alive());
         if act {
             rtic::pend(Interrupt::EXTI1);
         }
