@@ -229,17 +229,10 @@ impl<const PLACES: usize> Outbox<PLACES> {
     #[inline(never)]
     pub fn insert(&mut self, new: Waiting) -> Result<bool, QueueError> {
         let id = Some(new.frame.id());
-        let mut found = None;
-        for place in &mut self.places {
-            if place.id == id {
-                found = Some(place);
-                break;
-            }
-            if place.id.is_none() && found.is_none() {
-                found = Some(place);
-            }
-        }
-        let place = found.ok_or(QueueError::Full)?;
+        let mut places = self.places.iter_mut();
+        // Places are claimed in order, so a free one has no owner behind it.
+        let place = places.find(|place| place.id == id || place.id.is_none());
+        let place = place.ok_or(QueueError::Full)?;
         place.id = id;
         Ok(place.waiting.replace(new).is_some())
     }

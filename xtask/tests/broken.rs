@@ -179,6 +179,7 @@ fn inputs(program: &str) -> Inputs {
         // It has no part in this network, and the network none in its answer.
         network: here.join("../firmware/vehicles/uagv/network.dbc"),
         receiver_period_us: None,
+        event_triggered: false,
         nodes: BTreeMap::from([(
             "node".to_owned(),
             Program {
@@ -316,12 +317,21 @@ fn the_swap_is_seen_without_an_image() {
         table,
         network,
         receiver_period_us,
+        event_triggered,
         nodes,
     } = inputs("swapped");
     let sources = nodes
         .iter()
         .map(|(node, program)| (node.as_str(), program.board, program.source.as_path()));
-    let models = Models::read(&root, &table, &network, receiver_period_us, sources).unwrap();
+    let models = Models::read(
+        &root,
+        &table,
+        &network,
+        receiver_period_us,
+        event_triggered,
+        sources,
+    )
+    .unwrap();
     let shown = priorities::show(models.nodes.iter().map(|(node, _)| (node, None)));
     let text = from_package(&shown);
     for wanted in [

@@ -495,6 +495,8 @@ fn a_rover_that_makes_no_sense_is_refused_in_one_sentence() {
         assert!(said.contains(sentence), "{said}");
         assert!(!said.contains('\n'), "{said}");
     }
+}
+
 /// `two-boards` with this text at the end of its manifest.
 fn two_boards(more: &str) -> Result<Vehicle, String> {
     let folder = vehicles().join("two-boards");

@@ -3,11 +3,13 @@
 //! There are two kinds of releases. Of sporadic ones only the least distance is known. Those of
 //! the bus's time table lie each between two known instants of the cycle. A task may have both.
 
-/// Sporadic releases, of which only the least distance is known.
+/// Sporadic releases, of which only the least distance is known, or that of their nominal instants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sporadic {
-    /// Least time between two releases. Must not be zero.
+    /// Least time between the nominal instants of two releases. Must not be zero.
     pub period: u64,
+    /// How much later than its nominal instant a release may be.
+    pub jitter: u64,
     /// A limit to the releases in a longer window, if there is one: their number and the length
     /// of the window.
     pub limit: Option<(u64, u64)>,
@@ -19,18 +21,53 @@ impl Sporadic {
     pub const fn every(period: u64) -> Self {
         Self {
             period,
+            jitter: 0,
             limit: None,
+        }
+    }
+
+    /// The same, each up to `jitter` late, but `apart` from each other.
+    #[must_use]
+    pub const fn late(period: u64, jitter: u64, apart: u64) -> Self {
+        Self {
+            period,
+            jitter,
+            limit: Some((1, apart)),
         }
     }
 
     /// The most releases in any half-open window of this length.
     #[must_use]
     pub fn count(self, window: u64) -> u64 {
-        let most = window.div_ceil(self.period);
+        if window == 0 {
+            return 0;
+        }
+        let most = window.saturating_add(self.jitter).div_ceil(self.period);
         match self.limit {
             Some((jobs, span)) => most.min(window.div_ceil(span.max(1)).saturating_mul(jobs)),
             None => most,
         }
+    }
+}
+
+/// Sporadic streams that keep a distance from each other.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Spaced {
+    /// The streams.
+    pub streams: Vec<Sporadic>,
+    /// Least time between two releases of any of them. Must not be zero.
+    pub apart: u64,
+    /// Releases that any window may hold in addition to those that the distance allows.
+    pub burst: u64,
+}
+
+impl Spaced {
+    /// The most releases in any half-open window of this length.
+    #[must_use]
+    pub fn count(&self, window: u64) -> u64 {
+        let streams = self.streams.iter().map(|stream| stream.count(window));
+        let all = streams.fold(0, u64::saturating_add);
+        all.min(window.div_ceil(self.apart) + self.burst)
     }
 }
 
@@ -192,6 +229,8 @@ fn repeats(job: &Job, jitter: u64, begin: i64, length: u64, cycle: u64) -> u64 {
 pub struct Arrivals {
     /// Sporadic streams.
     pub sporadic: Vec<Sporadic>,
+    /// Sporadic streams that keep a distance from each other.
+    pub spaced: Vec<Spaced>,
     /// Parts of the time table; the spacing of each part is its own.
     pub timed: Vec<Timetable>,
 }
@@ -202,7 +241,7 @@ impl Arrivals {
     pub fn every(period: u64) -> Self {
         Self {
             sporadic: vec![Sporadic::every(period)],
-            timed: Vec::new(),
+            ..Self::default()
         }
     }
 
@@ -210,32 +249,49 @@ impl Arrivals {
     #[must_use]
     pub fn merged(mut self, other: &Self) -> Self {
         self.sporadic.extend(&other.sporadic);
+        self.spaced.extend(other.spaced.iter().cloned());
         self.timed.extend(other.timed.iter().cloned());
         self
+    }
+
+    /// All sporadic streams, whether they keep a distance from others or not.
+    fn all_sporadic(&self) -> impl Iterator<Item = &Sporadic> {
+        let spaced = self.spaced.iter().flat_map(|spaced| &spaced.streams);
+        self.sporadic.iter().chain(spaced)
+    }
+
+    /// Whether there are sporadic releases.
+    #[must_use]
+    pub fn has_sporadic(&self) -> bool {
+        self.all_sporadic().next().is_some()
+    }
+
+    /// The most sporadic releases in any half-open window of this length.
+    #[must_use]
+    pub fn count_sporadic(&self, window: u64) -> u64 {
+        let alone = self.sporadic.iter().map(|stream| stream.count(window));
+        let spaced = self.spaced.iter().map(|spaced| spaced.count(window));
+        alone.chain(spaced).fold(0, u64::saturating_add)
     }
 
     /// Whether a stream has a period of zero.
     #[must_use]
     pub fn has_zero_period(&self) -> bool {
-        self.sporadic.iter().any(|stream| stream.period == 0)
+        self.all_sporadic().any(|stream| stream.period == 0)
     }
 
     /// The most releases in any half-open window of this length, each up to `jitter` later than
     /// its nominal instant.
     #[must_use]
     pub fn count(&self, window: u64, jitter: u64) -> u64 {
-        let sporadic: u64 = self
-            .sporadic
-            .iter()
-            .map(|stream| stream.count(window.saturating_add(jitter)))
-            .sum();
+        let sporadic = self.count_sporadic(window.saturating_add(jitter));
         let timed = self.timed.iter().map(|table| table.count(window, jitter));
         timed.fold(sporadic, u64::saturating_add)
     }
 
     /// Long-term rates: a number of releases, and the time in which they occur.
     pub fn rates(&self) -> impl Iterator<Item = (u64, u64)> {
-        let sporadic = self.sporadic.iter().map(|stream| match stream.limit {
+        let sporadic = self.all_sporadic().map(|stream| match stream.limit {
             Some((jobs, span)) if jobs * stream.period < span => (jobs, span),
             _ => (1, stream.period),
         });
@@ -249,8 +305,14 @@ impl Arrivals {
     /// The period, if the releases are one sporadic stream without a limit.
     #[must_use]
     pub fn single(&self) -> Option<u64> {
-        match (self.sporadic.as_slice(), self.timed.as_slice()) {
-            ([stream], []) if stream.limit.is_none() => Some(stream.period),
+        match (
+            self.sporadic.as_slice(),
+            self.spaced.as_slice(),
+            self.timed.as_slice(),
+        ) {
+            ([stream], [], []) if stream.limit.is_none() && stream.jitter == 0 => {
+                Some(stream.period)
+            }
             _ => None,
         }
     }
@@ -285,7 +347,7 @@ impl Arrivals {
 
 #[cfg(test)]
 mod tests {
-    use super::{Arrivals, Job, Sporadic, Timetable};
+    use super::{Arrivals, Job, Spaced, Sporadic, Timetable};
 
     fn job(earliest: u64, latest: u64) -> Job {
         Job {
@@ -325,12 +387,41 @@ mod tests {
     fn a_burst_is_limited() {
         let stream = Sporadic {
             period: 10,
+            jitter: 0,
             limit: Some((3, 100)),
         };
         assert_eq!(
             [1, 11, 21, 31, 100, 101, 131].map(|w| stream.count(w)),
             [1, 2, 3, 3, 3, 6, 6]
         );
+    }
+
+    #[test]
+    fn a_late_release_may_follow_the_one_before_at_once_but_not_closer_than_they_are_apart() {
+        let stream = Sporadic::late(100, 30, 5);
+        assert_eq!(
+            [0, 1, 5, 70, 71, 170, 171].map(|w| stream.count(w)),
+            [0, 1, 1, 1, 2, 2, 3]
+        );
+        let later_than_a_period = Sporadic::late(100, 250, 5);
+        assert_eq!(
+            [1, 5, 6, 10, 11, 50, 51].map(|w| later_than_a_period.count(w)),
+            [1, 1, 2, 2, 3, 3, 4]
+        );
+        let mut two = Arrivals {
+            spaced: vec![Spaced {
+                streams: vec![stream, stream],
+                apart: 5,
+                burst: 0,
+            }],
+            ..Arrivals::default()
+        };
+        assert_eq!([1, 5, 6, 70, 71].map(|w| two.count(w, 0)), [1, 1, 2, 2, 4]);
+        assert_eq!(two.count(1, 4), 1);
+        two.spaced[0].burst = 1;
+        assert_eq!([0, 1, 5, 6].map(|w| two.count(w, 0)), [0, 2, 2, 2]);
+        two.sporadic.push(Sporadic::every(1000));
+        assert_eq!(two.clone().merged(&two).count(1, 0), 6);
     }
 
     #[test]
@@ -341,8 +432,8 @@ mod tests {
             [1, 1, 2, 2, 2, 3, 4, 5]
         );
         let arrivals = Arrivals {
-            sporadic: Vec::new(),
             timed: vec![table],
+            ..Arrivals::default()
         };
         assert_eq!([1, 2, 4].map(|n| arrivals.distance(n, 0)), [2, 17, 100]);
     }

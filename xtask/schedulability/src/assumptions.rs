@@ -15,15 +15,26 @@ const ALWAYS: [&str; 5] = [
     "An event message is sent at most once in each of its intervals. A task is not released more often than the task table says.",
 ];
 
+/// Assumptions about a bus without a schedule.
+const EVENT_TRIGGERED: [&str; 3] = [
+    "The bus is event-triggered. A message is put by the task that `sends` it in the task table, at most once in a job and in that order; the jitter of both is inherited along the chain (Tindell and Clark 1994). Frames arbitrate by identifier (Davis et al. 2007).",
+    "A node has three mailboxes, of which the lowest identifier competes first. If it has more messages, a less urgent frame of another node may begin until its transmit interrupt has loaded the next one; the bounds include that.",
+    "Only the nodes of the network file send, none of them off its rate: a babbling node is not covered.",
+];
+
 /// All assumptions behind the answers for `nodes`, one sentence or a few for each.
 #[must_use]
 pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
     let network = &models.network;
-    let mut all = vec![format!(
-        "Every frame is in its window: it begins at most {} after the window's mark, and two clocks differ by at most {} us.",
-        time(u64::from(network.transmit_enable_bits) * u64::from(network.bit_time_ns()) * 1000),
-        network.sync_uncertainty_us
-    )];
+    let mut all = if models.event_triggered {
+        EVENT_TRIGGERED.map(str::to_owned).to_vec()
+    } else {
+        vec![format!(
+            "Every frame is in its window: it begins at most {} after the window's mark, and two clocks differ by at most {} us.",
+            time(u64::from(network.transmit_enable_bits) * u64::from(network.bit_time_ns()) * 1000),
+            network.sync_uncertainty_us
+        )]
+    };
     all.extend(ALWAYS.map(str::to_owned));
     all.push(errors(models));
     let mut tasks = models.nodes.iter().flat_map(|(model, _)| &model.tasks);
@@ -32,12 +43,17 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
     }
     all.extend(never_called(models));
     for (model, table) in &models.nodes {
-        all.push(format!(
-            "{} runs at {} MHz and starts a transmission {} before its time mark.",
+        let runs = format!(
+            "{} runs at {} MHz",
             model.name,
-            table.core_hz() as f64 / 1e6,
-            time(table.board.transmit_lead_ps())
-        ));
+            table.core_hz() as f64 / 1e6
+        );
+        all.push(if models.event_triggered {
+            runs + "."
+        } else {
+            let lead = time(table.board.transmit_lead_ps());
+            format!("{runs} and starts a transmission {lead} before its time mark.")
+        });
     }
     let tasks = nodes.iter().flat_map(|node| &node.tasks);
     let annotated: BTreeMap<&str, u64> = tasks
@@ -60,7 +76,19 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
 /// How many disturbed frames are allowed for.
 fn errors(models: &Models) -> String {
     let bus = models.table.bus;
-    if bus.error_burst == 0 && bus.error_interval_ms == 0 {
+    let clean = bus.error_burst == 0 && bus.error_interval_ms == 0;
+    if models.event_triggered {
+        let frames = if clean {
+            "No frame is disturbed.".to_owned()
+        } else {
+            format!(
+                "{} frames may be disturbed at once and one more every {} ms. A disturbed frame is repeated.",
+                bus.error_burst, bus.error_interval_ms
+            )
+        };
+        return frames;
+    }
+    if clean {
         "No frame is disturbed. A frame in an exclusive window is not repeated: if it is disturbed, it is lost.".to_owned()
     } else {
         format!(

@@ -46,7 +46,7 @@ pub fn messages(network: &Network, table: &BusTable) -> Vec<MessageReport> {
                 id: m.id,
                 need,
                 room: u64::from(m.window.length_us) * MICROSECOND,
-                start: u64::from(m.window.start_us) * MICROSECOND,
+                start: Some(u64::from(m.window.start_us) * MICROSECOND),
                 arbitrating,
             }
         })

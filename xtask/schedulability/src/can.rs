@@ -36,7 +36,7 @@ impl ErrorRate {
         interval: 0,
     };
 
-    fn errors(self, window: u64) -> u64 {
+    pub(crate) fn errors(self, window: u64) -> u64 {
         self.burst
             + if self.interval == 0 {
                 0
@@ -121,7 +121,7 @@ pub fn response(
 /// Steps of one fixed-point search after which the bus counts as overloaded.
 const MAX_STEPS: usize = 1_000_000;
 
-fn fixed_point(first: u64, next: impl Fn(u64) -> u64) -> Result<u64, Overloaded> {
+pub(crate) fn fixed_point(first: u64, next: impl Fn(u64) -> u64) -> Result<u64, Overloaded> {
     let mut window = first;
     for _ in 0..MAX_STEPS {
         let wider = next(window);

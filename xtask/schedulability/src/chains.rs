@@ -2,8 +2,10 @@
 //!
 //! Two clocks follow a chain: the time since its first event, and the phase, which is the
 //! latest instant of the basic cycle at which the last step ends. The phase is known from the
-//! begin of a chain that begins at an instant of the cycle, else from the first window or time mark on. Before that, a step that waits for an instant of the cycle
-//! may have just missed it and is charged a whole cycle.
+//! begin of a chain that begins at an instant of the cycle, else from the first window or time mark
+//! on. Before that, a step that waits for an instant of the cycle may have just missed it and is
+//! charged a whole cycle. Without a schedule nothing waits for an instant, and a chain takes the sum
+//! of its steps.
 
 use crate::results::{ChainReport, MessageReport, NodeReport, StepReport};
 use crate::table::{Chain, Step};
@@ -97,7 +99,9 @@ impl Clock {
             // waits for the next one.
             self.phase = None;
         }
-        self.until(message.start);
+        if let Some(start) = message.start {
+            self.until(start);
+        }
         match message.need {
             Some(need) => self.pass(need),
             None => self.total = None,

@@ -10,17 +10,22 @@
 //! image   -> wcet ------> execution +                                  |
 //! network -> bus (can), chains ----------------------------------------+
 //! ```
+//!
+//! On an event-triggered bus, tasks and messages make each other late: [`event`] bounds both in turn,
+//! in place of the releases and the bus of the schedule.
 
 pub mod arrivals;
 pub mod assumptions;
 pub mod bus;
 pub mod can;
 pub mod chains;
+pub mod event;
 pub mod execution;
 pub mod model;
 pub mod models;
 pub mod node;
 pub mod priorities;
+pub mod queued;
 pub mod releases;
 pub mod report;
 pub mod response;

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use network_model::Network;
 
 use crate::arrivals::{Arrivals, Kind, Timetable};
+use crate::event::Traffic;
 use crate::releases::Bus;
 use crate::table::{BusEvent, By, Delay, NodeTable, TaskTable};
 use crate::tasks::{App, TIMER};
@@ -52,6 +53,8 @@ pub struct NodeModel {
     pub source: String,
     /// Its tasks.
     pub tasks: Vec<TaskModel>,
+    /// Whether it sends at once, without a schedule.
+    pub event_triggered: bool,
 }
 
 /// Where a source and the task table do not fit together.
@@ -73,6 +76,8 @@ pub enum ModelFault {
     Undeclared(String),
     /// The source declares a task that the table does not have.
     Unspecified(String),
+    /// No task puts a cyclic message, on an event-triggered bus.
+    Unsent(String),
     /// The table's entry of a task is wrong.
     Task {
         /// The task.
@@ -88,6 +93,9 @@ impl ModelFault {
             Self::Undeclared(task) => format!("{node} has no task {task}"),
             Self::Unspecified(task) => {
                 format!("task {task} of {node} has no inter-arrival time and deadline")
+            }
+            Self::Unsent(message) => {
+                format!("no task of {node} has {message} in its `sends`")
             }
             Self::Task { task, fault } => format!("task {task} of {node}: {fault}"),
         }
@@ -106,6 +114,12 @@ pub enum TaskFault {
     /// `by` names a message that this node does not send.
     #[error("it sends no message {0}")]
     NotSent(String),
+    /// Another task puts the same message.
+    #[error("another task has {0} in its `sends` too")]
+    SentTwice(String),
+    /// The rate of its messages is not known.
+    #[error("it `sends` messages, so one stream of releases is accepted, but it has more")]
+    SeveralStreams,
     /// It is released too late for the message that it has to prepare.
     #[error("it is released after the window of {0} has begun")]
     TooLate(String),
@@ -130,6 +144,70 @@ impl NodeModel {
         network: &Network,
         file: &str,
     ) -> Result<Self, ModelError> {
+        let bus = Bus::new(network, name, table.board.transmit_lead_ps());
+        Self::with(name, app, table, file, |entry| {
+            Ok((arrivals(entry, bus)?, deadline(entry, bus)?))
+        })
+    }
+
+    /// The same for a node that sends at once. [`NodeModel::take_arrivals`] puts in what changes with
+    /// the traffic.
+    ///
+    /// # Errors
+    /// As [`NodeModel::new`].
+    pub fn event_triggered(
+        name: &str,
+        app: &App,
+        table: &NodeTable,
+        traffic: &Traffic,
+        file: &str,
+    ) -> Result<Self, ModelError> {
+        let model = Self::with(name, app, table, file, |entry| {
+            Ok((
+                traffic.arrivals(name, entry)?,
+                traffic.deadline(name, entry)?,
+            ))
+        })?;
+        Ok(Self {
+            event_triggered: true,
+            ..model
+        })
+    }
+
+    /// Takes over the releases that follow from this traffic.
+    ///
+    /// # Errors
+    /// The table names something that does not exist.
+    pub fn take_arrivals(
+        &mut self,
+        table: &NodeTable,
+        traffic: &Traffic,
+        file: &str,
+    ) -> Result<(), ModelError> {
+        for task in &mut self.tasks {
+            let Some(entry) = table.task.get(&task.name) else {
+                continue;
+            };
+            let arrivals = traffic.arrivals(&self.name, entry);
+            task.arrivals = arrivals.map_err(|fault| ModelError {
+                file: file.to_owned(),
+                node: self.name.clone(),
+                fault: ModelFault::Task {
+                    task: task.name.clone(),
+                    fault,
+                },
+            })?;
+        }
+        Ok(())
+    }
+
+    fn with(
+        name: &str,
+        app: &App,
+        table: &NodeTable,
+        file: &str,
+        timing: impl Fn(&TaskTable) -> Result<(Arrivals, Picoseconds), TaskFault>,
+    ) -> Result<Self, ModelError> {
         let mut declared: Vec<(&str, &str, u32)> = app
             .tasks
             .iter()
@@ -150,7 +228,6 @@ impl NodeModel {
         if let Some(extra) = table.task.keys().find(|task| !is_declared(task)) {
             return Err(wrong(ModelFault::Undeclared(extra.clone())));
         }
-        let bus = Bus::new(network, name, table.board.transmit_lead_ps());
         let mut tasks = Vec::new();
         for &(task, interrupt, priority) in &declared {
             let entry = table
@@ -166,6 +243,7 @@ impl NodeModel {
             if let Some(after) = entry.after.as_deref().filter(|after| !is_declared(after)) {
                 return Err(of_task(TaskFault::After(after.to_owned())));
             }
+            let (arrivals, deadline) = timing(entry).map_err(of_task)?;
             let of_app = app.tasks.iter().find(|of_app| of_app.name == task);
             tasks.push(TaskModel {
                 name: task.to_owned(),
@@ -173,8 +251,8 @@ impl NodeModel {
                 priority,
                 line: of_app.map(|of_app| of_app.line),
                 locks: of_app.map_or_else(Vec::new, |of_app| of_app.locks.clone()),
-                arrivals: arrivals(entry, bus).map_err(of_task)?,
-                deadline: deadline(entry, bus).map_err(of_task)?,
+                arrivals,
+                deadline,
                 jitter: entry.jitter_us * MICROSECOND,
                 after: entry.after.clone(),
                 off_bus: entry.off_bus,
@@ -189,6 +267,7 @@ impl NodeModel {
             name: name.to_owned(),
             source: String::new(),
             tasks,
+            event_triggered: false,
         })
     }
 }
@@ -197,7 +276,7 @@ impl NodeModel {
 fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, TaskFault> {
     let mut all = Arrivals {
         sporadic: entry.sporadic().ok_or(TaskFault::Unresolved)?,
-        timed: Vec::new(),
+        ..Arrivals::default()
     };
     let mut tables: Vec<Timetable> = Vec::new();
     for event in entry.on.as_slice() {

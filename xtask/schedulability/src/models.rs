@@ -5,9 +5,10 @@ use std::path::Path;
 use network_model::Network;
 use parts::Sled;
 
+use crate::event::Traffic;
 use crate::execution::ExecutionError;
 use crate::model::{ModelError, NodeModel};
-use crate::table::{NodeTable, Table, TableError};
+use crate::table::{NodeTable, Protocol, Table, TableError};
 use crate::tasks::{App, SourceError};
 use wcet::annotation::Misplaced;
 use wcet::image::ImageError;
@@ -71,11 +72,15 @@ pub struct Models {
     pub network: Network,
     /// The tasks of each node, with the node's part of the table.
     pub nodes: Vec<(NodeModel, NodeTable)>,
+    /// Whether the nodes send at once, without the schedule.
+    pub event_triggered: bool,
+    /// Name of the task table in messages.
+    pub file: String,
 }
 
 impl Models {
-    /// Reads the sources of these nodes, each with its name in the table and its board. The table
-    /// needs `receiver_period_us`, as [`Table::resolve`] says. Error messages show paths relative
+    /// Reads the sources of these nodes, each with its name in the table and its board.
+    /// `event_triggered` says that they send at once, without the schedule. The table needs `receiver_period_us`, as [`Table::resolve`] says. Error messages show paths relative
     /// to `root`.
     ///
     /// # Errors
@@ -85,6 +90,7 @@ impl Models {
         table: &Path,
         network: &Path,
         receiver_period_us: Option<u64>,
+        event_triggered: bool,
         programs: impl IntoIterator<Item = (&'a str, &'static Sled, &'a Path)>,
     ) -> Result<Self, InputError> {
         let name = |path: &Path| {
@@ -100,7 +106,14 @@ impl Models {
                 problems: problems.to_string().replace('\n', "; "),
             }
         })?;
+        let protocol = if event_triggered {
+            Protocol::EventTriggered
+        } else {
+            Protocol::TimeTriggered
+        };
+        let parsed = parsed.with_protocol(&file, protocol)?;
         let parsed = parsed.resolve(&file, &network, receiver_period_us)?;
+        let traffic = Traffic::new(&network, parsed.bus);
         let mut nodes = Vec::new();
         for (node, board, source) in programs {
             let of_node = parsed.node.get(node).ok_or_else(|| InputError::NoNode {
@@ -110,7 +123,11 @@ impl Models {
             let source_name = name(source);
             let app = App::parse(&source_name, &read(source, &source_name)?)?;
             let on_board = of_node.on(board);
-            let mut model = NodeModel::new(node, &app, &on_board, &network, &file)?;
+            let mut model = if event_triggered {
+                NodeModel::event_triggered(node, &app, &on_board, &traffic, &file)?
+            } else {
+                NodeModel::new(node, &app, &on_board, &network, &file)?
+            };
             model.source = source_name;
             nodes.push((model, on_board));
         }
@@ -118,6 +135,8 @@ impl Models {
             table: parsed,
             network,
             nodes,
+            event_triggered,
+            file,
         })
     }
 }

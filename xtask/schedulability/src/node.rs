@@ -8,7 +8,7 @@ use crate::model::{NodeModel, TaskModel};
 use crate::response::{self, Critical, CriticalSection, Response, Task, Unbounded};
 use crate::results::{NodeReport, TaskReport};
 use crate::sensitivity::slack;
-use crate::table::NodeTable;
+use crate::table::{BusEvent, NodeTable};
 use crate::units::{MICROSECOND, Picoseconds, picoseconds};
 use wcet::cycles::Cycles;
 
@@ -96,7 +96,68 @@ impl<'a> Scheduled<'a> {
         }
         scheduled.add_causes();
         scheduled.results = response::analyse(&scheduled.set);
+        if model.event_triggered {
+            scheduled.leave_out(table);
+        }
         scheduled
+    }
+
+    /// Bounds each handler anew without those that cannot delay it. The time table tells the same of
+    /// a node with a schedule.
+    fn leave_out(&mut self, table: &NodeTable) {
+        let all = std::mem::take(&mut self.results);
+        let results = (0..self.set.len()).map(|at| {
+            let idle: Vec<usize> = (0..self.set.len())
+                .filter(|&other| self.is_off_bus(at, other, table) || self.follows(other, at, &all))
+                .collect();
+            if idle.is_empty() {
+                return all[at].clone();
+            }
+            let mut set = self.set.clone();
+            for other in idle {
+                set[other].cost = 0;
+                set[other].preemption = 0;
+            }
+            response::analyse(&set).swap_remove(at)
+        });
+        self.results = results.collect();
+    }
+
+    /// Whether handler `at` puts messages or reports attempts to send, and the other one runs only
+    /// while the node is off the bus. Then nothing is sent any more.
+    fn is_off_bus(&self, at: usize, other: usize, table: &NodeTable) -> bool {
+        let mut tasks = self.model.tasks.iter();
+        let task = tasks.find(|task| task.interrupt == self.interrupts[at]);
+        let entry = task.and_then(|task| table.task.get(&task.name));
+        let sends = entry.is_some_and(|entry| {
+            !entry.sends.as_slice().is_empty() || entry.on.as_slice().contains(&BusEvent::FrameSent)
+        });
+        sends && self.set[other].off_bus
+    }
+
+    /// Whether the jobs of handler `other` are released by those of handler `at`, one by each, and
+    /// each has ended before the next one of `at` is released. Then none delays one of `at`.
+    fn follows(&self, other: usize, at: usize, results: &[Result<Response, Unbounded>]) -> bool {
+        let released_by = |task: usize| self.set[task].after;
+        let mut cause = released_by(other);
+        // The chain of causes is no longer than there are tasks.
+        for _ in 0..self.set.len() {
+            match cause {
+                Some(before) if before != at => cause = released_by(before),
+                _ => break,
+            }
+        }
+        let streams = |task: usize| {
+            let arrivals = &self.set[task].arrivals;
+            (arrivals.spaced.is_empty() && arrivals.timed.is_empty())
+                .then_some(arrivals.sporadic.as_slice())
+        };
+        match (streams(at), streams(other), &results[other]) {
+            (Some([one]), Some([same]), Ok(response)) if cause == Some(at) => {
+                other != at && one == same && response.worst + one.jitter <= one.period
+            }
+            _ => false,
+        }
     }
 
     /// Adds a task, to that of its handler if there is one already.

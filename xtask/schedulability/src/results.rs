@@ -230,12 +230,13 @@ pub struct MessageReport {
     pub id: u16,
     /// Time that the window must hold: the longest frame with its latest start and the clock
     /// difference. For an event, its worst-case response time; `None` if the event messages
-    /// overload the bus.
+    /// overload the bus. Without a schedule, the longest time from its put to the end of its frame.
     pub need: Option<Picoseconds>,
-    /// The time that is available: the length of the window, or the deadline of an event.
+    /// The time that is available: the length of the window, or the deadline of an event. Without a
+    /// schedule, the time until its next frame may be put.
     pub room: Picoseconds,
-    /// Start of its window in the basic cycle.
-    pub start: Picoseconds,
+    /// Start of its window in the basic cycle; `None` without a schedule.
+    pub start: Option<Picoseconds>,
     /// True for an event message, which shares its window with others.
     pub arbitrating: bool,
 }

@@ -13,7 +13,7 @@ use crate::node::{Observed, schedule};
 use crate::results::Report;
 use crate::table::NodeTable;
 use crate::units::MICROSECOND;
-use crate::{bus, chains};
+use crate::{bus, chains, event};
 use wcet::annotation::Annotations;
 use wcet::image::Image;
 use wcet::watch::Watch;
@@ -30,6 +30,9 @@ pub struct Inputs {
     /// Time between two bursts of the satellite receiver, in microseconds; `None` if there is
     /// no receiver.
     pub receiver_period_us: Option<u64>,
+    /// Whether the nodes send at once, without the schedule. All of them must be there then, because
+    /// each may make the messages of the others late.
+    pub event_triggered: bool,
     /// The program of each node, by its name in the table.
     pub nodes: BTreeMap<String, Program>,
 }
@@ -69,6 +72,7 @@ impl Programs {
             &inputs.table,
             &inputs.network,
             inputs.receiver_period_us,
+            inputs.event_triggered,
             sources,
         )?;
         let executions = side_by_side(&models.nodes, |(model, table)| {
@@ -106,12 +110,25 @@ impl Programs {
         progress: &(dyn Fn(&str) + Sync),
     ) -> Result<Report, InputError> {
         let Self { models, executions } = self;
-        let all: Vec<_> = models.nodes.iter().zip(executions).collect();
-        let nodes = side_by_side(&all, |((model, table), execution)| {
-            progress(&format!("{}: response times", model.name));
-            schedule(model, table, execution, observed.get(&model.name))
-        });
-        let messages = bus::messages(&models.network, &models.table.bus);
+        let (nodes, messages) = if models.event_triggered {
+            progress("response times of tasks and messages");
+            let (network, bus) = (&models.network, models.table.bus);
+            event::solve(
+                network,
+                bus,
+                &models.file,
+                &models.nodes,
+                executions,
+                observed,
+            )?
+        } else {
+            let all: Vec<_> = models.nodes.iter().zip(executions).collect();
+            let nodes = side_by_side(&all, |((model, table), execution)| {
+                progress(&format!("{}: response times", model.name));
+                schedule(model, table, execution, observed.get(&model.name))
+            });
+            (nodes, bus::messages(&models.network, &models.table.bus))
+        };
         let basic_cycle = u64::from(models.network.basic_cycle_us) * MICROSECOND;
         let mut chains = Vec::new();
         for chain in &models.table.chain {

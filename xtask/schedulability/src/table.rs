@@ -183,6 +183,14 @@ pub enum TaskFault {
     /// Its deadline counts from an instant of the cycle that is not given.
     #[error("has a deadline by a message but no instant of the basic cycle: `at` or `at_us`")]
     NoInstant,
+    /// Only the schedule releases it, or gives it a deadline, and there is none.
+    #[error(
+        "depends on the schedule of a time-triggered bus: `event` says what releases it without one, and its deadline"
+    )]
+    Scheduled,
+    /// An entry for the event-triggered bus has another one in it.
+    #[error("has an `event` in its `event`")]
+    Nested,
 }
 
 /// Rate of errors on the bus.
@@ -279,6 +287,7 @@ impl Every {
                 let period = receiver_period_us.ok_or(TaskFault::NoReceiver)?;
                 Ok(Sporadic {
                     period: burst.apart_us * MICROSECOND,
+                    jitter: 0,
                     limit: Some((burst.jobs, period * MICROSECOND)),
                 })
             }
@@ -357,6 +366,12 @@ pub struct TaskTable {
     /// True if it is released only while the node is off the bus.
     #[serde(default)]
     pub off_bus: bool,
+    /// Messages that its jobs put, each at most once in a job and in this order. An event-triggered
+    /// bus needs it for every cyclic message.
+    #[serde(default)]
+    pub sends: Several<String>,
+    /// The entry in place of this one when the bus is event-triggered.
+    pub event: Option<Box<TaskTable>>,
     /// Deadline after the release, in microseconds. Either this or `by` is given.
     pub deadline_us: Option<u64>,
     /// Deadline that follows from the network file.
@@ -488,10 +503,22 @@ pub struct Step {
     pub at_us: Option<u64>,
     /// The message whose inputs release the task, as in [`TaskTable::at`].
     pub at: Option<String>,
+    /// The protocol of the bus with which the step is part of the chain; with both if left out.
+    pub only: Option<Protocol>,
     /// Longest wait before the step that the analysis does not cover (a poll, a filter, a
     /// byte on a wire), in microseconds.
     #[serde(default)]
     pub wait_us: u64,
+}
+
+/// A protocol of the bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Protocol {
+    /// By the schedule of the network file.
+    TimeTriggered,
+    /// Each message at once.
+    EventTriggered,
 }
 
 impl Table {
@@ -575,6 +602,58 @@ impl Table {
         for step in self.chain.iter_mut().flat_map(|chain| &mut chain.steps) {
             if let Some(name) = &step.at {
                 step.at_us = Some(release(name)?);
+            }
+        }
+        Ok(self)
+    }
+
+    /// The table for this protocol of the bus. Call this before [`Table::resolve`].
+    ///
+    /// # Errors
+    /// On an event-triggered bus, only the schedule releases a task or gives it a deadline.
+    pub fn with_protocol(mut self, file: &str, protocol: Protocol) -> Result<Self, TableError> {
+        for chain in &mut self.chain {
+            let part = |step: &Step| step.only.is_none_or(|only| only == protocol);
+            chain.steps.retain(part);
+        }
+        match protocol {
+            Protocol::TimeTriggered => Ok(self),
+            Protocol::EventTriggered => self.event_triggered(file),
+        }
+    }
+
+    /// The table for an event-triggered bus: an entry `event` replaces the one that it is in, and
+    /// instants of the basic cycle mean nothing.
+    ///
+    /// # Errors
+    /// Only the schedule releases a task or gives it a deadline.
+    fn event_triggered(mut self, file: &str) -> Result<Self, TableError> {
+        for (node, of_node) in &mut self.node {
+            for (name, task) in &mut of_node.task {
+                if let Some(event) = task.event.take() {
+                    *task = *event;
+                }
+                task.at = None;
+                task.at_us = Several::default();
+                // The functions of the schedule are not in the images.
+                task.never.clear();
+                let by_window = matches!(task.by, Some(By::Message(_)));
+                if by_window || task.check().is_err() {
+                    return Err(TableError {
+                        file: file.to_owned(),
+                        line: None,
+                        fault: TableFault::Task {
+                            task: name.clone(),
+                            node: node.clone(),
+                            fault: TaskFault::Scheduled,
+                        },
+                    });
+                }
+            }
+        }
+        for chain in &mut self.chain {
+            for step in &mut chain.steps {
+                (step.at, step.at_us) = (None, None);
             }
         }
         Ok(self)
@@ -728,6 +807,12 @@ impl TaskTable {
             return Err(TaskFault::NoRelease);
         }
         self.numbers()?;
+        if let Some(event) = &self.event {
+            if event.event.is_some() {
+                return Err(TaskFault::Nested);
+            }
+            event.check()?;
+        }
         if self.deadline_us.is_some() == self.by.is_some() {
             return Err(TaskFault::Deadline);
         }

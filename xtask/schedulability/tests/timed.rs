@@ -22,7 +22,6 @@ fn job(label: &str, earliest: u64, latest: u64, deadline: Option<u64>) -> Job {
 
 fn table(jobs: Vec<Job>) -> Arrivals {
     Arrivals {
-        sporadic: Vec::new(),
         timed: vec![Timetable {
             cycle: CYCLE,
             spacing: 0,
@@ -32,6 +31,7 @@ fn table(jobs: Vec<Job>) -> Arrivals {
             begun_at: Vec::new(),
             jobs,
         }],
+        ..Arrivals::default()
     }
 }
 
@@ -169,17 +169,19 @@ fn random_set(random: &mut ChaCha8Rng) -> Vec<Task> {
                 1 => Arrivals {
                     sporadic: vec![Sporadic {
                         period: 15 + every / 8,
+                        jitter: 0,
                         limit: Some((3, CYCLE)),
                     }],
-                    timed: Vec::new(),
+                    ..Arrivals::default()
                 },
                 2 => Arrivals {
                     sporadic: vec![Sporadic::every(every)],
                     timed: vec![timed(random)],
+                    ..Arrivals::default()
                 },
                 _ => Arrivals {
-                    sporadic: Vec::new(),
                     timed: vec![timed(random), timed(random)],
+                    ..Arrivals::default()
                 },
             };
             let jitter = if below(random, 3) == 0 {

@@ -113,7 +113,7 @@ impl Error {
 /// source is wrong (exit code 2), an image does not build, or a deadline
 /// does not hold.
 pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failure> {
-    let vehicle = vehicle::find(workspace, &options.vehicle)?;
+    let vehicle = vehicle::on_protocol(workspace, &options.vehicle, options.bus)?;
     let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
     // Wrong input is reported before a build that takes time.
     let models = models(workspace, &vehicle, &nodes)?;
@@ -150,7 +150,7 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
 /// Something in the table, in the network file or in a source is wrong, or the
 /// image of a node that differs does not build.
 pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(), Failure> {
-    let vehicle = vehicle::find(workspace, &options.vehicle)?;
+    let vehicle = vehicle::on_protocol(workspace, &options.vehicle, options.bus)?;
     let all: Vec<NodeIndex> = vehicle.nodes().collect();
     let models = models(workspace, &vehicle, &all)?;
     let differ: Vec<NodeIndex> = all
@@ -191,6 +191,7 @@ fn inputs(workspace: &Workspace, vehicle: &Vehicle, images: &[Image]) -> Inputs 
         table: vehicle.task_table(),
         network: vehicle.network_file(),
         receiver_period_us: vehicle.receiver_period_us(),
+        event_triggered: vehicle.is_event_triggered(),
         nodes: images
             .iter()
             .map(|image| {
@@ -235,9 +236,11 @@ pub(crate) fn analyse(
     // All nodes: without the others, a node has no bus traffic to handle.
     let all: Vec<NodeIndex> = vehicle.nodes().collect();
     let images = build::images(workspace, vehicle, &all)?;
+    // Without a schedule, each node may make the messages of the others late.
+    let event_triggered = vehicle.is_event_triggered();
     let wanted: Vec<Image> = images
         .iter()
-        .filter(|image| nodes.contains(&image.node))
+        .filter(|image| event_triggered || nodes.contains(&image.node))
         .cloned()
         .collect();
     let display = Mutex::new(Display::new());
@@ -247,6 +250,8 @@ pub(crate) fn analyse(
         .and_then(|programs| {
             let observed = observe::observe(vehicle, &images, &programs, &mut |what| show(what))?;
             let mut report = programs.report(&observed, &show).map_err(Error::from)?;
+            let wanted = |name: &str| nodes.iter().any(|&node| vehicle.node(node).name == name);
+            report.nodes.retain(|node| wanted(&node.name));
             show("kernels");
             report.kernels = bench::kernels::measure(&bench::Builder::new(workspace)?)?;
             Ok(report)
@@ -297,6 +302,7 @@ fn models(workspace: &Workspace, vehicle: &Vehicle, nodes: &[NodeIndex]) -> Resu
         &vehicle.task_table(),
         &vehicle.network_file(),
         vehicle.receiver_period_us(),
+        vehicle.is_event_triggered(),
         programs,
     )?)
 }

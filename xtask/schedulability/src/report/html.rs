@@ -102,7 +102,7 @@ fn bus(messages: &[MessageReport]) -> Markup {
         let cells = [
             message.name.clone(),
             message.id.to_string(),
-            time(message.start),
+            or_dash(message.start),
             or_dash(message.need),
             time(message.room),
             if message.arbitrating { "shared" } else { "own" }.to_owned(),

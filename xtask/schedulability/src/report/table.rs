@@ -68,7 +68,7 @@ fn bus(text: &mut String, report: &Report) {
         let cells = [
             message.name.clone(),
             message.id.to_string(),
-            time(message.start),
+            or_dash(message.start),
             or_dash(message.need),
             time(message.room),
             or_dash(left),

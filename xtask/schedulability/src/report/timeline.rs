@@ -46,11 +46,15 @@ impl Chart {
         });
     }
 
+    /// A message of an event-triggered bus has no place in the cycle.
     fn message(&mut self, message: &MessageReport) {
+        let Some(start) = message.start else {
+            return;
+        };
         let what = format!(
             "{} at {}, needs {} of {}",
             message.name,
-            time(message.start),
+            time(start),
             message
                 .need
                 .map_or_else(|| "more than there is".to_owned(), time),
@@ -61,10 +65,10 @@ impl Chart {
         } else {
             "#268bd2"
         };
-        let end = message.start + message.room;
-        self.bar(message.start, end, "#8884", 12.0, &what);
+        let end = start + message.room;
+        self.bar(start, end, "#8884", 12.0, &what);
         let need = message.need.unwrap_or(message.room).min(message.room);
-        self.bar(message.start, message.start + need, colour, 8.0, &what);
+        self.bar(start, start + need, colour, 8.0, &what);
     }
 
     fn task(&mut self, task: &TaskReport, cycle: Picoseconds) {

@@ -127,7 +127,7 @@ fn with_table(
     let task = &tasks[index];
     let mut all: Vec<Critical> = Vec::new();
     let mut by_job = Vec::new();
-    if !task.arrivals.sporadic.is_empty() {
+    if task.arrivals.has_sporadic() {
         let any = response(tasks, index).ok()?.critical;
         all.push(
             phases::of_any(tasks, index)

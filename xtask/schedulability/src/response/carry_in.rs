@@ -44,10 +44,7 @@ pub(super) fn of_job(
         .collect::<Option<_>>()?;
     let count = |other: &Delaying<'_>, window: u64| {
         // The bound counts from the nominal release, so jitter is already in it.
-        let streams = other.task.arrivals.sporadic.iter();
-        let sporadic: u64 = streams
-            .map(|stream| stream.count(window + other.response))
-            .sum();
+        let sporadic = other.task.arrivals.count_sporadic(window + other.response);
         let tables = other.task.arrivals.timed.iter();
         let timed: u64 = tables
             .map(|table| table.around(job, task.jitter, other.response, window))

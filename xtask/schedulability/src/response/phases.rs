@@ -176,10 +176,7 @@ impl<'a> Look<'a> {
             } else {
                 0
             };
-            let sporadic = other.arrivals.sporadic.iter();
-            let jobs: u64 = sporadic
-                .map(|stream| stream.count(window + other.jitter))
-                .sum();
+            let jobs = other.arrivals.count_sporadic(window + other.jitter);
             sum = sum.checked_add(jobs.checked_mul(other.cost.checked_add(preemption)?)?)?;
             for table in self.tables(other) {
                 let jobs = table.from(busy.begin, window, other.jitter);
@@ -229,11 +226,10 @@ impl<'a> Look<'a> {
         let task = self.task();
         let jobs = |index: usize, other: &'a Task| {
             let window = self.window(other, busy);
-            let sporadic = other.arrivals.sporadic.iter();
-            let sporadic = sporadic.map(|stream| stream.count(window + other.jitter));
+            let sporadic = other.arrivals.count_sporadic(window + other.jitter);
             let timed = self.tables(other);
             let timed = timed.map(|table| table.from(busy.begin, window, other.jitter));
-            let jobs: u64 = sporadic.chain(timed).sum();
+            let jobs = sporadic + timed.sum::<u64>();
             if index == self.index && self.is_among(busy) {
                 jobs.saturating_sub(1)
             } else {
