@@ -37,7 +37,7 @@ mod app {
     use row_follower::design::{LAW, Law};
     use row_follower::matrix::{FEEDBACK, release, window};
     use row_follower::messages::{DistanceLeft, DistanceRight, FeedbackStatus};
-    use row_follower::{Link, PERIOD, Stack, identity};
+    use row_follower::{EVENT_TRIGGERED, Link, PERIOD, Stack, identity};
     use rtic::Mutex as _;
 
     type Follower = firmware::rows::Follower<Law>;
@@ -130,13 +130,18 @@ mod app {
     #[task(binds = USB_LP_CAN_RX0, priority = 6, shared = [&clock, link, halted])]
     fn can_rx(cx: can_rx::Context) {
         let stamp = cx.shared.clock.now();
-        (cx.shared.link, cx.shared.halted).lock(|link, halted| {
+        let news = (cx.shared.link, cx.shared.halted).lock(|link, halted| {
             let news = link.on_receive(stamp);
             if news.reference {
                 link.release_at(release::COMMAND);
             }
             *halted |= news.stop;
+            news
         });
+        // Without a schedule the second distance releases the step.
+        if EVENT_TRIGGERED && news.has(window::DISTANCE_RIGHT) {
+            rtic::pend(Interrupt::EXTI1);
+        }
     }
 
     #[task(binds = USB_HP_CAN_TX, priority = 6, shared = [&clock, link, due])]
@@ -187,10 +192,9 @@ mod app {
         let step = follower.lock(|follower| follower.command(&distances, engaged, PERIOD));
         let command = row_follower::command(&step, cx.local.sender, time);
         let log = row_follower::row_log(&distances, &step);
-        link.lock(|link| {
-            link.put(window::COMMAND, command);
-            link.put(window::ROW_LOG, log);
-        });
+        // Each in a lock of its own, so that the bus waits for one of them at most.
+        link.lock(|link| link.put(window::COMMAND, command));
+        link.lock(|link| link.put(window::ROW_LOG, log));
         due.lock(|due| *due = true);
         last.lock(|last| *last = Some(step));
     }
@@ -229,7 +233,7 @@ mod app {
         // No motor turns by this node's hand, but without it the motors stop.
         let state = shared.last.lock(|last| last.map(|step| step.state));
         let still = state != Some(State::Following);
-        keeper.step::<FeedbackStatus, _, _>(
+        keeper.step::<FeedbackStatus>(
             &mut shared.link,
             &bus,
             bus.link.services,

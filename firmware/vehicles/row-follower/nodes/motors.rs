@@ -151,7 +151,7 @@ mod app {
         let act = cx
             .shared
             .link
-            .lock(|link| link.on_timer() || link.take_stop() || !link.node().is_alive());
+            .lock(|link| link.on_timer() || link.take_stop() || !link.is_alive());
         if act {
             rtic::pend(Interrupt::EXTI1);
         }
@@ -225,7 +225,7 @@ mod app {
             }
             servos.is_neutral()
         });
-        keeper.step::<MotorsStatus, _, _>(
+        keeper.step::<MotorsStatus>(
             &mut shared.link,
             &bus,
             bus.link.services,

@@ -36,8 +36,15 @@ mod app {
     use network::Message as _;
     use row_follower::matrix::{SENSORS, window};
     use row_follower::messages::{DistanceLeft, DistanceRight, SensorsStatus};
-    use row_follower::{Link, SAMPLE, Stack, identity};
+    use row_follower::{EVENT_TRIGGERED, Link, SAMPLE, Stack, identity};
     use rtic::Mutex as _;
+
+    /// Without a schedule there is no mark for the bursts: the timer of the converter begins them.
+    const TRIGGER: Trigger = if EVENT_TRIGGERED {
+        Trigger::Timer
+    } else {
+        Trigger::Software
+    };
 
     /// What the console shows of the sensors.
     #[derive(Clone, Copy)]
@@ -83,7 +90,7 @@ mod app {
         ) else {
             fault::stop(Fault::Start)
         };
-        let Some(distances) = sled.rest.distances(Trigger::Software) else {
+        let Some(distances) = sled.rest.distances(TRIGGER) else {
             fault::stop(Fault::Start)
         };
         link.start();
@@ -178,10 +185,9 @@ mod app {
             distance: measured.right,
         };
         let (left, right) = (padded(left.encode()), padded(right.encode()));
-        link.lock(|link| {
-            link.put(window::DISTANCE_LEFT, left);
-            link.put(window::DISTANCE_RIGHT, right);
-        });
+        // Each in a lock of its own, so that the bus waits for one of them at most.
+        link.lock(|link| link.put(window::DISTANCE_LEFT, left));
+        link.lock(|link| link.put(window::DISTANCE_RIGHT, right));
         seen.lock(|seen| seen.distances = measured);
     }
 
@@ -192,7 +198,7 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link, test], local = [keeper])]
+    #[task(priority = 2, shared = [link, test, distances, seen], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -209,13 +215,13 @@ mod app {
             link.keep();
             BusView::of(link)
         });
+        // A burst that the timer began, and that does not end, is given up.
+        if EVENT_TRIGGERED && shared.distances.lock(Distances::watch).is_err() {
+            let seen = &mut shared.seen;
+            seen.lock(|seen| seen.failed = seen.failed.wrapping_add(1));
+        }
         // No motor turns by this node's hand. Without it they stop.
-        keeper.step::<SensorsStatus, _, _>(
-            &mut shared.link,
-            &bus,
-            bus.link.services,
-            Motor::none(true),
-        );
+        keeper.step::<SensorsStatus>(&mut shared.link, &bus, bus.link.services, Motor::none(true));
         shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
             rtic::pend(Interrupt::EXTI3);
