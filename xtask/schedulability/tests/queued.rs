@@ -74,8 +74,9 @@ fn a_slow_mailbox_lets_one_less_urgent_frame_in_behind_each_own_one() {
     ];
     let found = bounds(&set, 1);
     let delays: Vec<u64> = found.iter().map(|one| one.unwrap().delay).collect();
-    // The first behind the own less urgent one and a foreign one; the second behind a foreign one,
-    // then the first, and another foreign one at its put and at its end; the last behind both.
+    // The first waits for the less urgent message of its node and for a foreign one; the second for
+    // a foreign one, then the first, and another foreign one at its put and at its end; the last
+    // waits for both.
     assert_eq!(
         delays,
         [
