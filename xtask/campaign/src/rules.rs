@@ -40,9 +40,20 @@ pub struct Violation {
 /// reaction to it and the byte to the motor driver (260 us), s.
 const REACTION: f64 = 0.001;
 
+/// The same with servo pulses: the pulses that end a command begin 1 ms after it has expired at the
+/// latest, and their drivers read them at their end, s.
+const SERVO_REACTION: f64 = 0.004;
+
 /// The same for a reference. It counts as missing when two longest references, 1.1 ms, could have
 /// been sent in its place, s.
 const REFERENCE_REACTION: f64 = 0.003;
+
+/// Longest time from a change of a pin remote's line until the command that stops the motors, s: the
+/// line bounces for 3 ms, and the line is read once in each step of 5 ms.
+const STOP_LINE: f64 = 0.02;
+
+/// An instant as a span, s.
+const INSTANT: f64 = 1e-9;
 
 /// Longest time from a press of a stop button until the motors stand still, s: debouncing, the
 /// next control step, and two commands that may be lost.
@@ -78,6 +89,8 @@ pub fn judge(vehicle: &Vehicle, sequence: &Sequence, outcome: &Outcome) -> Vec<V
     let mut violations = Vec::new();
     for node in vehicle.nodes() {
         violations.extend(judge.motor(node));
+        violations.extend(judge.servos(node));
+        violations.extend(judge.pin_remote(node));
         violations.extend(judge.wire(node));
         violations.extend(judge.led(node));
         violations.extend(judge.button(node));
@@ -142,6 +155,59 @@ impl Judge<'_> {
             at,
             what: format!(
                 "the motor of {} is driven with {effort:.2}, its last enabling command is older than two basic periods",
+                self.name(node)
+            ),
+        })
+    }
+
+    /// The motors on the servo lines of a node are driven for no longer than a genuine command allows.
+    fn servos(&self, node: NodeIndex) -> Option<Violation> {
+        let motor = Device::DriveMotors;
+        self.vehicle.node(node).connector(motor)?;
+        let (message, signal) = enabling(self.vehicle, motor)?;
+        let enables = |frame: &&Sent| signal.extract(&frame.bytes()) != 0;
+        let allowed = self.spans(
+            self.traffic.genuine(message.id).filter(enables),
+            SERVO_REACTION,
+        );
+        let silent = self.sequence.silences(node);
+        let mut samples = self.outcome.world.drive()?.samples().iter();
+        let driven = samples.find(|sample| {
+            let at = seconds(sample.at);
+            let is_driven = sample.efforts.iter().any(|effort| *effort != 0.0);
+            is_driven && uncovered((at, at + INSTANT), &allowed, &silent).is_some()
+        })?;
+        Some(Violation {
+            rule: "stop",
+            at: seconds(driven.at),
+            what: format!(
+                "the motors of {} are driven with {:.2?}, their last enabling command is older than two basic periods",
+                self.name(node),
+                driven.efforts
+            ),
+        })
+    }
+
+    /// No command lets the motors turn once a pin remote has stopped the robot: by a press of stop, or
+    /// by a receiver without supply. Only another press of run, which no sequence has, sets it in
+    /// motion again.
+    fn pin_remote(&self, node: NodeIndex) -> Option<Violation> {
+        self.vehicle.node(node).connector(Device::PinRemote)?;
+        let (message, signal) = enabling(self.vehicle, Device::DriveMotors)?;
+        let scenario = &self.sequence.scenario;
+        let presses = scenario.press.iter();
+        let presses = presses.filter(|press| press.button == Button::Stop);
+        let cuts = scenario.supply.iter().filter(|change| !change.on);
+        let stops = presses.map(|press| press.at.get());
+        let stop = stops.chain(cuts.map(|cut| cut.at.get())).reduce(f64::min)?;
+        let enables = |frame: &&Sent| signal.extract(&frame.bytes()) != 0;
+        let mut commands = self.traffic.genuine(message.id).filter(enables);
+        let late = commands.find(|frame| seconds(frame.end) > stop + STOP_LINE)?;
+        Some(Violation {
+            rule: "remote",
+            at: seconds(late.end),
+            what: format!(
+                "{} lets the motors turn, the remote control has stopped them at {stop:.6} s",
                 self.name(node)
             ),
         })

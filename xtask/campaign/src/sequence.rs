@@ -3,11 +3,12 @@
 use network_model::{Message, WindowKind};
 use vehicle_model::{Device, NodeIndex, Remote, Vehicle};
 use world::Scenario;
+use world::distance::Fault;
 use world::random::{Purpose, Stream};
 use world::receiver::{Fix, FixChange, StreamFault, StreamFaultKind};
 use world::scenario::{
-    BrownOut, BusEvent, Button, ButtonPress, Clock, ClockChange, JoystickMove, RelayFault,
-    ResetEvent, StopLoopChange, SupplyChange, WireNoise,
+    BrownOut, BusEvent, Button, ButtonPress, Clock, ClockChange, DistanceFault, JoystickMove,
+    RelayFault, ResetEvent, Side, StopLoopChange, SupplyChange, WireNoise,
 };
 use world::units::{Angle, Drift, Length, Ppm, Ratio, Time, Voltage};
 
@@ -99,6 +100,26 @@ impl Sequence {
         const LONGEST: f64 = 0.1;
         let upsets = self.upsets.iter().filter(|upset| upset.node == node);
         upsets.map(|upset| (upset.at, upset.at + LONGEST)).collect()
+    }
+
+    /// Spans in which a fault of a node may have ended its servo pulses, s. Their drivers keep the last
+    /// effort for 100 ms after the last pulse.
+    #[must_use]
+    pub fn silences(&self, node: NodeIndex) -> Vec<(f64, f64)> {
+        const HELD: f64 = 0.11;
+        let stalled = self.stalled(node).into_iter();
+        let losses = self.clock_losses.iter();
+        let losses = losses.filter(|loss| loss.node == node);
+        let resets = self.scenario.reset.iter();
+        let resets = resets.filter(|reset| reset.node == node);
+        let dips = self.scenario.brownout.iter();
+        let dips = dips.filter(|dip| dip.node == node);
+        stalled
+            .chain(losses.map(|loss| (loss.at, loss.at)))
+            .chain(resets.map(|reset| (reset.at.get(), reset.at.get())))
+            .chain(dips.map(|dip| (dip.at.get(), dip.until.get())))
+            .map(|(from, until)| (from, until + HELD))
+            .collect()
     }
 
     /// Whether a node can be time master at the end: it is there, and on its crystal.
@@ -196,6 +217,13 @@ impl Drawing<'_> {
     /// What the vehicle does when the first fault occurs.
     fn operator(&mut self) {
         let turn = self.stream.below(8);
+        if self.has(Device::PinRemote) {
+            if turn == 0 {
+                return self.tell("it stands still".into());
+            }
+            self.press(1.0, Button::Run);
+            return self.tell("it follows its row".into());
+        }
         if !self.has(Device::OperatorSwitches) {
             return;
         }
@@ -240,7 +268,9 @@ impl Drawing<'_> {
             7 => self.dominant(at),
             8 if self.has(Device::SatelliteReceiver) => self.stream(at),
             9 if self.has(Device::SatelliteReceiver) => self.fix(at),
+            8..=10 if self.has(Device::DistanceSensors) => self.distances(at),
             10 if self.has(Device::OperatorSwitches) => self.switches(at),
+            11 if self.has(Device::PinRemote) => self.pin_remote(at),
             11 if self.has(Device::OperatorSwitches) => self.stop_loop(at),
             8..=11 => self.corrupt(at),
             12 => self.board(),
@@ -396,6 +426,44 @@ impl Drawing<'_> {
 
     /// The operator's switches at a time: a press, a receiver of another type than the controller
     /// expects, whose button D is pressed twice, or a receiver without supply.
+    /// A distance sensor or its lead fails.
+    fn distances(&mut self, at: f64) {
+        let side = self.one(&[Side::Left, Side::Right, Side::Both]);
+        let fault = self.one(&[
+            Fault::Open,
+            Fault::ShortedToGround,
+            Fault::ShortedToSupply,
+            Fault::Frozen,
+            Fault::Blind,
+        ]);
+        let until = self.within(at, OVER);
+        self.tell(format!(
+            "the distance sensor ({side:?}) is {fault:?} from {at:.6} s to {until:.6} s"
+        ));
+        self.sequence.scenario.distance_fault.push(DistanceFault {
+            side,
+            fault,
+            at: Time::new(at),
+            until: Some(Time::new(until)),
+        });
+    }
+
+    /// The remote control of a rover: a press of stop, or a receiver without supply.
+    fn pin_remote(&mut self, at: f64) {
+        if self.stream.below(2) == 0 {
+            self.tell(format!("stop is pressed at {at:.6} s"));
+            return self.press(at, Button::Stop);
+        }
+        self.tell(format!(
+            "the receiver of the remote has no supply from {at:.6} s on"
+        ));
+        let at = Time::new(at);
+        self.sequence
+            .scenario
+            .supply
+            .push(SupplyChange { at, on: false });
+    }
+
     fn switches(&mut self, at: f64) {
         match self.stream.below(4) {
             0 => {
