@@ -25,9 +25,14 @@ fn vehicle() -> &'static (Vehicle, Images) {
 
 /// The robot is let go after half a second between two rows of poles.
 fn drive(more: &str, length: f64) -> Outcome {
+    drive_on("", more, length)
+}
+
+/// The same with these `nodes`.
+fn drive_on(nodes: &str, more: &str, length: f64) -> Outcome {
     let (vehicle, images) = vehicle();
     let text = format!(
-        "row.start.station = \"30 cm\"\n\
+        "{nodes}row.start.station = \"30 cm\"\n\
          [[row.section]]\nkind = \"poles\"\nlength = \"20 m\"\n\
          [[press]]\nat = \"500 ms\"\nbutton = \"run\"\n{more}"
     );
@@ -37,6 +42,24 @@ fn drive(more: &str, length: f64) -> Outcome {
         ..Options::default()
     };
     twin::run(vehicle, &scenario, images, &options, |_| {}).unwrap()
+}
+
+/// An RC oscillator makes a neutral pulse 5 % too long or too short, an effort of 15 %, until the node
+/// has trimmed it by the references.
+#[test]
+fn on_their_rc_oscillators_the_motors_rest_until_a_command() {
+    for internal in ["40000 ppm", "-40000 ppm"] {
+        let clock = format!("nodes.motors = {{ external = false, internal = \"{internal}\" }}\n");
+        let outcome = drive_on(&clock, "", 4.0);
+        let drive = outcome.world.drive().unwrap();
+        let samples = drive.samples().iter();
+        let driven = samples.filter(|sample| sample.efforts.iter().any(|effort| *effort != 0.0));
+        let first = driven.map(|sample| seconds(sample.at)).next();
+        assert!(
+            first.is_some_and(|first| first > 0.5),
+            "{internal}: {first:?}"
+        );
+    }
 }
 
 /// When the motors first came to rest after `time`, seconds later, and whether they rested from then

@@ -270,9 +270,8 @@ impl Rest {
         )
     }
 
-    /// Starts the servo pulses, neutral, one each `period` (node motors of the row follower). Call it
-    /// before anything else: until then the lines are low, and the motor drivers stand still. `None`
-    /// the second time.
+    /// The outputs for servo pulses, one each `period` (node motors of the row follower). The lines are
+    /// low, and the motor drivers stand still, until [`servos::Servos::begin`]. `None` the second time.
     pub fn servos(&mut self, period: pulse::PulsePeriod) -> Option<servos::Servos> {
         let (timer, left, right) = self.pulses.take()?;
         gate::open::<pac::TIM1>(&mut self.bus);

@@ -5,6 +5,10 @@
 //! once, for a command that has just arrived, if 3 ms have passed since the last ones began; else
 //! the new widths come with the next pulses. A pulse that has begun keeps its width.
 //!
+//! No pulses are made until [`Servos::begin`]. An RC oscillator that nothing has trimmed is off by up
+//! to 5 %, and its neutral pulse would be an effort of 15 %; without pulses the motor drivers stand
+//! still. So the node begins as soon as its clock is known to be right.
+//!
 //! So that every command is fired at once, the period is longer than the time between two commands,
 //! and that is 3 ms or more.
 //!
@@ -30,20 +34,33 @@ pub struct Servos {
     period: PulsePeriod,
     /// Widths that were set last.
     widths: (PulseWidth, PulseWidth),
+    /// Whether the pulses have begun.
+    begun: bool,
 }
 
-/// Starts the timer; its outputs are low, and the first pulses, neutral, begin 100 us later. `clock`
-/// is that of the timer in hertz. The clock gate of TIM1 is open, and the pins are not connected yet.
+/// Starts the timer; its outputs are low. `clock` is that of the timer in hertz. The clock gate of
+/// TIM1 is open, and the pins are not connected yet.
 pub(crate) fn start(timer: pac::TIM1, clock: u32, period: PulsePeriod) -> Servos {
     pulse::start(&timer, clock, period);
     Servos {
         timer,
         period,
         widths: (PulseWidth::NEUTRAL, PulseWidth::NEUTRAL),
+        begun: false,
     }
 }
 
 impl Servos {
+    /// Begins pulses at once, neutral ones unless other widths have been set. Nothing the second time,
+    /// so that a lost clock ends them for good.
+    #[inline]
+    pub fn begin(&mut self) {
+        if !self.begun {
+            self.begun = true;
+            cortex_m::interrupt::free(|_| pulse::begin(&self.timer));
+        }
+    }
+
     /// Sets the widths of the next pulses and of all that follow. Both change together.
     #[inline]
     pub fn set(&mut self, left: PulseWidth, right: PulseWidth) {
@@ -81,8 +98,8 @@ impl Servos {
         self.widths == (PulseWidth::NEUTRAL, PulseWidth::NEUTRAL)
     }
 
-    /// Whether pulses are made. A lost clock ends them; only a new start of the node makes them
-    /// again.
+    /// Whether pulses are made: they have begun. A lost clock ends them; only a new start of the node
+    /// makes them again.
     pub fn is_on(&self) -> bool {
         pulse::is_on(&self.timer)
     }

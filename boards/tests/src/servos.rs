@@ -31,6 +31,14 @@ impl Outputs {
     }
 
     fn with_period(us: u16) -> Self {
+        let mut outputs = Self::silent(us);
+        outputs.servos.begin();
+        outputs.wait("a pulse does not end", |levels| levels == 0);
+        outputs
+    }
+
+    /// No pulses have begun.
+    fn silent(us: u16) -> Self {
         let mut bench = Bench::start();
         let period = PulsePeriod::new(us).expect("a period");
         let servos = bench.sled.rest.servos(period).expect("the first call");
@@ -109,6 +117,40 @@ fn widths(measured: [u32; 2], left: u32, right: u32) {
 #[embedded_test::tests(default_timeout = 5)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_pulse_comes_until_they_begin() {
+        let mut outputs = Outputs::silent(PERIOD_US);
+        let silent = |outputs: &Outputs| {
+            let since = outputs.clock.now();
+            while outputs.us(outputs.clock.now().wrapping_sub(since)) < 2 * u32::from(PERIOD_US) {
+                assert!(Outputs::levels() == 0, "a pulse");
+            }
+            assert!(!outputs.servos.is_on());
+        };
+        silent(&outputs);
+        let width = PulseWidth::clamped(1250);
+        outputs.servos.fire(width, PulseWidth::LONGEST);
+        silent(&outputs);
+        // The first pulses have the widths that were set.
+        let since = outputs.clock.now();
+        outputs.servos.begin();
+        let began = outputs.wait("no pulse begins", |levels| levels == 0b11);
+        near(
+            "us until it began",
+            outputs.us(began.wrapping_sub(since)),
+            0,
+            5,
+        );
+        widths(outputs.ends(began), 1250, 2000);
+        assert!(outputs.servos.is_on());
+        // Again changes nothing: the next pulses come in their time.
+        outputs.servos.begin();
+        let (next, measured) = outputs.pulses();
+        let between = outputs.us(next.wrapping_sub(began));
+        near("us between pulses", between, PERIOD_US.into(), SLACK_US);
+        widths(measured, 1250, 2000);
+    }
 
     #[test]
     fn the_first_pulses_are_neutral_and_follow_in_their_period() {

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use vehicle_model::Vehicle;
+
 use crate::options::Options;
 use crate::rules::Violation;
 
@@ -20,6 +22,8 @@ pub struct Verdict {
 /// The outcome of all sequences.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Report {
+    /// Name of the vehicle.
+    pub vehicle: String,
     /// Seed of the first sequence of all shards.
     pub seed: u64,
     /// The shard, as `i/n`.
@@ -35,8 +39,9 @@ pub struct Report {
 }
 
 impl Report {
-    pub(crate) fn new(options: &Options) -> Self {
+    pub(crate) fn new(vehicle: &Vehicle, options: &Options) -> Self {
         Self {
+            vehicle: vehicle.name().to_owned(),
             seed: options.seed,
             shard: options.shard.to_string(),
             sequences: 0,
@@ -89,8 +94,8 @@ impl fmt::Display for Report {
             }
             writeln!(
                 f,
-                "  replay it with: cargo xtask sim --faults 1 --seed {}",
-                verdict.seed
+                "  replay it with: cargo xtask sim --faults 1 --seed {} --vehicle {}",
+                verdict.seed, self.vehicle
             )?;
         }
         writeln!(

@@ -135,7 +135,7 @@ pub fn run(
     let threads = options.threads.unwrap_or(cores).max(1);
     let next = AtomicU64::new(0);
     let (sender, verdicts) = mpsc::channel();
-    let mut report = Report::new(options);
+    let mut report = Report::new(vehicle, options);
     std::thread::scope(|scope| {
         for _ in 0..threads {
             let (sender, next) = (sender.clone(), &next);

@@ -22,16 +22,12 @@ const IDLE: u32 = ENABLED & !(1 << 15);
 const COUNT: u32 = 1;
 const NO_UPDATE: u32 = 1 << 1;
 
-/// Time from the start of the counter to its first wrap, with which the first pulses begin, us. The
-/// pins are connected in between, while the outputs are low.
-const FIRST: u16 = 100;
-
 /// From so many microseconds before the counter wraps it is left to itself: between a look at the
 /// counter and what is done about it lies less.
 const MARGIN: u16 = 2;
 
-/// Starts the counter, with neutral pulses, and the outputs, which are low. `clock` is the timer's
-/// clock in hertz. The clock gate is open.
+/// Starts the counter, with the widths of neutral pulses. The outputs are off, their lines driven
+/// low. `clock` is the timer's clock in hertz. The clock gate is open.
 pub(crate) fn start(timer: &pac::TIM1, clock: u32, period: PulsePeriod) {
     let prescaler = clock / 1_000_000;
     timer
@@ -39,23 +35,24 @@ pub(crate) fn start(timer: &pac::TIM1, clock: u32, period: PulsePeriod) {
         .write(|w| w.psc().bits(prescaler.wrapping_sub(1) as u16));
     timer.arr.write(|w| w.arr().bits(period.us() - 1));
     load(timer, PulseWidth::NEUTRAL, PulseWidth::NEUTRAL);
-    // SAFETY: values of the registers, as above.
+    // SAFETY: values of the registers, as above. The break input takes its polarity a cycle after it
+    // is written, so it is on long before the outputs are.
     unsafe {
         timer.ccmr1_output().write(|w| w.bits(PWM));
         timer.ccmr2_output().write(|w| w.bits(PWM));
-    }
-    timer.egr.write(|w| w.ug().set_bit());
-    timer.cnt.write(|w| w.cnt().bits(period.us() - FIRST));
-    timer.cr1.write(|w| w.cen().set_bit());
-    // Until a tick of the counter has taken the outputs low.
-    cortex_m::asm::delay(2 * prescaler);
-    // SAFETY: values of the registers, as above. The break input takes its polarity a cycle after it
-    // is written, so it is on before the outputs are.
-    unsafe {
         timer.bdtr.write(|w| w.bits(IDLE));
         timer.ccer.write(|w| w.bits(OUTPUTS));
-        timer.bdtr.write(|w| w.bits(ENABLED));
     }
+    timer.egr.write(|w| w.ug().set_bit());
+    timer.cr1.write(|w| w.cen().set_bit());
+}
+
+/// Begins pulses now and switches the outputs on, which are off. Nothing may interrupt it.
+#[inline(always)]
+pub(crate) fn begin(timer: &pac::TIM1) {
+    timer.egr.write(|w| w.ug().set_bit());
+    // SAFETY: a value of the register, as above.
+    timer.bdtr.write(|w| unsafe { w.bits(ENABLED) });
 }
 
 #[inline(always)]

@@ -13,7 +13,8 @@
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 //!
 //! The pulses are neutral from the start of the node until its first command, and whenever no
-//! command is in force.
+//! command is in force. Without its external clock the node makes none until its first command: by
+//! then it has trimmed its RC oscillator, which makes no neutral pulse before.
 
 #![no_std]
 #![no_main]
@@ -23,6 +24,7 @@ use defmt_rtt as _;
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
     use firmware::actuator::Times;
+    use firmware::board::clock::Oscillator;
     use firmware::board::fault::Fault;
     use firmware::board::pulse::PulsePeriod;
     use firmware::board::servos::Servos;
@@ -62,11 +64,14 @@ mod app {
     fn init(mut cx: init::Context) -> (Shared, Local) {
         let record = board::fault::take();
         let mut sled = row_follower::start(cx.device);
-        let Some(servos) =
+        let Some(mut servos) =
             PulsePeriod::new(PULSE_PERIOD_US).and_then(|period| sled.rest.servos(period))
         else {
             fault::stop(Fault::Start)
         };
+        if sled.clocks.oscillator == Oscillator::External {
+            servos.begin();
+        }
         let start = Start {
             cause: sled.reset_cause,
             record,
@@ -187,7 +192,12 @@ mod app {
             let accepted = obeyed.attend(&arrival, now);
             (accepted, efforts(obeyed.command().filter(|_| fit)))
         });
-        servos.lock(|servos| servos.fire(pulse(efforts.left), pulse(efforts.right)));
+        servos.lock(|servos| {
+            servos.fire(pulse(efforts.left), pulse(efforts.right));
+            if accepted {
+                servos.begin();
+            }
+        });
         if accepted {
             link.lock(|link| link.release_in(COMMAND_TIMEOUT));
         }
