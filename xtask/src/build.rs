@@ -9,7 +9,7 @@ use std::{
 use serde_json::Value;
 
 use parts::Sled;
-use vehicle_model::{NodeIndex, Vehicle, build::PROTOCOL};
+use vehicle_model::{NodeIndex, Vehicle, build::OVERRIDES};
 
 use crate::{
     Failure, ReadError, Workspace, audit,
@@ -73,7 +73,7 @@ pub struct Image {
 /// The vehicle or a node does not exist (exit code 2); an image does not build, is larger
 /// than its board's budget, or may panic.
 pub fn run(workspace: &Workspace, options: &Build) -> Result<(), Failure> {
-    let vehicle = vehicle::on_protocol(workspace, &options.vehicle, options.bus)?;
+    let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
     let images = images(workspace, &vehicle, &nodes)?;
     let Checked { sizes, complaints } = check(&vehicle, &images)?;
@@ -159,9 +159,9 @@ pub fn command(
 ) -> Result<Command, Failure> {
     let mut cargo = target::cargo(workspace, "build");
     cargo.args(["--release", "--package", &vehicle::package(vehicle)?]);
-    match vehicle.other_protocol() {
-        Some(protocol) => cargo.env(PROTOCOL, protocol.name()),
-        None => cargo.env_remove(PROTOCOL),
+    match vehicle.overrides() {
+        none if none.is_empty() => cargo.env_remove(OVERRIDES),
+        overrides => cargo.env(OVERRIDES, overrides.environment()),
     };
     if let Some(&node) = nodes.first() {
         cargo.args(["--features", vehicle::board(vehicle, node).name]);
@@ -223,11 +223,11 @@ pub(crate) fn finish(
 
 /// The folder of a vehicle's images, beside that in which cargo has `built` them. Cargo has one
 /// place for all vehicles, in which a node of the same name overwrites another vehicle's. Images of
-/// another protocol than the manifest's have a folder of their own.
+/// other values than the manifest's have a folder of their own.
 fn folder(built: &Path, vehicle: &Vehicle) -> PathBuf {
-    let name = match vehicle.other_protocol() {
-        Some(protocol) => format!("{}.{}", vehicle.name(), protocol.name()),
-        None => vehicle.name().into(),
+    let name = match vehicle.overrides() {
+        none if none.is_empty() => vehicle.name().into(),
+        overrides => format!("{}+{}", vehicle.name(), overrides.folder_name()),
     };
     images_folder(built).join(name)
 }
@@ -274,7 +274,7 @@ pub(crate) fn executable(messages: &str, name: &str) -> Option<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vehicle_model::Protocol;
+    use vehicle_model::{Overrides, Protocol};
 
     #[test]
     fn nodes_of_one_name_keep_their_images_apart() {
@@ -297,14 +297,13 @@ mod tests {
             super::keep(&built, &folder, "gps").unwrap()
         };
         let (one, other) = (keep("uagv", 1), keep("two-boards", 2));
-        let vehicle = vehicle::find(&workspace, "two-boards").unwrap();
-        let event = vehicle
-            .with_protocol(Some(Protocol::EventTriggered))
-            .unwrap();
-        let event = folder(&built, &event);
+        let event = Overrides::default().on(Protocol::EventTriggered);
+        let event = vehicle::with(&workspace, "two-boards", &event).unwrap();
         assert_eq!(
-            event,
-            target.path().join("images/two-boards.event-triggered")
+            folder(&built, &event),
+            target
+                .path()
+                .join("images/two-boards+bus.protocol=event-triggered")
         );
         assert_eq!(one, target.path().join("images/uagv/gps"));
         assert_eq!(fs::read(&one).unwrap(), image(1));

@@ -4,7 +4,7 @@ use std::{ffi::OsString, path::PathBuf};
 
 use clap::{Args, CommandFactory, Parser, Subcommand, error::ErrorKind};
 
-use vehicle_model::Protocol;
+use vehicle_model::{Override, Overrides, Protocol};
 use world::{DURATIONS, SimDuration, time::from_seconds};
 
 use crate::{
@@ -64,13 +64,37 @@ pub enum Command {
     Test(Test),
 }
 
+/// Values in place of those of a vehicle's manifest.
+#[derive(Debug, Default, Clone, Args)]
+pub struct Changes {
+    /// Value in place of the manifest's, as rover.law=thesis; may be given again for another one
+    #[arg(long, value_name = "KEY=VALUE", value_parser = Override::parse)]
+    pub set: Vec<Override>,
+    /// Protocol of the bus: short for --set bus.protocol=PROTOCOL
+    #[arg(long, value_name = "PROTOCOL", value_parser = Protocol::named)]
+    pub bus: Option<Protocol>,
+}
+
+impl Changes {
+    /// All of them; --bus counts before a --set of the same.
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        let set: Overrides = self.set.iter().cloned().collect();
+        match self.bus {
+            Some(protocol) => set.on(protocol),
+            None => set,
+        }
+    }
+}
+
 /// Options of `build`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask build                  all nodes\n  \
     cargo xtask build steering drive   two of them\n  \
     cargo xtask build --json           the table as JSON, sizes in bytes\n  \
-    cargo xtask build --vehicle two-boards --bus event-triggered\n\n\
+    cargo xtask build --vehicle two-boards --bus event-triggered\n  \
+    cargo xtask build --vehicle row-follower --set rover.law=thesis --set rover.cruise=0.8\n\n\
     The target thumbv7em-none-eabihf is installed when it is missing.")]
 pub struct Build {
     /// Nodes to build [default: all]
@@ -79,9 +103,9 @@ pub struct Build {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
-    /// Protocol of the bus in place of the manifest's: time-triggered or event-triggered
-    #[arg(long, value_name = "PROTOCOL", value_parser = Protocol::named)]
-    pub bus: Option<Protocol>,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
     /// Print the table as JSON
     #[arg(long)]
     pub json: bool,
@@ -238,9 +262,9 @@ pub struct Sim {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
-    /// Protocol of the bus in place of the manifest's: time-triggered or event-triggered
-    #[arg(long, value_name = "PROTOCOL", value_parser = Protocol::named, conflicts_with_all = ["experiment", "list"])]
-    pub bus: Option<Protocol>,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
     /// Simulated time in seconds [default: the scenario's]
     #[arg(long, value_name = "N", value_parser = seconds, allow_hyphen_values = true)]
     pub seconds: Option<SimDuration>,
@@ -407,9 +431,9 @@ pub struct Schedulability {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
-    /// Protocol of the bus in place of the manifest's: time-triggered or event-triggered
-    #[arg(long, value_name = "PROTOCOL", value_parser = Protocol::named)]
-    pub bus: Option<Protocol>,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
     /// Print the results as JSON
     #[arg(long)]
     pub json: bool,
@@ -432,9 +456,9 @@ pub struct Priorities {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
-    /// Protocol of the bus in place of the manifest's: time-triggered or event-triggered
-    #[arg(long, value_name = "PROTOCOL", value_parser = Protocol::named)]
-    pub bus: Option<Protocol>,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
     /// Print the proposal as JSON
     #[arg(long)]
     pub json: bool,
@@ -591,6 +615,19 @@ mod tests {
     }
 
     #[test]
+    fn values_of_the_manifest_are_collected() {
+        let line =
+            "xtask build --set rover.law=thesis --bus event-triggered --set rover.cruise=0.8";
+        let Ok(Request::Run(Command::Build(build))) = words(line) else {
+            panic!("not read");
+        };
+        assert_eq!(
+            build.changes.overrides().to_string(),
+            "bus.protocol=event-triggered, rover.cruise=0.8, rover.law=thesis"
+        );
+    }
+
+    #[test]
     fn what_is_wrong_is_said_in_one_sentence() {
         for line in [
             "xtask flash",
@@ -620,6 +657,9 @@ mod tests {
             "xtask sim --faults 8 gps-lost",
             "xtask sim --faults 8 --shard 9/8",
             "xtask sim --shard 1/8",
+            "xtask sim --set",
+            "xtask build --set rover.law",
+            "xtask schedulability --set rover.law= --bus event-triggered",
             "xtask sim --list gps-lost",
             "xtask sim --list --seconds 3",
             "xtask sim --list --seed 3",

@@ -6,7 +6,7 @@ use std::{
 };
 
 use parts::Sled;
-use vehicle_model::{NodeIndex, Protocol, Vehicle, VehicleError};
+use vehicle_model::{NodeIndex, Overrides, Vehicle, VehicleError};
 
 use crate::Workspace;
 
@@ -90,17 +90,13 @@ pub fn find(workspace: &Workspace, name: &str) -> Result<Vehicle, Error> {
     Ok(Vehicle::find(&workspace.vehicles(), name)?)
 }
 
-/// Reads the vehicle of that name, with another protocol than its manifest says if one is given.
+/// Reads the vehicle of that name, with other values than its manifest has.
 ///
 /// # Errors
 ///
-/// There is none, its folder is wrong, or it cannot use the bus so.
-pub fn on_protocol(
-    workspace: &Workspace,
-    name: &str,
-    protocol: Option<Protocol>,
-) -> Result<Vehicle, Error> {
-    Ok(find(workspace, name)?.with_protocol(protocol)?)
+/// There is none, its folder is wrong, or one of the values makes no sense.
+pub fn with(workspace: &Workspace, name: &str, overrides: &Overrides) -> Result<Vehicle, Error> {
+    Ok(Vehicle::find_with(&workspace.vehicles(), name, overrides)?)
 }
 
 /// The only vehicle, which is therefore on this bus.

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use campaign::traffic::{Sent, Traffic};
 use twin::{Images, Twin, part::Pin};
-use vehicle_model::{NodeIndex, Protocol, Vehicle};
+use vehicle_model::{NodeIndex, Overrides, Protocol, Vehicle};
 use world::{Scenario, SimTime};
 use xtask::{Workspace, build, vehicle};
 
@@ -18,7 +18,8 @@ const RELAY: Pin = Pin::new('A', 8);
 
 fn two_boards(protocol: Protocol) -> Vehicle {
     let workspace = Workspace::find().unwrap();
-    vehicle::on_protocol(&workspace, "two-boards", Some(protocol)).unwrap()
+    let overrides = Overrides::default().on(protocol);
+    vehicle::with(&workspace, "two-boards", &overrides).unwrap()
 }
 
 fn built(vehicle: &Vehicle) -> Vec<build::Image> {

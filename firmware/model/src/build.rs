@@ -8,12 +8,11 @@ use std::{env, fs};
 use network_model::generate;
 
 use crate::design;
-use crate::manifest::Protocol;
+use crate::overrides::Overrides;
 use crate::vehicle::Vehicle;
 
-/// Environment variable that names a protocol in place of the manifest's: `time-triggered` or
-/// `event-triggered`.
-pub const PROTOCOL: &str = "FURROW_BUS";
+/// Environment variable with values in place of the manifest's: `KEY=VALUE`, separated by semicolons.
+pub const OVERRIDES: &str = "FURROW_SET";
 
 /// Generates the files that a vehicle's crate includes. The crate's folder is the vehicle's
 /// folder.
@@ -39,14 +38,10 @@ pub fn run() -> ExitCode {
     }
 }
 
-/// The protocol that the environment names.
-fn protocol() -> Result<Option<Protocol>, String> {
-    match env::var(PROTOCOL) {
-        Ok(name) => Protocol::named(&name)
-            .map(Some)
-            .map_err(|accepted| format!("{PROTOCOL} is {name:?}: {accepted}")),
-        Err(_) => Ok(None),
-    }
+/// The values that the environment names.
+fn overrides() -> Result<Overrides, String> {
+    let text = env::var(OVERRIDES).unwrap_or_default();
+    Overrides::parse(&text).map_err(|error| format!("{OVERRIDES}: {error}"))
 }
 
 fn write() -> Result<(), Box<dyn Error>> {
@@ -56,9 +51,9 @@ fn write() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-changed=vehicle.toml");
     println!("cargo::rerun-if-changed=network.dbc");
-    println!("cargo::rerun-if-env-changed={PROTOCOL}");
+    println!("cargo::rerun-if-env-changed={OVERRIDES}");
     println!("cargo::rustc-check-cfg=cfg(event_triggered)");
-    let vehicle = Vehicle::read(folder)?.with_protocol(protocol()?)?;
+    let vehicle = Vehicle::read_with(folder, &overrides()?)?;
     if vehicle.is_event_triggered() {
         println!("cargo::rustc-cfg=event_triggered");
     }

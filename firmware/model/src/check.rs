@@ -276,7 +276,7 @@ fn converter(node: &Node) -> Result<(), String> {
 ///
 /// # Errors
 /// Names what needs the schedule.
-pub fn protocol(manifest: &Manifest) -> Result<(), String> {
+fn protocol(manifest: &Manifest) -> Result<(), String> {
     if manifest.bus.protocol == Protocol::TimeTriggered {
         return Ok(());
     }

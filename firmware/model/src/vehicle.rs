@@ -10,6 +10,7 @@ use crate::check;
 use crate::design;
 use crate::error::VehicleError;
 use crate::manifest::{Device, Manifest, Node, Protocol};
+use crate::overrides::Overrides;
 use crate::text;
 
 /// Name of the manifest in a vehicle's folder.
@@ -28,8 +29,8 @@ pub struct Vehicle {
     folder: PathBuf,
     manifest: Manifest,
     network: Network,
-    /// The protocol that the manifest names, if another one is used.
-    replaced: Option<Protocol>,
+    /// Values in place of the manifest's.
+    overrides: Overrides,
 }
 
 impl Vehicle {
@@ -58,7 +59,19 @@ impl Vehicle {
     /// # Errors
     /// There is none of that name, or its folder is wrong.
     pub fn find(vehicles: &Path, name: &str) -> Result<Self, VehicleError> {
-        Self::read(&Self::folder_of(vehicles, name)?)
+        Self::find_with(vehicles, name, &Overrides::default())
+    }
+
+    /// The same with other values than its manifest has.
+    ///
+    /// # Errors
+    /// As [`Vehicle::find`], or one of the values makes no sense.
+    pub fn find_with(
+        vehicles: &Path,
+        name: &str,
+        overrides: &Overrides,
+    ) -> Result<Self, VehicleError> {
+        Self::read_with(&Self::folder_of(vehicles, name)?, overrides)
     }
 
     /// Path of the network file of the vehicle `name` below `vehicles`. Its folder is not read,
@@ -87,12 +100,21 @@ impl Vehicle {
     /// # Errors
     /// A file is missing, the source of a node included, or its contents make no sense.
     pub fn read(folder: &Path) -> Result<Self, VehicleError> {
+        Self::read_with(folder, &Overrides::default())
+    }
+
+    /// The same with other values than its manifest has.
+    ///
+    /// # Errors
+    /// As [`Vehicle::read`], or one of the values makes no sense.
+    pub fn read_with(folder: &Path, overrides: &Overrides) -> Result<Self, VehicleError> {
         let text = |file: &str| {
             let file = folder.join(file);
             fs::read_to_string(&file).map_err(|error| VehicleError::Unreadable { file, error })
         };
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
-        let vehicle = Self::parse(&name, folder, &text(MANIFEST)?, &text(NETWORK)?)?;
+        let (manifest, network) = (text(MANIFEST)?, text(NETWORK)?);
+        let vehicle = Self::parse_with(&name, folder, &manifest, &network, overrides)?;
         let mut nodes = vehicle.nodes();
         match nodes.find(|&node| !vehicle.source(node).is_file()) {
             None => Ok(vehicle),
@@ -114,14 +136,39 @@ impl Vehicle {
         manifest: &str,
         network: &str,
     ) -> Result<Self, VehicleError> {
+        Self::parse_with(name, folder, manifest, network, &Overrides::default())
+    }
+
+    /// The same with other values than the manifest has. Values that change nothing do not count as
+    /// such.
+    ///
+    /// # Errors
+    /// As [`Vehicle::parse`], or one of the values makes no sense.
+    pub fn parse_with(
+        name: &str,
+        folder: &Path,
+        manifest: &str,
+        network: &str,
+        overrides: &Overrides,
+    ) -> Result<Self, VehicleError> {
+        let file = folder.join(MANIFEST);
         let wrong = |what: String| VehicleError::Manifest {
-            file: folder.join(MANIFEST),
-            what,
+            file: file.clone(),
+            what: match overrides.is_empty() {
+                true => what,
+                false => format!("with {overrides}: {what}"),
+            },
         };
-        let syntax =
-            toml::Deserializer::parse(manifest).map_err(|error| wrong(syntax(manifest, &error)))?;
-        let manifest: Manifest = serde_path_to_error::deserialize(syntax)
-            .map_err(|error| wrong(field(manifest, &error)))?;
+        let own = read_manifest(manifest);
+        let (manifest, overrides) = if overrides.is_empty() {
+            (own.map_err(wrong)?, overrides)
+        } else {
+            let changed = changed_manifest(manifest, overrides).map_err(wrong)?;
+            match own {
+                Ok(own) if own == changed => (own, &Overrides::default()),
+                _ => (changed, overrides),
+            }
+        };
         let network = Network::parse(network).map_err(|error| VehicleError::Network {
             file: folder.join(NETWORK),
             what: error.to_string().replace('\n', "; "),
@@ -136,28 +183,10 @@ impl Vehicle {
             folder: folder.into(),
             manifest,
             network,
-            replaced: None,
+            overrides: overrides.clone(),
         };
         design::check(&vehicle).map_err(wrong)?;
         Ok(vehicle)
-    }
-
-    /// The same vehicle with another protocol than its manifest says; `None` changes nothing.
-    ///
-    /// # Errors
-    /// It cannot use the bus so.
-    pub fn with_protocol(mut self, protocol: Option<Protocol>) -> Result<Self, VehicleError> {
-        let named = self.replaced.unwrap_or(self.manifest.bus.protocol);
-        let used = protocol.unwrap_or(self.manifest.bus.protocol);
-        self.replaced = (used != named).then_some(named);
-        self.manifest.bus.protocol = used;
-        match check::protocol(&self.manifest) {
-            Ok(()) => Ok(self),
-            Err(what) => Err(VehicleError::Manifest {
-                file: self.manifest_file(),
-                what,
-            }),
-        }
     }
 
     /// When its messages are sent.
@@ -172,10 +201,10 @@ impl Vehicle {
         self.protocol() == Protocol::EventTriggered
     }
 
-    /// The protocol in place of the one that its manifest names; `None` if it is that one.
+    /// The values in place of its manifest's.
     #[must_use]
-    pub fn other_protocol(&self) -> Option<Protocol> {
-        self.replaced.map(|_| self.protocol())
+    pub fn overrides(&self) -> &Overrides {
+        &self.overrides
     }
 
     /// Its name: the name of its folder.
@@ -272,6 +301,20 @@ impl Vehicle {
         self.nodes()
             .find(|&node| self.node(node).connector(device).is_some())
     }
+}
+
+/// Reads the text of a manifest.
+fn read_manifest(text: &str) -> Result<Manifest, String> {
+    let manifest = toml::Deserializer::parse(text).map_err(|error| syntax(text, &error))?;
+    serde_path_to_error::deserialize(manifest).map_err(|error| field(text, &error))
+}
+
+/// Reads the text of a manifest with other values.
+fn changed_manifest(text: &str, overrides: &Overrides) -> Result<Manifest, String> {
+    let mut manifest: toml::Table = text.parse().map_err(|error| syntax(text, &error))?;
+    overrides.apply(&mut manifest)?;
+    // The errors have no place in the text.
+    serde_path_to_error::deserialize(manifest).map_err(|error| field(text, &error))
 }
 
 /// Why a text is not TOML: line, key and the parser's message, without the excerpt that it draws.

@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use vehicle_model::{Device, Protocol, Vehicle};
+use proptest::prelude::*;
+use vehicle_model::manifest::RowLaw;
+use vehicle_model::{Device, NodeIndex, Override, Overrides, Protocol, Vehicle};
 
 fn vehicles() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../vehicles")
@@ -515,7 +517,7 @@ fn two_boards(more: &str) -> Result<Vehicle, String> {
 fn a_vehicle_is_time_triggered_unless_its_manifest_says_otherwise() {
     assert_eq!(two_boards("").unwrap().protocol(), Protocol::TimeTriggered);
     let event = two_boards("[bus]\nprotocol = \"event-triggered\"\n").unwrap();
-    assert!(event.is_event_triggered() && event.other_protocol().is_none());
+    assert!(event.is_event_triggered() && event.overrides().is_empty());
     let wrong = two_boards("[bus]\nprotocol = \"both\"\n").unwrap_err();
     assert!(
         wrong.contains("bus.protocol: unknown variant `both`")
@@ -526,20 +528,115 @@ fn a_vehicle_is_time_triggered_unless_its_manifest_says_otherwise() {
     assert!(!wrong.contains('\n'));
 }
 
+/// `two-boards` with these values in place of its manifest's.
+fn two_boards_with(overrides: &str) -> Result<Vehicle, String> {
+    let folder = vehicles().join("two-boards");
+    let text = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+    let (manifest, network) = (text("vehicle.toml"), text("network.dbc"));
+    let overrides = Overrides::parse(overrides)?;
+    Vehicle::parse_with(
+        "boards",
+        Path::new("boards"),
+        &manifest,
+        &network,
+        &overrides,
+    )
+    .map_err(|error| error.to_string())
+}
+
 #[test]
-fn another_protocol_than_the_manifests_is_noted() {
-    let own = two_boards("").unwrap();
-    let same = own.clone().with_protocol(Some(Protocol::TimeTriggered));
-    assert_eq!(same.unwrap().other_protocol(), None);
-    let event = own.with_protocol(Some(Protocol::EventTriggered)).unwrap();
-    assert_eq!(event.other_protocol(), Some(Protocol::EventTriggered));
-    let kept = event.with_protocol(None).unwrap();
-    assert!(kept.is_event_triggered() && kept.other_protocol().is_some());
-    let back = kept.with_protocol(Some(Protocol::TimeTriggered)).unwrap();
+fn another_value_than_the_manifests_is_noted() {
+    let event = two_boards_with("bus.protocol=event-triggered").unwrap();
+    assert!(event.is_event_triggered());
     assert_eq!(
-        (back.protocol(), back.other_protocol()),
-        (Protocol::TimeTriggered, None)
+        event.overrides().to_string(),
+        "bus.protocol=event-triggered"
     );
+    let named = Overrides::default().on(Protocol::EventTriggered);
+    assert_eq!(event.overrides(), &named);
+    // The manifest has no table of the bus, but that is its protocol.
+    let same = two_boards_with("bus.protocol=time-triggered").unwrap();
+    assert!(same.overrides().is_empty() && !same.is_event_triggered());
+    let later = two_boards_with("bus.protocol=time-triggered;bus.protocol=event-triggered");
+    assert!(later.unwrap().is_event_triggered());
+}
+
+#[test]
+fn a_value_is_read_as_the_manifest_has_it() {
+    let rover = |overrides: &str| {
+        let overrides = Overrides::parse(overrides).unwrap();
+        let vehicle = Vehicle::find_with(&vehicles(), "row-follower", &overrides);
+        vehicle.map(|vehicle| *vehicle.manifest().rover.as_ref().unwrap())
+    };
+    let own = rover("").unwrap();
+    let fast = rover("rover.cruise=0.8;rover.law=thesis;rover.thesis.integral=0.5").unwrap();
+    assert_eq!((own.cruise.get(), own.law), (0.4, RowLaw::Furrow));
+    assert_eq!((fast.cruise.get(), fast.law), (0.8, RowLaw::Thesis));
+    assert_eq!(fast.thesis.integral, 0.5);
+    let (units, quoted) = (
+        rover("rover.cruise = 800 mm/s"),
+        rover("rover.cruise=\"0.8 m/s\""),
+    );
+    assert_eq!(units.unwrap().cruise.get(), 0.8);
+    assert_eq!(quoted.unwrap().cruise.get(), 0.8);
+    let board = two_boards_with("node.1.board=f303").unwrap();
+    assert_eq!(board.node(NodeIndex(1)).board, "f303");
+}
+
+#[test]
+fn a_value_that_makes_no_sense_gets_one_sentence() {
+    for (overrides, sentence) in [
+        (
+            "bus.protocol=both",
+            "boards/vehicle.toml: with bus.protocol=both: bus.protocol: unknown variant `both`",
+        ),
+        (
+            "bus.way=x",
+            "boards/vehicle.toml: with bus.way=x: bus.way: unknown field `way`",
+        ),
+        ("summary.of.it=1", "summary.of.it=1: summary is no table"),
+        (
+            "node.7.board=f303",
+            "node has no entry 7: it has 2, counted from 0",
+        ),
+        ("node.first.board=f303", "node has no entry first"),
+        ("node.0.board=f407", "with node.0.board=f407: "),
+        ("summary", "it has no ="),
+        ("a b=1", "\"a b\" is no key"),
+        ("summary=", "it has no value"),
+    ] {
+        let error = two_boards_with(overrides).unwrap_err();
+        assert!(error.contains(sentence), "{error}");
+        assert!(!error.contains('\n'), "{error}");
+    }
+}
+
+#[test]
+fn each_set_of_values_has_a_folder_name_of_its_own() {
+    let name = |text: &str| Overrides::parse(text).unwrap().folder_name();
+    assert_eq!(
+        name("rover.law=thesis;rover.cruise=0.8"),
+        "rover.cruise=0.8,rover.law=thesis"
+    );
+    let (slash, blank) = (name("rover.cruise=1 m/s"), name("rover.cruise=1/m s"));
+    assert!(slash.starts_with("rover.cruise=1-m-s+"), "{slash}");
+    assert_ne!(slash, blank);
+    let long = |end: &str| name(&format!("summary={}{end}", "x".repeat(300)));
+    assert!(long("a").len() < 120 && long("a") != long("b"));
+}
+
+proptest! {
+    #[test]
+    fn overrides_come_back_from_the_environment(
+        all in proptest::collection::vec(("[a-z_]{1,8}(\\.[a-z0-9_-]{1,8}){0,3}", "[^;\\p{C}]{1,20}"), 0..5),
+    ) {
+        let all: Vec<_> = all.iter().filter(|(_, value)| !value.trim().is_empty()).collect();
+        let overrides: Overrides = all
+            .iter()
+            .map(|(key, value)| Override::parse(&format!("{key}={value}")).unwrap())
+            .collect();
+        prop_assert_eq!(Overrides::parse(&overrides.environment()).unwrap(), overrides);
+    }
 }
 
 #[test]

@@ -161,7 +161,7 @@ fn needed<T>(vehicle: &Vehicle, what: &'static str, found: Option<T>) -> Result<
 /// There is no such vehicle or experiment, or the output folder is wrong (exit code 2); an
 /// image does not build or run, or an aim is missed.
 pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
-    let vehicle = &vehicle::find(workspace, &options.vehicle)?;
+    let vehicle = &vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let experiment = Experiment::find(name)?;
     let numbers = Numbers::of(vehicle)?;
     let rate = SteeringRate::of(vehicle)?;

@@ -113,7 +113,7 @@ impl Error {
 /// source is wrong (exit code 2), an image does not build, or a deadline
 /// does not hold.
 pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failure> {
-    let vehicle = vehicle::on_protocol(workspace, &options.vehicle, options.bus)?;
+    let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
     // Wrong input is reported before a build that takes time.
     let models = models(workspace, &vehicle, &nodes)?;
@@ -150,7 +150,7 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
 /// Something in the table, in the network file or in a source is wrong, or the
 /// image of a node that differs does not build.
 pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(), Failure> {
-    let vehicle = vehicle::on_protocol(workspace, &options.vehicle, options.bus)?;
+    let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let all: Vec<NodeIndex> = vehicle.nodes().collect();
     let models = models(workspace, &vehicle, &all)?;
     let differ: Vec<NodeIndex> = all

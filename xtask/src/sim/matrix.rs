@@ -129,7 +129,7 @@ fn micros(us: u32) -> SimDuration {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vehicle_model::Protocol;
+    use vehicle_model::{Overrides, Protocol};
     use world::SimTime;
 
     fn matrix() -> Matrix {
@@ -153,8 +153,8 @@ mod tests {
     #[test]
     fn nodes_that_send_at_once_have_no_windows_to_keep_to() {
         let workspace = crate::Workspace::find().unwrap();
-        let protocol = Some(Protocol::EventTriggered);
-        let vehicle = crate::vehicle::on_protocol(&workspace, "two-boards", protocol).unwrap();
+        let event = Overrides::default().on(Protocol::EventTriggered);
+        let vehicle = crate::vehicle::with(&workspace, "two-boards", &event).unwrap();
         let windows = Matrix::new(&vehicle).windows;
         let ids: Vec<u16> = windows.iter().map(|window| window.id).collect();
         assert!(ids.contains(&300) && !ids.contains(&100), "{ids:?}");

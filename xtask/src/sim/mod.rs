@@ -121,7 +121,7 @@ pub enum SourceError {
 /// The scenario or the output folder is wrong (exit code 2), or an image
 /// does not build or run.
 pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
-    let vehicle = vehicle::on_protocol(workspace, &options.vehicle, options.bus)?;
+    let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     if let Some(sequences) = options.faults {
         if vehicle.is_event_triggered() {
             return Err(Error::NoRules.into());
