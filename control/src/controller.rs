@@ -341,6 +341,11 @@ impl<T: Scalar> Controller<T> {
         self.estimator.set_gps_delay(delay);
     }
 
+    /// Slews commands from `last` on, which something else has sent to the actuators.
+    pub fn resume(&mut self, last: Command<T>) {
+        self.safety.resume(last);
+    }
+
     /// The path being followed.
     #[must_use]
     pub fn path(&self) -> &Path<T> {

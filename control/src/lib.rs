@@ -42,4 +42,5 @@ pub mod row;
 pub mod safety;
 pub mod scalar;
 pub mod schedule;
+pub mod takeover;
 pub mod vehicle;

@@ -80,6 +80,11 @@ impl<T: Scalar> SafetyFilter<T> {
         self.last
     }
 
+    /// Slews from `last` on, which something else has sent to the actuators.
+    pub fn resume(&mut self, last: Command<T>) {
+        self.last = last;
+    }
+
     /// Returns the safe command nearest to `proposed`, which is `age` seconds old,
     /// and what was done to it. `steering_angle` is the measured angle (rad),
     /// `dt` the time since the last call (s).

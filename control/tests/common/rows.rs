@@ -204,7 +204,7 @@ impl Field {
     }
 
     /// Distance along a ray to the first disc; 4 m without one.
-    fn ray(&self, x: f64, y: f64, angle: f64) -> f64 {
+    pub(crate) fn ray(&self, x: f64, y: f64, angle: f64) -> f64 {
         let (sine, cosine) = angle.sin_cos();
         let (along, ..) = self.locate(x, y);
         let mut nearest = 4.0_f64;
