@@ -32,6 +32,9 @@
 //! | `WindowRepeat`, `WindowOffset` | message | in which basic cycles: repeat factor and first cycle | 1..64, 0..63 |
 //! | `FurtherWindows` | message | more windows of an exclusive message: `start repeat offset` of each, commas between them | us, 1..64, 0..63 |
 //!
+//! What is only sometimes on the bus may stand in a file of its own, a supplement, which
+//! [`supplemented`] adds to the network file.
+//!
 //! Messages that share an arbitrating window state the same window. The
 //! reference message of a master of rank r has the identifier of rank 0 plus r;
 //! which of its bytes the protocol writes, [`Reference`] tells.
@@ -45,6 +48,7 @@ mod parse;
 mod problem;
 mod reference;
 mod signal;
+mod supplement;
 
 pub use edit::{Assigned, Assignment};
 pub use frame::worst_case_bits;
@@ -54,3 +58,4 @@ pub use network::{
 pub use problem::{Problem, Problems};
 pub use reference::Reference;
 pub use signal::{ByteOrder, Piece, Signal};
+pub use supplement::supplemented;
