@@ -253,7 +253,9 @@ pub enum Kind {
     cargo xtask sim --faults 200                   random faults; --shard 1/8 for an eighth of them\n\n\
     Experiments:\n  \
     thesis-7   the track tests of the thesis, chapter 7, with its control law for comparison;\n             \
-    exit code 1 and the names of the aims that are missed")]
+    exit code 1 and the names of the aims that are missed\n  \
+    row-limits how long a gap and how many leaves a row follower drives through, with its\n             \
+    law alone; with --out also the picture row-limits.svg")]
 pub struct Sim {
     /// Name of one of the vehicle's scenarios, or the path of a TOML file [default: the
     /// vehicle's straight-line, or its first scenario]

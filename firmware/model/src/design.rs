@@ -19,7 +19,8 @@ use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, T
 use crate::vehicle::Vehicle;
 
 /// A rover and its rows as the control law knows them.
-pub(crate) fn robot(rover: &Rover) -> RowRobot {
+#[must_use]
+pub fn robot(rover: &Rover) -> RowRobot {
     let direction = calibration::Direction {
         dead_band: rover.motors.dead_band.get(),
         full_rate: rover.motors.full_speed.get(),

@@ -23,7 +23,7 @@ pub mod text;
 pub mod units;
 mod vehicle;
 
-pub use design::{description, drive, limits, potentiometer, steering};
+pub use design::{description, drive, limits, potentiometer, robot, steering};
 pub use error::VehicleError;
 pub use manifest::{BackupMaster, Device, Machine, Manifest, Node, Protocol, Remote};
 pub use overrides::{Override, Overrides};

@@ -169,6 +169,7 @@ mod tests {
         for experiment in ALL {
             assert!(help.contains(experiment.name), "{}", experiment.name);
         }
+        assert!(help.contains(super::super::row_limits::NAME));
     }
 
     #[test]

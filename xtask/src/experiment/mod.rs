@@ -6,6 +6,7 @@ pub mod case;
 pub mod measure;
 pub mod quick;
 mod report;
+pub mod row_limits;
 
 use std::{
     fmt::Write as _,
@@ -19,7 +20,10 @@ use std::{
     time::Duration,
 };
 
-use control::{controller::SettingsError, dubins::DubinsError, line::LineError, vehicle::Refusal};
+use control::{
+    controller::SettingsError, dubins::DubinsError, line::LineError, row::RowSettingsError,
+    vehicle::Refusal,
+};
 use twin::{Images, Options, TwinError};
 use vehicle_model::{NodeIndex, Vehicle};
 use world::{
@@ -57,6 +61,9 @@ pub enum Error {
         /// Table, field or device of the manifest.
         what: &'static str,
     },
+    /// No law can be made of a rover's numbers.
+    #[error("the rover: {0}")]
+    Rover(#[from] RowSettingsError),
     /// A case's scenario is wrong.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
@@ -145,7 +152,8 @@ pub enum RunError {
 
 /// The names of the experiments.
 fn known() -> String {
-    let names: Vec<&str> = case::ALL.iter().map(|experiment| experiment.name).collect();
+    let mut names: Vec<&str> = case::ALL.iter().map(|experiment| experiment.name).collect();
+    names.push(row_limits::NAME);
     names.join(", ")
 }
 
@@ -162,6 +170,9 @@ fn needed<T>(vehicle: &Vehicle, what: &'static str, found: Option<T>) -> Result<
 /// image does not build or run, or an aim is missed.
 pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
     let vehicle = &vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
+    if name == row_limits::NAME {
+        return row_limits::run(vehicle, options);
+    }
     let experiment = Experiment::find(name)?;
     let numbers = Numbers::of(vehicle)?;
     let rate = SteeringRate::of(vehicle)?;
@@ -176,7 +187,7 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
         .collect::<Result<Vec<_>, _>>()?;
     let jobs = jobs(vehicle, &scenarios, options);
     let figures = if options.quick {
-        run_all(&jobs, &|job: &Job| job.run_quickly(&numbers))?
+        run_all(&jobs, &Job::name, &|job| job.run_quickly(&numbers))?
     } else {
         let matrix = Matrix::new(vehicle);
         // The plain image first: the one built last stays in the target folder and is the one to
@@ -185,7 +196,7 @@ pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failu
         let furrow = sim::images(workspace, vehicle)?;
         let plain = furrow.clone().with(controller, plain);
         let images = [furrow, plain];
-        run_all(&jobs, &|job: &Job| {
+        run_all(&jobs, &Job::name, &|job| {
             job.run(&images[job.law], &matrix, &rate)
         })?
     };
@@ -284,6 +295,10 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
+    fn name(&self) -> String {
+        format!("{} with seed {}", self.scenario.name, self.seed)
+    }
+
     fn failed(&self, why: RunError) -> Error {
         Error::Run {
             scenario: self.scenario.name.clone(),
@@ -343,12 +358,13 @@ impl Job<'_> {
     }
 }
 
-/// Does all runs, as many at a time as there are processors. The result of a run depends on its
-/// job alone, not on the thread or the order.
-fn run_all<'a>(
-    jobs: &[Job<'a>],
-    make: &(dyn Fn(&Job<'a>) -> Result<Figures, Error> + Sync),
-) -> Result<Vec<Figures>, Error> {
+/// Does all runs, as many at a time as there are processors, and shows how far they are: `name` says
+/// which one is done. The result of a run depends on its job alone, not on the thread or the order.
+fn run_all<J: Sync, T: Send>(
+    jobs: &[J],
+    name: &(dyn Fn(&J) -> String + Sync),
+    make: &(dyn Fn(&J) -> Result<T, Error> + Sync),
+) -> Result<Vec<T>, Error> {
     let next = AtomicUsize::new(0);
     let done = Mutex::new((Vec::new(), Display::new()));
     let work = || {
@@ -361,7 +377,7 @@ fn run_all<'a>(
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
             let (done, display) = &mut *done;
             done.push((number, figures));
-            display.show(|wall| progress(job, done.len(), jobs.len(), wall));
+            display.show(|wall| progress(&name(job), done.len(), jobs.len(), wall));
             if failed {
                 // After a failure, the remaining runs are of no use.
                 next.store(jobs.len(), Ordering::Relaxed);
@@ -380,13 +396,10 @@ fn run_all<'a>(
     done.into_iter().map(|(_, figures)| figures).collect()
 }
 
-/// How far the runs are after `wall`.
-fn progress(job: &Job, done: usize, all: usize, wall: Duration) -> String {
+/// How far the runs are after `wall`; `last` is the one that was done last.
+fn progress(last: &str, done: usize, all: usize, wall: Duration) -> String {
     let left = wall.as_secs_f64() / done as f64 * (all - done) as f64 / 60.0;
-    format!(
-        "{done} of {all} runs, {} with seed {} last, {left:.0} min left",
-        job.scenario.name, job.seed
-    )
+    format!("{done} of {all} runs, {last} last, {left:.0} min left")
 }
 
 /// One line for each run.

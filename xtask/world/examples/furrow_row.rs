@@ -6,7 +6,8 @@
 #[path = "../tests/furrow_law/mod.rs"]
 mod furrow_law;
 
-use furrow_law::{Field, Outcome, drive};
+use furrow_law::{Field, drive};
+use world::row_drive::Followed;
 
 fn main() {
     let mut seeds = std::env::args().skip(1).map_while(|text| text.parse().ok());
@@ -14,7 +15,7 @@ fn main() {
     let last: u64 = seeds.next().unwrap_or(first + 99);
     println!(
         "{:44} {:>5} {:>9} {:>9} {:>7} {:>9} {:>6}",
-        "", "m/s", "offset cm", "largest", "way m", "contacts", "stops"
+        "", "m/s", "offset cm", "largest", "way m", "failures", "v m/s"
     );
     let full = Field::FULL;
     let fields = [
@@ -52,21 +53,20 @@ fn main() {
     for (name, field) in fields {
         let row = field.row();
         for speed in [0.4, 0.8] {
-            let runs: Vec<Outcome> = (first..=last)
+            let runs: Vec<Followed> = (first..=last)
                 .map(|seed| drive(&row, speed, seed))
                 .collect();
-            let sum = |value: fn(&Outcome) -> f64| runs.iter().map(value).sum::<f64>();
-            let count = |is: fn(&&Outcome) -> bool| runs.iter().filter(is).count();
+            let sum = |value: fn(&Followed) -> f64| runs.iter().map(value).sum::<f64>();
             println!(
-                "{name:44} {speed:>5} {:>9.2} {:>9.1} {:>7.0} {:>9} {:>6}",
+                "{name:44} {speed:>5} {:>9.2} {:>9.1} {:>7.0} {:>9} {:>6.2}",
                 100.0 * sum(|run| run.offset) / runs.len().max(1) as f64,
                 100.0
                     * runs
                         .iter()
                         .fold(0.0, |most: f64, run| most.max(run.largest)),
                 sum(|run| run.way),
-                count(|run| run.touched),
-                count(|run| run.stopped),
+                runs.iter().filter(|run| run.failed()).count(),
+                sum(|run| run.way) / sum(|run| run.time),
             );
         }
     }

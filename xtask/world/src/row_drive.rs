@@ -5,12 +5,12 @@
 
 use std::collections::VecDeque;
 
-use crate::distance::{self, Beam, DistanceSensor, Fault};
+use crate::distance::{self, Beam, DistanceSensor, Fault, metres};
 use crate::rover::{self, Axles, Mount, Rover, Side, State, Terrain};
 use crate::rows::{Contact, Footprint, Rows};
 use crate::scenario::Row;
-use crate::time::{START, SimDuration, SimTime, after};
-use crate::victor::Victor;
+use crate::time::{START, SimDuration, SimTime, after, at, from_seconds};
+use crate::victor::{FULL, NEUTRAL, Victor};
 use crate::world::RECORD_PERIOD;
 
 /// Both sides, in the order of every pair.
@@ -343,7 +343,97 @@ impl RowDrive {
     }
 }
 
-/// Sends a pulse of `width` seconds that begins at `begin`; for tests and examples.
+/// Distance before the end of the row at which [`follow`] ends, metres. The sensors look farther ahead.
+const LAST_METRE: f64 = 1.0;
+
+/// Largest distance on the bus, centimetres (thesis 2.2.4.2).
+const LARGEST_DISTANCE: f64 = 150.0;
+
+/// What a robot's nodes do together, for a drive without a bus.
+#[derive(Copy, Clone, Debug)]
+pub struct Chain {
+    /// Period of the control step, seconds.
+    pub period: f64,
+    /// From the sample to the beginning of the servo pulse, seconds.
+    pub latency: f64,
+    /// After this time the drive ends, seconds.
+    pub longest: f64,
+}
+
+/// What a drive came to.
+#[derive(Copy, Clone, Debug, Default, PartialEq)]
+pub struct Followed {
+    /// Mean distance from the middle of the row, metres.
+    pub offset: f64,
+    /// The largest one, metres.
+    pub largest: f64,
+    /// Way along the row, metres.
+    pub way: f64,
+    /// How long it took, seconds.
+    pub time: f64,
+    /// Whether the robot touched something.
+    pub touched: bool,
+    /// Whether its law stopped it before the end of the row.
+    pub stopped: bool,
+    /// Whether its middle left the row, through a gap.
+    pub left: bool,
+}
+
+impl Followed {
+    /// Whether the robot did not come to the end of the row.
+    #[must_use]
+    pub fn failed(&self) -> bool {
+        self.touched || self.stopped || self.left
+    }
+}
+
+/// Drives along the row until a metre before its end, until a contact, until the robot is not between its
+/// rows any more, or until the law stops it.
+///
+/// `law` gets the distances to the left and to the right row as they are on the bus, in whole centimetres
+/// up to 150, and returns the efforts of both sides, -1 to 1, or `None` to stop.
+pub fn follow(
+    drive: &mut RowDrive,
+    chain: &Chain,
+    mut law: impl FnMut([u8; 2]) -> Option<[f64; 2]>,
+) -> Followed {
+    let (mut followed, mut count) = (Followed::default(), 0.0);
+    for step in 1..=(chain.longest / chain.period) as u32 {
+        followed.time = f64::from(step) * chain.period;
+        let now = at(from_seconds(followed.time));
+        drive.advance_to(now);
+        let Some(&sample) = drive.samples().last() else {
+            continue;
+        };
+        followed.way = sample.station - drive.start();
+        followed.touched = drive.contact().is_some();
+        followed.left = sample.right.abs() > drive.rows().width_at(sample.station) / 2.0;
+        if followed.failed() || sample.station > drive.rows().length() - LAST_METRE {
+            break;
+        }
+        count += 1.0;
+        followed.offset += sample.right.abs();
+        followed.largest = followed.largest.max(sample.right.abs());
+        let read = |side| {
+            let counts = (drive.volts(side, now) / 3.3 * 4095.0).round().min(4095.0);
+            let distance = metres(counts / 4095.0 * 3.3) * 100.0;
+            distance.round().clamp(0.0, LARGEST_DISTANCE) as u8
+        };
+        // The sensor on the right measures the left row.
+        let Some(efforts) = law([read(Side::Right), read(Side::Left)]) else {
+            followed.stopped = true;
+            break;
+        };
+        let begin = at(from_seconds(followed.time + chain.latency));
+        for (side, effort) in SIDES.into_iter().zip(efforts) {
+            pulse(drive, side, begin, NEUTRAL + effort * FULL);
+        }
+    }
+    followed.offset /= f64::max(count, 1.0);
+    followed
+}
+
+/// Sends a pulse of `width` seconds that begins at `begin`.
 pub fn pulse(drive: &mut RowDrive, side: Side, begin: SimTime, width: f64) {
     let width = SimDuration::from_ticks((width * crate::time::PER_SECOND as f64).round() as u64);
     drive.pulse_edge(side, begin.max(START), true);

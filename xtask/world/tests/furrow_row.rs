@@ -2,26 +2,26 @@
 
 mod furrow_law;
 
-use furrow_law::{Field, Outcome, drive};
+use furrow_law::{Field, drive};
+use world::row_drive::Followed;
 
 /// Seeds that the settings were not fitted on.
 const SEEDS: std::ops::RangeInclusive<u64> = 1001..=1020;
 
 /// Outcomes of all seeds at both speeds.
-fn runs(field: &Field) -> Vec<Outcome> {
+fn runs(field: &Field) -> Vec<Followed> {
     let row = field.row();
     let speeds = [0.4, 0.8].into_iter();
     let runs = speeds.flat_map(|speed| SEEDS.map(move |seed| (speed, seed)));
     runs.map(|(speed, seed)| drive(&row, speed, seed)).collect()
 }
 
-fn offset(runs: &[Outcome]) -> f64 {
+fn offset(runs: &[Followed]) -> f64 {
     runs.iter().map(|run| run.offset).sum::<f64>() / runs.len() as f64
 }
 
-fn failed(runs: &[Outcome]) -> usize {
-    let failed = runs.iter().filter(|run| run.touched || run.stopped);
-    failed.count()
+fn failed(runs: &[Followed]) -> usize {
+    runs.iter().filter(|run| run.failed()).count()
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod bus;
 mod figures;
 mod folder;
 mod guidance;
+mod map;
 mod plot;
 mod rover;
 mod row;
@@ -26,6 +27,7 @@ pub use figures::{
     TakeoverFigures, TaskFigures, WindowFigures,
 };
 pub use folder::{FolderError, OutputFolder};
+pub use map::{MapAxis, MapCell, MapPanel, MapPicture, map_svg};
 pub use rover::{ContactFigures, DistancePair, RoverFigures, RoverRun, rover_csv, rover_svg};
 pub use row::{RowPicture, row_svg};
 pub use states::states_csv;

@@ -91,7 +91,7 @@ impl Canvas {
         ));
     }
 
-    fn rotated(&mut self, x: f64, y: f64, text: &str) {
+    pub(super) fn rotated(&mut self, x: f64, y: f64, text: &str) {
         let text = escape(text);
         self.add(format_args!(
             r#"<text transform="translate({x:.1} {y:.1}) rotate(-90)" font-size="12" text-anchor="middle" fill="{}">{text}</text>"#,

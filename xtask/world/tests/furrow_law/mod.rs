@@ -7,11 +7,10 @@
 
 use control::calibration::{Actuator, Direction};
 use control::row::{Mounting, RowController, RowDistances, RowRobot, RowSettings, RowState, Sides};
-use world::distance::{self, metres};
-use world::rover::{self, Mount, Side, Terrain};
-use world::row_drive::{RowDrive, Setting, pulse};
+use world::distance;
+use world::rover::{self, Mount, Terrain};
+use world::row_drive::{Chain, Followed, RowDrive, Setting, follow};
 use world::scenario::{Limits, Row};
-use world::time::{at, from_seconds};
 
 /// Period of the control step, seconds.
 const PERIOD: f64 = 0.005;
@@ -116,23 +115,8 @@ pub(crate) fn robot(speed: f64) -> RowRobot {
     }
 }
 
-/// What a drive came to.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Outcome {
-    /// Mean distance from the middle of the row, metres.
-    pub(crate) offset: f64,
-    /// The largest one, metres.
-    pub(crate) largest: f64,
-    /// Way along the row, metres.
-    pub(crate) way: f64,
-    /// Whether the robot touched something.
-    pub(crate) touched: bool,
-    /// Whether it stopped by itself before the end of the row.
-    pub(crate) stopped: bool,
-}
-
-/// Drives along the row until a metre before its end, until a contact, or until the robot stops.
-pub(crate) fn drive(row: &Row, speed: f64, seed: u64) -> Outcome {
+/// Drives along the row at `speed` (m/s).
+pub(crate) fn drive(row: &Row, speed: f64, seed: u64) -> Followed {
     let setting = Setting {
         row,
         rover: rover::Parameters::default(),
@@ -141,48 +125,19 @@ pub(crate) fn drive(row: &Row, speed: f64, seed: u64) -> Outcome {
         distance: distance::Parameters::default(),
         driver_clocks: [0.0; 2],
     };
-    let mut drive = RowDrive::new(&setting, seed);
     let settings = RowSettings::<f32>::for_robot(&robot(speed)).expect("the robot is right");
     let mut controller = RowController::new(settings).expect("the settings are right");
-    let (mut outcome, mut count) = (Outcome::default(), 0.0);
-    // Four times as long as at full speed.
-    for step in 1..=(4.0 * row.length() / speed / PERIOD) as u32 {
-        let seconds = f64::from(step) * PERIOD;
-        let now = at(from_seconds(seconds));
-        drive.advance_to(now);
-        let Some(&sample) = drive.samples().last() else {
-            continue;
-        };
-        outcome.way = sample.station - drive.start();
-        if drive.contact().is_some() || sample.station > drive.rows().length() - 1.0 {
-            break;
-        }
-        count += 1.0;
-        outcome.offset += sample.right.abs();
-        outcome.largest = outcome.largest.max(sample.right.abs());
-        let read = |side| {
-            let counts = (drive.volts(side, now) / 3.3 * 4095.0).round().min(4095.0);
-            let distance = metres(counts / 4095.0 * 3.3) * 100.0;
-            (distance.round().clamp(0.0, 150.0) / 100.0) as f32
-        };
-        // The sensor on the right measures the left row.
-        let distances = RowDistances {
-            left: read(Side::Right),
-            right: read(Side::Left),
-        };
-        let command = controller.command(&distances, true, PERIOD as f32);
-        controller.correct();
-        if command.state != RowState::Following {
-            outcome.stopped = true;
-            break;
-        }
-        let begin = at(from_seconds(seconds + LATENCY));
-        let efforts = command.efforts;
-        for (side, effort) in [(Side::Left, efforts.left), (Side::Right, efforts.right)] {
-            pulse(&mut drive, side, begin, 1.5e-3 + f64::from(effort) * 0.5e-3);
-        }
-    }
-    outcome.touched = drive.contact().is_some();
-    outcome.offset /= f64::max(count, 1.0);
-    outcome
+    let chain = Chain {
+        period: PERIOD,
+        latency: LATENCY,
+        // Four times as long as at full speed.
+        longest: 4.0 * row.length() / speed,
+    };
+    follow(&mut RowDrive::new(&setting, seed), &chain, |distances| {
+        let [left, right] = distances.map(|distance| f32::from(distance) / 100.0);
+        let distances = RowDistances { left, right };
+        let step = controller.step(&distances, true, PERIOD as f32);
+        let Sides { left, right } = step.efforts;
+        (step.state == RowState::Following).then(|| [left, right].map(f64::from))
+    })
 }
