@@ -24,8 +24,12 @@
 //! of that age are of no use.
 //!
 //! # Supervision
-//! The window timer fires once in each basic cycle ([`Link::service`]). It drops frames and commands
-//! that are too old, and shows the watchdog that the timer works. No message waits for it.
+//! The window timer fires once in each basic cycle ([`Link::service`]), and shows the watchdog that it
+//! works. Every few cycles the node drops frames and commands that are too old ([`Link::tidy`]). No
+//! message waits for either.
+//!
+//! A node takes the frames of those messages only that the network file says it receives; the filter
+//! of its controller keeps others from it.
 
 use network::{MISSED_PERIODS, Message};
 use sled_common::can::{ErrorState, MAILBOXES, Occupied, Outcome, Received};
@@ -54,6 +58,8 @@ pub struct Route {
     pub sender: NodeId,
     /// Its period: that of its window in the matrix.
     pub period: Micros,
+    /// How many messages of the same sender come before it in the matrix.
+    pub place: u8,
 }
 
 /// The messages of a matrix, one place for each of its windows. A window that is not exclusive, and
@@ -83,11 +89,26 @@ pub const fn routes<const WINDOWS: usize>(matrix: &SystemMatrix<'_>) -> [Option<
                 len,
                 sender,
                 period: Micros::micros(cycle.saturating_mul(repeat as u32)),
+                place: count(&routes, sender),
             });
         }
         at += 1;
     }
     routes
+}
+
+/// How many of the routes are a node's.
+const fn count(routes: &[Option<Route>], node: NodeId) -> u8 {
+    let (mut at, mut count) = (0, 0);
+    while at < routes.len() {
+        if let Some(route) = &routes[at]
+            && route.sender.0 == node.0
+        {
+            count += 1;
+        }
+        at += 1;
+    }
+    count
 }
 
 /// Whether one of the routes has this identifier.
@@ -147,6 +168,8 @@ pub struct Identity<const WINDOWS: usize> {
     pub node: NodeId,
     /// The event message that the node waits for: the request for its self-test.
     pub awaited: Id,
+    /// Standard identifiers of the messages that it receives. The controller takes no others.
+    pub received: &'static [u16],
 }
 
 /// A frame that is to be sent.
@@ -168,25 +191,23 @@ impl Waiting {
 /// The place of one message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Place {
-    /// Whose place it is; `None` until a first frame claims it.
+    /// Whose place it is; `None` until it is claimed.
     id: Option<Id>,
-    waiting: Option<Waiting>,
-    /// In a mailbox.
-    sending: Option<Waiting>,
+    /// Its newest frame. The controller has a copy of one that is in a mailbox.
+    newest: Option<Waiting>,
+    /// The newest frame is not in a mailbox, and is to be sent.
+    waits: bool,
+    /// The newest frame is in a mailbox, or an older one that leaves it.
+    sending: bool,
 }
 
 impl Place {
     const FREE: Self = Self {
         id: None,
-        waiting: None,
-        sending: None,
+        newest: None,
+        waits: false,
+        sending: false,
     };
-
-    /// The identifier of a frame that waits and may go into a mailbox.
-    fn ready(&self) -> Option<Id> {
-        self.id
-            .filter(|_| self.waiting.is_some() && self.sending.is_none())
-    }
 }
 
 /// The frames of a node that are to be sent: of each of up to `PLACES` identifiers, one that waits
@@ -200,9 +221,21 @@ pub struct Outbox<const PLACES: usize> {
 /// The frame in a mailbox.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Loaded {
+    id: Id,
     place: u8,
     /// It is being withdrawn.
     leaving: bool,
+}
+
+/// What a frame that has come to wait needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// This mailbox is free for it.
+    Load(usize),
+    /// The frame in this mailbox gives way.
+    Withdraw(usize),
+    /// Nothing: a mailbox becomes free.
+    Patience,
 }
 
 impl<const PLACES: usize> Default for Outbox<PLACES> {
@@ -220,21 +253,67 @@ impl<const PLACES: usize> Outbox<PLACES> {
         }
     }
 
-    /// Lets a frame wait. It replaces one of its identifier that waits already; then the result is
-    /// true.
+    /// The place of an identifier. The places are claimed in order.
     ///
     /// # Errors
     /// [`QueueError::Full`]: all places belong to other identifiers.
     // Not inlined, so that the analysis finds the bounds of its loops.
     #[inline(never)]
-    pub fn insert(&mut self, new: Waiting) -> Result<bool, QueueError> {
-        let id = Some(new.frame.id());
-        let mut places = self.places.iter_mut();
-        // Places are claimed in order, so a free one has no owner behind it.
-        let place = places.find(|place| place.id == id || place.id.is_none());
-        let place = place.ok_or(QueueError::Full)?;
-        place.id = id;
-        Ok(place.waiting.replace(new).is_some())
+    pub fn claim(&mut self, id: Id) -> Result<usize, QueueError> {
+        let mut places = self.places.iter_mut().enumerate();
+        let found = places.find(|(_, place)| place.id.is_none_or(|owner| owner == id));
+        let (at, place) = found.ok_or(QueueError::Full)?;
+        place.id = Some(id);
+        Ok(at)
+    }
+
+    /// Drops all frames. The places keep their owners.
+    pub fn clear(&mut self) {
+        for place in &mut self.places {
+            (place.waits, place.sending) = (false, false);
+        }
+        self.mailboxes = [None; MAILBOXES];
+    }
+
+    /// Lets a frame wait, at its place. It replaces one that waits there already; then the first
+    /// result is true.
+    #[inline]
+    pub fn insert(&mut self, place: usize, new: Waiting) -> (bool, Need) {
+        let Some(slot) = self.places.get_mut(place) else {
+            return (false, Need::Patience);
+        };
+        let replaced = slot.waits;
+        (slot.newest, slot.waits) = (Some(new), true);
+        let id = new.frame.id();
+        if !slot.sending {
+            if let Some(mailbox) = self.mailboxes.iter().position(Option::is_none) {
+                return (replaced, Need::Load(mailbox));
+            }
+            return (replaced, self.less_urgent(id));
+        }
+        // An older frame of the same message gives way.
+        let older = |loaded: &Option<Loaded>| loaded.is_some_and(|loaded| loaded.id == id);
+        let need = match self.mailboxes.iter().position(older) {
+            Some(mailbox) => Need::Withdraw(mailbox),
+            None => Need::Patience,
+        };
+        (replaced, need)
+    }
+
+    /// The mailbox with the least urgent frame that is not being withdrawn, if it is less urgent than
+    /// this identifier.
+    #[inline(never)]
+    fn less_urgent(&self, id: Id) -> Need {
+        let (mut least, mut need) = (id, Need::Patience);
+        for (mailbox, loaded) in self.mailboxes.iter().enumerate() {
+            if let Some(loaded) = loaded
+                && !loaded.leaving
+                && loaded.id > least
+            {
+                (least, need) = (loaded.id, Need::Withdraw(mailbox));
+            }
+        }
+        need
     }
 
     /// A mailbox without a frame.
@@ -242,93 +321,88 @@ impl<const PLACES: usize> Outbox<PLACES> {
         self.mailboxes.iter().position(Option::is_none)
     }
 
-    /// The frame in a mailbox.
-    pub fn sending(&self, mailbox: usize) -> Option<&Waiting> {
+    /// The identifier of the frame in a mailbox.
+    pub fn sending(&self, mailbox: usize) -> Option<Id> {
         let loaded = self.mailboxes.get(mailbox)?.as_ref()?;
-        self.places.get(usize::from(loaded.place))?.sending.as_ref()
+        Some(loaded.id)
+    }
+
+    /// Whether the newest frame of the message in a mailbox is too old at `now`, and the mailbox's is
+    /// not being withdrawn.
+    pub fn is_old(&self, mailbox: usize, now: u32) -> bool {
+        let loaded = self.mailboxes.get(mailbox).copied().flatten();
+        let stays = loaded.filter(|loaded| !loaded.leaving);
+        let place = stays.and_then(|loaded| self.places.get(usize::from(loaded.place)));
+        place.is_some_and(|place| place.newest.is_some_and(|newest| newest.is_old(now)))
     }
 
     /// Notes that the frame in a mailbox is being withdrawn.
+    #[inline]
     pub fn leave(&mut self, mailbox: usize) {
         if let Some(Some(loaded)) = self.mailboxes.get_mut(mailbox) {
             loaded.leaving = true;
         }
     }
 
-    /// The mailbox with a frame of this identifier.
-    pub fn mailbox_of(&self, id: Id) -> Option<usize> {
-        (0..MAILBOXES).find(|&mailbox| {
-            let sending = self.sending(mailbox);
-            sending.is_some_and(|sending| sending.frame.id() == id)
-        })
-    }
-
-    /// The mailbox with the least urgent frame that is not being withdrawn, if it is less urgent than
-    /// this identifier.
-    pub fn less_urgent(&self, id: Id) -> Option<usize> {
-        let mut least = (id, None);
-        for (mailbox, loaded) in self.mailboxes.iter().enumerate() {
-            if loaded.is_some_and(|loaded| !loaded.leaving)
-                && let Some(sending) = self.sending(mailbox)
-                && sending.frame.id() > least.0
-            {
-                least = (sending.frame.id(), Some(mailbox));
-            }
-        }
-        least.1
-    }
-
-    /// Takes the most urgent frame that waits, for this mailbox, which must be free.
+    /// The place of the most urgent frame that waits and may go into a mailbox.
     #[inline(never)]
-    pub fn begin(&mut self, mailbox: usize) -> Option<Frame> {
-        let mut first: Option<(u8, Id, &mut Place)> = None;
-        for (at, place) in self.places.iter_mut().enumerate() {
-            if let Some(id) = place.ready()
-                && first.as_ref().is_none_or(|(_, first, _)| id < *first)
+    pub fn first(&self) -> Option<usize> {
+        let mut first: Option<(usize, Id)> = None;
+        for (at, place) in self.places.iter().enumerate() {
+            if place.waits
+                && !place.sending
+                && let Some(id) = place.id
+                && first.is_none_or(|(_, first)| id < first)
             {
-                first = Some((at as u8, id, place));
+                first = Some((at, id));
             }
         }
-        let (at, _, place) = first?;
-        let slot = self
-            .mailboxes
-            .get_mut(mailbox)
-            .filter(|slot| slot.is_none())?;
+        first.map(|(at, _)| at)
+    }
+
+    /// Takes the frame that waits at a place for this mailbox, which must be free.
+    #[inline]
+    pub fn begin(&mut self, mailbox: usize, place: usize) -> Option<&Frame> {
+        let slot = self.mailboxes.get_mut(mailbox)?;
+        let owner = self.places.get_mut(place)?;
+        if slot.is_some() || !owner.waits || owner.sending {
+            return None;
+        }
+        let newest = owner.newest.as_ref()?;
         *slot = Some(Loaded {
-            place: at,
+            id: newest.frame.id(),
+            place: place as u8,
             leaving: false,
         });
-        place.sending = place.waiting.take();
-        place.sending.map(|sending| sending.frame)
+        (owner.waits, owner.sending) = (false, true);
+        Some(&newest.frame)
     }
 
     /// The frame in this mailbox was sent.
+    #[inline]
     pub fn end(&mut self, mailbox: usize) {
-        if let Some(place) = self.empty(mailbox) {
-            place.sending = None;
-        }
+        self.empty(mailbox);
     }
 
     /// The frame in this mailbox was not sent: it waits again, unless a newer one of its identifier
-    /// does or it is too old at `now`. False if it is dropped.
+    /// has come or it is too old at `now`. False if it is dropped.
+    #[inline]
     pub fn back(&mut self, mailbox: usize, now: u32) -> bool {
         let Some(place) = self.empty(mailbox) else {
             return true;
         };
-        match place.sending.take() {
-            None => true,
-            Some(old) if place.waiting.is_some() || old.is_old(now) => false,
-            old => {
-                place.waiting = old;
-                true
-            }
-        }
+        let again = !place.waits && place.newest.is_some_and(|newest| !newest.is_old(now));
+        place.waits |= again;
+        again
     }
 
     /// Notes that a mailbox is free, and returns the place of its last frame.
+    #[inline]
     fn empty(&mut self, mailbox: usize) -> Option<&mut Place> {
         let loaded = self.mailboxes.get_mut(mailbox)?.take()?;
-        self.places.get_mut(usize::from(loaded.place))
+        let place = self.places.get_mut(usize::from(loaded.place))?;
+        place.sending = false;
+        Some(place)
     }
 
     /// Drops the frames that wait and are too old at `now`. Returns how many.
@@ -336,8 +410,8 @@ impl<const PLACES: usize> Outbox<PLACES> {
     pub fn expire(&mut self, now: u32) -> u16 {
         let mut dropped = 0;
         for place in &mut self.places {
-            if place.waiting.is_some_and(|waiting| waiting.is_old(now)) {
-                place.waiting = None;
+            if place.waits && place.newest.is_some_and(|newest| newest.is_old(now)) {
+                place.waits = false;
                 dropped += 1;
             }
         }
@@ -359,6 +433,8 @@ pub trait Mailboxes: Port {
     /// Lets the lowest identifier among the mailboxes go first, until the controller leaves the
     /// bus.
     fn order_by_identifier(&mut self);
+    /// Takes frames with these standard identifiers only.
+    fn accept_only(&mut self, ids: &[u16]);
 }
 
 impl<I, R> Mailboxes for sled_common::can::Port<I, R>
@@ -380,6 +456,9 @@ where
     }
     fn order_by_identifier(&mut self) {
         self.order_by_identifier();
+    }
+    fn accept_only(&mut self, ids: &[u16]) {
+        self.accept_only(ids);
     }
 }
 
@@ -411,6 +490,24 @@ impl<const WINDOWS: usize, const PLACES: usize> Stack<WINDOWS, PLACES> {
         arrived: [None; WINDOWS],
         outbox: Outbox::new(),
     };
+
+    /// A stack whose places belong to the messages of a node, as their routes say.
+    fn of(identity: &Identity<WINDOWS>) -> Self {
+        let mut stack = Self::EMPTY;
+        let own = identity.routes.iter().flatten();
+        for route in own.filter(|route| route.sender == identity.node) {
+            // The order is that of `Route::place`, and `places` has counted them.
+            let _ = stack.outbox.claim(route.id);
+        }
+        stack
+    }
+
+    /// Drops all that waits, and all that has come.
+    fn forget(&mut self) {
+        self.inbox = [None; WINDOWS];
+        self.arrived = [None; WINDOWS];
+        self.outbox.clear();
+    }
 }
 
 /// Messages that were not sent, or not received as they should be. Every counter wraps.
@@ -468,7 +565,7 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
     ) -> Self {
         const { assert!(WINDOWS <= 32, "News has one bit for each window") };
         Self {
-            stack: place.insert(Stack::EMPTY),
+            stack: place.insert(Stack::of(&identity)),
             identity,
             port,
             timer,
@@ -493,6 +590,7 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
         self.started = true;
         self.supervision = self.timer.now();
         self.supervise_next();
+        self.port.accept_only(self.identity.received);
         if self.presence == Presence::On {
             self.port.order_by_identifier();
         }
@@ -605,26 +703,29 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
             self.presence = Presence::Off(self.timer.now());
             // What waits now is of no use when the node is back, and what came before says nothing
             // about then.
-            *self.stack = Stack::EMPTY;
+            self.stack.forget();
             self.silent = u8::MAX;
         }
     }
 
-    /// The window timer's interrupt, once in each basic cycle: drops what is too old, and tries
-    /// again after errors.
+    /// The window timer's interrupt, once in each basic cycle: counts how long the bus is silent.
     pub fn service(&mut self) {
         self.counters.services = self.counters.services.wrapping_add(1);
-        let now = self.timer.now();
         self.supervise_next();
         self.failures = 0;
         self.silent = self.silent.saturating_add(1);
+    }
+
+    /// Drops what is too old, and tries again after errors. Call it every few basic cycles, where it
+    /// keeps no message waiting.
+    pub fn tidy(&mut self) {
+        let now = self.timer.now();
         let dropped = self.stack.outbox.expire(now);
         self.losses.dropped = self.losses.dropped.wrapping_add(dropped);
         let missed = self.forget_overdue(now);
         self.losses.missed = self.losses.missed.wrapping_add(missed);
         for mailbox in 0..MAILBOXES {
-            let sending = self.stack.outbox.sending(mailbox);
-            if sending.is_some_and(|sending| sending.is_old(now)) {
+            if self.stack.outbox.is_old(mailbox, now) {
                 self.withdraw(mailbox);
             }
         }
@@ -663,11 +764,19 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
 
     /// Loads a mailbox with the most urgent frame that waits, if it is free.
     fn load(&mut self, mailbox: usize) {
+        if let Some(place) = self.stack.outbox.first() {
+            self.load_from(mailbox, place);
+        }
+    }
+
+    /// Loads a mailbox with the frame that waits at a place, if it is free.
+    #[inline(never)]
+    fn load_from(&mut self, mailbox: usize, place: usize) {
         if self.presence != Presence::On || !self.started || self.failures >= ATTEMPTS {
             return;
         }
-        if let Some(frame) = self.stack.outbox.begin(mailbox)
-            && self.port.load_into(mailbox, &frame).is_err()
+        if let Some(frame) = self.stack.outbox.begin(mailbox, place)
+            && self.port.load_into(mailbox, frame).is_err()
         {
             // An older attempt has not ended yet: its transmit interrupt loads the frame.
             self.counters.occupied = self.counters.occupied.wrapping_add(1);
@@ -689,28 +798,23 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
         }
     }
 
-    /// Lets a frame wait, and sends it if it can.
-    fn send(&mut self, frame: Frame, lifetime: Micros) -> Result<(), QueueError> {
+    /// Lets a frame wait at its place, and sends it if it can.
+    fn send(&mut self, place: usize, frame: Frame, lifetime: Micros) {
         // A node that is not on the bus keeps nothing for later.
         if self.presence != Presence::On {
-            return Ok(());
+            return;
         }
         let expires = self.timer.now().wrapping_add(self.ticks(lifetime));
         let outbox = &mut self.stack.outbox;
-        let replaced = outbox.insert(Waiting { frame, expires })?;
+        let (replaced, need) = outbox.insert(place, Waiting { frame, expires });
         if replaced {
             self.losses.dropped = self.losses.dropped.wrapping_add(1);
         }
-        let id = frame.id();
-        if let Some(mailbox) = outbox.mailbox_of(id) {
-            // An older frame of the same message gives way.
-            self.withdraw(mailbox);
-        } else if outbox.free_mailbox().is_some() {
-            self.load_free();
-        } else if let Some(mailbox) = outbox.less_urgent(id) {
-            self.withdraw(mailbox);
+        match need {
+            Need::Load(mailbox) => self.load_from(mailbox, place),
+            Need::Withdraw(mailbox) => self.withdraw(mailbox),
+            Need::Patience => {}
         }
-        Ok(())
     }
 
     /// Sends the message of a window of this node, at once or as soon as the bus lets it. It takes
@@ -722,9 +826,7 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
         };
         let frame = Frame::from_parts(route.id, route.len, data);
         let lifetime = Micros::micros(route.period.ticks().saturating_mul(MISSED_PERIODS));
-        if self.send(frame, lifetime).is_err() {
-            self.losses.dropped = self.losses.dropped.wrapping_add(1);
-        }
+        self.send(usize::from(route.place), frame, lifetime);
     }
 
     /// Sends an event message of this node, at once or within `lifetime`. It takes the place of an
@@ -741,7 +843,9 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
         let frame = Id::standard(id)
             .and_then(|id| Frame::new(id, data).ok())
             .ok_or(QueueError::NotAnEvent)?;
-        self.send(frame, lifetime)
+        let place = self.stack.outbox.claim(frame.id())?;
+        self.send(place, frame, lifetime);
+        Ok(())
     }
 
     /// Brings the node back after bus-off, when it has stayed away for a pause. Call this every few
@@ -962,6 +1066,7 @@ mod tests {
         errors: ErrorState,
         away: bool,
         by_identifier: bool,
+        accepted: Vec<u16>,
     }
 
     impl Port for Cell {
@@ -1022,6 +1127,9 @@ mod tests {
         }
         fn order_by_identifier(&mut self) {
             self.by_identifier = true;
+        }
+        fn accept_only(&mut self, ids: &[u16]) {
+            self.accepted = ids.into();
         }
     }
 
@@ -1090,12 +1198,16 @@ mod tests {
 
     type TestLink = Link<Cell, Timer, WINDOWS, PLACES>;
 
+    /// What the nodes of the tests are said to receive.
+    const RECEIVED: [u16; 2] = [200, 530];
+
     fn link(node: NodeId, oscillator: Oscillator) -> TestLink {
         let identity = Identity {
             routes: &ROUTES,
             basic_cycle: Micros::millis(5),
             node,
             awaited: REQUEST,
+            received: &RECEIVED,
         };
         let timer = Timer {
             now: BEGIN,
@@ -1120,6 +1232,7 @@ mod tests {
             link.timer.now = at;
             link.timer.window = None;
             link.service();
+            link.tidy();
         }
         link.timer.now = end;
     }
@@ -1319,6 +1432,14 @@ mod tests {
     }
 
     #[test]
+    fn the_controller_takes_what_the_node_receives() {
+        let link = link(SENSORS, Oscillator::External);
+        assert!(link.port.accepted.is_empty());
+        let link = started(SENSORS);
+        assert_eq!(link.port.accepted, RECEIVED);
+    }
+
+    #[test]
     fn the_bus_is_alive_while_somebody_is_heard() {
         let mut link = started(FEEDBACK);
         assert!(!link.is_alive() && !link.take_stop());
@@ -1343,6 +1464,7 @@ mod tests {
         for (late, next) in [(16_000, 20_000), (31_000, 36_000)] {
             link.timer.now = BEGIN.wrapping_add(late * PER_US);
             link.service();
+            link.tidy();
             assert_eq!(due(&link), Some(next));
         }
     }
@@ -1401,17 +1523,18 @@ mod tests {
     #[test]
     fn a_place_belongs_to_one_identifier_and_without_one_an_event_is_refused() {
         let mut link = started(SENSORS);
-        for id in 0..PLACES as u16 {
+        // The places of its three messages are theirs from the start.
+        for id in 0..PLACES as u16 - 3 {
             assert_eq!(link.queue_event(600 + id, &[1], Micros::secs(1)), Ok(()));
         }
         let full = link.queue_event(700, &[1], Micros::secs(1));
         assert_eq!(full, Err(QueueError::Full));
-        assert_eq!(link.queue_event(603, &[2], Micros::secs(1)), Ok(()));
+        assert_eq!(link.queue_event(602, &[2], Micros::secs(1)), Ok(()));
         let wrong = link.queue_event(0x800, &[2], Micros::secs(1));
         assert_eq!(wrong, Err(QueueError::NotAnEvent));
         let wrong = link.queue_event(600, &[2; 9], Micros::secs(1));
         assert_eq!(wrong, Err(QueueError::NotAnEvent));
-        ends(&mut link, Outcome::Complete);
-        assert_eq!(loaded(&link), [(600, 1), (601, 1), (602, 1), (603, 2)]);
+        link.on_transmit(link.timer.now);
+        assert_eq!(loaded(&link), [(600, 1), (601, 1), (602, 1), (602, 2)]);
     }
 }

@@ -92,6 +92,7 @@ impl<const WINDOWS: usize, const PLACES: usize> BoardEventLink<WINDOWS, PLACES> 
     /// Keeps the node on the bus. Call this every few milliseconds.
     pub fn keep(&mut self) {
         self.keep_present();
+        self.tidy();
     }
 
     /// Interrupt of the time base: supervises the bus if the window timer fired. True if the

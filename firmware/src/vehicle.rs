@@ -87,7 +87,13 @@ macro_rules! vehicle {
         pub const fn identity(node: ::ttcan::NodeId) -> $crate::event::Identity<WINDOWS> {
             static ROUTES: [Option<$crate::event::Route>; WINDOWS] =
                 $crate::event::routes(&matrix::MATRIX);
+            let at = node.0 as usize;
             $crate::event::Identity {
+                received: if at < NODES {
+                    matrix::RECEIVED[at]
+                } else {
+                    &[]
+                },
                 routes: &ROUTES,
                 basic_cycle: matrix::BASIC_CYCLE,
                 node,

@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-use firmware::event::{ATTEMPTS, Identity, Link, Mailboxes, Outbox, Route, Waiting};
+use firmware::event::{ATTEMPTS, Identity, Link, Mailboxes, Need, Outbox, Route, Waiting};
 use firmware::link::{Port, WindowTimer};
 use proptest::prelude::*;
 use sled_common::can::{ErrorState, MAILBOXES, Occupied, Outcome, Received};
@@ -50,6 +50,8 @@ struct Model {
     waiting: BTreeMap<u16, (u8, u64)>,
     sending: [Option<(u16, u8, u64)>; MAILBOXES],
     leaving: [bool; MAILBOXES],
+    /// A newer frame of the same message has come.
+    outdated: [bool; MAILBOXES],
 }
 
 impl Model {
@@ -62,6 +64,29 @@ impl Model {
     fn first(&self) -> Option<u16> {
         let mut waiting = self.waiting.keys().copied();
         waiting.find(|id| !self.is_sending(*id))
+    }
+
+    /// A frame in a mailbox is as old as the newest one of its message.
+    fn outdate(&mut self, id: u16, expires: u64) {
+        for (sending, outdated) in self.sending.iter_mut().zip(&mut self.outdated) {
+            if let Some((other, _, at)) = sending
+                && *other == id
+            {
+                (*at, *outdated) = (expires, true);
+            }
+        }
+    }
+
+    /// What a frame of this identifier needs that has come to wait.
+    fn need(&self, id: u16) -> Need {
+        let sending = |one: &Option<(u16, u8, u64)>| one.is_some_and(|(other, ..)| other == id);
+        if let Some(mailbox) = self.sending.iter().position(sending) {
+            return Need::Withdraw(mailbox);
+        }
+        match self.sending.iter().position(Option::is_none) {
+            Some(free) => Need::Load(free),
+            None => self.less_urgent(id).map_or(Need::Patience, Need::Withdraw),
+        }
     }
 
     /// The mailbox with the least urgent frame that stays, if this identifier goes before it.
@@ -93,19 +118,26 @@ proptest! {
                     let new = Waiting { frame: frame(id, value), expires: stamp(expires) };
                     let replaces = model.waiting.contains_key(&id);
                     let fits = model.known.contains(&id) || model.known.len() < PLACES;
-                    prop_assert_eq!(outbox.insert(new).ok(), fits.then_some(replaces));
-                    if fits {
+                    let place = outbox.claim(new.frame.id());
+                    prop_assert_eq!(place.is_ok(), fits);
+                    if let Ok(place) = place {
+                        let (replaced, need) = outbox.insert(place, new);
+                        prop_assert_eq!(replaced, replaces);
+                        prop_assert_eq!(need, model.need(id));
                         model.known.insert(id);
                         model.waiting.insert(id, (value, expires));
+                        model.outdate(id, expires);
                     }
                 }
                 Step::Begin(mailbox) if model.sending[mailbox].is_none() => {
                     let first = model.first();
                     let taken = first.and_then(|id| Some((id, model.waiting.remove(&id)?)));
-                    model.leaving[mailbox] = false;
+                    (model.leaving[mailbox], model.outdated[mailbox]) = (false, false);
                     model.sending[mailbox] = taken.map(|(id, (value, at))| (id, value, at));
                     let expected = taken.map(|(id, (value, _))| frame(id, value));
-                    prop_assert_eq!(outbox.begin(mailbox), expected);
+                    let place = outbox.first();
+                    let begun = place.and_then(|place| outbox.begin(mailbox, place).copied());
+                    prop_assert_eq!(begun, expected);
                 }
                 Step::Begin(_) => {}
                 Step::End(mailbox) => {
@@ -115,7 +147,7 @@ proptest! {
                 Step::Back(mailbox) => {
                     let waits = match model.sending[mailbox].take() {
                         None => true,
-                        Some((id, ..)) if model.waiting.contains_key(&id) => false,
+                        Some(_) if model.outdated[mailbox] => false,
                         Some((_, _, expires)) if expires < now => false,
                         Some((id, value, expires)) => {
                             model.waiting.insert(id, (value, expires));
@@ -137,21 +169,21 @@ proptest! {
                 Step::Pass(time) => now += u64::from(time),
             }
             for (mailbox, sending) in model.sending.iter().enumerate() {
-                let expected = sending.map(|(id, value, _)| frame(id, value));
-                prop_assert_eq!(outbox.sending(mailbox).map(|waiting| waiting.frame), expected);
+                let of = sending.map(|(id, ..)| u32::from(id));
+                prop_assert_eq!(outbox.sending(mailbox).map(|id| id.raw()), of);
+                let stays = sending.filter(|_| !model.leaving[mailbox]);
+                let old = stays.map(|(_, _, at)| at < now);
+                prop_assert_eq!(outbox.is_old(mailbox, stamp(now)), old == Some(true));
             }
             let free = model.sending.iter().position(Option::is_none);
             prop_assert_eq!(outbox.free_mailbox(), free);
-            let id = u16::from(value % 8);
-            let of = |id| Id::standard(id).expect("a standard identifier");
-            prop_assert_eq!(outbox.less_urgent(of(id)), model.less_urgent(id));
-            prop_assert_eq!(outbox.mailbox_of(of(id)).is_some(), model.is_sending(id));
         }
         for mailbox in 0..MAILBOXES {
             outbox.end(mailbox);
         }
         let rest = std::iter::from_fn(|| {
-            let frame = outbox.begin(0);
+            let place = outbox.first()?;
+            let frame = outbox.begin(0, place).copied();
             outbox.end(0);
             frame
         });
@@ -229,6 +261,7 @@ impl Mailboxes for TestPort {
         self.0.borrow_mut().outcome[mailbox].take()
     }
     fn order_by_identifier(&mut self) {}
+    fn accept_only(&mut self, _: &[u16]) {}
 }
 
 struct Still;
@@ -246,20 +279,21 @@ const EVENTS: u16 = 2;
 
 /// Messages of this node, more than there are mailboxes, the most urgent of them last.
 static ROUTES: [Option<Route>; WINDOWS] = [
-    route::<205>(),
-    route::<204>(),
+    route::<205>(0),
+    route::<204>(1),
     None,
-    route::<203>(),
-    route::<202>(),
-    route::<201>(),
+    route::<203>(2),
+    route::<202>(3),
+    route::<201>(4),
 ];
 
-const fn route<const ID: u16>() -> Option<Route> {
+const fn route<const ID: u16>(place: u8) -> Option<Route> {
     Some(Route {
         id: Id::constant::<ID>(),
         len: 1,
         sender: NodeId(0),
         period: Micros::millis(5),
+        place,
     })
 }
 
@@ -321,6 +355,7 @@ proptest! {
             basic_cycle: Micros::millis(5),
             node: NodeId(0),
             awaited: Id::constant::<530>(),
+            received: &[],
         };
         let place = Box::leak(Box::new(None));
         let mut link: Link<_, _, WINDOWS, { WINDOWS - 1 + EVENTS as usize }> =
@@ -376,6 +411,7 @@ proptest! {
                 }
                 Act::Supervise => {
                     link.service();
+            link.tidy();
                     failures = 0;
                 }
             }

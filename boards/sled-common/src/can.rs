@@ -141,6 +141,13 @@ const TSR_STRIDE: usize = 8;
 
 /// Words from the registers of one mailbox to those of the next.
 const MAILBOX_WORDS: usize = 4;
+/// Words from the registers of one filter bank to those of the next.
+const BANK_WORDS: usize = 2;
+/// Identifiers in a filter bank that lists standard ones.
+const LISTED: usize = 4;
+/// Identifiers that [`Port::accept_only`] takes: those of 14 filter banks, which the first cell of
+/// every part has.
+pub const ACCEPTED: usize = 14 * LISTED;
 /// Transmit mailboxes of a cell.
 pub const MAILBOXES: usize = 3;
 
@@ -296,6 +303,37 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
             }
             self.write(register, banks | u32::from(set));
         }
+        self.write(Register::Fmr, mode & !FMR_FINIT);
+    }
+
+    /// Accepts data frames with these standard identifiers only: others on the bus cost the node
+    /// nothing. With no identifier, or more than [`ACCEPTED`], every frame is accepted as before.
+    pub fn accept_only(&mut self, ids: &[u16]) {
+        let Some(first) = ids.first().filter(|_| ids.len() <= ACCEPTED) else {
+            return;
+        };
+        // Half a word of a list: the identifier, of no remote frame (RM0390 30.7.4, RM0316 31.7.4).
+        // A place that is left over repeats the first one.
+        let entry = |at: usize| u32::from(*ids.get(at).unwrap_or(first)) << 5;
+        let pair = |at: usize| entry(at) | entry(at + 1) << 16;
+        let banks = ids.len().div_ceil(LISTED);
+        let used = (1 << banks) - 1;
+        let mode = self.read(Register::Fmr);
+        self.write(Register::Fmr, mode | FMR_FINIT);
+        for (register, set) in [
+            (Register::Fm1r, true),
+            (Register::Fs1r, false),
+            (Register::Ffa1r, false),
+        ] {
+            let others = self.read(register) & !used;
+            self.write(register, others | if set { used } else { 0 });
+        }
+        for bank in 0..banks {
+            self.write_bank(bank, Register::F0r1, pair(LISTED * bank));
+            self.write_bank(bank, Register::F0r2, pair(LISTED * bank + 2));
+        }
+        let active = self.read(Register::Fa1r);
+        self.write(Register::Fa1r, active | used);
         self.write(Register::Fmr, mode & !FMR_FINIT);
     }
 
@@ -485,6 +523,13 @@ impl<I: FilterOwner, R: Registers> Port<I, R> {
     fn write_to(&mut self, mailbox: usize, register: Register, value: u32) {
         let address = R::address(register).wrapping_add(MAILBOX_WORDS * mailbox);
         // SAFETY: a register of the cell that `self` owns: the caller has checked the mailbox.
+        unsafe { address.write_volatile(value) }
+    }
+
+    /// Writes the register of a filter bank that `register` names for bank 0.
+    fn write_bank(&mut self, bank: usize, register: Register, value: u32) {
+        let address = R::address(register).wrapping_add(BANK_WORDS * bank);
+        // SAFETY: a register of the cell that `self` owns, for the caller has no more banks than it.
         unsafe { address.write_volatile(value) }
     }
 

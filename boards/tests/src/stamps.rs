@@ -154,6 +154,35 @@ mod tests {
         );
     }
 
+    /// A list of identifiers that fills a bank of filters and a half; the others stay outside.
+    #[test]
+    fn the_filter_takes_the_identifiers_that_it_was_given() {
+        let mut bench = in_loop_back();
+        let accepted = [0x000, 0x0C9, 0x2A5, 0x400, 0x555, 0x7FF];
+        bench.sled.can.accept_only(&accepted);
+        let (mut sent, mut heard) = (0, 0);
+        for id in accepted
+            .into_iter()
+            .chain([0x001, 0x0C8, 0x2A4, 0x3FF, 0x7FE])
+        {
+            let listed = accepted.contains(&id);
+            let id = Id::standard(id).expect("a standard identifier");
+            let frame = Frame::from_parts(id, 1, [0x5A; 8]);
+            assert!(bench.sled.can.load(&frame).is_ok(), "the mailbox is full");
+            sent += 1;
+            heard += u32::from(listed);
+            let done = bench.wait(5_000, || TRANSMISSIONS.load(Relaxed) == sent);
+            assert!(done, "{} frames sent", TRANSMISSIONS.load(Relaxed));
+            bench.pause(20);
+            assert!(
+                RECEPTIONS.load(Relaxed) == heard,
+                "{} frames received after {:#X}",
+                RECEPTIONS.load(Relaxed),
+                frame.id().raw()
+            );
+        }
+    }
+
     #[test]
     fn frames_follow_each_other_in_bit_times() {
         let mut bench = in_loop_back();

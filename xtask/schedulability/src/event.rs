@@ -21,8 +21,8 @@
 //!
 //! Bus interrupts are released so:
 //!
-//! - `frame-received`: by the end of every frame of another node. The FIFO overruns after three
-//!   more frames, so that is the deadline.
+//! - `frame-received`: by the end of every frame that the node receives by the network file. The FIFO
+//!   overruns after three more of them, so that is the deadline.
 //! - `frame-sent`: by the end of every own frame; by every frame of others, to which an attempt may
 //!   be lost; and, with more messages than mailboxes, once more for every own message, whose put may
 //!   withdraw another one. How late it is counts for the messages, in whose time the mailbox is
@@ -62,6 +62,8 @@ struct Known {
     name: String,
     id: u16,
     sender: String,
+    /// The nodes that receive it.
+    receivers: Vec<String>,
     /// Longest and shortest frame with the interframe space.
     longest: Picoseconds,
     shortest: Picoseconds,
@@ -98,10 +100,16 @@ impl Traffic {
     #[must_use]
     pub fn new(network: &Network, bus: BusTable) -> Self {
         let bit = u64::from(network.bit_time_ns()) * NANOSECOND;
+        let nodes = network.nodes.iter().map(|node| &node.name);
         let known = |message: &Message| Known {
             name: message.name.clone(),
             id: message.id,
             sender: message.sender.clone(),
+            receivers: nodes
+                .clone()
+                .filter(|node| message.is_for(node))
+                .cloned()
+                .collect(),
             longest: u64::from(worst_case_bits(message.length)) * bit,
             shortest: (SHORTEST_BITS + 8 * u64::from(message.shortest)) * bit,
             period: u64::from(
@@ -132,9 +140,18 @@ impl Traffic {
         messages.filter(move |message| message.sender.eq_ignore_ascii_case(node) == own)
     }
 
-    /// Least time between the ends of two frames of other nodes.
-    fn spacing(&self, node: &str) -> Picoseconds {
-        let shortest = self.of(node, false).map(|message| message.shortest).min();
+    /// The messages that a node receives. The filter of its controller keeps the others from it.
+    fn received_by<'a>(&'a self, node: &'a str) -> impl Iterator<Item = &'a Known> {
+        let messages = self.messages.iter();
+        messages.filter(move |message| {
+            let mut receivers = message.receivers.iter();
+            receivers.any(|receiver| receiver.eq_ignore_ascii_case(node))
+        })
+    }
+
+    /// Least time between the ends of two frames of these messages.
+    fn spacing<'a>(&self, messages: impl Iterator<Item = &'a Known>) -> Picoseconds {
+        let shortest = messages.map(|message| message.shortest).min();
         shortest.unwrap_or(SHORTEST_BITS * self.bit)
     }
 
@@ -148,8 +165,8 @@ impl Traffic {
         for event in entry.on.as_slice() {
             match event {
                 BusEvent::FrameReceived => spaced.push(Spaced {
-                    streams: self.of(node, false).map(Known::ends).collect(),
-                    apart: self.spacing(node),
+                    streams: self.received_by(node).map(Known::ends).collect(),
+                    apart: self.spacing(self.received_by(node)),
                     burst: 0,
                 }),
                 BusEvent::FrameSent => {
@@ -174,7 +191,7 @@ impl Traffic {
             }
         }
         for name in entry.receives.as_slice() {
-            let mut messages = self.of(node, false);
+            let mut messages = self.received_by(node);
             let message = messages.find(|message| message.name == *name);
             let message = message.ok_or_else(|| TaskFault::NotReceived(name.clone()))?;
             sporadic.push(message.ends());
@@ -195,7 +212,7 @@ impl Traffic {
         match (&entry.by, entry.deadline_us) {
             // A late one costs its messages time: see `reload_in_time`.
             (Some(By::WindowEnd), _) if sends => Ok(self.basic_cycle),
-            (Some(By::WindowEnd), _) => Ok(3 * self.spacing(node)),
+            (Some(By::WindowEnd), _) => Ok(3 * self.spacing(self.received_by(node))),
             (Some(By::Window), _) => Ok(self.basic_cycle),
             (None, Some(us)) => Ok(us * MICROSECOND),
             (Some(By::Message(message)), _) => Err(TaskFault::NotSent(message.clone())),
@@ -229,7 +246,7 @@ impl Traffic {
         if self.with_errors {
             ERROR_BITS * self.bit
         } else {
-            self.spacing(node)
+            self.spacing(self.of(node, false))
                 .saturating_sub(ARBITRATION_BITS * self.bit)
         }
     }

@@ -3,8 +3,9 @@
 
 use crate::pac;
 
-/// How often the converter is polled while it stops, which takes it some cycles of its clock.
-const POLLS: u32 = 100;
+/// How often the converter is polled while it stops, which takes it some cycles of its clock. A poll
+/// takes the core ten cycles or more, and the converter's clock has half its rate.
+const POLLS: u32 = 20;
 
 /// Sample time of both channels: code 5 = 61.5 cycles (RM0316 15.5.5), 1.7 us at 36 MHz. That is
 /// enough for a source of 8.2 kohm at twice this clock (DS9866, table of the largest source

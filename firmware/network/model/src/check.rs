@@ -305,7 +305,8 @@ fn range(network: &Network, signal: &Signal, of: &str, refuse: &mut impl FnMut(S
         }
     }
     for receiver in &signal.receivers {
-        if receiver != "Vector__XXX" && !network.nodes.iter().any(|n| n.name == *receiver) {
+        if receiver != crate::network::NOBODY && !network.nodes.iter().any(|n| n.name == *receiver)
+        {
             refuse(format!(
                 "the receiver {receiver} of {of} is no node of the network"
             ));

@@ -182,10 +182,22 @@ pub struct Value {
     pub name: String,
 }
 
+/// The receiver of a signal that names none.
+pub(crate) const NOBODY: &str = "Vector__XXX";
+
 impl Message {
     /// All its windows, the first one first.
     pub fn windows(&self) -> impl Iterator<Item = Window> {
         std::iter::once(self.window).chain(self.further.iter().copied())
+    }
+
+    /// Whether a node receives it: a signal of it names that node, or none at all.
+    #[must_use]
+    pub fn is_for(&self, node: &str) -> bool {
+        let receivers = || self.signals.iter().flat_map(|signal| &signal.receivers);
+        let named = receivers().any(|receiver| receiver == node);
+        let for_all = receivers().all(|receiver| receiver == NOBODY);
+        self.sender != node && (named || for_all)
     }
 }
 

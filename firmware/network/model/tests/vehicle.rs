@@ -57,3 +57,23 @@ fn the_arbitrating_window_holds_all_events_of_one_cycle() {
         "{bits} bits in {length} us"
     );
 }
+
+#[test]
+fn a_node_receives_what_names_it() {
+    let network = network();
+    let of = |node: &str| {
+        let messages = network.messages.iter();
+        let received = messages.filter(|message| message.is_for(node));
+        received.map(|message| message.id).collect::<Vec<_>>()
+    };
+    // Of the cyclic ones, the drive needs the command only; a node never receives its own.
+    assert!(of("drive").contains(&300) && !of("drive").contains(&200));
+    assert!(!of("controller").contains(&300) && of("controller").contains(&200));
+    assert!(of("logger").contains(&200));
+    // A message that names nobody is for all but its sender.
+    let mut message = network.message(300).expect("the command").clone();
+    for signal in &mut message.signals {
+        signal.receivers = vec!["Vector__XXX".into()];
+    }
+    assert!(message.is_for("gps") && !message.is_for("controller"));
+}

@@ -26,6 +26,7 @@ fn write_all(out: &mut String, network: &Network) -> std::fmt::Result {
         )?;
     }
     write_constants(out, network)?;
+    write_received(out, network)?;
     write_windows(out, network)?;
     write_matrix(out, network)
 }
@@ -136,6 +137,25 @@ fn write_windows(out: &mut String, network: &Network) -> std::fmt::Result {
     writeln!(out, "}}\n")?;
     write_releases(out, network)?;
     write_overdue(out, network)
+}
+
+/// The messages of each node that sends.
+fn write_received(out: &mut String, network: &Network) -> std::fmt::Result {
+    let nodes = senders(network);
+    writeln!(
+        out,
+        "/// Identifiers of the messages that each node receives, by its number."
+    )?;
+    writeln!(out, "pub const RECEIVED: [&[u16]; {}] = [", nodes.len())?;
+    for node in nodes {
+        let messages = network.messages.iter();
+        let ids: Vec<String> = messages
+            .filter(|message| message.is_for(&node.name))
+            .map(|message| message.id.to_string())
+            .collect();
+        writeln!(out, "    &[{}],", ids.join(", "))?;
+    }
+    writeln!(out, "];\n")
 }
 
 /// When messages of exclusive windows are overdue.
