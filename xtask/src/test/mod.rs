@@ -13,7 +13,7 @@ use world::{
 };
 
 use parts::Sled;
-use vehicle_model::Vehicle;
+use vehicle_model::{Overrides, Protocol, Vehicle};
 
 use crate::{
     Failure, Workspace, board, build,
@@ -64,6 +64,9 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                 Work::Schedulability(vehicle) => {
                     println!("    cargo xtask schedulability --vehicle {vehicle}");
                 }
+                Work::EventTriggered(vehicle) => println!(
+                    "    cargo xtask schedulability --vehicle {vehicle} --bus event-triggered"
+                ),
             }
         }
         return Ok(());
@@ -113,6 +116,8 @@ enum Work {
     Drive(String),
     /// Whether the deadlines of a vehicle hold.
     Schedulability(String),
+    /// Whether they hold when its nodes send at once, without the schedule.
+    EventTriggered(String),
 }
 
 /// How a step ended.
@@ -148,6 +153,9 @@ impl Step {
             Work::Schedulability(name) => found(&name)
                 .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
                 .unwrap_or_else(failed),
+            Work::EventTriggered(name) => event_triggered(workspace, &name)
+                .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
+                .unwrap_or_else(failed),
             Work::Tests { cargo, long } => {
                 let slow: &[&str] = if long { &["--include-ignored"] } else { &[] };
                 binaries::run(cargo, slow)
@@ -176,6 +184,12 @@ const BOARDS: [&str; 3] = ["sled-f446", "sled-f303", "board-tests"];
 /// Where the property tests begin unless they are told to try something new: a change is
 /// judged by the same inputs as the one before it.
 const PROPERTY_SEED: (&str, &str) = ("PROPTEST_RNG_SEED", "2017");
+
+/// The vehicle of that name without the schedule. A vehicle with a steering has no such way.
+fn event_triggered(workspace: &Workspace, name: &str) -> Result<Vehicle, Failure> {
+    let overrides = Overrides::default().on(Protocol::EventTriggered);
+    Ok(vehicle::with(workspace, name, &overrides)?)
+}
 
 fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
     let names = vehicle::names(workspace)?;
@@ -206,6 +220,9 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         steps.push(step("images", Work::Images));
         steps.push(step("twin", Work::Drive));
         steps.push(step("schedulability", Work::Schedulability));
+        if event_triggered(workspace, name).is_ok() {
+            steps.push(step("event-triggered", Work::EventTriggered));
+        }
     }
     steps.extend([
         Step::new(
@@ -615,5 +632,10 @@ mod tests {
                 assert!(steps.iter().any(|one| one.name == step), "{step}");
             }
         }
+        let both_ways = |name: &str| {
+            let step = format!("event-triggered, {name}");
+            steps.iter().any(|one| one.name == step)
+        };
+        assert!(both_ways("row-follower") && both_ways("two-boards") && !both_ways("uagv"));
     }
 }
