@@ -117,6 +117,8 @@ pub struct Build {
     cargo xtask flash gps                         build, write, verify, start\n  \
     cargo xtask flash motor --vehicle two-boards  a node of another vehicle\n  \
     cargo xtask flash gps --probe 066EFF57        with several boards connected\n  \
+    cargo xtask flash feedback --set rover.law=thesis\n  \
+    \x20                                             with another law than the manifest's\n  \
     cargo xtask flash gps --dry-run               only print the commands\n\n\
     `probe-rs list` lists the serial numbers of the connected probes.")]
 pub struct Flash {
@@ -164,6 +166,9 @@ pub struct OnBoard {
     /// Vehicle, when several have a node of that name
     #[arg(long, value_name = "NAME")]
     pub vehicle: Option<String>,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
     /// Serial number of the board's debug probe, when several are connected
     #[arg(long, value_name = "SERIAL")]
     pub probe: Option<String>,

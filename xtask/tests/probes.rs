@@ -180,6 +180,22 @@ fn a_probe_that_is_not_there_is_refused_with_those_that_are() {
     );
 }
 
+/// The image of the changed manifest is in a folder of its own; a wrong value is refused at once.
+#[test]
+fn a_board_gets_the_image_of_a_changed_manifest() {
+    let two = StandIn::listing(TWO);
+    let node = ["flash", "motor", "--vehicle", "two-boards", "--dry-run"];
+    let (code, text) = two.refused(&[&node[..], &["--bus", "token-ring"]].concat());
+    assert!(code == Some(2) && text.contains("token-ring"), "{text}");
+    let (code, text) = two.refused(&[&node[..], &["--set", "bus.speed=3"]].concat());
+    assert!(code == Some(2) && text.contains("bus.speed"), "{text}");
+    let shown = two.xtask(&[&node[..], &["--bus", "event-triggered"]].concat());
+    let shown = String::from_utf8(shown.stdout).unwrap();
+    let image = shown.lines().next().unwrap();
+    assert!(!image.ends_with("images/two-boards/motor"), "{shown}");
+    assert!(image.contains("event-triggered/motor"), "{shown}");
+}
+
 /// Builds an image of the smallest vehicle.
 #[test]
 fn the_chosen_probe_gets_the_image_of_the_node() {
