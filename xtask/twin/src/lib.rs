@@ -60,7 +60,7 @@ mod twin;
 mod window;
 mod wiring;
 
-pub use chain::{Chain, Latency};
+pub use chain::{Chain, Latency, OnWire};
 pub use peripheral::{Burst, PinChange, ResetCause, SharedBus, UartByte};
 pub use silicon::Violation;
 pub use twin::{Images, NodeOutcome, Options, Outcome, Progress, Twin, TwinError, run};

@@ -1,6 +1,6 @@
 //! A whole vehicle: its nodes with their images, the bus, and the simulated world.
 
-use crate::chain::Chain;
+use crate::chain::{Chain, OnWire};
 use crate::image::{Image, ImageError};
 use crate::mcu::{Board, FlashTiming, Mcu};
 use crate::network::Network;
@@ -13,7 +13,7 @@ use can_bus::{
     Disturbance, Frame, FrameSelect, Level, NodeId, Record, RecordKind, Retry, SeenBy, SimDuration,
     SimTime, Tester,
 };
-use embedded_can::StandardId;
+use embedded_can::{Id, StandardId};
 use parts::Sled;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -113,6 +113,8 @@ pub struct Twin {
     starts: u64,
     last_start: Option<SimTime>,
     chain: Chain,
+    /// The identifier of the command, and those of the messages that it needs first.
+    steps: (Option<u16>, Vec<u16>),
 }
 
 /// A node of the vehicle.
@@ -138,6 +140,18 @@ fn watchdog_hz(part: &Part, seed: u64, node: NodeIndex) -> u32 {
     bits = (bits ^ bits >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
     let span = u64::from(part.lsi.max_hz - part.lsi.min_hz) + 1;
     part.lsi.min_hz + ((bits >> 32) % span) as u32
+}
+
+/// The identifier of a vehicle's command, and those of the messages that it needs first.
+fn steps(vehicle: &Vehicle) -> (Option<u16>, Vec<u16>) {
+    let messages = &vehicle.network().messages;
+    let named = |name: &String| messages.iter().find(|message| message.name == *name);
+    let command = vehicle.manifest().command.as_ref();
+    let Some(command) = command.and_then(|command| named(&command.message)) else {
+        return (None, Vec::new());
+    };
+    let first = command.after.iter().filter_map(named);
+    (Some(command.id), first.map(|message| message.id).collect())
 }
 
 impl Twin {
@@ -211,6 +225,7 @@ impl Twin {
             starts: 0,
             last_start: None,
             chain: Chain::default(),
+            steps: steps(vehicle),
         };
         for input in Input::ALL {
             if let Some(node) = twin.world.input_node(input) {
@@ -482,6 +497,16 @@ impl Twin {
             {
                 self.last_start = Some(record.at);
                 self.starts += 1;
+            }
+            if let RecordKind::FrameEnd { frame, start, .. } = record.kind
+                && let Id::Standard(id) = frame.id()
+            {
+                let (id, end) = (id.as_raw(), record.at);
+                if self.steps.0 == Some(id) {
+                    self.chain.commands.push(OnWire { start, end });
+                } else if self.steps.1.contains(&id) {
+                    self.chain.distances.push(OnWire { start, end });
+                }
             }
         }
         self.records.extend(records);
