@@ -4,6 +4,7 @@ use std::{ffi::OsString, path::PathBuf};
 
 use clap::{Args, CommandFactory, Parser, Subcommand, error::ErrorKind};
 
+use schedulability::foreign::Foreign;
 use vehicle_model::{Override, Overrides, Protocol};
 use world::{DURATIONS, SimDuration, time::from_seconds};
 
@@ -260,7 +261,12 @@ pub enum Kind {
     thesis-7   the track tests of the thesis, chapter 7, with its control law for comparison;\n             \
     exit code 1 and the names of the aims that are missed\n  \
     row-limits how long a gap and how many leaves a row follower drives through, with its\n             \
-    law alone; with --out also the picture row-limits.svg")]
+    law alone; with --out also the picture row-limits.svg\n  \
+    thesis-2   its rows, chapter 2 (--vehicle row-follower), under its law and under Furrow's; exit\n             \
+    code 1 if its law does not have its figures\n  \
+    event-or-time\n             \
+    the time from sample to motor on an event-triggered and on a time-triggered bus (--vehicle\n             \
+    row-follower), beside foreign load; exit code 1 if a bound of the analysis does not hold")]
 pub struct Sim {
     /// Name of one of the vehicle's scenarios, or the path of a TOML file [default: the
     /// vehicle's straight-line, or its first scenario]
@@ -428,7 +434,9 @@ pub enum Method {
     cargo xtask schedulability steering drive        two nodes\n  \
     cargo xtask schedulability --html report.html    also a page with a drawing of one basic cycle\n  \
     cargo xtask schedulability --explain steering.can_rx   its longest path, by source line\n  \
-    cargo xtask schedulability --json                everything as JSON, times in ps\n\n\
+    cargo xtask schedulability --json                everything as JSON, times in ps\n  \
+    cargo xtask schedulability --vehicle row-follower --bus event-triggered --foreign 150:8:2700\n                                                   \
+    \x20 beside a foreign node with 8 bytes each 2.7 ms\n\n\
     Exit code 0: every deadline holds; 1: one does not, and the first is named; 2: wrong input.\n\
     Periods and deadlines that the sources do not state are in tasks.toml of the vehicle's folder.")]
 pub struct Schedulability {
@@ -441,6 +449,9 @@ pub struct Schedulability {
     /// Values in place of the manifest's.
     #[command(flatten)]
     pub changes: Changes,
+    /// Message of a foreign node on the bus, times in microseconds; may be given again for another one
+    #[arg(long, value_name = "ID:BYTES:PERIOD[:JITTER]")]
+    pub foreign: Vec<Foreign>,
     /// Print the results as JSON
     #[arg(long)]
     pub json: bool,
@@ -651,6 +662,7 @@ mod tests {
             "xtask sim --experiment thesis-7 gps-lost",
             "xtask sim --quick",
             "xtask schedulability --explain a.b --json",
+            "xtask schedulability --foreign 150:8",
             "xtask priorities gps",
             "xtask selftest gps",
             "xtask selftest --bus can0",

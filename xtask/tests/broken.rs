@@ -180,6 +180,7 @@ fn inputs(program: &str) -> Inputs {
         network: here.join("../firmware/vehicles/uagv/network.dbc"),
         receiver_period_us: None,
         event_triggered: false,
+        foreign: Vec::new(),
         nodes: BTreeMap::from([(
             "node".to_owned(),
             Program {
@@ -318,6 +319,7 @@ fn the_swap_is_seen_without_an_image() {
         network,
         receiver_period_us,
         event_triggered,
+        foreign,
         nodes,
     } = inputs("swapped");
     let sources = nodes
@@ -329,6 +331,7 @@ fn the_swap_is_seen_without_an_image() {
         &network,
         receiver_period_us,
         event_triggered,
+        &foreign,
         sources,
     )
     .unwrap();

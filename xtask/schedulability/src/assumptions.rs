@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::foreign::Foreign;
 use crate::models::Models;
 use crate::results::NodeReport;
 use crate::units::time;
@@ -19,8 +20,39 @@ const ALWAYS: [&str; 5] = [
 const EVENT_TRIGGERED: [&str; 3] = [
     "The bus is event-triggered. A message is put by the task that `sends` it in the task table, at most once in a job and in that order; the jitter of both is inherited along the chain (Tindell and Clark 1994). Frames arbitrate by identifier (Davis et al. 2007).",
     "A node has three mailboxes, of which the lowest identifier competes first. If it has more messages, a less urgent frame of another node may begin until its transmit interrupt has loaded the next one; the bounds include that.",
-    "Only the nodes of the network file send, none of them off its rate: a babbling node is not covered.",
+    "Only the nodes of the network file send, and the foreign messages that are named, none of them off its rate: a babbling node is not covered.",
 ];
+
+/// What is taken for granted of the foreign messages.
+fn foreign(models: &Models) -> Option<String> {
+    let one = |foreign: &Foreign| {
+        let Foreign { id, length, .. } = foreign;
+        match (models.event_triggered, foreign.jitter_us) {
+            (false, _) => format!("{id} ({length} bytes)"),
+            (true, 0) => format!("{id} ({length} bytes each {} us)", foreign.period_us),
+            (true, late) => format!(
+                "{id} ({length} bytes each {} us, up to {late} us late)",
+                foreign.period_us
+            ),
+        }
+    };
+    let all: Vec<String> = models.foreign.iter().map(one).collect();
+    let all = match all.as_slice() {
+        [] => return None,
+        all => all.join(", "),
+    };
+    Some(if models.event_triggered {
+        format!(
+            "Foreign messages: {all}. Each competes with its identifier when it is put; no frame is sent \
+             after three of its periods."
+        )
+    } else {
+        format!(
+            "Foreign messages: {all}. Their nodes keep the schedule: they have windows in the longest stretch \
+             of the basic cycle that belongs to no message of the vehicle, and send only there."
+        )
+    })
+}
 
 /// All assumptions behind the answers for `nodes`, one sentence or a few for each.
 #[must_use]
@@ -35,6 +67,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
             network.sync_uncertainty_us
         )]
     };
+    all.extend(foreign(models));
     all.extend(ALWAYS.map(str::to_owned));
     all.push(errors(models));
     let mut tasks = models.nodes.iter().flat_map(|(model, _)| &model.tasks);

@@ -34,6 +34,7 @@ use network_model::{Message, Network, SendType, WindowKind, worst_case_bits};
 use crate::arrivals::{Arrivals, Spaced, Sporadic};
 use crate::can::ErrorRate;
 use crate::execution::Execution;
+use crate::foreign::{Foreign, SENDER};
 use crate::model::{ModelError, ModelFault, NodeModel, TaskFault};
 use crate::node::{Observed, schedule};
 use crate::queued::{self, Bounds, Meeting, Stream};
@@ -53,6 +54,9 @@ const ERROR_BITS: u64 = 17;
 const MAX_ROUNDS: usize = 200;
 /// Mailboxes of a controller (bxCAN).
 const MAILBOXES: usize = 3;
+/// Periods after which no frame is sent any more: a node drops it at the first supervision when two are
+/// over.
+const DROPPED_AFTER: u64 = 3;
 /// Picoseconds in a nanosecond.
 const NANOSECOND: Picoseconds = 1000;
 
@@ -74,11 +78,16 @@ struct Known {
     bounds: Option<Bounds>,
     /// It is sent in place of another message of its node.
     in_place_of_another: bool,
+    /// It turned out to have no bound.
+    unbounded: bool,
 }
 
 impl Known {
-    /// The ends of its frames.
+    /// The ends of its frames. A frame without a bound may wait until its node drops it.
     fn ends(&self) -> Sporadic {
+        if self.unbounded {
+            return Sporadic::late(self.period, DROPPED_AFTER * self.period, self.shortest);
+        }
         let latest = self.bounds.map_or(0, |bounds| bounds.response * NANOSECOND);
         let jitter = latest.saturating_sub(self.shortest);
         Sporadic::late(self.period, jitter, self.shortest)
@@ -96,9 +105,10 @@ pub struct Traffic {
 }
 
 impl Traffic {
-    /// The messages of a network, without jitter. A reference message is not sent.
+    /// The messages of a network, without jitter, and those of foreign nodes. A reference message is not
+    /// sent.
     #[must_use]
-    pub fn new(network: &Network, bus: BusTable) -> Self {
+    pub fn new(network: &Network, bus: BusTable, foreign: &[Foreign]) -> Self {
         let bit = u64::from(network.bit_time_ns()) * NANOSECOND;
         let nodes = network.nodes.iter().map(|node| &node.name);
         let known = |message: &Message| Known {
@@ -123,9 +133,24 @@ impl Traffic {
             put: Some(0),
             bounds: None,
             in_place_of_another: message.instead_of.is_some(),
+            unbounded: false,
         };
         let sent = |message: &&Message| message.window.kind != WindowKind::Reference;
         let mut messages: Vec<Known> = network.messages.iter().filter(sent).map(known).collect();
+        messages.extend(foreign.iter().map(|one| Known {
+            name: one.name(),
+            id: one.id,
+            sender: SENDER.into(),
+            // The nodes' filters refuse it.
+            receivers: Vec::new(),
+            longest: u64::from(worst_case_bits(one.length)) * bit,
+            shortest: (SHORTEST_BITS + 8 * u64::from(one.length)) * bit,
+            period: u64::from(one.period_us) * MICROSECOND,
+            put: Some(u64::from(one.jitter_us) * MICROSECOND),
+            bounds: None,
+            in_place_of_another: false,
+            unbounded: false,
+        }));
         messages.sort_by_key(|message| message.id);
         Self {
             messages,
@@ -298,10 +323,11 @@ impl Traffic {
         });
         for (at, message) in self.messages.iter_mut().enumerate() {
             message.bounds = bounds.get(at).copied().flatten().filter(|_| all);
+            message.unbounded = message.bounds.is_none();
         }
     }
 
-    /// The answers for all messages.
+    /// The answers for the vehicle's messages.
     fn reports(&self) -> Vec<MessageReport> {
         let report = |message: &Known| {
             let put = message.put.unwrap_or(0);
@@ -319,7 +345,10 @@ impl Traffic {
                 arbitrating: true,
             }
         };
-        self.messages.iter().map(report).collect()
+        let own = self.messages.iter();
+        own.filter(|message| message.sender != SENDER)
+            .map(report)
+            .collect()
     }
 }
 
@@ -505,8 +534,8 @@ impl Order {
 /// # Errors
 /// The task table and the network file do not fit together.
 pub fn solve(
-    network: &Network,
-    bus: BusTable,
+    (network, bus): (&Network, BusTable),
+    foreign: &[Foreign],
     file: &str,
     nodes: &[(NodeModel, NodeTable)],
     executions: &[Execution],
@@ -516,7 +545,7 @@ pub fn solve(
         burst: bus.error_burst,
         interval: bus.error_interval_ms * 1_000_000,
     };
-    let mut traffic = Traffic::new(network, bus);
+    let mut traffic = Traffic::new(network, bus, foreign);
     let senders = Senders::find(network, &traffic, nodes, file)?;
     let names: Vec<&str> = nodes.iter().map(|(model, _)| model.name.as_str()).collect();
     let mut models: Vec<NodeModel> = nodes.iter().map(|(model, _)| model.clone()).collect();
@@ -546,6 +575,7 @@ pub fn solve(
     // No solution: what is late by its own lateness has no bound.
     for message in &mut traffic.messages {
         message.bounds = None;
+        message.unbounded = true;
     }
     Ok((reports, traffic.reports()))
 }

@@ -21,6 +21,7 @@ pub mod can;
 pub mod chains;
 pub mod event;
 pub mod execution;
+pub mod foreign;
 pub mod model;
 pub mod models;
 pub mod node;

@@ -7,6 +7,7 @@ use parts::Sled;
 
 use crate::event::Traffic;
 use crate::execution::ExecutionError;
+use crate::foreign::{self, Foreign};
 use crate::model::{ModelError, NodeModel};
 use crate::table::{NodeTable, Protocol, Table, TableError};
 use crate::tasks::{App, SourceError};
@@ -40,6 +41,9 @@ pub enum InputError {
         /// The node.
         node: String,
     },
+    /// A foreign message cannot be on the vehicle's bus.
+    #[error("{0}")]
+    Foreign(String),
     /// There is no image of a node.
     #[error("there is no image of {0}")]
     NoImage(String),
@@ -74,14 +78,17 @@ pub struct Models {
     pub nodes: Vec<(NodeModel, NodeTable)>,
     /// Whether the nodes send at once, without the schedule.
     pub event_triggered: bool,
+    /// Messages of foreign nodes on the bus.
+    pub foreign: Vec<Foreign>,
     /// Name of the task table in messages.
     pub file: String,
 }
 
 impl Models {
     /// Reads the sources of these nodes, each with its name in the table and its board.
-    /// `event_triggered` says that they send at once, without the schedule. The table needs `receiver_period_us`, as [`Table::resolve`] says. Error messages show paths relative
-    /// to `root`.
+    /// `event_triggered` says that they send at once, without the schedule. The table needs
+    /// `receiver_period_us`, as [`Table::resolve`] says. `foreign` nodes send on the same bus, by the
+    /// schedule if there is one. Error messages show paths relative to `root`.
     ///
     /// # Errors
     /// A file cannot be read, or the files do not fit together.
@@ -91,6 +98,7 @@ impl Models {
         network: &Path,
         receiver_period_us: Option<u64>,
         event_triggered: bool,
+        foreign: &[Foreign],
         programs: impl IntoIterator<Item = (&'a str, &'static Sled, &'a Path)>,
     ) -> Result<Self, InputError> {
         let name = |path: &Path| {
@@ -100,7 +108,7 @@ impl Models {
         let file = name(table);
         let parsed = Table::parse(&file, &read(table, &file)?)?;
         let network_name = name(network);
-        let network = Network::parse(&read(network, &network_name)?).map_err(|problems| {
+        let mut network = Network::parse(&read(network, &network_name)?).map_err(|problems| {
             InputError::Network {
                 file: network_name,
                 problems: problems.to_string().replace('\n', "; "),
@@ -113,7 +121,11 @@ impl Models {
         };
         let parsed = parsed.with_protocol(&file, protocol)?;
         let parsed = parsed.resolve(&file, &network, receiver_period_us)?;
-        let traffic = Traffic::new(&network, parsed.bus);
+        foreign::check(&network, foreign).map_err(InputError::Foreign)?;
+        if !event_triggered {
+            foreign::schedule(&mut network, foreign);
+        }
+        let traffic = Traffic::new(&network, parsed.bus, foreign);
         let mut nodes = Vec::new();
         for (node, board, source) in programs {
             let of_node = parsed.node.get(node).ok_or_else(|| InputError::NoNode {
@@ -136,6 +148,7 @@ impl Models {
             network,
             nodes,
             event_triggered,
+            foreign: foreign.to_vec(),
             file,
         })
     }

@@ -4,9 +4,11 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
+use network_model::Message;
 use parts::Sled;
 
 use crate::execution::Execution;
+use crate::foreign::{Foreign, SENDER};
 use crate::model::NodeModel;
 use crate::models::{InputError, Models};
 use crate::node::{Observed, schedule};
@@ -33,6 +35,8 @@ pub struct Inputs {
     /// Whether the nodes send at once, without the schedule. All of them must be there then, because
     /// each may make the messages of the others late.
     pub event_triggered: bool,
+    /// Messages of foreign nodes on the bus.
+    pub foreign: Vec<Foreign>,
     /// The program of each node, by its name in the table.
     pub nodes: BTreeMap<String, Program>,
 }
@@ -53,7 +57,7 @@ pub struct Program {
 #[derive(Debug)]
 pub struct Programs {
     models: Models,
-    executions: Vec<Execution>,
+    executions: Arc<Vec<Execution>>,
 }
 
 impl Programs {
@@ -63,29 +67,33 @@ impl Programs {
     /// # Errors
     /// An input is missing or wrong.
     pub fn read(inputs: &Inputs, progress: &(dyn Fn(&str) + Sync)) -> Result<Self, InputError> {
-        let sources = inputs
-            .nodes
-            .iter()
-            .map(|(node, program)| (node.as_str(), program.board, program.source.as_path()));
-        let models = Models::read(
-            &inputs.root,
-            &inputs.table,
-            &inputs.network,
-            inputs.receiver_period_us,
-            inputs.event_triggered,
-            sources,
-        )?;
+        let models = models(inputs)?;
         let executions = side_by_side(&models.nodes, |(model, table)| {
             execution(inputs, model, table, progress)
         });
-        let executions = executions.into_iter().collect::<Result<_, _>>()?;
-        Ok(Self { models, executions })
+        let executions: Vec<Execution> = executions.into_iter().collect::<Result<_, _>>()?;
+        Ok(Self {
+            models,
+            executions: Arc::new(executions),
+        })
+    }
+
+    /// The same programs on a bus with other foreign messages. `inputs` are otherwise those that they
+    /// were read from; their images are not read again.
+    ///
+    /// # Errors
+    /// A foreign message cannot be on the bus.
+    pub fn beside(&self, inputs: &Inputs) -> Result<Self, InputError> {
+        Ok(Self {
+            models: models(inputs)?,
+            executions: Arc::clone(&self.executions),
+        })
     }
 
     /// The analysed paths of a node's handlers, which runs are checked against: interrupt and
     /// watch.
     pub fn watches(&self, node: &str) -> impl Iterator<Item = (&str, &Arc<Watch>)> {
-        let all = self.models.nodes.iter().zip(&self.executions);
+        let all = self.models.nodes.iter().zip(self.executions.iter());
         all.filter(move |((model, _), _)| model.name == node)
             .flat_map(|(_, execution)| &execution.handlers)
             .filter_map(|(name, handler)| Some((name.as_str(), handler.watch.as_ref()?)))
@@ -93,7 +101,7 @@ impl Programs {
 
     /// Words that a node's memory keeps from start-up on: address and word.
     pub fn lasting(&self, node: &str) -> impl Iterator<Item = (u32, u32)> {
-        let all = self.models.nodes.iter().zip(&self.executions);
+        let all = self.models.nodes.iter().zip(self.executions.iter());
         all.filter(move |((model, _), _)| model.name == node)
             .flat_map(|(_, execution)| &execution.lasting)
             .map(|(address, word)| (*address, *word))
@@ -110,25 +118,29 @@ impl Programs {
         progress: &(dyn Fn(&str) + Sync),
     ) -> Result<Report, InputError> {
         let Self { models, executions } = self;
-        let (nodes, messages) = if models.event_triggered {
+        let (nodes, mut messages) = if models.event_triggered {
             progress("response times of tasks and messages");
-            let (network, bus) = (&models.network, models.table.bus);
             event::solve(
-                network,
-                bus,
+                (&models.network, models.table.bus),
+                &models.foreign,
                 &models.file,
                 &models.nodes,
                 executions,
                 observed,
             )?
         } else {
-            let all: Vec<_> = models.nodes.iter().zip(executions).collect();
+            let all: Vec<_> = models.nodes.iter().zip(executions.iter()).collect();
             let nodes = side_by_side(&all, |((model, table), execution)| {
                 progress(&format!("{}: response times", model.name));
                 schedule(model, table, execution, observed.get(&model.name))
             });
             (nodes, bus::messages(&models.network, &models.table.bus))
         };
+        let foreign = |message: &Message| message.sender == SENDER;
+        messages.retain(|report| {
+            let mut all = models.network.messages.iter();
+            !all.any(|message| foreign(message) && message.name == report.name)
+        });
         let basic_cycle = u64::from(models.network.basic_cycle_us) * MICROSECOND;
         let mut chains = Vec::new();
         for chain in &models.table.chain {
@@ -143,6 +155,23 @@ impl Programs {
             basic_cycle,
         })
     }
+}
+
+/// What can be read without an image.
+fn models(inputs: &Inputs) -> Result<Models, InputError> {
+    let sources = inputs
+        .nodes
+        .iter()
+        .map(|(node, program)| (node.as_str(), program.board, program.source.as_path()));
+    Models::read(
+        &inputs.root,
+        &inputs.table,
+        &inputs.network,
+        inputs.receiver_period_us,
+        inputs.event_triggered,
+        &inputs.foreign,
+        sources,
+    )
 }
 
 /// Applies `work` to each element, on as many threads as there are processors.

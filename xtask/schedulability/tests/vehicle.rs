@@ -169,6 +169,7 @@ fn the_table_fits_the_sources() {
         &root.join("firmware/vehicles/uagv/network.dbc"),
         uagv().receiver_period_us(),
         false,
+        &[],
         sources
             .iter()
             .map(|(node, path)| (*node, board(node), path.as_path())),

@@ -11,6 +11,7 @@ use std::{
 };
 
 use schedulability::{
+    foreign::Foreign,
     models::{InputError, Models},
     priorities, report,
     results::{NodeReport, Report, TaskReport},
@@ -116,7 +117,7 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
     let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
     // Wrong input is reported before a build that takes time.
-    let models = models(workspace, &vehicle, &nodes)?;
+    let models = models(workspace, &vehicle, &nodes, &options.foreign)?;
     let explained = match &options.explain {
         Some(task) => Some(explained(&models, task)?),
         None => None,
@@ -124,7 +125,7 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
     if let Some(path) = &options.html {
         fs::write(path, "").map_err(Error::writing(path))?;
     }
-    let report = analyse(workspace, &vehicle, &nodes)?;
+    let report = analyse(workspace, &vehicle, &nodes, &options.foreign)?;
     if let Some(path) = &options.html {
         fs::write(path, report::html(&report)).map_err(Error::writing(path))?;
         eprintln!("Wrote {}.", path.display());
@@ -152,7 +153,7 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
 pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(), Failure> {
     let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let all: Vec<NodeIndex> = vehicle.nodes().collect();
-    let models = models(workspace, &vehicle, &all)?;
+    let models = models(workspace, &vehicle, &all, &[])?;
     let differ: Vec<NodeIndex> = all
         .into_iter()
         .filter(|&of| {
@@ -167,7 +168,7 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
         let images = build::images(workspace, &vehicle, &differ)?;
         let display = Mutex::new(Display::new());
         let show = shown_on(&display);
-        let report = Programs::read(&inputs(workspace, &vehicle, &images), &show)
+        let report = Programs::read(&inputs(workspace, &vehicle, &images, &[]), &show)
             .and_then(|programs| programs.report(&BTreeMap::new(), &show));
         end(&display);
         report.map_err(Error::from)?.nodes
@@ -184,14 +185,20 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
     Ok(())
 }
 
-/// The inputs of an analysis of these images.
-fn inputs(workspace: &Workspace, vehicle: &Vehicle, images: &[Image]) -> Inputs {
+/// The inputs of an analysis of these images, with foreign messages on the bus.
+pub(crate) fn inputs(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    images: &[Image],
+    foreign: &[Foreign],
+) -> Inputs {
     let root = workspace.root().to_path_buf();
     Inputs {
         table: vehicle.task_table(),
         network: vehicle.network_file(),
         receiver_period_us: vehicle.receiver_period_us(),
         event_triggered: vehicle.is_event_triggered(),
+        foreign: foreign.to_vec(),
         nodes: images
             .iter()
             .map(|image| {
@@ -223,7 +230,7 @@ fn end(display: &Mutex<Display>) {
 }
 
 /// Builds the images, bounds their tasks, runs them to check the assumptions of the analysis,
-/// and reports on these nodes.
+/// and reports on these nodes. The run has no foreign messages.
 ///
 /// # Errors
 ///
@@ -232,6 +239,7 @@ pub(crate) fn analyse(
     workspace: &Workspace,
     vehicle: &Vehicle,
     nodes: &[NodeIndex],
+    foreign: &[Foreign],
 ) -> Result<Report, Failure> {
     // All nodes: without the others, a node has no bus traffic to handle.
     let all: Vec<NodeIndex> = vehicle.nodes().collect();
@@ -245,7 +253,7 @@ pub(crate) fn analyse(
         .collect();
     let display = Mutex::new(Display::new());
     let show = shown_on(&display);
-    let report = Programs::read(&inputs(workspace, vehicle, &wanted), &show)
+    let report = Programs::read(&inputs(workspace, vehicle, &wanted, foreign), &show)
         .map_err(|error| Error::from(error).into())
         .and_then(|programs| {
             let observed = observe::observe(vehicle, &images, &programs, &mut |what| show(what))?;
@@ -271,8 +279,8 @@ pub(crate) fn regressions(
     vehicle: &Vehicle,
 ) -> Result<Vec<String>, Failure> {
     let nodes: Vec<NodeIndex> = vehicle.nodes().collect();
-    let unproven = models(workspace, vehicle, &nodes)?.table.unproven;
-    let report = analyse(workspace, vehicle, &nodes)?;
+    let unproven = models(workspace, vehicle, &nodes, &[])?.table.unproven;
+    let report = analyse(workspace, vehicle, &nodes, &[])?;
     eprint!("{}", report::table(&report));
     Ok(report.regressions(&unproven))
 }
@@ -285,7 +293,12 @@ fn judge(report: &Report) -> Result<(), Error> {
     }
 }
 
-fn models(workspace: &Workspace, vehicle: &Vehicle, nodes: &[NodeIndex]) -> Result<Models, Error> {
+fn models(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    nodes: &[NodeIndex],
+    foreign: &[Foreign],
+) -> Result<Models, Error> {
     let programs: BTreeMap<&str, _> = nodes
         .iter()
         .map(|&node| {
@@ -303,6 +316,7 @@ fn models(workspace: &Workspace, vehicle: &Vehicle, nodes: &[NodeIndex]) -> Resu
         &vehicle.network_file(),
         vehicle.receiver_period_us(),
         vehicle.is_event_triggered(),
+        foreign,
         programs,
     )?)
 }
@@ -378,7 +392,7 @@ mod tests {
         let workspace = Workspace::find().unwrap();
         let vehicle = vehicle::find(&workspace, "uagv").unwrap();
         let drive = vehicle.find_node("drive").unwrap();
-        let models = models(&workspace, &vehicle, &[drive]).unwrap();
+        let models = models(&workspace, &vehicle, &[drive], &[]).unwrap();
         assert_eq!(
             explained(&models, "drive.actuate").unwrap(),
             ("drive", "actuate")
