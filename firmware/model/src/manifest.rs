@@ -641,9 +641,9 @@ pub struct ThesisLaw {
     /// Largest plausible distance. Default 120 cm.
     pub most: Length,
     /// Variance that a distance gains from one sample to the next, as a share of the variance of a
-    /// sample. Default 0.005.
+    /// sample. Default 0.01.
     pub process: f64,
-    /// Effort for a difference of one centimetre. Default 0.0012.
+    /// Effort for a difference of one centimetre. Default 0.0018.
     pub proportional: f64,
     /// Effort for a difference of one centimetre that lasts a second, 0 or above. Default 0.
     pub integral: f64,
@@ -658,8 +658,8 @@ impl Default for ThesisLaw {
         Self {
             least: Length::new(0.5),
             most: Length::new(1.2),
-            process: 0.005,
-            proportional: 0.0012,
+            process: 0.01,
+            proportional: 0.0018,
             integral: 0.0,
             difference: Length::new(0.4),
             effort: Ratio::new(0.1),

@@ -149,6 +149,13 @@ impl Overrides {
         self
     }
 
+    /// These and others, which count where both name a key.
+    #[must_use]
+    pub fn and(mut self, others: Self) -> Self {
+        self.0.extend(others.0);
+        self
+    }
+
     /// Whether they say which protocol the bus has.
     #[must_use]
     pub fn name_protocol(&self) -> bool {

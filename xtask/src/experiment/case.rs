@@ -166,8 +166,9 @@ mod tests {
         let Ok(crate::cli::Request::Show(help)) = crate::cli::parse(line) else {
             panic!("no help");
         };
-        for experiment in ALL {
-            assert!(help.contains(experiment.name), "{}", experiment.name);
+        let all = ALL.iter().map(|experiment| experiment.name);
+        for name in all.chain(super::super::OTHERS.map(|(name, _)| name)) {
+            assert!(help.contains(name), "{name}");
         }
         assert!(help.contains(super::super::row_limits::NAME));
     }

@@ -3,10 +3,12 @@
 
 pub mod aggregate;
 pub mod case;
+mod event_or_time;
 pub mod measure;
 pub mod quick;
 mod report;
 pub mod row_limits;
+mod thesis_2;
 
 use std::{
     fmt::Write as _,
@@ -47,7 +49,7 @@ use report::{CaseReport, Report};
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// There is no experiment of that name.
-    #[error("there is no experiment {name:?}: {} is accepted", known())]
+    #[error("there is no experiment {name:?}: {} are accepted", known())]
     Unknown {
         /// The name.
         name: String,
@@ -150,10 +152,20 @@ pub enum RunError {
     NeverDrove,
 }
 
+/// How an experiment is run.
+type Runner = fn(&Workspace, &Sim) -> Result<(), Failure>;
+
+/// The experiments that have a runner of their own.
+const OTHERS: [(&str, Runner); 2] = [
+    (event_or_time::NAME, event_or_time::run),
+    (thesis_2::NAME, thesis_2::run),
+];
+
 /// The names of the experiments.
 fn known() -> String {
-    let mut names: Vec<&str> = case::ALL.iter().map(|experiment| experiment.name).collect();
-    names.push(row_limits::NAME);
+    let tracks = case::ALL.iter().map(|experiment| experiment.name);
+    let names = tracks.chain(OTHERS.map(|(name, _)| name));
+    let names: Vec<&str> = names.chain([row_limits::NAME]).collect();
     names.join(", ")
 }
 
@@ -169,6 +181,9 @@ fn needed<T>(vehicle: &Vehicle, what: &'static str, found: Option<T>) -> Result<
 /// There is no such vehicle or experiment, or the output folder is wrong (exit code 2); an
 /// image does not build or run, or an aim is missed.
 pub fn run(workspace: &Workspace, name: &str, options: &Sim) -> Result<(), Failure> {
+    if let Some((_, run)) = OTHERS.iter().find(|(other, _)| *other == name) {
+        return run(workspace, options);
+    }
     let vehicle = &vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     if name == row_limits::NAME {
         return row_limits::run(vehicle, options);

@@ -5,6 +5,7 @@ use network_model::{Network, Signal};
 use vehicle_model::Vehicle;
 use vehicle_model::manifest::{SignalPath, ThesisLaw};
 use vehicle_model::units::{LengthKind, factor};
+use world::SimTime;
 use world::report::{DistancePair, FrameRecord};
 
 /// The thesis's filter of one distance, in centimetres (thesis 2.2.5.3).
@@ -57,7 +58,7 @@ impl<'n> Field<'n> {
 
 /// The distances that a rover's nodes tell, filtered as the thesis does it, with the numbers of the
 /// manifest. Empty if no message carries them.
-pub(super) fn pairs(vehicle: &Vehicle, frames: &[FrameRecord]) -> Vec<DistancePair> {
+pub(crate) fn pairs(vehicle: &Vehicle, frames: &[FrameRecord]) -> Vec<DistancePair> {
     filtered(vehicle, frames).unwrap_or_default()
 }
 
@@ -69,7 +70,6 @@ fn filtered(vehicle: &Vehicle, frames: &[FrameRecord]) -> Option<Vec<DistancePai
         Field::find(network, &signals.left)?,
         Field::find(network, &signals.right)?,
     ];
-    let mut filters = [Filter::new(&rover.thesis)?, Filter::new(&rover.thesis)?];
     let mut distances = [None; 2];
     let mut pairs = Vec::new();
     for frame in frames {
@@ -78,20 +78,32 @@ fn filtered(vehicle: &Vehicle, frames: &[FrameRecord]) -> Option<Vec<DistancePai
         }
         if let [Some(left), Some(right)] = distances {
             distances = [None; 2];
-            pairs.push(DistancePair {
-                at: frame.end,
-                left: filters[0].pass(left) / 100.0,
-                right: filters[1].pass(right) / 100.0,
-            });
+            pairs.push((frame.end, left, right));
         }
     }
-    Some(pairs)
+    Some(filter(&rover.thesis, pairs))
+}
+
+/// Pairs of a left and a right distance in centimetres, with their times, filtered as the thesis does
+/// it. Empty if no filter has the numbers.
+pub(crate) fn filter(
+    law: &ThesisLaw,
+    pairs: impl IntoIterator<Item = (SimTime, f64, f64)>,
+) -> Vec<DistancePair> {
+    let (Some(mut on_left), Some(mut on_right)) = (Filter::new(law), Filter::new(law)) else {
+        return Vec::new();
+    };
+    let filtered = pairs.into_iter().map(|(at, left, right)| DistancePair {
+        at,
+        left: on_left.pass(left) / 100.0,
+        right: on_right.pass(right) / 100.0,
+    });
+    filtered.collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use world::SimTime;
 
     /// A rover with the UAGV's network, in which two signals take the place of the distances.
     fn vehicle(left: &str, right: &str) -> Vehicle {

@@ -1,7 +1,7 @@
 //! `sim`: runs the release images on the virtual vehicle and reports the result.
 
 pub(crate) mod bus;
-mod distances;
+pub(crate) mod distances;
 mod faults;
 pub(crate) mod matrix;
 mod tasks;

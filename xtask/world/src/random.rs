@@ -47,6 +47,8 @@ pub enum Purpose {
     DistanceLines = 17,
     /// Errors of the clocks of motor drivers with servo pulses.
     ServoClocks = 18,
+    /// Frames of foreign nodes on the bus.
+    ForeignFrames = 19,
 }
 
 /// A stream of random numbers.

@@ -9,6 +9,7 @@ mod bus;
 mod figures;
 mod folder;
 mod guidance;
+mod latency;
 mod map;
 mod plot;
 mod rover;
@@ -27,6 +28,7 @@ pub use figures::{
     TakeoverFigures, TaskFigures, WindowFigures,
 };
 pub use folder::{FolderError, OutputFolder};
+pub use latency::{LatencyBar, LatencySeries, latency_svg};
 pub use map::{MapAxis, MapCell, MapPanel, MapPicture, map_svg};
 pub use rover::{ContactFigures, DistancePair, RoverFigures, RoverRun, rover_csv, rover_svg};
 pub use row::{RowPicture, row_svg};
