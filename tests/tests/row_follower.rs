@@ -2,6 +2,7 @@
 
 use std::sync::OnceLock;
 
+use campaign::Sequence;
 use twin::{Images, Options, Outcome};
 use vehicle_model::Vehicle;
 use world::report::{RoverFigures, RoverRun};
@@ -44,6 +45,58 @@ fn drive_on(nodes: &str, more: &str, length: f64) -> Outcome {
     twin::run(vehicle, &scenario, images, &options, |_| {}).unwrap()
 }
 
+/// What a fault of the distance sensors from 3 s on does: the way driven until 10 s, m, whether the
+/// robot stands then, and whether it has touched something.
+fn after_fault(side: &str, fault: &str) -> (f64, bool, bool) {
+    let table =
+        format!("[[distance_fault]]\nside = \"{side}\"\nfault = \"{fault}\"\nat = \"3 s\"\n");
+    let outcome = drive(&table, 10.0);
+    let drive = outcome.world.drive().unwrap();
+    let samples = drive.samples();
+    let first = samples.iter().find(|sample| seconds(sample.at) >= 3.0);
+    let way = samples.last().unwrap().station - first.unwrap().station;
+    let stands = drive.rests().last().is_some_and(|(_, rest)| *rest);
+    println!(
+        "{side} {fault}: {way} m, stands: {stands}, contact: {:?}",
+        drive.contact()
+    );
+    (way, stands, drive.contact().is_some())
+}
+
+/// The settings of the manifest: 0.6 m of readings that cannot be make a fault, and 2.5 m without a
+/// stalk, 1.5 m more than the longest gap, make a lost row. The robot coasts for 0.1 m.
+const FAULT_WAY: f64 = 0.6 + 0.2;
+const LOST_WAY: f64 = 2.5 + 0.2;
+
+#[test]
+fn without_both_sensors_it_stands_after_a_bounded_way() {
+    // As with a lost supply of both.
+    let (way, stands, touched) = after_fault("both", "open");
+    assert!(way < FAULT_WAY && stands && !touched, "{way} m");
+    // Possible readings look like a gap.
+    let (way, stands, _) = after_fault("both", "frozen");
+    assert!(way < LOST_WAY && stands, "{way} m");
+}
+
+#[test]
+fn without_one_sensor_it_drives_on_by_the_other_one() {
+    let (way, stands, touched) = after_fault("left", "open");
+    assert!(way > 2.5 && !stands && !touched, "{way} m");
+}
+
+#[test]
+#[ignore = "slow: the rest of the faults"]
+fn every_fault_of_its_sensors_ends_as_the_bounds_say() {
+    for fault in ["shorted-to-ground", "shorted-to-supply", "frozen", "blind"] {
+        for side in ["left", "right"] {
+            let (way, stands, touched) = after_fault(side, fault);
+            assert!(way > 2.5 && !stands && !touched, "{side} {fault}: {way} m");
+        }
+        let (way, stands, _) = after_fault("both", fault);
+        assert!(way < LOST_WAY && stands, "both {fault}: {way} m");
+    }
+}
+
 /// An RC oscillator makes a neutral pulse 5 % too long or too short, an effort of 15 %, until the node
 /// has trimmed it by the references.
 #[test]
@@ -51,15 +104,38 @@ fn on_their_rc_oscillators_the_motors_rest_until_a_command() {
     for internal in ["40000 ppm", "-40000 ppm"] {
         let clock = format!("nodes.motors = {{ external = false, internal = \"{internal}\" }}\n");
         let outcome = drive_on(&clock, "", 4.0);
-        let drive = outcome.world.drive().unwrap();
-        let samples = drive.samples().iter();
-        let driven = samples.filter(|sample| sample.efforts.iter().any(|effort| *effort != 0.0));
-        let first = driven.map(|sample| seconds(sample.at)).next();
+        let first = driven_at(&outcome, 0.0);
         assert!(
             first.is_some_and(|first| first > 0.5),
             "{internal}: {first:?}"
         );
     }
+}
+
+/// Without references the node looks for another trim, and its oscillator makes no neutral pulse. In
+/// this sequence of faults the sensors' node is in reset from 1.964 s to 2.570 s.
+#[test]
+fn on_its_rc_oscillator_the_motors_rest_while_there_are_no_references() {
+    let (vehicle, images) = vehicle();
+    let sequence = Sequence::draw(vehicle, 1001);
+    let options = Options {
+        seed: sequence.seed,
+        duration: Some(from_seconds(2.8)),
+        ..Options::default()
+    };
+    let outcome = twin::run(vehicle, &sequence.scenario, images, &options, |_| {}).unwrap();
+    let driven = driven_at(&outcome, 1.964_165 + TWO_PERIODS);
+    assert_eq!(driven, None);
+}
+
+/// When a motor is first driven after `time`, s.
+fn driven_at(outcome: &Outcome, time: f64) -> Option<f64> {
+    let mut samples = outcome.world.drive().unwrap().samples().iter();
+    let driven = samples.find(|sample| {
+        let is_driven = sample.efforts.iter().any(|effort| *effort != 0.0);
+        is_driven && seconds(sample.at) > time
+    })?;
+    Some(seconds(driven.at))
 }
 
 /// When the motors first came to rest after `time`, seconds later, and whether they rested from then

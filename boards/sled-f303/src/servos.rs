@@ -51,7 +51,7 @@ pub(crate) fn start(timer: pac::TIM1, clock: u32, period: PulsePeriod) -> Servos
 }
 
 impl Servos {
-    /// Begins pulses at once, neutral ones unless other widths have been set. Nothing the second time,
+    /// Begins pulses at once, neutral ones unless other widths have been set. Nothing if they have begun,
     /// so that a lost clock ends them for good.
     #[inline]
     pub fn begin(&mut self) {
@@ -59,6 +59,17 @@ impl Servos {
             self.begun = true;
             cortex_m::interrupt::free(|_| pulse::begin(&self.timer));
         }
+    }
+
+    /// Makes no more pulses until [`Servos::begin`]. False if a pulse may run, which is not cut: call it
+    /// again then.
+    ///
+    /// For a node on its RC oscillator that has lost the references to trim it by.
+    pub fn pause(&mut self) -> bool {
+        if self.begun && cortex_m::interrupt::free(|_| pulse::pause(&self.timer)) {
+            self.begun = false;
+        }
+        !self.begun
     }
 
     /// Sets the widths of the next pulses and of all that follow. Both change together.

@@ -153,6 +153,29 @@ mod tests {
     }
 
     #[test]
+    fn a_pause_cuts_no_pulse() {
+        let mut outputs = Outputs::start();
+        let long = PulseWidth::LONGEST;
+        outputs.servos.set(long, long);
+        outputs.pulses();
+        let began = outputs.wait("no pulse begins", |levels| levels != 0);
+        outputs.pause(1900);
+        assert!(!outputs.servos.pause(), "a pulse is cut");
+        widths(outputs.ends(began), 2000, 2000);
+        outputs.pause(10);
+        assert!(outputs.servos.pause() && !outputs.servos.is_on());
+        assert!(outputs.servos.pause(), "it is off already");
+        let since = outputs.clock.now();
+        while outputs.us(outputs.clock.now().wrapping_sub(since)) < 2 * u32::from(PERIOD_US) {
+            assert!(Outputs::levels() == 0, "a pulse");
+        }
+        outputs.servos.stop();
+        outputs.servos.begin();
+        let began = outputs.wait("no pulse begins", |levels| levels == 0b11);
+        widths(outputs.ends(began), 1500, 1500);
+    }
+
+    #[test]
     fn the_first_pulses_are_neutral_and_follow_in_their_period() {
         let outputs = Outputs::start();
         assert!(outputs.servos.is_neutral() && outputs.servos.is_on());

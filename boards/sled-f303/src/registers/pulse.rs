@@ -55,6 +55,16 @@ pub(crate) fn begin(timer: &pac::TIM1) {
     timer.bdtr.write(|w| unsafe { w.bits(ENABLED) });
 }
 
+/// Switches the outputs off, unless a pulse may run. True if it did.
+pub(crate) fn pause(timer: &pac::TIM1) -> bool {
+    let between = timer.cnt.read().cnt().bits() >= PulseWidth::LONGEST.us();
+    if between {
+        // SAFETY: a value of the register, as above.
+        timer.bdtr.write(|w| unsafe { w.bits(IDLE) });
+    }
+    between
+}
+
 #[inline(always)]
 fn load(timer: &pac::TIM1, left: PulseWidth, right: PulseWidth) {
     timer.ccr1().write(|w| w.ccr().bits(left.us()));

@@ -13,8 +13,9 @@
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 //!
 //! The pulses are neutral from the start of the node until its first command, and whenever no
-//! command is in force. Without its external clock the node makes none until its first command: by
-//! then it has trimmed its RC oscillator, which makes no neutral pulse before.
+//! command is in force. Without its external clock the node makes pulses only while commands come, and
+//! some neutral ones behind the last of them: the references trim its RC oscillator, which makes no
+//! neutral pulse without them.
 
 #![no_std]
 #![no_main]
@@ -54,9 +55,15 @@ mod app {
         test: Option<Report>,
     }
 
+    /// Steps of the housekeeping without a command after which an RC oscillator makes no pulses any
+    /// more. By then the neutral ones have stopped the motors.
+    const PAUSE: u8 = 3;
+
     #[local]
     struct Local {
         keeper: Keeper,
+        /// Steps without a command on the RC oscillator; `None` on the external clock.
+        idle: Option<u8>,
         log: Log,
     }
 
@@ -108,6 +115,7 @@ mod app {
                     &start,
                     &sled.findings,
                 ),
+                idle: (start.clocks.oscillator == Oscillator::Internal).then_some(0),
                 log: Log::new(&start),
             },
         )
@@ -210,14 +218,31 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link, servos, fit, test], local = [keeper])]
+    #[task(priority = 2, shared = [link, obeyed, servos, fit, test], local = [keeper, idle])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
             // at-most: 1. The same; the first step waits for nothing.
+            if let Some(steps) = cx.local.idle {
+                rest(&mut cx.shared, steps);
+            }
             keep(&mut cx.shared, cx.local.keeper);
             pace.wait().await;
+        }
+    }
+
+    /// Ends the pulses of an RC oscillator some steps after the last command.
+    fn rest(shared: &mut housekeeping::SharedResources<'_>, steps: &mut u8) {
+        let commanded = shared.obeyed.lock(|obeyed| obeyed.command().is_some());
+        *steps = if commanded {
+            0
+        } else {
+            steps.saturating_add(1)
+        };
+        if *steps >= PAUSE {
+            // A pulse that runs is left to end, and the next step tries again.
+            shared.servos.lock(Servos::pause);
         }
     }
 
