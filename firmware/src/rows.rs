@@ -473,29 +473,31 @@ mod tests {
         step
     }
 
-    /// The last step of a drive with the same distances.
-    fn last<L: Tested>(left: u8, right: u8) -> Step {
+    /// The steps of a drive with the same distances.
+    fn drive<L: Tested>(left: u8, right: u8) -> [Step; 100] {
         let mut follower = L::follower();
-        let mut last = step(&mut follower, &both(left, right), false);
-        assert_eq!((last.efforts.left, last.state), (0, State::Idle));
-        for _ in 0..100 {
-            last = step(&mut follower, &both(left, right), true);
-        }
-        assert_eq!(last.state, State::Following);
-        last
+        let first = step(&mut follower, &both(left, right), false);
+        assert_eq!((first.efforts.left, first.state), (0, State::Idle));
+        let steps = [(); 100].map(|()| step(&mut follower, &both(left, right), true));
+        assert!(steps.iter().all(|step| step.state == State::Following));
+        steps
+    }
+
+    fn turns(step: &Step) -> bool {
+        step.efforts.left.abs_diff(step.efforts.right) > 2
     }
 
     fn steers<L: Tested>() {
-        let middle = last::<L>(75, 75);
-        assert!(
-            middle.efforts.left.abs_diff(middle.efforts.right) <= 2,
-            "{middle:?}"
-        );
-        assert!(middle.efforts.left > 50, "{middle:?}");
-        // Left of the middle: the left side drives faster.
-        let left = last::<L>(65, 85);
-        assert!(left.efforts.left > left.efforts.right, "{left:?}");
-        assert!(left.offset < 0, "{left:?}");
+        let middle = drive::<L>(75, 75);
+        let last = middle[99];
+        assert!(!turns(&last), "{last:?}");
+        assert!(last.efforts.left > 50, "{last:?}");
+        // Left of the middle: the left side drives faster. Only the first turn counts, because the
+        // distances do not follow it.
+        let left = drive::<L>(65, 85);
+        let first = left.iter().find(|step| turns(step)).unwrap();
+        assert!(first.efforts.left > first.efforts.right, "{first:?}");
+        assert!(first.offset < 0, "{first:?}");
     }
 
     #[test]

@@ -67,21 +67,21 @@ impl<T: Scalar> RowSettings<T> {
                 readings: Readings {
                     least: lit(robot.least),
                     open: lit(robot.open),
-                    agreement: lit(0.035),
-                    // The beam is 6 mm wide and crosses a stalk at 45 degrees.
-                    run: lit((robot.stalk + 0.016) * 1.414),
-                    surface: lit(0.2),
-                    leaf_way: lit(0.25),
+                    agreement: lit(0.04),
+                    // The beam is 6 mm wide; it crosses a stalk at 45 degrees, but seldom in its middle.
+                    run: lit(robot.stalk + 0.006),
+                    surface: lit(0.43),
+                    leaf_way: lit(0.4),
                     // Rows with 0.5 leaves a metre, and with 6.
                     clear: Odds {
                         stalk: lit(0.9),
-                        near: lit(0.4),
-                        far: lit(0.05),
+                        near: lit(0.33),
+                        far: lit(0.02),
                     },
                     leafy: Odds {
-                        stalk: lit(0.33),
-                        near: lit(1.9),
-                        far: lit(0.05),
+                        stalk: lit(0.25),
+                        near: lit(4.3),
+                        far: lit(0.02),
                     },
                     doubt: lit(0.001),
                     fault_way: lit(0.6),
@@ -95,9 +95,9 @@ impl<T: Scalar> RowSettings<T> {
                     heading_walk: lit(0.08),
                     offset_walk: lit(0.01),
                     turn_error: lit(0.1),
-                    // Motors that differ by 4 %, rows with a radius of 15 m.
-                    curvature: lit(0.07),
-                    curvature_way: lit(10.0),
+                    // The speeds of both sides differ by 4.5 %.
+                    curvature: lit(0.045 / robot.track),
+                    curvature_way: lit(16.0),
                 },
             },
             law: RowLawSettings {
@@ -105,7 +105,7 @@ impl<T: Scalar> RowSettings<T> {
                 slow: lit(0.5),
                 good: lit(0.03),
                 poor: lit(0.15),
-                settling: lit(0.16),
+                settling: lit(0.09),
                 damping: lit(1.2),
                 approach: lit(0.25),
                 turn_rate: lit(2.0),

@@ -486,6 +486,12 @@ pub(crate) fn settings_of(robot: &RowRobot) -> RowSettings<f32> {
     settings.estimator.rows.spacing = 0.0;
     settings.estimator.motion.heading_walk = 0.05;
     settings.estimator.motion.turn_error = 0.2;
+    settings.estimator.readings.agreement = 0.035;
+    settings.estimator.readings.run = (robot.stalk as f32 + 0.016) * 1.414;
+    settings.estimator.readings.surface = 0.2;
+    settings.estimator.readings.leaf_way = 0.25;
+    settings.estimator.motion.curvature = 0.07;
+    settings.estimator.motion.curvature_way = 10.0;
     settings.law.settling = 0.3;
     settings
 }

@@ -5,14 +5,11 @@ mod furrow_law;
 use furrow_law::{Field, drive};
 use world::row_drive::Followed;
 
-/// Seeds that the settings were not fitted on.
-const SEEDS: std::ops::RangeInclusive<u64> = 1001..=1020;
-
-/// Outcomes of all seeds at both speeds.
-fn runs(field: &Field) -> Vec<Followed> {
+/// Outcomes at both speeds of seeds that the settings were not fitted on.
+fn runs(field: &Field, seeds: std::ops::Range<u64>) -> Vec<Followed> {
     let row = field.row();
     let speeds = [0.4, 0.8].into_iter();
-    let runs = speeds.flat_map(|speed| SEEDS.map(move |seed| (speed, seed)));
+    let runs = speeds.flat_map(|speed| seeds.clone().map(move |seed| (speed, seed)));
     runs.map(|(speed, seed)| drive(&row, speed, seed)).collect()
 }
 
@@ -26,30 +23,54 @@ fn failed(runs: &[Followed]) -> usize {
 
 #[test]
 fn leaves_on_one_side_over_3_m_are_driven_within_2_cm_of_the_middle() {
-    let runs = runs(&Field {
+    let field = Field {
         gaps: false,
         ..Field::FULL
-    });
-    assert!(offset(&runs) <= 0.02, "{}", offset(&runs));
-    assert!(failed(&runs) <= 1, "{} of {}", failed(&runs), runs.len());
+    };
+    let runs = runs(&field, 1001..1021);
+    assert!(offset(&runs) <= 0.0175, "{}", offset(&runs));
+    assert!(failed(&runs) <= 2, "{} of {}", failed(&runs), runs.len());
 }
 
 /// In a gap of both rows the robot is blind for a metre, and the ground turns it.
 #[test]
 fn gaps_of_1_m_are_bridged_by_nearly_all() {
-    let runs = runs(&Field::FULL);
-    assert!(offset(&runs) <= 0.03, "{}", offset(&runs));
-    assert!(failed(&runs) <= 4, "{} of {}", failed(&runs), runs.len());
+    let runs = runs(&Field::FULL, 1001..1021);
+    assert!(offset(&runs) <= 0.02, "{}", offset(&runs));
+    assert!(failed(&runs) <= 3, "{} of {}", failed(&runs), runs.len());
 }
 
+/// In a bend the beams meet the rows 1 cm beside where they would meet straight ones, and the slope drives
+/// the robot aside by another 0.8 cm: on a bend to the right both add up.
 #[test]
 fn bent_rows_are_driven_too() {
-    for turn in ["left", "right"] {
-        let runs = runs(&Field {
+    for (turn, most) in [("left", 0.02), ("right", 0.026)] {
+        let field = Field {
             turn,
             ..Field::FULL
-        });
-        assert!(offset(&runs) <= 0.033, "{turn}: {}", offset(&runs));
+        };
+        let runs = runs(&field, 1001..1021);
+        assert!(offset(&runs) <= most, "{turn}: {}", offset(&runs));
         assert!(failed(&runs) <= 4, "{turn}: {}", failed(&runs));
     }
+}
+
+/// A hundred other seeds at both speeds, straight and on bends to both sides: more than 12 km. All of them
+/// are to be driven within 2 cm, and without a contact; the second is not reached.
+#[test]
+#[ignore = "drives 12 km: `cargo xtask test --long`"]
+fn field_rows_of_12_km_are_driven_within_2_cm_of_the_middle() {
+    let turns = ["", "left", "right"];
+    let all = turns.map(|turn| {
+        let field = Field {
+            turn,
+            ..Field::FULL
+        };
+        runs(&field, 5001..5101)
+    });
+    let runs = all.concat();
+    let way: f64 = runs.iter().map(|run| run.way).sum();
+    assert!(way >= 12_000.0, "{way}");
+    assert!(offset(&runs) <= 0.02, "{}", offset(&runs));
+    assert!(failed(&runs) <= 30, "{} of {}", failed(&runs), runs.len());
 }

@@ -5,8 +5,10 @@
 
 #![allow(dead_code)]
 
-use control::calibration::{Actuator, Direction};
-use control::row::{Mounting, RowController, RowDistances, RowRobot, RowSettings, RowState, Sides};
+use std::path::Path;
+
+use control::row::{RowController, RowDistances, RowSettings, RowState, Sides};
+use vehicle_model::{Vehicle, manifest::Rover, robot, units::Speed};
 use world::distance;
 use world::rover::{self, Mount, Terrain};
 use world::row_drive::{Chain, Followed, RowDrive, Setting, follow};
@@ -80,52 +82,32 @@ density = "0.5 /m"
     }
 }
 
-/// The thesis's robot, measured on the field: there its wheels slip by 10 %, and turn it as if they were
-/// 38 cm apart.
-pub(crate) fn robot(speed: f64) -> RowRobot {
-    let rover = rover::Parameters::default();
-    let mount = Mount::right();
-    let direction = Direction {
-        dead_band: rover.friction,
-        full_rate: 0.9 * rover.top_speed,
-    };
-    let motor = Actuator {
-        positive: direction,
-        negative: direction,
-    };
-    RowRobot {
-        mounting: Mounting {
-            ahead: mount.ahead,
-            beside: mount.right,
-            angle: -mount.yaw,
-        },
-        least: 0.22,
-        open: 1.45,
-        track: 0.38,
-        lag: rover.lag,
-        motors: Sides {
-            left: motor,
-            right: motor,
-        },
-        cruise: speed,
-        width: 0.762,
-        tolerance: 0.04,
-        stalk: 0.022,
-        gap: 1.0,
+/// The vehicle's rover, at this speed (m/s).
+fn rover(speed: f64) -> Rover {
+    let folder = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../firmware/vehicles/row-follower"
+    );
+    let vehicle = Vehicle::read(Path::new(folder)).expect("the vehicle is right");
+    let rover = vehicle.manifest().rover.expect("the vehicle is a rover");
+    Rover {
+        cruise: Speed::new(speed),
+        ..rover
     }
 }
 
 /// Drives along the row at `speed` (m/s).
 pub(crate) fn drive(row: &Row, speed: f64, seed: u64) -> Followed {
+    let rover = rover(speed);
     let setting = Setting {
         row,
-        rover: rover::Parameters::default(),
-        mount: Mount::right(),
+        rover: rover::Parameters::of(&rover),
+        mount: Mount::of(&rover),
         terrain: Terrain::field(),
         distance: distance::Parameters::default(),
         driver_clocks: [0.0; 2],
     };
-    let settings = RowSettings::<f32>::for_robot(&robot(speed)).expect("the robot is right");
+    let settings = RowSettings::<f32>::for_robot(&robot(&rover)).expect("the robot is right");
     let mut controller = RowController::new(settings).expect("the settings are right");
     let chain = Chain {
         period: PERIOD,
