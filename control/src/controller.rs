@@ -341,6 +341,12 @@ impl<T: Scalar> Controller<T> {
         self.estimator.set_gps_delay(delay);
     }
 
+    /// The real steering rate as a share of the commanded one, as estimated.
+    #[must_use]
+    pub fn effectiveness(&self) -> T {
+        self.estimator.effectiveness()
+    }
+
     /// Slews commands from `last` on, which something else has sent to the actuators.
     pub fn resume(&mut self, last: Command<T>) {
         self.safety.resume(last);

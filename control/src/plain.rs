@@ -52,6 +52,17 @@ impl<T: Scalar> PlainController<T> {
         })
     }
 
+    /// The real steering rate as a share of the commanded one: 1, as this law estimates none.
+    #[must_use]
+    pub fn effectiveness(&self) -> T {
+        T::one()
+    }
+
+    /// Slews commands from `last` on, which something else has sent to the actuators.
+    pub fn resume(&mut self, last: Command<T>) {
+        self.safety.resume(last);
+    }
+
     /// One control step, like [`crate::controller::Controller::step`].
     pub fn step(&mut self, sample: &Sample<T>) -> Outcome<T> {
         match sample.position {

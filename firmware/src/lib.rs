@@ -11,7 +11,7 @@
 //! - [`e2e`]: the protection of actuator commands; [`actuator`]: their supervision;
 //! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: its messages, for the bus;
 //! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law;
-//! - [`rows`]: following the rows of a crop;
+//! - [`rows`]: following the rows of a crop; [`takeover`]: guidance by them while there is no fix;
 //! - [`text`], [`display`], [`console`]: text for the operator;
 //! - [`housekeeping`]: watchdog, status messages, LED;
 //! - [`log`]: which lines a debug probe shows.
@@ -42,6 +42,7 @@ pub mod pilot;
 pub mod rows;
 pub mod sbp;
 pub mod selftest;
+pub mod takeover;
 pub mod text;
 mod vehicle;
 

@@ -10,6 +10,7 @@ use control::feedback::Limits;
 use control::position::Position;
 
 use crate::actuator::Command;
+use crate::takeover::Guidance;
 
 /// The numbers of a machine with a steered front axle and a driven rear axle.
 pub trait Machine {
@@ -31,6 +32,10 @@ pub trait Machine {
     const PERIOD: f32;
     /// The settings of the control law.
     const SETTINGS: Settings<f32>;
+    /// What guides a run while the receiver has no fix.
+    type Rows: Guidance;
+    /// Its settings.
+    const ROWS: <Self::Rows as Guidance>::Settings;
 }
 
 /// A command to steering and drive, as a network's message carries it.

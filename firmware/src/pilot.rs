@@ -8,11 +8,13 @@ use control::line::{Line, LineError};
 use control::mode::{self, Conditions, Mode, ModeMachine, Request, Source};
 use control::position::{Position, Velocity};
 use control::safety;
+use control::takeover::{Guide, TakeoverError};
 
 use crate::buttons::{Button, Buttons, Edge};
 use crate::console::PilotView;
 use crate::display::View;
 use crate::machine::Machine;
+use crate::takeover::{Guidance as _, Known, Motion};
 use crate::{convert, design};
 
 /// The control law: from samples to commands.
@@ -47,6 +49,8 @@ pub enum DesignError {
     Line(LineError),
     /// The settings.
     Settings(SettingsError),
+    /// The settings of the guidance by rows.
+    Rows(TakeoverError),
 }
 
 /// Inputs of a step: from the bus and from the operator.
@@ -144,9 +148,10 @@ pub struct Decision {
 
 /// Everything that the controller node's decisions depend on.
 #[derive(Clone, Debug)]
-pub struct Pilot<M> {
+pub struct Pilot<M: Machine> {
     modes: ModeMachine,
     controller: Law,
+    rows: M::Rows,
     applied: safety::Command<f32>,
     tracking: Tracking<f32>,
     position: Position,
@@ -181,6 +186,7 @@ impl<M: Machine> Pilot<M> {
         Ok(Self {
             modes: ModeMachine::new(),
             controller,
+            rows: M::Rows::new(&M::ROWS, &M::SETTINGS).map_err(DesignError::Rows)?,
             applied: safety::Command::still(),
             tracking: AT_REST,
             position: Position::new(0, 0),
@@ -252,23 +258,47 @@ impl<M: Machine> Pilot<M> {
             None => self.position_missing = self.position_missing.saturating_add(1),
         }
         self.fixed = inputs.fixed && self.position_missing < design::POSITION_PATIENCE;
-        let change = self.change_mode(inputs, buttons);
+        let guide = self.rows.step(&Known {
+            mode: self.modes.mode(),
+            fixed: self.fixed,
+            tracking: self.tracking,
+            dt: M::PERIOD,
+        });
+        let change = self.change_mode(inputs, buttons, guide);
         let mode = self.modes.mode();
+        let steering_angle = inputs
+            .pot
+            .and_then(|count| M::POTENTIOMETER.angle(count).ok());
 
         let outcome = self.controller.step(&Sample {
             position: inputs.position,
             velocity: inputs.velocity,
-            steering_angle: inputs
-                .pot
-                .and_then(|count| M::POTENTIOMETER.angle(count).ok()),
+            steering_angle,
             applied: self.applied,
-            engaged: mode.source() == Source::Law,
+            // Beside the rows the satellites' law has nothing to integrate.
+            engaged: mode.source() == Source::Law && guide != Guide::Rows,
             dt: M::PERIOD,
         });
         self.tracking = outcome.tracking;
         self.finished = outcome.finished;
         self.applied = match mode.source() {
-            Source::Law => outcome.command,
+            Source::Law => {
+                let motion = Motion {
+                    tracking: outcome.tracking,
+                    applied: self.applied,
+                    steering_angle,
+                    effectiveness: self.controller.effectiveness(),
+                    dt: M::PERIOD,
+                };
+                match self.rows.drive(&motion) {
+                    Some(command) => {
+                        // So the controller goes on from there when it takes over again.
+                        self.controller.resume(command);
+                        command
+                    }
+                    None => outcome.command,
+                }
+            }
             Source::Joystick => joystick_command::<M>(inputs.joystick),
             Source::Still => safety::Command::still(),
         };
@@ -284,7 +314,7 @@ impl<M: Machine> Pilot<M> {
         (decision, change)
     }
 
-    fn change_mode(&mut self, inputs: &Inputs, buttons: &Buttons) -> Option<Change> {
+    fn change_mode(&mut self, inputs: &Inputs, buttons: &Buttons, guide: Guide) -> Option<Change> {
         let previous = self.modes.mode();
         let blind = self.pot_missing >= POT_PATIENCE;
         let mut request = core::mem::take(&mut self.request);
@@ -294,7 +324,8 @@ impl<M: Machine> Pilot<M> {
             self.request_reason = Reason::PathEnd;
         }
         let sound = Conditions {
-            fixed_solution: self.fixed,
+            // Rows only go on with a run: they do not guide before it.
+            fixed_solution: (self.fixed && guide != Guide::Nothing) || guide == Guide::Rows,
             stop_loop_open: buttons.is_pressed(Button::StopLoop),
             fault: false,
         };
@@ -337,6 +368,16 @@ impl<M: Machine> Pilot<M> {
             mode,
             reason: self.mode_reason,
         })
+    }
+
+    /// What guides a run while there is no fix.
+    pub const fn rows(&self) -> &M::Rows {
+        &self.rows
+    }
+
+    /// The same, for its messages.
+    pub const fn rows_mut(&mut self) -> &mut M::Rows {
+        &mut self.rows
     }
 
     /// Steps so far; wraps.

@@ -3,8 +3,10 @@
 
 use control::row::{
     ConditionalHold, IntegralState, ProportionalIntegral, RowController, RowDistances, RowOutcome,
-    RowSettings, RowState, ScalarKalman, Sides, differential,
+    RowPose, RowSettings, RowState, ScalarKalman, Sides, differential,
 };
+use control::scalar::Scalar as _;
+use control::takeover::{Presence, RowSighting, RowWatch};
 use sled_common::burst::{Mean, Means};
 use sled_common::pulse::PulseWidth;
 
@@ -322,6 +324,100 @@ impl Law for Thesis {
             offset: byte(-error * self.sine),
             heading: 0,
         }
+    }
+}
+
+/// Steps without news of the vehicle's motion after which it counts as standing: three basic cycles of
+/// the messages that tell it.
+const QUIET: u8 = 60;
+
+/// Speed (m/s) and steering angle (rad, positive to the right) of a vehicle, as far as its messages have
+/// come.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Motion {
+    /// Speed.
+    pub speed: Option<f32>,
+    /// Steering angle.
+    pub steering_angle: Option<f32>,
+}
+
+/// Finds the place between the rows for a vehicle that another node steers.
+#[derive(Clone, Copy, Debug)]
+pub struct Watcher {
+    watch: RowWatch<f32>,
+    wheelbase: f32,
+    /// Last speed and steering angle.
+    speed: f32,
+    steering_angle: f32,
+    /// Steps since the last news of the speed.
+    quiet: u8,
+    sighting: RowSighting<f32>,
+    /// Whether there were distances since the last report.
+    fresh: bool,
+}
+
+impl Watcher {
+    /// A watcher that has seen nothing. The build has checked its settings; `wheelbase` is in metres.
+    pub fn new(settings: RowSettings<f32>, wheelbase: f32) -> Self {
+        Self {
+            watch: RowWatch::of(settings),
+            wheelbase,
+            speed: 0.0,
+            steering_angle: 0.0,
+            quiet: QUIET,
+            sighting: RowSighting {
+                presence: Presence::Searching,
+                pose: RowPose {
+                    offset: 0.0,
+                    heading: 0.0,
+                    half_width: settings.estimator.rows.half_width,
+                },
+                deviation: 0.0,
+            },
+            fresh: false,
+        }
+    }
+
+    /// Takes the distances of a burst, in centimetres, `dt` seconds after the last one, and what has come
+    /// of the vehicle's motion since then.
+    pub fn observe(&mut self, distances: &Sides<u8>, motion: Motion, dt: f32) {
+        self.quiet = match motion.speed {
+            Some(speed) => {
+                self.speed = speed;
+                0
+            }
+            None => self.quiet.saturating_add(1),
+        };
+        if self.quiet >= QUIET {
+            self.speed = 0.0;
+        }
+        self.steering_angle = motion.steering_angle.unwrap_or(self.steering_angle);
+        let turn = self.speed * self.steering_angle.tangent() / self.wheelbase;
+        let metres = |centimetres: u8| f32::from(centimetres) * 0.01;
+        let distances = RowDistances {
+            left: metres(distances.left),
+            right: metres(distances.right),
+        };
+        self.sighting = self.watch.observe(&distances, self.speed, turn, dt);
+        self.fresh = true;
+    }
+
+    /// The rest of a step, due before the next one.
+    pub fn correct(&mut self) {
+        self.watch.correct();
+    }
+
+    /// What is known now.
+    pub const fn sighting(&self) -> RowSighting<f32> {
+        self.sighting
+    }
+
+    /// What is known now, for a message. Without distances since the last one the sensors are faulty.
+    pub const fn report(&mut self) -> RowSighting<f32> {
+        if !core::mem::replace(&mut self.fresh, false) {
+            self.sighting.presence = Presence::Faulty;
+        }
+        self.sighting
     }
 }
 

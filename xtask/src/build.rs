@@ -147,6 +147,9 @@ pub fn images(
     Ok(images)
 }
 
+/// The feature of a vehicle's crate without which it does not build the node that measures rows.
+const ROW_GUIDANCE: &str = "row-guidance";
+
 /// The cargo command that builds the images of nodes that have one board.
 ///
 /// # Errors
@@ -165,6 +168,9 @@ pub fn command(
     };
     if let Some(&node) = nodes.first() {
         cargo.args(["--features", vehicle::board(vehicle, node).name]);
+    }
+    if vehicle.manifest().guidance_by_rows().is_some() {
+        cargo.args(["--features", ROW_GUIDANCE]);
     }
     for &node in nodes {
         cargo.args(["--bin", &vehicle.node(node).name]);

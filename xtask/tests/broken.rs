@@ -178,6 +178,7 @@ fn inputs(program: &str) -> Inputs {
         table: here.join("tests/node/tasks.toml"),
         // It has no part in this network, and the network none in its answer.
         network: here.join("../firmware/vehicles/uagv/network.dbc"),
+        supplement: None,
         receiver_period_us: None,
         event_triggered: false,
         foreign: Vec::new(),
@@ -317,6 +318,7 @@ fn the_swap_is_seen_without_an_image() {
         root,
         table,
         network,
+        supplement,
         receiver_period_us,
         event_triggered,
         foreign,
@@ -326,9 +328,12 @@ fn the_swap_is_seen_without_an_image() {
         .iter()
         .map(|(node, program)| (node.as_str(), program.board, program.source.as_path()));
     let models = Models::read(
-        &root,
-        &table,
-        &network,
+        &Files {
+            root: &root,
+            table: &table,
+            network: &network,
+            supplement: supplement.as_ref(),
+        },
         receiver_period_us,
         event_triggered,
         &foreign,

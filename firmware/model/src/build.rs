@@ -25,7 +25,8 @@ pub const OVERRIDES: &str = "FURROW_SET";
 /// | `design.rs` | the machine's numbers and the settings of its control law |
 ///
 /// Also passes the linker scripts of the images to the linker, sets the log level, and sets the
-/// configuration `event_triggered` where the nodes send at once. Reports an error in the folder in
+/// configuration `event_triggered` where the nodes send at once, and `row_guidance` where rows guide a
+/// run without a fix. Reports an error in the folder in
 /// one sentence.
 #[must_use]
 pub fn run() -> ExitCode {
@@ -52,10 +53,14 @@ fn write() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=vehicle.toml");
     println!("cargo::rerun-if-changed=network.dbc");
     println!("cargo::rerun-if-env-changed={OVERRIDES}");
-    println!("cargo::rustc-check-cfg=cfg(event_triggered)");
+    println!("cargo::rustc-check-cfg=cfg(event_triggered, row_guidance)");
     let vehicle = Vehicle::read_with(folder, &overrides()?)?;
     if vehicle.is_event_triggered() {
         println!("cargo::rustc-cfg=event_triggered");
+    }
+    if let Some(file) = vehicle.network_supplement() {
+        println!("cargo::rustc-cfg=row_guidance");
+        println!("cargo::rerun-if-changed={}", file.display());
     }
     let network = vehicle.network();
     fs::write(out.join("messages.rs"), generate::messages(network))?;

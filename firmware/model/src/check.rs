@@ -7,8 +7,9 @@ use network_model::{Message, Network, SendType};
 use parts::Sled;
 
 use crate::manifest::{
-    BackupMaster, Calibration, Command, Device, DistanceSignals, Machine, Manifest, Node, Protocol,
-    Receiver, RegulatorWeights, Rover, SelfTest, SignalPath,
+    BackupMaster, Calibration, Command, CropRows, Device, DistanceSensors, DistanceSignals,
+    Machine, Manifest, Node, Protocol, Receiver, RegulatorWeights, Rover, RowGuidance, SelfTest,
+    SignalPath,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -44,6 +45,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     }
     if let Some(rover) = &manifest.rover {
         self::rover(rover)?;
+    }
+    if let Some(rows) = &manifest.row_guidance {
+        row_guidance(rows, manifest, network)?;
     }
     match &manifest.machine {
         Some(_) if manifest.rover.is_some() => {
@@ -214,6 +218,7 @@ fn devices(manifest: &Manifest) -> Result<(), String> {
             }
             let needed = match device {
                 _ if device.needs_machine() && manifest.machine.is_none() => "machine",
+                Device::DistanceSensors if manifest.guidance_by_rows().is_some() => continue,
                 _ if device.needs_rover() && manifest.rover.is_none() => "rover",
                 _ => continue,
             };
@@ -508,23 +513,8 @@ fn rover(rover: &Rover) -> Result<(), String> {
     above("rover.motors.full_speed", motors.full_speed, 10.0)?;
     within("rover.motors.lag", motors.lag, 0.0, 1.0)?;
     above("rover.cruise", rover.cruise, motors.full_speed.get() * 0.5)?;
-    let sensors = &rover.sensors;
-    within("rover.sensors.ahead", sensors.ahead, -5.0, 5.0)?;
-    above("rover.sensors.beside", sensors.beside, 3.0)?;
-    let right = core::f64::consts::FRAC_PI_2;
-    within("rover.sensors.angle", sensors.angle, right / 9.0, right)?;
-    within("rover.sensors.least", sensors.least, 0.0, 1.5)?;
-    within(
-        "rover.sensors.open",
-        sensors.open,
-        sensors.least.get(),
-        LARGEST_DISTANCE,
-    )?;
-    let rows = &rover.rows;
-    within("rover.rows.width", rows.width, rover.width.get(), 5.0)?;
-    above("rover.rows.tolerance", rows.tolerance, 1.0)?;
-    within("rover.rows.stalk", rows.stalk, 0.001, 0.2)?;
-    above("rover.rows.gap", rows.gap, 5.0)?;
+    distance_sensors("rover", &rover.sensors)?;
+    crop_rows("rover", &rover.rows, rover.width)?;
     let law = &rover.thesis;
     within("rover.thesis.least", law.least, 0.0, LARGEST_DISTANCE)?;
     within(
@@ -543,6 +533,64 @@ fn rover(rover: &Rover) -> Result<(), String> {
         positive(&format!("rover.thesis.{key}"), value, zero)?;
     }
     Ok(())
+}
+
+/// Checks the distance sensors of a section.
+fn distance_sensors(section: &str, sensors: &DistanceSensors) -> Result<(), String> {
+    let field = |key: &str| format!("{section}.sensors.{key}");
+    within(&field("ahead"), sensors.ahead, -5.0, 5.0)?;
+    above(&field("beside"), sensors.beside, 3.0)?;
+    let right = core::f64::consts::FRAC_PI_2;
+    within(&field("angle"), sensors.angle, right / 9.0, right)?;
+    within(&field("least"), sensors.least, 0.0, 1.5)?;
+    let least = sensors.least.get();
+    within(&field("open"), sensors.open, least, LARGEST_DISTANCE)
+}
+
+/// Checks the rows of a section, for a robot of this width.
+fn crop_rows(section: &str, rows: &CropRows, robot: Quantity<LengthKind>) -> Result<(), String> {
+    let field = |key: &str| format!("{section}.rows.{key}");
+    within(&field("width"), rows.width, robot.get(), 5.0)?;
+    above(&field("tolerance"), rows.tolerance, 1.0)?;
+    within(&field("stalk"), rows.stalk, 0.001, 0.2)?;
+    above(&field("gap"), rows.gap, 5.0)
+}
+
+/// Checks those numbers of a guidance by rows that [`crate::design::check`] does not check, be it
+/// on or off.
+fn row_guidance(rows: &RowGuidance, manifest: &Manifest, network: &Network) -> Result<(), String> {
+    let Some(machine) = &manifest.machine else {
+        return Err("[row_guidance] needs a [machine], which the manifest does not have".into());
+    };
+    above("row_guidance.speed", rows.speed, machine.cruise.get())?;
+    let cycle = f64::from(network.basic_cycle_us) * 1e-6;
+    let age = rows.longest_age;
+    within("row_guidance.longest_age", age, 2.0 * cycle, 1.0)?;
+    within("row_guidance.longest_way", rows.longest_way, 1.0, 1e3)?;
+    within("row_guidance.settle", rows.settle, 0.0, 60.0)?;
+    within("row_guidance.take_back", rows.take_back, 0.01, 0.2)?;
+    let width = rows.vehicle_width;
+    within("row_guidance.vehicle_width", width, 0.1, 3.0)?;
+    distance_sensors("row_guidance", &rows.sensors)?;
+    crop_rows("row_guidance", &rows.rows, width)?;
+    if rows.node.connector(Device::DistanceSensors).is_none() {
+        return Err(
+            "row_guidance.node needs distance-sensors, which it does not have in its wiring".into(),
+        );
+    }
+    if !rows.enabled {
+        return Ok(());
+    }
+    let SignalPath { message, signal } = &rows.guide;
+    let mut messages = network.messages.iter();
+    let found = messages.find(|other| other.name == *message);
+    let found = found.and_then(|message| message.signals.iter().find(|its| its.name == *signal));
+    match found {
+        Some(signal) if signal.values.is_some() => Ok(()),
+        _ => Err(format!(
+            "row_guidance.guide: there is no signal {message}.{signal} with a value table"
+        )),
+    }
 }
 
 /// Largest distance that a rover's nodes tell each other, metres (thesis 2.2.4.2).

@@ -8,12 +8,13 @@ use control::design::SteeringWeights;
 use control::feedback::Limits;
 use control::model::{Antenna, Geometry};
 use control::row::{self, Mounting, RowRobot, RowSettings, RowSettingsError, Sides};
+use control::takeover::TakeoverSettings;
 use control::vehicle::{self, Description, Refusal};
 
 use crate::error::VehicleError;
 use crate::manifest::{
-    BackupMaster, Device, Direction, Machine, Receiver, RegulatorWeights, Remote, Rover, RowLaw,
-    Safety, ThesisLaw, Waypoint,
+    BackupMaster, Device, Direction, DistanceSensors, Machine, Receiver, RegulatorWeights, Remote,
+    Rover, RowGuidance, RowLaw, Safety, ThesisLaw, Waypoint,
 };
 use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind};
 use crate::vehicle::Vehicle;
@@ -30,11 +31,7 @@ pub fn robot(rover: &Rover) -> RowRobot {
         negative: direction,
     };
     RowRobot {
-        mounting: Mounting {
-            ahead: rover.sensors.ahead.get(),
-            beside: rover.sensors.beside.get(),
-            angle: rover.sensors.angle.get(),
-        },
+        mounting: mounting(&rover.sensors),
         least: rover.sensors.least.get(),
         open: rover.sensors.open.get(),
         track: rover.turning_track.get(),
@@ -48,6 +45,57 @@ pub fn robot(rover: &Rover) -> RowRobot {
         tolerance: rover.rows.tolerance.get(),
         stalk: rover.rows.stalk.get(),
         gap: rover.rows.gap.get(),
+    }
+}
+
+/// A machine between its rows as the estimator knows it: it takes speed and turn rate as they are
+/// measured.
+fn between_rows(machine: &Machine, guidance: &RowGuidance) -> RowRobot {
+    let direction = calibration::Direction {
+        dead_band: 0.0,
+        full_rate: machine.limits.speed.get(),
+    };
+    let motor = Actuator {
+        positive: direction,
+        negative: direction,
+    };
+    let rows = &guidance.rows;
+    RowRobot {
+        mounting: mounting(&guidance.sensors),
+        least: guidance.sensors.least.get(),
+        open: guidance.sensors.open.get(),
+        track: 1.0,
+        lag: 0.0,
+        motors: Sides {
+            left: motor,
+            right: motor,
+        },
+        cruise: guidance.speed.get(),
+        width: rows.width.get(),
+        tolerance: rows.tolerance.get(),
+        stalk: rows.stalk.get(),
+        gap: rows.gap.get(),
+    }
+}
+
+fn mounting(sensors: &DistanceSensors) -> Mounting<f64> {
+    Mounting {
+        ahead: sensors.ahead.get(),
+        beside: sensors.beside.get(),
+        angle: sensors.angle.get(),
+    }
+}
+
+/// Settings of the takeover by rows.
+fn takeover(guidance: &RowGuidance) -> TakeoverSettings<f32> {
+    TakeoverSettings {
+        speed: single(guidance.speed),
+        longest_age: single(guidance.longest_age),
+        longest_way: single(guidance.longest_way),
+        settle: single(guidance.settle),
+        take_back: single(guidance.take_back),
+        half_width: single(guidance.rows.width) * 0.5,
+        tolerance: single(guidance.rows.tolerance) * 0.5,
     }
 }
 
@@ -104,6 +152,11 @@ pub fn description(vehicle: &Vehicle) -> Option<Description> {
 pub(crate) fn check(vehicle: &Vehicle) -> Result<(), String> {
     if let Some(rover) = &vehicle.manifest().rover {
         RowSettings::<f32>::for_robot(&robot(rover)).map_err(|error| format!("rover: {error}"))?;
+    }
+    let manifest = vehicle.manifest();
+    if let (Some(machine), Some(guidance)) = (&manifest.machine, &manifest.row_guidance) {
+        RowSettings::<f32>::for_robot(&between_rows(machine, guidance))
+            .map_err(|error| format!("row_guidance: {error}"))?;
     }
     let Some(description) = description(vehicle) else {
         return Ok(());
@@ -244,12 +297,54 @@ pub(crate) fn source(vehicle: &Vehicle) -> Result<String, VehicleError> {
                 &vehicle::source(&settings).to_string(),
             );
         }
+        row_guidance(&mut out, machine, manifest.guidance_by_rows()).map_err(|error| {
+            VehicleError::Manifest {
+                file: vehicle.manifest_file(),
+                what: format!("row_guidance: {error}"),
+            }
+        })?;
         out.push_str(IMPLEMENTATION);
+        let rows = match manifest.guidance_by_rows() {
+            Some(_) => "ByRows",
+            None => "Without",
+        };
+        let _ = writeln!(out, "    type Rows = ::firmware::takeover::{rows};");
+        let _ = writeln!(
+            out,
+            "    const ROWS: <Self::Rows as ::firmware::takeover::Guidance>::Settings = ROWS;"
+        );
         let period = vehicle.network().basic_cycle_us as f32 * 1e-6;
         // Writing to a string cannot fail.
         let _ = writeln!(out, "    const PERIOD: f32 = {period:?};\n}}");
     }
     Ok(out)
+}
+
+/// # Errors
+/// No estimator can be made of the numbers of the rows.
+fn row_guidance(
+    out: &mut String,
+    machine: &Machine,
+    guidance: Option<&RowGuidance>,
+) -> Result<(), RowSettingsError> {
+    let Some(guidance) = guidance else {
+        constant(out, "Rows guide no run.", "ROWS: ()", "()");
+        return Ok(());
+    };
+    constant(
+        out,
+        "When and how rows guide a run.",
+        "ROWS: ::control::takeover::TakeoverSettings<f32>",
+        &format!("::control::takeover::{:#?}", takeover(guidance)),
+    );
+    let settings = RowSettings::<f32>::for_robot(&between_rows(machine, guidance))?;
+    constant(
+        out,
+        "How the place between the rows is found.",
+        "ROW_WATCH: ::control::row::RowSettings<f32>",
+        &row::source(&settings).to_string(),
+    );
+    Ok(())
 }
 
 /// The Rust source of what the manifest says about stops.

@@ -43,6 +43,9 @@ pub struct Manifest {
     /// The robot that the nodes drive between the rows of a crop, instead of a machine; `None` for
     /// other vehicles. Its sensors, its motors and its remote control must be wired.
     pub rover: Option<Rover>,
+    /// Guidance of a machine by the rows of a crop while the receiver has no fix; `None` if it is not
+    /// meant for that.
+    pub row_guidance: Option<RowGuidance>,
     /// The satellite receiver; needed when one is wired.
     pub receiver: Option<Receiver>,
     /// The ends of the line that the run follows, two when there is a machine.
@@ -62,6 +65,25 @@ pub struct Node {
     /// The device at each connector of the sled; a connector that is not listed is open.
     #[serde(default)]
     pub wiring: BTreeMap<String, Device>,
+}
+
+impl Manifest {
+    /// The guidance by rows, if it is on.
+    #[must_use]
+    pub fn guidance_by_rows(&self) -> Option<&RowGuidance> {
+        self.row_guidance.as_ref().filter(|rows| rows.enabled)
+    }
+
+    /// Puts the node that measures the rows among the others if the guidance by rows is on.
+    pub(crate) fn complete(&mut self) {
+        if let Some(rows) = self.row_guidance.as_ref().filter(|rows| rows.enabled) {
+            self.nodes.push(rows.node.clone());
+            if let Some(test) = &mut self.self_test {
+                let (node, message) = (rows.node.name.clone(), rows.self_test.clone());
+                test.report.insert(node, message);
+            }
+        }
+    }
 }
 
 impl Node {
@@ -576,6 +598,41 @@ pub struct Rover {
     pub thesis: ThesisLaw,
 }
 
+/// Guidance of a machine's autonomous run by the rows of a crop, as a supplement to satellites (thesis
+/// 2.1). While it is off, its node is not on the bus and the others know nothing of it.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RowGuidance {
+    /// Whether it is on. Default: off.
+    #[serde(default)]
+    pub enabled: bool,
+    /// Speed while the rows guide, at most the machine's cruise speed.
+    pub speed: Speed,
+    /// Longest age of the last sound message of the node, two basic cycles to 1 s; then the vehicle
+    /// stops.
+    pub longest_age: Time,
+    /// Longest way without a fix, 1 m to 1 km; then the vehicle stops.
+    pub longest_way: Length,
+    /// How long the fix must be back before satellites guide again, 0 to 60 s.
+    pub settle: Time,
+    /// Rate at which the distance between the row's middle and the line is taken back after a change
+    /// of the guide, 1 cm/s to 20 cm/s.
+    pub take_back: Speed,
+    /// Width of the machine between the rows, for reports of a run, 10 cm to 3 m.
+    pub vehicle_width: Length,
+    /// The node that measures the rows. Its messages stand in the file of its name with the ending
+    /// `dbc`, its tasks in the one with the ending `tasks.toml`.
+    pub node: Node,
+    /// The event message by which this node reports its self-test.
+    pub self_test: String,
+    /// The signal that says what guides the vehicle, for reports of a run.
+    pub guide: SignalPath,
+    /// The distance sensors; they are ahead of the rear axle.
+    pub sensors: DistanceSensors,
+    /// The rows.
+    pub rows: CropRows,
+}
+
 /// The motors of a rover's side on their motor driver, alike in both directions.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -588,7 +645,7 @@ pub struct Motors {
     pub lag: Time,
 }
 
-/// Two distance sensors at the front of a rover. Each looks across the centre line, so that the
+/// Two distance sensors at the front of a robot. Each looks across the centre line, so that the
 /// one on the right measures the left row (thesis, Figure 2.3).
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -606,11 +663,11 @@ pub struct DistanceSensors {
     pub open: Length,
 }
 
-/// The rows that a rover follows.
+/// The rows that a robot follows.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CropRows {
-    /// Distance between the stalks of two rows, wider than the rover, up to 5 m.
+    /// Distance between the stalks of two rows, wider than the robot, up to 5 m.
     pub width: Length,
     /// Standard deviation of that distance from row to row.
     pub tolerance: Length,

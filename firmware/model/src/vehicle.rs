@@ -169,7 +169,10 @@ impl Vehicle {
                 _ => (changed, overrides),
             }
         };
-        let network = Network::parse(network).map_err(|error| VehicleError::Network {
+        let mut manifest = manifest;
+        manifest.complete();
+        let network = supplemented(folder, &manifest, network)?;
+        let network = Network::parse(&network).map_err(|error| VehicleError::Network {
             file: folder.join(NETWORK),
             what: error.to_string().replace('\n', "; "),
         })?;
@@ -251,6 +254,19 @@ impl Vehicle {
         self.folder.join(NETWORK)
     }
 
+    /// Path of what a switched-on node adds to its network file; `None` if there is no such node.
+    #[must_use]
+    pub fn network_supplement(&self) -> Option<PathBuf> {
+        network_supplement(&self.folder, &self.manifest)
+    }
+
+    /// Path of what this node adds to its task table.
+    #[must_use]
+    pub fn task_supplement(&self) -> Option<PathBuf> {
+        let rows = self.manifest.guidance_by_rows()?;
+        Some(self.folder.join(format!("{}.tasks.toml", rows.node.name)))
+    }
+
     /// Path of its task table.
     #[must_use]
     pub fn task_table(&self) -> PathBuf {
@@ -300,6 +316,23 @@ impl Vehicle {
     pub fn node_of(&self, device: Device) -> Option<NodeIndex> {
         self.nodes()
             .find(|&node| self.node(node).connector(device).is_some())
+    }
+}
+
+fn network_supplement(folder: &Path, manifest: &Manifest) -> Option<PathBuf> {
+    let rows = manifest.guidance_by_rows()?;
+    Some(folder.join(format!("{}.dbc", rows.node.name)))
+}
+
+/// The text of the network file with what a switched-on node adds to it.
+fn supplemented(folder: &Path, manifest: &Manifest, network: &str) -> Result<String, VehicleError> {
+    let Some(file) = network_supplement(folder, manifest) else {
+        return Ok(network.into());
+    };
+    match fs::read_to_string(&file) {
+        Ok(text) => network_model::supplemented(network, &text)
+            .map_err(|what| VehicleError::Network { file, what }),
+        Err(error) => Err(VehicleError::Unreadable { file, error }),
     }
 }
 

@@ -677,3 +677,84 @@ fn a_protocol_is_found_by_its_name() {
         Err("time-triggered and event-triggered are accepted".to_owned())
     );
 }
+
+/// The UAGV with these values in place of its manifest's.
+fn uagv_with(overrides: &str) -> Result<Vehicle, String> {
+    let overrides = Overrides::parse(overrides)?;
+    Vehicle::find_with(&vehicles(), "uagv", &overrides).map_err(|error| error.to_string())
+}
+
+#[test]
+fn the_node_of_the_rows_is_there_only_while_they_may_guide() {
+    let names = |vehicle: &Vehicle| {
+        let nodes = vehicle.manifest().nodes.iter();
+        nodes.map(|node| node.name.clone()).collect::<Vec<_>>()
+    };
+    let off = uagv_with("").unwrap();
+    assert_eq!(names(&off), ["gps", "controller", "steering", "drive"]);
+    assert!(off.network().message(207).is_none());
+    assert!(off.network_supplement().is_none() && off.task_supplement().is_none());
+    assert_eq!(off.node_of(Device::DistanceSensors), None);
+    let on = uagv_with("row_guidance.enabled=true").unwrap();
+    assert_eq!(names(&on).last().map(String::as_str), Some("rows"));
+    assert_eq!(on.network().message(207).unwrap().sender, "rows");
+    assert_eq!(on.node_of(Device::DistanceSensors), on.find_node("rows"));
+    assert!(on.task_supplement().unwrap().is_file());
+    let report = &on.manifest().self_test.as_ref().unwrap().report;
+    assert_eq!(report.get("rows").map(String::as_str), Some("RowsSelfTest"));
+}
+
+#[test]
+fn a_guidance_by_rows_that_makes_no_sense_is_refused_in_one_sentence() {
+    for (overrides, sentence) in [
+        (
+            "row_guidance.speed=1.5 m/s",
+            "row_guidance.speed is 1.5 m/s: above 0 to 1 m/s is accepted",
+        ),
+        (
+            "row_guidance.longest_age=100 ms",
+            "row_guidance.longest_age is 0.1 s: 0.2 s to 1 s is accepted",
+        ),
+        (
+            "row_guidance.longest_way=0 m",
+            "row_guidance.longest_way is 0 m: ",
+        ),
+        (
+            "row_guidance.settle=2 min",
+            "row_guidance.settle is 120 s: 0 s to 60 s is accepted",
+        ),
+        (
+            "row_guidance.take_back=1 m/s",
+            "row_guidance.take_back is 1 m/s",
+        ),
+        (
+            "row_guidance.rows.width=60 cm",
+            "row_guidance.rows.width is 0.6 m: 0.7 m to 5 m is accepted",
+        ),
+        ("row_guidance.rows.width=3 m", "row_guidance: "),
+        (
+            "row_guidance.sensors.open=2 m",
+            "row_guidance.sensors.open is 2 m",
+        ),
+        (
+            "row_guidance.node.wiring.distances=knob",
+            "row_guidance.node needs distance-sensors",
+        ),
+        (
+            "row_guidance.enabled=true;row_guidance.guide=RowGuidance.Way",
+            "row_guidance.guide: there is no signal RowGuidance.Way with a value table",
+        ),
+        (
+            "row_guidance.enabled=true;row_guidance.self_test=DriveSelfTest",
+            "the message \"DriveSelfTest\" is one of node \"drive\"",
+        ),
+        (
+            "row_guidance.enabled=true;row_guidance.node.name=beams",
+            "beams.dbc",
+        ),
+    ] {
+        let error = uagv_with(overrides).unwrap_err();
+        assert!(error.contains(sentence), "{overrides}: {error}");
+        assert!(!error.contains('\n'), "{error}");
+    }
+}

@@ -1,6 +1,6 @@
 //! Task table, network file and the sources of all nodes, read and put together.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use network_model::Network;
 use parts::Sled;
@@ -84,35 +84,67 @@ pub struct Models {
     pub file: String,
 }
 
+/// What a node that is only sometimes there adds to the files of its vehicle.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Supplement {
+    /// The addition to the task table.
+    pub table: PathBuf,
+    /// The addition to the network file.
+    pub network: PathBuf,
+}
+
+/// The files of a vehicle.
+#[derive(Debug, Clone, Copy)]
+pub struct Files<'a> {
+    /// Error messages show paths relative to this folder.
+    pub root: &'a Path,
+    /// The task table.
+    pub table: &'a Path,
+    /// The network file.
+    pub network: &'a Path,
+    /// What adds to both.
+    pub supplement: Option<&'a Supplement>,
+}
+
 impl Models {
     /// Reads the sources of these nodes, each with its name in the table and its board.
     /// `event_triggered` says that they send at once, without the schedule. The table needs
     /// `receiver_period_us`, as [`Table::resolve`] says. `foreign` nodes send on the same bus, by the
-    /// schedule if there is one. Error messages show paths relative to `root`.
+    /// schedule if there is one.
     ///
     /// # Errors
     /// A file cannot be read, or the files do not fit together.
     pub fn read<'a>(
-        root: &Path,
-        table: &Path,
-        network: &Path,
+        files: &Files<'_>,
         receiver_period_us: Option<u64>,
         event_triggered: bool,
         foreign: &[Foreign],
         programs: impl IntoIterator<Item = (&'a str, &'static Sled, &'a Path)>,
     ) -> Result<Self, InputError> {
+        let Files {
+            root,
+            table,
+            network,
+            supplement,
+        } = *files;
         let name = |path: &Path| {
             let short = path.strip_prefix(root).unwrap_or(path);
             short.display().to_string()
         };
         let file = name(table);
-        let parsed = Table::parse(&file, &read(table, &file)?)?;
+        let mut tasks = read(table, &file)?;
         let network_name = name(network);
-        let mut network = Network::parse(&read(network, &network_name)?).map_err(|problems| {
-            InputError::Network {
-                file: network_name,
-                problems: problems.to_string().replace('\n', "; "),
-            }
+        let mut network = read(network, &network_name)?;
+        if let Some(supplement) = supplement {
+            tasks.push_str(&read(&supplement.table, &name(&supplement.table))?);
+            let file = name(&supplement.network);
+            network = network_model::supplemented(&network, &read(&supplement.network, &file)?)
+                .map_err(|problems| InputError::Network { file, problems })?;
+        }
+        let parsed = Table::parse(&file, &tasks)?;
+        let mut network = Network::parse(&network).map_err(|problems| InputError::Network {
+            file: network_name,
+            problems: problems.to_string().replace('\n', "; "),
         })?;
         let protocol = if event_triggered {
             Protocol::EventTriggered

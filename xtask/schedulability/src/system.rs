@@ -10,7 +10,7 @@ use parts::Sled;
 use crate::execution::Execution;
 use crate::foreign::{Foreign, SENDER};
 use crate::model::NodeModel;
-use crate::models::{InputError, Models};
+use crate::models::{Files, InputError, Models, Supplement};
 use crate::node::{Observed, schedule};
 use crate::results::Report;
 use crate::table::NodeTable;
@@ -29,6 +29,8 @@ pub struct Inputs {
     pub table: PathBuf,
     /// The network file.
     pub network: PathBuf,
+    /// What a node that is only sometimes there adds to both, if it is there.
+    pub supplement: Option<Supplement>,
     /// Time between two bursts of the satellite receiver, in microseconds; `None` if there is
     /// no receiver.
     pub receiver_period_us: Option<u64>,
@@ -164,9 +166,12 @@ fn models(inputs: &Inputs) -> Result<Models, InputError> {
         .iter()
         .map(|(node, program)| (node.as_str(), program.board, program.source.as_path()));
     Models::read(
-        &inputs.root,
-        &inputs.table,
-        &inputs.network,
+        &Files {
+            root: &inputs.root,
+            table: &inputs.table,
+            network: &inputs.network,
+            supplement: inputs.supplement.as_ref(),
+        },
         inputs.receiver_period_us,
         inputs.event_triggered,
         &inputs.foreign,

@@ -10,7 +10,7 @@ use parts::Sled;
 use schedulability::arrivals::{Job, Kind};
 use schedulability::execution::{Execution, Handler, Section};
 use schedulability::model::NodeModel;
-use schedulability::models::Models;
+use schedulability::models::{Files, Models};
 use schedulability::node::{Observed, Seen, schedule};
 use schedulability::priorities;
 use schedulability::results::{NodeReport, Report, TaskReport};
@@ -164,9 +164,12 @@ fn the_table_fits_the_sources() {
         })
         .collect();
     let models = Models::read(
-        &root,
-        &root.join("firmware/vehicles/uagv/tasks.toml"),
-        &root.join("firmware/vehicles/uagv/network.dbc"),
+        &Files {
+            root: &root,
+            table: &root.join("firmware/vehicles/uagv/tasks.toml"),
+            network: &root.join("firmware/vehicles/uagv/network.dbc"),
+            supplement: None,
+        },
         uagv().receiver_period_us(),
         false,
         &[],

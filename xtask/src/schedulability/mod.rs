@@ -12,7 +12,7 @@ use std::{
 
 use schedulability::{
     foreign::Foreign,
-    models::{InputError, Models},
+    models::{Files, InputError, Models, Supplement},
     priorities, report,
     results::{NodeReport, Report, TaskReport},
     system::{Inputs, Program, Programs},
@@ -185,6 +185,14 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
     Ok(())
 }
 
+/// What a switched-on node adds to the vehicle's files.
+fn supplement(vehicle: &Vehicle) -> Option<Supplement> {
+    Some(Supplement {
+        table: vehicle.task_supplement()?,
+        network: vehicle.network_supplement()?,
+    })
+}
+
 /// The inputs of an analysis of these images, with foreign messages on the bus.
 pub(crate) fn inputs(
     workspace: &Workspace,
@@ -196,6 +204,7 @@ pub(crate) fn inputs(
     Inputs {
         table: vehicle.task_table(),
         network: vehicle.network_file(),
+        supplement: supplement(vehicle),
         receiver_period_us: vehicle.receiver_period_us(),
         event_triggered: vehicle.is_event_triggered(),
         foreign: foreign.to_vec(),
@@ -306,14 +315,16 @@ fn models(
             (name, (vehicle.board(node), vehicle.source(node)))
         })
         .collect();
-    let root = workspace.root();
     let programs = programs
         .iter()
         .map(|(name, (board, source))| (*name, *board, source.as_path()));
     Ok(Models::read(
-        root,
-        &vehicle.task_table(),
-        &vehicle.network_file(),
+        &Files {
+            root: workspace.root(),
+            table: &vehicle.task_table(),
+            network: &vehicle.network_file(),
+            supplement: supplement(vehicle).as_ref(),
+        },
         vehicle.receiver_period_us(),
         vehicle.is_event_triggered(),
         foreign,

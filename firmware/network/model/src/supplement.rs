@@ -5,7 +5,8 @@ const ORDER: [&str; 7] = ["BU_", "VAL_TABLE_", "BO_", "CM_", "BA_DEF_", "BA_", "
 
 /// The text of a network file with what a supplement adds to it: nodes (`BU_`), value tables
 /// (`VAL_TABLE_`), messages with their signals (`BO_`, `SG_`), comments (`CM_`), values of attributes
-/// (`BA_`) and of signals (`VAL_`). Each statement of the supplement stands on one line, a message and
+/// (`BA_`) and of signals (`VAL_`). A value of an attribute takes the place of the
+/// file's. Each statement of the supplement stands on one line, a message and
 /// its signals on adjacent ones. The attributes themselves are those of the network file.
 ///
 /// # Errors
@@ -28,6 +29,12 @@ pub fn supplemented(network: &str, supplement: &str) -> Result<String, String> {
             }
             Some(4) | None => {
                 return Err(format!("line {}: {trimmed:?} cannot be added", index + 1));
+            }
+            Some(5) => {
+                let key = trimmed.rsplit_once(' ').map_or(trimmed, |(key, _)| key);
+                let replaced = format!("{key} ");
+                lines.retain(|own| !own.starts_with(&replaced));
+                added[5].push(line.to_owned());
             }
             Some(place) => {
                 if place == 2 {
@@ -105,9 +112,23 @@ mod tests {
             let own = before.message(message.id);
             assert_eq!(own.is_none(), ids.contains(&message.id), "{}", message.name);
             if let Some(own) = own {
-                assert_eq!(without_lines(message), without_lines(own));
+                let mut own = without_lines(own);
+                if own.id == 300 {
+                    // What it needs may come later in a wider transmit enable window.
+                    own.preparation_us = 500;
+                }
+                if own.window.kind == crate::WindowKind::Arbitrating {
+                    // It has room for one more node.
+                    own.window.length_us = 7000;
+                }
+                assert_eq!(without_lines(message), own);
             }
         }
+        // The node's window timer needs a wider transmit enable window.
+        assert_eq!(
+            (before.transmit_enable_bits, after.transmit_enable_bits),
+            (16, 32)
+        );
         assert_eq!(after.messages.len(), before.messages.len() + ids.len());
         let offset = after.message(207).unwrap();
         assert_eq!(

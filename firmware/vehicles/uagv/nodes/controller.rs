@@ -47,7 +47,7 @@ mod app {
     use uagv::matrix::{BASIC_CYCLE, CONTROLLER, window};
     use uagv::messages::{ButtonEvent, ControllerStatus, ModeChange};
     use uagv::wire::{self, Frames};
-    use uagv::{Link, Pilot, Stack, identity};
+    use uagv::{Link, Pilot, Stack, identity, rows};
 
     #[shared]
     struct Shared {
@@ -184,9 +184,11 @@ mod app {
     #[task(binds = EXTI1, priority = 5, shared = [link, pilot, buttons, axes], local = [mode_events, sender])]
     fn control(cx: control::Context) {
         let mut link = cx.shared.link;
-        let (mut inputs, time) = link.lock(|link| (wire::inputs(link), link.cycle_began()));
+        let (mut inputs, frame, time) =
+            link.lock(|link| (wire::inputs(link), rows::take(link), link.cycle_began()));
         (cx.shared.pilot, cx.shared.buttons, cx.shared.axes).lock(|pilot, buttons, axes| {
             inputs.joystick = *axes;
+            rows::see(pilot, frame, time);
             let (decision, change) = pilot.step(&inputs, buttons);
             let frames = Frames::of(&decision, cx.local.sender, time);
             link.lock(|link| {
@@ -195,6 +197,7 @@ mod app {
                 link.put(window::LOG_MOTION, frames.motion);
                 link.put(window::LOG_GUIDANCE, frames.guidance);
                 link.put(window::LOG_CONTROL, frames.control);
+                rows::tell(link, pilot);
             });
             if let Some(change) = change {
                 *cx.local.mode_events = cx.local.mode_events.wrapping_add(1);

@@ -22,8 +22,14 @@
 
 firmware::vehicle!();
 
+#[allow(clippy::approx_constant, reason = "written by a program")]
 pub mod design;
 mod geodetic;
+#[cfg(row_guidance)]
+pub mod rows;
+#[cfg(not(row_guidance))]
+#[path = "no_rows.rs"]
+pub mod rows;
 pub mod wire;
 
 /// The machine.

@@ -282,12 +282,30 @@ macro_rules! status_messages {
     )*};
 }
 
+#[cfg(not(row_guidance))]
 firmware::self_test_messages!(
     GpsSelfTest,
     ControllerSelfTest,
     SteeringSelfTest,
     DriveSelfTest
 );
+
+#[cfg(row_guidance)]
+firmware::self_test_messages!(
+    GpsSelfTest,
+    ControllerSelfTest,
+    SteeringSelfTest,
+    DriveSelfTest,
+    RowsSelfTest
+);
+
+#[cfg(row_guidance)]
+use crate::messages::{RowsSelfTest, RowsStatus};
+
+#[cfg(row_guidance)]
+status_messages! {
+    RowsStatus, RowsSelfTest;
+}
 
 status_messages! {
     GpsStatus, GpsSelfTest;

@@ -1,0 +1,21 @@
+//! No rows guide a run: what the controller does for them is nothing.
+
+use firmware::link::{Link, Port, WindowTimer};
+
+use crate::Pilot;
+
+/// No message.
+pub const fn take<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
+    _: &mut Link<P, T, WINDOWS, NODES>,
+) {
+}
+
+/// Nothing to see.
+pub const fn see(_: &mut Pilot, (): (), _: u32) {}
+
+/// Nothing to tell.
+pub const fn tell<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
+    _: &mut Link<P, T, WINDOWS, NODES>,
+    _: &Pilot,
+) {
+}
