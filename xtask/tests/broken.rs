@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use parts::Sled;
-use schedulability::models::{InputError, Models};
+use schedulability::models::{Files, InputError, Models};
 use schedulability::node::{Observed, Seen};
 use schedulability::priorities;
 use schedulability::results::Report;

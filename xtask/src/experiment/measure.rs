@@ -199,6 +199,7 @@ mod tests {
             modes: &modes,
             tasks: &[],
             rover: None,
+            crop: None,
         };
         Figures::of(&run, rates).unwrap()
     }

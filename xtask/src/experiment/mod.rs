@@ -367,6 +367,7 @@ impl Job<'_> {
             modes: &modes,
             tasks: &[],
             rover: None,
+            crop: None,
         };
         Figures::of(&run, rate.of_frames(&log.frames))
             .ok_or_else(|| self.failed(RunError::NeverDrove))

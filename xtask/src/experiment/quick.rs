@@ -327,6 +327,7 @@ impl Record {
             modes: &self.modes,
             tasks: &[],
             rover: None,
+            crop: None,
         }
     }
 }

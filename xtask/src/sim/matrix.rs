@@ -14,6 +14,8 @@ pub(crate) struct Matrix {
     network: Network,
     /// The signal that carries the mode; `None` when the vehicle has none.
     mode: Option<ModeSignal>,
+    /// The signal that says what guides the vehicle; `None` if rows never do.
+    guide: Option<ModeSignal>,
     /// In the order of the messages.
     pub windows: Vec<Window>,
 }
@@ -34,6 +36,15 @@ impl Matrix {
         Self {
             windows: all,
             mode: vehicle.manifest().mode.clone(),
+            guide: vehicle
+                .manifest()
+                .guidance_by_rows()
+                .map(|rows| ModeSignal {
+                    message: rows.guide.message.clone(),
+                    signal: rows.guide.signal.clone(),
+                    // No mode of its own.
+                    autonomous: String::new(),
+                }),
             network,
         }
     }
@@ -57,16 +68,29 @@ impl Matrix {
 
     /// The changes of the vehicle's mode, read from the message that carries it.
     pub(crate) fn modes(&self, frames: &[FrameRecord]) -> Vec<ModeChange> {
+        self.mode
+            .as_ref()
+            .map_or_else(Vec::new, |signal| self.changes(frames, signal))
+    }
+
+    /// The changes of what guides the vehicle, if rows may do so.
+    pub(crate) fn guides(&self, frames: &[FrameRecord]) -> Vec<ModeChange> {
+        self.guide
+            .as_ref()
+            .map_or_else(Vec::new, |signal| self.changes(frames, signal))
+    }
+
+    /// The changes of a signal with names for its values.
+    fn changes(&self, frames: &[FrameRecord], signal: &ModeSignal) -> Vec<ModeChange> {
         let mut modes: Vec<ModeChange> = Vec::new();
         for frame in frames.iter().filter(|frame| frame.complete) {
-            let Some(mode) = self.mode(frame) else {
+            let Some(mode) = self.value(frame, signal) else {
                 continue;
             };
             if modes.last().is_none_or(|last| last.mode != mode) {
-                let signal = self.mode.as_ref();
                 modes.push(ModeChange {
                     at: frame.end,
-                    autonomous: signal.is_some_and(|signal| signal.autonomous == mode),
+                    autonomous: signal.autonomous == mode,
                     mode,
                 });
             }
@@ -74,10 +98,9 @@ impl Matrix {
         modes
     }
 
-    /// The mode that a frame carries, if it carries one.
-    fn mode(&self, frame: &FrameRecord) -> Option<String> {
+    /// The value of a signal that a frame carries, if it carries it.
+    fn value(&self, frame: &FrameRecord, mode: &ModeSignal) -> Option<String> {
         let message = self.network.message(frame.id)?;
-        let mode = self.mode.as_ref()?;
         if message.name != mode.message || frame.dlc != message.length {
             return None;
         }

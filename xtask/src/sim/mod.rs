@@ -22,8 +22,8 @@ use vehicle_model::Vehicle;
 use world::{
     EffortChange, Scenario, ScenarioError, SimDuration, SimTime,
     report::{
-        self, DistancePair, FolderError, GlobalTimeFigures, ModeChange, OutputFolder, RoverRun,
-        Run, Summary, TaskTime,
+        self, CropRun, DistancePair, FolderError, GlobalTimeFigures, ModeChange, OutputFolder,
+        RoverRun, Run, Summary, TaskTime,
     },
     scenario::Listed,
     time,
@@ -272,6 +272,7 @@ pub(crate) struct Finished<'s> {
     /// Pulses of a rover's motors, and the time from the last samples of its distances to them.
     latencies: Vec<(SimTime, SimDuration)>,
     modes: Vec<ModeChange>,
+    guides: Vec<ModeChange>,
     tasks: Vec<TaskTime>,
     agreement: Option<agreement::Figures>,
     wall: Duration,
@@ -315,6 +316,7 @@ pub(crate) fn simulate<'s>(
 
     let log = Log::new(&outcome.records, matrix.bit_time());
     let modes = matrix.modes(&log.frames);
+    let guides = matrix.guides(&log.frames);
     let tasks = tasks(vehicle, &outcome)?;
     Ok(Finished {
         scenario,
@@ -330,6 +332,7 @@ pub(crate) fn simulate<'s>(
         distances: distances::pairs(vehicle, &log.frames),
         log,
         modes,
+        guides,
         tasks,
         agreement: agreement.and_then(|agreement| agreement.figures()),
         wall,
@@ -357,6 +360,10 @@ impl Finished<'_> {
                 drive,
                 distances: &self.distances,
                 latencies: &self.latencies,
+            }),
+            crop: self.outcome.world.crop().map(|crop| CropRun {
+                crop,
+                guides: &self.guides,
             }),
         }
     }

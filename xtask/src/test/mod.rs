@@ -519,6 +519,7 @@ mod tests {
             modes: &[],
             tasks: &[],
             rover: None,
+            crop: None,
         };
         let wrong = judge(&Summary::of(&silent)).join("; ");
         assert!(wrong.contains("no frame was on the bus"), "{wrong}");
@@ -572,6 +573,7 @@ mod tests {
             modes: &[],
             tasks: &[],
             rover: None,
+            crop: None,
         };
         let wrong = judge(&Summary::of(&run)).join("; ");
         assert!(wrong.contains("started 41 us after"), "{wrong}");

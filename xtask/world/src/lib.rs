@@ -11,6 +11,7 @@
 //! - [`rover`]: a robot with six wheels that is steered by the speeds of both sides;
 //! - [`rows`]: crop rows with plants, leaves and weeds, and what a beam of light meets in them;
 //! - [`row_drive`]: a robot on its way along a row, with its sensors and motor drivers;
+//! - [`crop`]: rows beside the line of a machine;
 //! - [`scenario`]: what happens, as TOML files with units;
 //! - [`World`]: all of it as one value, driven by a simulation of the nodes;
 //! - [`report`]: figures, tables and pictures of a finished run.
@@ -20,6 +21,7 @@
 #![forbid(unsafe_code)]
 
 mod changes;
+pub mod crop;
 pub mod distance;
 pub mod lcd;
 pub mod line;

@@ -72,10 +72,10 @@ pub struct Touch {
 
 /// A fault of a distance sensor that begins, or ends with `None`.
 #[derive(Copy, Clone, Debug, PartialEq)]
-struct FaultChange {
-    at: SimTime,
-    side: Side,
-    fault: Option<Fault>,
+pub(crate) struct FaultChange {
+    pub(crate) at: SimTime,
+    pub(crate) side: Side,
+    pub(crate) fault: Option<Fault>,
 }
 
 /// A robot on its way along a row.

@@ -11,6 +11,8 @@ use std::collections::{BinaryHeap, VecDeque};
 
 use vehicle_model::{Device, NodeIndex, Remote};
 
+use crate::crop::Crop;
+use crate::distance;
 use crate::lcd::{self, Answer, Display, Lk204};
 use crate::line::{Heard, Wave};
 use crate::operator;
@@ -244,6 +246,7 @@ pub struct World {
     knob_noise: Stream,
     distance_noise: Stream,
     drive: Option<RowDrive>,
+    crop: Option<Crop>,
     clocks: Vec<Clocks>,
 }
 
@@ -279,6 +282,11 @@ impl World {
         let display = Lk204::new(scenario.lcd.acknowledges, scenario.lcd.delay.span());
         let mut world = Self {
             now: START,
+            crop: scenario
+                .crop
+                .as_ref()
+                .zip(machine.as_ref())
+                .map(|(crop, machine)| Crop::new(crop, &scenario.distance_fault, machine, seed)),
             machine,
             receiver,
             fixes: fixes(scenario),
@@ -470,7 +478,7 @@ impl World {
     /// time.
     #[must_use]
     pub fn next_coupling(&self) -> SimTime {
-        let others = [self.next_epoch(), self.next_drive()];
+        let others = [self.next_epoch(), self.next_drive(), self.next_crop()];
         others
             .into_iter()
             .flatten()
@@ -480,6 +488,11 @@ impl World {
     /// When something reads the state of the robot that drives along a row, if there is one.
     fn next_drive(&self) -> Option<SimTime> {
         self.drive.as_ref().map(RowDrive::next_coupling)
+    }
+
+    /// When something reads the machine's place in its rows, if there are any.
+    fn next_crop(&self) -> Option<SimTime> {
+        self.crop.as_ref().map(Crop::next_coupling)
     }
 
     /// When the receiver, if there is one, takes its next measurement.
@@ -496,12 +509,14 @@ impl World {
             let queued = self.queue.peek().map(|Reverse(queued)| queued.at);
             let repeated = self.repeats.iter().map(|repeat| repeat.next).min();
             let drive = self.next_drive();
+            let crop = self.next_crop();
             let next = [
                 Some(self.next_record),
                 self.next_epoch(),
                 queued,
                 repeated,
                 drive,
+                crop,
             ]
             .into_iter()
             .flatten()
@@ -510,12 +525,16 @@ impl World {
             if next > to {
                 break;
             }
-            // The order of events at the same time is fixed: the robot in its row, record, measure,
-            // then effects on the nodes.
+            // The order of events at the same time is fixed: robot or machine in its row, record,
+            // measure, then effects on the nodes.
             if drive == Some(next)
                 && let Some(drive) = &mut self.drive
             {
                 drive.advance_to(next);
+            } else if crop == Some(next)
+                && let Some((crop, machine)) = self.crop.as_mut().zip(self.machine.as_mut())
+            {
+                crop.advance_to(next, machine);
             } else if self.next_record == next {
                 self.record(next);
             } else if self.next_epoch() == Some(next) {
@@ -853,8 +872,13 @@ impl World {
                 )
             }
             Analog::Distance(side) => {
-                let Some(drive) = &self.drive else { return 0 };
-                let counts = drive.volts(side, when) / SUPPLY * FULL_SCALE;
+                let volts = match (&self.drive, &self.crop, &self.machine) {
+                    (Some(drive), ..) => drive.volts(side, when),
+                    (_, Some(crop), Some(machine)) => crop.volts(side, when, machine),
+                    // Nothing is within range.
+                    _ => distance::volts(None),
+                };
+                let counts = volts / SUPPLY * FULL_SCALE;
                 (counts, DISTANCE_NOISE, 2 * us + side as u64)
             }
         };
@@ -883,7 +907,13 @@ impl World {
         self.drive.as_ref()
     }
 
-    /// The same, to let its sensors fail.
+    /// The rows beside the line of a machine, if there are any.
+    #[must_use]
+    pub fn crop(&self) -> Option<&Crop> {
+        self.crop.as_ref()
+    }
+
+    /// The robot that drives along a row, to let its sensors fail.
     pub fn drive_mut(&mut self) -> Option<&mut RowDrive> {
         self.drive.as_mut()
     }

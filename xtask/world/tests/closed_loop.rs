@@ -39,6 +39,7 @@ fn drive(name: &str, seed: u64, length: f64) -> (Summary, String, String) {
         modes: &modes,
         tasks: &[],
         rover: None,
+        crop: None,
     };
     let summary = Summary::of(&run);
     let files = (

@@ -105,6 +105,7 @@ impl Made {
             modes: &self.modes,
             tasks: &self.tasks,
             rover: None,
+            crop: None,
         }
     }
 

@@ -81,6 +81,7 @@ fn run<'a>(scenario: &'a Scenario, world: &'a World, distances: &'a [DistancePai
         bit_time: from_seconds(2e-6),
         modes: &[],
         tasks: &[],
+        crop: None,
         rover: Some(RoverRun {
             drive: world.drive().unwrap(),
             distances,
@@ -224,6 +225,7 @@ fn motors_without_pulses_are_stopped() {
     let world = driven(&scenario, 1.0, 3.0, 3.0);
     let run = Run {
         nodes: &nodes,
+        crop: None,
         rover: Some(RoverRun {
             drive: world.drive().unwrap(),
             distances: &[],

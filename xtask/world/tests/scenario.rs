@@ -152,7 +152,7 @@ fn names_and_files_that_are_not_there() {
             .unwrap_err()
             .to_string()
     };
-    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight": name one of calibration, five-metres-off, gps-lost, master-dead, straight-line or the path of a TOML file"#);
+    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight": name one of calibration, canopy, five-metres-off, gps-lost, master-dead, straight-line or the path of a TOML file"#);
     insta::assert_snapshot!(sentence("no/such.toml"), @"scenario no/such.toml cannot be read: there is no such file");
 }
 
@@ -228,7 +228,7 @@ fn the_example_of_the_description_reads() {
 #[test]
 fn every_scenario_of_the_folder_reads_and_says_what_it_shows() {
     let listed = Scenario::list(&uagv::vehicle());
-    assert_eq!(listed.len(), 5);
+    assert_eq!(listed.len(), 6);
     for scenario in listed {
         let found = uagv::find(&scenario.name);
         assert_eq!(

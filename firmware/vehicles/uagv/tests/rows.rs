@@ -41,6 +41,9 @@ impl Machine for Rows {
 
 const ID: u16 = 207;
 
+/// What becomes of the data of a sound frame before it is received.
+type Spoil = fn([u8; 8]) -> Option<[u8; 8]>;
+
 /// A vehicle that drives along its line, and its rows node.
 struct Drive {
     pilot: Pilot<Rows>,
@@ -51,8 +54,7 @@ struct Drive {
     north: f32,
     speed: f32,
     fixed: bool,
-    /// What becomes of a sound frame before it is received.
-    spoil: fn([u8; 8]) -> Option<[u8; 8]>,
+    spoil: Spoil,
 }
 
 impl Drive {
@@ -204,7 +206,7 @@ fn unsound_messages_end_the_run() {
         data[7] = e2e::check_value(id, 0, &data);
         Some(data)
     }
-    let spoils: [fn([u8; 8]) -> Option<[u8; 8]>; 5] = [
+    let spoils: [Spoil; 5] = [
         |_| None,
         |mut data| {
             data[0] ^= 1;

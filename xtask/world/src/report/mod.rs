@@ -2,10 +2,11 @@
 //!
 //! [`Run`] holds the recordings, [`Summary`] the figures computed from them. [`write()`] puts the
 //! summary (`summary.json`), the vehicle's states (`states.csv`) and a picture (`track.svg`, or
-//! `row.svg` of a rover) into an [`OutputFolder`]; [`terminal`] formats the summary as text. The files do not depend on the
+//! `row.svg` between rows) into an [`OutputFolder`]; [`terminal`] formats the summary as text. The files do not depend on the
 //! computer that simulates: the same run gives the same bytes.
 
 mod bus;
+mod crop;
 mod figures;
 mod folder;
 mod guidance;
@@ -23,6 +24,7 @@ use crate::record::{EffortChange, StateSample};
 use crate::scenario::Scenario;
 use crate::time::{SimDuration, SimTime};
 
+pub use crop::{CropFigures, CropRun, GuideFigures, crop_svg};
 pub use figures::{
     AutonomousRun, BusFigures, GlobalTimeFigures, IdFigures, ModeFigures, StopFigures,
     TakeoverFigures, TaskFigures, WindowFigures,
@@ -68,6 +70,8 @@ pub struct Run<'a> {
     pub tasks: &'a [TaskTime],
     /// The rover's recordings; `None` when the vehicle has none.
     pub rover: Option<RoverRun<'a>>,
+    /// The recordings of a machine between rows; `None` without rows.
+    pub crop: Option<CropRun<'a>>,
 }
 
 /// A frame on the bus.
@@ -161,7 +165,7 @@ pub struct TaskTime {
 }
 
 /// Writes `summary.json` into `folder`, for a vehicle with a machine `states.csv` and `track.svg`,
-/// and for one with a rover `states.csv` and `row.svg`. Returns the names of the files.
+/// and for one with a rover `states.csv` and `row.svg`, which a machine between rows has too. Returns the names of the files.
 ///
 /// # Errors
 /// When a file cannot be written.
@@ -172,14 +176,16 @@ pub fn write(
 ) -> Result<Vec<&'static str>, FolderError> {
     let scenario = run.scenario;
     let about = format!("{}; seed {}", scenario.summary, run.seed);
-    let rover = run.rover.as_ref();
+    let (rover, crop) = (run.rover.as_ref(), run.crop.as_ref());
     let files = [
         ("summary.json", Some(summary.json())),
         ("states.csv", states_csv(run).or(rover.map(rover_csv))),
         ("track.svg", track_svg(run, summary)),
         (
             "row.svg",
-            rover.map(|rover| rover_svg(rover, &scenario.name, &about)),
+            rover
+                .map(|rover| rover_svg(rover, &scenario.name, &about))
+                .or(crop.map(|crop| crop_svg(crop, &scenario.name, &about))),
         ),
     ];
     let mut names = Vec::new();

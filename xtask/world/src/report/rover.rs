@@ -6,7 +6,8 @@ use serde::Serialize;
 
 use super::RowPicture;
 use super::figures::rounded;
-use crate::row_drive::{RowDrive, RowSample};
+use crate::row_drive::{RowDrive, RowSample, Touch};
+use crate::rows::Rows;
 use crate::time::{SimDuration, SimTime, seconds, span_seconds};
 
 /// A rover that is slower than this stands, metres per second.
@@ -75,14 +76,14 @@ pub struct RoverFigures {
     pub contacts: Vec<ContactFigures>,
 }
 
-/// A contact of a rover.
+/// A contact of a rover or a machine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ContactFigures {
     /// When it began.
     pub at_seconds: f64,
-    /// What the rover touched.
+    /// What was touched.
     pub with: String,
-    /// Station of the rover's middle.
+    /// Station of the rover's middle, or of the machine's rear axle.
     pub station_m: f64,
     /// How far to the right of the row's middle the touched thing stands.
     pub right_cm: f64,
@@ -161,15 +162,15 @@ impl RoverFigures {
             least_latency_us: us(latencies().reduce(f64::min)),
             mean_latency_us: us(mean(latencies())),
             largest_latency_us: us(largest(latencies())),
-            contacts: contacts(drive),
+            contacts: contacts(drive.rows(), drive.touches()),
         }
     }
 }
 
-fn contacts(drive: &RowDrive) -> Vec<ContactFigures> {
-    let figures = |touch: &crate::row_drive::Touch| {
+pub(super) fn contacts(rows: &Rows, touches: &[Touch]) -> Vec<ContactFigures> {
+    let figures = |touch: &Touch| {
         let (x, y) = (touch.contact.x, touch.contact.y);
-        let (_, right) = drive.rows().line().locate(x, y, touch.station);
+        let (_, right) = rows.line().locate(x, y, touch.station);
         ContactFigures {
             at_seconds: rounded(seconds(touch.at), 6),
             with: touch.contact.what.name().to_owned(),
@@ -177,7 +178,7 @@ fn contacts(drive: &RowDrive) -> Vec<ContactFigures> {
             right_cm: rounded(right * 100.0, 1),
         }
     };
-    drive.touches().iter().map(figures).collect()
+    touches.iter().map(figures).collect()
 }
 
 /// `states.csv` of a rover: one line for each recorded state, every 10 ms. Stations, offsets and

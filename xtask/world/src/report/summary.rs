@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::figures::{AutonomousRun, BusFigures, ModeFigures, StopFigures, TaskFigures, rounded};
-use super::{RoverFigures, Run, bus, guidance};
+use super::{CropFigures, RoverFigures, Run, bus, guidance};
 use crate::time::{seconds, span_seconds};
 
 /// The figures of a run. The fields' names and meanings are those of `summary.json`; units are
@@ -30,6 +30,9 @@ pub struct Summary {
     /// How a rover drove along its row; left out for vehicles without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rover: Option<RoverFigures>,
+    /// How a machine drove between the rows of a crop; left out without rows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub crop: Option<CropFigures>,
     /// The vehicle's modes.
     pub modes: Vec<ModeFigures>,
     /// The bus.
@@ -62,6 +65,7 @@ impl Summary {
             largest_steering_angle_deg: rounded(largest(|state| state.steering).to_degrees(), 3),
             stops: guidance::stops(run),
             rover: run.rover.as_ref().map(RoverFigures::of),
+            crop: run.crop.as_ref().map(CropFigures::of),
             modes: run
                 .modes
                 .iter()

@@ -4,7 +4,7 @@ use core::fmt::Write;
 use std::time::Duration;
 
 use super::{
-    RoverFigures, Summary,
+    ContactFigures, CropFigures, RoverFigures, Summary,
     figures::{AutonomousRun, BusFigures},
 };
 
@@ -50,6 +50,9 @@ fn write_guidance(t: &mut String, s: &Summary) -> core::fmt::Result {
     match &s.rover {
         Some(rover) => write_rover(t, rover)?,
         None => write_machine(t, s)?,
+    }
+    if let Some(crop) = &s.crop {
+        write_crop(t, crop)?;
     }
     for mode in &s.modes {
         writeln!(t, "  {:>10.3} s  {}", mode.at_seconds, mode.mode)?;
@@ -115,10 +118,38 @@ fn write_rover(t: &mut String, rover: &RoverFigures) -> core::fmt::Result {
     for (name, value) in rows {
         writeln!(t, "    {name:<30}{value:>12}")?;
     }
-    if rover.contacts.is_empty() {
+    write_contacts(t, &rover.contacts)
+}
+
+/// What guided a machine between rows, and how well.
+fn write_crop(t: &mut String, crop: &CropFigures) -> core::fmt::Result {
+    writeln!(
+        t,
+        "  in the row of {:.2} m; at {:.2} m at the end",
+        crop.row_length_m, crop.end_station_m
+    )?;
+    for stretch in &crop.guides {
+        writeln!(
+            t,
+            "    by {:<11} {:>7.2} m, {:.2} s to {:.2} s at {}; offset from the middle: mean {}, \
+             largest {}",
+            stretch.guide,
+            stretch.way_m,
+            stretch.from_seconds,
+            stretch.until_seconds,
+            figure(stretch.mean_speed_m_s, 2, "m/s"),
+            figure(stretch.mean_offset_cm, 2, "cm"),
+            figure(stretch.largest_offset_cm, 2, "cm"),
+        )?;
+    }
+    write_contacts(t, &crop.contacts)
+}
+
+fn write_contacts(t: &mut String, contacts: &[ContactFigures]) -> core::fmt::Result {
+    if contacts.is_empty() {
         writeln!(t, "  no contact")?;
     }
-    for contact in &rover.contacts {
+    for contact in contacts {
         writeln!(
             t,
             "  {:>10.3} s  touched a {} at {:.2} m, {:.0} cm to the {} of the middle",

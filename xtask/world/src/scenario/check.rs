@@ -94,6 +94,9 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
         start(scenario, machine)?;
     }
     ground(scenario)?;
+    if let Some(crop) = &scenario.crop {
+        crop.check()?;
+    }
     if let Some(setting) = &scenario.row {
         setting.check()?;
     }

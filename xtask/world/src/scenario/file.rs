@@ -191,6 +191,8 @@ impl File {
             })
         });
         let line = line(vehicle, self.line)?;
+        let (mut row, mut distance) = (self.row, self.distance);
+        let crop = rover::crop(vehicle, line.as_ref(), &mut row, &mut distance);
         Ok(Scenario {
             name: name.into(),
             summary: self.summary,
@@ -216,7 +218,8 @@ impl File {
             wire: wire.collect::<Result<_, String>>()?,
             relay: relay.collect::<Result<_, String>>()?,
             bus: self.bus,
-            row: rover::setting(vehicle, self.row, self.terrain, self.distance)?,
+            row: rover::setting(vehicle, row, self.terrain, distance)?,
+            crop,
             distance_fault: self.distance_fault,
         })
     }

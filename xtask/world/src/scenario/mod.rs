@@ -24,8 +24,10 @@ pub use events::{
     ResetEvent, StopLoopChange, SupplyChange, WireNoise,
 };
 use file::File;
-pub use rover::{DistanceFault, RowSetting};
-pub use row::{Bend, Gap, Kind, Leaves, Limits, Row, RowStart, Section, Side, Turn, Weed, Weeds};
+pub use rover::{CropSetting, DistanceFault, RowSetting};
+pub use row::{
+    Bend, Gap, Kind, Leaves, Limits, Row, RowPlace, RowStart, Section, Side, Turn, Weed, Weeds,
+};
 
 use crate::changes::changes;
 use crate::receiver::{self, FixChange, StreamFault};
@@ -91,6 +93,8 @@ pub struct Scenario {
     pub bus: Vec<BusEvent>,
     /// The rover and its row; `None` when the vehicle has no rover.
     pub row: Option<RowSetting>,
+    /// The rows beside the line of a machine; `None` without any.
+    pub crop: Option<CropSetting>,
     /// Faults of the distance sensors.
     pub distance_fault: Vec<DistanceFault>,
 }

@@ -1,12 +1,13 @@
-//! What a scenario says about a vehicle with a rover: its row, the ground, its distance sensors and
-//! their faults.
+//! What a scenario says about rows: those of a rover, with the ground, or of a machine that is guided by
+//! them, and about distance sensors and their faults.
 
 use serde::Deserialize;
 use vehicle_model::Vehicle;
 
+use super::Line;
 use super::check::{later, within};
 use super::file::without;
-use super::row::{Limits, Row, Side};
+use super::row::{Limits, Row, RowPlace, Side};
 use crate::distance::{self, Fault};
 use crate::rover::{self, Mount, Terrain};
 use crate::units::Time;
@@ -24,6 +25,63 @@ pub struct RowSetting {
     pub terrain: Terrain,
     /// Both distance sensors.
     pub distance: distance::Parameters,
+}
+
+/// The rows beside the line of a machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CropSetting {
+    /// The rows.
+    pub row: Row,
+    /// Where the row begins, metres north and east, and its direction there, radians clockwise from
+    /// north.
+    pub origin: (f64, f64, f64),
+    /// Width of the machine, metres.
+    pub width: f64,
+    /// Where its sensor on the right is mounted, against the rear axle; the one on the left is its
+    /// mirror image.
+    pub mount: Mount,
+    /// Both distance sensors.
+    pub distance: distance::Parameters,
+}
+
+/// The rows of a machine from the tables of a file; `None` without any. They stand there whether or not
+/// the machine is guided by them.
+pub(super) fn crop(
+    vehicle: &Vehicle,
+    line: Option<&Line>,
+    row: &mut Option<Row>,
+    distance: &mut Option<distance::Parameters>,
+) -> Option<CropSetting> {
+    let guidance = vehicle.manifest().row_guidance.as_ref()?;
+    let (row, line) = row.take().zip(line)?;
+    let (direction, place) = (line.direction(), &row.place);
+    let (along, right) = (place.along.get(), place.right.get());
+    let (sine, cosine) = (libm::sin(direction), libm::cos(direction));
+    Some(CropSetting {
+        origin: (
+            line.from.north.get() + along * cosine - right * sine,
+            line.from.east.get() + along * sine + right * cosine,
+            direction + place.heading.get(),
+        ),
+        row,
+        width: guidance.vehicle_width.get(),
+        mount: crate::crop::mount(&guidance.sensors),
+        distance: distance.take().unwrap_or_default(),
+    })
+}
+
+impl CropSetting {
+    /// Returns the first value out of its range.
+    pub(super) fn check(&self) -> Result<(), String> {
+        self.row.check_place()?;
+        self.row.check(&Limits {
+            width: self.width,
+            sensor_beside: self.mount.right.abs(),
+            beam: self.mount.yaw.abs(),
+            range: distance::FARTHEST,
+        })?;
+        self.distance.check()
+    }
 }
 
 /// The setting of a vehicle's rover from the tables of a file; `None` for a vehicle without one.
@@ -63,6 +121,9 @@ pub(super) fn setting(
 impl RowSetting {
     /// Returns the first value out of its range.
     pub(super) fn check(&self) -> Result<(), String> {
+        if self.row.place != RowPlace::default() {
+            return Err("row.place: a rover stands in its row: [row.start] says where".into());
+        }
         self.row.check(&Limits::of(&self.rover, &self.mount))?;
         self.terrain.check()?;
         self.distance.check()

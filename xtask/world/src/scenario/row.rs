@@ -28,8 +28,22 @@ pub struct Row {
     /// Bends, in order. The row is straight elsewhere, and nowhere turned by more than 90 deg from its
     /// beginning.
     pub bend: Vec<Bend>,
-    /// Where the robot stands at the start.
+    /// Where a rover stands at the start.
     pub start: RowStart,
+    /// Where the row of a machine is.
+    pub place: RowPlace,
+}
+
+/// Where the row of a machine begins, against its line.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RowPlace {
+    /// How far along the line, 0 to 20 km. Default 0 m.
+    pub along: Length,
+    /// How far its middle is to the right of the line there, up to 5 m. Default 0 m.
+    pub right: Length,
+    /// Its direction against that of the line, to the right, -10 to 10 deg. Default 0 deg.
+    pub heading: Angle,
 }
 
 /// What stands at a row's sides.
@@ -479,6 +493,19 @@ impl Row {
                     heading.abs().to_degrees()
                 ));
             }
+        }
+        Ok(())
+    }
+
+    /// Checks where the row of a machine is.
+    pub(super) fn check_place(&self) -> Outcome {
+        let place = &self.place;
+        within("row.place.along", place.along, lengths(0.0, LONGEST))?;
+        within("row.place.right", place.right, lengths(-5.0, 5.0))?;
+        let turns = between(Angle::degrees(-10.0), Angle::degrees(10.0));
+        within("row.place.heading", place.heading, turns)?;
+        if self.start != RowStart::default() {
+            return Err("row.start: a machine starts on its line: [start] says where".into());
         }
         Ok(())
     }
