@@ -58,20 +58,30 @@ impl Traffic {
 
     /// The frames in `records`; `node_at` names the nodes of the vehicle. Frames with extended
     /// identifiers are left out: the network has none.
+    ///
+    /// A sender that a reset stops within the end of its frame, all of whose bits are recessive, leaves
+    /// a frame that the receivers take. Its end is not recorded, and is its start here.
     #[must_use]
     pub fn new(records: &[Record], node_at: impl Fn(NodeId) -> Option<NodeIndex>) -> Self {
         let mut frames: Vec<Sent> = Vec::new();
         let mut begun: Vec<(NodeId, usize)> = Vec::new();
+        // From this time on nobody has found an error.
+        let mut sound = SimTime::from_ticks(0);
         for record in records {
+            if let RecordKind::FrameStart { .. } = record.kind {
+                begun.retain(|(_, index)| {
+                    let frame = &mut frames[*index];
+                    let simultaneous = frame.start == record.at;
+                    frame.complete = !simultaneous && frame.start >= sound;
+                    simultaneous
+                });
+            }
             let open = begun.iter().position(|(node, _)| *node == record.node);
             match record.kind {
                 RecordKind::FrameStart { frame } => {
                     let Id::Standard(id) = frame.id() else {
                         continue;
                     };
-                    if let Some(open) = open {
-                        begun.swap_remove(open);
-                    }
                     begun.push((record.node, frames.len()));
                     frames.push(Sent {
                         node: node_at(record.node),
@@ -97,15 +107,14 @@ impl Traffic {
                         frames[index].id = u16::MAX;
                     }
                 }
-                RecordKind::Error {
-                    transmitter: true, ..
-                } => {
-                    if let Some(open) = open {
+                RecordKind::Error { transmitter, .. } => {
+                    sound = record.at;
+                    if let Some(open) = open.filter(|_| transmitter) {
                         let (_, index) = begun.swap_remove(open);
                         frames[index].end = record.at;
                     }
                 }
-                RecordKind::Error { .. } | RecordKind::StateChange { .. } => {}
+                RecordKind::StateChange { .. } => {}
             }
         }
         frames.retain(|frame| frame.id != u16::MAX);
@@ -380,6 +389,44 @@ mod tests {
             end: SimTime::from_ticks((us + 500) * 1_000_000),
             complete: true,
         }
+    }
+
+    /// A reset within the end of frame, which the receivers do not notice, and one before it, which they
+    /// do.
+    #[test]
+    fn a_frame_whose_sender_is_reset_is_complete_if_nobody_finds_an_error() {
+        let mut bus = can_bus::Bus::new();
+        let nodes = [(); 2].map(|()| bus.add_tester(can_bus::Tester::new()));
+        let id = |id| embedded_can::StandardId::new(id).unwrap();
+        let start = |node: usize, id_raw, us: u64| Record {
+            at: SimTime::from_ticks(us * 1_000_000),
+            node: nodes[node],
+            kind: RecordKind::FrameStart {
+                frame: can_bus::Frame::new_data(id(id_raw), &[]).unwrap(),
+            },
+        };
+        let error = Record {
+            at: SimTime::from_ticks(80 * 1_000_000),
+            node: nodes[1],
+            kind: RecordKind::Error {
+                kind: can_bus::ErrorKind::Stuff,
+                bit: 40,
+                transmitter: false,
+            },
+        };
+        let complete = |records: &[Record]| {
+            let frames = Traffic::new(records, |_| Some(GPS)).frames;
+            frames
+                .iter()
+                .map(|frame| frame.complete)
+                .collect::<Vec<_>>()
+        };
+        // Both begin at 300 us; neither has ended.
+        let behind = [start(1, 200, 300), start(0, 201, 300)];
+        let unnoticed = [&[start(0, 100, 50)], &behind[..]].concat();
+        assert_eq!(complete(&unnoticed), [true, false, false]);
+        let noticed = [&[start(0, 100, 50), error], &behind[..]].concat();
+        assert_eq!(complete(&noticed), [false, false, false]);
     }
 
     #[test]
