@@ -51,14 +51,15 @@ pub(crate) fn start(timer: pac::TIM1, clock: u32, period: PulsePeriod) -> Servos
 }
 
 impl Servos {
-    /// Begins pulses at once, neutral ones unless other widths have been set. Nothing if they have begun,
-    /// so that a lost clock ends them for good.
+    /// Lets pulses out from the next one on, neutral ones unless other widths have been set. True if
+    /// that was done, now or before; a lost clock ends them for good. False in the first 2 ms of each
+    /// period, in which the first pulse would be cut: call it again then.
     #[inline]
-    pub fn begin(&mut self) {
+    pub fn begin(&mut self) -> bool {
         if !self.begun {
-            self.begun = true;
-            cortex_m::interrupt::free(|_| pulse::begin(&self.timer));
+            self.begun = cortex_m::interrupt::free(|_| pulse::begin(&self.timer));
         }
+        self.begun
     }
 
     /// Makes no more pulses until [`Servos::begin`]. False if a pulse may run, which is not cut: call it
@@ -80,7 +81,8 @@ impl Servos {
     }
 
     /// Sets the widths and begins pulses with them at once. False if the last pulses began less than
-    /// 3 ms ago, or the next ones begin within 2 us anyway: then the widths come with these.
+    /// 3 ms ago, or the next ones begin within 2 us anyway: then the widths come with these. False, too,
+    /// before [`Servos::begin`].
     ///
     /// Interrupts are masked for the time of some instructions, so that no pulse of the timer's own
     /// comes in between and is lengthened.
@@ -89,7 +91,7 @@ impl Servos {
         self.widths = (left, right);
         cortex_m::interrupt::free(|_| {
             pulse::set(&self.timer, left, right);
-            pulse::fire(&self.timer, self.period)
+            self.begun && pulse::fire(&self.timer, self.period)
         })
     }
 

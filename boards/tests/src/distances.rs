@@ -55,7 +55,7 @@ mod tests {
         for _ in 0..3 {
             let since = clock.now();
             assert!(distances.begin() == Ok(()), "the burst does not begin");
-            let took = end(clock, 2 * expected).wrapping_sub(since);
+            let took = end(clock, expected + expected / 2).wrapping_sub(since);
             near("ticks of a burst", took, expected, tolerance);
             let means = distances.take().expect("the means");
             log(means);

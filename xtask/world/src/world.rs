@@ -12,7 +12,6 @@ use std::collections::{BinaryHeap, VecDeque};
 use vehicle_model::{Device, NodeIndex, Remote};
 
 use crate::crop::Crop;
-use crate::distance;
 use crate::lcd::{self, Answer, Display, Lk204};
 use crate::line::{Heard, Wave};
 use crate::operator;
@@ -875,8 +874,8 @@ impl World {
                 let volts = match (&self.drive, &self.crop, &self.machine) {
                     (Some(drive), ..) => drive.volts(side, when),
                     (_, Some(crop), Some(machine)) => crop.volts(side, when, machine),
-                    // Nothing is within range.
-                    _ => distance::volts(None),
+                    // There is no sensor.
+                    _ => return 0,
                 };
                 let counts = volts / SUPPLY * FULL_SCALE;
                 (counts, DISTANCE_NOISE, 2 * us + side as u64)

@@ -22,6 +22,10 @@ const IDLE: u32 = ENABLED & !(1 << 15);
 const COUNT: u32 = 1;
 const NO_UPDATE: u32 = 1 << 1;
 
+/// Time from the start of the counter to its first wrap, us. Outputs that are switched on in it begin
+/// with that.
+const FIRST: u16 = 100;
+
 /// From so many microseconds before the counter wraps it is left to itself: between a look at the
 /// counter and what is done about it lies less.
 const MARGIN: u16 = 2;
@@ -44,15 +48,19 @@ pub(crate) fn start(timer: &pac::TIM1, clock: u32, period: PulsePeriod) {
         timer.ccer.write(|w| w.bits(OUTPUTS));
     }
     timer.egr.write(|w| w.ug().set_bit());
+    timer.cnt.write(|w| w.cnt().bits(period.us() - FIRST));
     timer.cr1.write(|w| w.cen().set_bit());
 }
 
-/// Begins pulses now and switches the outputs on, which are off. Nothing may interrupt it.
-#[inline(always)]
-pub(crate) fn begin(timer: &pac::TIM1) {
-    timer.egr.write(|w| w.ug().set_bit());
-    // SAFETY: a value of the register, as above.
-    timer.bdtr.write(|w| unsafe { w.bits(ENABLED) });
+/// Switches the outputs on, unless the counter is where a pulse would be: the rest of one is not let
+/// out. True if it did.
+pub(crate) fn begin(timer: &pac::TIM1) -> bool {
+    let between = timer.cnt.read().cnt().bits() >= PulseWidth::LONGEST.us();
+    if between {
+        // SAFETY: a value of the register, as above.
+        timer.bdtr.write(|w| unsafe { w.bits(ENABLED) });
+    }
+    between
 }
 
 /// Switches the outputs off, unless a pulse may run. True if it did.

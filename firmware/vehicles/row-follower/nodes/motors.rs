@@ -77,7 +77,8 @@ mod app {
             fault::stop(Fault::Start)
         };
         if sled.clocks.oscillator == Oscillator::External {
-            servos.begin();
+            // The counter stands before its first wrap, where no pulse is.
+            let _ = servos.begin();
         }
         let start = Start {
             cause: sled.reset_cause,
@@ -203,7 +204,8 @@ mod app {
         servos.lock(|servos| {
             servos.fire(pulse(efforts.left), pulse(efforts.right));
             if accepted {
-                servos.begin();
+                // A later command tries again.
+                let _ = servos.begin();
             }
         });
         if accepted {
