@@ -405,7 +405,7 @@ fn a_stuck_motor_line_is_found() {
     let name = "a_stop_reaches_the_motor_driver_as_one_byte";
     found(Sled::F303, name, "the line is not idle", &mut stuck(false));
     let name = "the_motor_driver_sees_a_stop_and_nothing_else_while_the_board_starts";
-    found(Sled::F303, name, "levels: 1 instead of", &mut stuck(true));
+    found(Sled::F303, name, "levels: 1 instead of 5", &mut stuck(true));
 }
 
 #[test]

@@ -111,6 +111,8 @@ pub struct Mcu {
     now: Cycles,
     lines: [u32; 4],
     generation: u32,
+    /// IT state of the code below each active exception.
+    it_states: Vec<u32>,
     asleep: bool,
     locked: bool,
     held: bool,
@@ -208,6 +210,7 @@ impl Mcu {
             now: 0,
             lines: [0; 4],
             generation: 0,
+            it_states: Vec::new(),
             asleep: false,
             locked: false,
             held: false,
@@ -376,6 +379,7 @@ impl Mcu {
         self.core.reset(ResetKind::Cold);
         self.lines = [0; 4];
         self.asleep = false;
+        self.it_states.clear();
         self.locked = false;
         self.observer.abandon();
         if let Some(trace) = &mut self.trace {
@@ -455,10 +459,8 @@ impl Mcu {
             self.wait(stall);
         }
         if used > CHAIN {
-            if before & IT_STATE != 0 {
-                self.stack_it_state(before);
-            }
             let switch = self.long_step(used, stall);
+            self.keep_it_state(before, switch);
             if matches!(switch, Switch::Enter(_) | Switch::Chain(_)) {
                 // Until the handler's first float instruction has stored it, FPSCR belongs to the
                 // code below. The emulated core overwrites it at once, so that a comparison just
@@ -530,6 +532,29 @@ impl Mcu {
     /// True once the program has told its debugger that it has ended: the core stands still.
     fn is_halted(&self) -> bool {
         self.ended().is_some()
+    }
+
+    /// Keeps the IT state of code that an exception preempts. Two things are wrong in the emulated core:
+    /// it does not stack that state, and a return that is itself in an IT block (`it eq`, `popeq`)
+    /// advances the state that it has just restored.
+    fn keep_it_state(&mut self, before: u32, switch: Switch) {
+        let state = before & IT_STATE;
+        match switch {
+            Switch::Enter(_) => {
+                self.it_states.push(state);
+                if state != 0 {
+                    self.stack_it_state(before);
+                }
+            }
+            Switch::Return => {
+                let below = self.it_states.pop().unwrap_or(0);
+                if state != 0 {
+                    let xpsr = self.core.xpsr();
+                    self.core.set_xpsr(xpsr & !IT_STATE | below);
+                }
+            }
+            Switch::Chain(_) | Switch::None => {}
+        }
     }
 
     /// After an exception inside an IT block, adds the remaining IT state to the stacked xPSR. The
