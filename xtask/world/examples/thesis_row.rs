@@ -5,7 +5,7 @@
 
 use std::path::PathBuf;
 
-use world::report::{RowPicture, row_svg};
+use world::report::{RoverRun, rover_svg};
 use world::rover::{Mount, Parameters, Terrain};
 use world::row_drive::RowDrive;
 use world::scenario::{Limits, Row};
@@ -84,16 +84,13 @@ fn cases() -> Vec<Case> {
 }
 
 fn picture(case: &Case, drive: &RowDrive) -> String {
-    let path: Vec<_> = drive.samples().iter().map(|sample| sample.state).collect();
-    row_svg(&RowPicture {
-        name: case.name,
-        about: &format!("the thesis's law at {} m/s", case.speed),
-        rows: drive.rows(),
-        start: drive.start(),
-        path: &path,
-        beams: drive.beams(),
-        contact: drive.contact().map(|first| (first.contact, first.chassis)),
-    })
+    let run = RoverRun {
+        drive,
+        distances: &[],
+        latencies: &[],
+    };
+    let about = format!("the thesis's law at {} m/s", case.speed);
+    rover_svg(&run, case.name, &about)
 }
 
 fn main() -> std::io::Result<()> {

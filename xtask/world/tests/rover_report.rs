@@ -6,7 +6,7 @@ use boards_in_row::{MOTORS, scenario, vehicle};
 use proptest::prelude::*;
 use roxmltree::Document;
 use world::report::{
-    DistancePair, OutputFolder, RoverFigures, RoverRun, Run, Summary, terminal, write,
+    DistancePair, OutputFolder, RoverFigures, RoverRun, Run, Summary, rover_svg, terminal, write,
 };
 use world::rover::Side;
 use world::time::{at, from_seconds};
@@ -279,4 +279,24 @@ proptest! {
             prop_assert!(part.mean_offset_cm <= part.largest_offset_cm);
         }
     }
+}
+
+/// A picture that counts the time at a standstill tells another mean than the report.
+#[test]
+fn the_picture_has_the_figures_of_the_report() {
+    let scenario = barriers("[row.start]\nheading = \"4 deg\"\n");
+    let world = driven(&scenario, 0.5, 3.0, 6.0);
+    let run = run(&scenario, &world, &[]);
+    let figures = RoverFigures::of(run.rover.as_ref().unwrap());
+    let (mean, largest) = figures
+        .mean_offset_cm
+        .zip(figures.largest_offset_cm)
+        .unwrap();
+    assert!(mean > 1.0 && largest > 1.5 * mean, "{figures:?}");
+    let picture = rover_svg(run.rover.as_ref().unwrap(), "a", "b");
+    let line = format!(
+        "{:.1} m driven, offset from the middle: mean {mean:.1} cm, largest {largest:.1} cm; no contact",
+        figures.way_m
+    );
+    assert!(picture.contains(&line), "{line}");
 }

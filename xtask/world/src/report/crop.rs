@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::figures::rounded;
-use super::rover::{ContactFigures, contacts};
+use super::rover::{ContactFigures, contacts, touched, way};
 use super::{ModeChange, RowPicture};
 use crate::crop::{Crop, CropSample};
 use crate::time::{SimTime, seconds};
@@ -80,6 +80,16 @@ impl CropFigures {
             contacts: contacts(crop.rows(), crop.touches()),
         }
     }
+
+    /// Way and offsets under each guide, and the contact, in a line.
+    fn line(&self) -> String {
+        let guide = |one: &GuideFigures| {
+            let way = way(one.way_m, one.mean_offset_cm, one.largest_offset_cm);
+            format!("{}: {way}; ", one.guide)
+        };
+        let guides: String = self.guides.iter().map(guide).collect();
+        guides + &touched(&self.contacts)
+    }
 }
 
 /// The figures of one guide; `None` if the machine did not move within the row.
@@ -121,6 +131,7 @@ pub fn crop_svg(run: &CropRun, name: &str, about: &str) -> String {
     super::row_svg(&RowPicture {
         name,
         about,
+        figures: &CropFigures::of(run).line(),
         rows: crop.rows(),
         start: 0.0,
         path: &path,

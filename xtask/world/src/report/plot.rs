@@ -172,6 +172,9 @@ impl Canvas {
     }
 }
 
+/// Fewest numbers that make an axis a scale.
+const SCALE: usize = 3;
+
 /// A range of values along an axis.
 #[derive(Copy, Clone, Debug, PartialEq)]
 pub(super) struct Span {
@@ -214,20 +217,30 @@ impl Span {
         self.to - self.from
     }
 
-    /// Round values within the span, 1, 2 or 5 times a power of ten apart, at most `count`, and
-    /// the number of decimals that they need.
+    /// Round values within the span, 1, 2 or 5 times a power of ten apart, and the number of decimals
+    /// that they need. They are at most `count`, unless that leaves fewer than three, which are no
+    /// scale: then they are the next closer ones.
     pub(super) fn ticks(self, count: usize) -> (Vec<f64>, usize) {
         let raw = self.length().max(1e-12) / count.max(1) as f64;
         let power = 10_f64.powf(raw.log10().floor());
-        let step = [1.0, 2.0, 5.0, 10.0]
-            .into_iter()
-            .map(|factor| factor * power)
-            .find(|step| *step >= raw * (1.0 - 1e-9))
-            .unwrap_or(10.0 * power);
+        let steps = [0.2, 0.5, 1.0, 2.0, 5.0, 10.0].map(|factor| factor * power);
+        let wide = steps
+            .iter()
+            .position(|step| *step >= raw * (1.0 - 1e-9))
+            .unwrap_or(steps.len() - 1);
+        let mut closer = steps.iter().take(wide + 1).rev().copied();
+        let step = closer
+            .find(|step| self.multiples(*step).count() >= SCALE)
+            .unwrap_or(power);
         let digits = (-step.log10().floor()).max(0.0) as usize;
+        (self.multiples(step).collect(), digits)
+    }
+
+    /// The multiples of `step` within the span.
+    fn multiples(self, step: f64) -> impl Iterator<Item = f64> {
         let first = (self.from / step - 1e-9).ceil() as i64;
         let last = (self.to / step + 1e-9).floor() as i64;
-        ((first..=last).map(|i| i as f64 * step).collect(), digits)
+        (first..=last).map(move |i| i as f64 * step)
     }
 }
 
@@ -471,6 +484,29 @@ mod tests {
             ticks.iter().map(|t| number(*t, 2)).collect::<Vec<_>>(),
             ["\u{2212}0.05", "0.00", "0.05", "0.10"]
         );
+    }
+
+    #[test]
+    fn an_axis_has_a_scale() {
+        // Every 5 would leave the zero alone.
+        let span = Span {
+            from: -4.5,
+            to: 4.6,
+        };
+        assert_eq!(span.ticks(4), (vec![-4.0, -2.0, 0.0, 2.0, 4.0], 0));
+        for tenths in 1..400 {
+            let to = f64::from(tenths) / 10.0;
+            for count in 3..12 {
+                let (ticks, digits) = Span { from: -to, to }.ticks(count);
+                let most = (count + 2).max(5);
+                assert!((SCALE..=most).contains(&ticks.len()), "{to} {count}");
+                let written: Vec<String> = ticks.iter().map(|t| number(*t, digits)).collect();
+                let read = written.iter().map(|t| t.replace('\u{2212}', "-"));
+                let read: Vec<f64> = read.map(|t| t.parse().unwrap()).collect();
+                let near = ticks.iter().zip(&read).all(|(a, b)| (a - b).abs() < 1e-9);
+                assert!(near, "{written:?}");
+            }
+        }
     }
 
     #[test]

@@ -165,6 +165,33 @@ impl RoverFigures {
             contacts: contacts(drive.rows(), drive.touches()),
         }
     }
+
+    /// Way, offsets and contact in a line.
+    fn line(&self) -> String {
+        format!(
+            "{}; {}",
+            way(self.way_m, self.mean_offset_cm, self.largest_offset_cm),
+            touched(&self.contacts)
+        )
+    }
+}
+
+/// A way in the row and its offsets, as part of a line.
+pub(super) fn way(way_m: f64, mean_cm: Option<f64>, largest_cm: Option<f64>) -> String {
+    match mean_cm.zip(largest_cm) {
+        Some((mean, largest)) => format!(
+            "{way_m:.1} m driven, offset from the middle: mean {mean:.1} cm, largest {largest:.1} cm"
+        ),
+        None => "did not move in the row".into(),
+    }
+}
+
+/// Whether there was a contact, as part of a line.
+pub(super) fn touched(contacts: &[ContactFigures]) -> String {
+    match contacts.first() {
+        Some(first) => format!("touched a {}", first.with),
+        None => "no contact".into(),
+    }
 }
 
 pub(super) fn contacts(rows: &Rows, touches: &[Touch]) -> Vec<ContactFigures> {
@@ -228,6 +255,7 @@ pub fn rover_svg(run: &RoverRun, name: &str, about: &str) -> String {
     super::row_svg(&RowPicture {
         name,
         about,
+        figures: &RoverFigures::of(run).line(),
         rows: drive.rows(),
         start: drive.start(),
         path: &path,

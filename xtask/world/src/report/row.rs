@@ -32,6 +32,8 @@ pub struct RowPicture<'a> {
     pub name: &'a str,
     /// A line below the title.
     pub about: &'a str,
+    /// The drive's figures, a line below that.
+    pub figures: &'a str,
     /// The rows.
     pub rows: &'a Rows,
     /// Station of the robot's middle at the start, metres.
@@ -64,8 +66,8 @@ pub fn row_svg(picture: &RowPicture) -> String {
         colour::MUTED,
         picture.about,
     );
-    let figures = figures(picture, &path);
-    canvas.text(LEFT, 73.0, 13.0, Anchor::Start, colour::INK, &figures);
+    let figures = picture.figures;
+    canvas.text(LEFT, 73.0, 13.0, Anchor::Start, colour::INK, figures);
     for (i, strip) in strips.iter().enumerate() {
         let last = i + 1 == strips.len();
         let label = if last { "way along the row (m)" } else { "" };
@@ -96,7 +98,7 @@ pub fn row_svg(picture: &RowPicture) -> String {
         .map(|(station, right)| (*station, right * 100.0));
     offsets.curve(&mut canvas, curve, colour::BLUE, 1.6);
     offsets.frame(&mut canvas);
-    canvas.finish(&format!("Drive along the row {}", picture.name), &figures)
+    canvas.finish(&format!("Drive along the row {}", picture.name), figures)
 }
 
 /// The path as stations and offsets.
@@ -233,21 +235,4 @@ fn shape(canvas: &mut Canvas, shape: &Shape, from: Spot, to: Spot, scale: f64) {
         }
         What::Weed => canvas.disc(from.0, from.1, (thickness / 2.0).max(1.0), colour::GREEN),
     }
-}
-
-/// The drive's figures in a line.
-fn figures(picture: &RowPicture, path: &[Spot]) -> String {
-    let count = path.len().max(1) as f64;
-    let mean = path.iter().map(|spot| spot.1.abs()).sum::<f64>() / count;
-    let largest = path.iter().map(|spot| spot.1.abs()).fold(0.0, f64::max);
-    let driven = path.last().map_or(picture.start, |spot| spot.0) - picture.start;
-    let end = match &picture.contact {
-        Some((contact, _)) => format!("touched a {}", contact.what.name()),
-        None => "no contact".to_owned(),
-    };
-    format!(
-        "{driven:.1} m driven, {end}; offset from the middle: mean {:.1} cm, largest {:.1} cm",
-        mean * 100.0,
-        largest * 100.0
-    )
 }
