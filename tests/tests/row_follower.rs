@@ -2,8 +2,8 @@
 
 use std::sync::OnceLock;
 
-use campaign::Sequence;
-use twin::{Images, Options, Outcome};
+use campaign::{Sequence, agreement::Agreement};
+use twin::{Images, Options, Outcome, Twin};
 use vehicle_model::Vehicle;
 use world::report::{RoverFigures, RoverRun};
 use world::time::{at, from_seconds, seconds, span_seconds};
@@ -198,4 +198,27 @@ fn without_commands_it_stops() {
     let outcome = drive(reset, 4.0);
     let (after, stays) = rest_after(&outcome, 2.0);
     assert!(after < TWO_PERIODS && stays, "{after}");
+}
+
+/// The comparison of the nodes' times must not read a clock while a task changes it.
+#[test]
+fn the_nodes_agree_on_the_time_at_every_instant_of_a_cycle() {
+    let (vehicle, images) = vehicle();
+    let text = "[[row.section]]\nkind = \"poles\"\nlength = \"2 m\"\n";
+    let scenario = Scenario::parse(vehicle, "test", "the test's scenario", text).unwrap();
+    let mut twin = Twin::new(vehicle, &scenario, 1, images).unwrap();
+    let mut agreement = Agreement::new(images).expect("images with debug information");
+    // All nodes are known to know the time from here on, and are compared one second later.
+    twin.run_until(at(from_seconds(0.5))).unwrap();
+    agreement.compare(&mut twin);
+    twin.run_until(at(from_seconds(1.6))).unwrap();
+    let cycle = from_seconds(0.005);
+    let end = twin.now() + cycle;
+    while twin.now() < end {
+        twin.run_until(twin.now() + from_seconds(1e-6)).unwrap();
+        agreement.compare(&mut twin);
+    }
+    let figures = agreement.figures().expect("the nodes know the time");
+    assert!(figures.instants > 4500, "{figures:?}");
+    assert!(figures.largest_us <= 2.0, "{figures:?}");
 }

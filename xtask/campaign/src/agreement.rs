@@ -60,7 +60,7 @@ impl Agreement {
         })
     }
 
-    /// Compares the nodes that have known the time for a second.
+    /// Compares the nodes that have known the time for a second and are not busy with a task.
     pub fn compare(&mut self, twin: &mut Twin) {
         let mut times = Vec::new();
         for ((node, clock), known) in self.clocks.iter().zip(&mut self.known) {
@@ -70,7 +70,10 @@ impl Agreement {
                 *known = None;
                 continue;
             };
-            if now >= *known.get_or_insert(now) + SETTLING {
+            // A task may be halfway through a change of the clock: it has moved the anchor to the last
+            // reference, but not the time yet.
+            let settled = now >= *known.get_or_insert(now) + SETTLING;
+            if settled && mcu.exception() == 0 {
                 times.push(global - now.as_ticks() as f64 * 1e-6);
             }
         }
