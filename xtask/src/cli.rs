@@ -186,7 +186,8 @@ pub struct OnBoard {
     cargo xtask selftest --vehicle two-boards --bus slcan:/dev/ttyACM0\n  \
     \x20                                                         by a serial adapter\n  \
     cargo xtask selftest --running                            without a start\n  \
-    cargo xtask selftest --node drive steering --json         two nodes, as JSON\n\n\
+    cargo xtask selftest --node drive steering --json         two nodes, as JSON\n  \
+    cargo xtask selftest --set row_guidance.enabled=true      also the node that finds crop rows\n\n\
     All nodes whose motor does not turn start again and do all checks; with --running, or while\n\
     its motor may turn, a node repeats the results of its last start and checks the rest.\n\
     The request is sent in its window of the schedule, so a time master must lead the bus.\n\
@@ -198,6 +199,9 @@ pub struct Selftest {
     /// needs it when there are several
     #[arg(long, value_name = "NAME")]
     pub vehicle: Option<String>,
+    /// Value in place of the manifest's, as row_guidance.enabled=true; may be given again for another one
+    #[arg(long, value_name = "KEY=VALUE", value_parser = Override::parse)]
+    pub set: Vec<Override>,
     /// Nodes that must report; the others may be absent [default: all]
     #[arg(long = "node", value_name = "NODE", num_args = 1..)]
     pub nodes: Vec<String>,
@@ -221,7 +225,9 @@ pub struct Selftest {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask new vehicle sprayer                two boards on a bench, without a machine\n  \
-    cargo xtask new vehicle sprayer --like uagv    four nodes, a steered and driven machine\n\n\
+    cargo xtask new vehicle sprayer --like uagv    four nodes, a steered and driven machine\n  \
+    cargo xtask new vehicle scout --like row-follower\n  \
+    \x20                                              three nodes, a robot between crop rows\n\n\
     The folder firmware/vehicles/NAME builds and runs at once; see firmware/PORTING.md for what\n\
     to do next.")]
 pub struct New {
@@ -253,6 +259,8 @@ pub enum Kind {
     cargo xtask sim gps-lost --seed 7 --out run    and bus.log, states.csv, summary.json, track.svg\n  \
     cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
     cargo xtask sim --list                         the scenarios of the vehicle\n  \
+    cargo xtask sim poles --vehicle row-follower --set rover.law=thesis --out run\n                                                 \
+    \x20 a robot between rows; run/row.svg shows its way\n  \
     cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
     \x20 messages are sent at once instead of in their windows\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
@@ -378,6 +386,7 @@ pub struct Bench {
     cargo xtask schedule                                 the matrix of the file, checked\n  \
     cargo xtask schedule --method least-jitter           a new one, on the terminal\n  \
     cargo xtask schedule --vehicle two-boards --method power-of-two --write\n  \
+    cargo xtask schedule --set row_guidance.enabled=true with the messages of the node that finds crop rows\n  \
     cargo xtask schedule my.dbc                          the matrix of a file without a vehicle\n\n\
     Methods:\n  \
     power-of-two   every period becomes the shortest one times a power of two; no jitter\n             \
@@ -391,6 +400,9 @@ pub struct Schedule {
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
+    /// Value in place of the manifest's, as row_guidance.enabled=true; may be given again for another one
+    #[arg(long, value_name = "KEY=VALUE", value_parser = Override::parse, conflicts_with = "file")]
+    pub set: Vec<Override>,
     /// Find windows for all messages from their lengths, periods and deadlines
     #[arg(long, value_enum)]
     pub method: Option<Method>,
@@ -516,6 +528,9 @@ pub struct Test {
     /// Vehicle of the node, when several have a node of that name
     #[arg(long, value_name = "NAME", requires = "board")]
     pub vehicle: Option<String>,
+    /// Value in place of the manifest's, as row_guidance.enabled=true; may be given again for another one
+    #[arg(long, value_name = "KEY=VALUE", value_parser = Override::parse, requires = "board")]
+    pub set: Vec<Override>,
     /// Serial number of the board's debug probe, when several are connected
     #[arg(long, value_name = "SERIAL", requires = "board")]
     pub probe: Option<String>,

@@ -102,9 +102,12 @@ pub enum Action {
 /// is named (exit code 2). The image does not build, probe-rs is not installed or too old, no
 /// probe is connected, or probe-rs fails.
 pub fn run(workspace: &Workspace, action: Action, options: &OnBoard) -> Result<(), Failure> {
-    let (vehicle, node) = vehicle::with_node(workspace, &options.node, options.vehicle.as_deref())?;
-    // The nodes of a manifest are the same with other values.
-    let vehicle = vehicle::with(workspace, vehicle.name(), &options.changes.overrides())?;
+    let (vehicle, node) = vehicle::with_node(
+        workspace,
+        &options.node,
+        options.vehicle.as_deref(),
+        &options.changes.overrides(),
+    )?;
     // A missing probe is reported before a build that takes time.
     let probe = probe(workspace, options)?;
     for image in build::images(workspace, &vehicle, &[node])? {

@@ -6,7 +6,7 @@ use std::{
 };
 
 use parts::Sled;
-use vehicle_model::{NodeIndex, Overrides, Vehicle, VehicleError};
+use vehicle_model::{NetworkText, NodeIndex, Overrides, Vehicle, VehicleError};
 
 use crate::Workspace;
 
@@ -99,15 +99,16 @@ pub fn with(workspace: &Workspace, name: &str, overrides: &Overrides) -> Result<
     Ok(Vehicle::find_with(&workspace.vehicles(), name, overrides)?)
 }
 
-/// The only vehicle, which is therefore on this bus.
+/// The only vehicle, which is therefore on this bus, with other values than its manifest has.
 ///
 /// # Errors
 ///
-/// There are several vehicles, or the folder of the only one is wrong.
-pub fn on_bus(workspace: &Workspace, bus: &str) -> Result<Vehicle, Error> {
+/// There are several vehicles, the folder of the only one is wrong, or one of the values makes no
+/// sense.
+pub fn on_bus(workspace: &Workspace, bus: &str, overrides: &Overrides) -> Result<Vehicle, Error> {
     match names(workspace)?.as_slice() {
         [] => find(workspace, DEFAULT),
-        [only] => find(workspace, only),
+        [only] => with(workspace, only, overrides),
         several => Err(Error::WhichOnBus {
             bus: bus.into(),
             choices: choices(several.iter().map(String::as_str)),
@@ -121,13 +122,21 @@ fn choices<'v>(names: impl Iterator<Item = &'v str>) -> String {
     options.join(" or ")
 }
 
-/// Path of the network file of the vehicle `name` of the workspace. Its folder is not read.
+/// The network file of the vehicle `name` of the workspace; its messages may have no windows.
 ///
 /// # Errors
 ///
-/// There is no vehicle of that name.
-pub fn network_file(workspace: &Workspace, name: &str) -> Result<PathBuf, Error> {
-    Ok(Vehicle::network_file_of(&workspace.vehicles(), name)?)
+/// There is no vehicle of that name, or its folder is wrong.
+pub fn network_text(
+    workspace: &Workspace,
+    name: &str,
+    overrides: &Overrides,
+) -> Result<NetworkText, Error> {
+    Ok(Vehicle::network_text_of(
+        &workspace.vehicles(),
+        name,
+        overrides,
+    )?)
 }
 
 /// The names of the workspace's vehicles.
@@ -178,18 +187,19 @@ pub fn node_names(vehicle: &Vehicle) -> Vec<String> {
 }
 
 /// The one vehicle that has a node of this name, and the node. `vehicle` names the vehicle when
-/// several have one.
+/// several have one. The vehicle has other values than its manifest, which may switch the node on.
 ///
 /// # Errors
 ///
-/// No vehicle has such a node, or several have one and none is named.
+/// No vehicle has such a node, several have one and none is named, or a value makes no sense.
 pub fn with_node(
     workspace: &Workspace,
     node: &str,
     vehicle: Option<&str>,
+    overrides: &Overrides,
 ) -> Result<(Vehicle, NodeIndex), Error> {
     if let Some(name) = vehicle {
-        let vehicle = find(workspace, name)?;
+        let vehicle = with(workspace, name, overrides)?;
         let index = vehicle.find_node(node).ok_or_else(|| Error::NoNode {
             vehicle: name.into(),
             node: node.into(),
@@ -200,15 +210,21 @@ pub fn with_node(
     let mut having = Vec::new();
     let mut known = Vec::new();
     for name in names(workspace)? {
-        let vehicle = find(workspace, &name)?;
+        // The values are another vehicle's if this one refuses them.
+        let changed = with(workspace, &name, overrides);
+        let refused = changed.is_err();
+        let vehicle = changed.or_else(|_| find(workspace, &name))?;
         known.push(format!("{} of {name}", node_names(&vehicle).join(", ")));
         if let Some(index) = vehicle.find_node(node) {
-            having.push((vehicle, index));
+            having.push((vehicle, index, refused));
         }
     }
-    let choices = choices(having.iter().map(|(vehicle, _)| vehicle.name()));
+    let choices = choices(having.iter().map(|(vehicle, _, _)| vehicle.name()));
     match (having.pop(), having.is_empty()) {
-        (Some(one), true) => Ok(one),
+        (Some((vehicle, index, false)), true) => Ok((vehicle, index)),
+        (Some((vehicle, index, true)), true) => {
+            Ok((with(workspace, vehicle.name(), overrides)?, index))
+        }
         (Some(_), false) => Err(Error::WhichVehicle {
             node: node.into(),
             choices,
@@ -302,14 +318,15 @@ mod tests {
     #[test]
     fn a_node_is_found_in_the_vehicle_that_has_it() {
         let (_folder, workspace) = workspace(&["uagv"]);
-        let (vehicle, node) = with_node(&workspace, "steering", None).unwrap();
+        let none = &Overrides::default();
+        let (vehicle, node) = with_node(&workspace, "steering", None, none).unwrap();
         assert_eq!((vehicle.name(), node), ("uagv", NodeIndex(2)));
-        let failure = with_node(&workspace, "rudder", None).unwrap_err();
+        let failure = with_node(&workspace, "rudder", None, none).unwrap_err();
         assert!(
             failure.to_string().contains("steering, drive of uagv"),
             "{failure}"
         );
-        let failure = with_node(&workspace, "gps", Some("plough")).unwrap_err();
+        let failure = with_node(&workspace, "gps", Some("plough"), none).unwrap_err();
         assert!(
             failure.to_string().contains("there is no vehicle"),
             "{failure}"
@@ -319,20 +336,46 @@ mod tests {
     #[test]
     fn a_node_that_two_vehicles_have_is_asked_back() {
         let (_folder, workspace) = workspace(&["one", "two"]);
-        let failure = Failure::from(with_node(&workspace, "gps", None).unwrap_err());
+        let none = &Overrides::default();
+        let failure = Failure::from(with_node(&workspace, "gps", None, none).unwrap_err());
         assert_eq!(failure.exit_code(), 2);
         assert_eq!(
             failure.to_string(),
             "more than one vehicle has a node gps: which one, --vehicle one or --vehicle two?"
         );
-        let (vehicle, _) = with_node(&workspace, "gps", Some("two")).unwrap();
+        let (vehicle, _) = with_node(&workspace, "gps", Some("two"), none).unwrap();
         assert_eq!(vehicle.name(), "two");
+    }
+
+    #[test]
+    fn a_node_that_a_value_switches_on_is_found() {
+        let workspace = Workspace::find().unwrap();
+        let set = |text| Overrides::parse(text).unwrap();
+        let on = set("row_guidance.enabled=true");
+        for vehicle in [None, Some("uagv")] {
+            let (found, node) = with_node(&workspace, "rows", vehicle, &on).unwrap();
+            assert_eq!(
+                (found.name(), &*found.node(node).name, found.overrides()),
+                ("uagv", "rows", &on)
+            );
+        }
+        with_node(&workspace, "rows", None, &Overrides::default()).unwrap_err();
+        // Only one vehicle accepts the value, but only its own nodes are built with it.
+        let law = set("rover.law=thesis");
+        let (found, _) = with_node(&workspace, "feedback", None, &law).unwrap();
+        assert_eq!((found.name(), found.overrides()), ("row-follower", &law));
+        let failure = Failure::from(with_node(&workspace, "gps", None, &law).unwrap_err());
+        assert_eq!(failure.exit_code(), 2);
+        assert!(
+            failure.to_string().contains("rover.law=thesis"),
+            "{failure}"
+        );
     }
 
     #[test]
     fn only_one_vehicle_can_be_on_a_bus_without_a_choice() {
         let (_folder, workspace) = workspace(&["plough"]);
-        let vehicle = on_bus(&workspace, "socketcan:can0").unwrap();
+        let vehicle = on_bus(&workspace, "socketcan:can0", &Overrides::default()).unwrap();
         assert_eq!(vehicle.name(), "plough");
     }
 }

@@ -27,4 +27,4 @@ pub use design::{description, drive, limits, potentiometer, robot, steering};
 pub use error::VehicleError;
 pub use manifest::{BackupMaster, Device, Machine, Manifest, Node, Protocol, Remote};
 pub use overrides::{Override, Overrides};
-pub use vehicle::{NodeIndex, Vehicle};
+pub use vehicle::{NetworkText, NodeIndex, Vehicle};

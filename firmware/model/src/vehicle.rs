@@ -74,13 +74,23 @@ impl Vehicle {
         Self::read_with(&Self::folder_of(vehicles, name)?, overrides)
     }
 
-    /// Path of the network file of the vehicle `name` below `vehicles`. Its folder is not read,
-    /// so that it may still be unfinished.
+    /// The network file of the vehicle `name` below `vehicles`, with what a switched-on node adds
+    /// to it. Its messages may still have no windows: they are not looked at.
     ///
     /// # Errors
-    /// There is no vehicle of that name.
-    pub fn network_file_of(vehicles: &Path, name: &str) -> Result<PathBuf, VehicleError> {
-        Ok(Self::folder_of(vehicles, name)?.join(NETWORK))
+    /// There is no vehicle of that name, a file cannot be read, or the manifest makes no sense.
+    pub fn network_text_of(
+        vehicles: &Path,
+        name: &str,
+        overrides: &Overrides,
+    ) -> Result<NetworkText, VehicleError> {
+        let folder = Self::folder_of(vehicles, name)?;
+        let (manifest, _) = Self::manifest_with(&folder, &text(&folder, MANIFEST)?, overrides)?;
+        Ok(NetworkText {
+            text: supplemented(&folder, &manifest, &text(&folder, NETWORK)?)?,
+            supplement: network_supplement(&folder, &manifest),
+            file: folder.join(NETWORK),
+        })
     }
 
     fn folder_of(vehicles: &Path, name: &str) -> Result<PathBuf, VehicleError> {
@@ -108,12 +118,8 @@ impl Vehicle {
     /// # Errors
     /// As [`Vehicle::read`], or one of the values makes no sense.
     pub fn read_with(folder: &Path, overrides: &Overrides) -> Result<Self, VehicleError> {
-        let text = |file: &str| {
-            let file = folder.join(file);
-            fs::read_to_string(&file).map_err(|error| VehicleError::Unreadable { file, error })
-        };
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
-        let (manifest, network) = (text(MANIFEST)?, text(NETWORK)?);
+        let (manifest, network) = (text(folder, MANIFEST)?, text(folder, NETWORK)?);
         let vehicle = Self::parse_with(&name, folder, &manifest, &network, overrides)?;
         let mut nodes = vehicle.nodes();
         match nodes.find(|&node| !vehicle.source(node).is_file()) {
@@ -151,26 +157,8 @@ impl Vehicle {
         network: &str,
         overrides: &Overrides,
     ) -> Result<Self, VehicleError> {
-        let file = folder.join(MANIFEST);
-        let wrong = |what: String| VehicleError::Manifest {
-            file: file.clone(),
-            what: match overrides.is_empty() {
-                true => what,
-                false => format!("with {overrides}: {what}"),
-            },
-        };
-        let own = read_manifest(manifest);
-        let (manifest, overrides) = if overrides.is_empty() {
-            (own.map_err(wrong)?, overrides)
-        } else {
-            let changed = changed_manifest(manifest, overrides).map_err(wrong)?;
-            match own {
-                Ok(own) if own == changed => (own, &Overrides::default()),
-                _ => (changed, overrides),
-            }
-        };
-        let mut manifest = manifest;
-        manifest.complete();
+        let wrong = |what| refused(folder, overrides, what);
+        let (manifest, effective) = Self::manifest_with(folder, manifest, overrides)?;
         let network = supplemented(folder, &manifest, network)?;
         let network = Network::parse(&network).map_err(|error| VehicleError::Network {
             file: folder.join(NETWORK),
@@ -186,10 +174,31 @@ impl Vehicle {
             folder: folder.into(),
             manifest,
             network,
-            overrides: overrides.clone(),
+            overrides: effective,
         };
         design::check(&vehicle).map_err(wrong)?;
         Ok(vehicle)
+    }
+
+    /// A manifest with other values than its text has, and those of them that change something.
+    fn manifest_with(
+        folder: &Path,
+        manifest: &str,
+        overrides: &Overrides,
+    ) -> Result<(Manifest, Overrides), VehicleError> {
+        let wrong = |what| refused(folder, overrides, what);
+        let own = read_manifest(manifest);
+        let (mut manifest, overrides) = if overrides.is_empty() {
+            (own.map_err(wrong)?, overrides)
+        } else {
+            let changed = changed_manifest(manifest, overrides).map_err(wrong)?;
+            match own {
+                Ok(own) if own == changed => (own, &Overrides::default()),
+                _ => (changed, overrides),
+            }
+        };
+        manifest.complete();
+        Ok((manifest, overrides.clone()))
     }
 
     /// When its messages are sent.
@@ -316,6 +325,34 @@ impl Vehicle {
     pub fn node_of(&self, device: Device) -> Option<NodeIndex> {
         self.nodes()
             .find(|&node| self.node(node).connector(device).is_some())
+    }
+}
+
+/// The network file of a vehicle.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NetworkText {
+    /// Its path.
+    pub file: PathBuf,
+    /// Path of what a switched-on node adds to it; `None` if there is no such node.
+    pub supplement: Option<PathBuf>,
+    /// The text of both.
+    pub text: String,
+}
+
+/// The text of a file of a folder.
+fn text(folder: &Path, file: &str) -> Result<String, VehicleError> {
+    let file = folder.join(file);
+    fs::read_to_string(&file).map_err(|error| VehicleError::Unreadable { file, error })
+}
+
+/// Why the manifest of a folder is refused, with the values that it would have.
+fn refused(folder: &Path, overrides: &Overrides, what: String) -> VehicleError {
+    VehicleError::Manifest {
+        file: folder.join(MANIFEST),
+        what: match overrides.is_empty() {
+            true => what,
+            false => format!("with {overrides}: {what}"),
+        },
     }
 }
 

@@ -97,7 +97,8 @@ enum Place {
 /// There is no such node or probe, or more than one and none is named (exit code 2). The tests do
 /// not build, or one of them fails.
 pub fn run(workspace: &Workspace, node: &str, options: &Test) -> Result<(), Failure> {
-    let (vehicle, index) = vehicle::with_node(workspace, node, options.vehicle.as_deref())?;
+    let set = options.set.iter().cloned().collect();
+    let (vehicle, index) = vehicle::with_node(workspace, node, options.vehicle.as_deref(), &set)?;
     let sled = vehicle::board(&vehicle, index);
     // A missing probe is reported before a build that takes time.
     let place = place(workspace, node, options)?;

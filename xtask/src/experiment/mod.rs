@@ -56,7 +56,10 @@ pub enum Error {
     },
     /// The vehicle lacks something that it needs to drive by itself, or that an experiment
     /// reads.
-    #[error("the manifest of vehicle {vehicle:?} has no {what}: an experiment needs it")]
+    #[error(
+        "the manifest of vehicle {vehicle:?} has no {what}, which this experiment needs; --vehicle \
+         names another vehicle"
+    )]
     Lacks {
         /// The vehicle.
         vehicle: String,
@@ -446,7 +449,10 @@ fn runs_csv(jobs: &[Job], figures: &[Figures]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::OsString;
+
     use super::*;
+    use crate::cli;
 
     fn uagv() -> Vehicle {
         vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap()
@@ -527,9 +533,20 @@ mod tests {
         let error = Numbers::of(&copy).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "the manifest of vehicle \"copy\" has no calibration.steering_rate: an experiment \
-             needs it"
+            "the manifest of vehicle \"copy\" has no calibration.steering_rate, which this experiment \
+             needs; --vehicle names another vehicle"
         );
+
+        // The bus of a machine is no reason: nobody asked for another one.
+        for name in ["thesis-2", "event-or-time", "row-limits"] {
+            let words = ["xtask", "sim", "--experiment", name].map(OsString::from);
+            let Ok(cli::Request::Run(cli::Command::Sim(options))) = cli::parse(words) else {
+                panic!("not read");
+            };
+            let failure = run(&workspace, name, &options).unwrap_err();
+            assert_eq!(failure.exit_code(), 2);
+            assert!(failure.to_string().contains("has no [rover]"), "{failure}");
+        }
     }
 
     /// Without bus and images, a few seeds: the law and its settings meet the aims by themselves.

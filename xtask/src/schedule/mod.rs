@@ -8,6 +8,7 @@ use std::path::Path;
 
 use network_model::{Assignment, Network};
 use schedulability::{results::MessageReport, table::BusTable};
+use vehicle_model::NetworkText;
 
 use crate::{Failure, Workspace, cli::Schedule, file, vehicle};
 
@@ -27,15 +28,24 @@ struct Scheduled {
 /// [`Failure::Usage`]: there is no such vehicle; the file cannot be read or written, something
 /// in it is wrong, or its messages have no schedule.
 pub fn run(workspace: &Workspace, options: &Schedule) -> Result<(), Failure> {
-    let path = match &options.file {
-        Some(path) => path.clone(),
-        // Its messages may have no windows yet, and then the folder cannot be read.
-        None if options.method.is_some() => vehicle::network_file(workspace, &options.vehicle)?,
-        None => vehicle::find(workspace, &options.vehicle)?.network_file(),
-    };
-    let path = path.as_path();
-    let text = file::read(path)?;
-    let scheduled = schedule(&text, options).map_err(|what| wrong(path, &what))?;
+    let NetworkText {
+        file,
+        supplement,
+        text,
+    } = input(workspace, options)?;
+    let path = file.as_path();
+    let scheduled = schedule(&text, options).map_err(|what| match &supplement {
+        Some(supplement) => wrong(path, &format!("with {}: {what}", supplement.display())),
+        None => wrong(path, &what),
+    })?;
+    if let Some(supplement) = supplement.filter(|_| options.write) {
+        return Err(Failure::Usage(format!(
+            "--write writes into one file, and these windows are those of {} and of {}: they must be \
+             copied by hand, into both",
+            path.display(),
+            supplement.display()
+        )));
+    }
     let changed = options.write && scheduled.text != text;
     // Written before anything is printed: whoever reads the output may stop reading.
     if changed {
@@ -56,6 +66,23 @@ pub fn run(workspace: &Workspace, options: &Schedule) -> Result<(), Failure> {
         eprintln!("{} has this schedule; it was not written.", path.display());
     }
     Ok(())
+}
+
+/// The network file that is meant.
+fn input(workspace: &Workspace, options: &Schedule) -> Result<NetworkText, Failure> {
+    if let Some(path) = &options.file {
+        return Ok(NetworkText {
+            file: path.clone(),
+            supplement: None,
+            text: file::read(path)?,
+        });
+    }
+    let set = options.set.iter().cloned().collect();
+    // Its messages may have no windows yet, and then the folder cannot be read.
+    if options.method.is_none() {
+        vehicle::with(workspace, &options.vehicle, &set)?;
+    }
+    Ok(vehicle::network_text(workspace, &options.vehicle, &set)?)
 }
 
 /// What to do next with a new schedule: the search gives each frame room, but only the analysis

@@ -56,6 +56,7 @@ fn options(method: Option<Method>) -> Schedule {
     Schedule {
         file: Some(PathBuf::from("test.dbc")),
         vehicle: String::from("uagv"),
+        set: Vec::new(),
         method,
         write: false,
         json: false,
@@ -305,7 +306,8 @@ fn a_vehicle_without_a_window_gets_it() {
     let root = tempfile::tempdir().unwrap();
     let folder = root.path().join("firmware/vehicles/uagv");
     fs::create_dir_all(&folder).unwrap();
-    fs::write(folder.join("vehicle.toml"), "").unwrap();
+    let own = crate::vehicle::find(&self::workspace(), "uagv").unwrap();
+    fs::copy(own.manifest_file(), folder.join("vehicle.toml")).unwrap();
     let path = folder.join("network.dbc");
     fs::write(&path, unscheduled()).unwrap();
     let workspace = Workspace::at(root.path());
@@ -317,6 +319,41 @@ fn a_vehicle_without_a_window_gets_it() {
     options.vehicle = "tractor".into();
     let said = run(&workspace, &options).unwrap_err().to_string();
     assert!(said.contains("there is no vehicle \"tractor\""), "{said}");
+}
+
+/// A node that a value of the manifest switches on has its messages in a file of its own.
+#[test]
+fn the_messages_of_a_switched_on_node_are_in_the_matrix() {
+    let mut options = options(None);
+    options.file = None;
+    let names = |options: &Schedule| {
+        let input = input(&workspace(), options).unwrap();
+        let network = schedule(&input.text, options).unwrap().network;
+        let names = network.messages.iter().map(|message| message.name.clone());
+        names.collect::<Vec<_>>()
+    };
+    let without = names(&options);
+    assert!(!without.contains(&"RowOffset".into()));
+    options.set = vec![vehicle_model::Override::parse("row_guidance.enabled=true").unwrap()];
+    let mut with = names(&options);
+    assert_eq!(with.len(), without.len() + 4);
+    with.retain(|name| !without.contains(name));
+    with.sort();
+    assert_eq!(
+        with,
+        ["RowGuidance", "RowOffset", "RowsSelfTest", "RowsStatus"]
+    );
+    // Other windows are found for all of them, but not written into one of the two files.
+    options.method = Some(Method::LeastJitter);
+    assert_eq!(names(&options).len(), without.len() + 4);
+    options.write = true;
+    let failure = run(&workspace(), &options).unwrap_err();
+    assert_eq!(failure.exit_code(), 2);
+    let said = failure.to_string();
+    assert!(
+        said.contains("network.dbc") && said.contains("rows.dbc"),
+        "{said}"
+    );
 }
 
 #[test]

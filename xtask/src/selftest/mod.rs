@@ -61,10 +61,11 @@ impl Error {
 /// vehicles and a real bus, and none is named (exit code 2). A check failed, or a node did not
 /// report.
 pub fn run(workspace: &Workspace, options: &Selftest) -> Result<(), Failure> {
+    let set = options.set.iter().cloned().collect();
     let vehicle = match (&options.vehicle, &options.bus) {
-        (Some(name), _) => vehicle::find(workspace, name),
-        (None, Bus::Twin) => vehicle::find(workspace, vehicle::DEFAULT),
-        (None, bus) => vehicle::on_bus(workspace, &bus.to_string()),
+        (Some(name), _) => vehicle::with(workspace, name, &set),
+        (None, Bus::Twin) => vehicle::with(workspace, vehicle::DEFAULT, &set),
+        (None, bus) => vehicle::on_bus(workspace, &bus.to_string(), &set),
     }?;
     let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
     let messages =

@@ -449,6 +449,7 @@ mod tests {
     use super::*;
 
     const USUAL: Test = Test {
+        set: Vec::new(),
         list: false,
         long: false,
         random: false,

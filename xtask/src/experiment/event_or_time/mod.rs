@@ -173,6 +173,9 @@ pub(super) fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
             format!("{NAME} runs both protocols: neither --bus nor bus.protocol is accepted");
         return Err(Failure::Usage(text));
     }
+    // A vehicle without a rover may refuse the event-triggered bus, which would not be the reason.
+    let vehicle = vehicle::with(workspace, &options.vehicle, &own)?;
+    needed(&vehicle, "[rover]", vehicle.manifest().rover.as_ref())?;
     let on = |protocol| on_protocol(workspace, options, own.clone().on(protocol));
     let [event, time] = [on(Protocol::EventTriggered)?, on(Protocol::TimeTriggered)?];
     let folder = match &options.out {
@@ -243,7 +246,6 @@ fn on_protocol(
     overrides: Overrides,
 ) -> Result<OnProtocol, Failure> {
     let vehicle = vehicle::with(workspace, &options.vehicle, &overrides)?;
-    needed(&vehicle, "[rover]", vehicle.manifest().rover.as_ref())?;
     let scenario: Result<Scenario, ScenarioError> =
         Scenario::find(&vehicle, &format!("{NAME}/row"));
     let scenario = scenario.map_err(Error::from)?;
