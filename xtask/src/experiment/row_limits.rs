@@ -197,8 +197,8 @@ impl Job {
         format!("{} m/s with a gap of {} m", self.speed, self.gap)
     }
 
-    /// The row of this run.
-    fn row(&self) -> Row {
+    /// The row of this run, as wide as the vehicle's rows.
+    fn row(&self, width: Length) -> Row {
         let leaves = |side, from, to, density| Leaves {
             side,
             from: Length::new(from),
@@ -218,7 +218,7 @@ impl Job {
             section: vec![Section {
                 kind: Kind::Stalks,
                 length: Length::new(LENGTH),
-                width: Length::new(0.762),
+                width: Some(width),
                 spacing: None,
                 diameter: None,
                 diameter_scatter: None,
@@ -245,7 +245,7 @@ impl Job {
         told.rows.gap = Length::new(rover.rows.gap.get().max(self.gap));
         let settings = RowSettings::<f32>::for_robot(&vehicle_model::robot(&told))?;
         let mut follower = Follower::<Furrow>::new(&settings);
-        let row = self.row();
+        let row = self.row(rover.rows.width);
         let setting = Setting {
             row: &row,
             rover: Parameters::of(rover),
@@ -427,6 +427,7 @@ fn csv(jobs: &[Job], runs: &[Followed]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use vehicle_model::Overrides;
     use world::scenario::Limits;
 
     use crate::{Workspace, vehicle};
@@ -530,8 +531,23 @@ mod tests {
                     density,
                     seed: 1,
                 };
-                assert_eq!(job.row().check(&limits), Ok(()));
+                assert_eq!(job.row(rover.rows.width).check(&limits), Ok(()));
             }
+        }
+    }
+
+    /// Rows of another width than the vehicle's would tell where a wrong manifest fails.
+    #[test]
+    fn the_rows_are_as_wide_as_the_vehicles() {
+        let set = Overrides::parse("rover.rows.width=110 cm").unwrap();
+        let wide = vehicle::with(&Workspace::find().unwrap(), "row-follower", &set).unwrap();
+        let grid = Grid {
+            gaps: vec![0.0],
+            densities: vec![0.0],
+        };
+        let (map, _) = map(&wide, &grid, 1, 2).unwrap();
+        for cell in &map.cells {
+            assert!(cell.failures == 0 && cell.offset_cm < 4.0, "{cell:?}");
         }
     }
 

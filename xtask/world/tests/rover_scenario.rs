@@ -152,12 +152,48 @@ fn vehicles_without_a_rover_have_no_terrain() {
         assert_eq!(refused.to_string(), expected);
     }
     let fault = "[[distance_fault]]\nfault = \"open\"\nat = \"1 s\"";
-    let press = "[[press]]\nat = \"1 s\"\nbutton = \"run\"";
-    for (text, device) in [(fault, "distance-sensors"), (press, "pin-remote")] {
-        let refused = Scenario::parse(&uagv::vehicle(), "t", "t", text).unwrap_err();
-        let expected = format!("is without a device \"{device}\"");
-        assert!(refused.to_string().ends_with(&expected), "{refused}");
-    }
+    let refused = Scenario::parse(&uagv::vehicle(), "t", "t", fault).unwrap_err();
+    let expected = "is without a device \"distance-sensors\"";
+    assert!(refused.to_string().ends_with(expected), "{refused}");
+}
+
+#[test]
+fn a_button_of_another_vehicle_is_refused_with_those_that_there_are() {
+    let press = |button: &str| format!("[[press]]\nat = \"1 s\"\nbutton = {button:?}\n");
+    let (run, a) = (press("run"), press("A"));
+    let refused = Scenario::parse(&uagv::vehicle(), "t", "t", &(a.clone() + &run)).unwrap_err();
+    assert_eq!(
+        refused.to_string(),
+        "scenario t, press[1].button: vehicle \"uagv\" has no button run, it takes A, B, C, D, J"
+    );
+    let refused = Scenario::parse(&vehicle(), "t", "t", &(POLES.to_owned() + &a)).unwrap_err();
+    assert!(
+        refused
+            .to_string()
+            .ends_with("has no button A, it takes run, stop"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_row_without_a_width_has_that_of_the_manifest() {
+    let own = uagv::vehicle();
+    let crop = Scenario::parse(&own, "t", "t", POLES)
+        .unwrap()
+        .crop
+        .unwrap();
+    let wanted = own.manifest().row_guidance.as_ref().unwrap().rows.width;
+    assert_eq!(crop.row.section[0].width(), wanted);
+    assert_ne!(wanted.get(), 0.762);
+    let own = vehicle();
+    let wanted = own.manifest().rover.as_ref().unwrap().rows.width;
+    let of = |text: &str| {
+        let scenario = Scenario::parse(&own, "t", "t", text).unwrap();
+        scenario.row.unwrap().row.section[0].width()
+    };
+    assert_eq!(of(POLES), wanted);
+    let wide = format!("{POLES}width = \"1.2 m\"\n");
+    assert_eq!(of(&wide).get(), 1.2);
 }
 
 #[test]

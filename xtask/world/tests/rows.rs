@@ -493,7 +493,7 @@ proptest! {
     fn plants_stand_near_their_line(text in any_row(), seed: u64) {
         let settings = row(&text);
         let rows = Rows::new(&settings, seed);
-        let width = settings.section[1].width.get();
+        let width = settings.section[1].width().get();
         for shape in rows.shapes() {
             if !matches!(shape.what, What::Pole | What::Stalk) {
                 continue;

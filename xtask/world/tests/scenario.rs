@@ -152,7 +152,13 @@ fn names_and_files_that_are_not_there() {
             .unwrap_err()
             .to_string()
     };
-    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight": name one of calibration, canopy, five-metres-off, gps-lost, master-dead, straight-line or the path of a TOML file"#);
+    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight" of vehicle "uagv": name one of calibration, canopy, five-metres-off, gps-lost, master-dead, straight-line or the path of a TOML file"#);
+    // It may be another vehicle's.
+    let poles = sentence("poles");
+    assert!(
+        poles.ends_with("; --vehicle row-follower has one"),
+        "{poles}"
+    );
     insta::assert_snapshot!(sentence("no/such.toml"), @"scenario no/such.toml cannot be read: there is no such file");
 }
 
@@ -315,7 +321,7 @@ fn a_table_for_what_the_vehicle_lacks_is_refused() {
         ),
         (
             "[[press]]\nat = \"1 s\"\nbutton = \"C\"",
-            "without a device \"operator-switches\"",
+            "press[0].button: vehicle \"boards\" has no button C, nor another one, leave it out",
         ),
         (
             "[[knob]]\nnode = \"drive\"\nat = \"1 s\"\nposition = \"10 %\"",

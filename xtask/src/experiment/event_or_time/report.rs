@@ -111,7 +111,8 @@ pub(super) fn text(options: &Sim, figures: &[Figures]) -> String {
         text,
         "\nForeign frames: 8 random bytes, identifiers {ids}, each up to half a period late at random. By the \
          schedule\nthey go out in free windows, and a newer one replaces one that waits. Command jitter: largest \
-         difference of the\ntime between two commands from a cycle. none: the analysis has no bound."
+         difference of the\ntime between two commands from a cycle. Bound: none if the analysis has none, - where the \
+         schedule that\nit assumes is ignored."
     );
     text
 }

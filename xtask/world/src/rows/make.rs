@@ -77,7 +77,7 @@ fn barrier(
     from: f64,
     to: f64,
 ) {
-    let right = sign(side) * section.width.get() / 2.0;
+    let right = sign(side) * section.width().get() / 2.0;
     let pieces = ((to - from) / PIECE).ceil().max(1.0);
     let at = |piece: u32| from + f64::from(piece) / pieces * (to - from);
     for piece in 0..pieces as u32 {
@@ -113,8 +113,8 @@ fn step(
     section: &Section,
 ) {
     let place = line.at(at);
-    let end = |section: &Section| place.beside(sign(side) * section.width.get() / 2.0);
-    if before.width != section.width {
+    let end = |section: &Section| place.beside(sign(side) * section.width().get() / 2.0);
+    if before.width() != section.width() {
         let shape = Shape {
             from: end(before),
             to: end(section),
@@ -147,7 +147,7 @@ fn plants(
     } else {
         What::Stalk
     };
-    let middle = sign(place.side) * section.width.get() * (0.5 + f64::from(place.behind));
+    let middle = sign(place.side) * section.width().get() * (0.5 + f64::from(place.behind));
     let spacing = section.spacing();
     let mut next = place.from + spacing * stream.uniform();
     while next < place.to {

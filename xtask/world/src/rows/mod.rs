@@ -64,7 +64,7 @@ impl Rows {
         let grid = Grid::new(&shapes);
         let widths = row
             .stations()
-            .map(|(section, from, _)| (from, section.width.get()));
+            .map(|(section, from, _)| (from, section.width().get()));
         Self {
             grid,
             shapes,

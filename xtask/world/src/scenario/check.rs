@@ -3,7 +3,7 @@
 use vehicle_model::{Device, Vehicle};
 
 use super::file::without;
-use super::{BrownOut, BusEvent, DURATIONS, LARGEST_ERROR, Scenario};
+use super::{BrownOut, BusEvent, Button, DURATIONS, LARGEST_ERROR, Scenario};
 use crate::units::{
     Angle, Compliance, Count, CountSlope, Drift, Kind, Length, Ppm, Quantity, Rate, Ratio, Speed,
     Time, Voltage,
@@ -130,10 +130,6 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
 
 /// Checks that the vehicle has the devices that the scenario uses.
 fn devices(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
-    let presses = |device| {
-        let mut presses = scenario.press.iter();
-        presses.any(|press| press.button.input().device() == device)
-    };
     let tables = [
         ("fix", !scenario.fix.is_empty(), Device::SatelliteReceiver),
         (
@@ -141,12 +137,6 @@ fn devices(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
             !scenario.stream.is_empty(),
             Device::SatelliteReceiver,
         ),
-        (
-            "press",
-            presses(Device::OperatorSwitches),
-            Device::OperatorSwitches,
-        ),
-        ("press", presses(Device::PinRemote), Device::PinRemote),
         ("joystick", !scenario.joystick.is_empty(), Device::Joystick),
         (
             "stop_loop",
@@ -165,6 +155,7 @@ fn devices(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
             return Err(without(vehicle, table, &what));
         }
     }
+    presses(scenario, vehicle)?;
     let remotes = [Device::OperatorSwitches, Device::PinRemote];
     let remote = remotes.iter().any(|&one| vehicle.node_of(one).is_some());
     let tables = [
@@ -175,6 +166,27 @@ fn devices(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
         Some((table, _)) if !remote => Err(without(vehicle, table, "a remote control")),
         _ => Ok(()),
     }
+}
+
+/// Checks that the vehicle has the buttons that are pressed.
+fn presses(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
+    let wired = |button: &Button| vehicle.node_of(button.input().device()).is_some();
+    for (i, press) in scenario.press.iter().enumerate() {
+        if !wired(&press.button) {
+            let known = Button::ALL.iter().filter(|button| wired(button));
+            let known: Vec<&str> = known.map(|button| button.name()).collect();
+            let accepted = match known.as_slice() {
+                [] => "nor another one, leave it out".into(),
+                known => format!("it takes {}", known.join(", ")),
+            };
+            return Err(format!(
+                "press[{i}].button: vehicle {:?} has no button {}, {accepted}",
+                vehicle.name(),
+                press.button.name()
+            ));
+        }
+    }
+    Ok(())
 }
 
 fn knobs(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {

@@ -19,13 +19,21 @@ impl fmt::Display for ScenarioError {
 impl core::error::Error for ScenarioError {}
 
 impl ScenarioError {
-    pub(super) fn unknown(name: &str, vehicle: &str, names: &[String]) -> Self {
+    /// `names` are the vehicle's scenarios, `others` the vehicles that have one of this name.
+    pub(super) fn unknown(name: &str, vehicle: &str, names: &[String], others: &[String]) -> Self {
         let choice = match names {
             [] => format!("vehicle {vehicle:?} has none of its own, name"),
             names => format!("name one of {} or", names.join(", ")),
         };
+        let elsewhere = match others {
+            [] => String::new(),
+            others => format!("; --vehicle {} has one", others.join(" or ")),
+        };
         Self {
-            sentence: format!("there is no scenario {name:?}: {choice} the path of a TOML file"),
+            sentence: format!(
+                "there is no scenario {name:?} of vehicle {vehicle:?}: {choice} the path of a TOML \
+                 file{elsewhere}"
+            ),
         }
     }
 

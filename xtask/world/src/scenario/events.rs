@@ -28,6 +28,32 @@ pub enum Button {
     Stop,
 }
 
+impl Button {
+    /// All of them.
+    pub(super) const ALL: [Self; 7] = [
+        Self::A,
+        Self::B,
+        Self::C,
+        Self::D,
+        Self::J,
+        Self::Run,
+        Self::Stop,
+    ];
+
+    /// Its name in a file.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::A => "A",
+            Self::B => "B",
+            Self::C => "C",
+            Self::D => "D",
+            Self::J => "J",
+            Self::Run => "run",
+            Self::Stop => "stop",
+        }
+    }
+}
+
 /// A button is pressed and released.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -288,6 +288,18 @@ fn names(vehicle: &Vehicle) -> Vec<String> {
     names
 }
 
+/// Names of the other vehicles beside this one that have a scenario of this name.
+fn others(vehicle: &Vehicle, name: &str) -> Vec<String> {
+    let Some(vehicles) = vehicle.folder().parent() else {
+        return Vec::new();
+    };
+    // A folder that cannot be read has none.
+    let mut others = Vehicle::names(vehicles).unwrap_or_default();
+    let file = format!("{name}.toml");
+    others.retain(|other| vehicles.join(other).join("scenarios").join(&file).is_file());
+    others
+}
+
 impl Scenario {
     /// The scenarios in the vehicle's folder, in alphabetical order. A file that is wrong does not
     /// hide the others.
@@ -316,6 +328,7 @@ impl Scenario {
                 name,
                 vehicle.name(),
                 &names(vehicle),
+                &others(vehicle, name),
             ));
         }
         let text = std::fs::read_to_string(&path)

@@ -53,7 +53,8 @@ pub(super) fn crop(
     distance: &mut Option<distance::Parameters>,
 ) -> Option<CropSetting> {
     let guidance = vehicle.manifest().row_guidance.as_ref()?;
-    let (row, line) = row.take().zip(line)?;
+    let (mut row, line) = row.take().zip(line)?;
+    row.widen(guidance.rows.width);
     let (direction, place) = (line.direction(), &row.place);
     let (along, right) = (place.along.get(), place.right.get());
     let (sine, cosine) = (libm::sin(direction), libm::cos(direction));
@@ -102,13 +103,14 @@ pub(super) fn setting(
             None => Ok(None),
         };
     };
-    let row = row.ok_or_else(|| {
+    let mut row = row.ok_or_else(|| {
         format!(
             "row: vehicle {:?} drives along a row, which needs at least one [[row.section]] with \
              its kind (barriers, poles or stalks) and its length",
             vehicle.name()
         )
     })?;
+    row.widen(rover.rows.width);
     Ok(Some(RowSetting {
         rover: rover::Parameters::of(rover),
         mount: Mount::of(rover),

@@ -67,9 +67,9 @@ pub struct Section {
     pub kind: Kind,
     /// Length, above 0 to 20 km; all sections together are not longer.
     pub length: Length,
-    /// Distance between the two sides, wider than the robot, up to 5 m. Default 76.2 cm (30 inches).
-    #[serde(default = "width")]
-    pub width: Length,
+    /// Distance between the two sides, wider than the robot, up to 5 m. Default: `rows.width` of the
+    /// vehicle's manifest; without a vehicle 76.2 cm (30 inches).
+    pub width: Option<Length>,
     /// Distance of two plants, 2 cm to 2 m, larger than a plant. Default 20.32 cm (8 inches).
     pub spacing: Option<Length>,
     /// Diameter of a plant, 4 mm to 20 cm. Default 4.2 cm for poles (nominal 1 1/4 inch pipe), 2.2 cm
@@ -91,11 +91,13 @@ pub struct Section {
     pub behind: Option<u32>,
 }
 
-fn width() -> Length {
-    Length::new(0.762)
-}
-
 impl Section {
+    /// Distance between the two sides.
+    #[must_use]
+    pub fn width(&self) -> Length {
+        self.width.unwrap_or(Length::new(0.762))
+    }
+
     fn choose(&self, given: Option<Length>, poles: f64, stalks: f64) -> f64 {
         given.map_or_else(
             || match self.kind {
@@ -318,6 +320,13 @@ fn lengths(least: f64, most: f64) -> super::check::Range<crate::units::LengthKin
 }
 
 impl Row {
+    /// Gives the sections that say nothing about it this width.
+    pub(super) fn widen(&mut self, width: Length) {
+        for section in &mut self.section {
+            section.width.get_or_insert(width);
+        }
+    }
+
     /// The sections, each with the stations at which it begins and ends, metres.
     pub fn stations(&self) -> impl Iterator<Item = (&Section, f64, f64)> {
         self.section.iter().scan(0.0, |end, section| {
@@ -341,7 +350,7 @@ impl Row {
         let section = begun.last().map(|(section, ..)| section);
         section
             .or(self.section.first())
-            .map_or(0.0, |section| section.width.get())
+            .map_or(0.0, |section| section.width().get())
     }
 
     /// Checks what a file says about the row.
@@ -409,7 +418,7 @@ impl Row {
         self.stretch(field, leaves.from, leaves.to)?;
         let densities = between(Density::new(0.0), Density::new(100.0));
         within(&format!("{field}.density"), leaves.density, densities)?;
-        let mut widths = self.stations().map(|(section, ..)| section.width.get());
+        let mut widths = self.stations().map(|(section, ..)| section.width().get());
         let narrowest = widths.by_ref().fold(f64::INFINITY, f64::min);
         within(
             &format!("{field}.reach"),
@@ -454,7 +463,7 @@ impl Row {
         let breadths = self
             .section
             .iter()
-            .map(|section| section.width.get() * (0.5 + f64::from(section.behind())));
+            .map(|section| section.width().get() * (0.5 + f64::from(section.behind())));
         let broadest = breadths.fold(0.0, f64::max);
         let mut end = Length::new(0.0);
         let mut heading = 0.0;
@@ -536,20 +545,20 @@ impl Section {
         let all = above(Length::new(0.0), Length::new(LONGEST));
         within(&format!("{field}.length"), self.length, all)?;
         let robot = Length::new(limits.width);
-        if self.width <= robot {
+        let width = self.width();
+        if width <= robot {
             return Err(format!(
-                "{field}.width: {} has no room for the robot, which is {robot} wide",
-                self.width
+                "{field}.width: {width} has no room for the robot, which is {robot} wide"
             ));
         }
-        within(&format!("{field}.width"), self.width, lengths(0.0, 5.0))?;
-        let across = self.width.get() / 2.0 + limits.sensor_beside;
+        within(&format!("{field}.width"), width, lengths(0.0, 5.0))?;
+        let across = width.get() / 2.0 + limits.sensor_beside;
         let distance = across / libm::sin(limits.beam);
         if distance > limits.range {
             return Err(format!(
                 "{field}.width: {} is {} along the beam of a sensor in the middle, which \
                  measures up to {}",
-                self.width,
+                width,
                 Length::new((distance * 1e3).round() / 1e3),
                 Length::new(limits.range)
             ));
