@@ -161,19 +161,37 @@ pub fn command(
     nodes: &[NodeIndex],
 ) -> Result<Command, Failure> {
     let mut cargo = target::cargo(workspace, "build");
-    cargo.args(["--release", "--package", &vehicle::package(vehicle)?]);
+    cargo.arg("--release");
+    let Some(&first) = nodes.first() else {
+        cargo.args(["--package", &vehicle::package(vehicle)?]);
+        return Ok(cargo);
+    };
+    let mut cargo = with_features(cargo, vehicle, first)?;
+    for &node in nodes {
+        cargo.args(["--bin", &vehicle.node(node).name]);
+    }
+    Ok(cargo)
+}
+
+/// A command of cargo on a vehicle's package, with the features and the values of the images that have
+/// the board of `node`.
+///
+/// # Errors
+///
+/// The vehicle's package cannot be read.
+pub(crate) fn with_features(
+    mut cargo: Command,
+    vehicle: &Vehicle,
+    node: NodeIndex,
+) -> Result<Command, Failure> {
+    cargo.args(["--package", &vehicle::package(vehicle)?]);
     match vehicle.overrides() {
         none if none.is_empty() => cargo.env_remove(OVERRIDES),
         overrides => cargo.env(OVERRIDES, overrides.environment()),
     };
-    if let Some(&node) = nodes.first() {
-        cargo.args(["--features", vehicle::board(vehicle, node).name]);
-    }
+    cargo.args(["--features", vehicle::board(vehicle, node).name]);
     if vehicle.manifest().guidance_by_rows().is_some() {
         cargo.args(["--features", ROW_GUIDANCE]);
-    }
-    for &node in nodes {
-        cargo.args(["--bin", &vehicle.node(node).name]);
     }
     Ok(cargo)
 }

@@ -9,6 +9,8 @@ use std::{
     process::{Command, ExitStatus, Stdio},
 };
 
+use vehicle_model::build::OVERRIDES;
+
 /// What goes wrong with the workspace or a program that runs in it.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -147,22 +149,29 @@ pub(crate) fn succeed(command: &mut Command, what: &str) -> Result<(), Error> {
     }
 }
 
-/// A command as one would type it.
+/// A command as one would type it, with the values in place of a manifest's.
 pub(crate) fn typed(command: &Command) -> String {
+    let mut values = command.get_envs().filter(|(name, _)| *name == OVERRIDES);
+    let set = values.find_map(|(_, value)| value);
+    let set = set.map(|value| format!("{OVERRIDES}={}", quoted(value)));
     // A program is typed by its name, wherever it was found.
     let program = Path::new(command.get_program());
     let program = program.file_name().unwrap_or(program.as_os_str());
-    let mut words = vec![program.to_string_lossy().into_owned()];
-    for argument in command.get_args() {
-        let argument = argument.to_string_lossy();
-        let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
-        if !argument.is_empty() && argument.chars().all(plain) {
-            words.push(argument.into_owned());
-        } else {
-            words.push(format!("'{}'", argument.replace('\'', r"'\''")));
-        }
-    }
+    let mut words: Vec<String> = set.into_iter().collect();
+    words.push(program.to_string_lossy().into_owned());
+    words.extend(command.get_args().map(quoted));
     words.join(" ")
+}
+
+/// A word as a shell reads it back.
+fn quoted(word: &OsStr) -> String {
+    let word = word.to_string_lossy();
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.into_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use world::{
 };
 
 use parts::Sled;
-use vehicle_model::{Overrides, Protocol, Vehicle};
+use vehicle_model::{Device, Override, Overrides, Protocol, Vehicle};
 
 use crate::{
     Failure, Workspace, board, build,
@@ -328,8 +328,36 @@ fn on_target(
         cargo.env("RUSTDOCFLAGS", "--deny warnings");
         commands.push(cargo);
     }
+    for vehicle in &vehicles {
+        commands.extend(switched_on(workspace, vehicle, command, rest)?);
+    }
     Ok(commands)
 }
+
+/// The same for a node that is off in a vehicle's manifest: the other commands do not see it.
+fn switched_on(
+    workspace: &Workspace,
+    vehicle: &Vehicle,
+    command: &str,
+    rest: &[&str],
+) -> Result<Option<Command>, Failure> {
+    let guidance = vehicle.manifest().row_guidance.as_ref();
+    if guidance.is_none_or(|guidance| guidance.enabled) {
+        return Ok(None);
+    }
+    let on = Override::parse(ROW_GUIDANCE).into_iter().collect();
+    let vehicle = vehicle::with(workspace, vehicle.name(), &on)?;
+    let Some(node) = vehicle.node_of(Device::DistanceSensors) else {
+        return Ok(None);
+    };
+    let mut cargo = build::with_features(target::cargo(workspace, command), &vehicle, node)?;
+    cargo.args(rest);
+    cargo.env("RUSTDOCFLAGS", "--deny warnings");
+    Ok(Some(cargo))
+}
+
+/// Switches the node on that measures rows.
+const ROW_GUIDANCE: &str = "row_guidance.enabled=true";
 
 /// Fault sequences of the step: what two cores do in about a minute. A night's worth is
 /// `cargo xtask sim --faults` with its own number.
@@ -621,8 +649,20 @@ mod tests {
         let workspace = Workspace::find().unwrap();
         let names = vehicle::names(&workspace).unwrap();
         let commands = on_target(&workspace, &names, "clippy", &DENIED).unwrap();
-        assert_eq!(commands.len(), Sled::ALL.len());
-        for command in &commands {
+        let (boards, switched_on) = commands.split_at(Sled::ALL.len());
+        let [rows] = switched_on else {
+            panic!("{switched_on:?}");
+        };
+        let line = typed(rows);
+        assert!(
+            line.starts_with("FURROW_SET=row_guidance.enabled=true cargo clippy"),
+            "{line}"
+        );
+        assert!(
+            line.contains("--package uagv --features f303 --features row-guidance"),
+            "{line}"
+        );
+        for command in boards {
             let typed = typed(command);
             for package in ["firmware", "uagv", "two-boards"] {
                 assert!(typed.contains(&format!("--package {package}")), "{typed}");

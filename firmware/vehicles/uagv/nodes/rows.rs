@@ -167,7 +167,7 @@ mod app {
             failed.lock(|failed| *failed = failed.wrapping_add(1));
             return;
         };
-        let motion = link.lock(|link| motion(link));
+        let motion = link.lock(motion);
         let measured = rows::distances(&means);
         watcher.lock(|watcher| watcher.observe(&measured, motion, PERIOD));
         rtic::pend(Interrupt::EXTI4);
