@@ -92,6 +92,25 @@ fn actuator(folder: &Folder) {
     }
 }
 
+/// Wider rows of thicker stalks, a larger and faster robot, and sensors that look more to the side.
+fn rows(folder: &Folder) {
+    let manifest = "vehicle.toml";
+    for (from, to) in [
+        ("length = \"0.4572 m\"", "length = \"0.6 m\""),
+        ("width = \"0.3048 m\"", "width = \"0.4 m\""),
+        ("track = \"0.25 m\"", "track = \"0.33 m\""),
+        ("turning_track = \"0.38 m\"", "turning_track = \"0.5 m\""),
+        ("cruise = \"0.4 m/s\"", "cruise = \"0.6 m/s\""),
+        ("ahead = \"0.2546 m\"", "ahead = \"0.3 m\""),
+        ("beside = \"0.152 m\"", "beside = \"0.18 m\""),
+        ("angle = \"45 deg\"", "angle = \"60 deg\""),
+        ("width = \"76.2 cm\"", "width = \"95 cm\""),
+        ("stalk = \"2.5 cm\"", "stalk = \"4 cm\""),
+    ] {
+        folder.replace(manifest, from, to);
+    }
+}
+
 /// The motor's node tells what it does, and the master shows it on its console.
 fn message(folder: &Folder) {
     let network = "network.dbc";
@@ -379,12 +398,13 @@ fn unchanged(_: &Folder) {}
 type Walk = fn(&Folder);
 
 /// Name of the copy, vehicle that is copied, walk.
-const WALKS: [(&str, &str, Walk); 8] = [
+const WALKS: [(&str, &str, Walk); 9] = [
     ("walk-wheelbase", "uagv", wheelbase),
     ("walk-actuator", "uagv", actuator),
     ("walk-backup", "uagv", backup),
     ("walk-toggle", "uagv", toggle),
     ("walk-latched", "uagv", latched),
+    ("walk-rows", "row-follower", rows),
     ("walk-message", "two-boards", message),
     ("walk-node", "two-boards", node),
     ("walk-vehicle", "two-boards", unchanged),
@@ -553,6 +573,46 @@ fn another_wheelbase() {
     assert_ne!(new.estimator, old.estimator);
 }
 
+/// The options of `sim` on a command line, with a folder for its files.
+fn simulation(line: &str, out: &Path) -> cli::Sim {
+    let words = line.split(' ').map(OsString::from);
+    let words = words.chain(["--out".into(), out.into()]);
+    let Ok(cli::Request::Run(cli::Command::Sim(options))) = cli::parse(words) else {
+        panic!("not read");
+    };
+    options
+}
+
+/// The law of a robot between other rows drives them, with what the copy's manifest says.
+#[test]
+fn another_robot_between_rows_drives_its_own_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "xtask sim --vehicle walk-rows --experiment row-limits --seeds 1";
+    let options = simulation(line, folder.path());
+    experiment::run(workspace(), "row-limits", &options).unwrap();
+    let report = fs::read_to_string(folder.path().join("experiment.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let cells = report["cells"].as_array().unwrap();
+    let easy = |cell: &&serde_json::Value| cell["gap"] == 0.0 && cell["leaves"] == 0.0;
+    assert_eq!(cells.iter().filter(easy).count(), 2);
+    for cell in cells.iter().filter(easy) {
+        assert_eq!(cell["failures"], 0, "{cell:#}");
+        assert!(cell["offset_cm"].as_f64().unwrap() < 3.0, "{cell:#}");
+    }
+}
+
+#[test]
+#[ignore = "builds images of its own: `cargo xtask test --long`"]
+fn another_robot_between_rows() {
+    let (_, outcome) = drive("walk-rows", "poles", 14.0);
+    let row = outcome.world.drive().unwrap();
+    assert_eq!(row.contact(), None);
+    let last = row.samples().last().unwrap();
+    assert!(last.station > 5.0 && last.right.abs() < 0.06, "{last:?}");
+    let fastest = row.samples().iter().map(|sample| sample.state.speed);
+    assert!(fastest.fold(0.0, f64::max) > 0.5);
+}
+
 /// Nothing is compiled: the numbers come from the copy's manifest. The copy settles in each case;
 /// the aims are those of another machine, so it may miss some.
 #[test]
@@ -561,11 +621,7 @@ fn an_experiment_drives_with_the_law_of_a_copy() {
     for name in ["walk-wheelbase", "walk-actuator"] {
         let line = format!("xtask sim --vehicle {name} --experiment thesis-7 --quick --seeds 1");
         let out = folder.path().join(name);
-        let words = line.split(' ').map(OsString::from);
-        let words = words.chain(["--out".into(), out.clone().into()]);
-        let Ok(cli::Request::Run(cli::Command::Sim(options))) = cli::parse(words) else {
-            panic!("not read");
-        };
+        let options = simulation(&line, &out);
         match experiment::run(workspace(), "thesis-7", &options) {
             Ok(()) | Err(Failure::Experiment(experiment::Error::Missed(_))) => {}
             Err(failure) => panic!("{name}: {failure}"),

@@ -515,6 +515,7 @@ fn rover(rover: &Rover) -> Result<(), String> {
     above("rover.cruise", rover.cruise, motors.full_speed.get() * 0.5)?;
     distance_sensors("rover", &rover.sensors)?;
     crop_rows("rover", &rover.rows, rover.width)?;
+    rows_in_range("rover", &rover.sensors, &rover.rows)?;
     let law = &rover.thesis;
     within("rover.thesis.least", law.least, 0.0, LARGEST_DISTANCE)?;
     within(
@@ -556,6 +557,20 @@ fn crop_rows(section: &str, rows: &CropRows, robot: Quantity<LengthKind>) -> Res
     above(&field("gap"), rows.gap, 5.0)
 }
 
+/// Checks that the sensors of a section measure its rows when the robot is in the middle of them.
+fn rows_in_range(section: &str, sensors: &DistanceSensors, rows: &CropRows) -> Result<(), String> {
+    let across = rows.width.get() / 2.0 + sensors.beside.get();
+    let along = across / sensors.angle.get().sin();
+    if along > sensors.least.get() && along < sensors.open.get() {
+        return Ok(());
+    }
+    Err(format!(
+        "{section}.rows.width is {}: with {section}.sensors.beside and angle the rows are {along:.3} m away \
+         along the beams, but more than {} ({section}.sensors.least) and less than {} (open) is accepted",
+        rows.width, sensors.least, sensors.open
+    ))
+}
+
 /// Checks those numbers of a guidance by rows that [`crate::design::check`] does not check, be it
 /// on or off.
 fn row_guidance(rows: &RowGuidance, manifest: &Manifest, network: &Network) -> Result<(), String> {
@@ -573,6 +588,7 @@ fn row_guidance(rows: &RowGuidance, manifest: &Manifest, network: &Network) -> R
     within("row_guidance.vehicle_width", width, 0.1, 3.0)?;
     distance_sensors("row_guidance", &rows.sensors)?;
     crop_rows("row_guidance", &rows.rows, width)?;
+    rows_in_range("row_guidance", &rows.sensors, &rows.rows)?;
     if rows.node.connector(Device::DistanceSensors).is_none() {
         return Err(
             "row_guidance.node needs distance-sensors, which it does not have in its wiring".into(),

@@ -474,6 +474,12 @@ fn a_rover_that_makes_no_sense_is_refused_in_one_sentence() {
             "rover.rows.width is 0.3 m: 0.3048 m to 5 m is accepted",
         ),
         (
+            "width = \"76.2 cm\"",
+            "width = \"2 m\"",
+            "rover.rows.width is 2 m: with rover.sensors.beside and angle the rows are 1.629 m away along \
+             the beams, but more than 0.22 m (rover.sensors.least) and less than 1.45 m (open) is accepted",
+        ),
+        (
             "law = \"furrow\"",
             "law = \"best\"",
             "unknown variant `best`, expected `furrow` or `thesis`",
@@ -731,7 +737,10 @@ fn a_guidance_by_rows_that_makes_no_sense_is_refused_in_one_sentence() {
             "row_guidance.rows.width=60 cm",
             "row_guidance.rows.width is 0.6 m: 0.7 m to 5 m is accepted",
         ),
-        ("row_guidance.rows.width=3 m", "row_guidance: "),
+        (
+            "row_guidance.rows.width=3 m",
+            "the rows are 2.404 m away along the beams, but more than 0.22 m",
+        ),
         (
             "row_guidance.sensors.open=2 m",
             "row_guidance.sensors.open is 2 m",
