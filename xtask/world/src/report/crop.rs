@@ -3,13 +3,16 @@
 use serde::Serialize;
 
 use super::figures::rounded;
-use super::rover::{ContactFigures, contacts, touched, way};
+use super::rover::{ContactFigures, contacts, touched};
 use super::{ModeChange, RowPicture};
 use crate::crop::{Crop, CropSample};
 use crate::time::{SimTime, seconds};
 
 /// A machine that is slower than this stands, metres per second.
 const STANDS: f64 = 0.01;
+
+/// Most guides of which the picture has figures.
+const SHOWN: usize = 4;
 
 /// What a machine between rows recorded in a run.
 #[derive(Clone, Copy, Debug)]
@@ -81,14 +84,21 @@ impl CropFigures {
         }
     }
 
-    /// Way and offsets under each guide, and the contact, in a line.
+    /// Mean offsets under each guide, and the contact, in a line that is no wider than the picture.
     fn line(&self) -> String {
-        let guide = |one: &GuideFigures| {
-            let way = way(one.way_m, one.mean_offset_cm, one.largest_offset_cm);
-            format!("{}: {way}; ", one.guide)
+        let offset = |one: &GuideFigures| {
+            let mean = one.mean_offset_cm.unwrap_or_default();
+            format!("{} {mean:.1} cm", one.guide)
         };
-        let guides: String = self.guides.iter().map(guide).collect();
-        guides + &touched(&self.contacts)
+        let mut offsets: Vec<String> = self.guides.iter().take(SHOWN).map(offset).collect();
+        if self.guides.len() > SHOWN {
+            offsets.push(format!("{} more", self.guides.len() - SHOWN));
+        }
+        let offsets = match offsets.as_slice() {
+            [] => "did not move in the row".into(),
+            offsets => format!("mean offset from the middle: {}", offsets.join(", ")),
+        };
+        format!("{offsets}; {}", touched(&self.contacts))
     }
 }
 
@@ -138,4 +148,41 @@ pub fn crop_svg(run: &CropRun, name: &str, about: &str) -> String {
         beams: crop.beams(),
         contact: first.map(|touch| (touch.contact, touch.chassis)),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_of_the_picture_has_room_for_any_number_of_guides() {
+        let guide = |number: usize| GuideFigures {
+            guide: "Satellites".into(),
+            from_seconds: 0.0,
+            until_seconds: 1.0,
+            way_m: 1.0,
+            mean_speed_m_s: None,
+            mean_offset_cm: Some(10.0 + number as f64),
+            largest_offset_cm: None,
+        };
+        let line = |count: usize| {
+            let figures = CropFigures {
+                row_length_m: 1.0,
+                end_station_m: 1.0,
+                guides: (0..count).map(guide).collect(),
+                contacts: Vec::new(),
+            };
+            figures.line()
+        };
+        assert_eq!(line(0), "did not move in the row; no contact");
+        assert_eq!(
+            line(2),
+            "mean offset from the middle: Satellites 10.0 cm, Satellites 11.0 cm; no contact"
+        );
+        // A character of 13 px takes 7 px on average; there are 896 px.
+        for count in 0..40 {
+            assert!(line(count).len() <= 128, "{}", line(count));
+        }
+        assert!(line(40).ends_with("Satellites 13.0 cm, 36 more; no contact"));
+    }
 }

@@ -168,21 +168,14 @@ impl RoverFigures {
 
     /// Way, offsets and contact in a line.
     fn line(&self) -> String {
-        format!(
-            "{}; {}",
-            way(self.way_m, self.mean_offset_cm, self.largest_offset_cm),
-            touched(&self.contacts)
-        )
-    }
-}
-
-/// A way in the row and its offsets, as part of a line.
-pub(super) fn way(way_m: f64, mean_cm: Option<f64>, largest_cm: Option<f64>) -> String {
-    match mean_cm.zip(largest_cm) {
-        Some((mean, largest)) => format!(
-            "{way_m:.1} m driven, offset from the middle: mean {mean:.1} cm, largest {largest:.1} cm"
-        ),
-        None => "did not move in the row".into(),
+        let way = match self.mean_offset_cm.zip(self.largest_offset_cm) {
+            Some((mean, largest)) => format!(
+                "{:.1} m driven, offset from the middle: mean {mean:.1} cm, largest {largest:.1} cm",
+                self.way_m
+            ),
+            None => "did not move in the row".into(),
+        };
+        format!("{way}; {}", touched(&self.contacts))
     }
 }
 
