@@ -32,6 +32,11 @@ pub enum Refusal {
 /// A message that commands actuators: eight bytes, of which the last two are the sequence
 /// counter and the check value of [`e2e`].
 pub trait Command: Message {
+    /// Whether a command that makes no sense, although its end-to-end protection holds, ends the one in
+    /// force at once: its sender computes wrongly, so its last command deserves no trust either. Else
+    /// that one lasts until it expires.
+    const NONSENSE_ENDS: bool = false;
+
     /// Checks that the values of the command make sense. The caller has already checked its
     /// end-to-end protection and the ranges of its signals.
     ///
@@ -92,7 +97,8 @@ impl<C: Command> CommandHold<C> {
     /// [`CommandHold::expire`].
     ///
     /// # Errors
-    /// [`Refusal`] says why the frame changes nothing.
+    /// [`Refusal`] says why the frame is not obeyed. Then it changes nothing, unless
+    /// [`Command::NONSENSE_ENDS`].
     pub fn receive(&mut self, data: &[u8], time: u32) -> Result<C, Refusal> {
         let judged = self.judge(data, time);
         match judged {
@@ -100,6 +106,9 @@ impl<C: Command> CommandHold<C> {
             Err(refusal) => {
                 self.refused = self.refused.wrapping_add(1);
                 self.refusal = Some(refusal);
+                if C::NONSENSE_ENDS && !matches!(refusal, Refusal::Protection(_)) {
+                    self.expire();
+                }
             }
         }
         judged

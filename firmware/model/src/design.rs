@@ -418,12 +418,17 @@ fn rover(out: &mut String, rover: &Rover) -> Result<(), RowSettingsError> {
         "ROBOT: ::control::row::RowRobot",
         &value,
     );
-    let (law, settings) = match rover.law {
+    let (law, settings, difference) = match rover.law {
         RowLaw::Furrow => {
             let settings = RowSettings::<f32>::for_robot(&robot)?;
-            ("Furrow", row::source(&settings).to_string())
+            let source = row::source(&settings).to_string();
+            ("Furrow", source, largest_difference(&robot, &settings))
         }
-        RowLaw::Thesis => ("Thesis", thesis_source(&robot, &rover.thesis)),
+        RowLaw::Thesis => (
+            "Thesis",
+            thesis_source(&robot, &rover.thesis),
+            2.0 * rover.thesis.effort.get(),
+        ),
     };
     // Writing to a string cannot fail.
     let _ = writeln!(
@@ -436,7 +441,21 @@ fn rover(out: &mut String, rover: &Rover) -> Result<(), RowSettingsError> {
         "LAW: <Law as ::firmware::rows::Law>::Settings",
         &settings,
     );
+    constant(
+        out,
+        "Largest difference of both sides' efforts that the law asks for.",
+        "LARGEST_DIFFERENCE: f64",
+        &format!("{difference:?}"),
+    );
     Ok(())
+}
+
+/// Largest difference of both sides' efforts under Furrow's law: that of its fastest turn, with the
+/// dead bands of both sides in it, as when they turn in opposite directions.
+fn largest_difference(robot: &RowRobot, settings: &RowSettings<f32>) -> f64 {
+    let law = &settings.law;
+    let half = (law.turn_rate * law.track / 2.0).min(law.wheel_speed);
+    2.0 * robot.motors.left.effort(f64::from(half))
 }
 
 /// The settings of the thesis's law, for distances in centimetres.

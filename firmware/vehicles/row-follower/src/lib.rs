@@ -95,17 +95,23 @@ const fn effort(robot: &RowRobot, speed: f64) -> i16 {
 /// is allowed for rounding.
 const LARGEST_MEAN: i16 = effort(&design::ROBOT, design::ROBOT.cruise * 1.1);
 
+/// Largest difference of the sides' efforts, in 1/500. Either side may be rounded by half of one.
+const LARGEST_DIFFERENCE: i16 = (design::LARGEST_DIFFERENCE * FULL_EFFORT as f64) as i16 + 2;
+
 impl actuator::Command for Command {
+    const NONSENSE_ENDS: bool = true;
+
     /// Refuses a pair of efforts that no law makes: with the motors not enabled or the robot not
     /// following its rows, only standing still makes sense. Together the sides never drive backwards, nor
-    /// faster than the cruise speed.
+    /// faster than the cruise speed, and they turn the robot no faster than the law does.
     fn check(&self) -> Result<(), Refusal> {
         let mean = (self.left + self.right) / 2;
         let still = self.left == 0 && self.right == 0;
         if self.enabled != (self.state == RowState::Following) || !self.enabled && !still {
             return Err(Refusal::Mode);
         }
-        if !(-LARGEST_MEAN / 10..=LARGEST_MEAN).contains(&mean) {
+        let difference = (self.left - self.right).abs();
+        if !(-LARGEST_MEAN / 10..=LARGEST_MEAN).contains(&mean) || difference > LARGEST_DIFFERENCE {
             return Err(Refusal::Limits);
         }
         Ok(())
@@ -199,7 +205,8 @@ const fn fault(fault: Option<NodeFault>) -> named::Fault {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use firmware::actuator::Command as _;
+    use firmware::actuator::{Command as _, Times};
+    use firmware::rows::{Follower, LARGEST_DISTANCE};
     use proptest::prelude::*;
 
     fn following(left: i16, right: i16) -> Command {
@@ -218,7 +225,7 @@ mod tests {
     #[test]
     fn pairs_that_no_law_makes_are_refused() {
         assert_eq!(following(120, 110).check(), Ok(()));
-        assert_eq!(following(-100, 250).check(), Ok(()));
+        assert_eq!(following(-50, 170).check(), Ok(()));
         assert_eq!(following(-120, -110).check(), Err(Refusal::Limits));
         assert_eq!(following(400, 300).check(), Err(Refusal::Limits));
         let standing = |left, enabled, state| Command {
@@ -234,6 +241,51 @@ mod tests {
         );
         let idle = standing(0, false, RowState::Following);
         assert_eq!(idle.check(), Err(Refusal::Mode));
+        // As fast as the motors can in opposite directions: the mean is that of standing still.
+        assert_eq!(following(500, -500).check(), Err(Refusal::Limits));
+        assert_eq!(following(-500, 500).check(), Err(Refusal::Limits));
+    }
+
+    /// The next command of `sender`, 5 ms after the last one.
+    fn sealed(command: &Command, sender: &mut e2e::Sender) -> [u8; 8] {
+        let mut data = command.encode();
+        sender.seal(Command::ID, 0, &mut data);
+        data
+    }
+
+    #[test]
+    fn an_implausible_pair_ends_the_command_before_it() {
+        for nonsense in [
+            following(500, -500),
+            following(400, 300),
+            Command {
+                enabled: false,
+                ..following(100, 90)
+            },
+        ] {
+            let mut obeyed = Obeyed::new(Times::new(COMMAND_TIMEOUT, 18));
+            let sender = &mut e2e::Sender::default();
+            let receive = |obeyed: &mut Obeyed, command: &Command, sender: &mut e2e::Sender| {
+                obeyed.receive(&sealed(command, sender), 0, 0).is_ok()
+            };
+            let sane = following(100, 90);
+            assert!(!receive(&mut obeyed, &sane, sender));
+            assert!(receive(&mut obeyed, &sane, sender));
+            assert!(obeyed.command().is_some());
+            // Also if every second command makes sense.
+            for _ in 0..5 {
+                assert!(!receive(&mut obeyed, &nonsense, sender));
+                assert_eq!(obeyed.command(), None);
+                assert!(!receive(&mut obeyed, &sane, sender));
+                assert_eq!(obeyed.command(), None);
+            }
+            assert!(receive(&mut obeyed, &sane, sender));
+            // A frame that is altered on its way says nothing of its sender.
+            let mut altered = sealed(&sane, sender);
+            altered[0] ^= 1;
+            assert!(obeyed.receive(&altered, 0, 0).is_err());
+            assert!(obeyed.command().is_some());
+        }
     }
 
     #[test]
@@ -253,6 +305,26 @@ mod tests {
     }
 
     proptest! {
+        /// Whatever distances come, the motors obey what the law makes of them.
+        #[test]
+        fn the_law_makes_plausible_pairs(
+            steps in proptest::collection::vec((any::<u8>(), any::<u8>(), 1..40_u8), 1..60),
+        ) {
+            let mut follower = Follower::<design::Law>::new(&design::LAW);
+            let _ = follower.command(&Sides { left: None, right: None }, false, PERIOD);
+            for (left, right, times) in steps {
+                let within = |cm: u8| (20..=LARGEST_DISTANCE).contains(&cm).then_some(cm);
+                let distances = Sides { left: within(left), right: within(right) };
+                for _ in 0..times {
+                    let step = follower.command(&distances, true, PERIOD);
+                    follower.correct();
+                    let data = command(&step, &mut e2e::Sender::default(), 0);
+                    let command = Command::decode(&data).unwrap();
+                    prop_assert_eq!(command.check(), Ok(()), "{:?}", command);
+                }
+            }
+        }
+
         #[test]
         fn a_step_comes_back_from_its_messages(
             left in -500_i16..=500, right in -500_i16..=500, offset in -127_i8..=127,
