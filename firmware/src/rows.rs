@@ -95,6 +95,43 @@ pub trait Law: Sized {
     fn correct(&mut self) {}
 }
 
+/// Finds out, on a bus without a schedule, whether a message comes after two of them that are missing.
+///
+/// The step of the law waits for the second distance there. So it cannot count the periods in which
+/// that one is missing, and the robot would drive on as if there had been none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Spacing {
+    /// Ticks from one message to the next from which on two are missing between them.
+    limit: u32,
+    /// Stamp of the last message, and the supervisions of the bus by then.
+    last: Option<(u32, u32)>,
+}
+
+impl Spacing {
+    /// Supervisions, of which there is one in each period, after which two messages are missing in any
+    /// case. Stamps do not tell longer times apart, because the time base wraps.
+    const SUPERVISIONS: u32 = network::MISSED_PERIODS + 2;
+
+    /// A spacing of messages that come every `period` ticks of the time base. Each may be late by up to a
+    /// quarter of it.
+    pub const fn of(period: u32) -> Self {
+        Self {
+            limit: period.saturating_mul(2 * network::MISSED_PERIODS + 1) / 2,
+            last: None,
+        }
+    }
+
+    /// A message has come at `stamp`, when there had been so many supervisions of the bus. True if two
+    /// or more are missing between the last one and this.
+    pub fn has_gap(&mut self, stamp: u32, supervisions: u32) -> bool {
+        let last = self.last.replace((stamp, supervisions));
+        last.is_some_and(|(before, counted)| {
+            stamp.wrapping_sub(before) >= self.limit
+                || supervisions.wrapping_sub(counted) >= Self::SUPERVISIONS
+        })
+    }
+}
+
 /// Numbers of the thesis's law, for distances in centimetres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThesisLaw {
@@ -646,6 +683,31 @@ mod tests {
     }
 
     proptest! {
+        /// Each message is late by up to a quarter of the period of 5 ms, and the supervisions are at any
+        /// phase to them. A gap of any length is found, also one after which the stamps are as before.
+        #[test]
+        fn two_missing_messages_are_found_and_one_is_not(
+            begin: u32, counted: u32, phase in 0_u64..90_000, wraps in 0_u64..3,
+            missing in proptest::collection::vec((0_u64..5, 0_u64..22_500), 1..30),
+        ) {
+            const PERIOD: u64 = 90_000;
+            let mut spacing = Spacing::of(PERIOD as u32);
+            let came = |spacing: &mut Spacing, time: u64| {
+                let supervisions = (time + phase) / PERIOD;
+                let stamp = begin.wrapping_add(time as u32);
+                spacing.has_gap(stamp, counted.wrapping_add(supervisions as u32))
+            };
+            let mut time = 0;
+            prop_assert!(!came(&mut spacing, time));
+            for (missing, late) in missing {
+                time += (missing + 1) * PERIOD;
+                prop_assert_eq!(came(&mut spacing, time + late), missing >= 2);
+            }
+            // The stamps are less than a period apart.
+            time += (1 + wraps) * (1 << 32) + phase;
+            prop_assert!(came(&mut spacing, time));
+        }
+
         #[test]
         fn distances_are_those_of_the_formula(sixteenths in 0_u32..=65_520) {
             let mean = mean(sixteenths);

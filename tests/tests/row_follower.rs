@@ -4,18 +4,31 @@ use std::sync::OnceLock;
 
 use campaign::{Sequence, agreement::Agreement};
 use twin::{Images, Options, Outcome, Twin};
-use vehicle_model::Vehicle;
+use vehicle_model::{Overrides, Protocol, Vehicle};
 use world::report::{RoverFigures, RoverRun};
 use world::time::{at, from_seconds, seconds, span_seconds};
 use world::{Scenario, SimTime};
 
 /// The vehicle with its images.
-fn vehicle() -> &'static (Vehicle, Images) {
-    static VEHICLE: OnceLock<(Vehicle, Images)> = OnceLock::new();
-    VEHICLE.get_or_init(|| {
+type Robot = (Vehicle, Images);
+
+/// The robot of the manifest.
+fn vehicle() -> &'static Robot {
+    static VEHICLE: OnceLock<Robot> = OnceLock::new();
+    build(&VEHICLE, &Overrides::default())
+}
+
+/// The same on an event-triggered bus.
+fn event_triggered() -> &'static Robot {
+    static VEHICLE: OnceLock<Robot> = OnceLock::new();
+    build(&VEHICLE, &Overrides::default().on(Protocol::EventTriggered))
+}
+
+fn build(place: &'static OnceLock<Robot>, overrides: &Overrides) -> &'static Robot {
+    place.get_or_init(|| {
         let build = || {
             let workspace = xtask::Workspace::find()?;
-            let vehicle = xtask::vehicle::find(&workspace, "row-follower")?;
+            let vehicle = xtask::vehicle::with(&workspace, "row-follower", overrides)?;
             let nodes: Vec<_> = vehicle.nodes().collect();
             let images = xtask::build::images(&workspace, &vehicle, &nodes)?;
             Ok((vehicle, xtask::build::read(&images)?))
@@ -31,7 +44,10 @@ fn drive(more: &str, length: f64) -> Outcome {
 
 /// The same with these `nodes`.
 fn drive_on(nodes: &str, more: &str, length: f64) -> Outcome {
-    let (vehicle, images) = vehicle();
+    run(vehicle(), nodes, more, length)
+}
+
+fn run((vehicle, images): &Robot, nodes: &str, more: &str, length: f64) -> Outcome {
     let text = format!(
         "{nodes}row.start.station = \"30 cm\"\n\
          [[row.section]]\nkind = \"poles\"\nlength = \"20 m\"\n\
@@ -221,4 +237,17 @@ fn the_nodes_agree_on_the_time_at_every_instant_of_a_cycle() {
     let figures = agreement.figures().expect("the nodes know the time");
     assert!(figures.instants > 4500, "{figures:?}");
     assert!(figures.largest_us <= 2.0, "{figures:?}");
+}
+
+/// As many failed attempts as keep the right distance from the bus for two periods, and the left one
+/// comes as before.
+#[test]
+fn without_one_of_the_distances_it_stops_and_stays() {
+    for (robot, failures) in [(vehicle(), 2), (event_triggered(), 12)] {
+        let corrupt =
+            format!("[[bus]]\nwhat = \"corrupt\"\nat = \"2 s\"\nid = 201\ncount = {failures}\n");
+        let outcome = run(robot, "", &corrupt, 3.0);
+        let (after, stays) = rest_after(&outcome, 2.0);
+        assert!(after < 0.005 + TWO_PERIODS && stays, "{after}");
+    }
 }

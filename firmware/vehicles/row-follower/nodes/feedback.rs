@@ -31,11 +31,11 @@ mod app {
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
-    use firmware::rows::{RunSwitch, State, Step};
+    use firmware::rows::{RunSwitch, Spacing, State, Step};
     use firmware::selftest::{Motor, Report};
     use firmware::{e2e, fault};
     use row_follower::design::{LAW, Law};
-    use row_follower::matrix::{FEEDBACK, release, window};
+    use row_follower::matrix::{BASIC_CYCLE, FEEDBACK, release, window};
     use row_follower::messages::{DistanceLeft, DistanceRight, FeedbackStatus};
     use row_follower::{EVENT_TRIGGERED, Link, PERIOD, Stack, identity};
     use rtic::Mutex as _;
@@ -60,6 +60,8 @@ mod app {
 
     #[local]
     struct Local {
+        /// Of the right distance, which releases the step without a schedule.
+        spacing: Spacing,
         remote: Remote,
         switch: RunSwitch,
         sender: e2e::Sender,
@@ -104,6 +106,7 @@ mod app {
                 last: None,
             },
             Local {
+                spacing: Spacing::of(BASIC_CYCLE.ticks() * start.clocks.ticks_per_us),
                 remote,
                 switch: RunSwitch::new(),
                 sender: e2e::Sender::default(),
@@ -127,21 +130,22 @@ mod app {
         }
     }
 
-    #[task(binds = USB_LP_CAN_RX0, priority = 6, shared = [&clock, link, halted])]
+    #[task(binds = USB_LP_CAN_RX0, priority = 6, shared = [&clock, link, halted], local = [spacing])]
     fn can_rx(cx: can_rx::Context) {
         let stamp = cx.shared.clock.now();
-        let news = (cx.shared.link, cx.shared.halted).lock(|link, halted| {
+        let spacing = cx.local.spacing;
+        (cx.shared.link, cx.shared.halted).lock(|link, halted| {
             let news = link.on_receive(stamp);
             if news.reference {
                 link.release_at(release::COMMAND);
             }
             *halted |= news.stop;
-            news
+            // Without a schedule the second distance releases the step.
+            if EVENT_TRIGGERED && news.has(window::DISTANCE_RIGHT) {
+                *halted |= spacing.has_gap(stamp, link.counters().services);
+                rtic::pend(Interrupt::EXTI1);
+            }
         });
-        // Without a schedule the second distance releases the step.
-        if EVENT_TRIGGERED && news.has(window::DISTANCE_RIGHT) {
-            rtic::pend(Interrupt::EXTI1);
-        }
     }
 
     #[task(binds = USB_HP_CAN_TX, priority = 6, shared = [&clock, link, due])]
