@@ -848,6 +848,12 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
         Ok(())
     }
 
+    /// Rate of true time against this node's time base less 1, in 2^-32; `None` while it is unknown, which
+    /// it is on the RC oscillator.
+    pub fn true_rate(&self) -> Option<i32> {
+        (self.presence != Presence::Listening).then_some(0)
+    }
+
     /// Brings the node back after bus-off, when it has stayed away for a pause. Call this every few
     /// milliseconds.
     ///

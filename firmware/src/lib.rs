@@ -12,6 +12,7 @@
 //! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: its messages, for the bus;
 //! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law;
 //! - [`rows`]: following the rows of a crop; [`takeover`]: guidance by them while there is no fix;
+//! - [`pulses`]: servo pulses of the right width, on any oscillator;
 //! - [`text`], [`display`], [`console`]: text for the operator;
 //! - [`housekeeping`]: watchdog, status messages, LED;
 //! - [`log`]: which lines a debug probe shows.
@@ -39,6 +40,7 @@ pub mod machine;
 pub mod navigation;
 pub mod oscillator;
 pub mod pilot;
+pub mod pulses;
 pub mod rows;
 pub mod sbp;
 pub mod selftest;

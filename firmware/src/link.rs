@@ -642,6 +642,20 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.tuner.as_ref().map(Tuner::trim)
     }
 
+    /// Rate of true time against this node's time base less 1, in 2^-32 (4295 is one part per
+    /// million); `None` while it is unknown. An external clock has true time. An RC oscillator is compared
+    /// with it by the references, as long as their master is on its external clock.
+    pub fn true_rate(&self) -> Option<i32> {
+        if self.quality & INTERNAL_CLOCK == 0 {
+            return Some(0);
+        }
+        let measured = self.node.is_alive()
+            && self.node.status().clock == ClockState::Locked
+            && self.reference_byte & INTERNAL_CLOCK == 0
+            && self.tuner.is_some();
+        measured.then(|| self.node.rate())
+    }
+
     /// How long a node that listens has heard nothing at all; `None` if it does not listen.
     pub fn quiet(&self) -> Option<Micros> {
         let tuner = self.tuner.as_ref()?;
@@ -1200,6 +1214,33 @@ mod tests {
         assert_eq!((link.silence(), link.trim()), (None, Some(-4)));
         assert!(link.is_heard() && !link.port.silent);
         assert!(!link.port.loaded.is_empty());
+    }
+
+    #[test]
+    fn an_rc_oscillator_knows_true_time_by_the_references_of_a_crystal() {
+        assert_eq!(on(Oscillator::External).true_rate(), Some(0));
+        let mut link = on(Oscillator::Internal);
+        link.start();
+        for k in 0..4 {
+            // 0.1 % fast: it needs no trim.
+            hear(&mut link, 100_100, 1000 + 100 * k);
+            assert_eq!(link.true_rate(), None, "{k}");
+        }
+        for k in 4..8 {
+            hear(&mut link, 100_100, 1000 + 100 * k);
+        }
+        let ppm = link.true_rate().expect("it is measured") / 4295;
+        assert!((-1050..-950).contains(&ppm), "{ppm}");
+        // The master's oscillator is no better.
+        pass(&mut link, 100_100);
+        reference(&mut link, INTERNAL_CLOCK, 1800);
+        assert!(link.is_alive());
+        assert_eq!(link.true_rate(), None);
+        hear(&mut link, 100_100, 1900);
+        assert!(link.true_rate().is_some());
+        pass(&mut link, 300_000);
+        assert!(!link.is_alive());
+        assert_eq!(link.true_rate(), None);
     }
 
     #[test]

@@ -6,6 +6,7 @@ use campaign::{Sequence, agreement::Agreement};
 use twin::{Images, Options, Outcome, Twin};
 use vehicle_model::{Overrides, Protocol, Vehicle};
 use world::report::{RoverFigures, RoverRun};
+use world::rover::Side;
 use world::time::{at, from_seconds, seconds, span_seconds};
 use world::{Scenario, SimTime};
 
@@ -126,6 +127,55 @@ fn on_their_rc_oscillators_the_motors_rest_until_a_command() {
             "{internal}: {first:?}"
         );
     }
+}
+
+/// The largest error of the neutral pulses of a robot that stands still on these `nodes` until `end` s, us;
+/// `None` if there are no pulses.
+fn neutral_error(nodes: &str, more: &str, end: f64) -> Option<f64> {
+    let (vehicle, images) = vehicle();
+    let text = format!("{nodes}[[row.section]]\nkind = \"poles\"\nlength = \"2 m\"\n{more}");
+    let scenario = Scenario::parse(vehicle, "test", "the test's scenario", &text).unwrap();
+    let mut twin = Twin::new(vehicle, &scenario, 1, images).unwrap();
+    let mut largest = None;
+    // No two pulses begin within 3 ms.
+    while seconds(twin.now()) < end {
+        twin.run_until(twin.now() + from_seconds(3e-3)).unwrap();
+        let drive = twin.world().drive().unwrap();
+        for driver in [Side::Left, Side::Right].map(|side| drive.driver(side)) {
+            if let Some(width) = driver.width() {
+                let error = (width / (1.0 + driver.clock_error()) * 1e6 - 1500.0).abs();
+                largest = Some(error.max(largest.unwrap_or(0.0)));
+            }
+        }
+    }
+    largest
+}
+
+/// A motor driver whose own clock is off by 1 % takes a neutral pulse that is 6 us too long for an
+/// effort. An RC oscillator is trimmed to 0.35 %, which makes 5 us, and drifts from there.
+#[test]
+fn on_their_rc_oscillator_the_motors_have_right_neutral_pulses() {
+    for (internal, drift) in [(2_000, 300), (-2_000, -300)] {
+        let clock = format!("internal = \"{internal} ppm\", drift = \"{drift} ppm/s\"");
+        let nodes = format!("nodes.motors = {{ external = false, {clock} }}\n");
+        let error = neutral_error(&nodes, "", 2.0).expect("there are pulses");
+        assert!(error < 2.0, "{internal} ppm: {error} us");
+    }
+}
+
+/// The references of such a master trim another oscillator to its own error.
+#[test]
+fn under_a_master_without_its_crystal_an_rc_oscillator_makes_no_pulses() {
+    let off = "{ external = false, internal = \"-9000 ppm\" }";
+    let both = format!("nodes.sensors = {off}\nnodes.motors = {off}\n");
+    assert_eq!(neutral_error(&both, "", 4.0), None);
+    // The clock comes, and the master starts again with it.
+    let back = "[[clock]]\nnode = \"sensors\"\nat = \"3.5 s\"\npresent = true\n";
+    let error = neutral_error(&both, back, 4.5).expect("there are pulses");
+    assert!(error < 2.0, "{error} us");
+    // The pulses of a crystal are right under any master.
+    let error = neutral_error(&format!("nodes.sensors = {off}\n"), "", 3.5);
+    assert!(error.expect("there are pulses") < 0.5);
 }
 
 /// Without references the node looks for another trim, and its oscillator makes no neutral pulse. In

@@ -45,7 +45,7 @@ pub struct Victor {
     before: Option<SimTime>,
     /// Beginning of the last pulse.
     rise: Option<SimTime>,
-    /// End of the last valid pulse, and its effort.
+    /// End of the last valid pulse, and its width in seconds.
     valid: Option<(SimTime, f64)>,
     counts: PulseCounts,
 }
@@ -107,7 +107,7 @@ impl Victor {
             (least - least / TOLERANCE..=most + most / TOLERANCE).contains(&period)
         });
         if timely {
-            self.valid = Some((at, effort_of(width)));
+            self.valid = Some((at, width));
             self.counts.valid += 1;
         } else {
             self.counts.untimely += 1;
@@ -118,7 +118,7 @@ impl Victor {
     #[must_use]
     pub fn effort(&self, now: SimTime) -> f64 {
         match self.valid {
-            Some((_, effort)) if self.off_at().is_none_or(|off| now < off) => effort,
+            Some((_, width)) if self.off_at().is_none_or(|off| now < off) => effort_of(width),
             _ => 0.0,
         }
     }
@@ -128,6 +128,12 @@ impl Victor {
     #[must_use]
     pub fn off_at(&self) -> Option<SimTime> {
         self.valid.map(|(end, _)| after(end, LONGEST_PERIOD))
+    }
+
+    /// Width of the last valid pulse by its own clock, seconds; `None` before the first one.
+    #[must_use]
+    pub fn width(&self) -> Option<f64> {
+        self.valid.map(|(_, width)| width)
     }
 
     /// What it has seen by now.
@@ -239,6 +245,8 @@ mod tests {
         }
         let found = driver.effort(SimTime::from_ticks(6_750_000_000));
         assert!((found - 0.535).abs() < 1e-9, "{found}");
+        let width = driver.width().unwrap();
+        assert!((width - 1.7675e-3).abs() < 1e-12, "{width}");
     }
 
     proptest! {

@@ -14,8 +14,8 @@
 //!
 //! The pulses are neutral from the start of the node until its first command, and whenever no
 //! command is in force. Without its external clock the node makes pulses only while commands come, and
-//! some neutral ones behind the last of them: the references trim its RC oscillator, which makes no
-//! neutral pulse without them.
+//! some neutral ones behind the last of them: see `firmware::pulses`. It makes none under a time
+//! master that has no external clock either.
 
 #![no_std]
 #![no_main]
@@ -35,7 +35,7 @@ mod app {
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
-    use firmware::rows::pulse;
+    use firmware::pulses::{PulseClock, PulseScale};
     use firmware::selftest::{Motor, Report};
     use row_follower::matrix::{MOTORS, window};
     use row_follower::messages::MotorsStatus;
@@ -48,22 +48,25 @@ mod app {
         link: Link,
         obeyed: Obeyed,
         servos: Servos,
-        /// Whether the node may turn the motors: its self-test found nothing.
-        fit: bool,
+        leave: Leave,
         console: board::console::Console,
         /// The last self-test.
         test: Option<Report>,
     }
 
-    /// Steps of the housekeeping without a command after which an RC oscillator makes no pulses any
-    /// more. By then the neutral ones have stopped the motors.
-    const PAUSE: u8 = 3;
+    /// What the housekeeping lets the other tasks do.
+    #[derive(Clone, Copy)]
+    pub struct Leave {
+        /// The node may turn the motors: its self-test found nothing, and its clock is known.
+        drive: bool,
+        /// By how much the widths of the pulses are changed.
+        scale: PulseScale,
+    }
 
     #[local]
     struct Local {
         keeper: Keeper,
-        /// Steps without a command on the RC oscillator; `None` on the external clock.
-        idle: Option<u8>,
+        pulse_clock: PulseClock,
         log: Log,
     }
 
@@ -96,6 +99,7 @@ mod app {
             fault::stop(Fault::Start)
         };
         link.start();
+        let pulse_clock = PulseClock::new(start.clocks.oscillator);
         let _ = housekeeping::spawn();
         (
             Shared {
@@ -103,7 +107,10 @@ mod app {
                 link,
                 obeyed: Obeyed::new(Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us)),
                 servos,
-                fit: true,
+                leave: Leave {
+                    drive: pulse_clock.is_known(),
+                    scale: pulse_clock.scale(),
+                },
                 console: sled.console,
                 test: None,
             },
@@ -116,7 +123,7 @@ mod app {
                     &start,
                     &sled.findings,
                 ),
-                idle: (start.clocks.oscillator == Oscillator::Internal).then_some(0),
+                pulse_clock,
                 log: Log::new(&start),
             },
         )
@@ -131,7 +138,7 @@ mod app {
 
     /// A command acts here and not in a task of its own, so that no other interrupt comes between its
     /// frame and its pulses.
-    #[task(binds = USB_LP_CAN_RX0, priority = 6, shared = [&clock, link, obeyed, servos, fit])]
+    #[task(binds = USB_LP_CAN_RX0, priority = 6, shared = [&clock, link, obeyed, servos, leave])]
     fn can_rx(mut cx: can_rx::Context) {
         let stamp = cx.shared.clock.now();
         let news = cx.shared.link.lock(|link| link.on_receive(stamp));
@@ -140,7 +147,7 @@ mod app {
                 cx.shared.link,
                 cx.shared.obeyed,
                 cx.shared.servos,
-                cx.shared.fit,
+                cx.shared.leave,
             );
             act(shared, stamp);
         } else if news.stop {
@@ -172,14 +179,14 @@ mod app {
     }
 
     /// Without a command the next pulses are neutral.
-    #[task(binds = EXTI1, priority = 5, shared = [&clock, link, obeyed, servos, fit])]
+    #[task(binds = EXTI1, priority = 5, shared = [&clock, link, obeyed, servos, leave])]
     fn actuate(cx: actuate::Context) {
         let now = cx.shared.clock.now();
         let shared = (
             cx.shared.link,
             cx.shared.obeyed,
             cx.shared.servos,
-            cx.shared.fit,
+            cx.shared.leave,
         );
         act(shared, now);
     }
@@ -187,23 +194,23 @@ mod app {
     /// Begins pulses: those of the command that has come, or neutral ones if none is in force.
     #[inline(never)]
     fn act(
-        (mut link, mut obeyed, mut servos, mut fit): (
+        (mut link, mut obeyed, mut servos, mut leave): (
             impl rtic::Mutex<T = Link>,
             impl rtic::Mutex<T = Obeyed>,
             impl rtic::Mutex<T = Servos>,
-            impl rtic::Mutex<T = bool>,
+            impl rtic::Mutex<T = Leave>,
         ),
         now: u32,
     ) {
         let arrival = link.lock(|link| link.arrival(window::COMMAND));
-        let fit = fit.lock(|fit| *fit);
+        let Leave { drive, scale } = leave.lock(|leave| *leave);
         let (accepted, efforts) = obeyed.lock(|obeyed| {
             let accepted = obeyed.attend(&arrival, now);
-            (accepted, efforts(obeyed.command().filter(|_| fit)))
+            (accepted, efforts(obeyed.command().filter(|_| drive)))
         });
         servos.lock(|servos| {
-            servos.fire(pulse(efforts.left), pulse(efforts.right));
-            if accepted {
+            servos.fire(scale.pulse(efforts.left), scale.pulse(efforts.right));
+            if accepted && drive {
                 // A later command tries again.
                 let _ = servos.begin();
             }
@@ -220,47 +227,46 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link, obeyed, servos, fit, test], local = [keeper, idle])]
+    #[task(priority = 2, shared = [link, obeyed, servos, leave, test], local = [keeper, pulse_clock])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
         loop {
             // at-most: 1. The same; the first step waits for nothing.
-            if let Some(steps) = cx.local.idle {
-                rest(&mut cx.shared, steps);
-            }
-            keep(&mut cx.shared, cx.local.keeper);
+            keep(&mut cx.shared, cx.local.keeper, cx.local.pulse_clock);
             pace.wait().await;
         }
     }
 
-    /// Ends the pulses of an RC oscillator some steps after the last command.
-    fn rest(shared: &mut housekeeping::SharedResources<'_>, steps: &mut u8) {
-        let commanded = shared.obeyed.lock(|obeyed| obeyed.command().is_some());
-        *steps = if commanded {
-            0
-        } else {
-            steps.saturating_add(1)
-        };
-        if *steps >= PAUSE {
-            // A pulse that runs is left to end, and the next step tries again.
-            shared.servos.lock(Servos::pause);
-        }
-    }
-
     /// A step of the housekeeping.
-    fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
-        let bus = shared.link.lock(|link| {
+    fn keep(
+        shared: &mut housekeeping::SharedResources<'_>,
+        keeper: &mut Keeper,
+        pulse_clock: &mut PulseClock,
+    ) {
+        let (bus, rate) = shared.link.lock(|link| {
             link.keep();
-            BusView::of(link)
+            (BusView::of(link), link.true_rate())
         });
-        let fit = keeper.is_fit();
-        shared.fit.lock(|allowed| *allowed = fit);
-        let still = shared.servos.lock(|servos| {
-            if !fit {
-                servos.stop();
+        let (commanded, efforts) = shared
+            .obeyed
+            .lock(|obeyed| (obeyed.command().is_some(), efforts(obeyed.command())));
+        pulse_clock.step(rate, commanded);
+        let leave = Leave {
+            drive: keeper.is_fit() && pulse_clock.is_known(),
+            scale: pulse_clock.scale(),
+        };
+        shared.leave.lock(|shared| *shared = leave);
+        let still = !leave.drive || efforts.left == 0 && efforts.right == 0;
+        shared.servos.lock(|servos| {
+            if !leave.drive {
+                let neutral = leave.scale.pulse(0);
+                servos.set(neutral, neutral);
             }
-            servos.is_neutral()
+            if pulse_clock.is_paused() {
+                // A pulse that runs is left to end, and the next step tries again.
+                servos.pause();
+            }
         });
         keeper.step::<MotorsStatus>(
             &mut shared.link,
@@ -276,7 +282,10 @@ mod app {
 
     #[task(binds = EXTI3, priority = 1, shared = [link, obeyed, servos, console, test], local = [log])]
     fn console(mut cx: console::Context) {
-        let (left, right) = cx.shared.servos.lock(|servos| servos.widths());
+        let ((left, right), on) = cx
+            .shared
+            .servos
+            .lock(|servos| (servos.widths(), servos.is_on()));
         let view = cx.shared.obeyed.lock(|obeyed| ActuatorView {
             command: obeyed.command().map(|command| command.left),
             count: None,
@@ -296,7 +305,7 @@ mod app {
                     Some(_) => "cmd",
                     None => "no cmd",
                 });
-                line.str(" left ")
+                line.str(if on { " left " } else { " no pulses left " })
                     .unsigned(u32::from(left.us()))
                     .str(" right ")
                     .unsigned(u32::from(right.us()))
