@@ -2,7 +2,9 @@
 
 use std::{ffi::OsString, path::PathBuf};
 
-use clap::{Args, CommandFactory, Parser, Subcommand, error::ErrorKind};
+use clap::{
+    ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind,
+};
 
 use schedulability::foreign::Foreign;
 use vehicle_model::{Override, Overrides, Protocol};
@@ -77,7 +79,7 @@ pub struct Changes {
 }
 
 impl Changes {
-    /// All of them; --bus counts before a --set of the same.
+    /// All of them. [`parse`] sees to it that each has one value.
     #[must_use]
     pub fn overrides(&self) -> Overrides {
         let set: Overrides = self.set.iter().cloned().collect();
@@ -559,6 +561,14 @@ pub enum Error {
         /// The command that it was given to; `None` if there is no such command.
         command: Option<String>,
     },
+    /// A value of the manifest is given twice.
+    #[error("{what}; see `cargo xtask {}--help`", word(command))]
+    Values {
+        /// Which one.
+        what: String,
+        /// The command that it was given to.
+        command: Option<String>,
+    },
 }
 
 /// The request of a command line.
@@ -579,8 +589,12 @@ pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, E
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let command = arguments.get(1).and_then(|word| word.to_str());
     let command = command.map(String::from);
-    match Cli::try_parse_from(arguments) {
-        Ok(cli) => Ok(Request::Run(cli.command)),
+    let read = Cli::command().try_get_matches_from(arguments);
+    match read.and_then(|words| Ok((Cli::from_arg_matches(&words)?, words))) {
+        Ok((cli, words)) => match values_once(&words) {
+            Ok(()) => Ok(Request::Run(cli.command)),
+            Err(what) => Err(Error::Values { what, command }),
+        },
         Err(error) => match error.kind() {
             ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
                 Ok(Request::Show(error.render().to_string()))
@@ -594,6 +608,24 @@ pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, E
             }),
         },
     }
+}
+
+/// Checks that no value of the manifest is given twice, be it by --bus or by --set.
+fn values_once(words: &ArgMatches) -> Result<(), String> {
+    let Some((_, words)) = words.subcommand() else {
+        return Ok(());
+    };
+    // Not every command has --set, and the --bus of `selftest` is a place.
+    let set = words.try_get_many::<Override>("set").ok().flatten();
+    let set = Overrides::each_once(set.into_iter().flatten().cloned())?;
+    let bus = words.try_get_one::<Protocol>("bus").ok().flatten();
+    if bus.is_some() && set.name_protocol() {
+        return Err(
+            "--bus and --set bus.protocol both name the bus's protocol: one of the two is accepted"
+                .into(),
+        );
+    }
+    Ok(())
 }
 
 fn commands() -> Vec<String> {
@@ -658,6 +690,39 @@ mod tests {
             build.changes.overrides().to_string(),
             "bus.protocol=event-triggered, rover.cruise=0.8, rover.law=thesis"
         );
+    }
+
+    #[test]
+    fn a_value_that_is_given_twice_is_named() {
+        for (line, sentence) in [
+            (
+                "xtask sim --set rover.cruise=0.8 --set rover.cruise=0.4",
+                "rover.cruise is given twice, as 0.8 and as 0.4: one value of a key is accepted; see \
+                 `cargo xtask sim --help`",
+            ),
+            (
+                "xtask selftest --set row_guidance.enabled=true --bus twin --set row_guidance.enabled=false",
+                "row_guidance.enabled is given twice",
+            ),
+            (
+                "xtask schedulability --bus event-triggered --set bus.protocol=time-triggered",
+                "--bus and --set bus.protocol both name the bus's protocol",
+            ),
+            (
+                "xtask flash gps --set bus.protocol=time-triggered --bus time-triggered",
+                "one of the two is accepted; see `cargo xtask flash --help`",
+            ),
+        ] {
+            let text = refused(line);
+            assert!(text.contains(sentence), "{text}");
+            assert!(!text.contains('\n'), "{text}");
+        }
+        for line in [
+            "xtask selftest --set rover.law=thesis --bus twin",
+            "xtask sim --set rover.law=thesis --set rover.cruise=0.8",
+        ] {
+            assert!(words(line).is_ok(), "{line}");
+        }
     }
 
     #[test]

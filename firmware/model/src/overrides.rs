@@ -1,6 +1,7 @@
 //! Values in place of those of a manifest, as `--set KEY=VALUE` names them.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fmt;
 
 use toml::{Table, Value};
@@ -126,7 +127,7 @@ fn entry<'v>(list: &'v mut [Value], part: &str, path: &str) -> Result<&'v mut Va
         .ok_or_else(|| format!("{path} has no entry {part}: it has {length}, counted from 0"))
 }
 
-/// Values in place of those of a manifest. Of two for one key the later one counts.
+/// Values in place of those of a manifest, one for a key.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Overrides(BTreeMap<String, String>);
 
@@ -134,12 +135,33 @@ impl Overrides {
     /// Reads what [`Overrides::environment`] makes.
     ///
     /// # Errors
-    /// One of them is wrong.
+    /// One of them is wrong, or a key stands twice.
     pub fn parse(text: &str) -> Result<Self, String> {
         let parts = text.split(SEPARATOR).filter(|part| !part.trim().is_empty());
-        parts
-            .map(|part| Override::parse(part).map_err(|error| format!("{part:?}: {error}")))
-            .collect()
+        let all =
+            parts.map(|part| Override::parse(part).map_err(|error| format!("{part:?}: {error}")));
+        Self::each_once(all.collect::<Result<Vec<_>, _>>()?)
+    }
+
+    /// Those of a list that has each key once.
+    ///
+    /// # Errors
+    /// A clause that names both values of a key that stands twice.
+    pub fn each_once(all: impl IntoIterator<Item = Override>) -> Result<Self, String> {
+        let mut values = BTreeMap::new();
+        for Override { key, value } in all {
+            match values.entry(key) {
+                Entry::Vacant(entry) => entry.insert(value),
+                Entry::Occupied(entry) => {
+                    return Err(format!(
+                        "{key} is given twice, as {} and as {value}: one value of a key is accepted",
+                        entry.get(),
+                        key = entry.key(),
+                    ));
+                }
+            };
+        }
+        Ok(Self(values))
     }
 
     /// The same, and a protocol of the bus.
@@ -160,6 +182,14 @@ impl Overrides {
     #[must_use]
     pub fn name_protocol(&self) -> bool {
         self.0.contains_key(PROTOCOL)
+    }
+
+    /// A key that both these and others have.
+    #[must_use]
+    pub fn shared_key(&self, others: &Self) -> Option<&str> {
+        let mut keys = self.0.keys();
+        let shared = keys.find(|key| others.0.contains_key(*key));
+        shared.map(String::as_str)
     }
 
     /// Whether there are none.
@@ -209,6 +239,7 @@ impl Overrides {
     }
 }
 
+/// Of two values for one key the later one counts; [`Overrides::each_once`] refuses them.
 impl FromIterator<Override> for Overrides {
     fn from_iter<I: IntoIterator<Item = Override>>(all: I) -> Self {
         Self(all.into_iter().map(|one| (one.key, one.value)).collect())

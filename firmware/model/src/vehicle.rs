@@ -381,10 +381,36 @@ fn read_manifest(text: &str) -> Result<Manifest, String> {
 
 /// Reads the text of a manifest with other values.
 fn changed_manifest(text: &str, overrides: &Overrides) -> Result<Manifest, String> {
-    let mut manifest: toml::Table = text.parse().map_err(|error| syntax(text, &error))?;
+    let own: toml::Table = text.parse().map_err(|error| syntax(text, &error))?;
+    let mut manifest = own.clone();
     overrides.apply(&mut manifest)?;
-    // The errors have no place in the text.
-    serde_path_to_error::deserialize(manifest).map_err(|error| field(text, &error))
+    serde_path_to_error::deserialize(manifest).map_err(|error| {
+        let path = error.path().to_string();
+        match absent_table(&own, &path) {
+            // A table that has nothing but the other values lacks its other fields.
+            Some(table) if error.inner().message().starts_with("missing field") => {
+                format!("the manifest has no [{table}], so no value of it can be set")
+            }
+            // The errors have no place in the text.
+            _ => field(text, &error),
+        }
+    })
+}
+
+/// The outermost table on a path of keys that a manifest does not have.
+fn absent_table<'p>(manifest: &toml::Table, path: &'p str) -> Option<&'p str> {
+    let mut table = manifest;
+    let mut end = 0;
+    for key in path.split('.') {
+        end += key.len();
+        match table.get(key) {
+            None => return Some(&path[..end]),
+            Some(toml::Value::Table(inner)) => table = inner,
+            Some(_) => return None,
+        }
+        end += 1;
+    }
+    None
 }
 
 /// Why a text is not TOML: line, key and the parser's message, without the excerpt that it draws.

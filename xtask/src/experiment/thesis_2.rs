@@ -294,7 +294,13 @@ fn ready(workspace: &Workspace, options: &Sim) -> Result<Vec<Ready>, Failure> {
     let mut cases = Vec::new();
     for case in &CASES {
         let set = Overrides::parse(case.set).map_err(Failure::Usage)?;
-        let overrides = options.changes.overrides().and(set);
+        let own = options.changes.overrides();
+        if let Some(key) = own.shared_key(&set) {
+            return Err(Failure::Usage(format!(
+                "{NAME} sets {key} itself, for its cases: it is not accepted in --set"
+            )));
+        }
+        let overrides = own.and(set);
         let vehicle = vehicle::with(workspace, &options.vehicle, &overrides)?;
         let scenario = Scenario::find(&vehicle, &format!("{NAME}/{}", case.scenario));
         cases.push(Ready {
