@@ -9,7 +9,7 @@ use parts::Sled;
 use crate::manifest::{
     BackupMaster, Calibration, Command, CropRows, Device, DistanceSensors, DistanceSignals,
     Machine, Manifest, Node, Protocol, Receiver, RegulatorWeights, Rover, RowGuidance, SelfTest,
-    SignalPath,
+    SignalPath, ThesisLaw,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -346,12 +346,34 @@ fn mode_signal(mode: &crate::manifest::ModeSignal, network: &Network) -> Result<
     }
 }
 
+/// Checks that a command message has the places of the sequence counter and of the check value by
+/// which a motor's node tells a sound command: the last two of its eight bytes.
+fn protected(message: &Message) -> Result<(), String> {
+    for (name, start) in [("Counter", 48), ("Check", 56)] {
+        let mut signals = message.signals.iter();
+        let signal = signals.find(|signal| signal.name == name);
+        let whole_byte =
+            |signal: &&network_model::Signal| signal.start_bit == start && signal.size == 8;
+        if message.length != 8 || signal.filter(whole_byte).is_none() {
+            return Err(format!(
+                "command.message: message {:?} has no signal {name:?} in its byte {}: a message of 8 bytes \
+                 with the signals \"Counter\" and \"Check\" in its last two is accepted, by which a node \
+                 with a motor tells old and damaged commands from sound ones",
+                message.name,
+                start / 8
+            ));
+        }
+    }
+    Ok(())
+}
+
 fn command(command: &Command, manifest: &Manifest, network: &Network) -> Result<(), String> {
     let message = network
         .messages
         .iter()
         .find(|message| message.name == command.message)
         .ok_or_else(|| format!("command.message: there is no message {:?}", command.message))?;
+    protected(message)?;
     let mut signals = BTreeSet::new();
     for (&device, name) in &command.enable {
         let field = format!("command.enable.{}", device.name());
@@ -514,26 +536,40 @@ fn rover(rover: &Rover) -> Result<(), String> {
     within("rover.motors.lag", motors.lag, 0.0, 1.0)?;
     above("rover.cruise", rover.cruise, motors.full_speed.get() * 0.5)?;
     distance_sensors("rover", &rover.sensors)?;
-    crop_rows("rover", &rover.rows, rover.width)?;
+    crop_rows("rover", &rover.rows, ("width", rover.width))?;
     rows_in_range("rover", &rover.sensors, &rover.rows)?;
-    let law = &rover.thesis;
-    within("rover.thesis.least", law.least, 0.0, LARGEST_DISTANCE)?;
-    within(
-        "rover.thesis.most",
-        law.most,
-        law.least.get(),
-        LARGEST_DISTANCE,
-    )?;
-    above("rover.thesis.difference", law.difference, LARGEST_DISTANCE)?;
-    above("rover.thesis.effort", law.effort, 1.0)?;
-    for (key, value, zero) in [
-        ("process", law.process, false),
-        ("proportional", law.proportional, false),
-        ("integral", law.integral, true),
-    ] {
-        positive(&format!("rover.thesis.{key}"), value, zero)?;
+    thesis_law(&rover.thesis)
+}
+
+/// Checks the numbers of the thesis's law. The firmware has them in single precision.
+fn thesis_law(law: &ThesisLaw) -> Result<(), String> {
+    let field = |key: &str| format!("rover.thesis.{key}");
+    // Distances are whole centimetres: a range without two of them holds every sample.
+    let step = 0.01;
+    let largest = LARGEST_DISTANCE;
+    within(&field("least"), law.least, 0.0, largest - step)?;
+    within(&field("most"), law.most, law.least.get() + step, largest)?;
+    within(&field("difference"), law.difference, step, largest)?;
+    // The command has steps of 1/500.
+    within(&field("effort"), law.effort, 0.002, 1.0)?;
+    number(&field("process"), law.process, 1e-6, 100.0)?;
+    number(&field("proportional"), law.proportional, 1e-6, 1.0)?;
+    if law.integral == 0.0 {
+        return Ok(());
     }
-    Ok(())
+    number(&field("integral"), law.integral, 1e-6, 1.0)
+        .map_err(|refused| refused.replace(" is accepted", " and 0 are accepted"))
+}
+
+/// Refuses a number without a unit out of its range.
+fn number(field: &str, value: f64, least: f64, most: f64) -> Result<(), String> {
+    if (least..=most).contains(&value) {
+        return Ok(());
+    }
+    // Written as a manifest takes them: an exponent instead of 300 digits.
+    Err(format!(
+        "{field} is {value:?}: {least:?} to {most:?} is accepted"
+    ))
 }
 
 /// Checks the distance sensors of a section.
@@ -548,13 +584,36 @@ fn distance_sensors(section: &str, sensors: &DistanceSensors) -> Result<(), Stri
     within(&field("open"), sensors.open, least, LARGEST_DISTANCE)
 }
 
-/// Checks the rows of a section, for a robot of this width.
-fn crop_rows(section: &str, rows: &CropRows, robot: Quantity<LengthKind>) -> Result<(), String> {
+/// Room that the rows leave on either side of a robot in their middle, at least, metres. Where there
+/// is less, the virtual row follower touches plants even in a row without leaves and gaps, at 0.4 m/s.
+const ROOM: f64 = 0.1;
+
+/// Checks the rows of a section, for a robot of the width that the key `of` has.
+fn crop_rows(
+    section: &str,
+    rows: &CropRows,
+    (of, robot): (&str, Quantity<LengthKind>),
+) -> Result<(), String> {
     let field = |key: &str| format!("{section}.rows.{key}");
-    within(&field("width"), rows.width, robot.get(), 5.0)?;
+    within(&field("stalk"), rows.stalk, 0.004, 0.2)?;
+    let needed = rounded(robot.get() + rows.stalk.get() + 2.0 * ROOM);
+    within(&field("width"), rows.width, needed.get(), 5.0).map_err(|refused| {
+        if rows.width > needed {
+            return refused;
+        }
+        format!(
+            "{refused}: {section}.{of}, {robot}, {section}.rows.stalk, {}, and {} of room on either side",
+            rows.stalk,
+            Quantity::<LengthKind>::new(ROOM),
+        )
+    })?;
     above(&field("tolerance"), rows.tolerance, 1.0)?;
-    within(&field("stalk"), rows.stalk, 0.001, 0.2)?;
     above(&field("gap"), rows.gap, 5.0)
+}
+
+/// A length in whole tenths of a millimetre: a sum has further digits that mean nothing.
+fn rounded(metres: f64) -> Quantity<LengthKind> {
+    Quantity::new((metres * 1e4).round() / 1e4)
 }
 
 /// Checks that the sensors of a section measure its rows when the robot is in the middle of them.
@@ -587,7 +646,7 @@ fn row_guidance(rows: &RowGuidance, manifest: &Manifest, network: &Network) -> R
     let width = rows.vehicle_width;
     within("row_guidance.vehicle_width", width, 0.1, 3.0)?;
     distance_sensors("row_guidance", &rows.sensors)?;
-    crop_rows("row_guidance", &rows.rows, width)?;
+    crop_rows("row_guidance", &rows.rows, ("vehicle_width", width))?;
     rows_in_range("row_guidance", &rows.sensors, &rows.rows)?;
     if rows.node.connector(Device::DistanceSensors).is_none() {
         return Err(
@@ -612,10 +671,12 @@ fn row_guidance(rows: &RowGuidance, manifest: &Manifest, network: &Network) -> R
 /// Largest distance that a rover's nodes tell each other, metres (thesis 2.2.4.2).
 const LARGEST_DISTANCE: f64 = 1.5;
 
-/// Refuses a number that is not above 0, unless it is 0 and `zero` is accepted too.
+/// Refuses a number that is not above 0 in single precision, unless it is 0 and `zero` is accepted
+/// too.
 fn positive(field: &str, value: f64, zero: bool) -> Result<(), String> {
-    let sound = value > 0.0 || zero && value == 0.0;
-    if sound && value.is_finite() {
+    let single = value as f32;
+    let sound = single >= f32::MIN_POSITIVE || zero && value == 0.0;
+    if sound && single.is_finite() {
         return Ok(());
     }
     let range = if zero {
@@ -623,7 +684,7 @@ fn positive(field: &str, value: f64, zero: bool) -> Result<(), String> {
     } else {
         "a number above 0"
     };
-    Err(format!("{field} is {value}: {range} is accepted"))
+    Err(format!("{field} is {value:?}: {range} is accepted"))
 }
 
 /// Checks the weights of a regulator: `name` is its key in `machine.weights`.
@@ -705,9 +766,11 @@ fn within<K: Kind>(field: &str, value: Quantity<K>, least: f64, most: f64) -> Re
     )
 }
 
+/// Refuses a value that is not above 0 or too large. What is 0 in single precision, as the firmware
+/// has it, is not above 0.
 fn above<K: Kind>(field: &str, value: Quantity<K>, most: f64) -> Result<(), String> {
     refuse(
-        value.get() > 0.0 && value.get() <= most,
+        value.get() as f32 >= f32::MIN_POSITIVE && value.get() <= most,
         field,
         value,
         format_args!("above 0 to {}", Quantity::<K>::new(most)),

@@ -641,6 +641,8 @@ fn potentiometer_source(pot: &calibration::Potentiometer<f32>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+    use proptest::sample::select;
     use std::path::Path;
 
     /// The constants of the UAGV with each `(from, to)` replaced in its manifest.
@@ -655,6 +657,75 @@ mod tests {
         let vehicle = Vehicle::parse("uagv", &folder, &manifest, &read("network.dbc"))
             .map_err(|error| error.to_string())?;
         source(&vehicle).map_err(|error| error.to_string())
+    }
+
+    /// The constants of the row follower with these values in place of its manifest's.
+    fn row_follower(set: &str) -> Result<String, String> {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../vehicles/row-follower");
+        let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+        let (manifest, network) = (read("vehicle.toml"), read("network.dbc"));
+        let set = crate::Overrides::parse(set)?;
+        let name = "row-follower";
+        let vehicle = Vehicle::parse_with(name, &folder, &manifest, &network, &set)
+            .map_err(|error| error.to_string())?;
+        source(&vehicle).map_err(|error| error.to_string())
+    }
+
+    /// Numbers of a rover's manifest, and their units.
+    const NUMBERS: [(&str, &str); 24] = [
+        ("length", " m"),
+        ("width", " m"),
+        ("track", " m"),
+        ("turning_track", " m"),
+        ("axle_spacing", " m"),
+        ("cruise", " m/s"),
+        ("motors.dead_band", " %"),
+        ("motors.full_speed", " m/s"),
+        ("motors.lag", " s"),
+        ("sensors.ahead", " m"),
+        ("sensors.beside", " m"),
+        ("sensors.angle", " deg"),
+        ("sensors.least", " m"),
+        ("sensors.open", " m"),
+        ("rows.width", " m"),
+        ("rows.tolerance", " m"),
+        ("rows.stalk", " m"),
+        ("thesis.least", " m"),
+        ("thesis.most", " m"),
+        ("thesis.process", ""),
+        ("thesis.proportional", ""),
+        ("thesis.integral", ""),
+        ("thesis.difference", " m"),
+        ("thesis.effort", " %"),
+    ];
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(128))]
+
+        /// Whatever number is accepted, the images get one that single precision has, and neither 0
+        /// nor infinity in place of another one.
+        #[test]
+        fn an_accepted_number_is_one_of_the_firmware(
+            (key, unit) in select(&NUMBERS[..]),
+            law in select(&["furrow", "thesis"][..]),
+            (digits, exponent) in (1.0..10.0_f64, prop_oneof![-330..308_i32, -8..4_i32]),
+        ) {
+            let value = format!("{digits}e{exponent}");
+            let set = format!("rover.law={law};rover.{key}={value}{unit}");
+            match row_follower(&set) {
+                Ok(source) => {
+                    let words = || source.split(|c: char| !c.is_alphanumeric());
+                    prop_assert!(!words().any(|word| ["inf", "NaN"].contains(&word)), "{source}");
+                    // A least distance as small as that is none.
+                    let field = key.strip_prefix("thesis.").filter(|field| *field != "least");
+                    let field = field.filter(|_| law == "thesis");
+                    let zero = field.map(|field| format!(" {field}: 0.0,"));
+                    let none = value.parse() == Ok(0.0);
+                    prop_assert!(none || zero.is_none_or(|zero| !source.contains(&zero)), "{source}");
+                }
+                Err(told) => prop_assert!(!told.contains('\n'), "{told}"),
+            }
+        }
     }
 
     #[test]

@@ -255,7 +255,8 @@ pub struct ModeSignal {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Command {
-    /// The message.
+    /// The message, of 8 bytes with the signals `Counter` and `Check` in the last two: sequence counter
+    /// and check value.
     pub message: String,
     /// For each motor, the one-bit signal that lets it turn; each motor has its own.
     pub enable: BTreeMap<Device, String>,
@@ -667,11 +668,12 @@ pub struct DistanceSensors {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CropRows {
-    /// Distance between the stalks of two rows, wider than the robot, up to 5 m.
+    /// Distance between the stalks of two rows, up to 5 m; at least the robot's width and a stalk's
+    /// diameter, with 10 cm on either side.
     pub width: Length,
     /// Standard deviation of that distance from row to row.
     pub tolerance: Length,
-    /// Diameter of a stalk, 1 mm to 20 cm.
+    /// Diameter of a stalk, 4 mm to 20 cm.
     pub stalk: Length,
     /// Longest gap in both rows at once, above 0 to 5 m. After it, and 60 cm more, the row has ended.
     pub gap: Length,
@@ -693,20 +695,20 @@ pub enum RowLaw {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ThesisLaw {
-    /// Smallest plausible distance. Default 50 cm.
+    /// Smallest plausible distance, 0 to 149 cm. Default 50 cm.
     pub least: Length,
-    /// Largest plausible distance. Default 120 cm.
+    /// Largest plausible distance, at least a centimetre more, up to 150 cm. Default 120 cm.
     pub most: Length,
     /// Variance that a distance gains from one sample to the next, as a share of the variance of a
-    /// sample. Default 0.01.
+    /// sample, 1e-6 to 100. Default 0.01.
     pub process: f64,
-    /// Effort for a difference of one centimetre. Default 0.0018.
+    /// Effort for a difference of one centimetre, 1e-6 to 1. Default 0.0018.
     pub proportional: f64,
-    /// Effort for a difference of one centimetre that lasts a second, 0 or above. Default 0.
+    /// Effort for a difference of one centimetre that lasts a second, 0 or 1e-6 to 1. Default 0.
     pub integral: f64,
-    /// Limit of the difference. Default 40 cm.
+    /// Limit of the difference, 1 cm to 150 cm. Default 40 cm.
     pub difference: Length,
-    /// Limit of the effort. Default 10 %.
+    /// Limit of the effort, 0.2 % to 100 %. Default 10 %.
     pub effort: Ratio,
 }
 

@@ -424,13 +424,25 @@ fn the_signals_of_distances_are_lengths_of_a_rover() {
     );
 }
 
-/// What each change of the row follower's manifest is refused with.
-#[test]
-fn a_rover_that_makes_no_sense_is_refused_in_one_sentence() {
+/// Asserts what each change of the row follower's manifest, from one text to another, is refused with.
+fn assert_row_follower_refused(cases: &[(&str, &str, &str)]) {
     let folder = vehicles().join("row-follower");
     let text = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
     let (manifest, network) = (text("vehicle.toml"), text("network.dbc"));
-    for (from, to, sentence) in [
+    for (from, to, sentence) in cases {
+        assert!(manifest.contains(from), "{from}");
+        let changed = manifest.replacen(from, to, 1);
+        let path = Path::new("row-follower");
+        let vehicle = Vehicle::parse("row-follower", path, &changed, &network);
+        let said = vehicle.unwrap_err().to_string();
+        assert!(said.contains(sentence), "{said}");
+        assert!(!said.contains('\n'), "{said}");
+    }
+}
+
+#[test]
+fn a_rover_that_makes_no_sense_is_refused_in_one_sentence() {
+    assert_row_follower_refused(&[
         (
             "wiring = { servos = \"drive-motors\" }",
             "wiring = {}",
@@ -471,7 +483,8 @@ fn a_rover_that_makes_no_sense_is_refused_in_one_sentence() {
         (
             "width = \"76.2 cm\"",
             "width = \"30 cm\"",
-            "rover.rows.width is 0.3 m: 0.3048 m to 5 m is accepted",
+            "rover.rows.width is 0.3 m: 0.5298 m to 5 m is accepted: rover.width, 0.3048 m, \
+             rover.rows.stalk, 0.025 m, and 0.1 m of room on either side",
         ),
         (
             "width = \"76.2 cm\"",
@@ -485,24 +498,53 @@ fn a_rover_that_makes_no_sense_is_refused_in_one_sentence() {
             "unknown variant `best`, expected `furrow` or `thesis`",
         ),
         (
-            "[rover.motors]",
-            "[rover.thesis]\nproportional = -1.0\n\n[rover.motors]",
-            "rover.thesis.proportional is -1: a number above 0 is accepted",
+            "width = \"76.2 cm\"",
+            "width = \"52.9 cm\"",
+            "rover.rows.width is 0.529 m: 0.5298 m to 5 m is accepted",
+        ),
+        (
+            "message = \"Command\"",
+            "message = \"RowLog\"",
+            "command.message: message \"RowLog\" has no signal \"Counter\" in its byte 6: a message \
+             of 8 bytes with the signals \"Counter\" and \"Check\" in its last two is accepted",
         ),
         (
             "tolerance = \"4 cm\"",
             "tolerance = \"90 cm\"",
             "rover: the tolerance of the width is not a positive number below half the width",
         ),
-    ] {
-        assert!(manifest.contains(from), "{from}");
-        let changed = manifest.replacen(from, to, 1);
-        let path = Path::new("row-follower");
-        let vehicle = Vehicle::parse("row-follower", path, &changed, &network);
-        let said = vehicle.unwrap_err().to_string();
-        assert!(said.contains(sentence), "{said}");
-        assert!(!said.contains('\n'), "{said}");
-    }
+    ]);
+}
+
+#[test]
+fn numbers_of_the_thesis_s_law_are_those_of_the_firmware() {
+    assert_row_follower_refused(&[
+        (
+            "[rover.motors]",
+            "[rover.thesis]\nproportional = -1.0\n\n[rover.motors]",
+            "rover.thesis.proportional is -1.0: 1e-6 to 1.0 is accepted",
+        ),
+        (
+            "[rover.motors]",
+            "[rover.thesis]\nprocess = 1e300\n\n[rover.motors]",
+            "rover.thesis.process is 1e300: 1e-6 to 100.0 is accepted",
+        ),
+        (
+            "[rover.motors]",
+            "[rover.thesis]\nintegral = 1e-50\n\n[rover.motors]",
+            "rover.thesis.integral is 1e-50: 1e-6 to 1.0 and 0 are accepted",
+        ),
+        (
+            "[rover.motors]",
+            "[rover.thesis]\nleast = \"80 cm\"\nmost = \"80 cm\"\n\n[rover.motors]",
+            "rover.thesis.most is 0.8 m: 0.81 m to 1.5 m is accepted",
+        ),
+        (
+            "[rover.motors]",
+            "[rover.thesis]\neffort = \"0.1 %\"\n\n[rover.motors]",
+            "rover.thesis.effort is 0.1 %: 0.2 % to 100 % is accepted",
+        ),
+    ]);
 }
 
 /// `two-boards` with this text at the end of its manifest.
@@ -751,7 +793,8 @@ fn a_guidance_by_rows_that_makes_no_sense_is_refused_in_one_sentence() {
         ),
         (
             "row_guidance.rows.width=60 cm",
-            "row_guidance.rows.width is 0.6 m: 0.7 m to 5 m is accepted",
+            "row_guidance.rows.width is 0.6 m: 0.925 m to 5 m is accepted: \
+             row_guidance.vehicle_width, 0.7 m, row_guidance.rows.stalk, 0.025 m, and",
         ),
         (
             "row_guidance.rows.width=3 m",
