@@ -106,6 +106,27 @@ fn every_mistake_has_its_sentence() {
             "a button that is not there",
             more("[[press]]\nat = \"1 s\"\nbutton = \"C\""),
         ),
+        (
+            "barriers without room",
+            "[[row.section]]\nkind = \"barriers\"\nlength = \"9 m\"\nwidth = \"33 cm\"".into(),
+        ),
+        (
+            "a press after the end",
+            more(
+                "[[press]]\nat = \"1 s\"\nbutton = \"run\"\n[[press]]\nat = \"60 s\"\nbutton = \"stop\"",
+            ),
+        ),
+        (
+            "a frame after the end",
+            format!(
+                "duration = \"5 s\"\n{}",
+                more("[[bus]]\nwhat = \"dominant\"\nat = \"6 s\"\nhold = \"1 ms\"")
+            ),
+        ),
+        (
+            "a start across the row",
+            more("[row.start]\nheading = \"90 deg\""),
+        ),
         ("a machine's start", more("[start]\nspeed = \"1 m/s\"")),
     ];
     let sentences: String = mistakes
@@ -194,6 +215,19 @@ fn a_row_without_a_width_has_that_of_the_manifest() {
     assert_eq!(of(POLES), wanted);
     let wide = format!("{POLES}width = \"1.2 m\"\n");
     assert_eq!(of(&wide).get(), 1.2);
+}
+
+#[test]
+fn stalks_without_a_diameter_are_those_of_the_manifest() {
+    let own = vehicle();
+    let of = |kind: &str| {
+        let text = format!("[[row.section]]\nkind = {kind:?}\nlength = \"20 m\"\n");
+        let scenario = Scenario::parse(&own, "t", "t", &text).unwrap();
+        scenario.row.unwrap().row.section[0].diameter()
+    };
+    let wanted = own.manifest().rover.as_ref().unwrap().rows.stalk.get();
+    assert_eq!((of("stalks"), of("poles")), (wanted, 0.042));
+    assert_ne!(wanted, 0.022);
 }
 
 #[test]

@@ -8,6 +8,7 @@ use world::rows::{Footprint, Rows, Shape, What};
 use world::scenario::{Limits, Row};
 
 const LIMITS: Limits = Limits {
+    length: 0.4572,
     width: 0.305,
     sensor_beside: 0.152,
     beam: FRAC_PI_4,
@@ -257,11 +258,17 @@ fn every_mistake_has_its_sentence() {
         ),
         (
             with("width = \"30 cm\""),
-            "row.section[0].width: 0.3 m has no room for the robot, which is 0.305 m wide",
+            "row.section[0].width: 0.3 m is out of range, it takes 0.387 m to 5 m: the robot's width, 0.305 m, \
+             a plant's diameter, 0.042 m, and 0.02 m of room on either side",
+        ),
+        (
+            with("width = \"50 cm\"\ndiameter = \"20 cm\""),
+            "row.section[0].width: 0.5 m is out of range, it takes 0.545 m to 5 m: the robot's width, 0.305 m, \
+             a plant's diameter, 0.2 m, and 0.02 m of room on either side",
         ),
         (
             with("width = \"6 m\""),
-            "row.section[0].width: 6 m is out of range, it takes 0 m to 5 m",
+            "row.section[0].width: 6 m is out of range, it takes 0.387 m to 5 m",
         ),
         (
             with("spacing = \"4 cm\""),
@@ -339,8 +346,39 @@ fn every_mistake_has_its_sentence() {
         ),
         (
             with("[start]\nright = \"25 cm\""),
-            "row.start.right: 0.25 m puts the robot into the row, there is room for 0.2285 m to \
-             either side",
+            "row.start: the robot stands in the plants 0.25 m to the right of the middle, with a heading of \
+             0 deg: there is room for 0.2075 m to either side of the middle",
+        ),
+        (
+            // Its front is in the row already.
+            with("[start]\nstation = \"-20 cm\"\nright = \"-21 cm\""),
+            "row.start: the robot stands in the plants -0.21 m to the right of the middle, with a heading of \
+             0 deg: there is room for 0.2075 m to either side of the middle",
+        ),
+        (
+            with("width = \"40 cm\"\n[start]\nheading = \"-15 deg\""),
+            "row.start: the robot stands in the plants 0 m to the right of the middle, with a heading of \
+             -15 deg: there is room for no offset",
+        ),
+        (
+            with("[start]\nheading = \"90 deg\""),
+            "row.start.heading: 90 deg is out of range, it takes -15 deg to 15 deg",
+        ),
+        (
+            poles.replace("\"5 m\"", "\"20000 m\"")
+                + &"[[leaves]]\nfrom = \"0 m\"\nto = \"20000 m\"\ndensity = \"100 /m\"\n"
+                    .repeat(20),
+            "row.leaves[0]: with it there are about 4196852 plants, leaves, weeds and pieces of barriers, a \
+             row takes 1000000",
+        ),
+        (
+            poles.replace("\"5 m\"", "\"20000 m\"") + "spacing = \"2.5 cm\"\ndiameter = \"1 cm\"",
+            "row.section[0]: with it there are about 1600002 plants, leaves, weeds and pieces of barriers, a \
+             row takes 1000000",
+        ),
+        (
+            with(&"[[gap]]\nfrom = \"1 m\"\nto = \"2 m\"\n".repeat(1001)),
+            "row.gap: there are 1001 of these tables, a row takes 1000",
         ),
     ];
     for (text, sentence) in cases {

@@ -11,7 +11,7 @@ use crate::scenario::{Kind, Row, Section, Side};
 
 /// Length of a piece of a barrier, metres. On an arc of 2 m radius the middle of its chord is 4 mm
 /// inside.
-const PIECE: f64 = 0.25;
+pub(crate) const PIECE: f64 = 0.25;
 
 /// Half of a leaf's thickness where a beam cuts it, metres.
 const LEAF_RADIUS: f64 = 0.001;

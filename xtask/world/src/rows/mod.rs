@@ -17,6 +17,7 @@ pub use line::{CentreLine, Place};
 pub use shape::{Footprint, Shape, What};
 
 use grid::Grid;
+pub(crate) use make::PIECE;
 
 use crate::scenario::Row;
 

@@ -125,7 +125,19 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
     knobs(scenario, vehicle)?;
     wires(scenario, vehicle)?;
     faults(scenario)?;
-    devices(scenario, vehicle)
+    devices(scenario, vehicle)?;
+    ends(scenario)
+}
+
+/// Checks that everything begins before the run ends.
+fn ends(scenario: &Scenario) -> Outcome {
+    let end = scenario.duration;
+    match scenario.beginnings().into_iter().find(|(_, at)| *at >= end) {
+        Some((table, at)) => Err(format!(
+            "{table}: it begins at {at}, but the duration of the run is {end}"
+        )),
+        None => Ok(()),
+    }
 }
 
 /// Checks that the vehicle has the devices that the scenario uses.

@@ -259,6 +259,15 @@ pub enum BusEvent {
     },
 }
 
+impl BusEvent {
+    /// When it begins.
+    pub(super) fn at(&self) -> Time {
+        match self {
+            Self::Frame { at, .. } | Self::Corrupt { at, .. } | Self::Dominant { at, .. } => *at,
+        }
+    }
+}
+
 fn once() -> u32 {
     1
 }

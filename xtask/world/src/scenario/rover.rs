@@ -54,7 +54,7 @@ pub(super) fn crop(
 ) -> Option<CropSetting> {
     let guidance = vehicle.manifest().row_guidance.as_ref()?;
     let (mut row, line) = row.take().zip(line)?;
-    row.widen(guidance.rows.width);
+    row.complete(&guidance.rows);
     let (direction, place) = (line.direction(), &row.place);
     let (along, right) = (place.along.get(), place.right.get());
     let (sine, cosine) = (libm::sin(direction), libm::cos(direction));
@@ -76,6 +76,8 @@ impl CropSetting {
     pub(super) fn check(&self) -> Result<(), String> {
         self.row.check_place()?;
         self.row.check(&Limits {
+            // It does not start in the row.
+            length: 0.0,
             width: self.width,
             sensor_beside: self.mount.right.abs(),
             beam: self.mount.yaw.abs(),
@@ -110,7 +112,7 @@ pub(super) fn setting(
             vehicle.name()
         )
     })?;
-    row.widen(rover.rows.width);
+    row.complete(&rover.rows);
     Ok(Some(RowSetting {
         rover: rover::Parameters::of(rover),
         mount: Mount::of(rover),

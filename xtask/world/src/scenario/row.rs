@@ -3,9 +3,11 @@
 use core::f64::consts::FRAC_PI_2;
 
 use serde::Deserialize;
+use vehicle_model::manifest::CropRows;
 
 use super::check::{above, between, within};
 use crate::rover::{self, Mount};
+use crate::rows::PIECE;
 use crate::units::{Angle, Density, Length, Ratio};
 
 /// The rows: table `[row]`.
@@ -67,13 +69,14 @@ pub struct Section {
     pub kind: Kind,
     /// Length, above 0 to 20 km; all sections together are not longer.
     pub length: Length,
-    /// Distance between the two sides, wider than the robot, up to 5 m. Default: `rows.width` of the
-    /// vehicle's manifest; without a vehicle 76.2 cm (30 inches).
+    /// Distance between the two sides, up to 5 m; at least the robot's width and a plant's diameter, with
+    /// 2 cm on either side. Default: `rows.width` of the vehicle's manifest; without a vehicle 76.2 cm
+    /// (30 inches).
     pub width: Option<Length>,
     /// Distance of two plants, 2 cm to 2 m, larger than a plant. Default 20.32 cm (8 inches).
     pub spacing: Option<Length>,
-    /// Diameter of a plant, 4 mm to 20 cm. Default 4.2 cm for poles (nominal 1 1/4 inch pipe), 2.2 cm
-    /// for stalks.
+    /// Diameter of a plant, 4 mm to 20 cm. Default 4.2 cm for poles (nominal 1 1/4 inch pipe), for
+    /// stalks `rows.stalk` of the vehicle's manifest; without a vehicle 2.2 cm.
     pub diameter: Option<Length>,
     /// Standard deviation of the diameter, 0 to 5 cm. Default 0 for poles, 3 mm for stalks.
     pub diameter_scatter: Option<Length>,
@@ -136,6 +139,25 @@ impl Section {
     #[must_use]
     pub fn across(&self) -> f64 {
         self.choose(self.across, 0.005, 0.015)
+    }
+
+    /// What plants take of the width, metres: their diameter, and nothing beside smooth barriers.
+    fn thickness(&self) -> f64 {
+        match self.kind {
+            Kind::Barriers => 0.0,
+            Kind::Poles | Kind::Stalks => self.diameter(),
+        }
+    }
+
+    /// How many plants it has, missing ones too, or pieces of barriers.
+    fn things(&self) -> f64 {
+        let length = self.length.get();
+        match self.kind {
+            Kind::Barriers => 2.0 * (length / PIECE + 1.0),
+            Kind::Poles | Kind::Stalks => {
+                2.0 * f64::from(self.behind() + 1) * (length / self.spacing() + 1.0)
+            }
+        }
     }
 
     /// Rows behind the first on either side.
@@ -280,13 +302,16 @@ pub struct RowStart {
     /// How far to the right of the middle, up to 5 m; within the row, the robot stands between the two
     /// sides. Default 0 m.
     pub right: Length,
-    /// Heading against that of the row, to the right, -180 to 180 deg. Default 0 deg.
+    /// Heading against that of the row, to the right, -15 to 15 deg: an operator puts the robot down
+    /// along its row, and its estimator begins with that. Default 0 deg.
     pub heading: Angle,
 }
 
 /// The measures of a robot that limit the rows in which it can drive.
 #[derive(Copy, Clone, Debug, PartialEq)]
 pub struct Limits {
+    /// Length of the robot, metres.
+    pub length: f64,
     /// Width of the robot, metres.
     pub width: f64,
     /// How far a sensor is mounted beside the middle, metres.
@@ -302,6 +327,7 @@ impl Limits {
     #[must_use]
     pub fn of(robot: &rover::Parameters, mount: &Mount) -> Self {
         Self {
+            length: robot.length,
             width: robot.width,
             sensor_beside: mount.right.abs(),
             beam: mount.yaw.abs(),
@@ -313,17 +339,38 @@ impl Limits {
 /// The longest row, metres.
 const LONGEST: f64 = 20_000.0;
 
+/// Most plants, leaves, weeds and pieces of barriers in a row. They stand there in a few seconds.
+const MOST_THINGS: f64 = 1e6;
+
+/// Most tables of one kind.
+const MOST_TABLES: usize = 1000;
+
+/// Least room on either side of the robot in the middle of its row, metres.
+const ROOM: f64 = 0.02;
+
+/// Largest angle between robot and row at the start, degrees. From 20 degrees on the estimator of the
+/// virtual row follower finds its place too late, and it touches plants.
+const LARGEST_TURN: f64 = 15.0;
+
 type Outcome = Result<(), String>;
+
+/// A length in whole tenths of a millimetre: a sum has further digits that mean nothing.
+fn rounded(metres: f64) -> Length {
+    Length::new((metres * 1e4).round() / 1e4)
+}
 
 fn lengths(least: f64, most: f64) -> super::check::Range<crate::units::LengthKind> {
     between(Length::new(least), Length::new(most))
 }
 
 impl Row {
-    /// Gives the sections that say nothing about it this width.
-    pub(super) fn widen(&mut self, width: Length) {
+    /// Gives the sections that say nothing about it the width and the stalks of a manifest's rows.
+    pub(super) fn complete(&mut self, rows: &CropRows) {
         for section in &mut self.section {
-            section.width.get_or_insert(width);
+            section.width.get_or_insert(rows.width);
+            if section.kind == Kind::Stalks {
+                section.diameter.get_or_insert(rows.stalk);
+            }
         }
     }
 
@@ -346,11 +393,15 @@ impl Row {
     /// behind it that of its end.
     #[must_use]
     pub fn width_at(&self, station: f64) -> f64 {
+        let section = self.section_at(station);
+        section.map_or(0.0, |section| section.width().get())
+    }
+
+    /// The section at a station; before the row its first one, behind it its last one.
+    fn section_at(&self, station: f64) -> Option<&Section> {
         let begun = self.stations().take_while(|(_, from, _)| *from <= station);
         let section = begun.last().map(|(section, ..)| section);
-        section
-            .or(self.section.first())
-            .map_or(0.0, |section| section.width().get())
+        section.or(self.section.first())
     }
 
     /// Checks what a file says about the row.
@@ -361,6 +412,7 @@ impl Row {
         if self.section.is_empty() {
             return Err("row.section: a row needs at least one section".into());
         }
+        self.few_tables()?;
         for (i, section) in self.section.iter().enumerate() {
             section.check(&format!("row.section[{i}]"), limits)?;
         }
@@ -380,8 +432,51 @@ impl Row {
             self.check_leaves(&format!("row.leaves[{i}]"), leaves)?;
         }
         self.check_weeds()?;
+        self.few_things()?;
         self.check_bends()?;
         self.check_start(limits)
+    }
+
+    fn few_tables(&self) -> Outcome {
+        let counts = [
+            ("section", self.section.len()),
+            ("gap", self.gap.len()),
+            ("leaves", self.leaves.len()),
+            ("weed", self.weed.len()),
+            ("weeds", self.weeds.len()),
+            ("bend", self.bend.len()),
+        ];
+        match counts.iter().find(|(_, count)| *count > MOST_TABLES) {
+            Some((table, count)) => Err(format!(
+                "row.{table}: there are {count} of these tables, a row takes {MOST_TABLES}"
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// Checks that the row is made in a short time.
+    fn few_things(&self) -> Outcome {
+        let sections = self.section.iter().map(Section::things);
+        let leaves = self.leaves.iter().map(|leaves| {
+            let sides = if leaves.side == Side::Both { 2.0 } else { 1.0 };
+            sides * leaves.density.get() * (leaves.to.get() - leaves.from.get())
+        });
+        let weeds = self.weeds.iter();
+        let weeds = weeds.map(|weeds| weeds.density.get() * (weeds.to.get() - weeds.from.get()));
+        let sections = sections.enumerate().map(|one| ("section", one));
+        let leaves = leaves.enumerate().map(|one| ("leaves", one));
+        let weeds = weeds.enumerate().map(|one| ("weeds", one));
+        let mut all = self.weed.len() as f64;
+        for (table, (i, count)) in sections.chain(leaves).chain(weeds) {
+            all += count;
+            if all > MOST_THINGS {
+                return Err(format!(
+                    "row.{table}[{i}]: with it there are about {all:.0} plants, leaves, weeds and pieces \
+                     of barriers, a row takes {MOST_THINGS:.0}"
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// Checks that a stretch lies within the row and ends after its beginning.
@@ -397,9 +492,9 @@ impl Row {
         Ok(())
     }
 
-    /// Gaps of barriers are cut out of pieces of 25 cm.
+    /// Gaps of barriers are cut out of their pieces.
     fn barrier_gaps(&self) -> Outcome {
-        let least = Length::new(0.25);
+        let least = Length::new(PIECE);
         for (i, gap) in self.gap.iter().enumerate() {
             let mut barriers = self
                 .stations()
@@ -524,16 +619,26 @@ impl Row {
         let length = self.length();
         within("row.start.station", start.station, lengths(-20.0, length))?;
         within("row.start.right", start.right, lengths(-5.0, 5.0))?;
-        let turns = between(Angle::degrees(-180.0), Angle::degrees(180.0));
+        let turns = between(Angle::degrees(-LARGEST_TURN), Angle::degrees(LARGEST_TURN));
         within("row.start.heading", start.heading, turns)?;
         let station = start.station.get();
-        let room = (self.width_at(station) - limits.width) / 2.0;
-        if station >= 0.0 && start.right.get().abs() > room {
+        let turned = start.heading.get().abs();
+        let (sine, cosine) = (libm::sin(turned), libm::cos(turned));
+        let reach = |along: f64, across: f64| (limits.length * along + limits.width * across) / 2.0;
+        let Some(section) = self.section_at(station) else {
+            return Ok(());
+        };
+        let room = (section.width().get() - section.thickness()) / 2.0 - reach(sine, cosine);
+        let within_row = station + reach(cosine, sine) >= 0.0;
+        if within_row && start.right.get().abs() > room {
+            let room = match rounded(room) {
+                room if room.get() > 0.0 => format!("{room} to either side of the middle"),
+                _ => "no offset".into(),
+            };
             return Err(format!(
-                "row.start.right: {} puts the robot into the row, there is room for {} to either \
-                 side",
-                start.right,
-                Length::new(room)
+                "row.start: the robot stands in the plants {} to the right of the middle, with a heading \
+                 of {}: there is room for {room}",
+                start.right, start.heading,
             ));
         }
         Ok(())
@@ -544,14 +649,34 @@ impl Section {
     fn check(&self, field: &str, limits: &Limits) -> Outcome {
         let all = above(Length::new(0.0), Length::new(LONGEST));
         within(&format!("{field}.length"), self.length, all)?;
-        let robot = Length::new(limits.width);
-        let width = self.width();
-        if width <= robot {
-            return Err(format!(
-                "{field}.width: {width} has no room for the robot, which is {robot} wide"
-            ));
+        match self.kind {
+            Kind::Barriers => self.smooth(field)?,
+            Kind::Poles | Kind::Stalks => self.plants(field)?,
         }
-        within(&format!("{field}.width"), width, lengths(0.0, 5.0))?;
+        self.room(field, limits)
+    }
+
+    /// Checks that the robot has room between the two sides, and sees them.
+    fn room(&self, field: &str, limits: &Limits) -> Outcome {
+        let width = self.width();
+        let least = rounded(limits.width + self.thickness() + 2.0 * ROOM);
+        let range = lengths(least.get(), 5.0);
+        within(&format!("{field}.width"), width, range).map_err(|refused| {
+            if width > least {
+                return refused;
+            }
+            let plants = match self.kind {
+                Kind::Barriers => String::new(),
+                Kind::Poles | Kind::Stalks => {
+                    format!(" a plant's diameter, {},", Length::new(self.thickness()))
+                }
+            };
+            format!(
+                "{refused}: the robot's width, {},{plants} and {} of room on either side",
+                Length::new(limits.width),
+                Length::new(ROOM)
+            )
+        })?;
         let across = width.get() / 2.0 + limits.sensor_beside;
         let distance = across / libm::sin(limits.beam);
         if distance > limits.range {
@@ -563,9 +688,11 @@ impl Section {
                 Length::new(limits.range)
             ));
         }
-        if self.kind == Kind::Barriers {
-            return self.smooth(field);
-        }
+        Ok(())
+    }
+
+    /// Checks the values of plants.
+    fn plants(&self, field: &str) -> Outcome {
         let given = |value: f64, given: Option<Length>| given.unwrap_or(Length::new(value));
         within(
             &format!("{field}.spacing"),
