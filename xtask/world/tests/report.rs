@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use world::receiver::Fix;
 use world::report::{
-    Due, FrameRecord, ModeChange, OutputFolder, Run, Summary, TaskTime, Window, WindowKind,
-    states_csv, terminal, track_svg,
+    CropRun, Due, FrameRecord, ModeChange, OutputFolder, Run, Summary, TaskTime, Window,
+    WindowKind, states_csv, terminal, track_svg,
 };
 use world::time::{at, from_seconds};
-use world::{EffortChange, NodeIndex, Scenario, SimDuration, SimTime, StateSample};
+use world::{EffortChange, NodeIndex, Scenario, SimDuration, SimTime, StateSample, World};
 
 const BIT: SimDuration = SimDuration::from_ticks(4_000_000);
 
@@ -163,8 +163,8 @@ fn guidance_figures() {
     assert_eq!(run.mean_cross_track_error_cm, Some(0.0));
     assert_eq!(run.standard_deviation_cm, Some(2.0));
     assert_eq!(run.steering_reversals_per_second, Some(0.0));
-    assert_eq!(summary.largest_speed_m_s, 1.0);
-    assert_eq!(summary.largest_steering_angle_deg, 11.459);
+    assert_eq!(summary.largest_speed_m_s, Some(1.0));
+    assert_eq!(summary.largest_steering_angle_deg, Some(11.459));
 }
 
 #[test]
@@ -246,6 +246,53 @@ fn stops_are_timed_from_the_event() {
     assert_eq!(
         Summary::of(&made.run()).stops[0].motors_stopped_after_ms,
         None
+    );
+}
+
+/// Where the fix is lost, rows may guide the machine on: its motors need not stop.
+#[test]
+fn what_an_event_made_of_the_motors_is_said_in_words() {
+    let text = "[[row.section]]\nkind = \"poles\"\nlength = \"20 m\"\n\
+                [[fix]]\nat = \"2 s\"\nstate = \"float\"\n";
+    let mut made = Made::new(text, 4.0);
+    made.effort(1.0, uagv::DRIVE, 0.5);
+    let world = World::new(&uagv::vehicle(), &made.scenario, 1);
+    let told = |made: &Made, guides: &[(f64, &str)]| {
+        let guides: Vec<ModeChange> = guides
+            .iter()
+            .map(|&(seconds, guide)| ModeChange {
+                at: at(from_seconds(seconds)),
+                mode: guide.into(),
+                autonomous: false,
+            })
+            .collect();
+        let run = Run {
+            crop: Some(CropRun {
+                crop: world.crop().unwrap(),
+                guides: &guides,
+            }),
+            ..made.run()
+        };
+        terminal(&Summary::of(&run), None)
+    };
+    let on = told(&made, &[(0.5, "Satellites"), (2.1, "Rows")]);
+    let sentence = "2.000 s  fix lost (float): the vehicle drove on, guided by Rows\n";
+    assert!(on.contains(sentence), "{on}");
+    let off = told(&made, &[]);
+    let sentence = "fix lost (float): the motors did not stop before the next event or the end of \
+                    the run\n";
+    assert!(off.contains(sentence), "{off}");
+    made.effort(2.25, uagv::DRIVE, 0.0);
+    let stopped = told(&made, &[(0.5, "Satellites"), (2.1, "Rows")]);
+    assert!(
+        stopped.contains("motors stopped after 250.0 ms"),
+        "{stopped}"
+    );
+    made.efforts.remove(0);
+    let stood = told(&made, &[]);
+    assert!(
+        stood.contains("fix lost (float): the motors stood already"),
+        "{stood}"
     );
 }
 

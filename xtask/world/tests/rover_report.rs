@@ -118,6 +118,14 @@ fn the_figures_are_those_of_the_drive() {
         (rover.largest_speed_m_s.unwrap() - speed).abs() < 1e-3,
         "{rover:?}"
     );
+    // It drives straight ahead, 10 cm before its row, too, and does not steer by an angle.
+    let way = summary.distance_m.unwrap();
+    assert!(
+        (way - rover.end_station_m - 0.1).abs() < 1e-3,
+        "{way} {rover:?}"
+    );
+    assert_eq!(summary.largest_speed_m_s, rover.largest_speed_m_s);
+    assert_eq!(summary.largest_steering_angle_deg, None);
     // The row begins 10 cm ahead of the start.
     assert!(
         (rover.end_station_m - (4.0 * speed - 0.1)).abs() < 0.04,

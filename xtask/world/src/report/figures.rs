@@ -39,6 +39,10 @@ pub struct StopFigures {
     /// Time until both motor drivers were commanded to stop. It is 0 if they had stopped before,
     /// and `null` if they did not stop before the next event.
     pub motors_stopped_after_ms: Option<f64>,
+    /// What guided the vehicle next if the motors did not stop, by its name in the network file; left
+    /// out if they stopped, or if no message tells it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guided_on_by: Option<String>,
 }
 
 /// A mode of the vehicle.

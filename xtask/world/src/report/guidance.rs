@@ -180,11 +180,17 @@ pub(super) fn stops(run: &Run) -> Vec<StopFigures> {
                 .into_iter()
                 .chain(moments.filter(|moment| moment > when && *moment < end))
                 .find(|moment| standing(run, *moment));
+            let guides = run.crop.map_or(&[][..], |crop| crop.guides);
+            let mut next = guides
+                .iter()
+                .filter(|guide| (*when..end).contains(&guide.at));
+            let next = next.next().filter(|_| stopped.is_none());
             StopFigures {
                 event: event.clone(),
                 at_seconds: rounded(seconds(*when), 6),
                 motors_stopped_after_ms: stopped
                     .map(|moment| rounded((seconds(moment) - seconds(*when)) * 1e3, 3)),
+                guided_on_by: next.map(|guide| guide.mode.clone()),
             }
         })
         .collect()

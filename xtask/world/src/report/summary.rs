@@ -19,12 +19,13 @@ pub struct Summary {
     pub simulated_seconds: f64,
     /// One entry for each time that the vehicle drove autonomously.
     pub autonomous_runs: Vec<AutonomousRun>,
-    /// Distance driven by the point on the centre line beside the antenna.
-    pub distance_m: f64,
-    /// Largest speed of the wheels in either direction.
-    pub largest_speed_m_s: f64,
-    /// Largest steering angle to either side.
-    pub largest_steering_angle_deg: f64,
+    /// Distance driven by the point on the centre line beside the antenna, or by a rover's middle; `null`
+    /// without either.
+    pub distance_m: Option<f64>,
+    /// Largest speed of the wheels in either direction, or of a rover's middle; `null` without either.
+    pub largest_speed_m_s: Option<f64>,
+    /// Largest steering angle to either side; `null` for what has no steering.
+    pub largest_steering_angle_deg: Option<f64>,
     /// One entry for each node reset and each loss of the fix in the scenario.
     pub stops: Vec<StopFigures>,
     /// How a rover drove along its row; left out for vehicles without one.
@@ -41,28 +42,64 @@ pub struct Summary {
     pub tasks: Vec<TaskFigures>,
 }
 
+/// How a vehicle moved, be it a machine or a rover.
+struct Motion {
+    /// Way, metres.
+    distance: f64,
+    /// Largest speed in either direction, metres per second.
+    largest_speed: f64,
+}
+
+impl Motion {
+    /// That of a run; `None` if nothing was there to move.
+    fn of(run: &Run) -> Option<Self> {
+        match &run.rover {
+            Some(rover) => {
+                let states = rover.drive.samples().iter().map(|sample| sample.state);
+                Self::along(states.map(|state| ((state.x, state.y), state.speed)))
+            }
+            None => {
+                let states = run.states.iter();
+                Self::along(states.map(|state| ((state.north, state.east), state.speed)))
+            }
+        }
+    }
+
+    /// That of a way through places, with the speed at each.
+    fn along(states: impl Iterator<Item = ((f64, f64), f64)>) -> Option<Self> {
+        let mut before = None;
+        let mut motion = None;
+        for (place, speed) in states {
+            let (x, y) = before.replace(place).unwrap_or(place);
+            let motion = motion.get_or_insert(Self {
+                distance: 0.0,
+                largest_speed: 0.0,
+            });
+            motion.distance += libm::hypot(place.0 - x, place.1 - y);
+            motion.largest_speed = motion.largest_speed.max(speed.abs());
+        }
+        motion
+    }
+}
+
 impl Summary {
     /// The figures of `run`.
     #[must_use]
     pub fn of(run: &Run) -> Self {
-        let largest = |part: fn(&crate::StateSample) -> f64| {
-            run.states
-                .iter()
-                .map(|state| part(state).abs())
-                .fold(0.0, f64::max)
+        let motion = Motion::of(run);
+        let figure = |value: fn(&Motion) -> f64, digits| {
+            motion.as_ref().map(|motion| rounded(value(motion), digits))
         };
-        let steps = run.states.windows(2);
-        let distance: f64 = steps
-            .map(|pair| libm::hypot(pair[1].north - pair[0].north, pair[1].east - pair[0].east))
-            .sum();
+        let states = run.states.iter();
+        let steering = states.map(|state| state.steering.abs()).reduce(f64::max);
         Self {
             scenario: run.scenario.name.clone(),
             seed: run.seed,
             simulated_seconds: rounded(span_seconds(run.duration), 6),
             autonomous_runs: guidance::autonomous_runs(run),
-            distance_m: rounded(distance, 3),
-            largest_speed_m_s: rounded(largest(|state| state.speed), 4),
-            largest_steering_angle_deg: rounded(largest(|state| state.steering).to_degrees(), 3),
+            distance_m: figure(|motion| motion.distance, 3),
+            largest_speed_m_s: figure(|motion| motion.largest_speed, 4),
+            largest_steering_angle_deg: steering.map(|angle| rounded(angle.to_degrees(), 3)),
             stops: guidance::stops(run),
             rover: run.rover.as_ref().map(RoverFigures::of),
             crop: run.crop.as_ref().map(CropFigures::of),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::{
     ContactFigures, CropFigures, RoverFigures, Summary,
-    figures::{AutonomousRun, BusFigures},
+    figures::{AutonomousRun, BusFigures, StopFigures},
 };
 
 fn figure(value: Option<f64>, digits: usize, unit: &str) -> String {
@@ -58,22 +58,33 @@ fn write_guidance(t: &mut String, s: &Summary) -> core::fmt::Result {
         writeln!(t, "  {:>10.3} s  {}", mode.at_seconds, mode.mode)?;
     }
     for stop in &s.stops {
-        let after = stop
-            .motors_stopped_after_ms
-            .map_or("motors not stopped".to_owned(), |ms| {
-                format!("motors stopped after {ms:.1} ms")
-            });
+        let after = after(stop);
         writeln!(t, "  {:>10.3} s  {}: {after}", stop.at_seconds, stop.event)?;
     }
     Ok(())
 }
 
+/// What the motors did after an event, in words.
+fn after(stop: &StopFigures) -> String {
+    match (stop.motors_stopped_after_ms, &stop.guided_on_by) {
+        (Some(0.0), _) => "the motors stood already".into(),
+        (Some(ms), _) => format!("motors stopped after {ms:.1} ms"),
+        (None, Some(guide)) => format!("the vehicle drove on, guided by {guide}"),
+        (None, None) => {
+            "the motors did not stop before the next event or the end of the run".into()
+        }
+    }
+}
+
 fn write_machine(t: &mut String, s: &Summary) -> core::fmt::Result {
-    writeln!(
-        t,
-        "  {:.1} m driven, up to {:.2} m/s and {:.1} deg of steering",
-        s.distance_m, s.largest_speed_m_s, s.largest_steering_angle_deg
-    )?;
+    let steering = s.largest_steering_angle_deg;
+    let figures = s.distance_m.zip(s.largest_speed_m_s).zip(steering);
+    if let Some(((way, speed), steering)) = figures {
+        writeln!(
+            t,
+            "  {way:.1} m driven, up to {speed:.2} m/s and {steering:.1} deg of steering"
+        )?;
+    }
     if s.autonomous_runs.is_empty() {
         writeln!(t, "  no autonomous run")?;
     }

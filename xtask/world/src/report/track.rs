@@ -179,8 +179,9 @@ fn motion(canvas: &mut Canvas, run: &Run, machine: &Parameters, panels: &Panels)
 
 /// The run's figures in a line.
 fn figures(summary: &Summary) -> String {
+    let driven = format!("{:.1} m driven", summary.distance_m.unwrap_or_default());
     let Some(run) = summary.autonomous_runs.first() else {
-        return format!("{:.1} m driven, no autonomous run", summary.distance_m);
+        return format!("{driven}, no autonomous run");
     };
     match (
         run.settling_seconds,
@@ -193,7 +194,7 @@ fn figures(summary: &Summary) -> String {
              {deviation:.2} cm, largest {largest:.1} cm"
         )
         .replace("mean -", "mean \u{2212}"),
-        _ => format!("{:.1} m driven, not settled to 5 cm", summary.distance_m),
+        _ => format!("{driven}, not settled to 5 cm"),
     }
 }
 
