@@ -66,6 +66,15 @@ pub enum Error {
         /// Table, field or device of the manifest.
         what: &'static str,
     },
+    /// The experiment drives under Furrow's law, and the vehicle has the thesis's.
+    #[error(
+        "rover.law of vehicle {vehicle:?} is \"thesis\", and row-limits shows the limits of \"furrow\": use --set \
+         rover.law=furrow, or compare both laws by --experiment thesis-2"
+    )]
+    ThesisLaw {
+        /// The vehicle.
+        vehicle: String,
+    },
     /// No law can be made of a rover's numbers.
     #[error("the rover: {0}")]
     Rover(#[from] RowSettingsError),
@@ -133,7 +142,11 @@ impl Error {
     pub(crate) fn is_usage(&self) -> bool {
         matches!(
             self,
-            Self::Unknown { .. } | Self::Lacks { .. } | Self::Scenario(_) | Self::Folder(_)
+            Self::Unknown { .. }
+                | Self::Lacks { .. }
+                | Self::ThesisLaw { .. }
+                | Self::Scenario(_)
+                | Self::Folder(_)
         )
     }
 }

@@ -12,7 +12,7 @@ use firmware::rows::{FULL_EFFORT, Follower, Furrow, State};
 use serde::Serialize;
 use vehicle_model::{
     Vehicle,
-    manifest::{Rover, RowLaw},
+    manifest::{CropRows, Rover, RowLaw},
     units::{Density, Length, Ratio, Speed},
 };
 use world::{
@@ -113,6 +113,8 @@ pub struct Limit {
     pub first_seed: u64,
     /// Number of seeds.
     pub seeds: u64,
+    /// Room between the robot in the middle of the row and the stalks on either side, cm.
+    pub room_cm: f64,
     /// The cells: by speed, then by the density of the leaves, then by the length of the gap.
     pub cells: Vec<Cell>,
 }
@@ -161,7 +163,9 @@ pub fn map(
 ) -> Result<(Limit, String), Error> {
     let rover = needed(vehicle, "[rover]", vehicle.manifest().rover.as_ref())?;
     if rover.law != RowLaw::Furrow {
-        return Err(Error::lacks(vehicle, "law = \"furrow\" in [rover]"));
+        return Err(Error::ThesisLaw {
+            vehicle: vehicle.name().into(),
+        });
     }
     let period = f64::from(vehicle.network().basic_cycle_us) * 1e-6;
     let mut jobs = Vec::new();
@@ -183,13 +187,24 @@ pub fn map(
         .zip(runs.chunks(seeds as usize))
         .map(|(jobs, runs)| Cell::of(&jobs[0], runs))
         .collect();
+    let rows = &rover.rows;
+    let free = rows.width.get() - rows.stalk.get() - rover.width.get();
     let map = Limit {
         experiment: NAME,
         first_seed,
         seeds,
+        room_cm: (free * 50.0 * 100.0).round() / 100.0,
         cells,
     };
     Ok((map, csv(&jobs, &runs)))
+}
+
+impl Limit {
+    /// Whether runs failed where there is neither a gap nor leaves on one side.
+    fn fails_when_bare(&self) -> bool {
+        let bare = |cell: &&Cell| cell.gap == 0.0 && cell.leaves == 0.0;
+        self.cells.iter().filter(bare).any(|cell| cell.failures > 0)
+    }
 }
 
 impl Job {
@@ -197,8 +212,8 @@ impl Job {
         format!("{} m/s with a gap of {} m", self.speed, self.gap)
     }
 
-    /// The row of this run, as wide as the vehicle's rows.
-    fn row(&self, width: Length) -> Row {
+    /// The row of this run, with the width and the stalks of the vehicle's rows.
+    fn row(&self, rows: &CropRows) -> Row {
         let leaves = |side, from, to, density| Leaves {
             side,
             from: Length::new(from),
@@ -218,9 +233,9 @@ impl Job {
             section: vec![Section {
                 kind: Kind::Stalks,
                 length: Length::new(LENGTH),
-                width: Some(width),
+                width: Some(rows.width),
                 spacing: None,
-                diameter: None,
+                diameter: Some(rows.stalk),
                 diameter_scatter: None,
                 along: None,
                 across: None,
@@ -245,7 +260,7 @@ impl Job {
         told.rows.gap = Length::new(rover.rows.gap.get().max(self.gap));
         let settings = RowSettings::<f32>::for_robot(&vehicle_model::robot(&told))?;
         let mut follower = Follower::<Furrow>::new(&settings);
-        let row = self.row(rover.rows.width);
+        let row = self.row(&rover.rows);
         let setting = Setting {
             row: &row,
             rover: Parameters::of(rover),
@@ -329,8 +344,9 @@ fn text(grid: &Grid, map: &Limit) -> String {
     let last = map.first_seed.wrapping_add(map.seeds - 1);
     let mut text = format!(
         "{NAME}: seeds {} to {last}; in each cell the runs that touched a plant, left the row or\n\
-         stopped before its end, and the mean distance from the row's middle in cm\n",
-        map.first_seed
+         stopped before its end, and the mean distance from the row's middle in cm\n\
+         between robot and stalks are {:.1} cm on either side\n",
+        map.first_seed, map.room_cm
     );
     // Writing to a string cannot fail.
     for speed in SPEEDS {
@@ -361,8 +377,16 @@ fn text(grid: &Grid, map: &Limit) -> String {
             way / time
         );
     }
+    if map.fails_when_bare() {
+        text.push_str(NOT_FITTED);
+    }
     text
 }
+
+/// What failures in rows without gap and leaves mean.
+const NOT_FITTED: &str = "\n\
+    Even rows without gap and leaves make runs fail: rows or sensors differ too much from those that the\n\
+    law was fitted to, 76.2 cm apart and with beams at 45 deg. Wider rows or a slower cruise speed help.\n";
 
 /// The map as a picture.
 fn picture(vehicle: &Vehicle, grid: &Grid, map: &Limit) -> String {
@@ -531,7 +555,7 @@ mod tests {
                     density,
                     seed: 1,
                 };
-                assert_eq!(job.row(rover.rows.width).check(&limits), Ok(()));
+                assert_eq!(job.row(&rover.rows).check(&limits), Ok(()));
             }
         }
     }
@@ -549,6 +573,38 @@ mod tests {
         for cell in &map.cells {
             assert!(cell.failures == 0 && cell.offset_cm < 4.0, "{cell:?}");
         }
+    }
+
+    /// Narrow rows and beams far ahead: the map says why even the bare row fails.
+    #[test]
+    fn rows_that_the_law_was_not_fitted_to_are_explained() {
+        let grid = Grid {
+            gaps: vec![0.0],
+            densities: vec![0.0],
+        };
+        let of = |set: &str| {
+            let set = Overrides::parse(set).unwrap();
+            let vehicle = vehicle::with(&Workspace::find().unwrap(), "row-follower", &set).unwrap();
+            let map = map(&vehicle, &grid, 1, 4).unwrap().0;
+            text(&grid, &map)
+        };
+        let narrow = of("rover.rows.width=53 cm;rover.sensors.angle=30 deg");
+        assert!(narrow.contains("are 10.0 cm on either side"), "{narrow}");
+        assert!(narrow.ends_with(NOT_FITTED), "{narrow}");
+        let own = of("");
+        assert!(!own.contains(NOT_FITTED), "{own}");
+    }
+
+    #[test]
+    fn another_law_is_refused_with_what_to_do() {
+        let set = Overrides::parse("rover.law=thesis").unwrap();
+        let thesis = vehicle::with(&Workspace::find().unwrap(), "row-follower", &set).unwrap();
+        let error = map(&thesis, &tiny(), 1, 1).unwrap_err();
+        assert!(error.is_usage());
+        assert!(
+            error.to_string().contains("use --set rover.law=furrow"),
+            "{error}"
+        );
     }
 
     #[test]
