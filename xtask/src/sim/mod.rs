@@ -25,7 +25,7 @@ use world::{
         self, CropRun, DistancePair, FolderError, GlobalTimeFigures, ModeChange, OutputFolder,
         RoverRun, Run, Summary, TaskTime,
     },
-    scenario::Listed,
+    scenario::{Button, Listed},
     time,
 };
 
@@ -57,6 +57,15 @@ pub enum Error {
     NoScenario {
         /// The vehicle.
         vehicle: String,
+    },
+    /// Nobody lets the rover of a scenario go.
+    #[error(
+        "scenario {scenario}, press: nobody lets the robot go, so it would stand: a [[press]] with at = \"500 \
+         ms\" and button = \"run\" is needed"
+    )]
+    NeverOn {
+        /// The scenario.
+        scenario: String,
     },
     /// The output folder is wrong.
     #[error(transparent)]
@@ -98,6 +107,7 @@ impl Error {
                 | Self::Listed { .. }
                 | Self::NoRules
                 | Self::NoScenario { .. }
+                | Self::NeverOn { .. }
                 | Self::Folder(_)
         )
     }
@@ -137,6 +147,10 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         None => first_scenario(&vehicle)?,
     };
     let scenario = Scenario::find(&vehicle, &name).map_err(Error::from)?;
+    switched_on(&vehicle, &scenario)?;
+    if let Some(note) = options.seconds.and_then(|end| cut_off(&scenario, end)) {
+        eprintln!("{note}");
+    }
     let folder = match &options.out {
         Some(path) => Some(OutputFolder::create(path).map_err(Error::from)?),
         None => None,
@@ -176,6 +190,33 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         None => Ok(()),
         Some(node) => Err(Error::IdleMotor { node: node.into() }.into()),
     }
+}
+
+/// Checks that the operator lets a rover go.
+fn switched_on(vehicle: &Vehicle, scenario: &Scenario) -> Result<(), Error> {
+    let mut presses = scenario.press.iter();
+    if vehicle.manifest().rover.is_none() || presses.any(|press| press.button == Button::Run) {
+        return Ok(());
+    }
+    Err(Error::NeverOn {
+        scenario: scenario.name.clone(),
+    })
+}
+
+/// What a run that ends at `end` leaves out of its scenario, in a line.
+fn cut_off(scenario: &Scenario, end: SimDuration) -> Option<String> {
+    let left_out: Vec<String> = scenario
+        .beginnings()
+        .into_iter()
+        .filter(|(_, at)| at.span() >= end)
+        .map(|(table, at)| format!("{table} at {at}"))
+        .collect();
+    (!left_out.is_empty()).then(|| {
+        format!(
+            "note: the run ends before {} of the scenario",
+            left_out.join(", ")
+        )
+    })
 }
 
 /// An autonomous run of at least this length must turn every motor, s.
@@ -447,6 +488,38 @@ fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use world::time::from_seconds;
+
+    #[test]
+    fn a_robot_that_nobody_lets_go_is_refused() {
+        let workspace = Workspace::find().unwrap();
+        let vehicle = vehicle::find(&workspace, "row-follower").unwrap();
+        let read = |press: &str| {
+            let text = format!("[[row.section]]\nkind = \"poles\"\nlength = \"5 m\"\n{press}");
+            Scenario::parse(&vehicle, "row", "row.toml", &text).unwrap()
+        };
+        let stop = read("[[press]]\nat = \"1 s\"\nbutton = \"stop\"\n");
+        for scenario in [read(""), stop] {
+            let error = switched_on(&vehicle, &scenario).unwrap_err();
+            assert!(error.is_usage());
+            assert!(
+                error.to_string().contains("nobody lets the robot go"),
+                "{error}"
+            );
+        }
+        let run = read("[[press]]\nat = \"1 s\"\nbutton = \"run\"\n");
+        assert!(switched_on(&vehicle, &run).is_ok());
+        // Other vehicles may stand.
+        let uagv = vehicle::find(&workspace, vehicle::DEFAULT).unwrap();
+        let still = Scenario::uneventful(&uagv, "still");
+        assert!(switched_on(&uagv, &still).is_ok());
+        assert_eq!(cut_off(&run, from_seconds(2.0)), None);
+        let note = cut_off(&run, from_seconds(0.5)).unwrap();
+        assert_eq!(
+            note,
+            "note: the run ends before press[0] at 1 s of the scenario"
+        );
+    }
 
     #[test]
     fn a_motor_that_never_turned_is_named() {
