@@ -340,7 +340,8 @@ pub enum Protocol {
     #[default]
     TimeTriggered,
     /// As soon as its data are there: the identifiers decide. The times of the windows mean nothing
-    /// then, and there is no time master.
+    /// then, and there is no time master. A command is protected without the time: a recorded one that is
+    /// sent again passes if its counter fits.
     EventTriggered,
 }
 
