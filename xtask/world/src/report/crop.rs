@@ -11,6 +11,9 @@ use crate::time::{SimTime, seconds};
 /// A machine that is slower than this stands, metres per second.
 const STANDS: f64 = 0.01;
 
+/// The guide of a machine of which no message tells what guides it.
+pub(super) const UNKNOWN: &str = "unknown";
+
 /// Most guides of which the picture has figures.
 const SHOWN: usize = 4;
 
@@ -64,7 +67,7 @@ impl CropFigures {
         let end = SimTime::from_ticks(u64::MAX);
         let unknown = ModeChange {
             at: SimTime::from_ticks(0),
-            mode: "unknown".into(),
+            mode: UNKNOWN.into(),
             autonomous: false,
         };
         let all = if run.guides.is_empty() {

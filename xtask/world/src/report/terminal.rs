@@ -3,6 +3,7 @@
 use core::fmt::Write;
 use std::time::Duration;
 
+use super::crop::UNKNOWN;
 use super::{
     ContactFigures, CropFigures, RoverFigures, Summary,
     figures::{AutonomousRun, BusFigures, StopFigures},
@@ -142,9 +143,9 @@ fn write_crop(t: &mut String, crop: &CropFigures) -> core::fmt::Result {
     for stretch in &crop.guides {
         writeln!(
             t,
-            "    by {:<11} {:>7.2} m, {:.2} s to {:.2} s at {}; offset from the middle: mean {}, \
+            "    {:<14} {:>7.2} m, {:.2} s to {:.2} s at {}; offset from the middle: mean {}, \
              largest {}",
-            stretch.guide,
+            guided(&stretch.guide),
             stretch.way_m,
             stretch.from_seconds,
             stretch.until_seconds,
@@ -154,6 +155,14 @@ fn write_crop(t: &mut String, crop: &CropFigures) -> core::fmt::Result {
         )?;
     }
     write_contacts(t, &crop.contacts)
+}
+
+/// What guided the machine; without a message that tells it, only that it drove.
+fn guided(guide: &str) -> String {
+    match guide {
+        UNKNOWN => "driven".into(),
+        guide => format!("by {guide}"),
+    }
 }
 
 fn write_contacts(t: &mut String, contacts: &[ContactFigures]) -> core::fmt::Result {
@@ -331,5 +340,16 @@ fn thesis(node: &str, task: &str) -> &'static str {
         ("controller", "control") => "   (thesis: 8 us)",
         ("controller", "display_tick") => "   (thesis: 400 us)",
         _ => "",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_guide_that_nothing_tells_has_no_name() {
+        assert_eq!(guided("Rows"), "by Rows");
+        assert_eq!(guided(UNKNOWN), "driven");
     }
 }
