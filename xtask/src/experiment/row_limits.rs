@@ -451,7 +451,7 @@ fn csv(jobs: &[Job], runs: &[Followed]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vehicle_model::Overrides;
+    use vehicle_model::{Overrides, units::Angle};
     use world::scenario::Limits;
 
     use crate::{Workspace, vehicle};
@@ -593,6 +593,11 @@ mod tests {
         assert!(narrow.ends_with(NOT_FITTED), "{narrow}");
         let own = of("");
         assert!(!own.contains(NOT_FITTED), "{own}");
+        // The text names the rows and the sensors of the vehicle as it comes.
+        let vehicle = follower();
+        let rover = vehicle.manifest().rover.as_ref().unwrap();
+        let fitted = (rover.rows.width, rover.sensors.angle);
+        assert_eq!(fitted, (Length::new(0.762), Angle::degrees(45.0)));
     }
 
     #[test]
