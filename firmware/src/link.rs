@@ -7,7 +7,7 @@
 //! once. So the execution time of each interrupt is bounded, however many actions are due at
 //! the same time.
 
-use crate::oscillator::{Tuner, Tuning};
+use crate::oscillator::{Tuner, Tuning, measured_cycles};
 use network::Message;
 use sled_common::can::{ErrorState, Occupied, Outcome, Received};
 use sled_common::clock::Oscillator;
@@ -303,7 +303,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         #[cfg(feature = "master")]
         node.set_reference_payload(&[quality]);
         Ok(Self {
-            tuner: (internal && !last_resort).then(|| Tuner::new(cycle)),
+            tuner: (internal && !last_resort)
+                .then(|| Tuner::new(cycle, measured_cycles(schedule.basic_cycle()))),
             quality,
             // 2^32 / 10^6, rounded.
             tolerance: TOLERANCE_PPM.saturating_mul(4295),
@@ -406,7 +407,10 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         news
     }
 
-    /// Takes a frame while the node only listens.
+    /// Takes a frame while the node only listens. Not inlined, so that it takes no registers of
+    /// [`Link::on_receive`], on which the other frames wait.
+    #[cold]
+    #[inline(never)]
     fn listen(&mut self, stamp: u32) {
         if let Some(Received::Data(frame)) = self.port.receive()
             && self.schedule.is_reference(frame.id())
