@@ -6,8 +6,8 @@ mod rows;
 
 use control::row::{
     Beams, Mounting, MountingError, RowController, RowDistances, RowEstimate, RowEstimator,
-    RowEstimatorError, RowLawError, RowPose, RowSettings, RowSettingsError, RowState, Side,
-    SideHealth, WheelSpeeds,
+    RowEstimatorError, RowLawError, RowPose, RowRobot, RowSettings, RowSettingsError, RowState,
+    Side, SideHealth, WheelSpeeds,
 };
 use control::scalar::Scalar;
 use proptest::prelude::*;
@@ -140,6 +140,35 @@ proptest! {
     }
 }
 
+proptest! {
+    /// A point that stays at its distance on the beam moves across it by what the
+    /// sweep says, to the first order.
+    #[test]
+    fn a_beam_sweeps_what_its_point_moves_across(
+        distance in 0.2_f64..2.0, ahead in -1.0_f64..1.0, turned in -1.0_f64..1.0,
+        arm in -0.2_f64..0.3, beside in 0.05_f64..0.2, angle in 0.2_f64..1.5,
+        is_left in any::<bool>(),
+    ) {
+        let beams = Beams::new(Mounting { ahead: arm, beside, angle }).unwrap();
+        let (side, sign) = if is_left { (Side::Left, 1.0) } else { (Side::Right, -1.0) };
+        let beam = -sign * angle;
+        // The point, seen from where the robot was.
+        let point = |way: f64, heading: f64| {
+            let (sine, cosine) = heading.sin_cos();
+            (
+                way + arm * cosine - sign * beside * sine + distance * (heading + beam).cos(),
+                arm * sine + sign * beside * cosine + distance * (heading + beam).sin(),
+            )
+        };
+        let small = 1e-6;
+        let (from, to) = (point(0.0, 0.0), point(small * ahead, small * turned));
+        // Forwards is positive on either side.
+        let across = sign * (-beam.sin() * (to.0 - from.0) + beam.cos() * (to.1 - from.1));
+        let swept = beams.swept(side, distance, small * ahead, small * turned);
+        prop_assert!((across - swept).abs() < 1e-10, "{across} {swept}");
+    }
+}
+
 fn any_number() -> impl Strategy<Value = f32> {
     prop_oneof![
         4 => 0.2_f32..1.6,
@@ -243,6 +272,156 @@ fn a_stalk_of_the_next_row_tells_the_heading() {
     let (with, without) = (heading(0.762), heading(0.0));
     assert!(with > 0.02, "{with}");
     assert!(without < 0.0, "{without}");
+}
+
+/// What a robot in the middle believes of its offset after it has passed something
+/// 5 cm nearer than the left row on a straight way. The right sensor sees it for
+/// `seen` metres of the way, and then what is at `behind`.
+fn offset_beside(seen: f64, behind: f64) -> f64 {
+    let mut estimator = RowEstimator::<f64>::new(settings().estimator).unwrap();
+    let wheels = WheelSpeeds {
+        left: 0.4,
+        right: 0.4,
+    };
+    let near = beams()
+        .predict(Side::Left, &pose(0.0, 0.0))
+        .unwrap()
+        .distance
+        - 0.05 * SQRT_2;
+    let mut way = -0.5;
+    while way < 0.6 {
+        way += 0.4 * STEP;
+        let left = if way < 0.0 || way > seen + 0.1 {
+            1.5
+        } else if way <= seen {
+            near
+        } else {
+            behind
+        };
+        estimator.step(&RowDistances { left, right: 1.5 }, &wheels, STEP);
+    }
+    estimator.estimate().pose.offset
+}
+
+/// A stalk of 2.5 cm is seen for 4.4 cm of the way. What is wider than two of them
+/// is believed less, and what touches something else near by too.
+#[test]
+fn a_stalk_is_narrow_and_stands_alone() {
+    let stalk = offset_beside(0.044, 1.5);
+    assert!(stalk < -0.01, "{stalk}");
+    let wide = offset_beside(0.2, 1.5);
+    assert!(wide.abs() < stalk.abs() / 3.0, "{wide} {stalk}");
+    // It hangs before a leaf that hides the rest.
+    let touching = offset_beside(0.044, 0.45);
+    assert!(touching.abs() < stalk.abs() / 1.5, "{touching} {stalk}");
+}
+
+/// Between walls the robot knows its heading before it has driven a fifth of a metre,
+/// though motor drivers whose clocks differ turn it from the start on. A surface at one
+/// side alone may be a leaf as long as that.
+#[test]
+fn walls_at_both_sides_are_known_after_a_short_way() {
+    let heading = |right_is_open: bool| {
+        let mut estimator = RowEstimator::<f64>::new(settings().estimator).unwrap();
+        let wheels = WheelSpeeds {
+            left: 0.4,
+            right: 0.4,
+        };
+        let (mut offset, mut heading) = (0.0, 0.0);
+        for _ in 0..100 {
+            heading += 0.8 * 0.4 * STEP;
+            offset += f64::sin(heading) * 0.4 * STEP;
+            let distance = |side| {
+                let seen = beams().predict(side, &pose(offset, heading));
+                seen.unwrap().distance
+            };
+            let distances = RowDistances {
+                left: distance(Side::Left),
+                right: if right_is_open {
+                    1.5
+                } else {
+                    distance(Side::Right)
+                },
+            };
+            estimator.step(&distances, &wheels, STEP);
+        }
+        (estimator.estimate().pose.heading, heading)
+    };
+    let (found, is) = heading(false);
+    assert!((found - is).abs() < 0.07, "{found} {is}");
+    let (found, is) = heading(true);
+    assert!((found - is).abs() > 0.1, "{found} {is}");
+}
+
+/// Distance from an aperture at `x`, `y` along a beam to the nearest of the stalks
+/// of both rows and of the next ones, on bends of the `radius` (m) about a centre to
+/// the right. Up to 2.5 m, where the bus ends.
+fn to_a_stalk(radius: f64, (x, y): (f64, f64), angle: f64) -> f64 {
+    let (sine, cosine) = angle.sin_cos();
+    let mut nearest: f64 = 2.5;
+    for line in [-1.143, -0.381, 0.381, 1.143] {
+        // From where the robot is on, 3 m at most.
+        let first = (x / 0.2).floor() as i32;
+        for number in first..first + 15 {
+            let along = f64::from(number) * 0.2 / radius;
+            let to_x = (radius - line) * along.sin() - x;
+            let to_y = radius - (radius - line) * along.cos() - y;
+            let across = to_y * cosine - to_x * sine;
+            let half = 0.0125_f64.mul_add(0.0125, -across * across);
+            let ahead = to_x * cosine + to_y * sine;
+            if half > 0.0 && ahead > 0.0 {
+                nearest = nearest.min(ahead - half.sqrt());
+            }
+        }
+    }
+    nearest
+}
+
+/// Offset that the estimate has at the end of 8 m along the middle of rows that
+/// bend to the right.
+fn offset_on_a_bend(radius: f64, gain: f64) -> f64 {
+    let robot = RowRobot {
+        open: 2.25,
+        ..robot(0.4)
+    };
+    let mut settings = RowSettings::<f64>::for_robot(&robot).unwrap().estimator;
+    settings.rows.bend_gain = gain;
+    let mut estimator = RowEstimator::new(settings).unwrap();
+    let turn = 0.4 / radius;
+    let wheels = WheelSpeeds {
+        left: 0.4 + turn * 0.225,
+        right: 0.4 - turn * 0.225,
+    };
+    let (mut sum, mut heading) = (0.0, 0.0_f64);
+    while heading * radius < 8.0 {
+        heading += turn * STEP;
+        let (sine, cosine) = heading.sin_cos();
+        let (x, y) = (radius * sine, radius - radius * cosine);
+        let aperture = |beside: f64| {
+            (
+                x + 0.2545 * cosine - beside * sine,
+                y + 0.2545 * sine + beside * cosine,
+            )
+        };
+        let distances = RowDistances {
+            left: to_a_stalk(radius, aperture(0.152), heading - FRAC_PI_4),
+            right: to_a_stalk(radius, aperture(-0.152), heading + FRAC_PI_4),
+        };
+        let estimate = estimator.step(&distances, &wheels, STEP);
+        if heading * radius > 6.0 {
+            sum += estimate.pose.offset * turn * STEP;
+        }
+    }
+    sum * radius / 2.0
+}
+
+/// On a bend of 30 m the beams meet the rows 1 cm beside where straight ones would
+/// be. The stalks of the next rows tell.
+#[test]
+fn the_next_rows_show_a_bend() {
+    let (with, without) = (offset_on_a_bend(30.0, 0.05), offset_on_a_bend(30.0, 0.0));
+    assert!(with.abs() < 0.003, "{with}");
+    assert!(without.abs() > 0.007, "{without}");
 }
 
 /// A step is its two parts, and the second one changes no command before the next
@@ -368,6 +547,7 @@ fn estimate_of(offset: f64, heading: f64, curvature: f64, deviation: f64) -> Row
     RowEstimate {
         pose: pose(offset, heading),
         curvature,
+        turn: 0.0,
         deviation,
         left: SideHealth::Fresh,
         right: SideHealth::Fresh,
@@ -449,6 +629,9 @@ fn unusable_settings_of_the_estimator_are_named() {
     assert_eq!(refused(|s| s.rows.tolerance = 0.4), Some(E::Tolerance));
     assert_eq!(refused(|s| s.rows.spacing = -0.1), Some(E::Spacing));
     assert_eq!(refused(|s| s.rows.scatter = f64::NAN), Some(E::Scatter));
+    assert_eq!(refused(|s| s.rows.far_scatter = 0.0), Some(E::Scatter));
+    assert_eq!(refused(|s| s.rows.bend_gain = -0.1), Some(E::BendGain));
+    assert_eq!(refused(|s| s.readings.wide = 0.0), Some(E::Way));
     assert_eq!(refused(|s| s.readings.least = 2.0), Some(E::Range));
     assert_eq!(refused(|s| s.readings.open = 0.7), Some(E::OutOfRange));
     assert_eq!(refused(|s| s.readings.agreement = 0.0), Some(E::Agreement));
@@ -483,6 +666,7 @@ fn unusable_settings_of_the_law_are_named() {
     assert_eq!(refused(|s| s.turn_rate = 0.0), Some(E::TurnRate));
     assert_eq!(refused(|s| s.wheel_speed = 0.3), Some(E::WheelSpeed));
     assert_eq!(refused(|s| s.track = 0.0), Some(E::Track));
+    assert_eq!(refused(|s| s.lead = -0.1), Some(E::Lead));
 }
 
 #[test]

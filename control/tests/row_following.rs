@@ -255,8 +255,10 @@ fn only_a_gap_beyond_the_parameter_ends_a_row() {
 /// one leads the robot on to the row's end.
 #[test]
 fn one_faulty_sensor_is_named_and_done_without() {
-    let faults: [(f32, SideHealth); 3] = [
+    let faults: [(f32, SideHealth); 4] = [
         (0.81, SideHealth::Frozen),
+        // The converter's noise makes it a centimetre more or less.
+        (0.805, SideHealth::Frozen),
         (0.0, SideHealth::Implausible),
         (f32::NAN, SideHealth::Implausible),
     ];
@@ -264,16 +266,25 @@ fn one_faulty_sensor_is_named_and_done_without() {
         for (value, health) in faults {
             let field = Field::new(&Crop::corn(), seed);
             let mut named = f64::INFINITY;
+            let mut step = 0;
             let run = furrow_watched(&field, 0.4, 80.0, |distances, last, along| {
+                step += 1;
                 if along > 6.0 {
-                    distances.right = value;
+                    distances.right = match value {
+                        0.805 => [0.79, 0.8, 0.8, 0.81, 0.8][step % 5],
+                        value => value,
+                    };
                     if last.is_some_and(|last| last.estimate.right == health) {
                         named = named.min(along);
                     }
                 }
                 true
             });
-            assert!(named < 6.8, "{value}: {health:?} is named only at {named}");
+            let latest = if value == 0.805 { 7.7 } else { 6.8 };
+            assert!(
+                named < latest,
+                "{value}: {health:?} is named only at {named}"
+            );
             assert!(!run.touched, "{value}: contact at {}", run.end);
             assert!(run.end > field.crop.length, "{value}: {}", run.end);
         }

@@ -137,19 +137,41 @@ impl<T: Scalar> Beams<T> {
         self.mounting.ahead + across * self.cosine / self.sine
     }
 
+    /// How far the beam towards the row at `side` sweeps across what it meets at
+    /// `distance` (m), while the robot drives `ahead` (m) and turns by `turned`
+    /// (rad, clockwise), m. A short way, to which the sweep is at a right angle.
+    #[must_use]
+    pub fn swept(&self, side: Side, distance: T, ahead: T, turned: T) -> T {
+        let turned = match side {
+            Side::Left => turned,
+            Side::Right => -turned,
+        };
+        let Mounting {
+            ahead: arm, beside, ..
+        } = self.mounting;
+        let lever = distance + arm * self.cosine - beside * self.sine;
+        ahead * self.sine + turned * lever
+    }
+
     /// Distance to the straight line of the row at `side`, as the sensor at the
     /// other side measures it. `None` if the beam does not meet that line within
     /// a useful distance: the heading turns the beam nearly parallel to it, or
     /// the aperture is beyond it.
     #[must_use]
     pub fn predict(&self, side: Side, pose: &RowPose<T>) -> Option<Prediction<T>> {
-        self.view(side, pose, pose.heading.sine_cosine())
+        self.view(side, pose, T::zero(), pose.heading.sine_cosine())
             .predict(T::zero(), T::zero(), T::zero())
     }
 
-    /// The row at `side` from a pose, of which sine and cosine of the heading are
-    /// known.
-    pub(super) fn view(&self, side: Side, pose: &RowPose<T>, (sine, cosine): (T, T)) -> View<T> {
+    /// The row at `side`, with its `bend` to the right (1/m), from a pose of which sine and
+    /// cosine of the heading are known.
+    pub(super) fn view(
+        &self,
+        side: Side,
+        pose: &RowPose<T>,
+        bend: T,
+        (sine, cosine): (T, T),
+    ) -> View<T> {
         // The right row is the left one in a mirror.
         let mirror = match side {
             Side::Left => T::one(),
@@ -163,6 +185,8 @@ impl<T: Scalar> Beams<T> {
             by_heading: ahead * cosine - beside * sine,
             steep: self.sine * cosine - self.cosine * sine,
             along: self.cosine * cosine + self.sine * sine,
+            ahead,
+            bend,
         }
     }
 }
@@ -179,6 +203,10 @@ pub(super) struct View<T> {
     /// Sine and cosine of the angle between beam and row.
     steep: T,
     along: T,
+    /// From the turning point to the apertures, m.
+    ahead: T,
+    /// Curvature of the rows, to the right, 1/m.
+    bend: T,
 }
 
 impl<T: Scalar> View<T> {
@@ -192,6 +220,10 @@ impl<T: Scalar> View<T> {
             return None;
         }
         let by_width = T::one() / steep;
+        // A bend moves the row aside by half its curvature times the square of the
+        // distance ahead.
+        let ahead = self.ahead + across * by_width * self.along;
+        let across = across - self.mirror * self.bend * ahead * ahead * T::lit(0.5);
         let distance = across * by_width;
         let along = self.along + self.steep * heading;
         let by_offset = by_width * self.mirror;

@@ -7,10 +7,12 @@
 //!
 //! A reading is a mixture. It comes from a stalk, from a leaf in front of the
 //! stalks, or from something behind the row, and most readings meet no plant at
-//! all. Four measures separate them:
+//! all. Six measures separate them:
 //!
 //! * Readings of one surface agree with each other. Only runs of readings that
-//!   agree are used, and each surface once, however long the beam stays on it.
+//!   agree are used, and each surface once, when the beam has left it.
+//! * Stalks are narrow, and there is space beside them. What is wider, or touches
+//!   something else near by, is less believed to be one.
 //! * Whether a run comes from a stalk is not decided at once. Several hypotheses
 //!   are kept ([`super::mixture`]), and what comes next decides: stalks lie on
 //!   one line, leaves do not.
@@ -19,6 +21,8 @@
 //!   and the more to be a leaf if it is nearer than predicted.
 //! * The width between the rows is known within a tolerance. So one side alone
 //!   carries the estimate while leaves or a gap hide the other.
+//! * The next rows show between the stalks and in gaps, as far away again. They
+//!   carry the estimate too, and tell how the rows bend.
 //!
 //! Without stalks the estimate goes on by the wheel speeds, and its deviation
 //! grows with the way.
@@ -27,7 +31,7 @@ use super::beams::{RowPose, Side, View};
 use super::health::SideHealth;
 use super::mixture::{Bounds, Finding, Hypothesis, Mixture};
 use super::motion::{Covariance, Drift, State};
-use super::runs::RowMemory;
+use super::runs::{RowMemory, Run, Step, is_near};
 use super::settings::{RowEstimatorError, RowEstimatorSettings};
 use crate::scalar::{Scalar, clamp_symmetric};
 
@@ -39,6 +43,11 @@ const LARGEST_OFFSET: f64 = 0.9;
 /// heading (rad), of a robot at its start, and of one that may be anywhere.
 const AT_START: (f64, f64) = (0.15, 0.1);
 const ANYWHERE: (f64, f64) = (0.2, 0.2);
+/// Sharpest bend of the rows, 1/m.
+const LARGEST_BEND: f64 = 1.0 / 16.0;
+/// Largest distance of a stalk of the next row from where it is expected that counts for
+/// the bend, m.
+const LARGEST_SURPRISE: f64 = 0.1;
 /// Longest time step, s. A longer one counts as this one.
 const LONGEST_STEP: f64 = 0.1;
 /// Way (m) and commanded turn (rad) after which the hypotheses are moved though
@@ -75,6 +84,8 @@ pub struct RowEstimate<T> {
     /// Standard deviation of the offset that the robot would have where the
     /// beams meet the rows, m.
     pub deviation: T,
+    /// Turn rate that the wheels make of the commands so far, rad/s.
+    pub turn: T,
     /// Health of the left row's readings.
     pub left: SideHealth,
     /// Health of the right row's readings.
@@ -121,6 +132,8 @@ pub struct RowEstimator<T> {
     right: RowMemory<T>,
     /// The side whose run is looked at first.
     next: Side,
+    /// Curvature of the rows, to the right, 1/m.
+    bend: T,
 }
 
 impl<T: Scalar> RowEstimator<T> {
@@ -150,6 +163,7 @@ impl<T: Scalar> RowEstimator<T> {
             left: RowMemory::new(),
             right: RowMemory::new(),
             next: Side::Left,
+            bend: T::zero(),
         };
         estimator.restart();
         estimator
@@ -162,6 +176,7 @@ impl<T: Scalar> RowEstimator<T> {
         self.turn = T::zero();
         self.left = RowMemory::new();
         self.right = RowMemory::new();
+        self.bend = T::zero();
     }
 
     /// Begins anew with the state of a robot that has seen nothing.
@@ -195,9 +210,9 @@ impl<T: Scalar> RowEstimator<T> {
         wheels: &WheelSpeeds<T>,
         dt: T,
     ) -> RowEstimate<T> {
-        let way = self.predict(wheels, dt);
-        self.measure(Side::Left, distances.left, way);
-        self.measure(Side::Right, distances.right, way);
+        let motion = self.predict(wheels, dt);
+        self.measure(Side::Left, distances.left, motion);
+        self.measure(Side::Right, distances.right, motion);
         self.estimate()
     }
 
@@ -216,6 +231,7 @@ impl<T: Scalar> RowEstimator<T> {
         RowEstimate {
             pose,
             curvature: self.state.curvature,
+            turn: self.turn,
             deviation: if variance > T::zero() {
                 variance * variance.reciprocal_root()
             } else {
@@ -244,7 +260,9 @@ impl<T: Scalar> RowEstimator<T> {
     }
 
     fn view(&self, side: Side) -> View<T> {
-        self.settings.beams.view(side, &self.pose(), self.direction)
+        self.settings
+            .beams
+            .view(side, &self.pose(), self.bend, self.direction)
     }
 
     /// Distance to the row as the estimate has it, m.
@@ -254,8 +272,8 @@ impl<T: Scalar> RowEstimator<T> {
         Some(seen.distance)
     }
 
-    /// Time update. Returns the way driven, m.
-    fn predict(&mut self, wheels: &WheelSpeeds<T>, dt: T) -> T {
+    /// Time update. Returns the way driven (m) and the turn (rad).
+    fn predict(&mut self, wheels: &WheelSpeeds<T>, dt: T) -> (T, T) {
         let motion = self.settings.motion;
         let dt = within(dt, T::zero(), T::lit(LONGEST_STEP));
         let sound = |speed: T| within(speed, -motion.wheel_speed, motion.wheel_speed);
@@ -283,25 +301,45 @@ impl<T: Scalar> RowEstimator<T> {
         };
         self.drift.extend(&drift);
         self.limit();
-        ahead.abs()
+        (ahead, turned + self.state.curvature * ahead)
     }
 
     /// Takes a reading of the row at `side`, after the `way` (m).
-    fn measure(&mut self, side: Side, reading: T, way: T) {
+    fn measure(&mut self, side: Side, reading: T, (ahead, turned): (T, T)) {
+        let way = ahead.abs();
+        let swept = self.settings.beams.swept(side, reading, ahead, turned);
         let expected = self.expected(side);
         let readings = self.settings.readings;
+        let between = self.is_between_walls();
         let row = self.row(side);
         let possible = reading.is_finite() && reading >= readings.least;
         let plant = possible && reading < readings.open;
-        row.watch.add(reading, possible, plant, way);
+        row.watch.add(reading, possible, plant, between, way);
         row.blind_way += way;
         let usable = plant && !row.watch.is_faulty(readings.fault_way);
-        row.open.add(usable, way);
         let excess = match expected {
             Some(expected) if usable => Some(reading - expected),
             _ => None,
         };
-        row.extend(excess, way, &readings);
+        row.open.add(excess.is_some_and(is_near), way);
+        row.extend(excess, &Step { way, swept }, between, &readings);
+    }
+
+    /// Whether both sides have had a surface for a while, and these are as far apart as
+    /// the rows. Leaves seldom are.
+    fn is_between_walls(&self) -> bool {
+        let (Some(left), Some(right)) = (self.left.long_surface(), self.right.long_surface())
+        else {
+            return false;
+        };
+        let RowEstimatorSettings {
+            beams,
+            rows,
+            readings,
+            ..
+        } = &self.settings;
+        let most = readings.agreement + T::lit(4.0) * rows.tolerance / beams.sine;
+        (left + right).abs() <= most
     }
 
     /// Corrects the estimate by runs of readings that have ended. A run takes three
@@ -350,7 +388,7 @@ impl<T: Scalar> RowEstimator<T> {
                 Side::Right => Side::Left,
             };
             self.stage = Stage::Split;
-            if !self.judge(side, run) {
+            if !self.judge(side, &run) {
                 self.forget();
             }
         }
@@ -363,7 +401,7 @@ impl<T: Scalar> RowEstimator<T> {
 
     /// Splits the hypotheses by a run that exceeds the expected distance by `excess`
     /// (m). False if none of them can explain it.
-    fn judge(&mut self, side: Side, excess: T) -> bool {
+    fn judge(&mut self, side: Side, run: &Run<T>) -> bool {
         let view = self.view(side);
         let zero = T::zero();
         let Some(seen) = view.predict(zero, zero, zero) else {
@@ -381,18 +419,44 @@ impl<T: Scalar> RowEstimator<T> {
         };
         let finding = Finding {
             view,
-            distance: seen.distance + excess,
+            distance: seen.distance + run.excess,
             scatter: settings.rows.scatter,
+            far_scatter: settings.rows.far_scatter,
             spacing: settings.rows.spacing,
-            odds: row.odds(&settings.readings),
+            odds: row.odds(run.doubt, &settings.readings),
         };
         let Some(probability) = self.mixture.meet(&finding, fresh) else {
             return false;
         };
         if probability > T::lit(0.5) {
             row.blind_way = T::zero();
+            self.follow_bend(&finding);
         }
         true
+    }
+
+    /// Learns from a stalk of the next row how the rows bend: where the near row is
+    /// known, a straight next row would be elsewhere.
+    fn follow_bend(&mut self, finding: &Finding<T>) {
+        let zero = T::zero();
+        let (Some(near), Some(far)) = (
+            finding.view.predict(zero, zero, zero),
+            finding.view.predict(zero, zero, finding.spacing),
+        ) else {
+            return;
+        };
+        // Nearer to the near row than to the next one.
+        if finding.distance < (near.distance + far.distance) * T::lit(0.5) {
+            return;
+        }
+        let beyond = clamp_symmetric(
+            (finding.distance - far.distance) / far.by_offset,
+            T::lit(LARGEST_SURPRISE),
+        );
+        self.bend = clamp_symmetric(
+            self.bend - self.settings.rows.bend_gain * beyond,
+            T::lit(LARGEST_BEND),
+        );
     }
 
     /// Moves the estimate. What the readings of unfinished runs exceed their

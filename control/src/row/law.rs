@@ -19,6 +19,9 @@ pub struct RowLawSettings<T> {
     pub settling: T,
     /// Damping ratio with which it decays, in [0.5, 2].
     pub damping: T,
+    /// How far ahead in time the heading is taken that the turn rate leads to, s, at least
+    /// 0: about half the lag of the wheels.
+    pub lead: T,
     /// Largest heading towards the middle, rad, in (0, 0.6].
     pub approach: T,
     /// Largest turn rate, rad/s, positive.
@@ -52,6 +55,8 @@ pub enum RowLawError {
     WheelSpeed,
     /// The track is not positive.
     Track,
+    /// The lead is not a number of at least 0.
+    Lead,
 }
 
 impl core::fmt::Display for RowLawError {
@@ -68,6 +73,7 @@ impl core::fmt::Display for RowLawError {
             Self::TurnRate => "the largest turn rate is not a positive number",
             Self::WheelSpeed => "the largest wheel speed is below the cruise speed",
             Self::Track => "the track between the wheels is not a positive number",
+            Self::Lead => "the lead of the heading is not a number of at least 0",
         })
     }
 }
@@ -108,6 +114,9 @@ impl<T: Scalar> RowLawSettings<T> {
         if !positive(self.track) {
             return Err(RowLawError::Track);
         }
+        if !(self.lead.is_finite() && self.lead >= T::zero()) {
+            return Err(RowLawError::Lead);
+        }
         Ok(())
     }
 
@@ -135,7 +144,8 @@ impl<T: Scalar> RowLawSettings<T> {
             -pose.offset / (two * self.damping * self.settling),
             self.approach,
         );
-        let bend = (wanted - pose.heading) * two * self.damping / self.settling;
+        let heading = pose.heading + estimate.turn * self.lead;
+        let bend = (wanted - heading) * two * self.damping / self.settling;
         // A correction by a doubtful estimate would more often harm than help.
         let unsure = estimate.deviation / self.poor;
         let bend = bend / (T::one() + unsure * unsure);

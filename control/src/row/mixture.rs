@@ -1,8 +1,9 @@
 //! A weighted set of Gaussian hypotheses about the error of the estimate.
 //!
-//! Each run of readings may come from a stalk or from something else. A
-//! hypothesis therefore becomes two: in one the run corrects it, in the other it
-//! does not. Hypotheses that agree are then merged, and the least likely are
+//! Each run of readings may come from a stalk of the near row, from one of the next
+//! row, which shows between those of the near one, or from something else. A
+//! hypothesis therefore becomes three: in two of them the run corrects it, in the third
+//! it does not. Hypotheses that agree are then merged, and the least likely are
 //! dropped, so that their number stays bounded (B.-N. Vo and W.-K. Ma, "The
 //! Gaussian mixture probability hypothesis density filter", IEEE Transactions on
 //! Signal Processing 54, 2006, table II).
@@ -26,9 +27,9 @@ const LEAST_WEIGHT: f64 = 1e-4;
 const LARGEST_WEIGHT: f64 = 1e6;
 
 /// Most hypotheses while they meet a run.
-const CANDIDATES: usize = 2 * HYPOTHESES + 1;
+const CANDIDATES: usize = 3 * HYPOTHESES + 2;
 // What limits the joins in `Mixture::reduce`.
-const _: () = assert!(CANDIDATES == 11);
+const _: () = assert!(CANDIDATES == 17);
 
 /// A Gaussian with a weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,6 +49,8 @@ pub(super) struct Finding<T> {
     pub(super) distance: T,
     /// Deviation of a stalk from its row, m.
     pub(super) scatter: T,
+    /// The same of a stalk of the next row, m.
+    pub(super) far_scatter: T,
     /// Distance to the next row, m; 0 without one.
     pub(super) spacing: T,
     /// What else it may come from.
@@ -63,23 +66,6 @@ pub(super) struct Bounds<T> {
     pub(super) least: State<T>,
 }
 
-impl<T: Scalar> Finding<T> {
-    /// The row that the run may come from, for a pose that differs by these (m, rad,
-    /// m): that at the side of the robot, or the next one if the run is nearer to it.
-    /// A beam meets the next row through a gap if the robot has turned towards it,
-    /// and taken for the near row that would say the contrary.
-    fn see(&self, offset: T, heading: T, half_width: T) -> Option<Prediction<T>> {
-        let seen = self.view.predict(offset, heading, half_width)?;
-        let between = seen.distance + self.spacing * seen.by_half_width * T::lit(0.5);
-        if self.spacing > T::zero() && self.distance > between {
-            self.view
-                .predict(offset, heading, half_width + self.spacing)
-        } else {
-            Some(seen)
-        }
-    }
-}
-
 impl<T: Scalar> Hypothesis<T> {
     pub(super) fn unused() -> Self {
         Self {
@@ -89,36 +75,18 @@ impl<T: Scalar> Hypothesis<T> {
         }
     }
 
-    /// Makes this hypothesis that of a run which did not come from a stalk, and
-    /// returns the one in which it did. Both weights are multiplied by the
-    /// probability density of the run. A hypothesis from which the beam does not
-    /// meet the row is dropped.
-    pub(super) fn split(&mut self, finding: &Finding<T>) -> Self {
-        let State {
-            offset,
-            heading,
-            half_width,
-            ..
-        } = self.state;
-        let Some(seen) = finding.see(offset, heading, half_width) else {
-            self.weight = T::zero();
-            return Self::unused();
-        };
+    /// The hypothesis in which the run came from a stalk whose row was predicted
+    /// at `seen`, and which stands beside it by `scatter` (m).
+    fn hit(&self, finding: &Finding<T>, seen: &Prediction<T>, scatter: T) -> Self {
         let (o, h, w) = (seen.by_offset, seen.by_heading, seen.by_half_width);
         let cross = self.covariance.times(o, h, w);
-        let scatter = finding.scatter * w;
+        let scatter = scatter * w;
         let spread =
             cross.offset * o + cross.heading * h + cross.half_width * w + scatter * scatter;
-        let excess = finding.distance - seen.distance;
-        let weight = self.weight;
-        self.weight *= if excess < T::zero() {
-            finding.odds.near
-        } else {
-            finding.odds.far
-        };
         if !(spread > T::zero()) {
             return Self::unused();
         }
+        let excess = finding.distance - seen.distance;
         let certainty = T::one() / spread;
         // A bell with heavier tails than a Gaussian: (1 + x / 8)^-4 is near
         // exp(-x / 2) for small x. The factor is 1 / sqrt(2 pi).
@@ -128,10 +96,41 @@ impl<T: Scalar> Hypothesis<T> {
         let mut covariance = self.covariance;
         covariance.add_square(&cross, -certainty);
         Self {
-            weight: weight * finding.odds.stalk * bell,
+            weight: self.weight * finding.odds.stalk * bell,
             state: self.state.plus(&cross.times(certainty * excess)),
             covariance,
         }
+    }
+
+    /// Makes this hypothesis that of a run which did not come from a stalk, and
+    /// returns those in which it came from one of the near row, and from one of the
+    /// next row. All weights are multiplied by the probability density of the run. A
+    /// hypothesis from which the beam does not meet the rows is dropped.
+    fn split(&mut self, finding: &Finding<T>) -> [Self; 2] {
+        let State {
+            offset,
+            heading,
+            half_width,
+            ..
+        } = self.state;
+        let row = |behind| finding.view.predict(offset, heading, half_width + behind);
+        let Some(near) = row(T::zero()) else {
+            self.weight = T::zero();
+            return [Self::unused(); 2];
+        };
+        let hit = self.hit(finding, &near, finding.scatter);
+        let far = match row(finding.spacing) {
+            Some(far) if finding.spacing > T::zero() => {
+                self.hit(finding, &far, finding.far_scatter)
+            }
+            _ => Self::unused(),
+        };
+        self.weight *= if finding.distance < near.distance {
+            finding.odds.near
+        } else {
+            finding.odds.far
+        };
+        [hit, far]
     }
 
     /// Keeps variances within bounds. False if the hypothesis is no number.
@@ -216,18 +215,19 @@ impl<T: Scalar> Mixture<T> {
     /// [`Mixture::reduce`] must follow.
     pub(super) fn meet(&mut self, finding: &Finding<T>, mut fresh: Hypothesis<T>) -> Option<T> {
         let (misses, hits) = self.slots.split_at_mut(HYPOTHESES);
+        let (nears, fars) = hits.split_at_mut(HYPOTHESES + 1);
         let (mut total, mut stalk) = (T::zero(), T::zero());
-        for (miss, hit) in misses.iter_mut().zip(hits.iter_mut()) {
-            *hit = if miss.weight > T::zero() {
+        for ((miss, near), far) in misses.iter_mut().zip(nears.iter_mut()).zip(fars.iter_mut()) {
+            [*near, *far] = if miss.weight > T::zero() {
                 miss.split(finding)
             } else {
-                Hypothesis::unused()
+                [Hypothesis::unused(); 2]
             };
-            stalk += hit.weight;
-            total += hit.weight + miss.weight;
+            stalk += near.weight + far.weight;
+            total += near.weight + far.weight + miss.weight;
         }
-        if let Some(last) = hits.last_mut() {
-            *last = fresh.split(finding);
+        if let (Some(near), Some(far)) = (nears.last_mut(), fars.last_mut()) {
+            [*near, *far] = fresh.split(finding);
         }
         self.least = total * T::lit(LEAST_WEIGHT);
         (total > T::zero() && total < T::lit(LARGEST_WEIGHT)).then(|| stalk / total)
@@ -237,6 +237,7 @@ impl<T: Scalar> Mixture<T> {
     /// `reach` is the distance ahead at which the beams meet the rows, m.
     pub(super) fn reduce(&mut self, reach: T) {
         let mut groups = [Hypothesis::unused(); HYPOTHESES];
+        // loop-bound: 5 all groups
         for group in &mut groups {
             let Some(centre) = self.likeliest() else {
                 break;
@@ -244,7 +245,7 @@ impl<T: Scalar> Mixture<T> {
             let mut sum = Hypothesis::unused();
             for hypothesis in &mut self.slots {
                 if hypothesis.weight > T::zero() && agree(&hypothesis.state, &centre, reach) {
-                    // at-most: 11 a hypothesis joins one group
+                    // at-most: 17 a hypothesis joins one group
                     join(&mut sum, &centre, hypothesis);
                 }
             }
@@ -259,6 +260,7 @@ impl<T: Scalar> Mixture<T> {
     fn likeliest(&self) -> Option<State<T>> {
         let mut best = None;
         let mut weight = self.least;
+        // loop-bound: 17 all hypotheses
         for hypothesis in &self.slots {
             if hypothesis.weight > weight {
                 weight = hypothesis.weight;

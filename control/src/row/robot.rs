@@ -36,6 +36,14 @@ pub struct RowRobot {
     pub gap: f64,
 }
 
+/// Standard deviation of the difference of both sides' speeds, as a share of the cruise
+/// speed: 4.5 % are the motors', and the clocks of motor drivers that take pulses of 1.5 ms
+/// for 1 % more or less change the effort of either side by up to 3 %.
+fn uneven(robot: &RowRobot, fastest: f64) -> f64 {
+    let pulses = 0.0245 * fastest / robot.cruise;
+    libm::hypot(0.045, pulses)
+}
+
 impl<T: Scalar> RowSettings<T> {
     /// Settings for a robot. What is not among its facts was fitted to the field rows
     /// of the virtual robot (`xtask/world/examples/furrow_row.rs`) and is written here.
@@ -63,6 +71,10 @@ impl<T: Scalar> RowSettings<T> {
                     width_way: lit(4.0),
                     // Stalks stand within about 2 cm of their line.
                     scatter: lit(0.02),
+                    // And rows are as far apart within 3 cm.
+                    far_scatter: lit(0.04),
+                    // A bend is known after about 5 m.
+                    bend_gain: lit(0.05),
                 },
                 readings: Readings {
                     least: lit(robot.least),
@@ -72,6 +84,9 @@ impl<T: Scalar> RowSettings<T> {
                     run: lit(robot.stalk + 0.006),
                     surface: lit(0.43),
                     leaf_way: lit(0.4),
+                    // A stalk looks wider by what the robot drives while the sensor measures.
+                    wide: lit(2.0 * (robot.stalk + 0.006)),
+                    touching: lit(4.0),
                     // Rows with 0.5 leaves a metre, and with 6.
                     clear: Odds {
                         stalk: lit(0.9),
@@ -80,7 +95,7 @@ impl<T: Scalar> RowSettings<T> {
                     },
                     leafy: Odds {
                         stalk: lit(0.25),
-                        near: lit(4.3),
+                        near: lit(2.0),
                         far: lit(0.02),
                     },
                     doubt: lit(0.001),
@@ -94,10 +109,9 @@ impl<T: Scalar> RowSettings<T> {
                     // Uneven grip, and a clod every 2 m that turns the robot by 3 degrees.
                     heading_walk: lit(0.08),
                     offset_walk: lit(0.01),
-                    turn_error: lit(0.1),
-                    // The speeds of both sides differ by 4.5 %.
-                    curvature: lit(0.045 / robot.track),
-                    curvature_way: lit(16.0),
+                    turn_error: lit(0.07),
+                    curvature: lit(uneven(robot, fastest) / robot.track),
+                    curvature_way: lit(50.0),
                 },
             },
             law: RowLawSettings {
@@ -106,6 +120,7 @@ impl<T: Scalar> RowSettings<T> {
                 good: lit(0.03),
                 poor: lit(0.15),
                 settling: lit(0.09),
+                lead: lit(0.6 * robot.lag),
                 damping: lit(1.2),
                 approach: lit(0.25),
                 turn_rate: lit(2.0),
@@ -114,7 +129,7 @@ impl<T: Scalar> RowSettings<T> {
             },
             // Two plants beside a gap may be missing, and the last one be missed.
             end_way: lit(robot.gap + 0.6),
-            lost_way: lit(robot.gap + 1.5),
+            lost_way: lit(robot.gap + 1.0),
             motors: Sides {
                 left: converted(&left),
                 right: converted(&right),

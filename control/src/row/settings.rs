@@ -30,6 +30,12 @@ pub struct Rows<T> {
     /// Standard deviation of the stalks beside their row's line, m. It includes
     /// what the sensors add.
     pub scatter: T,
+    /// The same for the stalks of the next row, m. It includes how well the distance of the
+    /// rows is known.
+    pub far_scatter: T,
+    /// How much the bend of the rows is corrected for each metre that a stalk of the next
+    /// row stands beside its place, 1/m^2; 0 keeps the rows straight.
+    pub bend_gain: T,
 }
 
 /// How readings are judged.
@@ -39,16 +45,22 @@ pub struct Readings<T> {
     pub least: T,
     /// Readings from here on mean that no plant is within range, m.
     pub open: T,
-    /// Readings of a run differ by no more than this from the run's mean, m. Two
-    /// successive readings that differ by more come from two surfaces.
+    /// Two successive readings that differ by more than this come from two surfaces, m.
     pub agreement: T,
-    /// Way after which a run ends, m: about the width of a stalk as the
-    /// beam sees it.
+    /// Width of a stalk as the beam sees it, m. What is seen for less than a sixth of it
+    /// does not count.
     pub run: T,
-    /// Way along one surface after which it counts again, m.
+    /// Way along one surface after which it is a wall and counts, again and again, m: more
+    /// than the longest leaf.
     pub surface: T,
     /// Way over which the share of leaves at a side is averaged, m.
     pub leaf_way: T,
+    /// Width of a surface, across the beam, from which on it is more likely a leaf than
+    /// its place alone says, m.
+    pub wide: T,
+    /// Factor by which a surface is more likely a leaf than its place alone says for each
+    /// of its ends at which something else near by follows without a space.
+    pub touching: T,
     /// What a run comes from where leaves hide little of a side.
     pub clear: Odds<T>,
     /// What a run comes from where leaves hide more than half of a side.
@@ -118,8 +130,10 @@ pub enum RowEstimatorError {
     Tolerance,
     /// The distance to the next row is negative.
     Spacing,
-    /// The scatter is not positive.
+    /// A scatter is not positive.
     Scatter,
+    /// The gain of the bend is negative.
+    BendGain,
     /// The least reading is negative or not below the open one.
     Range,
     /// The row is farther than the open reading.
@@ -151,6 +165,7 @@ impl core::fmt::Display for RowEstimatorError {
             }
             Self::Spacing => "the distance to the next row is not a number of at least 0",
             Self::Scatter => "the scatter of the stalks is not a positive number",
+            Self::BendGain => "the gain of the rows' bend is not a number of at least 0",
             Self::Range => "the least reading is negative or not below the open one",
             Self::OutOfRange => "the rows are farther from the sensors than the open reading",
             Self::Agreement => "the agreement of readings is not a positive number",
@@ -192,8 +207,11 @@ impl<T: Scalar> RowEstimatorSettings<T> {
         if !(rows.spacing.is_finite() && rows.spacing >= T::zero()) {
             return Err(RowEstimatorError::Spacing);
         }
-        if !is_positive(rows.scatter) {
+        if !(is_positive(rows.scatter) && is_positive(rows.far_scatter)) {
             return Err(RowEstimatorError::Scatter);
+        }
+        if !(rows.bend_gain.is_finite() && rows.bend_gain >= T::zero()) {
+            return Err(RowEstimatorError::BendGain);
         }
         if !(readings.least >= T::zero()
             && readings.open.is_finite()
@@ -222,6 +240,8 @@ impl<T: Scalar> RowEstimatorSettings<T> {
         let ways = [
             rows.width_way,
             readings.run,
+            readings.wide,
+            readings.touching,
             readings.surface,
             readings.leaf_way,
             readings.fault_way,

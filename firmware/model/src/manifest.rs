@@ -660,8 +660,8 @@ pub struct DistanceSensors {
     pub angle: Angle,
     /// Smallest reading of an intact sensor.
     pub least: Length,
-    /// Reading from which on no plant is within range, at most 1.5 m, which is the largest distance
-    /// on the bus (thesis 2.2.4.2).
+    /// Reading from which on no plant is within range, at most 2.5 m, which is the largest distance
+    /// on the bus.
     pub open: Length,
 }
 

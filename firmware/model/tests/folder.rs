@@ -476,9 +476,9 @@ fn a_rover_that_makes_no_sense_is_refused_in_one_sentence() {
             "rover.sensors.angle is 95 deg: 10 deg to 90 deg is accepted",
         ),
         (
-            "open = \"1.45 m\"",
-            "open = \"2 m\"",
-            "rover.sensors.open is 2 m: 0.22 m to 1.5 m is accepted",
+            "open = \"2.25 m\"",
+            "open = \"3 m\"",
+            "rover.sensors.open is 3 m: 0.22 m to 2.5 m is accepted",
         ),
         (
             "width = \"76.2 cm\"",
@@ -488,9 +488,9 @@ fn a_rover_that_makes_no_sense_is_refused_in_one_sentence() {
         ),
         (
             "width = \"76.2 cm\"",
-            "width = \"2 m\"",
-            "rover.rows.width is 2 m: with rover.sensors.beside and angle the rows are 1.629 m away along \
-             the beams, but more than 0.22 m (rover.sensors.least) and less than 1.45 m (open) is accepted",
+            "width = \"3 m\"",
+            "rover.rows.width is 3 m: with rover.sensors.beside and angle the rows are 2.336 m away along \
+             the beams, but more than 0.22 m (rover.sensors.least) and less than 2.25 m (open) is accepted",
         ),
         (
             "law = \"furrow\"",
@@ -801,8 +801,8 @@ fn a_guidance_by_rows_that_makes_no_sense_is_refused_in_one_sentence() {
             "the rows are 2.404 m away along the beams, but more than 0.22 m",
         ),
         (
-            "row_guidance.sensors.open=2 m",
-            "row_guidance.sensors.open is 2 m",
+            "row_guidance.sensors.open=3 m",
+            "row_guidance.sensors.open is 3 m",
         ),
         (
             "row_guidance.node.wiring.distances=knob",

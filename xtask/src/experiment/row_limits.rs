@@ -21,6 +21,7 @@ use world::{
     rover::{Mount, Parameters, Terrain},
     row_drive::{Chain, Followed, RowDrive, Setting, follow},
     scenario::{Gap, Kind, Leaves, Row, RowStart, Section, Side},
+    victor,
 };
 
 use super::{Error, needed, run_all};
@@ -267,7 +268,7 @@ impl Job {
             mount: Mount::of(rover),
             terrain: Terrain::field(),
             distance: distance::Parameters::default(),
-            driver_clocks: [0.0; 2],
+            driver_clocks: victor::clocks(self.seed),
         };
         let chain = Chain {
             period,

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use control::row::Sides;
-use firmware::rows::{self, FULL_EFFORT, Follower};
+use firmware::rows::{self, FULL_EFFORT, Follower, LARGEST_DISTANCE};
 use twin::{Images, Twin};
 use vehicle_model::manifest::{Rover, RowLaw};
 use vehicle_model::{Overrides, Vehicle};
@@ -398,7 +398,9 @@ impl Job<'_> {
             // The sensor on the left measures the right row.
             let read = |side| {
                 let metres = world::distance::metres(drive.volts(side, now));
-                (metres * 100.0).round().clamp(0.0, 150.0) as u8
+                (metres * 100.0)
+                    .round()
+                    .clamp(0.0, f64::from(LARGEST_DISTANCE)) as u8
             };
             let distances = Sides {
                 left: read(Side::Right),
@@ -717,6 +719,37 @@ mod tests {
             assert_eq!(figures.missed, [""; 0], "{figures:?}");
         }
         assert_eq!(judged, 4);
+    }
+
+    /// Also behind the start, where nothing is known yet of the motors.
+    #[test]
+    fn furrow_is_nearer_to_the_middle_and_touches_nothing() {
+        let cases = ready();
+        let of = |law: &str, name: &str| {
+            let name = format!("{name}, {law}");
+            let ready = cases.iter().find(|ready| ready.case.name == name).unwrap();
+            quick(ready, 10)
+        };
+        let rows = [
+            ("poles 0.4 m/s", 0.7),
+            ("poles 0.8 m/s", 0.8),
+            ("leaves on one side 0.4 m/s", 0.8),
+            ("leaves on one side 0.8 m/s", 1.0),
+            ("field 0.4 m/s", 1.6),
+        ];
+        for (name, most) in rows {
+            let (furrow, thesis) = (of("Furrow", name), of("thesis", name));
+            assert_eq!(furrow.contacts, 0, "{name}: {furrow:?}");
+            let offset = |figures: &Figures| figures.mean_offset_cm.unwrap();
+            assert!(offset(&furrow) < most, "{name}: {furrow:?}");
+            assert!(
+                offset(&furrow) < offset(&thesis) / 2.0,
+                "{name}: {thesis:?}"
+            );
+        }
+        let step = of("Furrow", "step");
+        assert_eq!(step.contacts, 0, "{step:?}");
+        assert!(step.mean_offset_cm.unwrap() < 0.5, "{step:?}");
     }
 
     /// "PI response to step input, showing decreased steady-state error" (Figure 2.20).

@@ -346,8 +346,8 @@ impl RowDrive {
 /// Distance before the end of the row at which [`follow`] ends, metres. The sensors look farther ahead.
 const LAST_METRE: f64 = 1.0;
 
-/// Largest distance on the bus, centimetres (thesis 2.2.4.2).
-const LARGEST_DISTANCE: f64 = 150.0;
+/// Largest distance on the bus, centimetres.
+const LARGEST_DISTANCE: f64 = 250.0;
 
 /// What a robot's nodes do together, for a drive without a bus.
 #[derive(Copy, Clone, Debug)]
@@ -391,7 +391,7 @@ impl Followed {
 /// rows any more, or until the law stops it.
 ///
 /// `law` gets the distances to the left and to the right row as they are on the bus, in whole centimetres
-/// up to 150, and returns the efforts of both sides, -1 to 1, or `None` to stop.
+/// up to 250, and returns the efforts of both sides, -1 to 1, or `None` to stop.
 pub fn follow(
     drive: &mut RowDrive,
     chain: &Chain,

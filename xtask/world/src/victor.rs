@@ -11,6 +11,7 @@
 //!   2 ms the effort is full.
 //! - Efforts begin with 4 % at the edge of the dead band.
 
+use crate::random::{Purpose, Stream};
 use crate::time::{SimDuration, SimTime, after, since, span_seconds};
 
 /// Width of a pulse for no effort, seconds.
@@ -34,6 +35,18 @@ const WIDTHS: core::ops::RangeInclusive<f64> = 0.5e-3..=2.5e-3;
 
 /// The clocks of sender and driver differ, and so do the periods that they measure: 2 %.
 const TOLERANCE: u64 = 50;
+
+/// Largest error of a driver's own clock, a share of one. The maker gives none; this is that of a
+/// microcontroller on a trimmed RC oscillator.
+const CLOCK: f64 = 0.01;
+
+/// Errors of the clocks of the drivers on the left and on the right, shares of one. Up to 1 % of a pulse of
+/// 1.5 ms is an effort of 3 %, more or less.
+#[must_use]
+pub fn clocks(seed: u64) -> [f64; 2] {
+    let mut errors = Stream::new(seed, Purpose::ServoClocks);
+    [(); 2].map(|()| errors.symmetric(CLOCK))
+}
 
 /// One motor driver.
 #[derive(Clone, Debug)]

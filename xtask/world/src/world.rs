@@ -27,6 +27,7 @@ use crate::time::Span as _;
 use crate::time::{PER_SECOND, START, SimDuration, SimTime, after, at, from_seconds, seconds};
 use crate::units::Quantity;
 use crate::vehicle::{Motor, Parameters, State, Vehicle};
+use crate::victor;
 
 /// Time between two recorded states.
 pub const RECORD_PERIOD: SimDuration = SimDuration::from_ticks(PER_SECOND / 100);
@@ -998,14 +999,13 @@ fn clocks(scenario: &Scenario, seed: u64) -> Vec<Clocks> {
 /// The rover in its row, if the vehicle has one.
 fn drive(scenario: &Scenario, seed: u64) -> Option<RowDrive> {
     let setting = scenario.row.as_ref()?;
-    let mut errors = Stream::new(seed, Purpose::ServoClocks);
     let setting = Setting {
         row: &setting.row,
         rover: setting.rover.clone(),
         mount: setting.mount,
         terrain: setting.terrain.clone(),
         distance: setting.distance.clone(),
-        driver_clocks: [(); 2].map(|()| errors.symmetric(DRIVER_CLOCK)),
+        driver_clocks: victor::clocks(seed),
     };
     let mut drive = RowDrive::new(&setting, seed);
     // Ends before begins: one fault may begin when another one ends.

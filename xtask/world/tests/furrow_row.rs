@@ -28,35 +28,37 @@ fn leaves_on_one_side_over_3_m_are_driven_within_2_cm_of_the_middle() {
         ..Field::FULL
     };
     let runs = runs(&field, 1001..1021);
-    assert!(offset(&runs) <= 0.0175, "{}", offset(&runs));
-    assert!(failed(&runs) <= 2, "{} of {}", failed(&runs), runs.len());
+    assert!(offset(&runs) <= 0.015, "{}", offset(&runs));
+    assert!(failed(&runs) <= 1, "{} of {}", failed(&runs), runs.len());
 }
 
-/// In a gap of both rows the robot is blind for a metre, and the ground turns it.
+/// In a gap of both rows only the stalks of the next rows are seen for a metre, and the ground turns the
+/// robot.
 #[test]
 fn gaps_of_1_m_are_bridged_by_nearly_all() {
     let runs = runs(&Field::FULL, 1001..1021);
-    assert!(offset(&runs) <= 0.02, "{}", offset(&runs));
-    assert!(failed(&runs) <= 3, "{} of {}", failed(&runs), runs.len());
+    assert!(offset(&runs) <= 0.017, "{}", offset(&runs));
+    assert!(failed(&runs) <= 1, "{} of {}", failed(&runs), runs.len());
 }
 
-/// In a bend the beams meet the rows 1 cm beside where they would meet straight ones, and the slope drives
-/// the robot aside by another 0.8 cm: on a bend to the right both add up.
+/// In a bend the beams meet the rows 1 cm beside where they would meet straight ones, and the next rows 4 cm
+/// beside: so the bend is known. The slope drives the robot aside by another 0.8 cm.
 #[test]
 fn bent_rows_are_driven_too() {
-    for (turn, most) in [("left", 0.02), ("right", 0.026)] {
+    for turn in ["left", "right"] {
         let field = Field {
             turn,
             ..Field::FULL
         };
         let runs = runs(&field, 1001..1021);
-        assert!(offset(&runs) <= most, "{turn}: {}", offset(&runs));
-        assert!(failed(&runs) <= 4, "{turn}: {}", failed(&runs));
+        assert!(offset(&runs) <= 0.019, "{turn}: {}", offset(&runs));
+        assert!(failed(&runs) <= 1, "{turn}: {}", failed(&runs));
     }
 }
 
 /// A hundred other seeds at both speeds, straight and on bends to both sides: more than 12 km. All of them
-/// are to be driven within 2 cm, and without a contact; the second is not reached.
+/// are to be driven within 2 cm, and without a contact; the second is not reached: a clod that turns the robot
+/// by 10 degrees between two stalks can be taken for a leaf and a stalk of another row.
 #[test]
 #[ignore = "drives 12 km: `cargo xtask test --long`"]
 fn field_rows_of_12_km_are_driven_within_2_cm_of_the_middle() {
@@ -71,6 +73,6 @@ fn field_rows_of_12_km_are_driven_within_2_cm_of_the_middle() {
     let runs = all.concat();
     let way: f64 = runs.iter().map(|run| run.way).sum();
     assert!(way >= 12_000.0, "{way}");
-    assert!(offset(&runs) <= 0.02, "{}", offset(&runs));
-    assert!(failed(&runs) <= 30, "{} of {}", failed(&runs), runs.len());
+    assert!(offset(&runs) <= 0.014, "{}", offset(&runs));
+    assert!(failed(&runs) <= 12, "{} of {}", failed(&runs), runs.len());
 }

@@ -1,6 +1,6 @@
 //! Furrow's row controller on a PC: what its three nodes do together, without a bus.
 //!
-//! 200 Hz, whole centimetres up to 150 cm, single precision, servo pulses that begin 2 ms after the
+//! 200 Hz, whole centimetres up to 250 cm, single precision, servo pulses that begin 2 ms after the
 //! sample.
 
 #![allow(dead_code)]
@@ -13,6 +13,7 @@ use world::distance;
 use world::rover::{self, Mount, Terrain};
 use world::row_drive::{Chain, Followed, RowDrive, Setting, follow};
 use world::scenario::{Limits, Row};
+use world::victor;
 
 /// Period of the control step, seconds.
 const PERIOD: f64 = 0.005;
@@ -105,7 +106,7 @@ pub(crate) fn drive(row: &Row, speed: f64, seed: u64) -> Followed {
         mount: Mount::of(&rover),
         terrain: Terrain::field(),
         distance: distance::Parameters::default(),
-        driver_clocks: [0.0; 2],
+        driver_clocks: victor::clocks(seed),
     };
     let settings = RowSettings::<f32>::for_robot(&robot(&rover)).expect("the robot is right");
     let mut controller = RowController::new(settings).expect("the settings are right");

@@ -34,7 +34,7 @@ fn robot() -> RowRobot {
             angle: core::f64::consts::FRAC_PI_4,
         },
         least: 0.22,
-        open: 1.45,
+        open: 2.25,
         track: 0.6,
         lag: 0.12,
         motors: Sides {
