@@ -12,7 +12,7 @@ use sled_common::pulse::PulseWidth;
 
 use crate::convert::rounded;
 
-/// Largest distance on the bus, cm. The thesis cuts off at [`LARGEST_OF_THESIS`]; beyond it the stalks
+/// Largest distance on the bus, cm. The thesis cuts off at 150 cm; beyond it the stalks
 /// of the next row show between those of the near one.
 pub const LARGEST_DISTANCE: u8 = 250;
 
