@@ -80,10 +80,26 @@ const GAIN_BITS: u32 = 15;
 /// exceeds it is not corrected in the first cycle, because a single stamp may be
 /// disturbed by more.
 const LARGEST_STEP: i64 = 2 << GlobalTime::FRACTION_BITS;
-/// Gains of the filter: the number of good corrections from which they apply, and
-/// the shifts for offset and rate. It is fast at first and then averages over more
-/// and more stamps.
-const GAINS: [(u8, u32, u32); 3] = [(0, 1, 3), (6, 2, 5), (16, 3, 7)];
+/// Gains of the filter for offset and rate, in 2^-10, after so many good corrections. They are those of
+/// the least squares line through all stamps so far, so that noise of the first two stamps is soon
+/// forgotten, and stay what they are when there are enough of them: 2 (2n - 1) / (n (n + 1)) and
+/// 6 / (n (n + 1)) with n stamps (Brookner, Tracking and Kalman Filtering Made Easy, 1.2.10).
+const GAINS: [(i64, i64); SETTLED as usize + 1] = {
+    let mut gains = [(0, 0); SETTLED as usize + 1];
+    let mut settled = 0;
+    while settled < gains.len() {
+        // Two stamps made the first rate.
+        let stamps = settled as i64 + 2;
+        let pairs = stamps * (stamps + 1);
+        gains[settled] = (
+            ((2 * (2 * stamps - 1)) << GAIN_SHIFT) / pairs,
+            (6 << GAIN_SHIFT) / pairs,
+        );
+        settled += 1;
+    }
+    gains
+};
+const GAIN_SHIFT: u32 = 10;
 /// Shift for the part of an offset above [`LARGEST_STEP`] that two errors in a row have in common.
 /// What arose since the correction before tells the error of the rate, and an old offset does not.
 /// The part of it above [`LARGEST_STEP`] that two errors in a row have in common corrects the rate
@@ -93,9 +109,11 @@ const LASTING: u32 = 1;
 /// Shift for the same part of an offset, up to [`LARGEST_STEP`], that corrects the rate: by up to
 /// 5 ppm in a cycle of 100 ms. A drift too slow to stand out between two references shows here.
 const SLOW: u32 = 2;
-/// Largest count of good corrections, and how many of them a bad one undoes.
+/// Largest count of good corrections, how many of them a bad one undoes, and the count below which it
+/// undoes none: the first gains are for a clock that has nothing but two stamps.
 const SETTLED: u8 = 24;
 const UNSETTLED: u8 = 4;
+const UNSURE: u8 = 4;
 /// After this many refused corrections in a row the time of the master is taken:
 /// another master may have another time.
 const REFUSALS: u8 = 3;
@@ -324,22 +342,20 @@ impl Clock {
             self.settled = if error.abs() < LARGEST_STEP {
                 (self.settled + 1).min(SETTLED)
             } else {
-                self.settled.saturating_sub(UNSETTLED)
+                self.settled
+                    .saturating_sub(UNSETTLED)
+                    .max(self.settled.min(UNSURE))
             };
             let step = within_noise(error);
             let offset_error = common(&mut self.excess, error);
             let rate_error = common(&mut self.arisen, error - i64::from(self.rest));
-            let (mut offset, mut rate) = (0, 0);
-            for (from, offset_shift, rate_shift) in GAINS {
-                if self.settled >= from {
-                    (offset, rate) = (offset_shift, rate_shift);
-                }
-            }
-            let correction = (step >> offset) + (offset_error >> LASTING);
+            let gains = GAINS.get(usize::from(self.settled)).copied();
+            let (offset, rate) = gains.unwrap_or_default();
+            let correction = ((step * offset) >> GAIN_SHIFT) + (offset_error >> LASTING);
             self.global = self.extrapolate(stamp).offset(correction);
             self.rest = saturated(error - correction);
             let slow = within_noise(offset_error) >> SLOW;
-            let correction = (step >> rate) + slow + rate_error;
+            let correction = ((step * rate) >> GAIN_SHIFT) + slow + rate_error;
             self.set_rate(self.rate.saturating_add(rate_of(correction, span)));
         }
         self.anchor = stamp;
@@ -497,6 +513,18 @@ mod tests {
         let beyond = worst(errors.iter().map(|error| (error + 400.0).min(0.0)));
         assert!(beyond < 5.0, "{beyond} us");
         assert!(worst(errors[112..].iter().map(|error| error + 400.0)) < 5.0);
+    }
+
+    /// The rate that the first two stamps make is wrong by 15 ppm.
+    #[test]
+    fn a_late_first_stamp_is_soon_forgotten() {
+        let mut noise = [0.0; REFERENCES];
+        noise[0] = 1.5;
+        let errors = errors(0.0, &noise);
+        assert!(errors[1] > 2.9, "the rate is disturbed: {} us", errors[1]);
+        assert!(worst(errors[2..].iter().copied()) < 2.0);
+        assert!(worst(errors[5..].iter().copied()) < 0.8);
+        assert!(worst(errors[20..].iter().copied()) < 0.25);
     }
 
     /// Lets a clock hear references. They come every 100 ms by the master's time, which began `epoch`
