@@ -372,11 +372,15 @@ pub struct Calibrate {
 #[command(after_help = "Examples:\n  \
     cargo xtask bench                     tables of cycles and bytes\n  \
     cargo xtask bench --vehicle sprayer    the control step with another vehicle's settings\n  \
+    cargo xtask bench --set machine.weights.firm.heading=30.0\n  \
     cargo xtask bench --json              the same as JSON")]
 pub struct Bench {
     /// Vehicle whose control law is measured, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
     pub vehicle: String,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
     /// Print the figures as JSON
     #[arg(long)]
     pub json: bool,

@@ -284,7 +284,7 @@ impl<'w> Builder<'w> {
 ///
 /// A program does not build or does not do its work.
 pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
-    let vehicle = vehicle::find(workspace, &options.vehicle)?;
+    let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let settings = settings(&vehicle)?;
     let builder = Builder::new(workspace)?;
     let cycles = [EVERYTHING, LEAST]

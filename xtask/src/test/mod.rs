@@ -67,6 +67,9 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                 Work::EventTriggered(vehicle) => println!(
                     "    cargo xtask schedulability --vehicle {vehicle} --bus event-triggered"
                 ),
+                Work::RowGuided(vehicle) => println!(
+                    "    cargo xtask schedulability --vehicle {vehicle} --set {ROW_GUIDANCE}"
+                ),
             }
         }
         return Ok(());
@@ -118,6 +121,8 @@ enum Work {
     Schedulability(String),
     /// Whether they hold when its nodes send at once, without the schedule.
     EventTriggered(String),
+    /// Whether they hold with the node that measures rows, which is off in the manifest.
+    RowGuided(String),
 }
 
 /// How a step ended.
@@ -155,6 +160,13 @@ impl Step {
                 .unwrap_or_else(failed),
             Work::EventTriggered(name) => event_triggered(workspace, &name)
                 .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
+                .unwrap_or_else(failed),
+            Work::RowGuided(name) => found(&name)
+                .and_then(|vehicle| row_guided(workspace, &vehicle))
+                .and_then(|vehicle| match vehicle {
+                    Some(vehicle) => schedulability::regressions(workspace, &vehicle),
+                    None => Ok(Vec::new()),
+                })
                 .unwrap_or_else(failed),
             Work::Tests { cargo, long } => {
                 let slow: &[&str] = if long { &["--include-ignored"] } else { &[] };
@@ -222,6 +234,9 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         steps.push(step("schedulability", Work::Schedulability));
         if event_triggered(workspace, name).is_ok() {
             steps.push(step("event-triggered", Work::EventTriggered));
+        }
+        if row_guided(workspace, &vehicle::find(workspace, name)?)?.is_some() {
+            steps.push(step("row guidance", Work::RowGuided));
         }
     }
     steps.extend([
@@ -341,12 +356,9 @@ fn switched_on(
     command: &str,
     rest: &[&str],
 ) -> Result<Option<Command>, Failure> {
-    let guidance = vehicle.manifest().row_guidance.as_ref();
-    if guidance.is_none_or(|guidance| guidance.enabled) {
+    let Some(vehicle) = row_guided(workspace, vehicle)? else {
         return Ok(None);
-    }
-    let on = Override::parse(ROW_GUIDANCE).into_iter().collect();
-    let vehicle = vehicle::with(workspace, vehicle.name(), &on)?;
+    };
     let Some(node) = vehicle.node_of(Device::DistanceSensors) else {
         return Ok(None);
     };
@@ -354,6 +366,16 @@ fn switched_on(
     cargo.args(rest);
     cargo.env("RUSTDOCFLAGS", "--deny warnings");
     Ok(Some(cargo))
+}
+
+/// The vehicle with the node that measures rows; `None` if it has none, or has it switched on already.
+fn row_guided(workspace: &Workspace, vehicle: &Vehicle) -> Result<Option<Vehicle>, Failure> {
+    let guidance = vehicle.manifest().row_guidance.as_ref();
+    if guidance.is_none_or(|guidance| guidance.enabled) {
+        return Ok(None);
+    }
+    let on = Override::parse(ROW_GUIDANCE).into_iter().collect();
+    Ok(Some(vehicle::with(workspace, vehicle.name(), &on)?))
 }
 
 /// Switches the node on that measures rows.
@@ -680,5 +702,6 @@ mod tests {
             steps.iter().any(|one| one.name == step)
         };
         assert!(both_ways("row-follower") && both_ways("two-boards") && !both_ways("uagv"));
+        assert!(steps.iter().any(|one| one.name == "row guidance, uagv"));
     }
 }

@@ -15,7 +15,7 @@ pub const CONTROL_RELEASE: Micros = crate::matrix::release::COMMAND;
 /// Cycle time at which the rows node makes its message: late, so that the control step of the next
 /// cycle gets a fresh one.
 #[cfg(row_guidance)]
-pub const ROW_RELEASE: Micros = Micros::micros(89_000);
+pub const ROW_RELEASE: Micros = Micros::micros(88_000);
 
 /// Distance between the axles, m.
 #[cfg(row_guidance)]
