@@ -397,7 +397,7 @@ impl Job<'_> {
             }
             // The sensor on the left measures the right row.
             let read = |side| {
-                let metres = world::distance::metres(drive.volts(side, now));
+                let metres = world::distance::metres(drive.mean_volts(side, now));
                 (metres * 100.0)
                     .round()
                     .clamp(0.0, f64::from(LARGEST_DISTANCE)) as u8

@@ -85,6 +85,34 @@ fn pulses_drive_the_robot_along_the_row() {
     assert!((90..=102).contains(&drive.beams().len()));
 }
 
+/// The output of a sensor changes about 33 times a second and a burst takes 201 us, so 1 in 150 of them
+/// has a change in it.
+#[test]
+fn a_burst_in_which_the_output_changes_reads_what_is_nowhere() {
+    let row = row(POLES);
+    let mut drive = RowDrive::new(&setting(&row), 1);
+    let (mut bursts, mut mixed) = (0, 0);
+    for i in 0..4000_u32 {
+        let begin = time(f64::from(i) * 0.005);
+        send(&mut drive, 0.3, 0.3, seconds(begin), seconds(begin) + 0.005);
+        let begin = time(f64::from(i + 1) * 0.005);
+        for side in [Side::Left, Side::Right] {
+            let first = drive.volts(side, begin);
+            let last = drive.volts(side, time(seconds(begin) + 201.4e-6));
+            let mean = drive.mean_volts(side, begin);
+            bursts += 1;
+            let (least, most) = (first.min(last), first.max(last));
+            assert!(
+                least - 1e-9 <= mean && mean <= most + 1e-9,
+                "{first} {mean} {last}"
+            );
+            mixed += u32::from(most - least > 0.1 && least + 0.01 < mean && mean < most - 0.01);
+        }
+    }
+    let share = f64::from(mixed) / f64::from(bursts);
+    assert!((0.000_5..0.01).contains(&share), "{mixed} of {bursts}");
+}
+
 #[test]
 fn without_pulses_it_stands_still_after_a_tenth_of_a_second() {
     let row = row(POLES);

@@ -174,7 +174,9 @@ pub(crate) fn drive(
         }
         let filtered = [Side::Left, Side::Right].map(|side| {
             let (hold, filter) = &mut chains[side as usize];
-            let counts = (drive.volts(side, now) / 3.3 * 4095.0).round().min(4095.0);
+            let counts = (drive.mean_volts(side, now) / 3.3 * 4095.0)
+                .round()
+                .min(4095.0);
             let distance = metres(counts / 4095.0 * 3.3) * 100.0;
             filter.step(hold.pass(distance.round().min(150.0)))
         });
