@@ -3,6 +3,8 @@
 //! There are two kinds of releases. Of sporadic ones only the least distance is known. Those of
 //! the bus's time table lie each between two known instants of the cycle. A task may have both.
 
+use std::ops::RangeInclusive;
+
 /// Sporadic releases, of which only the least distance is known, or that of their nominal instants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sporadic {
@@ -71,9 +73,19 @@ impl Spaced {
     }
 }
 
-/// One job of the time table.
+/// Number of a job of the time table, by which other jobs name it as their cause. No two jobs of
+/// the tasks of one processor have the same number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct JobId(pub u32);
+
+/// One job of the time table. It may be released once in each turn of the cycle.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Job {
+    /// Its number, if it is the cause of others.
+    pub id: Option<JobId>,
+    /// The job that brings this one about: in each turn of the cycle, this one is not released
+    /// before that one has started. `None` if it needs no other job, or any of several.
+    pub cause: Option<JobId>,
     /// Name of the event that releases it.
     pub label: String,
     /// Earliest release, from the begin of the cycle.
@@ -138,9 +150,6 @@ pub struct Timetable {
     pub kind: Kind,
     /// Worst-case execution time of one job, if it is less than the task's.
     pub cost: Option<u64>,
-    /// Release times of the jobs that cause these: without one of them, none of these is
-    /// released.
-    pub begun_at: Vec<u64>,
     /// The jobs of one cycle.
     pub jobs: Vec<Job>,
 }
@@ -169,25 +178,66 @@ impl Timetable {
 
     /// The releases that may be in the window of this length from `begin` on.
     fn within(&self, begin: u64, length: u64, jitter: u64) -> u64 {
-        self.jobs
-            .iter()
-            .map(|job| repeats(job, jitter, begin.cast_signed(), length, self.cycle))
+        let begin = begin.cast_signed();
+        let jobs = self.jobs.iter();
+        jobs.map(|job| self.repeats(job, jitter, begin, length))
             .sum()
     }
 
     /// The most releases in the `window` from the instant `begin` of the cycle on, each up to
-    /// `jitter` late.
+    /// `jitter` late. `absent` gives the turn of the cycle in which a job does not count, if there
+    /// is one. `besides` releases in the window are known that do not count either: they take part
+    /// in the spacing.
     #[must_use]
-    pub fn from(&self, begin: u64, window: u64, jitter: u64) -> u64 {
-        self.within(begin, window, jitter)
-            .min(self.spaced(window + jitter))
+    pub fn from(
+        &self,
+        begin: u64,
+        window: u64,
+        jitter: u64,
+        besides: u64,
+        absent: impl Fn(&Job) -> Option<i64>,
+    ) -> u64 {
+        let at = begin.cast_signed();
+        let released = |job: &Job| {
+            let all = self.repeats(job, jitter, at, window);
+            let absent = absent(job).is_some_and(|turn| {
+                let turns = self.turns(job, jitter, at, window);
+                window > 0 && turns.contains(&turn)
+            });
+            all - u64::from(absent)
+        };
+        let most: u64 = self.jobs.iter().map(released).sum();
+        let spaced = self.spaced(window.saturating_add(jitter));
+        most.min(spaced.saturating_sub(besides))
     }
 
-    /// Whether `job` of this table may be released in the `window` from the instant `begin` of
-    /// the cycle on.
+    /// Whether the release intervals of two jobs of this cycle have an instant in common.
     #[must_use]
-    pub fn holds(&self, job: &Job, begin: u64, window: u64, jitter: u64) -> bool {
-        repeats(job, jitter, begin.cast_signed(), window, self.cycle) > 0
+    pub fn may_coincide(&self, one: &Job, other: &Job) -> bool {
+        let length = one.latest - one.earliest + 1;
+        self.repeats(other, 0, one.earliest.cast_signed(), length) > 0
+    }
+
+    /// The turns of the cycle in which `job` may be released in `begin..begin + length`, up to
+    /// `jitter` late. Times are below 2^62, which is 53 days in picoseconds.
+    fn turns(&self, job: &Job, jitter: u64, begin: i64, length: u64) -> RangeInclusive<i64> {
+        let cycle = self.cycle.max(1).cast_signed();
+        let latest = (job.latest + jitter).cast_signed();
+        let end = begin.saturating_add_unsigned(length);
+        // The first turn whose latest release is not before `begin`, and the last one whose
+        // earliest release is before `end`.
+        let first = (begin - latest + cycle - 1).div_euclid(cycle);
+        let last = (end - 1 - job.earliest.cast_signed()).div_euclid(cycle);
+        first..=last
+    }
+
+    /// The number of these turns.
+    fn repeats(&self, job: &Job, jitter: u64, begin: i64, length: u64) -> u64 {
+        if length == 0 {
+            return 0;
+        }
+        let turns = self.turns(job, jitter, begin, length);
+        u64::try_from(turns.end() - turns.start() + 1).unwrap_or(0)
     }
 
     /// The most releases from `carry` before the release of `job`, which is up to `late` late,
@@ -200,28 +250,12 @@ impl Timetable {
             .jobs
             .iter()
             .map(|other| {
-                let all = repeats(other, 0, begin, length, self.cycle);
+                let all = self.repeats(other, 0, begin, length);
                 all - u64::from(std::ptr::eq(other, job) && all > 0)
             })
             .sum();
         met.min(self.spaced(carry + window))
     }
-}
-
-/// How many repetitions of `job`, one in each cycle, may be released in `begin..begin + length`.
-/// Times are below 2^62, which is 53 days in picoseconds.
-fn repeats(job: &Job, jitter: u64, begin: i64, length: u64, cycle: u64) -> u64 {
-    if length == 0 {
-        return 0;
-    }
-    let cycle = cycle.max(1).cast_signed();
-    let latest = (job.latest + jitter).cast_signed();
-    let end = begin.saturating_add_unsigned(length);
-    // The first repetition whose latest release is not before `begin`, and the last one whose
-    // earliest release is before `end`.
-    let first = (begin - latest + cycle - 1).div_euclid(cycle);
-    let last = (end - 1 - job.earliest.cast_signed()).div_euclid(cycle);
-    u64::try_from(last - first + 1).unwrap_or(0)
 }
 
 /// All releases of a task.
@@ -351,6 +385,8 @@ mod tests {
 
     fn job(earliest: u64, latest: u64) -> Job {
         Job {
+            id: None,
+            cause: None,
             label: String::new(),
             earliest,
             latest,
@@ -366,7 +402,6 @@ mod tests {
             burst: 0,
             kind: super::Kind::Any,
             cost: None,
-            begun_at: Vec::new(),
             jobs: jobs.iter().map(|&(a, b)| job(a, b)).collect(),
         }
     }

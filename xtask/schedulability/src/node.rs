@@ -95,6 +95,7 @@ impl<'a> Scheduled<'a> {
             scheduled.add(task, time);
         }
         scheduled.add_causes();
+        scheduled.add_blocking();
         scheduled.results = response::analyse(&scheduled.set);
         if model.event_triggered {
             scheduled.leave_out(table);
@@ -137,8 +138,22 @@ impl<'a> Scheduled<'a> {
 
     /// Whether the jobs of handler `other` are released by those of handler `at`, one by each, and
     /// each has ended before the next one of `at` is released. Then none delays one of `at`.
+    ///
+    /// That needs the two to have the same priority, and all further tasks that may delay `at` a
+    /// higher one. A job of a higher priority would preempt the one of `at` that releases it. And
+    /// when a job of `other` ends, no job of a higher priority is pending that it has delayed, and
+    /// that could delay the next one of `at` in turn.
     fn follows(&self, other: usize, at: usize, results: &[Result<Response, Unbounded>]) -> bool {
-        let released_by = |task: usize| self.set[task].after;
+        let priority = self.set[at].priority;
+        let beside = |task: usize| self.set[task].priority == priority;
+        let mut others = (0..self.set.len()).filter(|&task| task != at && beside(task));
+        if others.next() != Some(other) || others.next().is_some() {
+            return false;
+        }
+        let released_by = |task: usize| match self.set[task].after.as_slice() {
+            [cause] => Some(*cause),
+            _ => None,
+        };
         let mut cause = released_by(other);
         // The chain of causes is no longer than there are tasks.
         for _ in 0..self.set.len() {
@@ -167,6 +182,7 @@ impl<'a> Scheduled<'a> {
             shared.arrivals = shared.arrivals.clone().merged(&task.arrivals);
             shared.deadline = shared.deadline.min(task.deadline);
             shared.jitter = shared.jitter.max(task.jitter);
+            shared.off_bus &= task.off_bus;
             return;
         }
         let bound = self.handler(&task.interrupt);
@@ -177,14 +193,23 @@ impl<'a> Scheduled<'a> {
             arrivals: with_costs(task, bound, &time),
             deadline: task.deadline,
             jitter: task.jitter,
-            after: None,
+            after: Vec::new(),
             coalesces: task.coalesces,
             off_bus: task.off_bus,
-            blocking: response::blocking(&self.sections, task.priority),
+            blocking: 0,
             preemption: time(bound.preemption),
         };
         self.interrupts.push(&task.interrupt);
         self.set.push(new);
+    }
+
+    /// Notes how long each task may be blocked.
+    fn add_blocking(&mut self) {
+        let of = |task: &Task| response::blocked(&self.set, &self.sections, task.priority);
+        let blocked: Vec<Picoseconds> = self.set.iter().map(of).collect();
+        for (task, blocked) in self.set.iter_mut().zip(blocked) {
+            task.blocking = blocked;
+        }
     }
 
     /// Notes which task releases which.
@@ -196,7 +221,7 @@ impl<'a> Scheduled<'a> {
                 self.index(&cause.interrupt)
             });
             if let Some(at) = self.index(&task.interrupt) {
-                self.set[at].after = self.set[at].after.or(cause);
+                self.set[at].after.extend(cause);
             }
         }
     }

@@ -346,8 +346,9 @@ mod tests {
             burst: 0,
             kind: Kind::Any,
             cost: None,
-            begun_at: Vec::new(),
             jobs: vec![Job {
+                id: None,
+                cause: None,
                 label: "own".to_owned(),
                 earliest: 0,
                 latest: 0,

@@ -7,7 +7,7 @@
 
 use network_model::{Message, Network, SendType, Window, WindowKind, worst_case_bits};
 
-use crate::arrivals::{Job, Kind, Timetable};
+use crate::arrivals::{Job, JobId, Kind, Timetable};
 use crate::units::{MICROSECOND, Picoseconds};
 
 /// Bits of a data frame with an 11-bit identifier, without data and stuffing, up to the last bit
@@ -120,31 +120,26 @@ impl<'a> Bus<'a> {
             burst: 0,
             kind: Kind::Any,
             cost: None,
-            begun_at: Vec::new(),
             jobs,
         }
     }
 
-    /// A table of releases in arbitrating windows. They only exist because of the job that is
-    /// released at the first edge of the window.
+    /// A table of releases in arbitrating windows, each with the [`Bus::opening`] of its window as
+    /// its cause.
     fn in_window(&self, spacing: Picoseconds, burst: u64, jobs: Vec<Job>) -> Timetable {
-        let arbitrating = self.network.messages.iter();
-        let mut begun_at: Vec<Picoseconds> = arbitrating
-            .filter(|message| message.window.kind == WindowKind::Arbitrating)
-            .flat_map(|message| {
-                let start = u64::from(message.window.start_us) * MICROSECOND;
-                self.begins(message.window)
-                    .map(move |begin| (begin + start).saturating_sub(self.lead))
-            })
-            .collect();
-        begun_at.sort_unstable();
-        begun_at.dedup();
         Timetable {
             burst,
             kind: Kind::Arbitrating,
-            begun_at,
             ..self.table(spacing, jobs)
         }
+    }
+
+    /// The job at the first edge of an arbitrating window, in the basic cycle that begins at
+    /// `begin`. Without it, this node does nothing in the window. Arbitrating windows do not overlap,
+    /// so the begin of the window, in microseconds, is its number.
+    fn opening(window: Window, begin: Picoseconds) -> Option<JobId> {
+        let start = begin / MICROSECOND + u64::from(window.start_us);
+        u32::try_from(start).ok().map(JobId)
     }
 
     /// The ends of frames: those of other nodes, or those of this node (`own`) outside the
@@ -240,6 +235,8 @@ impl<'a> Bus<'a> {
             };
             for begin in self.begins(window) {
                 let job = Job {
+                    id: None,
+                    cause: Self::opening(window, begin),
                     label: format!("{what} {}", message.name),
                     earliest: (begin
                         + u64::from(window.start_us) * MICROSECOND
@@ -286,6 +283,8 @@ impl<'a> Bus<'a> {
                 let start = begin + u64::from(window.start_us) * MICROSECOND;
                 let end = begin + u64::from(window.end_us()) * MICROSECOND;
                 let job = Job {
+                    id: None,
+                    cause: None,
                     label: message.name.clone(),
                     earliest: (start + first).saturating_sub(self.uncertainty()),
                     latest: match window.kind {
@@ -345,7 +344,7 @@ impl<'a> Bus<'a> {
                 self.add_edges(&mut edges, message, begin);
             }
         }
-        let withdrawals = one_in_each_window(edges.withdrawals, self.basic_cycle());
+        let withdrawals = one_in_each_window(edges.withdrawals);
         // Edges at the same instant are one timer compare. The strictest of them counts.
         let compares = |mut jobs: Vec<Job>| {
             jobs.sort_by_key(|job| (job.earliest, job.latest, job.deadline.unwrap_or(u64::MAX)));
@@ -398,8 +397,10 @@ impl<'a> Bus<'a> {
                 exclusive.push(self.edge(format!("window of {}", message.name), start));
             }
             WindowKind::Arbitrating => {
-                let first = self.edge("arbitrating window".to_owned(), start);
-                edges.arbitrating.push(first);
+                edges.arbitrating.push(Job {
+                    id: Self::opening(window, begin),
+                    ..self.edge("arbitrating window".to_owned(), start)
+                });
                 if own {
                     let last = self.last_instant(window, begin, message.length, 0);
                     edges.withdrawals.push(last);
@@ -423,6 +424,8 @@ impl<'a> Bus<'a> {
     fn edge(&self, label: String, instant: Picoseconds) -> Job {
         let at = instant.saturating_sub(self.lead);
         Job {
+            id: None,
+            cause: None,
             label,
             earliest: at,
             latest: at,
@@ -444,6 +447,8 @@ impl<'a> Bus<'a> {
         let longest = (u64::from(worst_case_bits(length)) + INTERFRAME_BITS) * self.bit();
         let shortest = (SHORTEST_BITS + REST_BITS) * self.bit();
         Job {
+            id: None,
+            cause: Self::opening(window, begin),
             label: "last instant for event messages".to_owned(),
             earliest: end.saturating_sub(longest + self.uncertainty() + self.lead),
             latest: end.saturating_sub(shortest + self.uncertainty() + self.lead) + late,
@@ -464,8 +469,7 @@ impl<'a> Bus<'a> {
                 })
             })
             .collect();
-        (!jobs.is_empty())
-            .then(|| self.in_window(0, 0, one_in_each_window(jobs, self.basic_cycle())))
+        (!jobs.is_empty()).then(|| self.in_window(0, 0, one_in_each_window(jobs)))
     }
 
     /// Time from a window edge to the earliest end of a frame of another node that starts after
@@ -508,6 +512,8 @@ impl<'a> Bus<'a> {
             at_us.iter().map(move |at| {
                 let instant = cycle * self.basic_cycle() + at * MICROSECOND;
                 Job {
+                    id: None,
+                    cause: None,
                     label: format!("{at} us of the cycle"),
                     earliest: instant,
                     latest: instant,
@@ -531,6 +537,8 @@ impl<'a> Bus<'a> {
             }
             for begin in self.begins(window) {
                 let job = Job {
+                    id: None,
+                    cause: Self::opening(window, begin),
                     label: format!("{} is enqueued", message.name),
                     earliest: (begin + u64::from(window.start_us) * MICROSECOND)
                         .saturating_sub(self.lead),
@@ -569,16 +577,15 @@ struct Edges {
     withdrawals: Vec<Job>,
 }
 
-/// Merges the jobs of several messages that share a window into one for each window.
-fn one_in_each_window(mut jobs: Vec<Job>, cycle: Picoseconds) -> Vec<Job> {
+/// Merges the jobs of several messages that share a window, and so have the same cause, into one for
+/// each window.
+fn one_in_each_window(mut jobs: Vec<Job>) -> Vec<Job> {
     jobs.sort_by_key(|job| job.earliest);
     let mut merged: Vec<Job> = Vec::new();
     for job in jobs {
-        match merged.last_mut() {
-            Some(last) if last.earliest / cycle == job.earliest / cycle => {
-                last.latest = last.latest.max(job.latest);
-            }
-            _ => merged.push(job),
+        match merged.iter_mut().find(|other| other.cause == job.cause) {
+            Some(other) => other.latest = other.latest.max(job.latest),
+            None => merged.push(job),
         }
     }
     merged

@@ -1,17 +1,15 @@
-//! Response times of jobs of a time table, against a simulation.
+//! Response times of jobs of a time table: known answers.
 
-mod simulation;
-
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
-use schedulability::arrivals::{Arrivals, Job, Kind, Sporadic, Timetable};
-use schedulability::response::{CriticalSection, Task, Unbounded, analyse, blocking, response};
+use schedulability::arrivals::{Arrivals, Job, JobId, Kind, Sporadic, Timetable};
+use schedulability::response::{Task, Unbounded, analyse, response};
 use schedulability::sensitivity::slack;
 
 const CYCLE: u64 = 200;
 
 fn job(label: &str, earliest: u64, latest: u64, deadline: Option<u64>) -> Job {
     Job {
+        id: None,
+        cause: None,
         label: label.to_owned(),
         earliest,
         latest,
@@ -28,7 +26,6 @@ fn table(jobs: Vec<Job>) -> Arrivals {
             burst: 0,
             kind: Kind::Any,
             cost: None,
-            begun_at: Vec::new(),
             jobs,
         }],
         ..Arrivals::default()
@@ -43,7 +40,7 @@ fn task(name: &str, priority: u32, cost: u64, arrivals: Arrivals) -> Task {
         arrivals,
         deadline: 100,
         jitter: 0,
-        after: None,
+        after: Vec::new(),
         coalesces: false,
         off_bus: false,
         blocking: 0,
@@ -126,7 +123,7 @@ fn a_task_that_runs_off_the_bus_does_not_delay_a_transmission() {
 fn the_cause_of_a_release_is_its_jitter() {
     let mut set = bus();
     set.push(task("step", 1, 5, table(vec![job("mark", 100, 100, None)])));
-    set[2].after = Some(1);
+    set[2].after = vec![1];
     let results = analyse(&set);
     let step = results[2].as_ref().unwrap();
     // Ten of the timer, and its own five.
@@ -136,153 +133,125 @@ fn the_cause_of_a_release_is_its_jitter() {
     assert_eq!(analyse(&set)[2], Err(Unbounded::Cause));
 }
 
-fn below(random: &mut ChaCha8Rng, bound: u64) -> u64 {
-    random.next_u64() % bound
-}
-
-fn random_set(random: &mut ChaCha8Rng) -> Vec<Task> {
-    let count = 2 + below(random, 4) as usize;
-    let mut set: Vec<Task> = (0..count)
-        .map(|index| {
-            let priority = 1 + below(random, count as u64) as u32;
-            let cost = 1 + below(random, 12);
-            let timed = |random: &mut ChaCha8Rng| {
-                let jobs = 1 + below(random, 3);
-                let lighter = (below(random, 2) == 0).then(|| 1 + below(random, cost));
-                let jobs = (0..jobs).map(|_| {
-                    let earliest = below(random, CYCLE);
-                    job("", earliest, earliest + below(random, 40), None)
-                });
-                Timetable {
-                    cycle: CYCLE,
-                    spacing: 0,
-                    burst: 0,
-                    kind: Kind::Any,
-                    cost: lighter,
-                    begun_at: Vec::new(),
-                    jobs: jobs.collect(),
-                }
-            };
-            let every = 60 + below(random, 100);
-            let arrivals = match below(random, 4) {
-                0 => Arrivals::every(every),
-                1 => Arrivals {
-                    sporadic: vec![Sporadic {
-                        period: 15 + every / 8,
-                        jitter: 0,
-                        limit: Some((3, CYCLE)),
-                    }],
-                    ..Arrivals::default()
-                },
-                2 => Arrivals {
-                    sporadic: vec![Sporadic::every(every)],
-                    timed: vec![timed(random)],
-                    ..Arrivals::default()
-                },
-                _ => Arrivals {
-                    timed: vec![timed(random), timed(random)],
-                    ..Arrivals::default()
-                },
-            };
-            let jitter = if below(random, 3) == 0 {
-                below(random, 10)
-            } else {
-                0
-            };
-            Task {
-                jitter,
-                ..task(&index.to_string(), priority, cost, arrivals)
-            }
-        })
-        .collect();
-    let sections = sections(&set);
-    for task in &mut set {
-        task.blocking = blocking(&sections, task.priority);
-    }
-    set
-}
-
-/// Every task holds a lock with the ceiling of the next priority for half its time.
-fn sections(set: &[Task]) -> Vec<CriticalSection> {
-    set.iter()
-        .filter(|task| task.cost > 2)
-        .map(|task| CriticalSection {
-            holder: task.priority,
-            ceiling: task.priority + 1,
-            length: task.cost / 2,
-        })
-        .collect()
-}
-
-fn releases(task: usize, of: &Task, random: &mut ChaCha8Rng, horizon: u64) -> Vec<simulation::Job> {
-    let mut instants = Vec::new();
-    for stream in &of.arrivals.sporadic {
-        let mut at = below(random, 5);
-        let mut recent: Vec<u64> = Vec::new();
-        while at < horizon {
-            instants.push((at, of.cost));
-            recent.push(at);
-            at += stream.period + below(random, 4) / 3;
-            if let Some((jobs, span)) = stream.limit
-                && let Some(first) = recent.len().checked_sub(jobs as usize)
-            {
-                at = at.max(recent[first] + span);
-            }
-        }
-    }
-    for table in &of.arrivals.timed {
-        for cycle in 0..horizon / table.cycle {
-            for job in &table.jobs {
-                let late = match below(random, 3) {
-                    0 => 0,
-                    1 => job.latest - job.earliest,
-                    _ => below(random, job.latest - job.earliest + 1),
-                };
-                let at = cycle * table.cycle + job.earliest + late;
-                instants.push((at, table.cost.unwrap_or(of.cost)));
-            }
-        }
-    }
-    instants
-        .into_iter()
-        .map(|(arrival, cost)| simulation::Job {
-            task,
-            arrival,
-            release: arrival + [0, of.jitter][below(random, 2) as usize],
-            cost,
-            priority: of.priority,
-        })
-        .collect()
+/// Worst response times of all tasks.
+fn worst(set: &[Task]) -> Vec<u64> {
+    let all = analyse(set).into_iter();
+    all.map(|one| one.unwrap().worst).collect()
 }
 
 #[test]
-fn simulation_never_exceeds_the_bound() {
-    let mut random = ChaCha8Rng::seed_from_u64(3);
-    let (mut reached, mut compared, mut sharpened) = (0, 0, 0);
-    for _ in 0..1000 {
-        let set = random_set(&mut random);
-        let bounds = analyse(&set);
-        let horizon = 6 * CYCLE;
-        let jobs: Vec<simulation::Job> = set
-            .iter()
-            .enumerate()
-            .flat_map(|(index, of)| releases(index, of, &mut random, horizon))
-            .collect();
-        let seen = simulation::longest(&jobs, &sections(&set), set.len(), horizon);
-        for (index, longest) in seen.into_iter().enumerate() {
-            if let Ok(bound) = &bounds[index] {
-                assert!(
-                    longest <= bound.worst,
-                    "{longest} over {bound:?} for {index} of {set:#?}"
-                );
-                compared += 1;
-                reached += usize::from(longest == bound.worst);
-                let plain = response(&set, index).map(|plain| plain.worst);
-                sharpened += usize::from(plain.is_ok_and(|plain| bound.worst < plain));
-            }
-        }
-    }
-    assert!(compared > 2000, "{compared}");
-    assert!(reached > 100, "{reached}");
-    assert!(sharpened > 100, "{sharpened}");
+fn a_job_is_no_cause_of_what_another_one_at_the_same_instant_brings_about() {
+    let mut edge = job("edge", 100, 100, None);
+    edge.id = Some(JobId(7));
+    let mut attempt = job("attempt", 101, 105, None);
+    attempt.cause = edge.id;
+    let mut set = vec![
+        task("edges", 1, 5, table(vec![edge])),
+        task("attempts", 1, 10, table(vec![attempt])),
+        task("marks", 1, 15, table(vec![job("mark", 100, 100, None)])),
+    ];
+    // The edge first, then the attempt that it causes, then the mark.
+    assert_eq!(worst(&set)[2], 30);
+    // The edge waits for the mark, and not for its own attempt.
+    assert_eq!(worst(&set)[0], 20);
+    // At a higher priority, the attempt preempts its cause once this has started.
+    set[1].priority = 2;
+    assert_eq!(worst(&set)[0], 30);
+}
+
+#[test]
+fn of_the_releases_that_the_spacing_allows_one_is_the_job_itself_only_once_it_is_released() {
+    let mut releases = table(vec![job("first", 0, 0, None), job("second", 0, 10, None)]);
+    releases.timed[0].spacing = 10;
+    // The second one is released at 10, while the first one runs until 30.
+    assert_eq!(worst(&[task("t", 1, 30, releases)]), [50]);
+    // The same without a table of its own: three at 0, 10 and 20, the first one behind the other
+    // task.
+    let burst = Sporadic {
+        limit: Some((3, CYCLE)),
+        ..Sporadic::every(10)
+    };
+    let burst = Arrivals {
+        sporadic: vec![burst],
+        ..Arrivals::default()
+    };
+    let other = task("other", 1, 1, table(vec![job("edge", 0, 0, None)]));
+    assert_eq!(worst(&[task("burst", 1, 30, burst), other])[0], 71);
+}
+
+#[test]
+fn a_late_end_of_one_window_delays_the_edge_of_the_next() {
+    let edge = |at: u64, number| Job {
+        id: Some(JobId(number)),
+        ..job("edge", at, at, None)
+    };
+    let attempt = |from, to, number| Job {
+        cause: Some(JobId(number)),
+        ..job("attempt", from, to, None)
+    };
+    let edges = table(vec![edge(0, 1), edge(100, 2)]);
+    let attempts = table(vec![attempt(10, 105, 1), attempt(110, 170, 2)]);
+    let set = vec![
+        task("edges", 1, 10, edges),
+        task("attempts", 1, 20, attempts),
+    ];
+    let edges = analyse(&set)[0].clone().unwrap();
+    let responses: Vec<u64> = edges.by_job.iter().map(|job| job.response).collect();
+    // At 0 everything has ended; at 100 the attempt in the first window may end at the same time.
+    assert_eq!(responses, [10, 30]);
+}
+
+#[test]
+fn a_cause_at_the_end_of_the_cycle_reaches_into_the_next() {
+    let mut late = table(vec![job("late", 190, 210, None)]).timed;
+    late[0].cost = Some(50);
+    let cause = Arrivals {
+        timed: [late, table(vec![job("other", 100, 100, None)]).timed].concat(),
+        ..Arrivals::default()
+    };
+    let mut set = vec![
+        task("cause", 2, 60, cause),
+        task("caused", 1, 5, table(vec![job("caused", 0, 90, None)])),
+    ];
+    set[0].arrivals.timed[1].cost = Some(10);
+    set[1].after = vec![0];
+    let caused = analyse(&set)[1].clone().unwrap();
+    assert_eq!(caused.critical.jitter, 50);
+}
+
+#[test]
+fn tables_of_different_cycles_meet_in_any_way() {
+    let mut often = table(vec![job("often", 110, 110, None)]);
+    often.timed[0].cycle = CYCLE / 2;
+    let set = vec![
+        task("seldom", 2, 20, table(vec![job("seldom", 10, 10, None)])),
+        task("often", 1, 5, often),
+    ];
+    // It is released at 10, too.
+    assert_eq!(worst(&set)[1], 25);
+}
+
+#[test]
+fn of_several_causes_the_latest_counts() {
+    let mut set = vec![
+        task("quick", 3, 5, Arrivals::every(200)),
+        task("slow", 3, 20, Arrivals::every(200)),
+        task("caused", 1, 5, Arrivals::every(200)),
+    ];
+    set[2].after = vec![0, 1];
+    assert_eq!(analyse(&set)[2].clone().unwrap().critical.jitter, 25);
+}
+
+#[test]
+fn tasks_of_one_priority_may_release_each_other_in_any_order_of_the_list() {
+    let caused = |at: usize| Task {
+        after: vec![at],
+        ..task("caused", 1, 5, Arrivals::every(100))
+    };
+    let cause = task("cause", 1, 10, Arrivals::every(100));
+    assert_eq!(worst(&[cause.clone(), caused(0)]), [15, 30]);
+    assert_eq!(worst(&[caused(1), cause]), [30, 15]);
+    // What is late by its own lateness has no bound.
+    let same = caused(0);
+    assert_eq!(analyse(&[same]), [Err(Unbounded::Diverges)]);
 }

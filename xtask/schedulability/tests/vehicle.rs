@@ -13,6 +13,7 @@ use schedulability::model::NodeModel;
 use schedulability::models::{Files, Models};
 use schedulability::node::{Observed, Seen, schedule};
 use schedulability::priorities;
+use schedulability::releases::Bus;
 use schedulability::results::{NodeReport, Report, TaskReport};
 use schedulability::table::{NodeTable, Table};
 use schedulability::tasks::App;
@@ -254,6 +255,45 @@ fn releases_come_from_the_network_file() {
     );
     // 1000 us less 64, 540, 20 and the lead of 9.
     assert_eq!(time(find("can_rx").deadline), "367.00 us");
+}
+
+#[test]
+fn each_of_two_adjacent_arbitrating_windows_has_its_own_jobs() {
+    let one = text("firmware/vehicles/uagv/network.dbc");
+    let moved = one.replace(
+        "BA_ \"WindowStart\" BO_ 502 12000;",
+        "BA_ \"WindowStart\" BO_ 502 18000;",
+    );
+    assert_ne!(one, moved);
+    let network = Network::parse(&moved).unwrap();
+    let bus = Bus::new(&network, "controller", 0);
+    let edges: Vec<Job> = bus
+        .window_edges()
+        .into_iter()
+        .flat_map(|t| t.jobs)
+        .collect();
+    let opening = |us: u64| {
+        let mut at = edges.iter().filter(|job| job.earliest == us * 1_000_000);
+        at.find_map(|job| job.id).unwrap()
+    };
+    let (first, second) = (opening(12_000), opening(18_000));
+    assert_ne!(first, second);
+    // An attempt in the first window may end behind the first edge of the second one.
+    let attempts = bus.attempts().unwrap().jobs;
+    let late = attempts
+        .iter()
+        .find(|job| job.cause == Some(first))
+        .unwrap();
+    assert!(late.latest > 18_000 * 1_000_000);
+    assert!(attempts.iter().any(|job| job.cause == Some(second)));
+    // The timer withdraws an attempt in each of them.
+    let causes = |jobs: &[Job]| -> Vec<_> { jobs.iter().map(|job| job.cause).collect() };
+    let withdrawn = bus.withdrawn().unwrap();
+    assert_eq!(causes(&withdrawn.jobs), [Some(first), Some(second)]);
+    let timer = edges
+        .iter()
+        .filter(|job| job.label.starts_with("last instant"));
+    assert_eq!(timer.count(), 2);
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Blocking by critical sections under the Stack Resource Policy (Baker 1991).
 
+use super::task::Task;
+
 /// A stretch of a task that runs with its resource locked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CriticalSection {
@@ -27,4 +29,22 @@ pub fn blocker(sections: &[CriticalSection], priority: u32) -> Option<usize> {
         .filter(|(_, section)| section.holder < priority && section.ceiling >= priority)
         .max_by_key(|(_, section)| section.length)
         .map(|(at, _)| at)
+}
+
+/// What a job of `priority` may still have to do again, beyond its cost, of what it lost when it was
+/// preempted by a job of `tasks` that has completed since.
+#[must_use]
+pub(super) fn lost(tasks: &[Task], priority: u32) -> u64 {
+    let above = tasks.iter().filter(|task| task.priority > priority);
+    above.map(|task| task.preemption).max().unwrap_or(0)
+}
+
+/// The same as [`blocking`] in a set of tasks: when the task is released, the holder of the section
+/// may just have been preempted by a job above the ceiling.
+#[must_use]
+pub fn blocked(tasks: &[Task], sections: &[CriticalSection], priority: u32) -> u64 {
+    match blocking(sections, priority) {
+        0 => 0,
+        longest => longest + lost(tasks, priority),
+    }
 }

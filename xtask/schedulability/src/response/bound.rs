@@ -1,7 +1,5 @@
 //! What the response-time analysis gives: a bound, or the reason why there is none.
 
-use crate::arrivals::Arrivals;
-
 /// Worst response of one job of the time table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct JobResponse {
@@ -24,19 +22,6 @@ pub struct Response {
     pub critical: Critical,
     /// Worst response of each job of the time table.
     pub by_job: Vec<JobResponse>,
-}
-
-impl Response {
-    /// Worst response of those jobs that may release one of `caused`: the jobs whose release
-    /// interval overlaps one of `caused` in the table, or all jobs if none overlaps.
-    pub(super) fn of_cause(&self, caused: &Arrivals) -> u64 {
-        let jobs = || caused.timed.iter().flat_map(|table| &table.jobs);
-        let causes = |cause: &&JobResponse| {
-            jobs().any(|job| job.earliest <= cause.latest && cause.earliest <= job.latest)
-        };
-        let matched = self.by_job.iter().filter(causes);
-        matched.map(|job| job.response).max().unwrap_or(self.worst)
-    }
 }
 
 /// The job of a task that comes closest to its deadline, or misses it by the most.

@@ -18,10 +18,11 @@ const MAX_JOBS: usize = 100_000;
 pub fn response(tasks: &[Task], index: usize) -> Result<Response, Unbounded> {
     let task = &tasks[index];
     let interfering = interfering(tasks, index)?;
-    let single = task.arrivals.single();
     // A single stream is measured from the nominal release of a first job that is released as
     // late as its jitter allows. Otherwise time counts from the release itself, and the
-    // jitter is added.
+    // jitter is added: so too if a job may be so late that a later one is released before it.
+    let single = task.arrivals.single();
+    let single = single.filter(|period| task.jitter <= *period);
     let nominal = |job: u64| match single {
         Some(period) => job.checked_mul(period).ok_or(Unbounded::Diverges),
         None => Ok(task.arrivals.distance(job, task.jitter)),

@@ -1,8 +1,9 @@
 //! Response times of single jobs of the time table, by what can still be running when they
 //! are released.
 
-use crate::arrivals::Job;
+use crate::arrivals::{Job, Timetable};
 
+use super::blocking::lost;
 use super::bound::Critical;
 use super::fixed_point::{HORIZON, least_fixed_point};
 use super::task::Task;
@@ -15,7 +16,7 @@ struct Delaying<'a> {
     response: u64,
 }
 
-/// Bound of one job of the time table of `tasks[index]`.
+/// Bound of one job of `own`, a part of the time table of `tasks[index]`.
 ///
 /// A job of another task delays this one only if it is released within the other task's
 /// worst response time before this job's release, or between this job's release and its
@@ -26,6 +27,7 @@ struct Delaying<'a> {
 pub(super) fn of_job(
     tasks: &[Task],
     index: usize,
+    own: &Timetable,
     job: &Job,
     known: &[Option<u64>],
 ) -> Option<Critical> {
@@ -33,7 +35,7 @@ pub(super) fn of_job(
     let delaying: Vec<Delaying<'_>> = tasks
         .iter()
         .enumerate()
-        .filter(|(_, t)| t.priority >= task.priority && !(t.off_bus && job.transmits))
+        .filter(|(_, t)| t.priority >= task.priority)
         .map(|(index, task)| {
             Some(Delaying {
                 index,
@@ -47,7 +49,14 @@ pub(super) fn of_job(
         let sporadic = other.task.arrivals.count_sporadic(window + other.response);
         let tables = other.task.arrivals.timed.iter();
         let timed: u64 = tables
-            .map(|table| table.around(job, task.jitter, other.response, window))
+            .map(|table| {
+                if own.cycle.is_multiple_of(table.cycle) {
+                    table.around(job, task.jitter, other.response, window)
+                } else {
+                    // The two cycles meet in any way.
+                    table.count(window + other.response, 0)
+                }
+            })
             .sum();
         match sporadic + timed {
             // One job may be running. Releases merge, so this job serves all later ones.
@@ -65,7 +74,10 @@ pub(super) fn of_job(
                 } else {
                     other.task.cost.checked_add(other.task.preemption)?
                 };
-                sum.checked_add(count(other, window).checked_mul(each)?)
+                let jobs = count(other, window);
+                // One of them may be running, and have been preempted by a job that has completed.
+                let again = jobs.min(1) * lost(tasks, other.task.priority);
+                sum.checked_add(jobs.checked_mul(each)?)?.checked_add(again)
             })
             .filter(|window| *window < HORIZON)
     })?;

@@ -18,3 +18,19 @@ pub(super) fn least_fixed_point(start: u64, next: impl Fn(u64) -> Option<u64>) -
     }
     None
 }
+
+/// Steps of a search for an instant of one busy period.
+const MAX_SETTLE: usize = 10_000;
+
+/// The least instant from `start` on that is not before `next` of it. `None` if `next` gives none
+/// or the search takes too many steps.
+pub(super) fn settle(start: u64, next: impl Fn(u64) -> Option<u64>) -> Option<u64> {
+    let mut at = start;
+    for _ in 0..MAX_SETTLE {
+        match next(at)? {
+            later if later > at => at = later,
+            _ => return Some(at),
+        }
+    }
+    None
+}

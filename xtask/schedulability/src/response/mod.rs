@@ -5,7 +5,8 @@
 //! is blocked at most once, before it starts.
 //!
 //! Jobs of equal priority do not preempt one another but may be served in any order. They
-//! are counted as interference, which bounds every order from above.
+//! are counted as interference, which bounds every order from above. Jobs of one task are served in
+//! the order of their nominal releases.
 //!
 //! Time is any whole number of one unit shared by all tasks (the command uses picoseconds);
 //! the recurrences do not depend on the unit.
@@ -20,7 +21,7 @@ mod phases;
 mod task;
 
 pub use analyse::{all_meet, analyse};
-pub use blocking::{CriticalSection, blocker, blocking};
+pub use blocking::{CriticalSection, blocked, blocker, blocking};
 pub use bound::{Critical, JobResponse, Response, Unbounded};
 pub use busy_period::{meets, response};
 pub use task::{Task, utilisation_permille};

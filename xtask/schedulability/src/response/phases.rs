@@ -9,28 +9,69 @@
 //! Once a job has started, only higher priorities delay it. A job of equal priority counts
 //! only if it may be released before the given job starts.
 //!
-//! A job cannot be delayed by jobs that only exist because it ran.
+//! A job cannot be delayed by jobs that only exist because it ran ([`Job::cause`]), except by
+//! those of a higher priority, which preempt it.
 //!
 //! It suffices to examine the busy periods that begin with the latest release of a job of
 //! the table. Take a busy period that begins at another instant, and the next such latest
 //! release after it: no job of the table has its latest release in between, so every table
-//! job that may be released in the first busy period may also be released in the second.
+//! job that may be released in the first busy period may also be released in the second. A
+//! given job that is released equally long after the begin of either takes as long.
+//!
+//! # The job in its busy period
+//!
+//! The job is released some time `x` after the begin. The releases of its own task may keep a
+//! distance from each other: of the most that a window can hold, one is the job itself, but only
+//! if the window reaches to `x`. So there are two demands of the other jobs until an instant `t`:
+//! `beside(t)` if the job is released by then, and `before(t)`, which may be one release more, if
+//! it is not.
+//!
+//! - The busy period lasts until `x`: `before(t) > t` for each `t < x`.
+//! - At `x` too there is or was work for all the time from the begin on. So `beside(x) >= x`.
+//! - The job starts at the first `t` from `x` on for which `beside(t) <= t`.
+//!
+//! All instants `x` from one that fulfils these conditions to the start of the job lead to the same
+//! start. The earliest of them gives the longest response.
 
 use crate::arrivals::{Job, Timetable};
 
 use super::bound::Critical;
-use super::fixed_point::{HORIZON, least_fixed_point};
+use super::fixed_point::{HORIZON, settle};
 use super::task::Task;
 
-/// A job in its busy period. `starts` and `ends` count from `begin`.
+/// Steps of the demand in one busy period after which the analysis gives up.
+const MAX_STEPS: usize = 10_000;
+
+/// Turns of the cycle to which a job of one busy period may belong, after which it gives up.
+const MAX_TURNS: i64 = 100;
+
+/// A busy period to examine.
+#[derive(Clone, Copy)]
+struct Period {
+    /// Its begin in the bus's cycle.
+    begin: u64,
+    /// Turn of the cycle in which the job is released, if it is one of the time table. The busy
+    /// period begins in turn 0.
+    turn: i64,
+}
+
+/// A job in its busy period. Times count from the begin of the period.
 #[derive(Clone, Copy)]
 struct Busy {
-    /// Begin of the busy period in the bus's cycle.
-    begin: u64,
+    period: Period,
+    /// Longest response time, measured from the nominal release time.
+    response: u64,
     /// When the job starts.
     starts: u64,
     /// When the job has completed.
     ends: u64,
+}
+
+/// Whether the job under analysis is released in a window.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Own {
+    Released,
+    NotYet,
 }
 
 /// The job under analysis, and the task set that may delay it.
@@ -53,57 +94,51 @@ pub(super) fn of_job(
     job: &Job,
 ) -> Option<Critical> {
     let cycle = common_cycle(tasks)?.cast_signed();
-    let task = &tasks[index];
     let look = Look {
         tasks,
         index,
-        cost: table.cost.unwrap_or(task.cost),
+        cost: table.cost.unwrap_or(tasks[index].cost),
         job: Some((table, job)),
     };
-    let jitter = task.jitter.cast_signed();
-    let (earliest, latest) = (job.earliest.cast_signed(), job.latest.cast_signed());
-    let mut worst: Option<(u64, Busy)> = None;
-    for begin in look.begins() {
-        let busy = look.busy(begin)?;
-        // Repetitions of the job, one in each cycle, that may be released between the begin
-        // of the busy period and the start of the job.
-        let begin = begin.cast_signed();
-        let starts = begin.checked_add_unsigned(busy.starts)?;
-        let ends = begin.checked_add_unsigned(busy.ends)?;
-        let first = (begin - latest - jitter + cycle - 1).div_euclid(cycle);
-        let last = (starts - earliest).div_euclid(cycle);
-        for turn in first..=last {
-            let nominal = (earliest + turn * cycle).max(begin - jitter);
-            let response = u64::try_from(ends - nominal).ok()?;
-            if worst.is_none_or(|(most, _)| response > most) {
-                worst = Some((response, busy));
+    let latest = (job.latest + look.task().jitter).cast_signed();
+    let mut worst: Option<Busy> = None;
+    for (begin, before) in look.begins(cycle) {
+        let first = (begin.cast_signed() - latest + cycle - 1).div_euclid(cycle);
+        for turn in first.. {
+            let period = Period { begin, turn };
+            // The first and the last instant at which the job may be released.
+            let release = u64::try_from(look.nominal(period)?).unwrap_or(0);
+            if turn - first > MAX_TURNS {
+                return None;
             }
+            let idle = look.idle(period)?;
+            if release > idle {
+                // Later turns are not in the busy period either.
+                break;
+            }
+            // The busy period in question begins later than the one examined before this one.
+            let last = u64::try_from(latest + turn * cycle - before - 1).unwrap_or(0);
+            look.examine(period, release, idle.min(last), &mut worst)?;
         }
     }
-    let (response, busy) = worst?;
-    Some(look.critical(response, busy))
+    Some(look.critical(worst?))
 }
 
 /// Bound of a job that may be released at any time.
 pub(super) fn of_any(tasks: &[Task], index: usize) -> Option<Critical> {
-    common_cycle(tasks)?;
-    let task = &tasks[index];
+    let cycle = common_cycle(tasks)?.cast_signed();
     let look = Look {
         tasks,
         index,
-        cost: task.cost,
+        cost: tasks[index].cost,
         job: None,
     };
-    let mut longest: Option<Busy> = None;
-    for begin in look.begins() {
-        let busy = look.busy(begin)?;
-        if longest.is_none_or(|longest| busy.ends > longest.ends) {
-            longest = Some(busy);
-        }
+    let mut worst: Option<Busy> = None;
+    for (begin, _) in look.begins(cycle) {
+        let period = Period { begin, turn: 0 };
+        look.examine(period, 0, look.idle(period)?, &mut worst)?;
     }
-    let busy = longest?;
-    let response = busy.ends.checked_add(task.jitter)?;
-    Some(look.critical(response, busy))
+    Some(look.critical(worst?))
 }
 
 /// The cycle that all tables share, if they do.
@@ -124,121 +159,190 @@ impl<'a> Look<'a> {
     /// Tasks of equal or higher priority, the task itself included.
     fn delaying(&self) -> impl Iterator<Item = (usize, &'a Task)> {
         let urgent = self.task().priority;
-        let transmits = self.job.is_some_and(|(_, job)| job.transmits);
-        self.tasks
-            .iter()
-            .enumerate()
-            .filter(move |(_, t)| t.priority >= urgent && !(t.off_bus && transmits))
+        let tasks = self.tasks.iter().enumerate();
+        tasks.filter(move |(_, t)| t.priority >= urgent)
     }
 
-    /// The parts of a task's time table whose jobs may delay the job: not those that the job
-    /// itself releases.
-    fn tables(&self, of: &'a Task) -> impl Iterator<Item = &'a Timetable> {
-        let job = self.job;
-        of.arrivals
-            .timed
-            .iter()
-            .filter(move |table| job.is_none_or(|(_, job)| !table.begun_at.contains(&job.earliest)))
-    }
-
-    /// Where the busy periods begin that have to be examined; see the module.
-    fn begins(&self) -> Vec<u64> {
+    /// Where the busy periods begin that have to be examined; see the module. With each, the
+    /// begin before it, which may be in the turn before.
+    fn begins(&self, cycle: i64) -> Vec<(u64, i64)> {
         let mut begins: Vec<u64> = self
             .delaying()
             .flat_map(|(_, task)| {
-                let jobs = self.tables(task).flat_map(|table| &table.jobs);
-                jobs.map(|job| job.latest + task.jitter)
+                let jobs = task.arrivals.timed.iter().flat_map(|table| &table.jobs);
+                jobs.map(|job| (job.latest + task.jitter) % cycle.cast_unsigned())
             })
             .collect();
         begins.sort_unstable();
         begins.dedup();
-        begins
+        let last = begins.last().map(|last| last.cast_signed() - cycle);
+        let before = begins.iter().map(|begin| begin.cast_signed());
+        let before: Vec<i64> = last.into_iter().chain(before).collect();
+        begins.into_iter().zip(before).collect()
     }
 
-    /// The window from the begin of the busy period in which a release of `other` may still
-    /// delay the job.
-    fn window(&self, other: &Task, busy: Busy) -> u64 {
-        if other.priority > self.task().priority {
-            busy.ends
-        } else {
-            // A release at the very instant at which the job starts still counts.
-            busy.starts + 1
-        }
+    /// Earliest nominal release of a job of the table, from the begin of the period.
+    fn nominal(&self, period: Period) -> Option<i64> {
+        let (table, job) = self.job?;
+        let turn = period.turn.checked_mul(table.cycle.cast_signed())?;
+        let release = job.earliest.cast_signed().checked_add(turn)?;
+        release.checked_sub(period.begin.cast_signed())
     }
 
-    /// Time that the delaying jobs take, plus the blocking.
-    fn demand(&self, busy: Busy) -> Option<u64> {
-        let mut sum = self.task().blocking;
-        for (_, other) in self.delaying() {
-            let window = self.window(other, busy);
-            let preemption = if other.priority > self.task().priority {
-                other.preemption
-            } else {
-                0
+    /// The turn in which a job does not delay the job under analysis: its own, as it is that job
+    /// or only exists because that one has started.
+    fn absent(&self, period: Period, of: &Task, other: &Job) -> Option<i64> {
+        let (_, job) = self.job?;
+        let caused = other.cause.is_some() && other.cause == job.id;
+        let never = std::ptr::eq(other, job) || (caused && of.priority <= self.task().priority);
+        never.then_some(period.turn)
+    }
+
+    /// The most releases of `other` that may delay the job in a window from the begin of the
+    /// period: those that may be at any time, and those of each part of the time table.
+    fn releases(
+        &self,
+        period: Period,
+        (index, other): (usize, &'a Task),
+        window: u64,
+        own: Own,
+    ) -> (u64, impl Iterator<Item = (&'a Timetable, u64)>) {
+        let besides = u64::from(own == Own::Released && index == self.index);
+        let own_table = self.job.map(|(table, _)| std::ptr::from_ref(table));
+        let sporadic = other
+            .arrivals
+            .count_sporadic(window.saturating_add(other.jitter));
+        let sporadic = match own_table {
+            None => sporadic.saturating_sub(besides),
+            Some(_) => sporadic,
+        };
+        let tables = other.arrivals.timed.iter();
+        let timed = tables.map(move |table| {
+            let besides = match own_table {
+                Some(own) if std::ptr::eq(own, table) => besides,
+                _ => 0,
             };
-            let jobs = other.arrivals.count_sporadic(window + other.jitter);
-            sum = sum.checked_add(jobs.checked_mul(other.cost.checked_add(preemption)?)?)?;
-            for table in self.tables(other) {
-                let jobs = table.from(busy.begin, window, other.jitter);
+            let absent = |job: &Job| self.absent(period, other, job);
+            let jobs = table.from(period.begin, window, other.jitter, besides, absent);
+            (table, jobs)
+        });
+        (sporadic, timed)
+    }
+
+    /// Time that the delaying jobs take, plus the blocking. Those of equal priority count that are
+    /// released in the window `equal` from the begin of the period, the others in `higher`.
+    fn demand(&self, period: Period, equal: u64, higher: u64, own: Own) -> Option<u64> {
+        let mut sum = self.task().blocking;
+        for (index, other) in self.delaying() {
+            let (window, preemption) = if other.priority > self.task().priority {
+                (higher, other.preemption)
+            } else {
+                (equal, 0)
+            };
+            let (sporadic, timed) = self.releases(period, (index, other), window, own);
+            let each = other.cost.checked_add(preemption)?;
+            sum = sum.checked_add(sporadic.checked_mul(each)?)?;
+            for (table, jobs) in timed {
                 let each = table.cost.unwrap_or(other.cost).checked_add(preemption)?;
                 sum = sum.checked_add(jobs.checked_mul(each)?)?;
             }
         }
-        let own = if self.is_among(busy) { self.cost } else { 0 };
-        Some(sum.saturating_sub(own))
+        Some(sum).filter(|sum| *sum < HORIZON)
     }
 
-    /// Whether the window also holds a release of the job itself, which is no interference.
-    fn is_among(&self, busy: Busy) -> bool {
-        self.job.is_none_or(|(table, job)| {
-            let task = self.task();
-            table.holds(job, busy.begin, self.window(task, busy), task.jitter)
-        })
+    /// The demand of the other jobs until `at`, if the job is released by then. A release at the
+    /// very instant at which the job would start still counts.
+    fn beside(&self, period: Period, at: u64) -> Option<u64> {
+        self.demand(period, at + 1, at + 1, Own::Released)
     }
 
-    /// The job's busy period that begins at `begin`; `None` if it does not end.
-    fn busy(&self, begin: u64) -> Option<Busy> {
-        let starts = least_fixed_point(self.task().blocking, |at| {
-            self.demand(Busy {
-                begin,
-                starts: at,
-                ends: at + 1,
-            })
-            .filter(|at| *at < HORIZON)
-        })?;
-        let ends = least_fixed_point(starts + self.cost, |at| {
-            let busy = Busy {
-                begin,
-                starts,
-                ends: at,
-            };
-            Some(self.demand(busy)?.checked_add(self.cost)?).filter(|at| *at < HORIZON)
-        })?;
-        Some(Busy {
-            begin,
-            starts,
-            ends,
-        })
+    /// When the busy period has ended if the job is not released before.
+    fn idle(&self, period: Period) -> Option<u64> {
+        settle(0, |at| self.demand(period, at + 1, at + 1, Own::NotYet))
     }
 
-    /// The answer for a response found in `busy`.
-    fn critical(&self, response: u64, busy: Busy) -> Critical {
+    /// Keeps the longest response in `worst`, if the job is released from `first` to `last` in this
+    /// period. `None` if the period does not end.
+    fn examine(
+        &self,
+        period: Period,
+        first: u64,
+        last: u64,
+        worst: &mut Option<Busy>,
+    ) -> Option<()> {
+        let mut next = if first == 0 || self.beside(period, first)? >= first {
+            Some(first)
+        } else {
+            self.next(period, first, last)?
+        };
+        let jitter = self.task().jitter.cast_signed();
+        while let Some(released) = next {
+            let starts = settle(released, |at| self.beside(period, at))?;
+            let ends = settle(starts + self.cost, |at| {
+                let others = self.demand(period, starts + 1, at, Own::Released)?;
+                others.checked_add(self.cost)
+            })?;
+            let nominal = released.cast_signed() - jitter;
+            let nominal = self.nominal(period).unwrap_or(nominal).max(nominal);
+            let response = ends.checked_add_signed(-nominal)?;
+            if worst.is_none_or(|worst| response > worst.response) {
+                *worst = Some(Busy {
+                    period,
+                    response,
+                    starts,
+                    ends,
+                });
+            }
+            next = self.next(period, starts, last)?;
+        }
+        Some(())
+    }
+
+    /// The first instant after `after`, up to `last`, at which the job may be released while the
+    /// busy period goes on. `None` if the demand takes too many steps.
+    fn next(&self, period: Period, after: u64, last: u64) -> Option<Option<u64>> {
+        let mut after = after;
+        for _ in 0..MAX_STEPS {
+            if after >= last {
+                return Some(None);
+            }
+            let demand = self.beside(period, after)?;
+            if self.beside(period, last)? == demand {
+                return Some(None);
+            }
+            // The next step of the demand is in low + 1..=high.
+            let (mut low, mut high) = (after, last);
+            while high - low > 1 {
+                let middle = low + (high - low) / 2;
+                if self.beside(period, middle)? > demand {
+                    high = middle;
+                } else {
+                    low = middle;
+                }
+            }
+            if self.beside(period, high)? >= high {
+                return Some(Some(high));
+            }
+            after = high;
+        }
+        None
+    }
+
+    /// The answer for the job in its worst period.
+    fn critical(&self, busy: Busy) -> Critical {
         let task = self.task();
         let jobs = |index: usize, other: &'a Task| {
-            let window = self.window(other, busy);
-            let sporadic = other.arrivals.count_sporadic(window + other.jitter);
-            let timed = self.tables(other);
-            let timed = timed.map(|table| table.from(busy.begin, window, other.jitter));
-            let jobs = sporadic + timed.sum::<u64>();
-            if index == self.index && self.is_among(busy) {
-                jobs.saturating_sub(1)
+            let window = if other.priority > task.priority {
+                busy.ends
             } else {
-                jobs
-            }
+                busy.starts + 1
+            };
+            let releases = self.releases(busy.period, (index, other), window, Own::Released);
+            releases.0 + releases.1.map(|(_, jobs)| jobs).sum::<u64>()
         };
         Critical {
             job: self.job.map(|(_, job)| job.label.clone()),
-            response,
+            response: busy.response,
             deadline: self
                 .job
                 .and_then(|(_, job)| job.deadline)

@@ -17,18 +17,23 @@ pub struct Task {
     pub deadline: u64,
     /// How much later than its nominal release time a job may be released.
     pub jitter: u64,
-    /// Index of the task that releases this one: the response time of that task adds to
+    /// Indices of the tasks that release this one: the longest of their response times adds to
     /// the jitter of this one.
-    pub after: Option<usize>,
+    ///
+    /// A release of the time table follows from a job that may have its nominal release at the
+    /// same instant; if there is none, from any job of that task. A release at any time follows
+    /// from a job that may come at any time. If both have releases in the table and only this one
+    /// has others, these come from elsewhere.
+    pub after: Vec<usize>,
     /// True if releases merge: the interrupt has one pending bit, so a release while one is
     /// pending adds no job.
     pub coalesces: bool,
     /// True if its jobs are released only while the node is off the bus. The node transmits
-    /// nothing then, so these jobs cannot delay a transmission
+    /// nothing then, so these jobs cannot make a transmission late
     /// ([`Job::transmits`](crate::arrivals::Job::transmits)).
     pub off_bus: bool,
-    /// Longest critical section that can block this task
-    /// ([`blocking`](super::blocking::blocking)).
+    /// Longest time for which a critical section of a lower priority can block this task
+    /// ([`blocked`](super::blocking::blocked)).
     pub blocking: u64,
     /// What each job of this task costs the job it preempts, beyond `cost`: a restarted
     /// divide, a lost flash line, a stacked FPU context.
