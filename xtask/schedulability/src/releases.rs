@@ -212,6 +212,28 @@ impl<'a> Bus<'a> {
         Some(pauses.min()? * MICROSECOND)
     }
 
+    /// Least time from the end of a frame of another window to the begin of an arbitrating one; `None`
+    /// without an arbitrating window.
+    fn pause_before_events(&self) -> Option<Picoseconds> {
+        let cycle = u64::from(self.network.basic_cycle_us) * MICROSECOND;
+        let (events, others): (Vec<&Message>, Vec<&Message>) = self
+            .network
+            .messages
+            .iter()
+            .partition(|message| message.window.kind == WindowKind::Arbitrating);
+        let pause = |event: &Message, other: &Message| {
+            let frame = u64::from(worst_case_bits(other.length)) * self.bit();
+            let start = u64::from(other.window.start_us) * MICROSECOND;
+            let end = (start + self.transmit_enable() + frame) % cycle.max(1);
+            let begin = u64::from(event.window.start_us) * MICROSECOND;
+            (begin + cycle).saturating_sub(end) % cycle.max(1)
+        };
+        let pauses = events
+            .iter()
+            .flat_map(|event| others.iter().map(move |other| pause(event, other)));
+        pauses.min()
+    }
+
     /// The ends of this node's attempts in each arbitrating window: its message was sent, or lost
     /// arbitration against another one.
     ///
@@ -526,9 +548,19 @@ impl<'a> Bus<'a> {
     }
 
     /// The instants at which this node may enqueue its event messages during their window. A
-    /// message that is enqueued outside of it waits for the window's first edge.
+    /// message that is enqueued outside of it waits for the window's first edge. As the ends of
+    /// attempts ([`Bus::attempts`]), they must be handled before three more event messages end. If a
+    /// frame of the window before may end after the first edge, it is one of the three.
     #[must_use]
     pub fn events_queued(&self) -> Option<Timetable> {
+        let alone = self
+            .pause_before_events()
+            .is_none_or(|pause| pause >= self.lead + self.uncertainty());
+        let deadline = if alone {
+            self.event_margin()
+        } else {
+            self.fifo_margin()
+        };
         let mut jobs = Vec::new();
         for message in self.network.messages.iter().filter(|m| self.is_own(m)) {
             let window = message.window;
@@ -543,7 +575,7 @@ impl<'a> Bus<'a> {
                     earliest: (begin + u64::from(window.start_us) * MICROSECOND)
                         .saturating_sub(self.lead),
                     latest: begin + u64::from(window.end_us()) * MICROSECOND,
-                    deadline: Some(self.fifo_margin()),
+                    deadline: Some(deadline),
                     transmits: false,
                 };
                 jobs.extend(std::iter::repeat_n(job, self.events_in_cycle(message)));

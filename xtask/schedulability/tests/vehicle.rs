@@ -296,6 +296,25 @@ fn each_of_two_adjacent_arbitrating_windows_has_its_own_jobs() {
     assert_eq!(timer.count(), 2);
 }
 
+/// The frame of the window before ends 396 us before the events' window at the latest. A node that begins
+/// so long before its window may find that frame in its FIFO as one of the three.
+#[test]
+fn the_enqueuing_of_an_event_waits_for_event_messages_alone() {
+    let network = network();
+    let deadlines = |lead: u64| {
+        let bus = Bus::new(&network, "steering", lead * 1_000_000);
+        let jobs = bus.events_queued().unwrap().jobs;
+        let deadlines: Vec<_> = jobs.iter().filter_map(|job| job.deadline).collect();
+        assert_eq!(deadlines.len(), jobs.len());
+        (deadlines, bus.event_margin(), bus.fifo_margin())
+    };
+    let (own, events, frames) = deadlines(9);
+    assert!(events > frames, "{events} {frames}");
+    assert!(own.iter().all(|&deadline| deadline == events), "{own:?}");
+    let (own, ..) = deadlines(400);
+    assert!(own.iter().all(|&deadline| deadline == frames), "{own:?}");
+}
+
 #[test]
 fn a_vehicle_of_ten_microseconds_holds() {
     let report = vehicle();
