@@ -24,6 +24,9 @@
 //! * The next rows show between the stalks and in gaps, as far away again. They
 //!   carry the estimate too, and tell how the rows bend.
 //!
+//! Rows may also be walls, as barriers are. Then the width is measured: long surfaces at both
+//! sides that are farther apart than expected, or nearer, are the row from there on.
+//!
 //! Without stalks the estimate goes on by the wheel speeds, and its deviation
 //! grows with the way.
 
@@ -50,6 +53,8 @@ const LARGEST_BEND: f64 = 1.0 / 16.0;
 const LARGEST_SURPRISE: f64 = 0.1;
 /// Longest time step, s. A longer one counts as this one.
 const LONGEST_STEP: f64 = 0.1;
+/// Largest width of the rows that is followed, as a multiple of that of the settings.
+const WIDEST: f64 = 1.5;
 /// Way (m) and commanded turn (rad) after which the hypotheses are moved though
 /// no run has come.
 const LONGEST_DRIFT: (f64, f64) = (0.1, 0.1);
@@ -134,6 +139,9 @@ pub struct RowEstimator<T> {
     next: Side,
     /// Curvature of the rows, to the right, 1/m.
     bend: T,
+    /// What half the width is expected to be, m: that of the settings until walls show another
+    /// one.
+    half_width: T,
 }
 
 impl<T: Scalar> RowEstimator<T> {
@@ -164,6 +172,7 @@ impl<T: Scalar> RowEstimator<T> {
             right: RowMemory::new(),
             next: Side::Left,
             bend: T::zero(),
+            half_width: settings.rows.half_width,
         };
         estimator.restart();
         estimator
@@ -184,7 +193,8 @@ impl<T: Scalar> RowEstimator<T> {
         self.mixture = Mixture::of(covariance(&self.settings, AT_START));
         self.drift = Drift::none();
         self.stage = Stage::Waiting;
-        self.state = middle(&self.settings);
+        self.half_width = self.settings.rows.half_width;
+        self.state = self.middle();
         self.direction = (T::zero(), T::one());
     }
 
@@ -244,6 +254,14 @@ impl<T: Scalar> RowEstimator<T> {
         }
     }
 
+    /// State of a robot that knows nothing but the width.
+    fn middle(&self) -> State<T> {
+        State {
+            half_width: self.half_width,
+            ..State::zero()
+        }
+    }
+
     fn pose(&self) -> RowPose<T> {
         RowPose {
             offset: self.state.offset,
@@ -285,7 +303,7 @@ impl<T: Scalar> RowEstimator<T> {
         let turned = self.turn * dt;
         let (sine, cosine) = self.direction;
         let drift = Drift::step(&self.settings, ahead, turned, cosine);
-        let centre = middle(&self.settings);
+        let centre = self.middle();
         let carried = drift.carry(&State {
             offset: self.state.offset,
             // The lever is that of small changes of the heading.
@@ -332,14 +350,19 @@ impl<T: Scalar> RowEstimator<T> {
         else {
             return false;
         };
+        (left + right).abs() <= self.same_width()
+    }
+
+    /// Largest difference of the sum of both distances, m, between walls of the width that
+    /// is expected.
+    fn same_width(&self) -> T {
         let RowEstimatorSettings {
             beams,
             rows,
             readings,
             ..
         } = &self.settings;
-        let most = readings.agreement + T::lit(4.0) * rows.tolerance / beams.sine;
-        (left + right).abs() <= most
+        readings.agreement + T::lit(4.0) * rows.tolerance / beams.sine
     }
 
     /// Corrects the estimate by runs of readings that have ended. A run takes three
@@ -363,8 +386,45 @@ impl<T: Scalar> RowEstimator<T> {
         }
     }
 
+    /// Half the width between walls at both sides, if these are walls for certain and their
+    /// width is not the one of the estimate. An offset of the robot makes one side farther and
+    /// the other one nearer, and so leaves the sum as it is.
+    fn other_width(&self) -> Option<T> {
+        let more = self.left.sure_wall()? + self.right.sure_wall()?;
+        let mean = more * T::lit(0.5);
+        if more.abs() <= self.same_width() || !is_near(mean) {
+            return None;
+        }
+        let RowEstimatorSettings { beams, rows, .. } = &self.settings;
+        let found = self.state.half_width + mean * beams.sine;
+        let least = rows.half_width - rows.tolerance * T::lit(3.0);
+        let most = rows.half_width * T::lit(WIDEST);
+        Some(if found < least {
+            least
+        } else if found > most {
+            most
+        } else {
+            found
+        })
+    }
+
+    /// Goes on between walls of another width, where the robot may be anywhere.
+    fn change_width(&mut self, half_width: T) {
+        self.half_width = half_width;
+        self.mixture = Mixture::of(covariance(&self.settings, ANYWHERE));
+        self.drift = Drift::none();
+        self.shift(&State {
+            half_width: half_width - self.state.half_width,
+            ..State::zero()
+        });
+    }
+
     /// Takes the next run, if there is one, and splits the hypotheses by it.
     fn begin(&mut self) {
+        if let Some(half_width) = self.other_width() {
+            self.change_width(half_width);
+            return;
+        }
         let side = self.next;
         let other = match side {
             Side::Left => Side::Right,
@@ -410,7 +470,7 @@ impl<T: Scalar> RowEstimator<T> {
         let settings = &self.settings;
         let fresh = Hypothesis {
             weight: settings.readings.doubt,
-            state: middle(settings).minus(&self.state),
+            state: self.middle().minus(&self.state),
             covariance: covariance(settings, ANYWHERE),
         };
         let row = match side {
@@ -487,19 +547,11 @@ impl<T: Scalar> RowEstimator<T> {
         self.state = State {
             offset: clamp_symmetric(offset, half_width * T::lit(LARGEST_OFFSET)),
             heading: clamp_symmetric(heading, T::lit(LARGEST_HEADING)),
-            half_width: half_width
-                + clamp_symmetric(width - half_width, settings.rows.tolerance * three),
+            half_width: self.half_width
+                + clamp_symmetric(width - self.half_width, settings.rows.tolerance * three),
             curvature: clamp_symmetric(curvature, settings.motion.curvature * three),
         };
         self.direction = self.state.heading.sine_cosine();
-    }
-}
-
-/// State of a robot that has not seen anything.
-fn middle<T: Scalar>(settings: &RowEstimatorSettings<T>) -> State<T> {
-    State {
-        half_width: settings.rows.half_width,
-        ..State::zero()
     }
 }
 

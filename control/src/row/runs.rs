@@ -20,6 +20,9 @@ const PART: f64 = 0.1;
 /// Way along surfaces at both sides, as far apart as the rows, after which they are walls, m.
 const BOTH: f64 = 0.06;
 
+/// Way along a surface without a space after which nothing else than a wall can be meant, m.
+const SURE: f64 = 0.3;
+
 /// Share of the least way along a wall that is known already after it has counted once.
 const WALL_KNOWN: f64 = 0.5;
 
@@ -133,6 +136,8 @@ pub(super) struct RowMemory<T> {
     ended: Option<Run<T>>,
     /// What the last reading exceeded its prediction by, m.
     last: Option<T>,
+    /// Way along one surface, whether parts of it have counted or not, m.
+    wall: T,
     /// Share of the way along which leaves hide the row, in [0, 1].
     cover: T,
     pub(super) watch: Watch<T>,
@@ -147,6 +152,7 @@ impl<T: Scalar> RowMemory<T> {
             surface: Surface::new(false),
             ended: None,
             last: None,
+            wall: T::zero(),
             cover: T::zero(),
             watch: Watch::new(),
             open: OpenWay::new(),
@@ -179,7 +185,9 @@ impl<T: Scalar> RowMemory<T> {
             (Some(excess), Some(last)) => (excess - last).abs() <= readings.agreement,
             _ => false,
         };
+        self.wall += step.way;
         if !is_same_surface {
+            self.wall = T::zero();
             let surface = core::mem::replace(
                 &mut self.surface,
                 Surface::new(self.last.is_some_and(is_near)),
@@ -211,6 +219,11 @@ impl<T: Scalar> RowMemory<T> {
     /// wall between walls.
     pub(super) fn long_surface(&self) -> Option<T> {
         (self.surface.way >= T::lit(BOTH)).then(|| self.surface.mean())
+    }
+
+    /// What the last reading exceeds its prediction by, m, if the surface is a wall for certain.
+    pub(super) fn sure_wall(&self) -> Option<T> {
+        self.last.filter(|_| self.wall >= T::lit(SURE))
     }
 
     /// A run that has ended, once.

@@ -759,9 +759,17 @@ mod tests {
                 "{name}: {thesis:?}"
             );
         }
-        let step = of("Furrow", "step");
+    }
+
+    /// Also where clods turn the robot just then, or its drivers' clocks differ (seeds 22, 38, 93).
+    #[test]
+    fn furrow_goes_on_in_the_middle_behind_a_step_of_both_walls() {
+        let cases = ready();
+        let ready = cases.iter().find(|ready| ready.case.name == "step, Furrow");
+        let step = quick(ready.unwrap(), 100);
         assert_eq!(step.contacts, 0, "{step:?}");
-        assert!(step.mean_offset_cm.unwrap() < 0.5, "{step:?}");
+        assert!(step.mean_offset_cm.unwrap() < 0.4, "{step:?}");
+        assert!(step.largest_offset_cm.unwrap() < 5.0, "{step:?}");
     }
 
     /// "PI response to step input, showing decreased steady-state error" (Figure 2.20).
