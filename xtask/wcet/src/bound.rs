@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::cycles::Cycles;
 use super::facts::Facts;
 use super::mask::Level;
+use super::pend::Pend;
 
 /// How the analysed code is entered and left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -82,6 +83,8 @@ pub struct Bound {
     pub sections: Vec<Section>,
     /// Panics that the analysis does not prove impossible.
     pub panics: BTreeSet<PanicSite>,
+    /// Exceptions that it may make pending.
+    pub pends: BTreeSet<Pend>,
     /// Flow facts.
     pub facts: Facts,
     /// Bounds that were taken from annotations, by the first line of the loop.

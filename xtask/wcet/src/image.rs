@@ -299,6 +299,14 @@ impl Image {
         handlers
     }
 
+    /// The handler in the vector table of the exception with this number.
+    #[must_use]
+    pub fn handler(&self, exception: u16) -> Option<u32> {
+        let table = self.symbol("__RESET_VECTOR")? - 4;
+        let word = self.constant(table + 4 * u32::from(exception), 4)? & !1;
+        self.is_code(word).then_some(word)
+    }
+
     /// The halfword of code at `address`.
     #[must_use]
     pub fn halfword(&self, address: u32) -> Option<u16> {

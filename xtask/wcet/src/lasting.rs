@@ -21,6 +21,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::extent::Extent;
 use super::layout::{BIT_BAND, STACK};
+use super::pend::Pend;
 use super::symbols::Symbols;
 use super::value::Value;
 
@@ -52,6 +53,8 @@ pub struct Memory {
     pub lasting: std::rc::Rc<Words>,
     /// Bytes that may have been written since a task could first run.
     pub written: Written,
+    /// Exceptions that stores may make pending.
+    pub pends: BTreeSet<Pend>,
     /// Words that memory holds when a task can first run, on every path so far.
     pub left: Option<Words>,
     /// While a function that copies or fills memory runs: the bytes outside the stack that it

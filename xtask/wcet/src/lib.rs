@@ -5,7 +5,8 @@
 //! direction that no element of its operands allows. Loops run turn by turn until no element
 //! stays inside. The result is a bound, together with facts about the edges: which are possible
 //! and how often (`facts`). From these, [`ipet`] builds an integer linear program whose
-//! solution is the longest path.
+//! solution is the longest path. The same run finds the interrupts that stores make pending
+//! ([`pend`]).
 //!
 //! ```text
 //! image, instruction, graph, annotation -> program --+
@@ -32,6 +33,7 @@ pub mod lasting;
 mod layout;
 pub mod mask;
 mod merge;
+pub mod pend;
 mod program;
 mod range;
 pub mod register;

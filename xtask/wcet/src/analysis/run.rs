@@ -128,6 +128,7 @@ impl<'r, 'a> Run<'r, 'a> {
         });
         let sections = self.sections.iter();
         let sections = sections.map(|(&(level, at), &cycles)| Section { level, cycles, at });
+        let memory = self.executor.into_memory();
         Outcome {
             bound: Bound {
                 cycles: returned.max(self.ended),
@@ -135,11 +136,12 @@ impl<'r, 'a> Run<'r, 'a> {
                 uses_fpu: self.uses_fpu,
                 sections: sections.collect(),
                 panics: self.panics,
+                pends: memory.pends.clone(),
                 facts: self.facts,
                 annotated: self.annotated,
                 problems: self.problems,
             },
-            memory: self.executor.into_memory(),
+            memory,
             found: self.found,
         }
     }

@@ -5,6 +5,7 @@ use std::rc::Rc;
 use crate::extent::Extent;
 use crate::lasting::{FAR, places, reach};
 use crate::layout::{CRC, FITTED_RAM, PERIPHERALS, RAM, STACK, leads_to_memory};
+use crate::pend::{Pend, of_store};
 use crate::range::Range;
 use crate::value::Value;
 
@@ -77,6 +78,7 @@ impl Step<'_, '_> {
     pub(super) fn store(&mut self, address: &Value, size: u32, value: &Value) {
         self.note_write(address, size, value);
         self.lend(address, value);
+        self.note_pends(address, size, value);
         if let Some(at) = address.as_constant()
             && STACK.contains(at)
         {
@@ -153,6 +155,21 @@ impl Step<'_, '_> {
             memory.retain(|at, _| !near.contains(at));
             memory.extend(word.map(|word| (first, word)));
         }
+    }
+
+    /// Notes the exceptions that a store makes pending.
+    fn note_pends(&mut self, address: &Value, size: u32, value: &Value) {
+        let Some((exceptions, exact)) = of_store(&self.machine.symbols, address, size, value)
+        else {
+            return;
+        };
+        let pends = exceptions.into_iter().map(|exception| Pend {
+            at: self.instruction.address,
+            exception,
+            exact,
+            early: !self.state.started,
+        });
+        self.machine.memory.pends.extend(pends);
     }
 
     /// Notes that a peripheral is given the address of a variable: by DMA it may write to that
