@@ -288,6 +288,39 @@ impl Arrivals {
         self
     }
 
+    /// The same releases, each up to `late` later, or the deadline of its own job where that is
+    /// longer. Distances between them are lost.
+    #[must_use]
+    pub fn delayed(&self, late: u64) -> Self {
+        let sporadic = self.all_sporadic().map(|stream| Sporadic {
+            period: stream.period,
+            jitter: stream.jitter.saturating_add(late),
+            limit: None,
+        });
+        let timed = self.timed.iter().map(|table| {
+            let jobs = table.jobs.iter().map(|job| Job {
+                latest: job.latest + job.deadline.unwrap_or(0).max(late),
+                deadline: None,
+                transmits: false,
+                ..job.clone()
+            });
+            Timetable {
+                cycle: table.cycle,
+                spacing: 0,
+                burst: 0,
+                kind: Kind::Any,
+                cost: None,
+                begun_at: Vec::new(),
+                jobs: jobs.collect(),
+            }
+        });
+        Self {
+            sporadic: sporadic.collect(),
+            spaced: Vec::new(),
+            timed: timed.collect(),
+        }
+    }
+
     /// All sporadic streams, whether they keep a distance from others or not.
     fn all_sporadic(&self) -> impl Iterator<Item = &Sporadic> {
         let spaced = self.spaced.iter().flat_map(|spaced| &spaced.streams);

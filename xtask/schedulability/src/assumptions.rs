@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::foreign::Foreign;
 use crate::models::Models;
 use crate::results::NodeReport;
+use crate::table::PendedBy;
 use crate::units::time;
 
 /// Assumptions that hold for every vehicle.
@@ -13,7 +14,7 @@ const ALWAYS: [&str; 5] = [
     "Flash: a fetch pays its wait states unless its line is proven to be in the fetch buffer; no cache hit is assumed. SRAM is read and written without wait states.",
     "DMA never delays the core on the bus matrix for longer than the wait states charged. No debugger is connected.",
     "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left.",
-    "An event message is sent at most once in each of its intervals. A task is not released more often than the task table says.",
+    "An event message is sent at most once in each of its intervals. A task is not released more often than the task table says. It omits no task that pends another one, if no unresolved pointer leads to the interrupt controller.",
 ];
 
 /// Assumptions about a bus without a schedule.
@@ -74,6 +75,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
     if tasks.any(|task| task.dispatched) {
         all.push("The executor and the timer queue of the software tasks call only functions whose address stands in the image. A software task waits for one instant at a time.".to_owned());
     }
+    all.extend(pended(models));
     all.extend(never_called(models));
     for (model, table) in &models.nodes {
         let runs = format!(
@@ -129,6 +131,31 @@ fn errors(models: &Models) -> String {
             bus.error_burst, bus.error_interval_ms
         )
     }
+}
+
+/// How often tasks pend each other, and why, as the table says; equal sentences of several nodes are
+/// one.
+fn pended(models: &Models) -> BTreeSet<String> {
+    let mut pended: BTreeMap<String, Vec<&str>> = BTreeMap::new();
+    for (model, table) in &models.nodes {
+        for (task, entry) in &table.task {
+            for (pender, how) in &entry.pended_by {
+                let PendedBy::Bounded(bounded) = how else {
+                    continue;
+                };
+                let what = format!(
+                    "{pender} pends {task} {}: {}",
+                    bounded.often(),
+                    bounded.because.trim_end_matches('.')
+                );
+                pended.entry(what).or_default().push(&model.name);
+            }
+        }
+    }
+    let pended = pended.into_iter();
+    pended
+        .map(|(what, nodes)| format!("{what}. This holds on {}.", nodes.join(", ")))
+        .collect()
 }
 
 /// What the table says that certain jobs never call; equal sentences of several nodes are one.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use crate::arrivals::Kind;
 use crate::model::{NodeModel, TaskModel};
+use crate::pends::{self, Found, Pender};
 use crate::table::NodeTable;
 use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
@@ -65,6 +66,8 @@ pub struct Execution {
     pub handlers: BTreeMap<String, Handler>,
     /// Critical sections.
     pub sections: Vec<Section>,
+    /// Who makes which task pending.
+    pub pends: BTreeSet<Found>,
     /// Deepest stack with all preemptions, in bytes.
     pub stack: u32,
     /// What the stack figure does not include.
@@ -176,6 +179,7 @@ impl Analyser<'_> {
         let entry = self.image.symbol(&task.interrupt).ok_or_else(missing)?;
         let bound = self.analysis.run(entry, Entry::Handler);
         self.add_sections(&bound, &task.interrupt, task.priority);
+        self.add_pends(&bound, &Pender::Handler(task.interrupt.clone()));
         let depth = self.stacks.depth(entry);
         self.execution.stack_unknown.extend(depth.unknown);
         let level = self.levels.entry(task.priority).or_default();
@@ -245,6 +249,7 @@ impl Analyser<'_> {
     fn add_main(&mut self, main: u32) {
         let bound = self.analysis.run(main, Entry::Program);
         self.add_sections(&bound, "main", 0);
+        self.add_pends(&bound, &Pender::Idle);
         let depth = self.stacks.depth(main);
         self.execution.stack_unknown.extend(depth.unknown);
         self.main = depth.bytes.max(bound.stack);
@@ -261,6 +266,12 @@ impl Analyser<'_> {
         let preemptions = self.levels.values().map(|level| level + FRAME_FPU);
         self.execution.stack = self.main + preemptions.sum::<u32>();
         self.execution
+    }
+
+    /// Adds what makes tasks of the node pending.
+    fn add_pends(&mut self, bound: &Bound, pender: &Pender) {
+        let found = pends::found(self.node, self.image, pender, &bound.pends);
+        self.execution.pends.extend(found);
     }
 
     /// Adds the critical sections of the code that runs at `priority`.

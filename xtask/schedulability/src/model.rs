@@ -7,7 +7,7 @@ use network_model::Network;
 use crate::arrivals::{Arrivals, Kind, Timetable};
 use crate::event::Traffic;
 use crate::releases::Bus;
-use crate::table::{BusEvent, By, Delay, NodeTable, TaskTable};
+use crate::table::{BusEvent, By, Delay, IDLE, INIT, NodeTable, PendedBy, Run, TaskTable};
 use crate::tasks::{App, TIMER};
 use crate::units::{MICROSECOND, Picoseconds};
 
@@ -108,6 +108,14 @@ pub enum TaskFault {
     /// `after` names no task.
     #[error("`after` names {0}, which is no task")]
     After(String),
+    /// `pended_by` names no task.
+    #[error("`pended_by` names {0}, which is neither a task nor init or idle")]
+    PendedBy(String),
+    /// Tasks pend each other, each in every job.
+    #[error(
+        "`pended_by` says \"each\" in a loop ({0}), so nothing bounds how often it runs: one of them needs {{ every_us = N, because = \"...\" }}"
+    )]
+    PendsInLoop(String),
     /// `receives` names a message that no other node sends.
     #[error("no other node sends a message {0}")]
     NotReceived(String),
@@ -184,21 +192,22 @@ impl NodeModel {
         traffic: &Traffic,
         file: &str,
     ) -> Result<(), ModelError> {
+        let wrong = |task: &str, fault| ModelError {
+            file: file.to_owned(),
+            node: self.name.clone(),
+            fault: ModelFault::Task {
+                task: task.to_owned(),
+                fault,
+            },
+        };
         for task in &mut self.tasks {
             let Some(entry) = table.task.get(&task.name) else {
                 continue;
             };
             let arrivals = traffic.arrivals(&self.name, entry);
-            task.arrivals = arrivals.map_err(|fault| ModelError {
-                file: file.to_owned(),
-                node: self.name.clone(),
-                fault: ModelFault::Task {
-                    task: task.name.clone(),
-                    fault,
-                },
-            })?;
+            task.arrivals = arrivals.map_err(|fault| wrong(&task.name, fault))?;
         }
-        Ok(())
+        add_pends(&mut self.tasks, table).map_err(|(task, fault)| wrong(&task, fault))
     }
 
     fn with(
@@ -243,6 +252,12 @@ impl NodeModel {
             if let Some(after) = entry.after.as_deref().filter(|after| !is_declared(after)) {
                 return Err(of_task(TaskFault::After(after.to_owned())));
             }
+            let mut penders = entry.pended_by.keys();
+            let is_pender =
+                |name: &String| is_declared(name) || [INIT, IDLE].contains(&name.as_str());
+            if let Some(unknown) = penders.find(|name| !is_pender(name)) {
+                return Err(of_task(TaskFault::PendedBy(unknown.clone())));
+            }
             let (arrivals, deadline) = timing(entry).map_err(of_task)?;
             let of_app = app.tasks.iter().find(|of_app| of_app.name == task);
             tasks.push(TaskModel {
@@ -262,6 +277,8 @@ impl NodeModel {
                 dispatched: task != interrupt && of_app.is_none_or(|of_app| of_app.binds.is_none()),
             });
         }
+        add_pends(&mut tasks, table)
+            .map_err(|(task, fault)| wrong(ModelFault::Task { task, fault }))?;
         tasks.sort_by_key(|task| std::cmp::Reverse(task.priority));
         Ok(Self {
             name: name.to_owned(),
@@ -270,6 +287,70 @@ impl NodeModel {
             event_triggered: false,
         })
     }
+}
+
+/// Adds to the releases of each task those of the tasks that pend it in each of their jobs. A pend
+/// comes after the release of the job, and before its deadline.
+///
+/// # Errors
+/// The task at fault, if tasks pend each other so.
+fn add_pends(tasks: &mut [TaskModel], table: &NodeTable) -> Result<(), (String, TaskFault)> {
+    let each = |task: &TaskModel| -> Vec<String> {
+        let pended_by = table.task.get(&task.name).map(|entry| &entry.pended_by);
+        let penders = pended_by.into_iter().flatten();
+        penders
+            .filter(|(_, how)| matches!(how, PendedBy::Run(Run::Each)))
+            .map(|(pender, _)| pender.clone())
+            .collect()
+    };
+    let mut missing: BTreeMap<String, Vec<String>> = tasks
+        .iter()
+        .map(|task| (task.name.clone(), each(task)))
+        .collect();
+    while !missing.is_empty() {
+        // A task whose penders all have their releases.
+        let is_next = |penders: &Vec<String>| penders.iter().all(|one| !missing.contains_key(one));
+        let next = missing.iter().find(|(_, penders)| is_next(penders));
+        let Some(next) = next.map(|(task, _)| task.clone()) else {
+            return Err(pends_in_loop(&missing));
+        };
+        for pender in missing.remove(&next).unwrap_or_default() {
+            let mut all = tasks.iter();
+            let of_pender = all.find(|task| task.name == pender).map(|task| {
+                let late = task.jitter.saturating_add(task.deadline);
+                task.arrivals.delayed(late)
+            });
+            let mut all = tasks.iter_mut();
+            if let (Some(task), Some(added)) = (all.find(|task| task.name == next), of_pender) {
+                task.arrivals = std::mem::take(&mut task.arrivals).merged(&added);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A loop among tasks of which each has a pender that is one of them.
+fn pends_in_loop(missing: &BTreeMap<String, Vec<String>>) -> (String, TaskFault) {
+    let mut path: Vec<&str> = Vec::new();
+    let mut at = missing.keys().next().map(String::as_str);
+    while let Some(task) = at {
+        if let Some(begin) = path.iter().position(|known| *known == task) {
+            path.drain(..begin);
+            break;
+        }
+        path.push(task);
+        let penders = missing.get(task).into_iter().flatten();
+        let mut penders = penders.map(String::as_str);
+        at = penders.find(|pender| missing.contains_key(*pender));
+    }
+    let first = path.first().copied().unwrap_or_default();
+    let shown: Vec<&str> = path
+        .iter()
+        .rev()
+        .copied()
+        .chain(path.last().copied())
+        .collect();
+    (first.to_owned(), TaskFault::PendsInLoop(shown.join(" -> ")))
 }
 
 /// When the jobs of a task may be released.

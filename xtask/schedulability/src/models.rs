@@ -9,6 +9,7 @@ use crate::event::Traffic;
 use crate::execution::ExecutionError;
 use crate::foreign::{self, Foreign};
 use crate::model::{ModelError, NodeModel};
+use crate::pends::PendError;
 use crate::table::{NodeTable, Protocol, Table, TableError};
 use crate::tasks::{App, SourceError};
 use wcet::annotation::Misplaced;
@@ -62,6 +63,9 @@ pub enum InputError {
     /// An image does not fit its model.
     #[error(transparent)]
     Execution(#[from] ExecutionError),
+    /// The task table omits who pends a task.
+    #[error(transparent)]
+    Pend(#[from] PendError),
     /// A source has an annotation that belongs to no loop.
     #[error(transparent)]
     Annotation(#[from] Misplaced),

@@ -177,6 +177,14 @@ pub enum TaskFault {
     /// `every` names no task with releases of its own.
     #[error("has `every` with a task that is not in its node or has itself such an `every`")]
     EveryTask,
+    /// A pender runs more than once, or has no jobs.
+    #[error(
+        "is pended by {0} {1:?}, but \"each\" is for other tasks and \"once\" for init: write {{ every_us = N, because = \"...\" }}"
+    )]
+    Run(String, &'static str),
+    /// The bound of its pends has no reason.
+    #[error("is pended by {0}, but `because` gives no reason")]
+    NoReason(String),
     /// It has no deadline or two.
     #[error("needs either `deadline_us` or `by`")]
     Deadline,
@@ -229,7 +237,8 @@ impl NodeEntry {
 }
 
 impl NodeEntry {
-    /// Derives the releases of `every` for all tasks.
+    /// Derives the releases of `every` and `pended_by` for all tasks, but for those that follow
+    /// from other tasks' arrivals ([`Run::Each`]).
     ///
     /// # Errors
     /// The name of the task at fault, and what is wrong with it.
@@ -238,19 +247,49 @@ impl NodeEntry {
         network: &Network,
         receiver_period_us: Option<u64>,
     ) -> Result<(), (String, TaskFault)> {
-        let derived = |task: &TaskTable| -> Result<Vec<Sporadic>, TaskFault> {
+        // All releases of a task that refers to no other one.
+        let alone = |task: &TaskTable| -> Result<Vec<Sporadic>, TaskFault> {
+            let mut streams: Vec<Sporadic> = task.periodic().collect();
+            let mut causes = task.every.as_slice().to_vec();
+            for pended in task.pended_by.values() {
+                match pended {
+                    PendedBy::Run(Run::Each) => return Err(TaskFault::EveryTask),
+                    PendedBy::Run(Run::Once) => streams.push(Sporadic::every(ONCE)),
+                    PendedBy::Bounded(bounded) => {
+                        streams.extend(periodic(&bounded.every_us));
+                        causes.extend_from_slice(bounded.every.as_slice());
+                    }
+                }
+            }
+            for every in causes {
+                streams.push(every.alone(network, receiver_period_us)?);
+            }
+            Ok(streams)
+        };
+        let of_causes = |causes: &[Every]| -> Result<Vec<Sporadic>, TaskFault> {
             let mut streams = Vec::new();
-            for every in task.every.as_slice() {
+            for every in causes {
                 match every {
                     Every::BusOff | Every::ReceiverBurst(_) => {
                         streams.push(every.alone(network, receiver_period_us)?);
                     }
                     Every::Task(name) => {
                         let other = self.task.get(name).ok_or(TaskFault::EveryTask)?;
-                        streams.extend(other.periodic());
-                        for every in other.every.as_slice() {
-                            streams.push(every.alone(network, receiver_period_us)?);
-                        }
+                        streams.extend(alone(other)?);
+                    }
+                }
+            }
+            Ok(streams)
+        };
+        let derived = |task: &TaskTable| -> Result<Vec<Sporadic>, TaskFault> {
+            let mut streams = of_causes(task.every.as_slice())?;
+            for pended in task.pended_by.values() {
+                match pended {
+                    PendedBy::Run(Run::Each) => {}
+                    PendedBy::Run(Run::Once) => streams.push(Sporadic::every(ONCE)),
+                    PendedBy::Bounded(bounded) => {
+                        streams.extend(periodic(&bounded.every_us));
+                        streams.extend(of_causes(bounded.every.as_slice())?);
                     }
                 }
             }
@@ -363,6 +402,10 @@ pub struct TaskTable {
     pub at: Option<String>,
     /// The task that releases this one. Its response time is this one's release jitter.
     pub after: Option<String>,
+    /// Who else makes it pending, by name: tasks of the node, this one included, [`INIT`] or
+    /// [`IDLE`]. Their pends are releases in addition to those above.
+    #[serde(default)]
+    pub pended_by: BTreeMap<String, PendedBy>,
     /// True if it is released only while the node is off the bus.
     #[serde(default)]
     pub off_bus: bool,
@@ -380,6 +423,54 @@ pub struct TaskTable {
     /// microseconds.
     #[serde(default)]
     pub jitter_us: u64,
+}
+
+/// Name of the start-up code under `pended_by`.
+pub const INIT: &str = "init";
+
+/// Name of the idle code under `pended_by`.
+pub const IDLE: &str = "idle";
+
+/// Period that stands for a release that comes only once, in picoseconds.
+pub const ONCE: u64 = 1 << 60;
+
+/// How often a task is made pending by another one, or by itself.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "`pended_by` takes \"each\", \"once\" or { every_us = N, because = \"...\" }"
+)]
+pub enum PendedBy {
+    /// As often as that one runs.
+    Run(Run),
+    /// Less often than that one runs, for a reason.
+    Bounded(Bounded),
+}
+
+/// How often code runs that makes a task pending.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Run {
+    /// Each job may make it pending: all releases of that task count, each until that task's
+    /// deadline.
+    Each,
+    /// Once: the start-up code.
+    Once,
+}
+
+/// A bound of pends that follows from what the program does.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Bounded {
+    /// Least time between two pends, in microseconds; one value for each independent cause.
+    #[serde(default)]
+    pub every_us: Several<u64>,
+    /// Pends whose distance follows from other files. Without this and `every_us`, the pends are
+    /// among the other releases of the task.
+    #[serde(default)]
+    pub every: Several<Every>,
+    /// Why. It stands among the assumptions of the report.
+    pub because: String,
 }
 
 /// A delay after a message.
@@ -756,8 +847,7 @@ impl Table {
 impl TaskTable {
     /// The releases of `every_us`.
     fn periodic(&self) -> impl Iterator<Item = Sporadic> {
-        let every = self.every_us.as_slice().iter();
-        every.map(|us| Sporadic::every(us * MICROSECOND))
+        periodic(&self.every_us)
     }
 
     /// All its sporadic releases; `None` before [`Table::resolve`].
@@ -776,8 +866,18 @@ impl TaskTable {
         let accept = |field, value: u64, least: u64, most: u64| {
             OutOfRange::check(field, value, least, most).map_err(TaskFault::Number)
         };
-        for every in self.every_us.as_slice() {
-            accept("every_us", *every, 1, LONGEST_US)?;
+        let stated = self.pended_by.values().map(PendedBy::distances);
+        let stated = stated.chain([(self.every_us.as_slice(), self.every.as_slice())]);
+        for (every_us, every) in stated {
+            for every in every_us {
+                accept("every_us", *every, 1, LONGEST_US)?;
+            }
+            for every in every {
+                if let Every::ReceiverBurst(burst) = every {
+                    accept("jobs", burst.jobs, 1, MOST)?;
+                    accept("apart_us", burst.apart_us, 1, LONGEST_US)?;
+                }
+            }
         }
         for at in self.at_us.as_slice() {
             accept("at_us", *at, 0, LONGEST_US)?;
@@ -786,12 +886,6 @@ impl TaskTable {
         accept("deadline_us", self.deadline_us.unwrap_or(0), 0, LONGEST_US)?;
         if let Some(Delay::Us(us)) = self.delay {
             accept("delay", us, 0, LONGEST_US)?;
-        }
-        for every in self.every.as_slice() {
-            if let Every::ReceiverBurst(burst) = every {
-                accept("jobs", burst.jobs, 1, MOST)?;
-                accept("apart_us", burst.apart_us, 1, LONGEST_US)?;
-            }
         }
         Ok(())
     }
@@ -802,11 +896,15 @@ impl TaskTable {
             + self.on.as_slice().len()
             + self.receives.as_slice().len()
             + self.at_us.as_slice().len()
+            + self.pended_by.values().filter(|one| one.adds()).count()
             + usize::from(self.at.is_some());
         if releases == 0 || self.every_us.as_slice().contains(&0) {
             return Err(TaskFault::NoRelease);
         }
         self.numbers()?;
+        for (pender, pended) in &self.pended_by {
+            pended.check(pender)?;
+        }
         if let Some(event) = &self.event {
             if event.event.is_some() {
                 return Err(TaskFault::Nested);
@@ -821,6 +919,64 @@ impl TaskTable {
             return Err(TaskFault::NoInstant);
         }
         Ok(())
+    }
+}
+
+/// Releases with these least distances, in microseconds.
+fn periodic(every_us: &Several<u64>) -> impl Iterator<Item = Sporadic> {
+    let every = every_us.as_slice().iter();
+    every.map(|us| Sporadic::every(us * MICROSECOND))
+}
+
+impl Bounded {
+    /// How often, for sentences.
+    #[must_use]
+    pub fn often(&self) -> String {
+        let periods = self.every_us.as_slice().iter();
+        let causes = self.every.as_slice().iter().map(|every| match every {
+            Every::BusOff => "once in a bus-off".to_owned(),
+            Every::ReceiverBurst(burst) => {
+                format!("{} times in a burst of the receiver", burst.jobs)
+            }
+            Every::Task(task) => format!("once for a release of {task}"),
+        });
+        let all: Vec<String> = periods
+            .map(|us| format!("once in {us} us"))
+            .chain(causes)
+            .collect();
+        match all.as_slice() {
+            [] => "only where the task table has a release of it anyway".to_owned(),
+            all => format!("at most {}", all.join(" and ")),
+        }
+    }
+}
+
+impl PendedBy {
+    /// Whether it adds releases to those of the pended task.
+    fn adds(&self) -> bool {
+        let (every_us, every) = self.distances();
+        matches!(self, Self::Run(_)) || !every_us.is_empty() || !every.is_empty()
+    }
+
+    /// Checks what the table says of `pender`.
+    fn check(&self, pender: &str) -> Result<(), TaskFault> {
+        let wrong = |run| Err(TaskFault::Run(pender.to_owned(), run));
+        match self {
+            Self::Run(Run::Each) if [INIT, IDLE].contains(&pender) => wrong("each"),
+            Self::Run(Run::Once) if pender != INIT => wrong("once"),
+            Self::Bounded(bounded) if bounded.because.trim().is_empty() => {
+                Err(TaskFault::NoReason(pender.to_owned()))
+            }
+            Self::Run(_) | Self::Bounded(_) => Ok(()),
+        }
+    }
+
+    /// The distances that it states.
+    fn distances(&self) -> (&[u64], &[Every]) {
+        match self {
+            Self::Run(_) => (&[], &[]),
+            Self::Bounded(bounded) => (bounded.every_us.as_slice(), bounded.every.as_slice()),
+        }
     }
 }
 
