@@ -19,6 +19,11 @@ pub const LONGEST_SLEW_STEP: Micros = Micros::millis(20);
 /// cycles, so that the other nodes notice its absence.
 pub const REJOIN_PAUSE: Micros = Micros::millis(200);
 
+/// Least time from the end of a command to the next command that an actuator node obeys. It bounds how
+/// often the tasks of the bus pend the actuator's task because of a bus that comes and goes: the
+/// task table counts on it.
+pub const END_PAUSE: Micros = Micros::millis(2);
+
 /// Longest silence of a satellite receiver that measures every `period`: two and a half of its
 /// periods. After that its fix is no longer valid.
 pub const fn receiver_timeout(period: Micros) -> Micros {

@@ -41,6 +41,7 @@ use ttcan::{
 
 use crate::console::BusView;
 use crate::design;
+use crate::ends::Ends;
 use crate::link::{AnyLink, Arrival, Counters, News, Port, Silence, WindowTimer};
 
 /// Attempts that may fail by an error on the bus before the node rests until its next supervision. The
@@ -542,6 +543,8 @@ pub struct Link<P, T, const WINDOWS: usize, const PLACES: usize> {
     silent: u8,
     /// Whether the bus was alive when [`Link::take_stop`] was last called.
     moved: bool,
+    /// Whether the application has a command.
+    ends: Ends,
     supervision: u32,
     ticks_per_us: u32,
     counters: Counters,
@@ -578,6 +581,7 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
             failures: 0,
             silent: u8::MAX,
             moved: false,
+            ends: Ends::new(ticks_per_us),
             supervision: 0,
             ticks_per_us,
             counters: Counters::default(),
@@ -907,6 +911,15 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
         moved && !self.moved
     }
 
+    /// Whether the command that the application has may not stay in force: it has `expired`, or the bus
+    /// is no longer alive. True once for a command, and not twice within
+    /// [`END_PAUSE`](crate::design::END_PAUSE). Call it after each supervision.
+    pub fn take_end(&mut self, expired: bool) -> bool {
+        let now = self.timer.now();
+        let lost = !self.is_alive();
+        self.ends.take(expired || lost, now)
+    }
+
     /// Takes the frame of the message of a window; `None` if there is no new one.
     pub fn take(&mut self, window: usize) -> Option<Frame> {
         self.stack.inbox.get_mut(window).and_then(Option::take)
@@ -920,12 +933,18 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
     }
 
     /// Takes the frame of the command of the window `command`. It has time 0; `alive` says that the
-    /// last command came within [`MISSED_PERIODS`] of its periods.
+    /// last command came within [`MISSED_PERIODS`] of its periods. No
+    /// command is in force in the pause behind the end of another one.
     pub fn arrival(&mut self, command: usize) -> Arrival {
+        let allowed = self.commands_arrive(command);
+        let frame = self.take(command);
+        let alive = self
+            .ends
+            .hand_over(allowed, frame.is_some(), self.timer.now());
         Arrival {
-            frame: self.take(command),
+            frame,
             time: self.cycle_began(),
-            alive: self.commands_arrive(command),
+            alive,
         }
     }
 
@@ -1458,6 +1477,25 @@ mod tests {
         pass(&mut link, 1);
         assert!(!link.is_alive() && link.take_stop() && !link.take_stop());
         assert_eq!(link.counters().services, 3);
+    }
+
+    #[test]
+    fn a_bus_that_is_gone_ends_a_command_once() {
+        let mut link = started(SENSORS);
+        assert!(!link.take_end(true), "there is no command yet");
+        receive(&mut link, 300, &[5; 8]);
+        assert!(link.arrival(COMMAND).alive && !link.take_end(false));
+        let mut ends = 0;
+        for _ in 0..100 {
+            pass(&mut link, 1000);
+            ends += u32::from(link.take_end(false));
+        }
+        assert_eq!(ends, 1);
+        // It comes back: the pause is over.
+        receive(&mut link, 300, &[5; 8]);
+        assert!(link.arrival(COMMAND).alive && link.take_end(true));
+        receive(&mut link, 300, &[5; 8]);
+        assert!(!link.arrival(COMMAND).alive && !link.take_end(true));
     }
 
     #[test]

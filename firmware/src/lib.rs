@@ -8,6 +8,7 @@
 //! - [`event`]: the same for a vehicle whose nodes send at once, without a schedule;
 //! - [`oscillator`]: trims an RC oscillator by the references;
 //! - [`leader`]: under which time master the actuators may move;
+//! - [`ends`]: when the command of an actuator node ends;
 //! - [`e2e`]: the protection of actuator commands; [`actuator`]: their supervision;
 //! - [`sbp`]: the satellite receiver's protocol; [`navigation`]: its messages, for the bus;
 //! - [`buttons`]: debouncing; [`pilot`]: modes, states, control law;
@@ -31,6 +32,7 @@ pub mod convert;
 pub mod design;
 pub mod display;
 pub mod e2e;
+pub mod ends;
 pub mod event;
 pub mod housekeeping;
 pub mod leader;

@@ -17,6 +17,7 @@ use ttcan::{
 };
 
 use crate::console::BusView;
+use crate::ends::Ends;
 use crate::leader::{Leader, Rule};
 
 /// Capacity of a node's queue of event messages that wait for their window. An actuator node
@@ -248,6 +249,8 @@ pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
     leader: Leader,
     /// Whether actuators were allowed to move when [`Link::take_stop`] was last called.
     moved: bool,
+    /// Whether the application has a command.
+    ends: Ends,
     reference_byte: u8,
     cycle_time: u32,
     offered_time: u32,
@@ -327,6 +330,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             refused: false,
             leader: Leader::new(rule, config.ticks_per_us),
             moved: false,
+            ends: Ends::new(config.ticks_per_us),
             reference_byte: 0,
             cycle_time: 0,
             offered_time: 0,
@@ -728,12 +732,18 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             .and_then(|frame| M::decode(frame.data()).ok())
     }
 
-    /// Takes the frame of the command's window `command`, and reads the state of the bus.
+    /// Takes the frame of the command's window `command`, and reads the state of the bus. No
+    /// command is in force in the pause behind the end of another one.
     pub fn arrival(&mut self, command: usize) -> Arrival {
+        let allowed = self.commands_arrive(command);
+        let frame = self.take(command);
+        let alive = self
+            .ends
+            .hand_over(allowed, frame.is_some(), self.timer.now());
         Arrival {
-            frame: self.take(command),
+            frame,
             time: self.cycle_time,
-            alive: self.commands_arrive(command),
+            alive,
         }
     }
 
@@ -792,6 +802,17 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         let moved = self.moved;
         self.moved = self.may_move();
         moved && !self.moved
+    }
+
+    /// Whether the command that the application has may not stay in force: it has `expired`, the node is
+    /// no longer in the schedule, or actuators may not move any more. True once for a command, and not
+    /// twice within [`END_PAUSE`](crate::design::END_PAUSE), so that a bus which is gone or comes and
+    /// goes releases no more work than one that works. Call it after each service of the window
+    /// timer, which is due when a reference is missing, and at once after bus-off.
+    pub fn take_end(&mut self, expired: bool) -> bool {
+        let now = self.timer.now();
+        let lost = !(self.leader.permits(now) && self.node.is_alive());
+        self.ends.take(expired || lost, now)
     }
 
     /// Whether an actuator may act on commands: the network is alive, at most one command in a
@@ -1100,6 +1121,43 @@ mod tests {
             pass(&mut link, 100_000);
         }
         link
+    }
+
+    /// A command comes and is handed to the application.
+    fn command(link: &mut TestLink) -> Arrival {
+        link.inbox[STEERING_POT] = Frame::new(Id::constant::<206>(), &[0; 2]).ok();
+        link.arrival(STEERING_POT)
+    }
+
+    #[test]
+    fn a_bus_that_is_gone_ends_a_command_once() {
+        let mut link = synchronised();
+        assert!(!link.take_end(true), "there is no command yet");
+        assert!(command(&mut link).alive && !link.take_end(false));
+        let mut ends = 0;
+        for _ in 0..1000 {
+            pass(&mut link, 1000);
+            ends += u32::from(link.take_end(false));
+            if ends == 1 {
+                assert!(!link.arrival(STEERING_POT).alive);
+            }
+        }
+        assert_eq!(ends, 1);
+    }
+
+    #[test]
+    fn a_node_that_leaves_the_bus_ends_its_command_at_once() {
+        let mut link = synchronised();
+        assert!(command(&mut link).alive);
+        link.port.errors.bus_off = true;
+        link.on_error();
+        assert_eq!(
+            link.timer.window,
+            Some(link.timer.now),
+            "the window timer fires"
+        );
+        pass(&mut link, 0);
+        assert!(link.take_end(false) && !link.take_end(false));
     }
 
     #[test]

@@ -135,10 +135,10 @@ mod app {
 
     #[task(binds = TIM2, priority = 6, shared = [link])]
     fn window_timer(mut cx: window_timer::Context) {
-        let act = cx
-            .shared
-            .link
-            .lock(|link| link.on_timer() || link.take_stop() || !link.is_alive());
+        let act = cx.shared.link.lock(|link| {
+            let expired = link.on_timer();
+            link.take_end(expired)
+        });
         if act {
             rtic::pend(Interrupt::EXTI1);
         }

@@ -139,11 +139,11 @@ mod app {
             receiver.acknowledge_dma();
             // If there may be more bytes, this task runs again; otherwise `parse` reads what was
             // taken.
-            rtic::pend(if station.take(receiver.arrived()) {
-                Interrupt::DMA2_STREAM2
+            if station.take(receiver.arrived()) {
+                rtic::pend(Interrupt::DMA2_STREAM2);
             } else {
-                Interrupt::EXTI4
-            });
+                rtic::pend(Interrupt::EXTI4);
+            }
         });
     }
 

@@ -126,18 +126,18 @@ mod app {
         cx.shared.link.lock(|link| link.on_transmit(stamp));
     }
 
+    /// After bus-off the window timer fires at once, and tells the end of the command.
     #[task(binds = CAN_SCE, priority = 6, shared = [link])]
     fn can_error(mut cx: can_error::Context) {
         cx.shared.link.lock(|link| link.on_error());
-        rtic::pend(Interrupt::EXTI1);
     }
 
     #[task(binds = TIM2, priority = 6, shared = [link])]
     fn window_timer(mut cx: window_timer::Context) {
-        let act = cx
-            .shared
-            .link
-            .lock(|link| link.on_timer() || link.take_stop() || !link.node().is_alive());
+        let act = cx.shared.link.lock(|link| {
+            let expired = link.on_timer();
+            link.take_end(expired)
+        });
         if act {
             rtic::pend(Interrupt::EXTI1);
         }
