@@ -22,7 +22,7 @@ use xtask::schedulability::{follow, observe};
 type Change = (&'static str, &'static str);
 
 /// The programs: the node as it is, and what is done to it.
-const PROGRAMS: [(&str, &[Change]); 9] = [
+const PROGRAMS: [(&str, &[Change]); 13] = [
     ("sound", &[]),
     (
         "loop",
@@ -82,6 +82,58 @@ const PROGRAMS: [(&str, &[Change]); 9] = [
              // loop-bound: 1 there are sixteen and more\n        \
              while bits != 0 {\n            bits &= bits - 1;\n            level ^= bits;\n        }",
         )],
+    ),
+    (
+        "omitted",
+        &[(
+            "output(level);",
+            "output(level);\n        rtic::pend(Interrupt::EXTI2);",
+        )],
+    ),
+    (
+        "itself",
+        &[
+            (
+                "output(checksum(&samples, ROUNDS));",
+                "output(checksum(&samples, ROUNDS));\n        again();",
+            ),
+            (
+                "    #[task(binds = EXTI2",
+                "    #[inline(never)]\n    fn again() {\n        \
+             if input() & 1 == 0 {\n            rtic::pend(Interrupt::EXTI2);\n        }\n    }\n\n    \
+             #[task(binds = EXTI2",
+            ),
+        ],
+    ),
+    (
+        "circle",
+        &[
+            (
+                "cx.shared.samples.lock(|samples| samples[next] = input());",
+                "cx.shared.samples.lock(|samples| samples[next] = input());\n        \
+                 if input() & 1 == 0 {\n            rtic::pend(Interrupt::EXTI1);\n        }",
+            ),
+            (
+                "output(level);",
+                "output(level);\n        rtic::pend(Interrupt::EXTI2);",
+            ),
+        ],
+    ),
+    (
+        "unknown",
+        &[
+            ("level: u32,", "level: u32,\n        whom: Interrupt,"),
+            (
+                "level: 0xFFFF,",
+                "level: 0xFFFF,\n            whom: Interrupt::EXTI0,",
+            ),
+            ("local = [level]", "local = [level, whom]"),
+            (
+                "output(level);",
+                "output(level);\n        rtic::pend(*cx.local.whom);\n        \
+                 if input() & 1 == 0 {\n            *cx.local.whom = Interrupt::EXTI2;\n        }",
+            ),
+        ],
     ),
     ("unsaid", &[("EXTI1, priority = 2", "EXTI1")]),
 ];
@@ -310,6 +362,41 @@ fn a_priority_unsaid_is_wrong_input() {
         from_package(&error.to_string()),
         "src/bin/unsaid.rs:44: task filter does not say its priority: write `priority = N`"
     );
+}
+
+/// The task table says that `init` pends all three tasks, and `report` pends `sample`.
+#[test]
+fn a_pend_that_the_task_table_omits_is_refused() {
+    for (program, sentence) in [
+        (
+            "omitted",
+            "filter of node pends report at src/bin/omitted.rs:54 (EXTI1), which the task table omits: write \
+             `pended_by.filter = { every_us = N, because = \"...\" }` under [node.node.task.report], or \
+             `\"each\"` in place of the braces if every job of filter may",
+        ),
+        (
+            "itself",
+            "report of node pends itself at src/bin/itself.rs:59 (itself::app::again), and nothing in the \
+             task table bounds how often: write `pended_by.report = { every_us = N, because = \"...\" }` \
+             under [node.node.task.report]",
+        ),
+        (
+            "circle",
+            "sample of node pends filter at src/bin/circle.rs:43 (EXTI0), and filter pends report, and \
+             report pends sample, and nothing in the task table bounds how often: write \
+             `pended_by.sample = { every_us = N, because = \"...\" }` under [node.node.task.filter]",
+        ),
+        (
+            "unknown",
+            "filter of node may pend itself at src/bin/unknown.rs:57 (EXTI1), because the interrupt is not \
+             known there, and nothing in the task table bounds how often: name the interrupt there, or \
+             write `pended_by.filter = { every_us = N, because = \"...\" }` under [node.node.task.filter]",
+        ),
+    ] {
+        let error = from_package(&answer(program).unwrap_err().to_string());
+        let (_, said) = error.split_once("tests/node/tasks.toml: ").unwrap();
+        assert_eq!(said, sentence, "{program}");
+    }
 }
 
 #[test]

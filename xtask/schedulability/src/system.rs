@@ -15,7 +15,7 @@ use crate::node::{Observed, schedule};
 use crate::results::Report;
 use crate::table::NodeTable;
 use crate::units::MICROSECOND;
-use crate::{bus, chains, event};
+use crate::{bus, chains, event, pends};
 use wcet::annotation::Annotations;
 use wcet::image::Image;
 use wcet::watch::Watch;
@@ -74,6 +74,9 @@ impl Programs {
             execution(inputs, model, table, progress)
         });
         let executions: Vec<Execution> = executions.into_iter().collect::<Result<_, _>>()?;
+        for ((model, table), execution) in models.nodes.iter().zip(&executions) {
+            pends::check(model, table, &execution.pends, &models.file)?;
+        }
         Ok(Self {
             models,
             executions: Arc::new(executions),
