@@ -299,6 +299,8 @@ impl Arrivals {
         });
         let timed = self.timed.iter().map(|table| {
             let jobs = table.jobs.iter().map(|job| Job {
+                id: None,
+                cause: None,
                 latest: job.latest + job.deadline.unwrap_or(0).max(late),
                 deadline: None,
                 transmits: false,
@@ -310,7 +312,6 @@ impl Arrivals {
                 burst: 0,
                 kind: Kind::Any,
                 cost: None,
-                begun_at: Vec::new(),
                 jobs: jobs.collect(),
             }
         });
