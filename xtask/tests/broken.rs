@@ -332,18 +332,19 @@ fn each_way_of_breaking_it_has_its_sentence() {
         ),
         (
             "longer",
-            "node.report misses its deadline of # us by # us: it takes # ms itself, \
-             waits # us for sample (# times) and waits # us for filter (# times)",
+            "node.report misses its deadline of # us by # ms: it takes # ms itself, \
+             waits # ms for report, waits # us for sample (# times) and waits # us for filter (# times)",
         ),
         (
             "lock",
-            "node.sample misses its deadline of # us by # us: it takes # us itself and is \
-             blocked # us by report at src/bin/lock.rs:6 (EXTI2)",
+            "node.sample misses its deadline of # us by # us: it takes # us itself, is blocked # us by \
+             report at src/bin/lock.rs:6 (EXTI2) and waits # us for sample (# times)",
         ),
         (
             "swapped",
-            "node.sample misses its deadline of # us by # us: it takes # us itself, \
-             waits # us for report and waits # us for filter",
+            "node.filter misses its deadline of # us by # us: it takes # us itself, is blocked # us by \
+             sample at src/bin/swapped.rs:6 (EXTI0), waits # us for report (# times) and waits # us \
+             for filter",
         ),
         (
             "annotation",
@@ -370,13 +371,13 @@ fn a_pend_that_the_task_table_omits_is_refused() {
     for (program, sentence) in [
         (
             "omitted",
-            "filter of node pends report at src/bin/omitted.rs:54 (EXTI1), which the task table omits: write \
+            "filter of node pends report at src/bin/omitted.rs:53 (EXTI1), which the task table omits: write \
              `pended_by.filter = { every_us = N, because = \"...\" }` under [node.node.task.report], or \
              `\"each\"` in place of the braces if every job of filter may",
         ),
         (
             "itself",
-            "report of node pends itself at src/bin/itself.rs:59 (itself::app::again), and nothing in the \
+            "report of node pends itself at src/bin/itself.rs:58 (itself::app::again), and nothing in the \
              task table bounds how often: write `pended_by.report = { every_us = N, because = \"...\" }` \
              under [node.node.task.report]",
         ),
@@ -388,7 +389,7 @@ fn a_pend_that_the_task_table_omits_is_refused() {
         ),
         (
             "unknown",
-            "filter of node may pend itself at src/bin/unknown.rs:57 (EXTI1), because the interrupt is not \
+            "filter of node may pend itself at src/bin/unknown.rs:55 (EXTI1), because the interrupt is not \
              known there, and nothing in the task table bounds how often: name the interrupt there, or \
              write `pended_by.filter = { every_us = N, because = \"...\" }` under [node.node.task.filter]",
         ),
