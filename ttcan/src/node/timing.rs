@@ -10,7 +10,7 @@ use crate::schedule::{Entry, Role};
 use crate::supervision::{Missing, Severe};
 use crate::time::Stamp;
 
-impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
+impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     /// What is to be done at `now`. Call it again until it returns `None`.
     ///
     /// A call that comes late does what can still be done: a message whose
@@ -85,30 +85,35 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         self.await_entry();
     }
 
-    /// Waits for the window at the cursor, if the basic cycle has one more.
-    fn await_entry(&mut self) {
-        self.agenda.time_mark = if self.position.cursor < self.position.end {
-            self.entry().map(|entry| self.instant(entry.start))
+    /// Waits for the window at the cursor, if the basic cycle has one more, and returns it.
+    fn await_entry(&mut self) -> Option<&'s Entry> {
+        let entry = if self.position.cursor < self.position.end {
+            self.entry()
         } else {
             None
         };
+        self.agenda.time_mark = entry.map(|entry| self.instant(entry.start));
+        entry
     }
 
     /// Passes one time mark: the end of a window, with the beginning of the next
     /// one if that is due too, or the beginning of a window.
     #[inline(never)]
     fn step(&mut self, now: Stamp) -> Option<Action> {
-        if self.position.in_window() {
+        let entry = if self.position.in_window() {
             if let Some(entry) = self.entry() {
                 self.close(entry);
             }
             self.position.leave();
-            self.await_entry();
+            let next = self.await_entry();
             if !is_due(self.agenda.time_mark, now) {
                 return None;
             }
-        }
-        let Some(entry) = self.entry() else {
+            next
+        } else {
+            self.entry()
+        };
+        let Some(entry) = entry else {
             self.agenda.time_mark = None;
             return None;
         };

@@ -252,6 +252,8 @@ fn late_pends_are_counted() {
             .map(|_| {
                 let earliest = below(CYCLE);
                 Job {
+                    id: None,
+                    cause: None,
                     label: String::new(),
                     earliest,
                     latest: earliest + below(100),
@@ -281,7 +283,6 @@ fn late_pends_are_counted() {
                 burst: 0,
                 kind: Kind::Any,
                 cost: None,
-                begun_at: Vec::new(),
                 jobs,
             }],
         };
