@@ -65,7 +65,7 @@ pub enum InputError {
     Execution(#[from] ExecutionError),
     /// The task table omits who pends a task.
     #[error(transparent)]
-    Pend(#[from] PendError),
+    Pend(#[from] Box<PendError>),
     /// A source has an annotation that belongs to no loop.
     #[error(transparent)]
     Annotation(#[from] Misplaced),

@@ -154,7 +154,7 @@ pub fn check(
     table: &NodeTable,
     found: &BTreeSet<Found>,
     file: &str,
-) -> Result<(), PendError> {
+) -> Result<(), Box<PendError>> {
     let omitted = found.iter().filter(|one| !is_declared(model, table, one));
     let errors = omitted.map(|one| PendError {
         file: file.to_owned(),
@@ -166,7 +166,7 @@ pub fn check(
         back: back(model, found, one),
     });
     let worst = errors.min_by_key(|error| (error.back.is_none(), !error.exact));
-    worst.map_or(Ok(()), Err)
+    worst.map_or(Ok(()), |worst| Err(Box::new(worst)))
 }
 
 /// The tasks that the handler of an interrupt runs.

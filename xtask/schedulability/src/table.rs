@@ -57,7 +57,7 @@ pub enum TableFault {
         /// Its node.
         node: String,
         /// What is wrong.
-        fault: TaskFault,
+        fault: Box<TaskFault>,
     },
     /// `unproven` names something unknown.
     #[error("`unproven` names {0}, which is neither a node nor a chain")]
@@ -670,7 +670,7 @@ impl Table {
                     fault: TableFault::Task {
                         task,
                         node: node.clone(),
-                        fault,
+                        fault: Box::new(fault),
                     },
                 })?;
         }
@@ -736,7 +736,7 @@ impl Table {
                         fault: TableFault::Task {
                             task: name.clone(),
                             node: node.clone(),
-                            fault: TaskFault::Scheduled,
+                            fault: Box::new(TaskFault::Scheduled),
                         },
                     });
                 }
@@ -809,7 +809,7 @@ impl Table {
                 task.check().map_err(|fault| TableFault::Task {
                     task: name.clone(),
                     node: node.clone(),
-                    fault,
+                    fault: Box::new(fault),
                 })?;
             }
         }
