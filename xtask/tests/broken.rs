@@ -1,6 +1,9 @@
 //! A little RTIC node through the whole analysis: as it is, and broken on
 //! purpose in each way that the analysis must name.
 
+#[path = "broken/handlers.rs"]
+mod handlers;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -161,7 +164,7 @@ fn package() -> &'static Path {
             );
         }
         let source = fs::read_to_string(template.join("src/node.rs")).unwrap();
-        for (program, changes) in PROGRAMS {
+        for (program, changes) in PROGRAMS.into_iter().chain(handlers::PROGRAMS) {
             let changed = changes.iter().fold(source.clone(), |source, (from, to)| {
                 assert!(source.contains(from), "{program}: {from}");
                 source.replace(from, to)
@@ -247,7 +250,12 @@ fn inputs(program: &str) -> Inputs {
 
 /// What the whole analysis says, a run on the emulated part included.
 fn answer(program: &str) -> Result<Report, InputError> {
-    let programs = Programs::read(&inputs(program), &|_| {})?;
+    answer_to(program, &inputs(program))
+}
+
+/// The same for other inputs of the program.
+fn answer_to(program: &str, inputs: &Inputs) -> Result<Report, InputError> {
+    let programs = Programs::read(inputs, &|_| {})?;
     let observed = BTreeMap::from([("node".to_owned(), observed(program, &programs))]);
     programs.report(&observed, &|_| {})
 }

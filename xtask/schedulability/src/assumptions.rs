@@ -94,6 +94,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
     let annotated: BTreeMap<&str, u64> = tasks
         .clone()
         .flat_map(|task| &task.annotated)
+        .chain(nodes.iter().flat_map(|node| &node.idle_annotated))
         .map(|(place, bound)| (place.as_str(), *bound))
         .collect();
     all.extend(annotated.into_iter().map(|(place, bound)| {

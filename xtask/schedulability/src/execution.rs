@@ -5,13 +5,15 @@ use std::sync::Arc;
 
 use crate::arrivals::Kind;
 use crate::model::{NodeModel, TaskModel};
+use crate::outside::{self, Candidate, Outside};
 use crate::pends::{self, Found, Pender};
 use crate::table::NodeTable;
 use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
-use wcet::bound::{Bound, Entry, Problem};
+use wcet::bound::{Bound, End, Entry, Problem};
 use wcet::cycles::Cycles;
-use wcet::image::Image;
+use wcet::graph::Returning;
+use wcet::image::{FIRST_INTERRUPT, Image};
 use wcet::ipet::Line;
 use wcet::lasting::{UnknownStores, Words};
 use wcet::mask;
@@ -72,8 +74,12 @@ pub struct Execution {
     pub stack: u32,
     /// What the stack figure does not include.
     pub stack_unknown: BTreeSet<String>,
-    /// Why the start-up and idle code could not be followed to its end.
+    /// Why the critical sections of the start-up and idle code are not known.
     pub idle_problems: BTreeSet<Problem>,
+    /// Loop bounds in these sections that were taken from annotations.
+    pub idle_annotated: BTreeMap<String, u64>,
+    /// Handlers that are no task and do not return.
+    pub outside: Vec<Outside>,
     /// Memory words that keep the address which start-up wrote to them. The bounds rely on it.
     pub lasting: Words,
 }
@@ -88,6 +94,68 @@ pub enum ExecutionError {
         node: String,
         /// The interrupt.
         interrupt: String,
+    },
+    /// It has no vector table.
+    #[error(
+        "the image of {0} has no vector table of cortex-m-rt (symbol `__RESET_VECTOR`), so its handlers are not known"
+    )]
+    NoVectors(String),
+    /// It may use another vector table than its own.
+    #[error(
+        "the image of {0} may move its vector table (register VTOR), so its handlers are not known: accepted is the table at the begin of the image"
+    )]
+    VectorsMove(String),
+    /// A vector leads out of the image.
+    #[error(
+        "vector {vector} of the image of {node} leads to {address:#x}, where the image has no code, so its handler is not known"
+    )]
+    Stray {
+        /// The node.
+        node: String,
+        /// The vector, as `22 (interrupt 6)`.
+        vector: String,
+        /// The address to which it leads.
+        address: u32,
+    },
+    /// A handler that may return is no task.
+    #[error(
+        "vector {vector} of the image of {node} leads to {place}, which is neither a task nor a handler that ends in a reset: add [node.{node}.task.{name}] with its `priority` to the task table, or remove the handler"
+    )]
+    Foreign {
+        /// The node.
+        node: String,
+        /// The vector, as `22 (interrupt 6)`.
+        vector: String,
+        /// The place of its handler.
+        place: String,
+        /// Name of the handler's symbol.
+        name: String,
+    },
+    /// The handler of a fault may return.
+    #[error(
+        "the handler {name} of {node} may return ({place}), and its time is charged to no task: let it end in a reset or in an endless loop"
+    )]
+    Returns {
+        /// The node.
+        node: String,
+        /// The handler.
+        name: String,
+        /// Its place.
+        place: String,
+    },
+    /// A handler has another priority than its task.
+    #[error("task {task} of {node} has priority {said}, but the image gives {interrupt} {found}")]
+    Priority {
+        /// The node.
+        node: String,
+        /// The task.
+        task: String,
+        /// Its priority in the source or in the table.
+        said: u32,
+        /// Its interrupt.
+        interrupt: String,
+        /// What the image gives it, as `priority 3` or `different ones`.
+        found: String,
     },
     /// It has no such function as the task table excludes.
     #[error(
@@ -108,7 +176,8 @@ impl Execution {
     /// the current step.
     ///
     /// # Errors
-    /// The image has no handler of the model, or not a function that the task table excludes.
+    /// The image has no handler of the model, one that is not in the model and may return, or not
+    /// a function that the task table excludes.
     pub fn of(
         node: &NodeModel,
         table: &NodeTable,
@@ -132,6 +201,7 @@ impl Execution {
             progress("what start-up sets");
             analyser.learn(main);
         }
+        analyser.add_outside()?;
         for task in &node.tasks {
             if !analyser.execution.handlers.contains_key(&task.interrupt) {
                 progress(&task.name);
@@ -141,8 +211,17 @@ impl Execution {
         if let Some(main) = main {
             progress("start-up and idle");
             analyser.add_main(main);
+            analyser.check_system_writes()?;
         }
         Ok(analyser.finish())
+    }
+}
+
+/// The name of a vector in a sentence, by its exception number.
+fn vector(number: u16) -> String {
+    match number.checked_sub(FIRST_INTERRUPT) {
+        Some(interrupt) => format!("{number} (interrupt {interrupt})"),
+        None => number.to_string(),
     }
 }
 
@@ -253,18 +332,123 @@ impl Analyser<'_> {
         let depth = self.stacks.depth(main);
         self.execution.stack_unknown.extend(depth.unknown);
         self.main = depth.bytes.max(bound.stack);
-        // Start-up may wait for hardware in loops without a bound. Only a problem that may hide
-        // a critical section counts.
-        let problems = bound.problems.into_iter();
-        let problems = problems.filter(|problem| !matches!(problem, Problem::LoopWithoutBound(_)));
-        self.execution.idle_problems = problems.collect();
+        self.execution.idle_problems = bound.problems;
+        self.execution.idle_annotated = bound.annotated;
     }
 
-    /// Adds up the stacks: each priority may preempt every lower one once. An exception frame is
-    /// charged with the floating-point registers, whether or not the preempted code uses them.
+    /// Adds the handlers that are no task, and refuses those that may return.
+    fn add_outside(&mut self) -> Result<(), ExecutionError> {
+        let node = || self.node.name.clone();
+        let Some(table) = self.image.vector_table() else {
+            return Err(ExecutionError::NoVectors(node()));
+        };
+        self.check_vectors(table)?;
+        if let Some((number, address)) = self.image.stray_vectors().pop_first() {
+            return Err(ExecutionError::Stray {
+                node: node(),
+                vector: vector(number),
+                address,
+            });
+        }
+        for candidate in outside::candidates(self.node, self.image) {
+            let outside = self.outside(candidate)?;
+            self.execution.outside.push(outside);
+        }
+        Ok(())
+    }
+
+    /// Analyses a handler that is no task.
+    fn outside(&mut self, candidate: Candidate) -> Result<Outside, ExecutionError> {
+        let entry = candidate.entry;
+        let bound = self.analysis.run(entry, Entry::Fault);
+        let is_followed = !bound.problems.iter().any(Problem::hides_paths);
+        let returns = bound.returns || !is_followed && Returning::default().ask(self.image, entry);
+        let resets = is_followed && bound.ends.iter().all(|end| *end == End::Reset);
+        let place = || self.image.describe(entry);
+        let node = || self.node.name.clone();
+        match candidate.interrupt() {
+            Some(number) if !candidate.is_default() && (returns || !resets) => {
+                return Err(ExecutionError::Foreign {
+                    node: node(),
+                    vector: vector(number),
+                    place: place(),
+                    name: candidate.name,
+                });
+            }
+            _ if returns => {
+                return Err(ExecutionError::Returns {
+                    node: node(),
+                    place: place(),
+                    name: candidate.name,
+                });
+            }
+            _ => {}
+        }
+        let depth = self.stacks.depth(entry);
+        self.execution.stack_unknown.extend(depth.unknown);
+        Ok(Outside {
+            name: candidate.name,
+            vectors: candidate.vectors,
+            ends: bound.ends,
+            stack: depth.bytes.max(bound.stack),
+            begins_anew: self.stacks.begins_anew(entry),
+        })
+    }
+
+    /// Checks that the vector table stays where it is, as far as the program was analysed.
+    fn check_vectors(&self, table: u32) -> Result<(), ExecutionError> {
+        if self.analysis.system_writes().moves_vectors(table) {
+            return Err(ExecutionError::VectorsMove(self.node.name.clone()));
+        }
+        Ok(())
+    }
+
+    /// Checks what the whole program, each handler included, writes to the registers that say
+    /// which handler runs, and at which priority.
+    fn check_system_writes(&self) -> Result<(), ExecutionError> {
+        if let Some(table) = self.image.vector_table() {
+            self.check_vectors(table)?;
+        }
+        let mut tasks = self.node.tasks.iter();
+        tasks.try_for_each(|task| self.check_priority(task))
+    }
+
+    /// Compares the priority of a task with that which the program gives to its handler.
+    fn check_priority(&self, task: &TaskModel) -> Result<(), ExecutionError> {
+        let vectors = self.image.vectors();
+        let entry = self.image.symbol(&task.interrupt);
+        let mut own = vectors.iter().filter(|(_, at)| Some(**at) == entry);
+        // Of a handler with several vectors it is not known which is the task's.
+        let (Some((&number, _)), None) = (own.next(), own.next()) else {
+            return Ok(());
+        };
+        let found = self.analysis.system_writes().priority(number);
+        let found = found.map(|value| PRIORITIES - u32::from(value >> 4));
+        if found == Some(task.priority) {
+            return Ok(());
+        }
+        Err(ExecutionError::Priority {
+            node: self.node.name.clone(),
+            task: task.name.clone(),
+            said: task.priority,
+            interrupt: task.interrupt.clone(),
+            found: found.map_or_else(
+                || "different ones, or one that is not a constant".to_owned(),
+                |found| format!("priority {found}"),
+            ),
+        })
+    }
+
+    /// Adds up the stacks: each priority may preempt every lower one once, and one handler that is
+    /// no task may come on top of all of them. That one ends the program: another one after it has
+    /// nothing left to preserve. An exception frame is charged with the floating-point registers,
+    /// whether or not the preempted code uses them.
     fn finish(mut self) -> Execution {
-        let preemptions = self.levels.values().map(|level| level + FRAME_FPU);
-        self.execution.stack = self.main + preemptions.sum::<u32>();
+        let tasks = self.levels.values().map(|level| level + FRAME_FPU);
+        let tasks = self.main + tasks.sum::<u32>();
+        let outside = self.execution.outside.iter();
+        let deepest = outside.map(|one| one.depth_above(tasks)).max();
+        self.execution.stack = deepest.unwrap_or(tasks);
         self.execution
     }
 
@@ -281,7 +465,7 @@ impl Analyser<'_> {
                 holder: holder.to_owned(),
                 priority,
                 ceiling: match section.level {
-                    mask::Level::All => u32::MAX,
+                    mask::Level::All | mask::Level::Faults => u32::MAX,
                     mask::Level::From(level) => PRIORITIES - u32::from(level >> 4),
                 },
                 cycles: section.cycles.flashed,

@@ -7,7 +7,7 @@
 //! source  -> tasks --+
 //! table   -----------+-> model -----+
 //! network -> releases+              +-> node (response, sensitivity) --+-> results -> report
-//! image   -> wcet ------> execution + pends                            |
+//! image   -> wcet, outside > execution + pends                         |
 //! network -> bus (can), chains ----------------------------------------+
 //! ```
 //!
@@ -25,6 +25,7 @@ pub mod foreign;
 pub mod model;
 pub mod models;
 pub mod node;
+pub mod outside;
 pub mod pends;
 pub mod priorities;
 pub mod queued;

@@ -90,7 +90,9 @@ pub enum ModelFault {
 impl ModelFault {
     fn sentence(&self, node: &str) -> String {
         match self {
-            Self::Undeclared(task) => format!("{node} has no task {task}"),
+            Self::Undeclared(task) => format!(
+                "{node} has no task {task} (a handler that is no task of the source needs a `priority`)"
+            ),
             Self::Unspecified(task) => {
                 format!("task {task} of {node} has no inter-arrival time and deadline")
             }
@@ -134,6 +136,9 @@ pub enum TaskFault {
     /// The times that follow from other files are not put in yet.
     #[error("the distance of its releases is not resolved")]
     Unresolved,
+    /// It has a priority in the source and in the table.
+    #[error("its `priority` stands in the source")]
+    Priority,
     /// It has no deadline.
     #[error("it has no deadline")]
     NoDeadline,
@@ -217,22 +222,12 @@ impl NodeModel {
         file: &str,
         timing: impl Fn(&TaskTable) -> Result<(Arrivals, Picoseconds), TaskFault>,
     ) -> Result<Self, ModelError> {
-        let mut declared: Vec<(&str, &str, u32)> = app
-            .tasks
-            .iter()
-            .map(|task| {
-                let interrupt = app.interrupt(task).unwrap_or(&task.name);
-                (task.name.as_str(), interrupt, task.priority)
-            })
-            .collect();
-        if app.has_timer() {
-            declared.push((TIMER, TIMER, app.timer_priority()));
-        }
         let wrong = |fault: ModelFault| ModelError {
             file: file.to_owned(),
             node: name.to_owned(),
             fault,
         };
+        let declared = declared(app, table).map_err(wrong)?;
         let is_declared = |task: &str| declared.iter().any(|(name, ..)| *name == task);
         if let Some(extra) = table.task.keys().find(|task| !is_declared(task)) {
             return Err(wrong(ModelFault::Undeclared(extra.clone())));
@@ -287,6 +282,36 @@ impl NodeModel {
             event_triggered: false,
         })
     }
+}
+
+/// Name, interrupt and priority of each task: those of the source, the timer's, and the handlers to
+/// which the table gives a priority.
+fn declared<'a>(
+    app: &'a App,
+    table: &'a NodeTable,
+) -> Result<Vec<(&'a str, &'a str, u32)>, ModelFault> {
+    let of_app = app.tasks.iter().map(|task| {
+        let interrupt = app.interrupt(task).unwrap_or(&task.name);
+        (task.name.as_str(), interrupt, task.priority)
+    });
+    let timer = app
+        .has_timer()
+        .then(|| (TIMER, TIMER, app.timer_priority()));
+    let mut declared: Vec<_> = of_app.chain(timer).collect();
+    for (handler, entry) in &table.task {
+        let Some(priority) = entry.priority else {
+            continue;
+        };
+        let mut known = declared.iter();
+        if known.any(|(name, interrupt, _)| [name, interrupt].contains(&&handler.as_str())) {
+            return Err(ModelFault::Task {
+                task: handler.clone(),
+                fault: TaskFault::Priority,
+            });
+        }
+        declared.push((handler, handler, priority));
+    }
+    Ok(declared)
 }
 
 /// Adds to the releases of each task those of the tasks that pend it in each of their jobs. A pend

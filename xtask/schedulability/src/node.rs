@@ -48,6 +48,8 @@ pub fn schedule(
         stack_unknown: execution.stack_unknown.clone(),
         utilisation_permille: response::utilisation_permille(&scheduled.set),
         idle_problems: execution.idle_problems.clone(),
+        idle_annotated: execution.idle_annotated.clone(),
+        outside: execution.outside.clone(),
     }
 }
 
@@ -251,6 +253,9 @@ impl<'a> Scheduled<'a> {
 
     /// The answer for handler `index`, or the reason why there is none.
     fn critical(&self, index: usize) -> Result<&Critical, String> {
+        if !self.execution.idle_problems.is_empty() {
+            return Err("start-up and idle may mask it for an unknown time".to_owned());
+        }
         if let Some(other) = self.unbounded_above(index) {
             return Err(format!("{} may delay it and has no bound", other.name));
         }

@@ -50,9 +50,9 @@ pub(crate) fn found<'a>(
         .iter()
         .filter_map(|task| Some((image.symbol(&task.interrupt)?, task.interrupt.as_str())))
         .collect();
+    let vectors = image.vectors();
     pends.into_iter().filter_map(move |pend| {
-        let handler = image.handler(pend.exception)?;
-        let pended = interrupts.get(&handler)?;
+        let pended = interrupts.get(vectors.get(&pend.exception)?)?;
         Some(Found {
             pender: match pender {
                 Pender::Idle if pend.early => Pender::Init,

@@ -6,6 +6,7 @@ use wcet::bound::Problem;
 use wcet::cycles::{Cycles, Model};
 use wcet::ipet::Line;
 
+use crate::outside::Outside;
 use crate::units::{Picoseconds, picoseconds, time};
 
 /// The answer for one task.
@@ -189,8 +190,12 @@ pub struct NodeReport {
     pub stack_unknown: BTreeSet<String>,
     /// Utilisation of the processor, in thousandths.
     pub utilisation_permille: u64,
-    /// Why the start-up and idle code could not be followed to its end.
+    /// Why the critical sections of the start-up and idle code are not known.
     pub idle_problems: BTreeSet<Problem>,
+    /// Loop bounds in these sections that were taken from annotations.
+    pub idle_annotated: BTreeMap<String, u64>,
+    /// Handlers that are no task and do not return.
+    pub outside: Vec<Outside>,
 }
 
 impl NodeReport {
@@ -200,17 +205,20 @@ impl NodeReport {
         picoseconds(cycles, self.core_hz)
     }
 
-    /// The first problem of the report, in one sentence.
+    /// The first problem of the report, in one sentence. Code without a bound comes before the
+    /// deadlines that are missed, for it may be the cause.
     #[must_use]
     pub fn first_miss(&self) -> Option<String> {
         let name = &self.name;
-        if let Some(miss) = self.tasks.iter().find_map(|task| task.miss(name)) {
-            return Some(miss);
-        }
         if let Some(problem) = self.idle_problems.first() {
             return Some(format!(
-                "the analysis does not follow the start-up and idle code of {name} to its end, so some critical sections may be unknown: {problem}"
+                "the start-up and idle code of {name} may mask interrupts for an unknown time: {problem}"
             ));
+        }
+        let unbounded = self.tasks.iter().filter(|task| !task.problems.is_empty());
+        let mut tasks = unbounded.chain(&self.tasks);
+        if let Some(miss) = tasks.find_map(|task| task.miss(name)) {
+            return Some(miss);
         }
         (self.stack > self.stack_size).then(|| {
             format!(

@@ -423,6 +423,9 @@ pub struct TaskTable {
     /// microseconds.
     #[serde(default)]
     pub jitter_us: u64,
+    /// Priority of a handler that no task of the source is bound to; 1 is the lowest, and 16, which
+    /// a handler has after a reset, the highest. The row is named like the handler's symbol.
+    pub priority: Option<u32>,
 }
 
 /// Name of the start-up code under `pended_by`.
@@ -722,7 +725,9 @@ impl Table {
         for (node, of_node) in &mut self.node {
             for (name, task) in &mut of_node.task {
                 if let Some(event) = task.event.take() {
+                    let priority = task.priority;
                     *task = *event;
+                    task.priority = task.priority.or(priority);
                 }
                 task.at = None;
                 task.at_us = Several::default();
@@ -882,6 +887,7 @@ impl TaskTable {
         for at in self.at_us.as_slice() {
             accept("at_us", *at, 0, LONGEST_US)?;
         }
+        accept("priority", u64::from(self.priority.unwrap_or(1)), 1, 16)?;
         accept("jitter_us", self.jitter_us, 0, LONGEST_US)?;
         accept("deadline_us", self.deadline_us.unwrap_or(0), 0, LONGEST_US)?;
         if let Some(Delay::Us(us)) = self.delay {

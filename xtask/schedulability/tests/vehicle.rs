@@ -415,7 +415,8 @@ fn table_and_source_must_fit() {
     let renamed = source("drive").replace("fn actuate(", "fn act(");
     assert_eq!(
         model("drive", &renamed).unwrap_err(),
-        "tasks.toml: drive has no task actuate"
+        "tasks.toml: drive has no task actuate (a handler that is no task of the source needs a \
+         `priority`)"
     );
     let refused = |from: &str, to: &str| {
         Table::parse(

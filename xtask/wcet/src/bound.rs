@@ -14,8 +14,11 @@ pub enum Entry {
     Handler,
     /// As a function: only its instructions are charged.
     Function,
-    /// As the program's start: loops need not have a bound, and critical sections count from
-    /// the first time that a task can run.
+    /// As the handler of a fault, or another one after which the program does not go on: its time
+    /// does not matter, and no loop needs a bound.
+    Fault,
+    /// As the program's start and idle code: critical sections count from the first time that a
+    /// task can run, and only the loops that run in one need a bound.
     Program,
 }
 
@@ -27,6 +30,31 @@ pub enum Problem {
         "the loop at {0} has no bound: write `// loop-bound: N` on the line above it, where N is the most turns that it takes"
     )]
     LoopWithoutBound(String),
+    /// No bound was found for a loop of start-up or idle code that runs with interrupts masked.
+    #[error(
+        "the loop at {at} has no bound, and interrupts are masked in it since {since}: write `// loop-bound: N` on the line above it, where N is the most turns that it takes, or unmask them before it"
+    )]
+    MaskedLoop {
+        /// The loop.
+        at: String,
+        /// Where interrupts were masked.
+        since: String,
+    },
+    /// The core sleeps in a task, or masks the interrupts that could wake it.
+    #[error(
+        "the core sleeps at {0}, in a task or where no masked interrupt wakes it: sleep in `idle` only, by `wfi`, and there not in a section that BASEPRI or FAULTMASK masks"
+    )]
+    Sleep(String),
+    /// A handler returns without clearing a mask that it set.
+    #[error(
+        "the mask that is set at {0} is still set when the handler returns, so its section has no end: clear it before"
+    )]
+    StaysMasked(String),
+    /// An interrupt is disabled in the interrupt controller.
+    #[error(
+        "an interrupt is disabled in the interrupt controller at {0}, and how long it stays so is not analysed: mask it by a lock, or by `interrupt::free`"
+    )]
+    DisabledInterrupt(String),
     /// A function calls itself, directly or not.
     #[error("recursion: {0}; its depth, and so its time and stack, has no bound")]
     Recursion(String),
@@ -49,6 +77,27 @@ pub enum Problem {
     TooLong(String),
 }
 
+impl Problem {
+    /// Whether some paths were not followed to their ends. Those through a loop without a bound
+    /// are: all its turns are followed, although their number is unknown.
+    #[must_use]
+    pub const fn hides_paths(&self) -> bool {
+        match self {
+            Self::LoopWithoutBound(_)
+            | Self::MaskedLoop { .. }
+            | Self::Sleep(_)
+            | Self::DisabledInterrupt(_)
+            | Self::StaysMasked(_) => false,
+            Self::Recursion(_)
+            | Self::UnboundedPointer(_)
+            | Self::NotCode(_)
+            | Self::UnknownMask(_)
+            | Self::UnknownStack(_)
+            | Self::TooLong(_) => true,
+        }
+    }
+}
+
 /// A place from which control goes to the panic handler and never returns.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PanicSite {
@@ -56,6 +105,31 @@ pub struct PanicSite {
     pub at: u32,
     /// The function that it calls.
     pub callee: String,
+}
+
+/// How code ends that does not return.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub enum End {
+    /// It requests a reset of the part and waits for it.
+    Reset,
+    /// A loop that is never left, at this place.
+    Loop(String),
+    /// A breakpoint or an undefined instruction, at this place.
+    Stop(String),
+    /// A panic, at this place.
+    Panic(String),
+}
+
+impl std::fmt::Display for End {
+    /// As a clause that follows a name.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Reset => write!(f, "ends in a reset"),
+            Self::Loop(at) => write!(f, "ends in the endless loop at {at}"),
+            Self::Stop(at) => write!(f, "ends at the breakpoint or undefined instruction at {at}"),
+            Self::Panic(at) => write!(f, "ends in a panic at {at}"),
+        }
+    }
 }
 
 /// The longest critical section that begins at one place.
@@ -89,6 +163,11 @@ pub struct Bound {
     pub facts: Facts,
     /// Bounds that were taken from annotations, by the first line of the loop.
     pub annotated: BTreeMap<String, u64>,
+    /// Whether a path returns.
+    pub returns: bool,
+    /// How the paths end that do not return. Endless loops are among them only where code is
+    /// analysed as [`Entry::Fault`].
+    pub ends: BTreeSet<End>,
     /// Why the figures above are no bounds; empty if they are.
     pub problems: BTreeSet<Problem>,
 }

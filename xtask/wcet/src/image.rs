@@ -27,6 +27,19 @@ pub enum ImageError {
     },
 }
 
+/// Exception number of the non-maskable interrupt, the first behind the reset (DDI 0403 B1.5.2).
+pub const NMI: u16 = 2;
+/// Exception number of the hard fault.
+pub const HARD_FAULT: u16 = 3;
+/// Exception number of the last fault. All numbers from [`NMI`] to it are faults, or not used.
+pub const LAST_FAULT: u16 = 7;
+/// Exception number of the first interrupt of the part.
+pub const FIRST_INTERRUPT: u16 = 16;
+/// Symbol of the handler of every vector to which the program gives none.
+pub const DEFAULT_HANDLER: &str = "DefaultHandler";
+/// The most interrupts that the core can have.
+const MOST_INTERRUPTS: u32 = 496;
+
 /// A function of the image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Function {
@@ -199,12 +212,13 @@ impl Image {
                     symbol: name.to_owned(),
                     size: symbol.size() as u32,
                 };
-                // If an address has several names, the global one is shown.
-                let entry = self.functions.entry(address & !1);
-                if symbol.is_global() {
-                    entry.insert_entry(function);
-                } else {
-                    entry.or_insert(function);
+                // If an address has several names, a global one is shown. The default handler also
+                // has the names of all vectors that lead to it.
+                let known = self.functions.get(&(address & !1));
+                let stays = known
+                    .is_some_and(|known| known.symbol == DEFAULT_HANDLER || !symbol.is_global());
+                if !stays {
+                    self.functions.insert(address & !1, function);
                 }
             }
         }
@@ -277,34 +291,63 @@ impl Image {
         })
     }
 
+    /// Address of the vector table of `cortex-m-rt`, if the image has one.
+    #[must_use]
+    pub fn vector_table(&self) -> Option<u32> {
+        self.symbol("__RESET_VECTOR").map(|reset| reset - 4)
+    }
+
+    /// The vectors behind the reset that lead to code, by exception number: address of the handler
+    /// of each.
+    #[must_use]
+    pub fn vectors(&self) -> BTreeMap<u16, u32> {
+        let vectors = self.used_vectors();
+        vectors.filter(|(_, at)| self.is_code(*at)).collect()
+    }
+
+    /// The vectors behind the reset that are in use and lead to no code of the image, by exception
+    /// number: the address to which each leads.
+    #[must_use]
+    pub fn stray_vectors(&self) -> BTreeMap<u16, u32> {
+        let vectors = self.used_vectors();
+        vectors.filter(|(_, at)| !self.is_code(*at)).collect()
+    }
+
+    /// The vectors behind the reset that are not zero: exception number and address.
+    fn used_vectors(&self) -> impl Iterator<Item = (u16, u32)> {
+        let interrupts = self.symbol("__INTERRUPTS").map_or(0, |first| {
+            let end = self.symbols.values().filter(|at| **at > first).min();
+            end.map_or(0, |end| (end - first) / 4)
+        });
+        let last = FIRST_INTERRUPT + interrupts.min(MOST_INTERRUPTS) as u16;
+        let table = self.vector_table().into_iter();
+        let words = table.flat_map(move |table| {
+            let word = move |number: u16| self.constant(table + 4 * u32::from(number), 4);
+            (NMI..last).filter_map(move |number| Some((number, word(number)?)))
+        });
+        let used = words.filter(|(_, word)| *word != 0);
+        used.map(|(number, word)| (number, word & !1))
+    }
+
     /// Handlers in the vector table that may return to the interrupted code: those of all
     /// interrupts and of the exceptions that are no faults.
     #[must_use]
     pub fn handlers(&self) -> Vec<u32> {
-        let Some(table) = self.symbol("__RESET_VECTOR").map(|reset| reset - 4) else {
-            return Vec::new();
-        };
-        let vectors = self.symbol("__INTERRUPTS").map_or(0, |first| {
-            let end = self.symbols.values().filter(|at| **at > first).min();
-            end.map_or(0, |end| (end - first) / 4)
-        });
-        let numbers = [11, 12, 14, 15].into_iter().chain(16..16 + vectors);
-        let mut handlers: Vec<u32> = numbers
-            .filter_map(|number| self.constant(table + 4 * number, 4))
-            .map(|word| word & !1)
-            .filter(|at| self.is_code(*at))
+        let vectors = self.vectors().into_iter();
+        let mut handlers: Vec<u32> = vectors
+            .filter(|(number, _)| *number > LAST_FAULT)
+            .map(|(_, at)| at)
             .collect();
         handlers.sort_unstable();
         handlers.dedup();
         handlers
     }
 
-    /// The handler in the vector table of the exception with this number.
-    #[must_use]
-    pub fn handler(&self, exception: u16) -> Option<u32> {
-        let table = self.symbol("__RESET_VECTOR")? - 4;
-        let word = self.constant(table + 4 * u32::from(exception), 4)? & !1;
-        self.is_code(word).then_some(word)
+    /// The symbols of the functions at `address`.
+    pub fn symbols_at(&self, address: u32) -> impl Iterator<Item = &str> {
+        let symbols = self.symbols.iter();
+        let here = symbols.filter(move |(_, at)| **at == address);
+        here.map(|(name, _)| name.as_str())
     }
 
     /// The halfword of code at `address`.

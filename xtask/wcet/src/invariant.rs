@@ -243,6 +243,15 @@ impl Invariant {
             state.primask = primask;
             confirmed = false;
         }
+        let faultmask = state.faultmask.join(after.faultmask);
+        if state.faultmask != faultmask {
+            state.faultmask = faultmask;
+            confirmed = false;
+        }
+        if state.resetting && !after.resetting {
+            state.resetting = false;
+            confirmed = false;
+        }
         if after.escaped && !state.escaped {
             state.escaped = true;
             confirmed = false;

@@ -20,6 +20,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::extent::Extent;
+use super::image::FIRST_INTERRUPT;
 use super::layout::{BIT_BAND, STACK};
 use super::pend::Pend;
 use super::symbols::Symbols;
@@ -60,9 +61,77 @@ pub struct Memory {
     /// While a function that copies or fills memory runs: the bytes outside the stack that it
     /// was called to write, if any.
     pub target: Option<Option<Extent>>,
+    /// What was written to the registers of the system control space.
+    pub system: SystemWrites,
     /// True if a path could not be followed, so that these facts may not hold.
     pub lost: bool,
 }
+
+/// Bytes that were written to registers of the system control space, by their addresses: a byte
+/// that is the same in all writes, else `None`.
+#[derive(Debug, Default, Clone, PartialEq, Eq)]
+pub struct SystemWrites(BTreeMap<u32, Option<u8>>);
+
+impl SystemWrites {
+    /// Priorities of interrupts, vector table, priorities of exceptions (DDI 0403 B3.2.2, B3.4.3).
+    const REGISTERS: [Extent; 3] = [
+        Extent::new(0xe000_e400, 0xe000_e5ef),
+        Extent::new(VTOR, VTOR + 3),
+        Extent::new(0xe000_ed18, 0xe000_ed23),
+    ];
+
+    /// Notes a store of the low `size` bytes of `value` to one of the addresses `reached`.
+    pub(crate) fn note(&mut self, reached: Extent, size: u32, value: &Value) {
+        let exact = reached.last - reached.first == size - 1;
+        let word = value.as_constant().filter(|_| exact);
+        for registers in Self::REGISTERS {
+            let Some(both) = registers.meet(reached) else {
+                continue;
+            };
+            for at in both.first..=both.last {
+                let byte = word.map(|word| (word >> (8 * (at - reached.first))) as u8);
+                self.add(at, byte);
+            }
+        }
+    }
+
+    fn add(&mut self, at: u32, byte: Option<u8>) {
+        let known = self.0.entry(at).or_insert(byte);
+        if *known != byte {
+            *known = None;
+        }
+    }
+
+    /// Adds the writes of other code.
+    pub(crate) fn extend(&mut self, other: &Self) {
+        for (&at, &byte) in &other.0 {
+            self.add(at, byte);
+        }
+    }
+
+    /// The priority value of an exception, by its number, as written: zero, the most urgent, if it is
+    /// never written. `None` if different or unknown values are.
+    #[must_use]
+    pub fn priority(&self, exception: u16) -> Option<u8> {
+        let number = u32::from(exception);
+        let at = match number.checked_sub(u32::from(FIRST_INTERRUPT)) {
+            Some(interrupt) => 0xe000_e400 + interrupt,
+            None => 0xe000_ed14 + number,
+        };
+        self.0.get(&at).copied().unwrap_or(Some(0))
+    }
+
+    /// Whether the vector table may be moved away from `table`.
+    #[must_use]
+    pub fn moves_vectors(&self, table: u32) -> bool {
+        let bytes = (VTOR..).zip(table.to_le_bytes());
+        let mut written = bytes.filter_map(|(at, byte)| Some((self.0.get(&at)?, byte)));
+        written.any(|(written, byte)| *written != Some(byte))
+    }
+}
+
+/// Address of the register that holds the address of the vector table.
+const VTOR: u32 = 0xe000_ed08;
 
 impl Memory {
     /// Notes that a path lets tasks run for the first time, with these words in memory.
@@ -121,4 +190,50 @@ pub fn drop_reached(words: &mut Words, written: &Written) -> bool {
             .any(|reached| reached.first <= at.saturating_add(3) && at <= reached.last)
     });
     words.len() < before
+}
+
+#[cfg(test)]
+mod tests {
+    use super::SystemWrites;
+    use crate::extent::Extent;
+    use crate::value::Value;
+
+    fn written(stores: &[(u32, u32, Value)]) -> SystemWrites {
+        let mut writes = SystemWrites::default();
+        for (at, size, value) in stores {
+            writes.note(Extent::new(*at, at + size - 1), *size, value);
+        }
+        writes
+    }
+
+    #[test]
+    fn priorities_are_as_written_last_and_always() {
+        let byte = |word| Value::constant(word);
+        let once = written(&[(0xe000_e407, 1, byte(0xe0)), (0xe000_ed23, 1, byte(0xd0))]);
+        assert_eq!(once.priority(16 + 7), Some(0xe0));
+        assert_eq!(once.priority(15), Some(0xd0));
+        // Never written, so as after a reset.
+        assert_eq!(once.priority(16 + 6), Some(0));
+        assert_eq!(once.priority(14), Some(0));
+        let all = written(&[(0xe000_e404, 4, byte(0x4030_2010))]);
+        let priorities = (4..8).map(|interrupt| all.priority(16 + interrupt));
+        assert!(priorities.eq([Some(0x10), Some(0x20), Some(0x30), Some(0x40)]));
+        let twice = written(&[(0xe000_e407, 1, byte(0xe0)), (0xe000_e407, 1, byte(0x20))]);
+        assert_eq!(twice.priority(16 + 7), None);
+        let unknown = written(&[(0xe000_e407, 1, Value::ANY)]);
+        assert_eq!(unknown.priority(16 + 7), None);
+        let mut somewhere = SystemWrites::default();
+        somewhere.note(Extent::new(0xe000_e400, 0xe000_e4ef), 1, &byte(0xe0));
+        assert_eq!(somewhere.priority(16 + 7), None);
+    }
+
+    #[test]
+    fn a_vector_table_that_moves_is_seen() {
+        let table = 0x0800_0000;
+        assert!(!SystemWrites::default().moves_vectors(table));
+        let to = |value| written(&[(0xe000_ed08, 4, value)]).moves_vectors(table);
+        assert!(!to(Value::constant(table)));
+        assert!(to(Value::constant(0x2000_0000)));
+        assert!(to(Value::ANY));
+    }
 }

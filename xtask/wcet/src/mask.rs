@@ -2,9 +2,9 @@
 
 use super::cycles::Cycles;
 
-/// `PRIMASK` on all paths that reach a point.
+/// `PRIMASK` or `FAULTMASK` on all paths that reach a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Primask {
+pub enum ExceptionMask {
     /// Set: no interrupt is taken.
     Set,
     /// Clear.
@@ -13,7 +13,7 @@ pub enum Primask {
     Unknown,
 }
 
-impl Primask {
+impl ExceptionMask {
     /// The mask in this known state.
     #[must_use]
     pub const fn known(set: bool) -> Self {
@@ -32,6 +32,8 @@ impl Primask {
 pub enum Level {
     /// All, by `PRIMASK`.
     All,
+    /// All and the faults, by `FAULTMASK`.
+    Faults,
     /// Those whose priority value is at least this one, by `BASEPRI`; not zero.
     From(u8),
 }

@@ -347,7 +347,9 @@ impl Range {
         }
         let (low, high) = self.unsigned();
         let (other_low, other_high) = other.unsigned();
-        Self::between(low.max(other_low), below_power_of_two(high | other_high))
+        // An OR is no more than the sum.
+        let most = below_power_of_two(high | other_high).min(high.saturating_add(other_high));
+        Self::between(low.max(other_low), most)
     }
 
     /// All bitwise XORs of an element of each.

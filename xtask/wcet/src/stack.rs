@@ -7,7 +7,7 @@ use rsemu::cpu::arm::v7m::isa::{DpOp, Insn, Operand};
 
 use crate::graph::{Graph, Returning, Targets, leaves};
 use crate::image::Image;
-use crate::instruction::{Flow, Instruction};
+use crate::instruction::{Flow, Instruction, decode};
 use crate::register::Register;
 use crate::software;
 
@@ -56,6 +56,27 @@ impl<'a> Stacks<'a> {
     /// Depth of the function at `entry` with all functions that it may call, panics included.
     pub fn depth(&mut self, entry: u32) -> Depth {
         self.visit(entry, &mut Vec::new())
+    }
+
+    /// Whether the handler at `entry` sets the main stack pointer before anything else that may
+    /// use the stack, and so discards what is on the stack.
+    #[must_use]
+    pub fn begins_anew(&self, entry: u32) -> bool {
+        let mut at = entry;
+        while let Ok(instruction) = decode(self.image, at, 0) {
+            if sets_main_stack(&instruction) {
+                return true;
+            }
+            let moves = matches!(
+                instruction.insn,
+                Insn::MovImm16 { .. } | Insn::LoadLiteral { .. } | Insn::Cps { .. }
+            );
+            if !moves || instruction.flow() != Flow::Next {
+                return false;
+            }
+            at = instruction.next();
+        }
+        false
     }
 
     /// Depth of the function at `entry`. `path` holds the functions that are being visited.
@@ -116,7 +137,8 @@ impl<'a> Stacks<'a> {
             match change(instruction) {
                 Change::By(bytes) => below = below.saturating_add_signed(bytes),
                 Change::Frame => {}
-                Change::Unknown => {
+                Change::Anew if self.begins_anew(graph.entry) && path.len() == 1 => {}
+                Change::Anew | Change::Unknown => {
                     let place = self.image.describe(instruction.address);
                     depth.unknown.insert(format!("stack pointer at {place}"));
                 }
@@ -163,8 +185,18 @@ enum Change {
     By(i32),
     /// Restored from the frame pointer, and so not deeper than before.
     Frame,
+    /// Set to the begin of a stack. Only the handler of a fault does so, which never returns.
+    Anew,
     /// Set to an unknown address.
     Unknown,
+}
+
+/// Number of the main stack pointer in `MSR` (DDI 0403 B5.1.1).
+const MSP: u8 = 8;
+
+/// Whether an instruction sets the main stack pointer by `MSR`.
+pub(crate) fn sets_main_stack(instruction: &Instruction) -> bool {
+    matches!(instruction.insn, Insn::Msr { sysm: MSP, .. })
 }
 
 fn change(instruction: &Instruction) -> Change {
@@ -222,6 +254,7 @@ fn change(instruction: &Instruction) -> Change {
             operand: Operand::Reg { .. },
             ..
         } => Change::Frame,
+        _ if sets_main_stack(instruction) => Change::Anew,
         _ if instruction.written().contains(Register::SP) => Change::Unknown,
         _ => Change::By(0),
     }

@@ -10,7 +10,7 @@ use super::cycles::Cycles;
 use super::flags::{self, Flags, Source};
 use super::lasting::Words;
 use super::layout::STACK_TOP;
-use super::mask::{Masked, Primask};
+use super::mask::{ExceptionMask, Masked};
 use super::merge::Merge;
 use super::range::Range;
 use super::register::{Register, RegisterSet};
@@ -64,7 +64,9 @@ pub(crate) struct State {
     /// `BASEPRI`.
     pub basepri: Value,
     /// `PRIMASK`.
-    pub primask: Primask,
+    pub primask: ExceptionMask,
+    /// `FAULTMASK`.
+    pub faultmask: ExceptionMask,
     /// True if an address on the stack was stored where words are not tracked, so any load
     /// may give it.
     pub escaped: bool,
@@ -78,6 +80,8 @@ pub(crate) struct State {
     pub masked: Vec<Masked>,
     /// True if a task could run since reset. False only in start-up code.
     pub started: bool,
+    /// True if a reset of the part was requested.
+    pub resetting: bool,
 }
 
 impl State {
@@ -100,13 +104,15 @@ impl State {
             memory: Rc::default(),
             flags: Flags::ANY,
             basepri: symbols.unknown(),
-            primask: Primask::Clear,
+            primask: ExceptionMask::Clear,
+            faultmask: ExceptionMask::Clear,
             escaped: false,
             cycles: Cycles::ZERO,
             line: None,
             written: RegisterSet::ALL,
             masked: Vec::new(),
             started: true,
+            resetting: false,
         }
     }
 
@@ -114,6 +120,13 @@ impl State {
     #[must_use]
     pub(crate) fn stack_pointer(&self) -> Option<u32> {
         self.registers[Register::SP].as_constant()
+    }
+
+    /// The critical section that has been running for the longest time, if a task can be masked
+    /// by one: none can before the first task could run.
+    #[must_use]
+    pub(crate) fn outermost_section(&self) -> Option<&Masked> {
+        self.masked.first().filter(|_| self.started)
     }
 
     /// Adds `cycles` to every clock of this path.
@@ -249,12 +262,14 @@ impl State {
             },
             basepri,
             primask: self.primask.join(other.primask),
+            faultmask: self.faultmask.join(other.faultmask),
             escaped: self.escaped || other.escaped,
             cycles: self.cycles.max(other.cycles),
             line: self.line.filter(|_| self.line == other.line),
             written: self.written | other.written,
             masked: join_sections(&self.masked, &other.masked),
             started: self.started || other.started,
+            resetting: self.resetting && other.resetting,
         }
     }
 
@@ -264,6 +279,7 @@ impl State {
     pub(crate) fn same_machine(&self, other: &Self) -> bool {
         if self.flags.possible != other.flags.possible
             || self.primask != other.primask
+            || self.faultmask != other.faultmask
             || self.escaped != other.escaped
             || self.stack.as_slice().len() != other.stack.as_slice().len()
         {

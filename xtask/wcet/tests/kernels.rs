@@ -1,10 +1,14 @@
 //! Bounds of the kernels against the times on an emulated core.
 
 mod common;
+#[path = "kernels/ends.rs"]
+mod ends;
 #[path = "kernels/flow.rs"]
 mod flow;
 #[path = "kernels/lasting.rs"]
 mod lasting;
+#[path = "kernels/masked.rs"]
+mod masked;
 
 use std::collections::HashMap;
 

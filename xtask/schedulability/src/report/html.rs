@@ -86,6 +86,10 @@ fn of_node(node: &NodeReport) -> Markup {
         @for problem in &node.idle_problems {
             p.miss { "Start-up and idle: " (problem.to_string()) }
         }
+        @if !node.outside.is_empty() {
+            p { "Handlers that are no task:" }
+            ul { @for outside in &node.outside { li { (outside.sentence()) } } }
+        }
         @if !node.stack_unknown.is_empty() {
             p { "The stack figure does not include:" }
             ul { @for unknown in &node.stack_unknown { li { (unknown) } } }

@@ -64,6 +64,14 @@ fn node(node: &NodeReport) -> Value {
         "stack_unknown": node.stack_unknown,
         "utilisation_permille": node.utilisation_permille,
         "idle_problems": node.idle_problems.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "idle_annotated": node.idle_annotated,
+        "outside": node.outside.iter().map(|one| json!({
+            "name": one.name,
+            "vectors": one.vectors,
+            "ends": one.ends.iter().map(ToString::to_string).collect::<Vec<_>>(),
+            "stack_bytes": one.stack,
+            "discards_stack": one.begins_anew,
+        })).collect::<Vec<_>>(),
         "tasks": node.tasks.iter().map(|of| task(node, of)).collect::<Vec<_>>(),
     })
 }

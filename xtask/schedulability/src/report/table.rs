@@ -56,6 +56,15 @@ fn of_node(text: &mut String, node: &NodeReport) {
     for problem in &node.idle_problems {
         let _ = writeln!(text, "  ! start-up and idle: {problem}");
     }
+    for outside in &node.outside {
+        let _ = writeln!(text, "  no task: {}", outside.sentence());
+    }
+    if node.outside.len() > 1 {
+        let _ = writeln!(
+            text,
+            "  of these, the stack figure includes one: whichever comes first ends the program"
+        );
+    }
     for unknown in &node.stack_unknown {
         let _ = writeln!(text, "  stack figure without: {unknown}");
     }

@@ -1,4 +1,4 @@
-//! The little of an STM32F446 that the node needs: three interrupts that
+//! The little of an STM32F446 that the node needs: four interrupts that
 //! software pends, and inputs that no compiler knows.
 
 #![no_std]
@@ -22,6 +22,8 @@ pub enum Interrupt {
     EXTI1 = 7,
     /// Of `report`.
     EXTI2 = 8,
+    /// Of no task.
+    EXTI3 = 9,
 }
 
 /// As RTIC spells it.
@@ -38,6 +40,7 @@ unsafe extern "C" {
     fn EXTI0();
     fn EXTI1();
     fn EXTI2();
+    fn EXTI3();
 }
 
 /// An entry of the vector table.
@@ -50,11 +53,12 @@ pub union Vector {
 /// The vectors of the part's interrupts.
 #[unsafe(link_section = ".vector_table.interrupts")]
 #[unsafe(no_mangle)]
-pub static __INTERRUPTS: [Vector; 9] = {
-    let mut vectors = [Vector { reserved: 0 }; 9];
+pub static __INTERRUPTS: [Vector; 10] = {
+    let mut vectors = [Vector { reserved: 0 }; 10];
     vectors[6] = Vector { handler: EXTI0 };
     vectors[7] = Vector { handler: EXTI1 };
     vectors[8] = Vector { handler: EXTI2 };
+    vectors[9] = Vector { handler: EXTI3 };
     vectors
 };
 

@@ -10,6 +10,8 @@ mod arithmetic;
 mod arrays;
 mod broken;
 mod control;
+mod ends;
+mod masked;
 mod start;
 mod text;
 
@@ -87,6 +89,40 @@ pub static HANDLERS: [fn(); 10] = [
     start::load_a_number,
     start::load_a_pointer,
 ];
+
+/// Programs and handlers that mask interrupts.
+#[used]
+pub static MASKED: [fn(); 21] = [
+    masked::wait_by_primask,
+    masked::wait_by_faultmask,
+    masked::wait_by_faultmask_register,
+    masked::wait_by_basepri,
+    masked::wait_by_basepri_max,
+    masked::wait_in_a_call,
+    masked::count_by_primask,
+    masked::count_by_faultmask,
+    masked::sleep_by_primask,
+    masked::sleep_by_basepri,
+    masked::wait_for_event_by_primask,
+    masked::wait_at_the_start,
+    masked::wait_unmasked,
+    masked::wait_across_turns,
+    masked::wait_for_good,
+    masked::return_masked,
+    masked::return_raised,
+    masked::return_faultmask,
+    masked::lock,
+    masked::disable_interrupt,
+    masked::sleep_in_a_handler,
+];
+
+/// Handlers that do not return.
+#[used]
+pub static ENDS: [fn(); 3] = [ends::reset, ends::group, ends::stop];
+
+/// A handler that may not return.
+#[used]
+pub static MAY_END: fn(&u32) = ends::maybe_return;
 
 /// A handler that writes through the pointer in its argument.
 #[used]

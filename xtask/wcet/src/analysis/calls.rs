@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use crate::bound::{PanicSite, Problem};
+use crate::bound::{End, Entry, PanicSite, Problem};
 use crate::facts::{BlockId, To};
 use crate::graph::{Graph, is_end, is_panic};
 use crate::instruction::Instruction;
@@ -58,11 +58,12 @@ impl Run<'_, '_> {
             return None;
         }
         let name = self.program.image.name(target);
-        if is_end(&name) {
+        if is_end(&name) && self.kind != Entry::Fault {
             self.end_path(state.cycles);
             return None;
         }
         if is_panic(&name) {
+            self.ends.insert(End::Panic(self.describe(from)));
             self.panics.insert(PanicSite {
                 at: from,
                 callee: name,

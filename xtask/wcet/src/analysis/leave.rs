@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use rsemu::cpu::arm::v7m::isa::{Cond, Insn};
 
-use crate::bound::{Entry, PanicSite, Problem};
+use crate::bound::{End, Entry, PanicSite, Problem};
 use crate::cycles::Cycles;
 use crate::facts::{BlockId, To};
 use crate::graph::{Graph, leaves};
@@ -52,6 +52,7 @@ impl Run<'_, '_> {
             }
             Flow::Indirect => self.indirect(graph, id, state, written, last, exits),
             Flow::Stop => {
+                self.ends.insert(End::Stop(self.describe(last.address)));
                 self.panics.insert(PanicSite {
                     at: last.address,
                     callee: "an undefined instruction".to_owned(),

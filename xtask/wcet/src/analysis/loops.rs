@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use crate::bound::{Entry, Problem};
+use crate::bound::{End, Entry, Problem};
 use crate::cycles::Cycles;
 use crate::facts::BlockId;
 use crate::graph::Graph;
@@ -31,11 +31,10 @@ struct LastTurn<'s> {
 }
 
 impl Run<'_, '_> {
-    /// The bound of a loop that is given and need not be found by running it.
-    fn given_bound(&mut self, graph: &Graph, number: usize) -> Option<u64> {
+    /// The bound of a loop that is given and need not be found by running it, and what gives it.
+    fn given_bound(&self, graph: &Graph, number: usize) -> Option<(String, u64)> {
         let image = self.program.image;
-        let (place, bound) = self
-            .program
+        self.program
             .annotation(graph, number)
             .map(|(place, bound)| (place.to_string(), bound))
             .or_else(|| {
@@ -47,10 +46,18 @@ impl Run<'_, '_> {
                 let bytes = self.frames.last().and_then(|frame| frame.bytes)?;
                 let what = format!("{}, by its length", image.name(graph.entry));
                 Some((what, runtime::copying(graph, number, bytes)))
-            })?;
-        let most = self.annotated.entry(place).or_default();
-        *most = (*most).max(bound);
-        Some(bound)
+            })
+    }
+
+    /// Notes that a given bound counts for the loop that is now in this state. In start-up and idle
+    /// code it does so only while interrupts are masked.
+    fn rely_on(&mut self, given: Option<&(String, u64)>, state: &State) {
+        let Some((what, bound)) = given else { return };
+        if self.kind == Entry::Program && state.outermost_section().is_none() {
+            return;
+        }
+        let most = self.annotated.entry(what.clone()).or_default();
+        *most = (*most).max(*bound);
     }
 
     /// Runs a loop that is entered at block `start`, turn by turn until no path stays inside. If
@@ -64,7 +71,9 @@ impl Run<'_, '_> {
         state: State,
     ) -> Exits {
         let header = graph.loops[number].header;
-        let bound = self.given_bound(graph, number);
+        let given = self.given_bound(graph, number);
+        let bound = given.as_ref().map(|(_, bound)| *bound);
+        self.rely_on(given.as_ref(), &state);
         let begin = self.steps;
         let unrolled = if begin > STEPS_TURN_BY_TURN {
             0
@@ -78,6 +87,7 @@ impl Run<'_, '_> {
             let (exits, back) = self.region(graph, Some(number), start, first.clone());
             self.add_exits(&mut all, exits);
             let Some(next) = back else { break };
+            self.rely_on(given.as_ref(), &next);
             let from_header = start == header;
             start = header;
             turns += 1;
@@ -86,8 +96,11 @@ impl Run<'_, '_> {
             }
             let remaining = match bound {
                 Some(bound) => (self.steps > begin + unrolled).then_some(bound - turns),
-                // Start-up may wait for hardware, and no bound is required there.
-                None if self.kind == Entry::Program => Some(0),
+                // Start-up and idle code may wait for hardware while no task is masked.
+                None if self.kind == Entry::Program && next.outermost_section().is_none() => {
+                    Some(0)
+                }
+                None if self.kind == Entry::Fault => Some(0),
                 None => {
                     let stuck = from_header && first.same_machine(&next);
                     self.gives_up(graph, number, turns, begin, stuck)
@@ -99,9 +112,13 @@ impl Run<'_, '_> {
                     before: &first,
                     next,
                 };
+                let resetting = last.next.resetting;
                 let exits = self.remaining_turns(graph, number, last, remaining, bound);
                 self.add_exits(&mut all, exits);
                 turns += remaining;
+                if all.is_empty() && self.kind == Entry::Fault {
+                    self.end_in_loop(graph, number, resetting);
+                }
                 break;
             }
             first = next;
@@ -115,8 +132,8 @@ impl Run<'_, '_> {
     }
 
     /// Whether a loop without a given bound counts as unbounded after `turns` turns, `stuck` if
-    /// the last one changed nothing. The problem is reported; the analysis then goes on after the
-    /// loop, to find further problems.
+    /// the last one changed nothing. In a task this is reported; the analysis then goes on after
+    /// the loop, to find further problems.
     fn gives_up(
         &mut self,
         graph: &Graph,
@@ -136,14 +153,42 @@ impl Run<'_, '_> {
             return false;
         }
         self.endless.insert(at);
+        if self.kind != Entry::Program {
+            let place = self.place_of_loop(graph, number);
+            self.problems.insert(Problem::LoopWithoutBound(place));
+        }
+        true
+    }
+
+    /// Reports a loop of start-up or idle code whose turns are not counted, if `turn`, the state
+    /// in which any of them begins, has interrupts masked.
+    fn report_masked(&mut self, graph: &Graph, number: usize, turn: &State) {
+        let Some(section) = turn.outermost_section() else {
+            return;
+        };
+        let since = self.describe(section.at);
+        let at = self.place_of_loop(graph, number);
+        self.problems.insert(Problem::MaskedLoop { at, since });
+    }
+
+    /// Notes that a loop is never left, after a request for a reset or without one.
+    fn end_in_loop(&mut self, graph: &Graph, number: usize, resetting: bool) {
+        let end = if resetting {
+            End::Reset
+        } else {
+            End::Loop(self.place_of_loop(graph, number))
+        };
+        self.ends.insert(end);
+    }
+
+    /// The source line of a loop, or else the place of its first instruction.
+    fn place_of_loop(&self, graph: &Graph, number: usize) -> String {
         let image = self.program.image;
-        let source = self.program.annotations.source_loop(image, graph, number);
-        let place = match source {
+        let at = graph.blocks[graph.loops[number].header].start();
+        match self.program.annotations.source_loop(image, graph, number) {
             Some(place) => format!("{place} ({})", image.name(at)),
             None => self.describe(at),
-        };
-        self.problems.insert(Problem::LoopWithoutBound(place));
-        true
+        }
     }
 
     fn add_exits(&mut self, all: &mut Exits, exits: Exits) {
@@ -181,6 +226,9 @@ impl Run<'_, '_> {
                 && !invariant.holds(back, &mut self.executor.symbols)
             {
                 continue;
+            }
+            if bound.is_none() && self.kind == Entry::Program {
+                self.report_masked(graph, number, &first);
             }
             let turn = back.map_or(Cycles::ZERO, |back| back.cycles - first.cycles);
             let extra = turn * remaining;

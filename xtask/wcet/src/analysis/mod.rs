@@ -26,7 +26,7 @@ use super::facts::BlockId;
 use super::graph::Graph;
 use super::image::{Image, Place};
 use super::ipet::{self, Longest};
-use super::lasting::{Memory, UnknownStores, Words, Written, drop_reached};
+use super::lasting::{Memory, SystemWrites, UnknownStores, Words, Written, drop_reached};
 use super::program::Program;
 use super::register::Register;
 use super::timing::{Timing, Timings};
@@ -38,6 +38,9 @@ pub struct Analysis<'a> {
     timings: Timings,
     /// Words that keep the address which start-up wrote to them.
     lasting: Rc<Words>,
+    /// What the program and its handlers write to the system control space, as far as they were
+    /// analysed.
+    system: SystemWrites,
     /// Bounds that were found while `lasting` was.
     known: HashMap<(u32, Entry), Bound>,
 }
@@ -50,6 +53,7 @@ impl<'a> Analysis<'a> {
             program: Program::new(image, annotations),
             timings: Timings::of(part),
             lasting: Rc::default(),
+            system: SystemWrites::default(),
             known: HashMap::new(),
         }
     }
@@ -120,6 +124,13 @@ impl<'a> Analysis<'a> {
         self.explore(entry, kind, registers).0
     }
 
+    /// What the program and its handlers write to the system control space, as far as they were
+    /// analysed.
+    #[must_use]
+    pub fn system_writes(&self) -> &SystemWrites {
+        &self.system
+    }
+
     /// The longest path to this bound of the code at `entry`; `None` if the bound has problems
     /// or the solver fails.
     pub fn longest_path(&mut self, bound: &Bound, entry: u32) -> Option<Longest> {
@@ -151,6 +162,7 @@ impl<'a> Analysis<'a> {
             let run = Run::new(&mut self.program, self.timings, kind, never, lasting);
             let outcome = run.whole(entry, registers);
             if outcome.found.is_empty() {
+                self.system.extend(&outcome.memory.system);
                 return (self.tightened(outcome.bound, entry, kind), outcome.memory);
             }
             self.program.add_targets(outcome.found);
@@ -183,7 +195,7 @@ impl<'a> Analysis<'a> {
         if let Some(longest) = self.longest_path(&bound, entry) {
             let around = match kind {
                 Entry::Handler => self.timings.exception_entry() + self.timings.exception_exit(),
-                Entry::Function | Entry::Program => Cycles::ZERO,
+                Entry::Function | Entry::Fault | Entry::Program => Cycles::ZERO,
             };
             bound.cycles = bound.cycles.min(longest.cycles + around);
             // A critical section of the activation is no longer than the whole activation.
@@ -212,9 +224,7 @@ impl<'a> Analysis<'a> {
     }
 }
 
-/// Whether a path could not be followed to its end. A loop without a bound is no such path: all
-/// its turns are followed, although their number is unknown.
+/// Whether a path could not be followed to its end.
 fn is_not_followed(bound: &Bound) -> bool {
-    let mut problems = bound.problems.iter();
-    problems.any(|problem| !matches!(problem, Problem::LoopWithoutBound(_)))
+    bound.problems.iter().any(Problem::hides_paths)
 }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-use crate::bound::{Bound, Entry, PanicSite, Problem, Section};
+use crate::bound::{Bound, End, Entry, PanicSite, Problem, Section};
 use crate::cycles::Cycles;
 use crate::execute::Executor;
 use crate::facts::{Facts, To};
@@ -76,6 +76,8 @@ pub(super) struct Run<'r, 'a> {
     pub(super) ended: Cycles,
     pub(super) facts: Facts,
     pub(super) annotated: BTreeMap<String, u64>,
+    /// How the paths end that do not return.
+    pub(super) ends: BTreeSet<End>,
     pub(super) problems: BTreeSet<Problem>,
 }
 
@@ -112,6 +114,7 @@ impl<'r, 'a> Run<'r, 'a> {
             ended: Cycles::ZERO,
             facts: Facts::default(),
             annotated: BTreeMap::new(),
+            ends: BTreeSet::new(),
             problems: BTreeSet::new(),
         }
     }
@@ -120,9 +123,11 @@ impl<'r, 'a> Run<'r, 'a> {
     pub(super) fn whole(mut self, entry: u32, registers: &[(Register, u32)]) -> Outcome {
         let state = self.initial(registers);
         let last = self.function(entry, RETURN & !1, state);
+        let returns = last.is_some();
         let returned = last.map_or(Cycles::ZERO, |mut last| {
             if self.kind == Entry::Handler {
                 last.spend(self.timings.exception_exit());
+                self.end_handler(&last);
             }
             last.cycles
         });
@@ -139,10 +144,26 @@ impl<'r, 'a> Run<'r, 'a> {
                 pends: memory.pends.clone(),
                 facts: self.facts,
                 annotated: self.annotated,
+                returns,
+                ends: self.ends,
                 problems: self.problems,
             },
             memory,
             found: self.found,
+        }
+    }
+
+    /// Ends the critical sections that the return from a handler ends, and reports the others.
+    fn end_handler(&mut self, last: &State) {
+        for section in &last.masked {
+            if section.level == Level::Faults {
+                // The return clears `FAULTMASK` (DDI 0403 B1.4.3).
+                let most = self.sections.entry((section.level, section.at));
+                let most = most.or_default();
+                *most = most.max(section.cycles);
+            } else {
+                self.report(Problem::StaysMasked, section.at);
+            }
         }
     }
 
@@ -159,7 +180,7 @@ impl<'r, 'a> Run<'r, 'a> {
                 let words = self.program.image.initial_words();
                 state.memory = Rc::new(words.filter(|(_, word)| leads_to_memory(*word)).collect());
             }
-            Entry::Handler => state.spend(self.timings.exception_entry()),
+            Entry::Handler | Entry::Fault => state.spend(self.timings.exception_entry()),
             Entry::Function => {}
         }
         state

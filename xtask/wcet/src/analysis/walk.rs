@@ -3,16 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-use rsemu::cpu::arm::v7m::isa::Cond;
+use rsemu::cpu::arm::v7m::isa::{Cond, HintOp, Insn};
 
-use crate::bound::Problem;
+use crate::bound::{Entry, Problem};
 use crate::cycles::Cycles;
 use crate::execute::Effects;
 use crate::facts::{BlockId, To};
 use crate::graph::{Block, Graph, conditional};
 use crate::instruction::{Flow, Instruction};
-use crate::mask::Masked;
+use crate::mask::{Level, Masked};
 use crate::register::{Register, RegisterSet};
+use crate::stack::sets_main_stack;
 use crate::state::State;
 use crate::value::Value;
 
@@ -214,9 +215,31 @@ impl Run<'_, '_> {
         if effects.unknown_mask {
             self.report(Problem::UnknownMask, instruction.address);
         }
+        if effects.disables_interrupt && self.kind != Entry::Fault {
+            self.report(Problem::DisabledInterrupt, instruction.address);
+        }
+        if self.oversleeps(state, instruction) {
+            self.report(Problem::Sleep, instruction.address);
+        }
         self.uses_fpu |= instruction.uses_fpu();
         self.note_stack(state, instruction);
         effects.target
+    }
+
+    /// Whether an instruction may make a task wait for an interrupt. `WFI` also wakes by one that
+    /// `PRIMASK` masks, but by none that `BASEPRI` or `FAULTMASK` does; and `WFE` by none that is
+    /// masked (DDI 0403 B1.5.18, B1.5.19).
+    fn oversleeps(&self, state: &State, instruction: &Instruction) -> bool {
+        let Insn::Hint { op, .. } = instruction.insn else {
+            return false;
+        };
+        let mut masked = state.masked.iter().filter(|_| state.started);
+        match (self.kind, op) {
+            (Entry::Program, HintOp::Wfi) => masked.any(|section| section.level != Level::All),
+            (Entry::Program, HintOp::Wfe) => masked.next().is_some(),
+            (Entry::Handler | Entry::Function, HintOp::Wfi | HintOp::Wfe) => true,
+            _ => false,
+        }
     }
 
     /// The cost of an instruction that has been executed, its fetch left out.
@@ -247,6 +270,9 @@ impl Run<'_, '_> {
             // If it was aligned down by an unknown amount, the lowest address counts.
             self.lowest = self.lowest.min(pointer.start());
         } else {
+            self.report(Problem::UnknownStack, instruction.address);
+        }
+        if sets_main_stack(instruction) && self.kind != Entry::Fault {
             self.report(Problem::UnknownStack, instruction.address);
         }
     }

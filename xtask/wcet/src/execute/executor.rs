@@ -31,6 +31,9 @@ pub(crate) struct Effects {
     pub target: Option<Value>,
     /// True if it set an interrupt mask to an unknown level.
     pub unknown_mask: bool,
+    /// True if it may have disabled an interrupt in the interrupt controller after a task could
+    /// run.
+    pub disables_interrupt: bool,
 }
 
 /// Executes instructions of one image.

@@ -15,6 +15,23 @@ use super::step::Step;
 /// Constants that are joined for a load with several possible addresses, at most.
 pub(super) const MAX_LOADS: u64 = 4096;
 
+/// Registers that disable interrupts in the interrupt controller (DDI 0403 B3.4.5).
+const DISABLE: Extent = Extent::new(0xe000_e180, 0xe000_e1bf);
+
+/// Address of the register by which a program requests a reset (DDI 0403 B3.2.6).
+const AIRCR: u32 = 0xe000_ed0c;
+/// What the upper half of every word must be that is written there.
+const KEY: u32 = 0x05fa;
+/// The bit that requests the reset.
+const SYSRESETREQ: u32 = 1 << 2;
+
+/// Whether a word that is written to [`AIRCR`] requests a reset. The other bits may keep what was
+/// read there; they are zero in the least of the words.
+fn requests_reset(value: &Value) -> bool {
+    let (low, high) = value.range.unsigned();
+    low >> 16 == KEY && high >> 16 == KEY && low & SYSRESETREQ != 0
+}
+
 impl Step<'_, '_> {
     /// The word that a load of `size` bytes gives.
     pub(super) fn load(&mut self, address: &Value, size: u32, signed: bool) -> Value {
@@ -77,6 +94,7 @@ impl Step<'_, '_> {
     /// Stores the low `size` bytes of `value`.
     pub(super) fn store(&mut self, address: &Value, size: u32, value: &Value) {
         self.note_write(address, size, value);
+        self.state.resetting |= address.as_constant() == Some(AIRCR) && requests_reset(value);
         self.lend(address, value);
         self.note_pends(address, size, value);
         if let Some(at) = address.as_constant()
@@ -136,6 +154,11 @@ impl Step<'_, '_> {
             other => other,
         };
         let Some(reached) = reached else { return };
+        if reached != Extent::EVERYWHERE {
+            self.machine.memory.system.note(reached, size, value);
+            self.effects.disables_interrupt |=
+                self.state.started && DISABLE.meet(reached).is_some();
+        }
         if self.state.started {
             self.machine.memory.written.insert(reached);
             return;

@@ -4,7 +4,7 @@ use rsemu::cpu::arm::v7m::isa::Insn;
 
 use crate::cycles::Cycles;
 use crate::flags::Flags;
-use crate::mask::{Level, Masked, Primask};
+use crate::mask::{ExceptionMask, Level, Masked};
 use crate::range::Range;
 use crate::value::Value;
 
@@ -16,6 +16,7 @@ mod number {
     pub(super) const PRIMASK: u8 = 16;
     pub(super) const BASEPRI: u8 = 17;
     pub(super) const BASEPRI_MAX: u8 = 18;
+    pub(super) const FAULTMASK: u8 = 19;
 }
 
 /// The bits of `BASEPRI` that the parts have.
@@ -24,16 +25,29 @@ const IMPLEMENTED: u32 = 0xF0;
 /// that to no task; the F446 gives it to an interrupt that does not return.
 const HIGHEST_TASK: u32 = 0x10;
 
+/// What `MRS` reads from a register of one bit.
+fn word(mask: ExceptionMask) -> Value {
+    match mask {
+        ExceptionMask::Set => Value::constant(1),
+        ExceptionMask::Clear => Value::constant(0),
+        ExceptionMask::Unknown => Value::within(Range::between(0, 1)),
+    }
+}
+
+/// What `MSR` makes of a register of one bit.
+fn mask(value: &Value) -> ExceptionMask {
+    value.as_constant().map_or(ExceptionMask::Unknown, |word| {
+        ExceptionMask::known(word & 1 != 0)
+    })
+}
+
 impl Step<'_, '_> {
     pub(super) fn system(&mut self) {
         match self.instruction.insn {
             Insn::Mrs { rd, sysm } => {
                 let value = match sysm {
-                    number::PRIMASK => match self.state.primask {
-                        Primask::Set => Value::constant(1),
-                        Primask::Clear => Value::constant(0),
-                        Primask::Unknown => Value::within(Range::between(0, 1)),
-                    },
+                    number::PRIMASK => word(self.state.primask),
+                    number::FAULTMASK => word(self.state.faultmask),
                     number::BASEPRI | number::BASEPRI_MAX => self.state.basepri,
                     _ => Value::ANY,
                 };
@@ -43,36 +57,42 @@ impl Step<'_, '_> {
                 let value = self.read(rn);
                 match sysm {
                     0..=number::LAST_APSR => self.state.flags = Flags::ANY,
-                    number::PRIMASK => self.set_primask(match value.as_constant() {
-                        Some(word) => Primask::known(word & 1 != 0),
-                        None => Primask::Unknown,
-                    }),
+                    number::PRIMASK => self.set_exception_mask(Level::All, mask(&value)),
+                    number::FAULTMASK => self.set_exception_mask(Level::Faults, mask(&value)),
                     number::BASEPRI => self.set_basepri(&value, false),
                     number::BASEPRI_MAX => self.set_basepri(&value, true),
                     _ => {}
                 }
             }
-            Insn::Cps {
-                enable, i: true, ..
-            } => self.set_primask(Primask::known(!enable)),
+            Insn::Cps { enable, i, f } => {
+                let mask = ExceptionMask::known(!enable);
+                if i {
+                    self.set_exception_mask(Level::All, mask);
+                }
+                if f {
+                    self.set_exception_mask(Level::Faults, mask);
+                }
+            }
             _ => {}
         }
     }
 
-    fn set_primask(&mut self, primask: Primask) {
-        match primask {
-            Primask::Set => {
+    /// Sets `PRIMASK` or `FAULTMASK`, as `level` says.
+    fn set_exception_mask(&mut self, level: Level, mask: ExceptionMask) {
+        match mask {
+            ExceptionMask::Set => {
                 let mut running = self.state.masked.iter();
-                if running.all(|section| section.level.is_basepri()) {
-                    self.begin_section(Level::All);
+                if running.all(|section| section.level != level) {
+                    self.begin_section(level);
                 }
             }
-            Primask::Clear => {
-                self.end_sections(|level| !level.is_basepri());
-            }
-            Primask::Unknown => self.effects.unknown_mask = true,
+            ExceptionMask::Clear => self.end_sections(|of| of == level),
+            ExceptionMask::Unknown => self.effects.unknown_mask = true,
         }
-        self.state.primask = primask;
+        match level {
+            Level::Faults => self.state.faultmask = mask,
+            _ => self.state.primask = mask,
+        }
         self.note_start();
     }
 
@@ -81,13 +101,14 @@ impl Step<'_, '_> {
     fn note_start(&mut self) {
         let basepri = self.state.basepri.as_constant();
         let masks_tasks = basepri.is_some_and(|word| word & IMPLEMENTED == HIGHEST_TASK);
-        self.state.started |= self.state.primask != Primask::Set && !masks_tasks;
+        let masks_all = [self.state.primask, self.state.faultmask].contains(&ExceptionMask::Set);
+        self.state.started |= !masks_all && !masks_tasks;
     }
 
     /// Writes `BASEPRI`; with `only_raise` the write has no effect unless it masks more.
     fn set_basepri(&mut self, value: &Value, only_raise: bool) {
         if let Some(word) = value.as_constant() {
-            let new = word as u8;
+            let new = (word & IMPLEMENTED) as u8;
             let is_lower = |level| matches!(level, Level::From(old) if new == 0 || old < new);
             if !only_raise {
                 self.end_sections(is_lower);

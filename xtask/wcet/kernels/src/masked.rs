@@ -1,0 +1,173 @@
+//! Programs that mask interrupts after a task could run, and handlers that leave them masked.
+
+use core::arch::asm;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+static FLAG: AtomicU32 = AtomicU32::new(0);
+
+/// A program that lets tasks run, masks interrupts by `$mask`, runs `$body` and unmasks them by
+/// `$unmask`.
+macro_rules! section {
+    ($name:ident, $mask:literal, $unmask:literal, $body:expr) => {
+        #[doc = concat!("Between `", $mask, "` and `", $unmask, "`.")]
+        pub fn $name() {
+            // SAFETY: neither the analysis nor the emulator raises an interrupt in this program.
+            unsafe {
+                asm!("cpsie i");
+                asm!($mask, out("r1") _);
+            }
+            $body;
+            // SAFETY: as above.
+            unsafe { asm!($unmask, out("r1") _) };
+        }
+    };
+}
+
+section!(wait_by_primask, "cpsid i", "cpsie i", wait());
+section!(wait_by_faultmask, "cpsid f", "cpsie f", wait());
+section!(
+    wait_by_faultmask_register,
+    "movs r1, #1; msr faultmask, r1",
+    "movs r1, #0; msr faultmask, r1",
+    wait()
+);
+section!(
+    wait_by_basepri,
+    "movs r1, #0x50; msr basepri, r1",
+    "movs r1, #0; msr basepri, r1",
+    wait()
+);
+section!(
+    wait_by_basepri_max,
+    "movs r1, #0x50; msr basepri_max, r1",
+    "movs r1, #0; msr basepri, r1",
+    wait()
+);
+section!(wait_in_a_call, "cpsid i", "cpsie i", wait_out_of_line());
+section!(count_by_primask, "cpsid i", "cpsie i", count());
+section!(count_by_faultmask, "cpsid f", "cpsie f", count());
+section!(sleep_by_primask, "cpsid i", "cpsie i", sleep());
+section!(
+    sleep_by_basepri,
+    "movs r1, #0x50; msr basepri, r1",
+    "movs r1, #0; msr basepri, r1",
+    sleep()
+);
+section!(wait_for_event_by_primask, "cpsid i", "cpsie i", doze());
+
+/// Waits with interrupts masked before any task could run.
+pub fn wait_at_the_start() {
+    // SAFETY: as in `section`.
+    unsafe { asm!("cpsid i") };
+    wait();
+    // SAFETY: as in `section`.
+    unsafe { asm!("cpsie i") };
+}
+
+/// Waits without a mask, as the idle code may.
+pub fn wait_unmasked() {
+    // SAFETY: as in `section`.
+    unsafe { asm!("cpsie i") };
+    wait();
+}
+
+/// Masks interrupts in one turn and unmasks them in a later one.
+pub fn wait_across_turns() {
+    // SAFETY: as in `section`.
+    unsafe { asm!("cpsie i") };
+    while FLAG.load(Ordering::Relaxed) != 9 {
+        if FLAG.load(Ordering::Relaxed) == 1 {
+            // SAFETY: as in `section`.
+            unsafe { asm!("cpsid i") };
+        }
+        if FLAG.load(Ordering::Relaxed) == 2 {
+            // SAFETY: as in `section`.
+            unsafe { asm!("cpsie i") };
+        }
+    }
+}
+
+/// Ends with interrupts masked for good.
+pub fn wait_for_good() {
+    // SAFETY: as in `section`.
+    unsafe { asm!("cpsie i", "cpsid i") };
+    loop {
+        FLAG.store(1, Ordering::Relaxed);
+    }
+}
+
+#[inline(always)]
+fn wait() {
+    while FLAG.load(Ordering::Relaxed) == 0 {}
+}
+
+#[inline(never)]
+fn wait_out_of_line() {
+    wait();
+}
+
+#[inline(always)]
+fn count() {
+    // loop-bound: 3000 the flag counts to no more
+    for _ in 0..FLAG.load(Ordering::Relaxed) {
+        // SAFETY: it does nothing.
+        unsafe { asm!("nop") };
+    }
+}
+
+#[inline(always)]
+fn sleep() {
+    // SAFETY: it waits only.
+    unsafe { asm!("wfi") };
+}
+
+#[inline(always)]
+fn doze() {
+    // SAFETY: it waits only.
+    unsafe { asm!("wfe") };
+}
+
+/// A handler that returns with interrupts masked.
+pub fn return_masked() {
+    // SAFETY: as in `section`.
+    unsafe { asm!("cpsid i") };
+}
+
+/// A handler that returns with `BASEPRI` raised.
+pub fn return_raised() {
+    // SAFETY: as in `section`.
+    unsafe { asm!("movs r1, #0x50; msr basepri, r1", out("r1") _) };
+}
+
+/// A handler that returns with `FAULTMASK` set, which the return clears.
+pub fn return_faultmask() {
+    // SAFETY: as in `section`.
+    unsafe { asm!("cpsid f") };
+}
+
+/// A handler that raises `BASEPRI` and restores what it found there.
+pub fn lock() {
+    // SAFETY: as in `section`.
+    unsafe {
+        asm!(
+            "mrs {before}, basepri",
+            "msr basepri_max, {raised}",
+            "nop",
+            "msr basepri, {before}",
+            before = out(reg) _,
+            raised = in(reg) 0x50,
+        );
+    }
+}
+
+/// A handler that disables the first interrupt in the interrupt controller.
+pub fn disable_interrupt() {
+    let register = core::ptr::with_exposed_provenance_mut::<u32>(0xE000_E180);
+    // SAFETY: the register is there on every core, and the emulator never runs this.
+    unsafe { register.write_volatile(1) };
+}
+
+/// A handler that sleeps.
+pub fn sleep_in_a_handler() {
+    sleep();
+}
