@@ -480,7 +480,6 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     /// the next deadline.
     pub fn service(&mut self) {
         self.counters.services = self.counters.services.wrapping_add(1);
-        self.armed = None;
         let now = self.now();
         if self.start_due {
             self.start_due = false;
@@ -494,7 +493,8 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         if self.start_due || self.refused {
             self.fire();
         } else {
-            self.arm();
+            // The timer has fired, so it is set to nothing.
+            self.set_timer(self.node.next_deadline());
         }
     }
 
@@ -542,6 +542,10 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         if deadline == self.armed || self.start_due || self.refused {
             return;
         }
+        self.set_timer(deadline);
+    }
+
+    fn set_timer(&mut self, deadline: Option<Stamp>) {
         self.armed = deadline;
         match deadline {
             Some(deadline) => self.timer.set_window(deadline.0),
