@@ -226,3 +226,33 @@ fn networks_are_refused() {
         assert_eq!(refusal(config), message);
     }
 }
+
+/// The event messages of a node wait in one line.
+#[test]
+fn event_messages_have_basic_cycles_that_can_be() {
+    let base = config(&[]);
+    let cases = [
+        (
+            MatrixConfig {
+                events: &[Event::new("e", Id::constant::<40>(), 8, A).every(3, 0)],
+                ..base
+            },
+            "window `e`: repeat factor 3 is no power of two of at most the number of basic cycles",
+        ),
+        (
+            MatrixConfig {
+                cycles: 2,
+                events: &[
+                    Event::new("e", Id::constant::<40>(), 8, A).every(2, 0),
+                    Event::new("f", Id::constant::<41>(), 8, B).every(2, 1),
+                    Event::new("g", Id::constant::<42>(), 8, A).every(2, 1),
+                ],
+                ..base
+            },
+            "window `g`: and `e` are event messages of one node with different basic cycles",
+        ),
+    ];
+    for (config, message) in cases {
+        assert_eq!(refusal(config), message);
+    }
+}

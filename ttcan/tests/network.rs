@@ -6,10 +6,11 @@ use support::{
     ALARM, BUTTON, CONTROLLER, DRIVE, GPS, MATRIX, SCHEDULE, STEERING, Uagv, UagvBus,
     assert_in_place, at, config, crystal, is_reference, uagv, vehicle,
 };
-use ttcan::simulation::{Application, Fate, Quiet, SimTime, delivered};
+use ttcan::simulation::{Application, Bus, Fate, Quiet, SimTime, delivered};
 use ttcan::{
-    Action, ErrorLevel, Fault, Frame, GlobalTime, Grant, Health, Id, MasterState, Micros, NodeId,
-    QueueError, Reception, Severe, Stamp, SyncState, TransmitOutcome,
+    Action, ErrorLevel, Event, Fault, Frame, GlobalTime, Grant, Health, Id, MasterState,
+    MatrixConfig, Micros, Node, NodeId, QueueError, Reception, ReferenceFormat, Severe, Stamp,
+    SyncState, SystemMatrix, TransmitOutcome, Window,
 };
 
 const ALL: [usize; 4] = [0, 1, 2, 3];
@@ -840,4 +841,67 @@ fn a_node_that_stops_withdraws_its_frame_before_it_starts_again() {
     assert_eq!(node.counters().stray_reports, 0);
     node.start(again);
     assert_eq!(node.poll(again), None);
+}
+
+const FOUR_CYCLES: SystemMatrix = SystemMatrix::constant(MatrixConfig {
+    bit_rate: 250_000,
+    basic_cycle: Micros::millis(10),
+    cycles: 4,
+    reference: Id::constant::<100>(),
+    reference_format: ReferenceFormat::LEVEL_1,
+    masters: &[NodeId(0)],
+    transmit_enable_bits: 16,
+    sync_uncertainty: Micros::micros(20),
+    windows: &[Window::arbitrating(
+        "events",
+        Micros::millis(3),
+        Micros::millis(2),
+    )],
+    events: &[
+        Event::new("first", Id::constant::<0x20>(), 8, NodeId(1)).every(4, 2),
+        Event::new("second", Id::constant::<0x21>(), 8, NodeId(1)).every(4, 2),
+        Event::new("third", Id::constant::<0x22>(), 8, NodeId(2)),
+    ],
+});
+ttcan::schedule!(static FOUR = FOUR_CYCLES);
+
+/// A schedule counts on it that a message is on the bus in its basic cycles only, though an
+/// arbitrating window is open in all of them.
+#[test]
+fn events_go_in_their_basic_cycles() {
+    type Four = Node<'static, { FOUR_CYCLES.window_count() }, { FOUR_CYCLES.node_count() }, 4>;
+    let mut bus = Bus::new(250_000, Quiet, 3);
+    for node in 0..3 {
+        let node = NodeId(node);
+        let phase = 5000 * u32::from(node.0);
+        bus.add(
+            Four::new(FOUR.view(), config(node)).unwrap(),
+            crystal(10_000, phase),
+        );
+    }
+    for node in 0..3 {
+        bus.start(node);
+    }
+    bus.run_millis(200);
+    for round in 0..37 {
+        for (node, id) in [(1, 0x20), (1, 0x21), (2, 0x22)] {
+            let frame = Frame::new(Id::standard(id).unwrap(), &[round; 8]).unwrap();
+            let life = Micros::millis(80);
+            bus.with(node, |node, now| node.queue_event(frame, now, life))
+                .unwrap();
+        }
+        bus.run_millis(51);
+    }
+    let (mut cycle, mut sent) = (0, [[0; 4]; 3]);
+    for traffic in &bus.traffic {
+        match traffic.frame.id().raw() {
+            100 => cycle = usize::from(traffic.frame.data()[0] & 63),
+            id => sent[id as usize - 0x20][cycle] += 1,
+        }
+    }
+    assert_eq!(sent[0], [0, 0, 37, 0]);
+    assert_eq!(sent[1], [0, 0, 37, 0]);
+    // A message of every basic cycle goes in the next one.
+    assert!(sent[2].iter().all(|count| *count >= 8), "{sent:?}");
+    assert_eq!(bus.node(1).counters().events_expired, 0);
 }

@@ -91,6 +91,8 @@ pub enum Problem {
     /// The identifier has two senders or two lengths, or belongs to a scheduled
     /// message and an event message.
     TwoRoles,
+    /// Two event messages of a node have different basic cycles.
+    EventCycles,
 }
 
 /// A matrix was refused.
@@ -240,6 +242,10 @@ impl Problem {
             Problem::ReferenceId => {
                 message.text("uses an identifier of the reference message")
             }
+            Problem::EventCycles => message
+                .text("and `")
+                .text(other)
+                .text("` are event messages of one node with different basic cycles"),
             Problem::TwoRoles => message
                 .text("and `")
                 .text(other)

@@ -165,16 +165,34 @@ pub struct Event<'a> {
     pub len: u8,
     /// The node that sends it.
     pub sender: NodeId,
+    /// It may be sent in one of so many basic cycles (ISO 11898-4, repeat factor): 1, 2, 4, .. up to
+    /// the number of basic cycles. All event messages of a node have the same basic cycles, because
+    /// they wait in one line, and so do its messages that are sent late.
+    pub repeat: u8,
+    /// The first basic cycle in which it may be sent, below `repeat`.
+    pub offset: u8,
 }
 
 impl<'a> Event<'a> {
-    /// An event message.
+    /// An event message that may be sent in the arbitrating windows of every basic cycle.
     pub const fn new(name: &'a str, id: Id, len: u8, sender: NodeId) -> Self {
         Self {
             name,
             id,
             len,
             sender,
+            repeat: 1,
+            offset: 0,
+        }
+    }
+
+    /// The same message, in the arbitrating windows of one of `repeat` basic cycles, from `offset` on.
+    #[must_use]
+    pub const fn every(self, repeat: u8, offset: u8) -> Self {
+        Self {
+            repeat,
+            offset,
+            ..self
         }
     }
 }

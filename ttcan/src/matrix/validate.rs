@@ -304,6 +304,14 @@ const fn check_event<'a>(config: &MatrixConfig<'a>, at: usize) -> Checked<'a> {
         })
     } else if is_reference(config, event.id) {
         Some(Problem::ReferenceId)
+    } else if !event.repeat.is_power_of_two() || event.repeat > config.cycles {
+        Some(Problem::RepeatFactor {
+            repeat: event.repeat as u32,
+        })
+    } else if event.offset >= event.repeat {
+        Some(Problem::CycleOffset {
+            offset: event.offset as u32,
+        })
     } else {
         None
     };
@@ -327,6 +335,12 @@ const fn check_event<'a>(config: &MatrixConfig<'a>, at: usize) -> Checked<'a> {
     while before < at {
         if config.events[before].id.equals(event.id) {
             return conflict(event.name, config.events[before].name, Problem::TwoRoles);
+        }
+        let other = &config.events[before];
+        if other.sender.0 == event.sender.0
+            && (other.repeat != event.repeat || other.offset != event.offset)
+        {
+            return conflict(event.name, other.name, Problem::EventCycles);
         }
         before += 1;
     }

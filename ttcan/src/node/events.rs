@@ -16,8 +16,8 @@ use crate::time::Micros;
 use crate::time::Stamp;
 
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
-    /// Enqueues an event message for the next arbitrating window. It is dropped
-    /// if it is not sent within `lifetime`. The message with the lowest
+    /// Enqueues an event message for the next arbitrating window of its basic cycles. It is
+    /// dropped if it is not sent within `lifetime`. The message with the lowest
     /// identifier is sent first. Call [`Node::poll`] afterwards.
     ///
     /// # Errors

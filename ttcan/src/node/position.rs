@@ -8,6 +8,8 @@ pub(super) struct Position {
     /// One past the last entry of the basic cycle.
     pub(super) end: u16,
     pub(super) window: CurrentWindow,
+    /// What an arbitrating window of this basic cycle begins as.
+    pub(super) arbitrating: CurrentWindow,
     /// Index of the last entry for a message of another node, if that message
     /// was not seen. A frame that is reported late may still belong to it.
     pub(super) missed: Option<u16>,
@@ -24,24 +26,30 @@ pub(super) enum CurrentWindow {
     ExclusiveSeen,
     /// An arbitrating window.
     Arbitrating,
-    /// An arbitrating window in which an event message was withdrawn: no other
-    /// one is sent in it.
+    /// An arbitrating window in which this node sends no event message: it has withdrawn one in it, or
+    /// the basic cycle is none of theirs.
     ArbitratingHeld,
 }
 
 impl Position {
-    /// Before the windows of a basic cycle whose entries are `cursor..end`.
-    pub(super) const fn new(cursor: u16, end: u16) -> Self {
+    /// Before the windows of a basic cycle whose entries are `cursor..end`. `events` says whether this
+    /// node may send its event messages in it.
+    pub(super) const fn new(cursor: u16, end: u16, events: bool) -> Self {
         Self {
             cursor,
             end,
             window: CurrentWindow::None,
+            arbitrating: if events {
+                CurrentWindow::Arbitrating
+            } else {
+                CurrentWindow::ArbitratingHeld
+            },
             missed: None,
         }
     }
 
     /// Outside the schedule.
-    pub(super) const NONE: Self = Self::new(0, 0);
+    pub(super) const NONE: Self = Self::new(0, 0, false);
 
     pub(super) fn in_window(&self) -> bool {
         self.window != CurrentWindow::None

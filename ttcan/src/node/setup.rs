@@ -1,7 +1,7 @@
 //! What a node is made from. It never changes.
 
 use super::config::{ConfigError, NodeConfig};
-use crate::features::MASTER;
+use crate::features::{EVENTS, MASTER};
 use crate::schedule::{Network, ScheduleView};
 
 /// Largest distance of a deadline from now, in ticks. Stamps compare correctly
@@ -17,6 +17,9 @@ pub(super) struct Setup<'s> {
     rank: Option<u8>,
     /// Length of a bit in 1/256 tick.
     bit: u32,
+    /// Basic cycles of this node's event messages: their number ends in these bits (the first number is
+    /// the mask).
+    event_cycles: (u8, u8),
 }
 
 impl<'s> Setup<'s> {
@@ -56,12 +59,24 @@ impl<'s> Setup<'s> {
             return Err(ConfigError::Master);
         }
         let bit = (u64::from(network.bit) * u64::from(config.ticks_per_us)) >> 8;
+        let (repeat, offset) = if EVENTS {
+            schedule.event_cycles(config.node)
+        } else {
+            (1, 0)
+        };
         Ok(Self {
             schedule,
             config,
             rank,
             bit: bit as u32,
+            event_cycles: (repeat.wrapping_sub(1), offset),
         })
+    }
+
+    /// Whether this node may send its event messages in the basic cycle with this number.
+    pub(super) fn may_send_events(&self, cycle: u8) -> bool {
+        let (mask, offset) = self.event_cycles;
+        EVENTS && cycle & mask == offset
     }
 
     pub(super) fn network(&self) -> &'s Network {

@@ -81,7 +81,8 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     /// Waits for the first window of the current basic cycle.
     pub(super) fn begin_entries(&mut self) {
         let (first, end) = self.setup.schedule.entries_of(self.cycle.number);
-        self.position = Position::new(first, end);
+        let events = self.setup.may_send_events(self.cycle.number);
+        self.position = Position::new(first, end, events);
         self.await_entry();
     }
 
@@ -138,7 +139,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
                 self.open_own(entry, own, start.unwrap_or(now), now)
             }
             Role::Arbitrating => {
-                self.position.window = CurrentWindow::Arbitrating;
+                self.position.window = self.position.arbitrating;
                 if EVENTS && !self.transmission.queue.is_empty() {
                     self.transmit_event(now)
                 } else {

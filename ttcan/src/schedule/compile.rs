@@ -18,6 +18,7 @@ pub(super) const NO_MESSAGE: Known = Known {
     is_event: false,
     retry_late: false,
     window: 0,
+    cycles: (1, 0),
 };
 
 /// The parameters of the schedule.
@@ -143,6 +144,7 @@ pub(super) const fn known(
                 is_event: false,
                 retry_late,
                 window: at as u16,
+                cycles: (1, 0),
             };
             insert(known, count, message);
             count += 1;
@@ -158,6 +160,7 @@ pub(super) const fn known(
             sender: event.sender,
             len: event.len,
             is_event: true,
+            cycles: (event.repeat, event.offset),
             ..NO_MESSAGE
         };
         insert(known, count, message);

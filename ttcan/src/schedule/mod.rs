@@ -50,6 +50,8 @@ pub(crate) struct Known {
     pub retry_late: bool,
     /// One of the message's windows, 0 for events.
     pub window: u16,
+    /// Basic cycles of an event message: repeat factor and offset.
+    pub cycles: (u8, u8),
 }
 
 /// The parameters of a schedule, without its tables. Times are in microseconds.
@@ -188,6 +190,14 @@ impl<'s> ScheduleView<'s> {
             Some([first, end, ..]) => (*first, *end),
             _ => (0, 0),
         }
+    }
+
+    /// Basic cycles in which a node may send its event messages, as repeat factor and offset: they
+    /// are the same for all of them.
+    pub(crate) fn event_cycles(&self, node: NodeId) -> (u8, u8) {
+        let mut known = self.known.iter();
+        let event = known.find(|known| known.is_event && known.sender == node);
+        event.map_or((1, 0), |event| event.cycles)
     }
 
     /// Looks up the message with an identifier, by binary search.

@@ -303,6 +303,7 @@ pub(super) fn check(network: &Network) -> Result<(), String> {
                 message.length,
                 node(network, &message.sender),
             )
+            .every(message.window.repeat, message.window.offset)
         })
         .collect();
     let masters = masters(network);

@@ -45,6 +45,7 @@ pub(crate) fn check(network: &Network, unscheduled: bool) -> Vec<Problem> {
         }
     }
     if !unscheduled {
+        event_cycles(network, &mut problems);
         overlaps(network, &mut problems);
     }
     problems
@@ -367,6 +368,37 @@ fn window(network: &Network, message: &Message, window: Window, problems: &mut V
             "{of}: an event message needs an arbitrating window"
         )),
         _ => {}
+    }
+}
+
+/// Checks that the event messages of a node may be sent in the same basic cycles: they wait in one
+/// line, and the first one would hold the others.
+fn event_cycles(network: &Network, problems: &mut Vec<Problem>) {
+    let events = network.messages.iter().enumerate();
+    let events = events.filter(|(_, message)| message.window.kind == WindowKind::Arbitrating);
+    for (at, message) in events {
+        let mut before = network.messages[..at].iter();
+        let other = before.find(|other| {
+            other.window.kind == WindowKind::Arbitrating
+                && other.sender == message.sender
+                && (other.window.repeat, other.window.offset)
+                    != (message.window.repeat, message.window.offset)
+        });
+        if let Some(other) = other {
+            problems.push(Problem {
+                line: message.line,
+                what: format!(
+                    "{}: WindowRepeat and WindowOffset are {} and {}, but {} and {} for {}: all event messages of {} need the same",
+                    describe(message, message.window),
+                    message.window.repeat,
+                    message.window.offset,
+                    other.window.repeat,
+                    other.window.offset,
+                    other.name,
+                    message.sender
+                ),
+            });
+        }
     }
 }
 

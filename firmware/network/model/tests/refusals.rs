@@ -149,6 +149,32 @@ fn windows_of_different_cycles_may_share_a_time() {
     );
 }
 
+/// They wait in one line, and the first one would hold the others.
+#[test]
+fn event_messages_of_a_node_have_the_same_basic_cycles() {
+    let two = |repeat: u8, offset: u8| {
+        let text = GOOD.replace(
+            "VAL_TABLE_",
+            "BO_ 601 Level: 1 slave\n SG_ Height : 0|8@1+ (1,0) [0|1] \"\" master\nVAL_TABLE_",
+        );
+        let second = format!(
+            "BA_ \"GenMsgSendType\" BO_ 601 1;\nBA_ \"WindowKind\" BO_ 601 3;\n\
+             BA_ \"WindowStart\" BO_ 601 2000;\nBA_ \"WindowRepeat\" BO_ 601 {repeat};\n\
+             BA_ \"WindowOffset\" BO_ 601 {offset};\nVAL_ 600"
+        );
+        Network::parse(&text.replace("VAL_ 600", &second))
+    };
+    assert_eq!(two(1, 0).map(|network| network.messages.len()), Ok(4));
+    let refusal = two(2, 1).unwrap_err().to_string();
+    assert!(
+        refusal.contains(
+            "WindowRepeat and WindowOffset are 2 and 1, but 1 and 0 for Alarm: all event messages of \
+             slave need the same"
+        ),
+        "{refusal}"
+    );
+}
+
 #[test]
 fn a_window_beyond_the_cycle_is_refused() {
     refused(

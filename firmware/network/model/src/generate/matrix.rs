@@ -298,14 +298,18 @@ fn write_matrix_events(out: &mut String, network: &Network) -> std::fmt::Result 
     writeln!(out, "    events: &[")?;
     for message in &network.messages {
         if message.window.kind == WindowKind::Arbitrating {
-            writeln!(
-                out,
-                "        Event::new({:?}, Id::constant::<{}>(), {}, {}),",
+            let mut event = format!(
+                "Event::new({:?}, Id::constant::<{}>(), {}, {})",
                 snake(&message.name),
                 message.id,
                 message.length,
                 screaming(&message.sender)
-            )?;
+            );
+            let Window { repeat, offset, .. } = message.window;
+            if repeat > 1 {
+                let _ = write!(event, ".every({repeat}, {offset})");
+            }
+            writeln!(out, "        {event},")?;
         }
     }
     writeln!(out, "    ],")
