@@ -277,6 +277,7 @@ fn observed(program: &str, programs: &Programs) -> Observed {
             let seen = Seen {
                 longest: Cycles::both(task.longest),
                 followed: found.activations,
+                entered: found.entered.clone(),
                 refuted: found
                     .refuted
                     .iter()

@@ -14,6 +14,7 @@
 //! On an event-triggered bus, tasks and messages make each other late: [`event`] bounds both in turn,
 //! in place of the releases and the bus of the schedule.
 
+pub mod activations;
 pub mod arrivals;
 pub mod assumptions;
 pub mod bus;

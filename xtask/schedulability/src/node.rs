@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::activations;
 use crate::arrivals::Arrivals;
 use crate::execution::{Execution, Handler};
 use crate::model::{NodeModel, TaskModel};
@@ -9,7 +10,7 @@ use crate::response::{self, Critical, CriticalSection, Response, Task, Unbounded
 use crate::results::{NodeReport, TaskReport};
 use crate::sensitivity::slack;
 use crate::table::{BusEvent, NodeTable};
-use crate::units::{MICROSECOND, Picoseconds, picoseconds};
+use crate::units::{MICROSECOND, Picoseconds, picoseconds, time};
 use wcet::cycles::Cycles;
 
 /// Observations of a node's handlers, by interrupt.
@@ -22,6 +23,8 @@ pub struct Seen {
     pub longest: Cycles,
     /// Activations that were followed instruction by instruction.
     pub followed: u64,
+    /// Times at which it was entered, in order, of each run from a start of the node on.
+    pub entered: Vec<Vec<Picoseconds>>,
     /// Contradictions between these activations and the analysis, one sentence each.
     pub refuted: BTreeSet<String>,
 }
@@ -285,6 +288,28 @@ impl<'a> Scheduled<'a> {
         critical.delayed_by.iter().map(delay).collect()
     }
 
+    /// What the activations seen contradict: the analysis of their paths, or the releases that are
+    /// counted.
+    fn refuted(&self, at: usize, seen: &Seen) -> BTreeSet<String> {
+        let mut refuted = seen.refuted.clone();
+        let Ok(response) = &self.results[at] else {
+            return refuted;
+        };
+        let arrivals = &self.set[at].arrivals;
+        let runs = seen.entered.iter();
+        let excess = runs.filter_map(|run| activations::excess(arrivals, response.worst, run));
+        refuted.extend(excess.map(|excess| {
+            format!(
+                "it was released {} times within {}, {} after power-on, and the task table allows {}",
+                excess.seen,
+                time(excess.span),
+                time(excess.begin),
+                excess.most
+            )
+        }));
+        refuted
+    }
+
     /// The answer for a task of the source.
     fn report(&self, task: &TaskModel) -> Option<TaskReport> {
         let at = self.index(&task.interrupt)?;
@@ -305,7 +330,7 @@ impl<'a> Scheduled<'a> {
             overhead: bound.overhead,
             observed: seen.map(|seen| seen.longest),
             followed: seen.map_or(0, |seen| seen.followed),
-            refuted: seen.map_or_else(BTreeSet::new, |seen| seen.refuted.clone()),
+            refuted: seen.map_or_else(BTreeSet::new, |seen| self.refuted(at, seen)),
             cost: shared.cost,
             period: task.arrivals.distance(1, task.jitter),
             releases: tables

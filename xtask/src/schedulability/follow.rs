@@ -12,6 +12,8 @@ use wcet::watch::{Activation, Refuted, Watch};
 pub struct Found {
     /// Activations followed to their end.
     pub activations: u64,
+    /// Times at which the handler was entered, in picoseconds, from each start of the node on.
+    pub entered: Vec<Vec<u64>>,
     /// Assumptions of the analysis that the run refuted. For each place only the worst one is
     /// kept.
     pub refuted: Vec<Refuted>,
@@ -29,6 +31,8 @@ pub struct Follower {
     watches: BTreeMap<u16, Arc<Watch>>,
     /// The active handlers; the running one is last.
     stack: Vec<InHand>,
+    /// Starts of the node so far.
+    starts: usize,
     findings: Arc<Mutex<Findings>>,
 }
 
@@ -39,6 +43,7 @@ impl Follower {
         Self {
             watches,
             stack: Vec::new(),
+            starts: 1,
             findings: Arc::default(),
         }
     }
@@ -72,18 +77,29 @@ impl Follower {
                     );
                 }
             }
-            Seen::Entered(exception) => self.begin(exception),
-            Seen::Chained(exception) => {
+            Seen::Entered(exception, now) => self.begin(exception, now.as_ticks()),
+            Seen::Chained(exception, now) => {
                 self.end();
-                self.begin(exception);
+                self.begin(exception, now.as_ticks());
             }
             Seen::Returned => self.end(),
-            Seen::Reset => self.stack.clear(),
+            Seen::Reset => {
+                self.stack.clear();
+                self.starts += 1;
+            }
         }
     }
 
-    fn begin(&mut self, exception: u16) {
+    fn begin(&mut self, exception: u16, now: u64) {
         let watch = self.watches.get(&exception);
+        if watch.is_some() {
+            let mut findings = lock(&self.findings);
+            let found = findings.entry(exception).or_default();
+            found.entered.resize_with(self.starts, Vec::new);
+            if let Some(entered) = found.entered.last_mut() {
+                entered.push(now);
+            }
+        }
         self.stack
             .push((exception, watch.map(|watch| watch.activation())));
     }

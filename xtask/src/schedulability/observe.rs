@@ -3,10 +3,11 @@
 
 use std::{
     collections::BTreeMap,
+    ops::Range,
     sync::{Arc, Mutex},
     thread,
 };
-use world::time::Span as _;
+use world::time::{Span as _, at};
 
 use schedulability::{
     node::{Observed, Seen},
@@ -15,7 +16,7 @@ use schedulability::{
 use twin::{Outcome, Twin, mcu::FlashTiming, mcu::Mcu};
 use vehicle_model::Vehicle;
 use wcet::{cycles::Model, watch::Watch};
-use world::{Scenario, time::seconds};
+use world::{Scenario, scenario::BusEvent, time::seconds, units::Time};
 
 use super::{
     Error,
@@ -74,10 +75,11 @@ pub(super) fn observe(
         let handles = TIMINGS.map(|flash| scope.spawn(move || run(flash)));
         handles.map(thread::ScopedJoinHandle::join)
     });
+    let strange = strange(&scenario);
     let mut all = BTreeMap::new();
     for (model, outcome) in Model::ALL.into_iter().zip(outcomes) {
         let outcome = outcome.map_err(|_| Error::BrokenDown)??;
-        note(&mut all, model, &outcome, images)?;
+        note(&mut all, model, &outcome, images, &strange)?;
     }
     Ok(all)
 }
@@ -131,12 +133,50 @@ fn scenario(vehicle: &Vehicle) -> Result<Scenario, Error> {
     Ok(Scenario::find(vehicle, &path.to_string_lossy())?)
 }
 
+/// How long after a foreign frame is queued it is on the bus at the latest, picoseconds.
+const ON_THE_BUS: u64 = 100_000_000_000;
+
+/// The times of a run, in picoseconds, in which foreign frames are on the bus. The analysis has
+/// none, so in these times more jobs are released than it counts.
+fn strange(scenario: &Scenario) -> Vec<Range<u64>> {
+    let ticks = |time: Time| at(time.span()).as_ticks();
+    let frames = scenario.bus.iter().filter_map(|event| match event {
+        BusEvent::Frame {
+            at, every, until, ..
+        } => {
+            let last = match (every, until) {
+                (None, _) => ticks(*at),
+                (_, Some(until)) => ticks(*until),
+                (Some(_), None) => return Some(ticks(*at)..u64::MAX),
+            };
+            Some(ticks(*at)..last + ON_THE_BUS)
+        }
+        _ => None,
+    });
+    frames.collect()
+}
+
+/// The parts of a run outside these times.
+fn without(run: &[u64], times: &[Range<u64>]) -> Vec<Vec<u64>> {
+    let mut parts = vec![Vec::new()];
+    for now in run {
+        if times.iter().any(|times| times.contains(now)) {
+            parts.push(Vec::new());
+        } else if let Some(part) = parts.last_mut() {
+            part.push(*now);
+        }
+    }
+    parts.retain(|part| !part.is_empty());
+    parts
+}
+
 /// Adds the outcome of a run under one timing model to the observations.
 fn note(
     all: &mut BTreeMap<String, Observed>,
     model: Model,
     (outcome, findings): &Followed,
     images: &[Image],
+    strange: &[Range<u64>],
 ) -> Result<(), Error> {
     for (node, findings) in outcome.nodes.iter().zip(findings) {
         let name = node.name.as_str();
@@ -156,6 +196,9 @@ fn note(
                 continue;
             };
             seen.followed += found.activations;
+            let runs = found.entered.iter();
+            seen.entered
+                .extend(runs.flat_map(|run| without(run, strange)));
             if let Some(image) = &image {
                 let sentences = found.refuted.iter().map(|refuted| refuted.sentence(image));
                 seen.refuted.extend(sentences);
@@ -185,6 +228,14 @@ mod tests {
         );
         // Outside all memory.
         assert!(super::hold("gps", [(0x40, 1)].into_iter(), |_| None).is_err());
+    }
+
+    #[test]
+    fn times_with_foreign_frames_are_left_out() {
+        let run = [1, 4, 5, 6, 9];
+        assert_eq!(super::without(&run, &[]), [run.to_vec()]);
+        assert_eq!(super::without(&run, &[4..6, 30..40]), [vec![1], vec![6, 9]]);
+        assert_eq!(super::without(&run, &[0..5, 9..20]), [vec![5, 6]]);
     }
 
     #[test]

@@ -78,10 +78,11 @@ impl Default for Board {
 pub enum Seen {
     /// It executed the instruction at this address.
     Executed(u32),
-    /// It entered this exception and preempted what it was executing.
-    Entered(u16),
-    /// It left an exception and entered this one without unstacking (tail-chaining).
-    Chained(u16),
+    /// It entered this exception, at this time, and preempted what it was executing.
+    Entered(u16, SimTime),
+    /// It left an exception and entered this one without unstacking (tail-chaining), at this
+    /// time.
+    Chained(u16, SimTime),
     /// It returned from an exception to the code that this one had preempted.
     Returned,
     /// It was reset: no exception is active any more.
@@ -593,14 +594,18 @@ impl Mcu {
     /// Reports a step to the trace. A step executes an instruction or enters an exception; an
     /// exception ends with an instruction.
     fn show(&mut self, at: u32, switch: Switch) {
+        let now = match switch {
+            Switch::Enter(_) | Switch::Chain(_) => SimTime::from_ticks(self.time(self.now)),
+            Switch::None | Switch::Return => SimTime::from_ticks(0),
+        };
         let Some(trace) = &mut self.trace else { return };
         if !matches!(switch, Switch::Enter(_)) {
             trace(Seen::Executed(at));
         }
         match switch {
             Switch::None => {}
-            Switch::Enter(exception) => trace(Seen::Entered(exception)),
-            Switch::Chain(exception) => trace(Seen::Chained(exception)),
+            Switch::Enter(exception) => trace(Seen::Entered(exception, now)),
+            Switch::Chain(exception) => trace(Seen::Chained(exception, now)),
             Switch::Return => trace(Seen::Returned),
         }
     }
