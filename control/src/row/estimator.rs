@@ -53,8 +53,14 @@ const LARGEST_BEND: f64 = 1.0 / 16.0;
 const LARGEST_SURPRISE: f64 = 0.1;
 /// Longest time step, s. A longer one counts as this one.
 const LONGEST_STEP: f64 = 0.1;
-/// Largest width of the rows that is followed, as a multiple of that of the settings.
-const WIDEST: f64 = 1.5;
+/// Largest difference from the width of the settings that walls may have to be the row, as a share
+/// of that width.
+const OTHER: f64 = 0.5;
+/// Standard deviations of the rows' width within which a width is usual.
+const USUAL: f64 = 3.0;
+/// Largest difference of the ways along walls at both sides, m, that began together: the robot may
+/// come to them with another heading than theirs.
+const TOGETHER: f64 = 0.3;
 /// Way (m) and commanded turn (rad) after which the hypotheses are moved though
 /// no run has come.
 const LONGEST_DRIFT: (f64, f64) = (0.1, 0.1);
@@ -110,6 +116,17 @@ enum Stage {
     Split,
     /// Their number is as before again.
     Reduced,
+}
+
+/// What walls at both sides say about the width of the rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum OtherWidth<T> {
+    /// Nothing else than the estimate.
+    None,
+    /// Half of it is this, m.
+    Of(T),
+    /// It is smaller or larger than rows can be.
+    NotOfRows,
 }
 
 /// The estimator.
@@ -329,10 +346,11 @@ impl<T: Scalar> RowEstimator<T> {
         let expected = self.expected(side);
         let readings = self.settings.readings;
         let between = self.is_between_walls();
+        let rows_walls = between && self.has_usual_width();
         let row = self.row(side);
         let possible = reading.is_finite() && reading >= readings.least;
         let plant = possible && reading < readings.open;
-        row.watch.add(reading, possible, plant, between, way);
+        row.watch.add(reading, possible, plant, rows_walls, way);
         row.blind_way += way;
         let usable = plant && !row.watch.is_faulty(readings.fault_way);
         let excess = match expected {
@@ -351,6 +369,14 @@ impl<T: Scalar> RowEstimator<T> {
             return false;
         };
         (left + right).abs() <= self.same_width()
+    }
+
+    /// Whether the rows are as wide as the settings say, within the tolerance. Another width was
+    /// found by long surfaces at both sides, so it does not prove that these are no readings of
+    /// frozen sensors.
+    fn has_usual_width(&self) -> bool {
+        let rows = &self.settings.rows;
+        (self.half_width - rows.half_width).abs() <= rows.tolerance * T::lit(USUAL)
     }
 
     /// Largest difference of the sum of both distances, m, between walls of the width that
@@ -386,26 +412,27 @@ impl<T: Scalar> RowEstimator<T> {
         }
     }
 
-    /// Half the width between walls at both sides, if these are walls for certain and their
-    /// width is not the one of the estimate. An offset of the robot makes one side farther and
-    /// the other one nearer, and so leaves the sum as it is.
-    fn other_width(&self) -> Option<T> {
-        let more = self.left.sure_wall()? + self.right.sure_wall()?;
+    /// What the walls at both sides say about the width. They are believed if they began together
+    /// and are not seen through the rows: an opening in one of two walls is no wider row, nor is the
+    /// reading of a frozen sensor. An offset of the robot makes one side farther and the other one
+    /// nearer, and so leaves the sum as it is.
+    fn other_width(&self) -> OtherWidth<T> {
+        let (Some(left), Some(right)) = (self.left.sure_wall(), self.right.sure_wall()) else {
+            return OtherWidth::None;
+        };
+        let more = left.excess + right.excess;
         let mean = more * T::lit(0.5);
-        if more.abs() <= self.same_width() || !is_near(mean) {
-            return None;
+        let together = (left.way - right.way).abs() <= T::lit(TOGETHER);
+        if more.abs() <= self.same_width() || !is_near(mean) || !together {
+            return OtherWidth::None;
         }
         let RowEstimatorSettings { beams, rows, .. } = &self.settings;
         let found = self.state.half_width + mean * beams.sine;
-        let least = rows.half_width - rows.tolerance * T::lit(3.0);
-        let most = rows.half_width * T::lit(WIDEST);
-        Some(if found < least {
-            least
-        } else if found > most {
-            most
+        if (found - rows.half_width).abs() <= rows.half_width * T::lit(OTHER) {
+            OtherWidth::Of(found)
         } else {
-            found
-        })
+            OtherWidth::NotOfRows
+        }
     }
 
     /// Goes on between walls of another width, where the robot may be anywhere.
@@ -421,18 +448,21 @@ impl<T: Scalar> RowEstimator<T> {
 
     /// Takes the next run, if there is one, and splits the hypotheses by it.
     fn begin(&mut self) {
-        if let Some(half_width) = self.other_width() {
-            self.change_width(half_width);
-            return;
-        }
         let side = self.next;
         let other = match side {
             Side::Left => Side::Right,
             Side::Right => Side::Left,
         };
-        let (side, run) = match self.row(side).take_ended() {
-            Some(run) => (side, Some(run)),
-            None => (other, self.row(other).take_ended()),
+        let (side, run) = match self.other_width() {
+            OtherWidth::Of(half_width) => {
+                self.change_width(half_width);
+                return;
+            }
+            OtherWidth::NotOfRows => (side, None),
+            OtherWidth::None => match self.row(side).take_ended() {
+                Some(run) => (side, Some(run)),
+                None => (other, self.row(other).take_ended()),
+            },
         };
         let (way, turn) = LONGEST_DRIFT;
         let is_due = self.drift.way() >= T::lit(way) || self.drift.turned() >= T::lit(turn);

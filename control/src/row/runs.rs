@@ -128,6 +128,15 @@ pub(super) struct Step<T> {
     pub(super) swept: T,
 }
 
+/// A long surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Wall<T> {
+    /// What the last reading exceeds its prediction by, m.
+    pub(super) excess: T,
+    /// Way along it, m.
+    pub(super) way: T,
+}
+
 /// What is remembered of one side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RowMemory<T> {
@@ -221,9 +230,13 @@ impl<T: Scalar> RowMemory<T> {
         (self.surface.way >= T::lit(BOTH)).then(|| self.surface.mean())
     }
 
-    /// What the last reading exceeds its prediction by, m, if the surface is a wall for certain.
-    pub(super) fn sure_wall(&self) -> Option<T> {
-        self.last.filter(|_| self.wall >= T::lit(SURE))
+    /// The present surface, if it is a wall for certain.
+    pub(super) fn sure_wall(&self) -> Option<Wall<T>> {
+        let excess = self.last.filter(|_| self.wall >= T::lit(SURE))?;
+        Some(Wall {
+            excess,
+            way: self.wall,
+        })
     }
 
     /// A run that has ended, once.
