@@ -41,7 +41,7 @@ const MEAN_WITHIN_CM: f64 = 1.0;
 /// How far its share of runs with a contact may be from the thesis's.
 const FAILURES_WITHIN: f64 = 0.1;
 /// Runs from which on their share of contacts is compared itself. The share of fewer runs is off by chance
-/// too often: a law that fails in 20 % touches nothing in 2 of 100 samples of 20 runs.
+/// too often: a law that fails in 15 % touches nothing in 1 of 26 samples of 20 runs.
 const ENOUGH_FOR_A_SHARE: usize = 100;
 /// Fewer runs refute a share that gives as few contacts, or as many, with less than this probability.
 const REFUTED: f64 = 0.025;
