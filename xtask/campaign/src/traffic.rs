@@ -1,5 +1,6 @@
 //! The frames that the nodes sent, and whether each was in its window.
 
+use can_bus::wire::WireFrame;
 use can_bus::{NodeId, Record, RecordKind, SimDuration, SimTime};
 use embedded_can::Id;
 use network_model::{Message, Network, WindowKind};
@@ -20,7 +21,7 @@ pub struct Sent {
     /// End of the last bit of end of frame; the instant of the error of a frame that was
     /// destroyed.
     pub end: SimTime,
-    /// Whether it was sent to its end.
+    /// Whether it was sent to its end, as far as its receivers see it.
     pub complete: bool,
 }
 
@@ -34,6 +35,15 @@ impl Sent {
         }
         bytes
     }
+}
+
+/// A frame of which the end is not known yet.
+struct Begun {
+    node: NodeId,
+    /// Its place among the frames.
+    index: usize,
+    /// Its length.
+    bits: usize,
 }
 
 /// The frames of a run in order of their starts. Frames that lost arbitration are left out.
@@ -59,30 +69,38 @@ impl Traffic {
     /// The frames in `records`; `node_at` names the nodes of the vehicle. Frames with extended
     /// identifiers are left out: the network has none.
     ///
+    /// Receivers take a frame before its last bit, its sender behind it (CAN specification 2.0,
+    /// "Message validation"). An
+    /// error that the sender finds in that bit is none to them, and they have the frame.
+    ///
     /// A sender that a reset stops within the end of its frame, all of whose bits are recessive, leaves
     /// a frame that the receivers take. Its end is not recorded, and is its start here.
     #[must_use]
     pub fn new(records: &[Record], node_at: impl Fn(NodeId) -> Option<NodeIndex>) -> Self {
         let mut frames: Vec<Sent> = Vec::new();
-        let mut begun: Vec<(NodeId, usize)> = Vec::new();
+        let mut begun: Vec<Begun> = Vec::new();
         // From this time on nobody has found an error.
         let mut sound = SimTime::from_ticks(0);
         for record in records {
             if let RecordKind::FrameStart { .. } = record.kind {
-                begun.retain(|(_, index)| {
-                    let frame = &mut frames[*index];
+                begun.retain(|begun| {
+                    let frame = &mut frames[begun.index];
                     let simultaneous = frame.start == record.at;
                     frame.complete = !simultaneous && frame.start >= sound;
                     simultaneous
                 });
             }
-            let open = begun.iter().position(|(node, _)| *node == record.node);
+            let open = begun.iter().position(|begun| begun.node == record.node);
             match record.kind {
                 RecordKind::FrameStart { frame } => {
                     let Id::Standard(id) = frame.id() else {
                         continue;
                     };
-                    begun.push((record.node, frames.len()));
+                    begun.push(Begun {
+                        node: record.node,
+                        index: frames.len(),
+                        bits: WireFrame::encode(&frame).bits(),
+                    });
                     frames.push(Sent {
                         node: node_at(record.node),
                         id: id.as_raw(),
@@ -94,24 +112,27 @@ impl Traffic {
                 }
                 RecordKind::FrameEnd { .. } => {
                     if let Some(open) = open {
-                        let (_, index) = begun.swap_remove(open);
+                        let Begun { index, .. } = begun.swap_remove(open);
                         frames[index].end = record.at;
                         frames[index].complete = true;
                     }
                 }
                 RecordKind::ArbitrationLost { .. } => {
                     if let Some(open) = open {
-                        let (_, index) = begun.swap_remove(open);
+                        let Begun { index, .. } = begun.swap_remove(open);
                         // Length zero marks it for removal; removing it now would shift the indices.
                         frames[index].data.clear();
                         frames[index].id = u16::MAX;
                     }
                 }
-                RecordKind::Error { transmitter, .. } => {
+                RecordKind::Error {
+                    transmitter, bit, ..
+                } => {
                     sound = record.at;
                     if let Some(open) = open.filter(|_| transmitter) {
-                        let (_, index) = begun.swap_remove(open);
+                        let Begun { index, bits, .. } = begun.swap_remove(open);
                         frames[index].end = record.at;
+                        frames[index].complete = usize::from(bit) + 1 >= bits;
                     }
                 }
                 RecordKind::StateChange { .. } => {}
@@ -427,6 +448,37 @@ mod tests {
         assert_eq!(complete(&unnoticed), [true, false, false]);
         let noticed = [&[start(0, 100, 50), error], &behind[..]].concat();
         assert_eq!(complete(&noticed), [false, false, false]);
+    }
+
+    /// Error flags that reach the sender in the bit before the last one, and in the last one.
+    #[test]
+    fn a_frame_is_complete_for_its_receivers_before_its_last_bit() {
+        let mut bus = can_bus::Bus::new();
+        let sender = bus.add_tester(can_bus::Tester::new());
+        let id = embedded_can::StandardId::new(100).unwrap();
+        let frame = can_bus::Frame::new_data(id, &[2, 0, 0, 5, 137, 2, 218, 26]).unwrap();
+        // The emulated nodes took this one, of 116 bits.
+        let complete = |bit| {
+            let record = |us: u64, kind| Record {
+                at: SimTime::from_ticks(us * 1_000_000),
+                node: sender,
+                kind,
+            };
+            let error = RecordKind::Error {
+                kind: can_bus::ErrorKind::BitRecessive,
+                bit,
+                transmitter: true,
+            };
+            let records = [
+                record(100, RecordKind::FrameStart { frame }),
+                record(330, error),
+            ];
+            let frames = Traffic::new(&records, |_| Some(GPS)).frames;
+            (frames[0].complete, frames[0].end)
+        };
+        let end = SimTime::from_ticks(330_000_000);
+        assert_eq!(complete(114), (false, end));
+        assert_eq!(complete(115), (true, end));
     }
 
     #[test]
