@@ -70,8 +70,8 @@ impl Traffic {
     /// identifiers are left out: the network has none.
     ///
     /// Receivers take a frame before its last bit, its sender behind it (CAN specification 2.0,
-    /// "Message validation"). An
-    /// error that the sender finds in that bit is none to them, and they have the frame.
+    /// "Message validation"). An error that the sender finds in that bit is none to them, and they have
+    /// the frame.
     ///
     /// A sender that a reset stops within the end of its frame, all of whose bits are recessive, leaves
     /// a frame that the receivers take. Its end is not recorded, and is its start here.
