@@ -11,7 +11,7 @@ use std::sync::{Arc, OnceLock};
 
 use parts::Sled;
 use schedulability::models::{Files, InputError, Models};
-use schedulability::node::{Observed, Seen};
+use schedulability::node::{Entered, Observed, Seen};
 use schedulability::priorities;
 use schedulability::results::Report;
 use schedulability::system::{Inputs, Program, Programs};
@@ -25,7 +25,7 @@ use xtask::schedulability::{follow, observe};
 type Change = (&'static str, &'static str);
 
 /// The programs: the node as it is, and what is done to it.
-const PROGRAMS: [(&str, &[Change]); 13] = [
+const PROGRAMS: [(&str, &[Change]); 14] = [
     ("sound", &[]),
     (
         "loop",
@@ -135,6 +135,23 @@ const PROGRAMS: [(&str, &[Change]); 13] = [
                 "output(level);",
                 "output(level);\n        rtic::pend(*cx.local.whom);\n        \
                  if input() & 1 == 0 {\n            *cx.local.whom = Interrupt::EXTI2;\n        }",
+            ),
+        ],
+    ),
+    (
+        "often",
+        &[
+            ("level: u32,", "level: u32,\n        rounds: u32,"),
+            ("level: 0xFFFF,", "level: 0xFFFF,\n            rounds: 0,"),
+            (
+                "binds = EXTI2, priority = 1, shared = [samples]",
+                "binds = EXTI2, priority = 1, shared = [samples], local = [rounds]",
+            ),
+            (
+                "output(checksum(&samples, ROUNDS));",
+                "output(checksum(&samples, ROUNDS));\n        \
+                 if *cx.local.rounds < 5 {\n            *cx.local.rounds += 1;\n            \
+                 rtic::pend(Interrupt::EXTI2);\n        }",
             ),
         ],
     ),
@@ -260,13 +277,23 @@ fn answer_to(program: &str, inputs: &Inputs) -> Result<Report, InputError> {
     programs.report(&observed, &|_| {})
 }
 
+/// The answer for a program whose task table has these rows in addition.
+fn with_rows(program: &str, rows: &str) -> Result<Report, InputError> {
+    let mut inputs = inputs(program);
+    let table = fs::read_to_string(&inputs.table).unwrap() + rows;
+    let name = format!("{program}-{}.toml", rows.len());
+    inputs.table = package().join(name);
+    fs::write(&inputs.table, table).unwrap();
+    answer_to(program, &inputs)
+}
+
 /// Runs the program: each of its tasks is pended once.
 fn observed(program: &str, programs: &Programs) -> Observed {
     let elf = fs::read(image(program)).unwrap();
     let on_part = twin::image::Image::from_elf(Part::F446, &elf).unwrap();
     let mut mcu = Mcu::new(Arc::new(on_part), &Board::default(), None);
     let watches = programs.watches("node").map(|(_, watch)| watch);
-    let findings = observe::follow(&mut mcu, watches);
+    let findings = observe::follow(&mut mcu, watches, 0);
     mcu.run_for(can_bus::SimDuration::from_ticks(100_000_000_000));
     let image = Image::read(&image(program)).unwrap();
     let findings = follow::lock(&findings);
@@ -277,7 +304,7 @@ fn observed(program: &str, programs: &Programs) -> Observed {
             let seen = Seen {
                 longest: Cycles::both(task.longest),
                 followed: found.activations,
-                entered: found.entered.clone(),
+                entered: entered(&found.entered),
                 refuted: found
                     .refuted
                     .iter()
@@ -287,6 +314,15 @@ fn observed(program: &str, programs: &Programs) -> Observed {
             (task.name, seen)
         })
         .collect()
+}
+
+fn entered(runs: &[Vec<u64>]) -> Vec<Entered> {
+    let runs = runs.iter().cloned();
+    runs.map(|at| Entered {
+        scenario: "a run".into(),
+        at,
+    })
+    .collect()
 }
 
 /// A sentence with its times and counts left out, which are the compiler's.
@@ -407,6 +443,28 @@ fn a_pend_that_the_task_table_omits_is_refused() {
         let (_, said) = error.split_once("tests/node/tasks.toml: ").unwrap();
         assert_eq!(said, sentence, "{program}");
     }
+}
+
+/// The task pends itself five times in a row; the table says that it does so once in 40 ms. Nothing in
+/// the image contradicts that, but the run does.
+#[test]
+fn a_rate_in_the_task_table_that_a_run_refutes_has_no_bound() {
+    let row = "pended_by.report = { every_us = 40_000, because = \"the test says so\" }\n";
+    let sentence = with_rows("often", row)
+        .unwrap()
+        .first_miss()
+        .unwrap_or_default();
+    let (refuted, counted) = sentence.split_once(" times within ").unwrap();
+    let (_, allowed) = counted
+        .split_once(" in a run, and the task table allows ")
+        .unwrap();
+    assert_eq!(
+        (refuted, allowed),
+        (
+            "node.report does not behave as analysed, so it has no bound: it was released 4",
+            "3"
+        )
+    );
 }
 
 #[test]

@@ -6,7 +6,7 @@
 //! wrong.
 
 use crate::arrivals::Arrivals;
-use crate::units::Picoseconds;
+use crate::units::{MICROSECOND, Picoseconds};
 
 /// Numbers of activations in a row up to which each is looked at; of larger ones every eighth
 /// part is.
@@ -15,6 +15,10 @@ const EACH: usize = 64;
 /// How much faster than nominal the clock of a node or of the sender of its messages may be, in
 /// parts of one: an RC oscillator's hundredth.
 const CLOCK: u64 = 100;
+
+/// How long after its first handler a node still takes what came while it started, in picoseconds:
+/// frames in its FIFO, and the first steps of its software tasks. The analysis counts none of them.
+pub const START_UP: Picoseconds = 10_000 * MICROSECOND;
 
 /// More activations than the releases that are counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

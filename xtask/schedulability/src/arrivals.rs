@@ -267,6 +267,9 @@ pub struct Arrivals {
     pub spaced: Vec<Spaced>,
     /// Parts of the time table; the spacing of each part is its own.
     pub timed: Vec<Timetable>,
+    /// Least time between the nominal instants of any two releases, whatever causes them; zero if none
+    /// is known.
+    pub apart: u64,
 }
 
 impl Arrivals {
@@ -279,9 +282,11 @@ impl Arrivals {
         }
     }
 
-    /// The releases of both, for two tasks that share a handler.
+    /// The releases of both, for two tasks that share a handler. Those of one keep no distance from those
+    /// of the other.
     #[must_use]
     pub fn merged(mut self, other: &Self) -> Self {
+        self.apart = 0;
         self.sporadic.extend(&other.sporadic);
         self.spaced.extend(other.spaced.iter().cloned());
         self.timed.extend(other.timed.iter().cloned());
@@ -319,6 +324,16 @@ impl Arrivals {
             sporadic: sporadic.collect(),
             spaced: Vec::new(),
             timed: timed.collect(),
+            apart: 0,
+        }
+    }
+
+    /// The most releases in any half-open window of this length by [`Arrivals::apart`] alone.
+    #[must_use]
+    pub fn most(&self, window: u64) -> u64 {
+        match self.apart {
+            0 => u64::MAX,
+            apart => window.div_ceil(apart),
         }
     }
 
@@ -354,7 +369,8 @@ impl Arrivals {
     pub fn count(&self, window: u64, jitter: u64) -> u64 {
         let sporadic = self.count_sporadic(window.saturating_add(jitter));
         let timed = self.timed.iter().map(|table| table.count(window, jitter));
-        timed.fold(sporadic, u64::saturating_add)
+        let all = timed.fold(sporadic, u64::saturating_add);
+        all.min(self.most(window.saturating_add(jitter)))
     }
 
     /// Long-term rates: a number of releases, and the time in which they occur.
@@ -500,11 +516,18 @@ mod tests {
             [1, 2, 3, 15, 16, 18, 100, 101].map(|w| table.count(w, 0)),
             [1, 1, 2, 2, 2, 3, 4, 5]
         );
-        let arrivals = Arrivals {
+        let mut arrivals = Arrivals {
             timed: vec![table],
             ..Arrivals::default()
         };
         assert_eq!([1, 2, 4].map(|n| arrivals.distance(n, 0)), [2, 17, 100]);
+        // The same beside a stream, and all of them 10 apart.
+        arrivals.sporadic = vec![Sporadic::every(100)];
+        assert_eq!([1, 10, 11].map(|w| arrivals.count(w, 0)), [2, 3, 3]);
+        arrivals.apart = 10;
+        let count = |window, jitter| arrivals.count(window, jitter);
+        assert_eq!([1, 10, 11, 100].map(|w| count(w, 0)), [1, 1, 2, 5]);
+        assert_eq!(count(10, 1), 2);
     }
 
     #[test]

@@ -9,11 +9,12 @@ use crate::table::PendedBy;
 use crate::units::time;
 
 /// Assumptions that hold for every vehicle.
-const ALWAYS: [&str; 5] = [
+const ALWAYS: [&str; 6] = [
     "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word; and DMA writes only to variables whose address was given to a peripheral.",
     "Flash: a fetch pays its wait states unless its line is proven to be in the fetch buffer; no cache hit is assumed. SRAM is read and written without wait states.",
     "DMA never delays the core on the bus matrix for longer than the wait states charged. No debugger is connected.",
     "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left.",
+    "In the 10 ms after a start of a node its deadlines need not hold: it takes the frames that came before, of which its FIFO keeps three, and sends nothing.",
     "An event message is sent at most once in each of its intervals. A task is not released more often than the task table says. It omits no task that pends another one, if no unresolved pointer leads to the interrupt controller.",
 ];
 
@@ -63,7 +64,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         EVENT_TRIGGERED.map(str::to_owned).to_vec()
     } else {
         vec![format!(
-            "Every frame is in its window: it begins at most {} after the window's mark, and two clocks differ by at most {} us.",
+            "Every frame is in its window: it begins at most {} after the window's mark, and two clocks differ by at most {} us. Only the nodes of the network file send: a foreign frame would release the receive interrupt of each node once more.",
             time(u64::from(network.transmit_enable_bits) * u64::from(network.bit_time_ns()) * 1000),
             network.sync_uncertainty_us
         )]

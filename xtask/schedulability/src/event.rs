@@ -225,6 +225,7 @@ impl Traffic {
             sporadic,
             spaced,
             timed: Vec::new(),
+            apart: entry.apart(),
         })
     }
 

@@ -35,6 +35,7 @@ pub mod report;
 pub mod response;
 pub mod results;
 pub mod sensitivity;
+pub mod side_by_side;
 pub mod system;
 pub mod table;
 pub mod tasks;

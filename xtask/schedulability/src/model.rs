@@ -382,6 +382,7 @@ fn pends_in_loop(missing: &BTreeMap<String, Vec<String>>) -> (String, TaskFault)
 fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, TaskFault> {
     let mut all = Arrivals {
         sporadic: entry.sporadic().ok_or(TaskFault::Unresolved)?,
+        apart: entry.apart(),
         ..Arrivals::default()
     };
     let mut tables: Vec<Timetable> = Vec::new();
@@ -419,16 +420,30 @@ fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, TaskFault> {
     if !entry.at_us.as_slice().is_empty() {
         tables.push(bus.marks(entry.at_us.as_slice()));
     }
+    if entry.deadline_us.is_some() && entry.by.is_some() {
+        let by = by(entry, bus)?;
+        for job in tables.iter_mut().flat_map(|table| &mut table.jobs) {
+            job.deadline.get_or_insert(by);
+        }
+    }
     all.timed = tables;
     Ok(all)
 }
 
-/// The deadline of a task.
+/// The deadline of a task; where it has two, that of its releases at any time.
 fn deadline(entry: &TaskTable, bus: Bus<'_>) -> Result<Picoseconds, TaskFault> {
-    match (&entry.by, entry.deadline_us) {
-        (Some(By::WindowEnd), _) => Ok(bus.after_frame().min(3 * bus.spacing(false))),
-        (Some(By::Window), _) => Ok(bus.fifo_margin()),
-        (Some(By::Message(message)), _) => {
+    match entry.deadline_us {
+        Some(us) => Ok(us * MICROSECOND),
+        None => by(entry, bus),
+    }
+}
+
+/// The deadline that follows from the network file.
+fn by(entry: &TaskTable, bus: Bus<'_>) -> Result<Picoseconds, TaskFault> {
+    match &entry.by {
+        Some(By::WindowEnd) => Ok(bus.after_frame().min(3 * bus.spacing(false))),
+        Some(By::Window) => Ok(bus.fifo_margin()),
+        Some(By::Message(message)) => {
             let due = bus
                 .due(message)
                 .ok_or_else(|| TaskFault::NotSent(message.clone()))?;
@@ -436,7 +451,6 @@ fn deadline(entry: &TaskTable, bus: Bus<'_>) -> Result<Picoseconds, TaskFault> {
             due.checked_sub(released)
                 .ok_or_else(|| TaskFault::TooLate(message.clone()))
         }
-        (None, Some(us)) => Ok(us * MICROSECOND),
-        (None, None) => Err(TaskFault::NoDeadline),
+        None => Err(TaskFault::NoDeadline),
     }
 }

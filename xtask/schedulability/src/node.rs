@@ -23,10 +23,19 @@ pub struct Seen {
     pub longest: Cycles,
     /// Activations that were followed instruction by instruction.
     pub followed: u64,
-    /// Times at which it was entered, in order, of each run from a start of the node on.
-    pub entered: Vec<Vec<Picoseconds>>,
+    /// When it was entered, for each start of the node in each run.
+    pub entered: Vec<Entered>,
     /// Contradictions between these activations and the analysis, one sentence each.
     pub refuted: BTreeSet<String>,
+}
+
+/// The times at which a handler was entered in a part of a run.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Entered {
+    /// The scenario of the run.
+    pub scenario: String,
+    /// The times since power-on, in order.
+    pub at: Vec<Picoseconds>,
 }
 
 /// Resolution of the search for the sensitivity.
@@ -297,10 +306,13 @@ impl<'a> Scheduled<'a> {
         };
         let arrivals = &self.set[at].arrivals;
         let runs = seen.entered.iter();
-        let excess = runs.filter_map(|run| activations::excess(arrivals, response.worst, run));
-        refuted.extend(excess.map(|excess| {
+        let excess = runs.filter_map(|run| {
+            let excess = activations::excess(arrivals, response.worst, &run.at)?;
+            Some((&run.scenario, excess))
+        });
+        refuted.extend(excess.map(|(scenario, excess)| {
             format!(
-                "it was released {} times within {}, {} after power-on, and the task table allows {}",
+                "it was released {} times within {}, {} after power-on in {scenario}, and the task table allows {}",
                 excess.seen,
                 time(excess.span),
                 time(excess.begin),

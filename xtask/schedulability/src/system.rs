@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use network_model::Message;
 use parts::Sled;
@@ -13,6 +13,7 @@ use crate::model::NodeModel;
 use crate::models::{Files, InputError, Models, Supplement};
 use crate::node::{Observed, schedule};
 use crate::results::Report;
+use crate::side_by_side::side_by_side;
 use crate::table::NodeTable;
 use crate::units::MICROSECOND;
 use crate::{bus, chains, event, pends};
@@ -180,27 +181,6 @@ fn models(inputs: &Inputs) -> Result<Models, InputError> {
         &inputs.foreign,
         sources,
     )
-}
-
-/// Applies `work` to each element, on as many threads as there are processors.
-fn side_by_side<T: Sync, R: Send>(all: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
-    let next = Mutex::new(0..all.len());
-    let done = Mutex::new(BTreeMap::new());
-    let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    std::thread::scope(|scope| {
-        for _ in 0..workers.min(all.len()) {
-            scope.spawn(|| {
-                while let Some(at) = next.lock().ok().and_then(|mut next| next.next()) {
-                    let result = work(&all[at]);
-                    if let Ok(mut done) = done.lock() {
-                        done.insert(at, result);
-                    }
-                }
-            });
-        }
-    });
-    let done = done.into_inner().unwrap_or_default();
-    done.into_values().collect()
 }
 
 /// Bounds the execution times of one node.

@@ -11,7 +11,7 @@ use parts::Sled;
 use serde::Deserialize;
 
 use crate::arrivals::{Kind, Sporadic};
-use crate::units::MICROSECOND;
+use crate::units::{MICROSECOND, Picoseconds};
 
 /// The task table.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -415,7 +415,11 @@ pub struct TaskTable {
     pub sends: Several<String>,
     /// The entry in place of this one when the bus is event-triggered.
     pub event: Option<Box<TaskTable>>,
-    /// Deadline after the release, in microseconds. Either this or `by` is given.
+    /// Least time between any two of its releases, whatever causes them, in microseconds; before the
+    /// jitter.
+    pub apart_us: Option<u64>,
+    /// Deadline after the release, in microseconds. Either this or `by` is given; or both, and this
+    /// one is for the releases at any time, `by` for those at instants of the basic cycle.
     pub deadline_us: Option<u64>,
     /// Deadline that follows from the network file.
     pub by: Option<By>,
@@ -866,6 +870,12 @@ impl TaskTable {
         })
     }
 
+    /// Least time between any two of its releases; zero if the table does not say it.
+    #[must_use]
+    pub fn apart(&self) -> Picoseconds {
+        self.apart_us.unwrap_or(0) * MICROSECOND
+    }
+
     /// Checks that its numbers are in range.
     fn numbers(&self) -> Result<(), TaskFault> {
         let accept = |field, value: u64, least: u64, most: u64| {
@@ -889,6 +899,7 @@ impl TaskTable {
         }
         accept("priority", u64::from(self.priority.unwrap_or(1)), 1, 16)?;
         accept("jitter_us", self.jitter_us, 0, LONGEST_US)?;
+        accept("apart_us", self.apart_us.unwrap_or(1), 1, LONGEST_US)?;
         accept("deadline_us", self.deadline_us.unwrap_or(0), 0, LONGEST_US)?;
         if let Some(Delay::Us(us)) = self.delay {
             accept("delay", us, 0, LONGEST_US)?;
@@ -917,10 +928,16 @@ impl TaskTable {
             }
             event.check()?;
         }
-        if self.deadline_us.is_some() == self.by.is_some() {
+        let instants = self.at_us.as_slice().len() + usize::from(self.at.is_some());
+        let at_any_time = self.every_us.as_slice().len() + self.every.as_slice().len();
+        let accepted = match (self.deadline_us, &self.by) {
+            (None, None) => false,
+            (Some(_), Some(by)) => matches!(by, By::Message(_)) && instants > 0 && at_any_time > 0,
+            _ => true,
+        };
+        if !accepted {
             return Err(TaskFault::Deadline);
         }
-        let instants = self.at_us.as_slice().len() + usize::from(self.at.is_some());
         if matches!(self.by, Some(By::Message(_))) && instants == 0 {
             return Err(TaskFault::NoInstant);
         }

@@ -112,6 +112,7 @@ fn arrivals(random: &mut ChaCha8Rng, cost: u64, numbers: &mut u32) -> Arrivals {
         sporadic: (0..alone).map(|_| stream(random, cost)).collect(),
         spaced: (0..groups).map(|_| spaced(random, cost)).collect(),
         timed: (0..tables).map(|_| table(random, cost, numbers)).collect(),
+        apart: some(random, 60),
     }
 }
 

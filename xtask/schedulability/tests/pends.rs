@@ -276,7 +276,6 @@ fn late_pends_are_counted() {
         }
         let arrivals = Arrivals {
             sporadic: vec![Sporadic::every(period)],
-            spaced: Vec::new(),
             timed: vec![Timetable {
                 cycle: CYCLE,
                 spacing: 0,
@@ -285,6 +284,7 @@ fn late_pends_are_counted() {
                 cost: None,
                 jobs,
             }],
+            ..Arrivals::default()
         };
         let (begin, window) = (below(1000), below(400));
         let held = pends

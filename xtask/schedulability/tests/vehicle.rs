@@ -542,8 +542,8 @@ fn a_time_that_would_overflow_is_refused() {
             "task parse of gps has `deadline_us`",
         ),
         (
-            "at = \"Command\"\nafter",
-            "at_us = 9000000000000000000\nafter",
+            "at = \"Command\"\nevery_us",
+            "at_us = 9000000000000000000\nevery_us",
             "task control of controller has `at_us`",
         ),
         (

@@ -12,7 +12,8 @@ use wcet::watch::{Activation, Refuted, Watch};
 pub struct Found {
     /// Activations followed to their end.
     pub activations: u64,
-    /// Times at which the handler was entered, in picoseconds, from each start of the node on.
+    /// Times at which the handler was entered, in picoseconds, for each start of the node; those while
+    /// it started are left out.
     pub entered: Vec<Vec<u64>>,
     /// Assumptions of the analysis that the run refuted. For each place only the worst one is
     /// kept.
@@ -33,17 +34,24 @@ pub struct Follower {
     stack: Vec<InHand>,
     /// Starts of the node so far.
     starts: usize,
+    /// When the first handler was entered behind the last start.
+    began: Option<u64>,
+    /// How long behind that a start takes, picoseconds.
+    start_up: u64,
     findings: Arc<Mutex<Findings>>,
 }
 
 impl Follower {
-    /// Follows the handlers of these exceptions, each with its watch.
+    /// Follows the handlers of these exceptions, each with its watch. A start of the node takes `start_up`
+    /// picoseconds from its first handler on.
     #[must_use]
-    pub fn new(watches: BTreeMap<u16, Arc<Watch>>) -> Self {
+    pub fn new(watches: BTreeMap<u16, Arc<Watch>>, start_up: u64) -> Self {
         Self {
             watches,
             stack: Vec::new(),
             starts: 1,
+            began: None,
+            start_up,
             findings: Arc::default(),
         }
     }
@@ -86,13 +94,15 @@ impl Follower {
             Seen::Reset => {
                 self.stack.clear();
                 self.starts += 1;
+                self.began = None;
             }
         }
     }
 
     fn begin(&mut self, exception: u16, now: u64) {
         let watch = self.watches.get(&exception);
-        if watch.is_some() {
+        let began = *self.began.get_or_insert(now);
+        if watch.is_some() && now - began >= self.start_up {
             let mut findings = lock(&self.findings);
             let found = findings.entry(exception).or_default();
             found.entered.resize_with(self.starts, Vec::new);

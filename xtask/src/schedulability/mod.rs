@@ -49,6 +49,15 @@ pub enum Error {
         #[source]
         error: io::Error,
     },
+    /// The scenarios of the observed runs cannot be listed.
+    #[error("{} cannot be read: {error}", path.display())]
+    Stress {
+        /// Their folder.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        error: io::Error,
+    },
     /// There is no such task.
     #[error(
         "there is no task {task} among the nodes analysed: {} are accepted",
@@ -93,7 +102,11 @@ impl Error {
     pub(crate) fn is_usage(&self) -> bool {
         matches!(
             self,
-            Self::Input(_) | Self::Scenario(_) | Self::Write { .. } | Self::NoTask { .. }
+            Self::Input(_)
+                | Self::Scenario(_)
+                | Self::Stress { .. }
+                | Self::Write { .. }
+                | Self::NoTask { .. }
         )
     }
 

@@ -3,14 +3,18 @@
 
 use std::{
     collections::BTreeMap,
+    fs,
     ops::Range,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::PathBuf,
     sync::{Arc, Mutex},
-    thread,
 };
 use world::time::{Span as _, at};
 
 use schedulability::{
-    node::{Observed, Seen},
+    activations::START_UP,
+    node::{Entered, Observed, Seen},
+    side_by_side::side_by_side,
     system::Programs,
 };
 use twin::{Outcome, Twin, mcu::FlashTiming, mcu::Mcu};
@@ -27,9 +31,12 @@ use crate::{
     build::{self, Image},
 };
 
-/// Scenario of the observed run, in the vehicle's folder.
+/// Scenario of the first observed run, in the vehicle's folder.
 const SCENARIO: &str = "busy.toml";
-/// Seed of all random numbers of the run.
+/// Folder of the scenarios of further runs, if the vehicle has it: with wait states only, under which
+/// jobs take longest and come closest to each other.
+const STRESS: &str = "stress";
+/// Seed of all random numbers of a run.
 const SEED: u64 = 1;
 /// Flash without wait states, and with those of the part.
 const TIMINGS: [FlashTiming; 2] = [FlashTiming::Immediate, FlashTiming::WaitStates];
@@ -37,7 +44,15 @@ const TIMINGS: [FlashTiming; 2] = [FlashTiming::Immediate, FlashTiming::WaitStat
 /// The outcome of a run, and the findings about each node in the order of the manifest.
 type Followed = (Outcome, Vec<Arc<Mutex<Findings>>>);
 
-/// Runs the vehicle under both timings and observes each node's handlers.
+/// One run to observe.
+#[derive(Debug, Clone, Copy)]
+struct Job<'a> {
+    scenario: &'a Scenario,
+    flash: FlashTiming,
+    model: Model,
+}
+
+/// Runs each observed scenario of the vehicle under both timings and observes each node's handlers.
 pub(super) fn observe(
     vehicle: &Vehicle,
     images: &[Image],
@@ -45,22 +60,26 @@ pub(super) fn observe(
     progress: &mut (dyn FnMut(&str) + Send),
 ) -> Result<BTreeMap<String, Observed>, Failure> {
     let bytes = build::read(images)?;
-    let scenario = scenario(vehicle)?;
+    let scenarios = scenarios(vehicle)?;
     let progress = Mutex::new(progress);
-    let run = |flash: FlashTiming| -> Result<Followed, Error> {
+    let second = can_bus::SimDuration::from_ticks(1_000_000_000_000);
+    let run = |job: &Job<'_>| -> Result<Followed, Error> {
+        let Job {
+            scenario, flash, ..
+        } = job;
         let mut twin =
-            Twin::with_flash(vehicle, &scenario, SEED, &bytes, flash).map_err(Error::from)?;
+            Twin::with_flash(vehicle, scenario, SEED, &bytes, *flash).map_err(Error::from)?;
         let findings = vehicle.nodes().map(|node| {
             let name = &vehicle.node(node).name;
             let watches = programs.watches(name).map(|(_, watch)| watch);
-            follow(twin.node_mut(node), watches)
+            follow(twin.node_mut(node), watches, START_UP)
         });
         let findings = findings.collect();
-        let second = can_bus::SimDuration::from_ticks(1_000_000_000_000);
         twin.run_telling(scenario.duration.span(), second, &mut |now| {
             if let Ok(mut progress) = progress.lock() {
                 let (now, end) = (seconds(now.now), seconds(now.end));
-                progress(&format!("{now:.0} of {end:.0} s simulated"));
+                let name = &scenario.name;
+                progress(&format!("{name}: {now:.0} of {end:.0} s simulated"));
             }
         })
         .map_err(Error::from)?;
@@ -71,15 +90,27 @@ pub(super) fn observe(
         }
         Ok((twin.finish(), findings))
     };
-    let outcomes = thread::scope(|scope| {
-        let handles = TIMINGS.map(|flash| scope.spawn(move || run(flash)));
-        handles.map(thread::ScopedJoinHandle::join)
-    });
-    let strange = strange(&scenario);
+    let timings = TIMINGS.into_iter().zip(Model::ALL);
+    let jobs: Vec<Job> = scenarios
+        .iter()
+        .enumerate()
+        .flat_map(|(number, scenario)| {
+            let timings = timings.clone();
+            let wanted =
+                timings.filter(move |(flash, _)| number == 0 || *flash == FlashTiming::WaitStates);
+            wanted.map(move |(flash, model)| Job {
+                scenario,
+                flash,
+                model,
+            })
+        })
+        .collect();
+    let outcomes = catch_unwind(AssertUnwindSafe(|| side_by_side(&jobs, run)))
+        .map_err(|_| Error::BrokenDown)?;
     let mut all = BTreeMap::new();
-    for (model, outcome) in Model::ALL.into_iter().zip(outcomes) {
-        let outcome = outcome.map_err(|_| Error::BrokenDown)??;
-        note(&mut all, model, &outcome, images, &strange)?;
+    for (job, outcome) in jobs.iter().zip(outcomes) {
+        let strange = strange(job.scenario, vehicle.is_event_triggered());
+        note(&mut all, *job, &outcome?, images, &strange)?;
     }
     Ok(all)
 }
@@ -111,10 +142,12 @@ fn word(mcu: &Mcu, address: u32) -> Option<u32> {
 }
 
 /// Follows a core from now on. Each handler is compared with the watch that was made for its
-/// address.
+/// address. Its releases are not noted until `start_up` picoseconds after the first handler behind each
+/// start.
 pub fn follow<'w>(
     mcu: &mut Mcu,
     watches: impl Iterator<Item = &'w Arc<Watch>>,
+    start_up: u64,
 ) -> Arc<Mutex<Findings>> {
     let by_address: BTreeMap<u32, &Arc<Watch>> =
         watches.map(|watch| (watch.entry(), watch)).collect();
@@ -122,25 +155,42 @@ pub fn follow<'w>(
         let (address, _) = mcu.image().handler(number)?;
         Some((number, Arc::clone(by_address.get(&address)?)))
     });
-    let follower = Follower::new(by_exception.collect());
+    let follower = Follower::new(by_exception.collect(), start_up);
     let findings = follower.findings();
     mcu.set_trace(Some(follower.trace()));
     findings
 }
 
-fn scenario(vehicle: &Vehicle) -> Result<Scenario, Error> {
-    let path = vehicle.folder().join(SCENARIO);
-    Ok(Scenario::find(vehicle, &path.to_string_lossy())?)
+/// The scenarios of the observed runs, in the order of their names behind the first one.
+fn scenarios(vehicle: &Vehicle) -> Result<Vec<Scenario>, Error> {
+    let stress = vehicle.folder().join(STRESS);
+    let mut paths = vec![vehicle.folder().join(SCENARIO)];
+    if stress.is_dir() {
+        let reading = |error| Error::Stress {
+            path: stress.clone(),
+            error,
+        };
+        let mut more = Vec::new();
+        for entry in fs::read_dir(&stress).map_err(reading)? {
+            more.push(entry.map_err(reading)?.path());
+        }
+        more.retain(|path| path.extension().is_some_and(|end| end == "toml"));
+        more.sort();
+        paths.extend(more);
+    }
+    let read = |path: &PathBuf| Ok(Scenario::find(vehicle, &path.to_string_lossy())?);
+    paths.iter().map(read).collect()
 }
 
-/// How long after a foreign frame is queued it is on the bus at the latest, picoseconds.
+/// How long after a foreign frame is queued, or the bus is free again, what waited has been sent at the
+/// latest, picoseconds.
 const ON_THE_BUS: u64 = 100_000_000_000;
 
-/// The times of a run, in picoseconds, in which foreign frames are on the bus. The analysis has
-/// none, so in these times more jobs are released than it counts.
-fn strange(scenario: &Scenario) -> Vec<Range<u64>> {
+/// The times of a run, in picoseconds, in which more jobs are released than the analysis counts, as it
+/// has no foreign frames. Without a schedule, frames that waited for a dominant bus come all at once.
+fn strange(scenario: &Scenario, event_triggered: bool) -> Vec<Range<u64>> {
     let ticks = |time: Time| at(time.span()).as_ticks();
-    let frames = scenario.bus.iter().filter_map(|event| match event {
+    let times = scenario.bus.iter().filter_map(|event| match event {
         BusEvent::Frame {
             at, every, until, ..
         } => {
@@ -151,9 +201,12 @@ fn strange(scenario: &Scenario) -> Vec<Range<u64>> {
             };
             Some(ticks(*at)..last + ON_THE_BUS)
         }
+        BusEvent::Dominant { at, hold } if event_triggered => {
+            Some(ticks(*at)..ticks(*at) + hold.span().as_ticks() + ON_THE_BUS)
+        }
         _ => None,
     });
-    frames.collect()
+    times.collect()
 }
 
 /// The parts of a run outside these times.
@@ -173,7 +226,9 @@ fn without(run: &[u64], times: &[Range<u64>]) -> Vec<Vec<u64>> {
 /// Adds the outcome of a run under one timing model to the observations.
 fn note(
     all: &mut BTreeMap<String, Observed>,
-    model: Model,
+    Job {
+        scenario, model, ..
+    }: Job<'_>,
     (outcome, findings): &Followed,
     images: &[Image],
     strange: &[Range<u64>],
@@ -197,8 +252,11 @@ fn note(
             };
             seen.followed += found.activations;
             let runs = found.entered.iter();
-            seen.entered
-                .extend(runs.flat_map(|run| without(run, strange)));
+            let runs = runs.flat_map(|run| without(run, strange));
+            seen.entered.extend(runs.map(|at| Entered {
+                scenario: scenario.name.clone(),
+                at,
+            }));
             if let Some(image) = &image {
                 let sentences = found.refuted.iter().map(|refuted| refuted.sentence(image));
                 seen.refuted.extend(sentences);
@@ -242,6 +300,6 @@ mod tests {
     fn the_scenario_is_one() {
         let workspace = crate::Workspace::find().unwrap();
         let vehicle = crate::vehicle::find(&workspace, "uagv").unwrap();
-        super::scenario(&vehicle).unwrap();
+        super::scenarios(&vehicle).unwrap();
     }
 }

@@ -1,10 +1,8 @@
 //! Handlers that are no task, and masked sections in the code around the tasks.
 
-use std::fs;
-
 use schedulability::results::NodeReport;
 
-use super::{Change, InputError, Report, answer, answer_to, from_package, inputs, package, said};
+use super::{Change, answer, from_package, said, with_rows};
 
 /// Where `idle` goes, and what in `init` and in a task is replaced.
 const BEFORE_TASKS: &str = "    #[task(binds = EXTI0, priority = 3";
@@ -207,16 +205,6 @@ pub(super) const PROGRAMS: [(&str, &[Change]); 22] = [
 /// Why a program is refused.
 fn refused(program: &str) -> String {
     from_package(&answer(program).unwrap_err().to_string())
-}
-
-/// The answer for a program whose task table has these rows in addition.
-fn with_rows(program: &str, rows: &str) -> Result<Report, InputError> {
-    let mut inputs = inputs(program);
-    let table = fs::read_to_string(&inputs.table).unwrap() + rows;
-    let name = format!("{program}-{}.toml", rows.len());
-    inputs.table = package().join(name);
-    fs::write(&inputs.table, table).unwrap();
-    answer_to(program, &inputs)
 }
 
 #[test]

@@ -199,7 +199,9 @@ impl<'a> Look<'a> {
     }
 
     /// The most releases of `other` that may delay the job in a window from the begin of the
-    /// period: those that may be at any time, and those of each part of the time table.
+    /// period: those that may be at any time, and those of each part of the time table. If the
+    /// distance between any two of them leaves room for fewer, those at any time count less, which
+    /// take at least as long.
     fn releases(
         &self,
         period: Period,
@@ -216,16 +218,23 @@ impl<'a> Look<'a> {
             None => sporadic.saturating_sub(besides),
             Some(_) => sporadic,
         };
-        let tables = other.arrivals.timed.iter();
-        let timed = tables.map(move |table| {
+        let of_table = move |table: &'a Timetable| {
             let besides = match own_table {
                 Some(own) if std::ptr::eq(own, table) => besides,
                 _ => 0,
             };
             let absent = |job: &Job| self.absent(period, other, job);
-            let jobs = table.from(period.begin, window, other.jitter, besides, absent);
-            (table, jobs)
-        });
+            table.from(period.begin, window, other.jitter, besides, absent)
+        };
+        let tables = other.arrivals.timed.iter();
+        let sporadic = if other.arrivals.apart == 0 {
+            sporadic
+        } else {
+            let most = other.arrivals.most(window.saturating_add(other.jitter));
+            let timed: u64 = tables.clone().map(of_table).sum();
+            sporadic.min(most.saturating_sub(besides).saturating_sub(timed))
+        };
+        let timed = tables.map(move |table| (table, of_table(table)));
         (sporadic, timed)
     }
 

@@ -61,6 +61,8 @@ pub(crate) enum Origin {
     Spaced(usize, usize),
     /// A job of a table.
     Timed(usize, usize),
+    /// Any of them.
+    Any,
 }
 
 /// A release that may occur.
@@ -253,6 +255,7 @@ impl Processor<'_> {
                 }
                 return;
             }
+            Origin::Any => return,
         };
         // A nominal instant at or shortly before a rush, so that the others follow it densely.
         let first = self.rushes[0];
@@ -320,6 +323,7 @@ impl Processor<'_> {
         if let Some((group, ..)) = self.group(one) {
             self.past(one.task, group).push(now);
         }
+        self.past(one.task, Origin::Any).push(now);
         let served = Served {
             origin: one.origin,
             turn: one.turn,
@@ -332,7 +336,7 @@ impl Processor<'_> {
     fn group(&self, one: Candidate) -> Option<(Origin, u64, u64)> {
         let arrivals = &self.tasks[one.task].arrivals;
         match one.origin {
-            Origin::Stream(_) => None,
+            Origin::Stream(_) | Origin::Any => None,
             Origin::Spaced(group, _) => {
                 let spaced = &arrivals.spaced[group];
                 let whole = Origin::Spaced(group, usize::MAX);
@@ -352,13 +356,17 @@ impl Processor<'_> {
         let limit = match one.origin {
             Origin::Stream(at) => arrivals.sporadic[at].limit,
             Origin::Spaced(group, at) => arrivals.spaced[group].streams[at].limit,
-            Origin::Timed(..) => None,
+            Origin::Timed(..) | Origin::Any => None,
         };
-        let mut earliest = 0;
+        let apart = arrivals.apart;
+        let mut earliest = match self.past(one.task, Origin::Any).last() {
+            Some(last) if apart > 0 => last + apart,
+            _ => 0,
+        };
         if let Some((jobs, span)) = limit {
             let past = self.past(one.task, one.origin);
             let first = past.len().checked_sub(jobs as usize);
-            earliest = first.map_or(0, |first| past[first] + span);
+            earliest = earliest.max(first.map_or(0, |first| past[first] + span));
         }
         if let Some((group, apart, burst)) = self.group(one).filter(|(_, apart, _)| *apart > 0) {
             earliest = earliest.max(Self::after(self.past(one.task, group), apart, burst));
