@@ -115,6 +115,8 @@ pub struct Mcu {
     /// IT state of the code below each active exception.
     it_states: Vec<u32>,
     asleep: bool,
+    /// Cycles that SysTick has counted in excess and not yet given back.
+    owed: u32,
     locked: bool,
     held: bool,
     /// The supply is below the power-down reset.
@@ -213,6 +215,7 @@ impl Mcu {
             generation: 0,
             it_states: Vec::new(),
             asleep: false,
+            owed: 0,
             locked: false,
             held: false,
             unpowered: false,
@@ -380,6 +383,7 @@ impl Mcu {
         self.core.reset(ResetKind::Cold);
         self.lines = [0; 4];
         self.asleep = false;
+        self.owed = 0;
         self.it_states.clear();
         self.locked = false;
         self.observer.abandon();
@@ -652,7 +656,8 @@ impl Mcu {
         };
         self.now += used - excess;
         if excess > 0 {
-            self.core.with_sys(|sys| give_back(sys, excess as u32));
+            let excess = excess as u32;
+            self.owed = self.core.with_sys(|sys| give_back(sys, excess, self.owed));
         }
         // Flash wait states of an entry belong to the vector fetch, otherwise to the instruction.
         let (own, overhead) = match switch {
@@ -1054,14 +1059,22 @@ impl Mcu {
     }
 }
 
-/// Subtracts cycles that the core counted in excess.
-fn give_back(sys: &mut rsemu::cpu::arm::v7m::sys::Sys, excess: u32) {
+/// Subtracts cycles that the core counted in excess. SysTick gets those that it is `owed` by one entry
+/// before, too; the result is what it is owed then. If it has wrapped within them it gets none now: it
+/// would wrap again and tick twice.
+fn give_back(sys: &mut rsemu::cpu::arm::v7m::sys::Sys, excess: u32, owed: u32) -> u32 {
     if sys.cyccnt_enabled() {
         sys.dwt_cyccnt = sys.dwt_cyccnt.wrapping_sub(excess);
     }
-    if sys.syst_csr & 1 != 0 && sys.syst_cvr + excess <= sys.syst_rvr {
-        sys.syst_cvr += excess;
+    if sys.syst_csr & 1 == 0 {
+        return 0;
     }
+    let due = owed.min(excess) + excess;
+    if sys.syst_cvr == 0 || sys.syst_cvr + due > sys.syst_rvr {
+        return due;
+    }
+    sys.syst_cvr += due;
+    0
 }
 
 fn address_space(

@@ -777,6 +777,33 @@ fn exceptions_are_observed_around_their_instructions() {
 }
 
 #[test]
+fn interrupts_leave_systick_at_its_rate() {
+    let mut program = Program::new();
+    // PendSV in a loop, against SysTick every 997 cycles: some entries begin just before it is due.
+    program
+        .poke(0xE000_E014, 996)
+        .poke(0xE000_E018, 0)
+        .constant(0, 0xE000_ED04)
+        .constant(1, 1 << 28)
+        .constant(7, 0)
+        .poke(0xE000_E010, 7)
+        .constant(0, 0xE000_ED04)
+        .constant(1, 1 << 28);
+    // STR r1, [r0]; B to it.
+    program.half(0x6001).half(0xE7FD);
+    program.handler(14);
+    program.return_from_handler();
+    program.handler(15);
+    // ADDS r7, #1
+    program.half(0x3701).return_from_handler();
+    let mut mcu = program.start(Part::F303, &Board::default());
+    run(&mut mcu, 1000 * MS);
+    let wanted = 8_000_000 / 997;
+    let ticks = mcu.register(7);
+    assert!(ticks.abs_diff(wanted) <= 2, "{ticks} of {wanted}");
+}
+
+#[test]
 fn an_interrupt_in_an_it_block_leaves_its_conditions_standing() {
     let mut program = Program::new();
     // SysTick every 97 cycles, against a loop of 8: it interrupts each instruction in turn.
