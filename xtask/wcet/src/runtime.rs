@@ -1,10 +1,13 @@
 //! Loops of the compiler's run-time library whose bounds the abstract machine cannot find, with
 //! the reason why they end.
 
-use rsemu::cpu::arm::v7m::isa::{DpOp, Insn, Operand, ShiftType};
+use std::collections::BTreeSet;
 
-use super::graph::Graph;
+use rsemu::cpu::arm::v7m::isa::{Cond, DpOp, Insn, Operand, ShiftType};
+
+use super::graph::{Block, Graph};
 use super::image::Image;
+use super::instruction::{Flow, Instruction};
 use super::register::{Register, RegisterSet};
 
 /// Functions and the most turns that one of their loops takes in the source.
@@ -32,23 +35,86 @@ pub(crate) fn most_copied(caller: &str) -> Option<u64> {
     LOGGER.iter().any(|name| caller.contains(name)).then_some(1)
 }
 
-/// Whether loop `number` repeats an exclusive store, which fails only if the task was
-/// interrupted after the exclusive load.
+/// The condition that `Z` is clear.
+const NOT_EQUAL: Cond = Cond(1);
+
+/// Whether loop `number` only repeats a store-exclusive that failed. A store-exclusive fails if the task
+/// was interrupted after its load-exclusive. So two things are proven: each way once around the loop
+/// leaves a block because a store in it failed, and passes a load-exclusive. A loop that waits for a
+/// value, as of a lock, has a way around without a failed store.
 fn is_retry(graph: &Graph, number: usize) -> bool {
-    let l = &graph.loops[number];
-    let innermost = graph.loops.iter().all(|other| other.parent != Some(number));
-    let mut instructions = l
-        .blocks
+    let blocks = &graph.loops[number].blocks;
+    let without_failure = |from: usize, to: usize| failed(graph, from) != Some(to);
+    let loads = |block: usize| {
+        let mut all = graph.blocks[block].instructions.iter();
+        all.any(|one| matches!(one.insn, Insn::LoadStoreExclusive { load: true, .. }))
+    };
+    !is_cyclic(graph, blocks, without_failure) && !is_cyclic(graph, blocks, |from, _| !loads(from))
+}
+
+/// Whether some of these blocks follow each other in a circle, by edges that `follows` accepts.
+fn is_cyclic(
+    graph: &Graph,
+    blocks: &BTreeSet<usize>,
+    follows: impl Fn(usize, usize) -> bool,
+) -> bool {
+    let mut left = blocks.clone();
+    loop {
+        let ends = |block: &usize| {
+            let mut next = graph.blocks[*block].successors.iter();
+            !next.any(|to| left.contains(to) && follows(*block, *to))
+        };
+        let Some(end) = left.iter().copied().find(ends) else {
+            return !left.is_empty();
+        };
+        left.remove(&end);
+    }
+}
+
+/// The successor of a block that is taken if, and only if, a store-exclusive in the block failed.
+fn failed(graph: &Graph, block: usize) -> Option<usize> {
+    let Block {
+        instructions,
+        successors,
+    } = &graph.blocks[block];
+    let (last, body) = graph.blocks[block].split_last();
+    let stores = instructions
         .iter()
-        .flat_map(|block| &graph.blocks[*block].instructions);
-    innermost
-        && l.blocks.len() <= 4
-        && instructions.any(|instruction| {
-            matches!(
-                instruction.insn,
-                Insn::LoadStoreExclusive { load: false, .. }
-            )
-        })
+        .position(|one| matches!(one.insn, Insn::LoadStoreExclusive { load: false, .. }));
+    let store = stores.filter(|at| instructions[*at].condition.is_none())?;
+    let Insn::LoadStoreExclusive { rd: status, .. } = instructions[store].insn else {
+        return None;
+    };
+    let changed = instructions[store + 1..]
+        .iter()
+        .any(|one| one.written().contains(Register::new(status)));
+    if changed {
+        return None;
+    }
+    let Flow::Branch { condition, target } = last.flow() else {
+        return None;
+    };
+    let by_branch = match (condition, last.insn) {
+        (None, Insn::Cbz { nonzero, rn, .. }) if rn == status => nonzero,
+        (Some(condition @ (NOT_EQUAL | Cond::EQ)), _) if tests(body.last()?, status) => {
+            condition == NOT_EQUAL
+        }
+        _ => return None,
+    };
+    let to = if by_branch { target } else { last.next() };
+    let is_there = |next: &&usize| graph.blocks[**next].start() == to;
+    let one = successors.iter().find(is_there).copied();
+    one.filter(|_| target != last.next())
+}
+
+/// Whether an instruction compares this register with zero.
+fn tests(instruction: &Instruction, register: u8) -> bool {
+    let zero = |operand| matches!(operand, Operand::Imm { value: 0, .. });
+    instruction.condition.is_none()
+        && matches!(
+            instruction.insn,
+            Insn::DataProc { op: DpOp::Cmp, rn, operand, .. } if rn == register && zero(operand)
+        )
 }
 
 /// The bound of loop `number` of `graph` and the reason for it, if the loop is known.

@@ -134,6 +134,10 @@ fn programs_without_bound_are_refused() {
             "has no bound: write `// loop-bound: N`",
         ),
         (
+            "broken::spin_lock",
+            "has no bound: write `// loop-bound: N`",
+        ),
+        (
             "broken::recursion",
             "recursion: kernels::broken::recursion::ackermann calls",
         ),

@@ -26,6 +26,28 @@ pub fn recursion(input: &mut Input) -> u32 {
     ackermann(input[0] & 3, input[1] & 7)
 }
 
+/// Takes a lock that only another task could give back. LLVM would repeat the loop's body, which hides
+/// what it is.
+#[inline(never)]
+pub fn spin_lock(input: &mut Input) -> u32 {
+    let mut old: u32;
+    // SAFETY: it reads and writes one word, which belongs to an atomic.
+    unsafe {
+        core::arch::asm!(
+            "2: ldrex {old}, [{lock}]",
+            "cmp {old}, #0",
+            "bne 2b",
+            "strex {old}, {new}, [{lock}]",
+            "cmp {old}, #0",
+            "bne 2b",
+            old = out(reg) old,
+            new = in(reg) input[0] | 1,
+            lock = in(reg) FLAG.as_ptr(),
+        );
+    }
+    old
+}
+
 /// Calls the function to which a word in memory points.
 #[inline(never)]
 pub fn pointer_from_memory(hook: &mut fn(u32) -> u32) -> u32 {

@@ -65,8 +65,9 @@ pub static KERNELS: [Kernel; 34] = [
 
 /// Functions without a bound, or with a false one.
 #[used]
-pub static BROKEN: [Kernel; 3] = [
+pub static BROKEN: [Kernel; 4] = [
     broken::endless_wait,
+    broken::spin_lock,
     broken::recursion,
     broken::annotated_too_low,
 ];
