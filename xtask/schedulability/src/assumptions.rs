@@ -10,7 +10,7 @@ use crate::units::time;
 
 /// Assumptions that hold for every vehicle.
 const ALWAYS: [&str; 6] = [
-    "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word; and DMA writes only to variables whose address was given to a peripheral.",
+    "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a handler keeps what it found in BASEPRI; and DMA writes only to variables whose address was given to a peripheral.",
     "Flash: a fetch pays its wait states unless its line is proven to be in the fetch buffer; no cache hit is assumed. SRAM is read and written without wait states.",
     "DMA never delays the core on the bus matrix for longer than the wait states charged. No debugger is connected.",
     "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left.",

@@ -23,8 +23,15 @@ pub struct Found {
 /// Findings by exception number.
 pub type Findings = BTreeMap<u16, Found>;
 
-/// An active handler: its exception and, if it is watched, its position in the analysed graph.
-type InHand = (u16, Option<Activation>);
+/// An active handler.
+#[derive(Debug)]
+struct InHand {
+    exception: u16,
+    /// What it found in `BASEPRI`.
+    mask: u8,
+    /// Its position in the analysed graph, if it is watched.
+    activation: Option<Activation>,
+}
 
 /// Follows one node.
 #[derive(Debug)]
@@ -71,7 +78,12 @@ impl Follower {
     fn see(&mut self, what: Seen) {
         match what {
             Seen::Executed(at) => {
-                let Some((exception, Some(activation))) = self.stack.last_mut() else {
+                let Some(InHand {
+                    exception,
+                    activation: Some(activation),
+                    ..
+                }) = self.stack.last_mut()
+                else {
                     return;
                 };
                 let Some(watch) = self.watches.get(exception) else {
@@ -85,12 +97,12 @@ impl Follower {
                     );
                 }
             }
-            Seen::Entered(exception, now) => self.begin(exception, now.as_ticks()),
-            Seen::Chained(exception, now) => {
-                self.end();
-                self.begin(exception, now.as_ticks());
+            Seen::Entered(exception, now, mask) => self.begin(exception, now.as_ticks(), mask),
+            Seen::Chained(exception, now, mask) => {
+                self.end(mask);
+                self.begin(exception, now.as_ticks(), mask);
             }
-            Seen::Returned => self.end(),
+            Seen::Returned(mask) => self.end(mask),
             Seen::Reset => {
                 self.stack.clear();
                 self.starts += 1;
@@ -99,7 +111,7 @@ impl Follower {
         }
     }
 
-    fn begin(&mut self, exception: u16, now: u64) {
+    fn begin(&mut self, exception: u16, now: u64, mask: u8) {
         let watch = self.watches.get(&exception);
         let began = *self.began.get_or_insert(now);
         if watch.is_some() && now - began >= self.start_up {
@@ -110,16 +122,30 @@ impl Follower {
                 entered.push(now);
             }
         }
-        self.stack
-            .push((exception, watch.map(|watch| watch.activation())));
+        self.stack.push(InHand {
+            exception,
+            mask,
+            activation: watch.map(|watch| watch.activation()),
+        });
     }
 
-    fn end(&mut self) {
-        if let Some((exception, Some(_))) = self.stack.pop() {
-            lock(&self.findings)
-                .entry(exception)
-                .or_default()
-                .activations += 1;
+    fn end(&mut self, left: u8) {
+        let Some(ended) = self.stack.pop() else {
+            return;
+        };
+        let mut findings = lock(&self.findings);
+        if ended.activation.is_some() {
+            findings.entry(ended.exception).or_default().activations += 1;
+        }
+        if ended.mask != left {
+            let refuted = Refuted::Mask {
+                found: ended.mask,
+                left,
+            };
+            note(
+                &mut findings.entry(ended.exception).or_default().refuted,
+                refuted,
+            );
         }
     }
 }
@@ -135,7 +161,8 @@ fn note(all: &mut Vec<Refuted>, new: Refuted) {
         (Refuted::Turns { at, .. }, Refuted::Turns { at: other, .. })
         | (Refuted::Times { at, .. }, Refuted::Times { at: other, .. }) => at == other,
         // Every step after the first one that leaves the graph is outside of it too.
-        (Refuted::Outside(_), Refuted::Outside(_)) => true,
+        (Refuted::Outside(_), Refuted::Outside(_))
+        | (Refuted::Mask { .. }, Refuted::Mask { .. }) => true,
         _ => false,
     });
     match known {
@@ -154,5 +181,38 @@ fn note(all: &mut Vec<Refuted>, new: Refuted) {
                 *known = new;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Follower, lock};
+    use can_bus::SimTime;
+    use std::collections::BTreeMap;
+    use twin::mcu::Seen;
+    use wcet::watch::Refuted;
+
+    #[test]
+    fn a_handler_that_leaves_another_mask_is_told() {
+        let follower = Follower::new(BTreeMap::new(), 0);
+        let findings = follower.findings();
+        let mut see = follower.trace();
+        let now = SimTime::from_ticks(0);
+        see(Seen::Entered(20, now, 0x50));
+        see(Seen::Entered(21, now, 0x40));
+        see(Seen::Chained(22, now, 0x40));
+        see(Seen::Returned(0x50));
+        see(Seen::Returned(0x50));
+        let findings = lock(&findings);
+        let refuted: Vec<_> = findings
+            .iter()
+            .filter(|(_, found)| !found.refuted.is_empty())
+            .map(|(exception, found)| (*exception, found.refuted.clone()))
+            .collect();
+        let left = Refuted::Mask {
+            found: 0x40,
+            left: 0x50,
+        };
+        assert_eq!(refuted, [(22, vec![left])]);
     }
 }

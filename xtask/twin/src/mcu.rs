@@ -78,13 +78,15 @@ impl Default for Board {
 pub enum Seen {
     /// It executed the instruction at this address.
     Executed(u32),
-    /// It entered this exception, at this time, and preempted what it was executing.
-    Entered(u16, SimTime),
+    /// It entered this exception, at this time, and preempted what it was executing. The last word is
+    /// what it found in `BASEPRI`.
+    Entered(u16, SimTime, u8),
     /// It left an exception and entered this one without unstacking (tail-chaining), at this
-    /// time.
-    Chained(u16, SimTime),
-    /// It returned from an exception to the code that this one had preempted.
-    Returned,
+    /// time. The last word is what the one left in `BASEPRI`, and the other one found there.
+    Chained(u16, SimTime, u8),
+    /// It returned from an exception to the code that this one had preempted, and left this word in
+    /// `BASEPRI`.
+    Returned(u8),
     /// It was reset: no exception is active any more.
     Reset,
 }
@@ -603,14 +605,15 @@ impl Mcu {
             Switch::None | Switch::Return => SimTime::from_ticks(0),
         };
         let Some(trace) = &mut self.trace else { return };
+        let mask = || self.core.regs().basepri;
         if !matches!(switch, Switch::Enter(_)) {
             trace(Seen::Executed(at));
         }
         match switch {
             Switch::None => {}
-            Switch::Enter(exception) => trace(Seen::Entered(exception, now)),
-            Switch::Chain(exception) => trace(Seen::Chained(exception, now)),
-            Switch::Return => trace(Seen::Returned),
+            Switch::Enter(exception) => trace(Seen::Entered(exception, now, mask())),
+            Switch::Chain(exception) => trace(Seen::Chained(exception, now, mask())),
+            Switch::Return => trace(Seen::Returned(mask())),
         }
     }
 

@@ -764,7 +764,7 @@ fn exceptions_are_observed_around_their_instructions() {
     let seen = seen.lock().expect("one thread");
     let handler = mcu.image().handler(15).expect("a handler").0;
     let activations: Vec<&[Seen]> = seen
-        .split(|what| matches!(what, Seen::Entered(15, _)))
+        .split(|what| matches!(what, Seen::Entered(15, _, 0)))
         .skip(1)
         .collect();
     assert_eq!(activations.len() as u32, mcu.register(7));
@@ -772,7 +772,7 @@ fn exceptions_are_observed_around_their_instructions() {
     for activation in activations {
         assert_eq!(activation[0], Seen::Executed(handler));
         assert!(matches!(activation[1], Seen::Executed(_)));
-        assert_eq!(activation[2], Seen::Returned);
+        assert_eq!(activation[2], Seen::Returned(0));
     }
 }
 

@@ -3,7 +3,7 @@
 use std::rc::Rc;
 
 use super::range::Range;
-use super::value::Value;
+use super::value::{Symbol, Value};
 
 /// A write of an address on the stack to this many bytes or more is not tracked word by word.
 const MAX_POINTER_REACH: u64 = 0x400;
@@ -139,12 +139,20 @@ impl Slots {
 
     /// Notes a write of `size` bytes to an unknown one of `addresses`: every piece that may
     /// have been overwritten becomes unknown. `pointer` is true if an address on the stack was
-    /// written.
+    /// written. A piece with the symbol `kept` is not overwritten.
     ///
     /// Returns true if that address may now be anywhere on the stack, untracked.
     #[must_use]
-    pub(crate) fn weaken(&mut self, addresses: Range, size: u32, pointer: bool) -> bool {
-        let touched = touching(addresses, size);
+    pub(crate) fn weaken(
+        &mut self,
+        addresses: Range,
+        size: u32,
+        pointer: bool,
+        kept: Option<Symbol>,
+    ) -> bool {
+        let overlaps = touching(addresses, size);
+        let is_kept = |slot: &Slot| matches!((slot.value.base, kept), (Some((symbol, _)), Some(kept)) if symbol == kept);
+        let touched = |slot: &Slot| overlaps(slot) && !is_kept(slot);
         if self.0.iter().any(&touched) {
             for slot in Rc::make_mut(&mut self.0) {
                 if touched(slot) {

@@ -16,7 +16,7 @@ use super::range::Range;
 use super::register::{Register, RegisterSet};
 use super::slots::Slots;
 use super::symbols::Symbols;
-use super::value::Value;
+use super::value::{Symbol, Value};
 
 /// The core registers `r0` to `r14`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,9 +85,9 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// At the entry of a function with unknown arguments.
+    /// At the entry of a function with unknown arguments, which finds `basepri` in `BASEPRI`.
     #[must_use]
-    pub(crate) fn entry(symbols: &mut Symbols) -> Self {
+    pub(crate) fn entry(symbols: &mut Symbols, basepri: Symbol) -> Self {
         let mut registers = Registers([Value::ANY; 15]);
         for register in registers.values_mut() {
             *register = symbols.unknown();
@@ -103,7 +103,11 @@ impl State {
             stack: Slots::default(),
             memory: Rc::default(),
             flags: Flags::ANY,
-            basepri: symbols.unknown(),
+            // The register has eight bits (DDI 0403 B1.4.3).
+            basepri: Value {
+                base: Some((basepri, Range::constant(0))),
+                ..Value::within(Range::between(0, 0xff))
+            },
             primask: ExceptionMask::Clear,
             faultmask: ExceptionMask::Clear,
             escaped: false,

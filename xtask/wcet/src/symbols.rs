@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use rsemu::cpu::arm::v7m::isa::ExtendOp;
+
 use super::extent::Extent;
 use super::image::Variables;
 use super::range::Range;
@@ -71,6 +73,8 @@ pub struct Symbols {
     indices: HashMap<Symbol, Vec<Indexed>>,
     /// Sources of symbols, unknown ones left out.
     sources: HashMap<Symbol, Source>,
+    /// Extensions of the sum of a symbol and a constant.
+    extensions: HashMap<(ExtendOp, Symbol, u32), Symbol>,
     /// True if two paths met of which only one had let tasks run.
     pub mixed: bool,
 }
@@ -97,6 +101,16 @@ impl Symbols {
             base: Some((self.fresh(), Range::constant(0))),
             ..Value::ANY
         }
+    }
+
+    /// The symbol of the extension of `of` plus `offset`; the same one each time.
+    pub(crate) fn extension(&mut self, op: ExtendOp, of: Symbol, offset: u32) -> Symbol {
+        if let Some(known) = self.extensions.get(&(op, of, offset)) {
+            return *known;
+        }
+        let symbol = self.fresh();
+        self.extensions.insert((op, of, offset), symbol);
+        symbol
     }
 
     /// A new symbol with this definition.

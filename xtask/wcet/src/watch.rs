@@ -38,6 +38,13 @@ pub enum Refuted {
         /// The annotated number.
         most: u64,
     },
+    /// A handler left another word in `BASEPRI` than it found there.
+    Mask {
+        /// What it found.
+        found: u8,
+        /// What it left.
+        left: u8,
+    },
 }
 
 impl Refuted {
@@ -61,6 +68,9 @@ impl Refuted {
                     "the analysis found"
                 };
                 format!("the loop at {at} took {turns} turns, {says} at most {bound}")
+            }
+            Self::Mask { found, left } => {
+                format!("it found {found:#04x} in BASEPRI and left {left:#04x} there")
             }
             Self::Times { at, times, most } => {
                 format!(

@@ -93,7 +93,7 @@ pub static HANDLERS: [fn(); 10] = [
 
 /// Programs and handlers that mask interrupts.
 #[used]
-pub static MASKED: [fn(); 21] = [
+pub static MASKED: [fn(); 27] = [
     masked::wait_by_primask,
     masked::wait_by_faultmask,
     masked::wait_by_faultmask_register,
@@ -113,6 +113,12 @@ pub static MASKED: [fn(); 21] = [
     masked::return_raised,
     masked::return_faultmask,
     masked::lock,
+    masked::nest_lower,
+    masked::restore_unknown,
+    masked::raise_to_unknown,
+    masked::restore_overwritten,
+    masked::restore_beside_checked_index,
+    masked::restore_past_pointer,
     masked::disable_interrupt,
     masked::sleep_in_a_handler,
 ];

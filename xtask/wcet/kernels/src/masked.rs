@@ -160,6 +160,103 @@ pub fn lock() {
     }
 }
 
+/// Raises `BASEPRI` to `level`, unless it masks more already, and returns what it was.
+#[inline(always)]
+fn raise(level: u32) -> u32 {
+    let before;
+    // SAFETY: as in `section`.
+    unsafe {
+        asm!(
+            "mrs {before}, basepri",
+            "msr basepri_max, {level}",
+            before = out(reg) before,
+            level = in(reg) level,
+        );
+    }
+    before
+}
+
+#[inline(always)]
+fn restore(before: u32) {
+    // SAFETY: as in `section`.
+    unsafe { asm!("msr basepri, {before}", before = in(reg) before) };
+}
+
+/// A handler with three sections, one in the other. The two inner ones mask less, so they change nothing.
+pub fn nest_lower() {
+    let first = raise(0x20);
+    let second = raise(0x50);
+    let third = raise(0x40);
+    restore(third);
+    count();
+    restore(second);
+    restore(first);
+}
+
+/// A handler that restores an unknown word.
+pub fn restore_unknown() {
+    raise(0x50);
+    restore(FLAG.load(Ordering::Relaxed));
+}
+
+/// A handler that raises `BASEPRI` to an unknown level.
+pub fn raise_to_unknown() {
+    let before = raise(FLAG.load(Ordering::Relaxed));
+    restore(before);
+}
+
+/// A handler that keeps what it found in `BASEPRI` in an array, and stores to an element without a check.
+pub fn restore_overwritten() {
+    let mut kept = [0_u32; 8];
+    let first = kept.as_mut_ptr();
+    let index = FLAG.load(Ordering::Relaxed) as usize % 8;
+    // SAFETY: all of it is in the array. The accesses are volatile so that the words are on the stack.
+    unsafe {
+        first.write_volatile(raise(0x50));
+        first.add(index).write_volatile(0);
+        restore(first.read_volatile());
+    }
+}
+
+/// A handler that checks an index by one extension to a byte, and uses it by another. What it found in
+/// `BASEPRI` is behind the elements that it stores to.
+pub fn restore_beside_checked_index() {
+    let mut kept = [0_u32; 8];
+    let first = kept.as_mut_ptr();
+    // SAFETY: as in `restore_overwritten`; one of the first 16 bytes is stored to.
+    unsafe {
+        first.add(7).write_volatile(raise(0x50));
+        asm!(
+            "uxtb {checked}, {index}",
+            "cmp {checked}, #15",
+            "bhi 2f",
+            "uxtab {at}, {at}, {index}",
+            "strb {index}, [{at}]",
+            "2:",
+            checked = out(reg) _,
+            index = in(reg) FLAG.load(Ordering::Relaxed),
+            at = inout(reg) first => _,
+        );
+        restore(first.add(7).read_volatile());
+    }
+}
+
+/// A handler that stores through a pointer from memory while it keeps what it found in `BASEPRI` on its
+/// stack, whose address is in memory, too.
+pub fn restore_past_pointer() {
+    let mut kept = [0_u32; 8];
+    let first = kept.as_mut_ptr();
+    FLAG.store(first.expose_provenance() as u32, Ordering::Relaxed);
+    // SAFETY: as in `restore_overwritten`. The pointer is not followed but in the analysis.
+    unsafe {
+        first.write_volatile(raise(0x50));
+        let address = FLAG.load(Ordering::Relaxed) as usize;
+        let other = core::ptr::with_exposed_provenance_mut::<u32>(address);
+        other.add(4).write_volatile(0);
+        restore(first.read_volatile());
+    }
+}
+
 /// A handler that disables the first interrupt in the interrupt controller.
 pub fn disable_interrupt() {
     let register = core::ptr::with_exposed_provenance_mut::<u32>(0xE000_E180);

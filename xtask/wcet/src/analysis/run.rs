@@ -89,9 +89,11 @@ impl<'r, 'a> Run<'r, 'a> {
         never: &'r BTreeSet<u32>,
         lasting: Rc<Words>,
     ) -> Self {
+        let mut symbols = Symbols::new(program.image.variables());
         let executor = Executor {
             image: program.image,
-            symbols: Symbols::new(program.image.variables()),
+            found_basepri: symbols.fresh(),
+            symbols,
             memory: Memory {
                 lasting,
                 ..Memory::default()
@@ -169,7 +171,7 @@ impl<'r, 'a> Run<'r, 'a> {
 
     /// The state at the first instruction.
     fn initial(&mut self, registers: &[(Register, u32)]) -> State {
-        let mut state = State::entry(&mut self.executor.symbols);
+        let mut state = State::entry(&mut self.executor.symbols, self.executor.found_basepri);
         state.registers[Register::LR] = Value::constant(RETURN);
         for &(register, word) in registers {
             state.registers[register] = Value::constant(word);
@@ -177,6 +179,7 @@ impl<'r, 'a> Run<'r, 'a> {
         match self.kind {
             Entry::Program => {
                 state.started = false;
+                state.basepri = Value::constant(0);
                 let words = self.program.image.initial_words();
                 state.memory = Rc::new(words.filter(|(_, word)| leads_to_memory(*word)).collect());
             }

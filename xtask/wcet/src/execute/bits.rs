@@ -45,7 +45,7 @@ impl Step<'_, '_> {
         };
         let source = self.read(rm);
         let extended = match source.as_constant() {
-            _ if rotate == 0 => extend(op, &source),
+            _ if rotate == 0 => self.extended(op, &source),
             Some(word) => extend(op, &Value::constant(word.rotate_right(u32::from(rotate)))),
             None => extend(op, &Value::ANY),
         };
@@ -57,6 +57,31 @@ impl Step<'_, '_> {
             self.read(rn).add(&extended)
         };
         self.set(rd, result);
+    }
+
+    /// The extension of `source`: the same word whenever the same one is extended. A compiler may extend
+    /// an index once for its check and once more for its use, and what the check showed still holds.
+    fn extended(&mut self, op: ExtendOp, source: &Value) -> Value {
+        let mut value = extend(op, source);
+        let Some((symbol, offset)) = source.base else {
+            return value;
+        };
+        if value.base.is_some() || value.as_constant().is_some() || value == Value::ANY {
+            return value;
+        }
+        let Some(offset) = offset.as_constant() else {
+            return value;
+        };
+        let base = Some((
+            self.symbols().extension(op, symbol, offset),
+            Range::constant(0),
+        ));
+        let known = self.state.registers.iter().map(|(_, known)| known);
+        for known in known.filter(|known| known.base == base) {
+            value.range = value.range.meet(known.range).unwrap_or(value.range);
+        }
+        value.base = base;
+        value
     }
 
     /// Reversals of bits or bytes, and the number of leading zeros.

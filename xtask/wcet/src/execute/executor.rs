@@ -5,7 +5,7 @@ use crate::lasting::Memory;
 use crate::mask::Masked;
 use crate::range::Range;
 use crate::symbols::Symbols;
-use crate::value::Value;
+use crate::value::{Symbol, Value};
 
 /// The memory access of an instruction, for its timing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +43,8 @@ pub(crate) struct Executor<'a> {
     pub image: &'a Image,
     /// Names of unknown words.
     pub symbols: Symbols,
+    /// The word that stood in `BASEPRI` when the code began.
+    pub found_basepri: Symbol,
     /// Facts about memory outside the stack.
     pub memory: Memory,
 }

@@ -121,15 +121,17 @@ impl Step<'_, '_> {
         let mut escaped = false;
         if let Some(places) = places(&self.machine.symbols, address) {
             for at in places.into_iter().filter(|at| STACK.contains(*at)) {
-                escaped |= stack.weaken(Range::constant(at), size, pointer);
+                escaped |= stack.weaken(Range::constant(at), size, pointer, None);
             }
         } else {
-            let within = if address.range.span() > STACK.span() {
-                STACK
+            // Nothing is known about such a pointer. It may lead to any variable of the program, but to
+            // the word that a handler found in `BASEPRI` leads no pointer.
+            let (within, kept) = if address.range.span() > STACK.span() {
+                (STACK, Some(self.machine.found_basepri))
             } else {
-                address.range
+                (address.range, None)
             };
-            escaped = stack.weaken(within, size, pointer);
+            escaped = stack.weaken(within, size, pointer, kept);
         }
         self.state.escaped |= escaped;
     }

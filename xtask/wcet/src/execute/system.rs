@@ -107,30 +107,59 @@ impl Step<'_, '_> {
 
     /// Writes `BASEPRI`; with `only_raise` the write has no effect unless it masks more.
     fn set_basepri(&mut self, value: &Value, only_raise: bool) {
-        if let Some(word) = value.as_constant() {
+        if only_raise {
+            self.raise_basepri(value);
+        } else if let Some(word) = value.as_constant() {
             let new = (word & IMPLEMENTED) as u8;
-            let is_lower = |level| matches!(level, Level::From(old) if new == 0 || old < new);
-            if !only_raise {
-                self.end_sections(is_lower);
-            }
-            let masks_it = |level| matches!(level, Level::From(old) if old <= new);
-            let mut running = self.state.masked.iter();
-            if new != 0 && !running.any(|section| masks_it(section.level)) {
-                self.begin_section(Level::From(new));
-            }
+            self.end_sections(|level| matches!(level, Level::From(old) if new == 0 || old < new));
+            self.mask_from(new);
             self.state.basepri = *value;
-            self.note_start();
-        } else if value.base.is_some() {
-            // An unknown word with a symbol was read from the register on entry: no other
-            // unknown word is ever written. This task runs, so the word that it found masks
-            // no priority at which the task could be, and every section ends here.
+        } else if self.is_as_found(value) {
+            // This task runs, so the word that it found masks no priority at which the task
+            // could be, and every section ends here.
             self.end_sections(Level::is_basepri);
             self.state.basepri = *value;
-            self.note_start();
         } else {
             self.effects.unknown_mask = true;
             self.state.basepri = *value;
-            self.note_start();
+        }
+        self.note_start();
+    }
+
+    /// Writes `BASEPRI_MAX`: the register keeps its word unless the new one masks more.
+    fn raise_basepri(&mut self, value: &Value) {
+        let old = self.state.basepri;
+        let Some(new) = value.as_constant().map(|word| (word & IMPLEMENTED) as u8) else {
+            self.effects.unknown_mask = true;
+            self.state.basepri = self.symbols().unknown();
+            return;
+        };
+        let old_word = old.as_constant().map(|word| (word & IMPLEMENTED) as u8);
+        match old_word {
+            _ if new == 0 => return,
+            Some(old) if old != 0 && old <= new => return,
+            // The word that the task found masks no priority at which the task could be, and
+            // nor does the new one if it masks less.
+            Some(_) => {}
+            None if self.is_as_found(&old) => {}
+            None => self.effects.unknown_mask = true,
+        }
+        self.mask_from(new);
+        self.state.basepri = Value::constant(u32::from(new));
+    }
+
+    /// Whether `value` is the word that the task found in `BASEPRI` when it began.
+    fn is_as_found(&self, value: &Value) -> bool {
+        value.base == Some((self.machine.found_basepri, Range::constant(0)))
+    }
+
+    /// Begins a section that masks the priority values from `new` on, unless one is running that
+    /// masks them too.
+    fn mask_from(&mut self, new: u8) {
+        let masks_it = |level| matches!(level, Level::From(old) if old <= new);
+        let mut running = self.state.masked.iter();
+        if new != 0 && !running.any(|section| masks_it(section.level)) {
+            self.begin_section(Level::From(new));
         }
     }
 

@@ -109,6 +109,46 @@ fn a_handler_must_unmask_what_it_masks() {
     }
 }
 
+/// A write that masks less than is masked changes nothing, so the word that is read after it is the one
+/// that was there before.
+#[test]
+fn a_weaker_section_does_not_end_a_stronger_one() {
+    let bound = bound("nest_lower", Entry::Handler);
+    assert!(bound.problems.is_empty(), "{:?}", bound.problems);
+    let [section] = bound.sections[..] else {
+        panic!("{:?}", bound.sections);
+    };
+    assert_eq!(section.level, Level::From(0x20));
+    assert!(section.cycles.zero_wait > 3000 * 4, "{section:?}");
+}
+
+/// Only the word that a handler found in `BASEPRI` certainly ends its sections.
+#[test]
+fn an_unknown_word_does_not_unmask() {
+    for name in ["restore_unknown", "raise_to_unknown", "restore_overwritten"] {
+        let problems = bound(name, Entry::Handler).problems;
+        assert!(
+            problems.iter().any(|problem| {
+                problem.to_string().starts_with(
+                "the interrupt mask is set to an unknown level at xtask/wcet/kernels/src/masked.rs:"
+            )
+            }),
+            "{name}: {problems:?}"
+        );
+    }
+}
+
+/// The word is found again beside an array on the stack, and is taken to be out of reach of unknown
+/// pointers.
+#[test]
+fn the_word_that_was_found_unmasks() {
+    for name in ["restore_beside_checked_index", "restore_past_pointer"] {
+        let bound = bound(name, Entry::Handler);
+        assert!(bound.problems.is_empty(), "{name}: {:?}", bound.problems);
+        assert_eq!(bound.sections.len(), 1, "{name}");
+    }
+}
+
 /// An interrupt that is disabled delays its task like a mask.
 #[test]
 fn an_interrupt_must_not_be_disabled() {
