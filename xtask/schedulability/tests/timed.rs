@@ -180,6 +180,17 @@ fn of_the_releases_that_the_spacing_allows_one_is_the_job_itself_only_once_it_is
 }
 
 #[test]
+fn of_releases_that_keep_a_distance_the_longest_ones_count() {
+    let mut both = table(vec![job("short", 0, 199, None)]);
+    both.timed[0].cost = Some(1);
+    both.sporadic = vec![Sporadic::every(1000)];
+    both.apart = 50;
+    let own = task("own", 1, 4, table(vec![job("edge", 0, 0, None)]));
+    // There is room for one of the others, and that one may be a whole one.
+    assert_eq!(worst(&[own, task("both", 1, 8, both)])[0], 12);
+}
+
+#[test]
 fn a_late_end_of_one_window_delays_the_edge_of_the_next() {
     let edge = |at: u64, number| Job {
         id: Some(JobId(number)),

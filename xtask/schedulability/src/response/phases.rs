@@ -33,6 +33,8 @@
 //! All instants `x` from one that fulfils these conditions to the start of the job lead to the same
 //! start. The earliest of them gives the longest response.
 
+use std::cmp::Reverse;
+
 use crate::arrivals::{Job, Timetable};
 
 use super::bound::Critical;
@@ -200,41 +202,45 @@ impl<'a> Look<'a> {
 
     /// The most releases of `other` that may delay the job in a window from the begin of the
     /// period: those that may be at any time, and those of each part of the time table. If the
-    /// distance between any two of them leaves room for fewer, those at any time count less, which
-    /// take at least as long.
+    /// distance between any two of them leaves room for fewer, the longest ones count.
     fn releases(
         &self,
         period: Period,
         (index, other): (usize, &'a Task),
         window: u64,
         own: Own,
-    ) -> (u64, impl Iterator<Item = (&'a Timetable, u64)>) {
+    ) -> (u64, Vec<(&'a Timetable, u64)>) {
         let besides = u64::from(own == Own::Released && index == self.index);
         let own_table = self.job.map(|(table, _)| std::ptr::from_ref(table));
-        let sporadic = other
+        let mut sporadic = other
             .arrivals
             .count_sporadic(window.saturating_add(other.jitter));
-        let sporadic = match own_table {
-            None => sporadic.saturating_sub(besides),
-            Some(_) => sporadic,
-        };
-        let of_table = move |table: &'a Timetable| {
+        if own_table.is_none() {
+            sporadic = sporadic.saturating_sub(besides);
+        }
+        let of_table = |table: &'a Timetable| {
             let besides = match own_table {
                 Some(own) if std::ptr::eq(own, table) => besides,
                 _ => 0,
             };
             let absent = |job: &Job| self.absent(period, other, job);
-            table.from(period.begin, window, other.jitter, besides, absent)
+            let jobs = table.from(period.begin, window, other.jitter, besides, absent);
+            (table, jobs)
         };
         let tables = other.arrivals.timed.iter();
-        let sporadic = if other.arrivals.apart == 0 {
-            sporadic
-        } else {
+        let mut timed: Vec<_> = tables.map(of_table).collect();
+        if other.arrivals.apart > 0 {
             let most = other.arrivals.most(window.saturating_add(other.jitter));
-            let timed: u64 = tables.clone().map(of_table).sum();
-            sporadic.min(most.saturating_sub(besides).saturating_sub(timed))
-        };
-        let timed = tables.map(move |table| (table, of_table(table)));
+            let mut room = most.saturating_sub(besides);
+            // No job of the table takes longer than one that may be released at any time.
+            sporadic = sporadic.min(room);
+            room -= sporadic;
+            timed.sort_by_key(|(table, _)| Reverse(table.cost.unwrap_or(other.cost)));
+            for (_, jobs) in &mut timed {
+                *jobs = room.min(*jobs);
+                room -= *jobs;
+            }
+        }
         (sporadic, timed)
     }
 
@@ -347,7 +353,7 @@ impl<'a> Look<'a> {
                 busy.starts + 1
             };
             let releases = self.releases(busy.period, (index, other), window, Own::Released);
-            releases.0 + releases.1.map(|(_, jobs)| jobs).sum::<u64>()
+            releases.0 + releases.1.iter().map(|(_, jobs)| jobs).sum::<u64>()
         };
         Critical {
             job: self.job.map(|(_, job)| job.label.clone()),
