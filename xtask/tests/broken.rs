@@ -13,6 +13,7 @@ use parts::Sled;
 use schedulability::models::{Files, InputError, Models};
 use schedulability::node::{Entered, Observed, Seen};
 use schedulability::priorities;
+use schedulability::report;
 use schedulability::results::Report;
 use schedulability::system::{Inputs, Program, Programs};
 use twin::mcu::{Board, Mcu};
@@ -343,6 +344,15 @@ fn said(program: &str) -> String {
     text.trim_end().to_owned()
 }
 
+/// The cycles of each row of a path.
+fn explained(text: &str) -> Vec<i64> {
+    let rows = text
+        .lines()
+        .skip_while(|line| !line.contains("cycles times"));
+    let cycles = |line: &str| line.split_whitespace().next()?.parse().ok();
+    rows.skip(1).map_while(cycles).collect()
+}
+
 #[test]
 fn the_node_as_it_is_is_schedulable() {
     let report = answer("sound").unwrap();
@@ -352,6 +362,12 @@ fn the_node_as_it_is_is_schedulable() {
         assert_eq!(task.followed, activations, "{}", task.name);
         let ratio = task.ratio(Model::ZeroWait).unwrap();
         assert!((1.0..1.25).contains(&ratio), "{}: {ratio}", task.name);
+        assert!(task.before_release().is_some(), "{task:?}");
+        let rows = explained(&report::explain(&report.nodes[0], task));
+        let (bound, rows) = rows.split_last().unwrap();
+        assert!(rows.len() > 1, "{rows:?}");
+        assert_eq!(rows.iter().sum::<i64>(), *bound, "{}", task.name);
+        assert_eq!(bound.cast_unsigned(), task.cycles.flashed, "{}", task.name);
     }
 }
 

@@ -6,7 +6,7 @@ use crate::activations;
 use crate::arrivals::Arrivals;
 use crate::execution::{Execution, Handler};
 use crate::model::{NodeModel, TaskModel};
-use crate::response::{self, Critical, CriticalSection, Response, Task, Unbounded};
+use crate::response::{self, Critical, CriticalSection, Delay, Response, Task, Unbounded};
 use crate::results::{NodeReport, TaskReport};
 use crate::sensitivity::slack;
 use crate::table::{BusEvent, NodeTable};
@@ -289,10 +289,9 @@ impl<'a> Scheduled<'a> {
 
     /// The interference in a response: task, number of jobs, time.
     fn delays(&self, critical: &Critical) -> Vec<(String, u64, Picoseconds)> {
-        let delay = |&(other, jobs): &(usize, u64)| {
-            let other = &self.set[other];
-            let each = other.cost + other.preemption;
-            (other.name.clone(), jobs, jobs * each)
+        let delay = |delay: &Delay| {
+            let other = &self.set[delay.task];
+            (other.name.clone(), delay.jobs, delay.time)
         };
         critical.delayed_by.iter().map(delay).collect()
     }
@@ -355,6 +354,7 @@ impl<'a> Scheduled<'a> {
             job: critical.and_then(|critical| critical.job.clone()),
             deadline: critical.map_or(task.deadline, |critical| critical.deadline),
             response: critical.map(|critical| critical.response),
+            itself: critical.map_or(shared.cost, |critical| critical.cost),
             delayed_by: critical.map_or_else(Vec::new, |critical| self.delays(critical)),
             sensitivity: all_bounded.then(|| slack(&self.set, at, STEP)).flatten(),
             unbounded,

@@ -1,6 +1,7 @@
 //! The answers: bounds, and whether they meet the deadlines.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
 
 use wcet::bound::Problem;
 use wcet::cycles::{Cycles, Model};
@@ -46,7 +47,11 @@ pub struct TaskReport {
     pub deadline: Picoseconds,
     /// Its worst-case response time, if there is a bound.
     pub response: Option<Picoseconds>,
-    /// Interference in that response: task, number of its jobs, time.
+    /// How long the job with the least slack takes itself: [`TaskReport::cost`], or less if the job has a
+    /// bound of its own.
+    pub itself: Picoseconds,
+    /// Interference in that response, but for what passes before the release: task, number of its
+    /// jobs, time.
     pub delayed_by: Vec<(String, u64, Picoseconds)>,
     /// By how much the execution time may grow before a task on the node misses a deadline.
     pub sensitivity: Option<Picoseconds>,
@@ -142,10 +147,19 @@ impl TaskReport {
         ))
     }
 
+    /// The part of its own time and of what delays it that has passed when it is released: the response
+    /// is the rest. `None` if the parts do not make up the response, or there is none.
+    #[must_use]
+    pub fn before_release(&self) -> Option<Picoseconds> {
+        let others = self.delayed_by.iter().map(|(.., delay)| delay);
+        let all = self.itself + self.jitter + self.blocking + others.sum::<Picoseconds>();
+        all.checked_sub(self.response?)
+    }
+
     /// The composition of the worst-case response, as a clause.
     #[must_use]
     pub fn composition(&self) -> String {
-        let mut parts = vec![format!("it takes {} itself", time(self.cost))];
+        let mut parts = vec![format!("it takes {} itself", time(self.itself))];
         if self.jitter > 0 {
             parts.push(format!("is released up to {} late", time(self.jitter)));
         }
@@ -163,13 +177,19 @@ impl TaskReport {
             };
             parts.push(format!("waits {} for {task}{times}", time(*delay)));
         }
-        match parts.len() {
-            1 => parts.remove(0),
-            _ => {
-                let last = parts.pop().unwrap_or_default();
-                format!("{} and {last}", parts.join(", "))
-            }
+        let last = parts.pop().unwrap_or_default();
+        let mut clause = match parts.as_slice() {
+            [] => last,
+            parts => format!("{} and {last}", parts.join(", ")),
+        };
+        if let Some(before) = self.before_release().filter(|before| *before > 0) {
+            let _ = write!(
+                clause,
+                ", of which {} pass before its release",
+                time(before)
+            );
         }
+        clause
     }
 }
 
@@ -203,6 +223,12 @@ impl NodeReport {
     #[must_use]
     pub fn time(&self, cycles: u64) -> Picoseconds {
         picoseconds(cycles, self.core_hz)
+    }
+
+    /// Whether code of it has no bound.
+    #[must_use]
+    pub fn is_unbounded(&self) -> bool {
+        !self.idle_problems.is_empty() || !self.tasks.iter().all(TaskReport::is_bounded)
     }
 
     /// The first problem of the report, in one sentence. Code without a bound comes before the
@@ -396,10 +422,35 @@ impl Report {
         all
     }
 
-    /// The first problem of the report, in one sentence.
+    /// Why code has no bound: by function, each problem with the tasks that it keeps from a bound.
+    #[must_use]
+    pub fn unbounded(&self) -> BTreeMap<&str, BTreeMap<&Problem, Vec<String>>> {
+        let mut unbounded: BTreeMap<_, BTreeMap<_, Vec<_>>> = BTreeMap::new();
+        for node in &self.nodes {
+            let tasks = node
+                .tasks
+                .iter()
+                .map(|task| (task.name.as_str(), &task.problems));
+            let idle = ("start-up and idle", &node.idle_problems);
+            for (task, problems) in tasks.chain([idle]) {
+                for problem in problems {
+                    let of_function = unbounded.entry(problem.function()).or_default();
+                    let whose = of_function.entry(problem).or_default();
+                    whose.push(format!("{}.{task}", node.name));
+                }
+            }
+        }
+        unbounded
+    }
+
+    /// The first problem of the report, in one sentence. Code without a bound comes before any deadline
+    /// that is missed, on whichever node.
     #[must_use]
     pub fn first_miss(&self) -> Option<String> {
-        let nodes = self.nodes.iter().find_map(NodeReport::first_miss);
+        let mut unbounded = self.nodes.iter().filter(|node| node.is_unbounded());
+        let nodes = unbounded
+            .find_map(NodeReport::first_miss)
+            .or_else(|| self.nodes.iter().find_map(NodeReport::first_miss));
         nodes
             .or_else(|| self.messages.iter().find_map(MessageReport::miss))
             .or_else(|| self.chains.iter().find_map(ChainReport::miss))

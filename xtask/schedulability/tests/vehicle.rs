@@ -1,7 +1,7 @@
 //! The vehicle's sources, task table and network file with given execution times: a report without a
 //! miss, and each kind of miss.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
@@ -322,6 +322,8 @@ fn a_vehicle_of_ten_microseconds_holds() {
     for node in &report.nodes {
         for task in &node.tasks {
             assert!(task.sensitivity.is_some(), "{}.{}", node.name, task.name);
+            // The parts of each response make it up.
+            assert!(task.before_release().is_some(), "{task:?}");
         }
     }
     // Only jobs that may coincide by the time table delay the node's own window.
@@ -615,6 +617,46 @@ fn a_task_without_bound_leaves_lower_priorities_without_answer() {
 }
 
 #[test]
+fn code_without_bound_comes_before_a_deadline_on_another_node_and_once_for_its_function() {
+    let mut report = vehicle();
+    let control = interrupt(&report.nodes[0], "control");
+    report.nodes[0] = node("controller", |execution, _| {
+        let handler = execution.handlers.get_mut(&control).unwrap();
+        handler.cycles = handler.cycles * 60;
+    });
+    let endless = Problem::LoopWithoutBound("queue.rs:7 (queue::drain::<T, 4>)".to_owned());
+    report.nodes[1] = node("drive", |execution, _| {
+        for handler in ["TIM2", "EXTI1"] {
+            let handler = execution.handlers.get_mut(handler).unwrap();
+            handler.problems = BTreeSet::from([endless.clone()]);
+        }
+    });
+    let miss = report.first_miss().unwrap();
+    assert!(
+        miss.starts_with("drive.window_timer has no bound: the loop at queue.rs:7"),
+        "{miss}"
+    );
+    let whose = vec!["drive.window_timer".to_owned(), "drive.actuate".to_owned()];
+    let problems = BTreeMap::from([(&endless, whose)]);
+    assert_eq!(
+        report.unbounded(),
+        BTreeMap::from([("queue::drain::<T, 4>", problems)])
+    );
+    let text = report::table(&report);
+    assert!(
+        text.starts_with(
+            "without a bound\n  queue::drain::<T, 4>\n    ! drive.window_timer, drive.actuate: the loop"
+        ),
+        "{text}"
+    );
+    assert!(report::html(&report).contains("Without a bound"));
+    assert_eq!(
+        report::json(&report)["unbounded"][0]["problems"][0]["of"][1],
+        "drive.actuate"
+    );
+}
+
+#[test]
 fn an_unproven_node_is_accepted_unless_a_bound_is_unsound() {
     let mut report = vehicle();
     report.nodes[1] = node("drive", |execution, _| execution.stack = 5000);
@@ -685,6 +727,8 @@ fn the_report_has_each_form() {
         assert!(text.contains(wanted), "{wanted} is not in {text}");
     }
     assert!(text.lines().all(|line| line.trim_end() == line));
+
+    assert!(!text.contains("without a bound"), "{text}");
 
     let json = report::json(&report);
     assert_eq!(json["schedulable"], true);

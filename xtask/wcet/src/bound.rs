@@ -78,6 +78,35 @@ pub enum Problem {
 }
 
 impl Problem {
+    /// The function in which it is, as its sentence names it.
+    #[must_use]
+    pub fn function(&self) -> &str {
+        let place = match self {
+            Self::Recursion(calls) => {
+                return calls
+                    .split_once(" calls ")
+                    .map_or(calls, |(first, _)| first);
+            }
+            Self::MaskedLoop { at, .. } => at,
+            Self::LoopWithoutBound(place)
+            | Self::Sleep(place)
+            | Self::StaysMasked(place)
+            | Self::DisabledInterrupt(place)
+            | Self::UnboundedPointer(place)
+            | Self::NotCode(place)
+            | Self::UnknownMask(place)
+            | Self::UnknownStack(place)
+            | Self::TooLong(place) => place,
+        };
+        // A place is `file:line (function)`, or `function at 0x...` without line tables.
+        match place.split_once(" (") {
+            Some((_, function)) => function.strip_suffix(')').unwrap_or(function),
+            None => place
+                .split_once(" at 0x")
+                .map_or(place, |(function, _)| function),
+        }
+    }
+
     /// Whether some paths were not followed to their ends. Those through a loop without a bound
     /// are: all its turns are followed, although their number is unknown.
     #[must_use]

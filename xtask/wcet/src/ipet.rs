@@ -49,8 +49,10 @@ pub(crate) fn solve(program: &mut Program<'_>, bound: &Bound, entry: u32) -> Opt
     let zero_wait = length(program, &bound.facts, entry, Model::ZeroWait)?;
     let flashed = length(program, &bound.facts, entry, Model::Flashed)?;
     let mut lines: BTreeMap<String, (u64, u64)> = BTreeMap::new();
-    for (id, count) in flashed.counts {
-        let cost = bound.facts.costs.get(&id).copied().unwrap_or_default();
+    for ((id, to), count) in flashed.counts {
+        let block = bound.facts.costs.get(&id).copied().unwrap_or_default();
+        let edge = bound.facts.edge_costs.get(&(id, to));
+        let cost = block + edge.copied().unwrap_or_default();
         let graph = program.graph(id.function)?;
         let at = graph.blocks[id.block].start();
         let (cycles, times) = lines.entry(program.image.describe(at)).or_default();
@@ -78,8 +80,8 @@ pub(crate) fn solve(program: &mut Program<'_>, bound: &Bound, entry: u32) -> Opt
 /// The solution under one timing model.
 struct Solution {
     cycles: u64,
-    /// How often each block is executed.
-    counts: Vec<(BlockId, u64)>,
+    /// How often each edge is taken.
+    counts: Vec<(Edge, u64)>,
 }
 
 fn length(program: &mut Program<'_>, facts: &Facts, entry: u32, model: Model) -> Option<Solution> {
@@ -204,13 +206,9 @@ impl<'f> Flow<'f> {
 
     fn solve(self) -> Option<Solution> {
         let solution = self.problem.solve().ok()?.into_solution().ok()?;
-        let mut counts: BTreeMap<BlockId, f64> = BTreeMap::new();
-        for ((id, _), variable) in &self.edges {
-            *counts.entry(*id).or_default() += solution.var_value(*variable);
-        }
-        let counts = counts
-            .into_iter()
-            .map(|(id, count)| (id, count.round() as u64))
+        let edges = self.edges.iter();
+        let counts = edges
+            .map(|(edge, variable)| (*edge, solution.var_value(*variable).round() as u64))
             .filter(|(_, count)| *count > 0)
             .collect();
         // Rounded up by more than the solver's tolerance.

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use wcet::ipet::Line;
+
 use crate::results::{NodeReport, TaskReport};
 use crate::units::time;
 
@@ -60,28 +62,42 @@ pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
     text
 }
 
-/// The source lines of the path; those beyond [`LINES`] in one row.
+/// The source lines of the path; those beyond [`LINES`] in one row. What is charged beside them follows,
+/// so that the rows add up to the bound.
 fn path(task: &TaskReport) -> String {
-    let shown = task.path.iter().take(LINES);
-    let shown = shown.map(|line| {
+    let lines = task.path.iter().map(|line| {
         [
             line.cycles.to_string(),
             line.times.to_string(),
             line.place.clone(),
         ]
     });
-    let rest = task.path.get(LINES..).filter(|rest| !rest.is_empty());
-    let rest = rest.map(|rest| {
-        let cycles: u64 = rest.iter().map(|line| line.cycles).sum();
+    let in_all = |lines: &[Line]| lines.iter().map(|line| line.cycles).sum::<u64>();
+    let row = |cycles: String, what: &str| [cycles, String::new(), what.to_owned()];
+    let mut rows: Vec<_> = lines.take(LINES).collect();
+    if let Some(rest) = task.path.get(LINES..).filter(|rest| !rest.is_empty()) {
         let places = format!("in {} more places", rest.len());
-        [cycles.to_string(), String::new(), places]
-    });
+        rows.push(row(in_all(rest).to_string(), &places));
+    }
+    let overhead = task.overhead.flashed;
+    rows.push(row(overhead.to_string(), "exception entry and return"));
+    let bound = task.cycles.flashed.cast_signed();
+    let left = bound - (in_all(&task.path) + overhead).cast_signed();
+    if left != 0 {
+        let what = if left < 0 {
+            "less, because no single path takes all of these"
+        } else {
+            "rounding of the integer program"
+        };
+        rows.push(row(left.to_string(), what));
+    }
+    rows.push(row(bound.to_string(), "the bound"));
     columns(
         [
             ("cycles", Right),
             ("times", Right),
             ("where (cycles as flashed, executions)", Left),
         ],
-        shown.chain(rest).map(|cells| (true, cells)),
+        rows.into_iter().map(|cells| (true, cells)),
     )
 }

@@ -38,6 +38,18 @@ pub fn html(report: &Report) -> String {
             body {
                 h1 { "Schedulability" }
                 p class=(class) { (verdict(report)) }
+                @let unbounded = report.unbounded();
+                @if !unbounded.is_empty() {
+                    h2 { "Without a bound" }
+                    dl {
+                        @for (function, problems) in &unbounded {
+                            dt { (function) }
+                            @for (problem, whose) in problems {
+                                dd.miss { (whose.join(", ")) ": " (problem.to_string()) }
+                            }
+                        }
+                    }
+                }
                 (timeline(report))
                 @for node in &report.nodes { (of_node(node)) }
                 p { (LEGEND) }

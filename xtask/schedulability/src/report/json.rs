@@ -14,6 +14,13 @@ pub fn json(report: &Report) -> Value {
     json!({
         "schedulable": report.schedulable(),
         "first_miss": report.first_miss(),
+        "unbounded": report.unbounded().into_iter().map(|(function, problems)| json!({
+            "function": function,
+            "problems": problems.into_iter().map(|(problem, whose)| json!({
+                "problem": problem.to_string(),
+                "of": whose,
+            })).collect::<Vec<_>>(),
+        })).collect::<Vec<_>>(),
         "basic_cycle_ps": report.basic_cycle,
         "assumptions": report.assumptions,
         "median_ratio": {
@@ -100,6 +107,8 @@ fn task(node: &NodeReport, task: &TaskReport) -> Value {
         "response_ps": task.response,
         "slack_ps": task.slack(),
         "sensitivity_ps": task.sensitivity,
+        "itself_ps": task.itself,
+        "before_release_ps": task.before_release(),
         "delayed_by": task.delayed_by.iter().map(|(other, jobs, time)| json!({
             "task": other, "jobs": jobs, "time_ps": time,
         })).collect::<Vec<_>>(),

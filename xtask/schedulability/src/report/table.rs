@@ -13,7 +13,7 @@ use super::summary::{followed, tightness, verdict};
 /// The whole report as text.
 #[must_use]
 pub fn table(report: &Report) -> String {
-    let mut text = String::new();
+    let mut text = unbounded(report);
     for node in &report.nodes {
         of_node(&mut text, node);
     }
@@ -31,6 +31,21 @@ pub fn table(report: &Report) -> String {
         let _ = writeln!(text, "{followed}");
     }
     let _ = writeln!(text, "{}", verdict(report));
+    text
+}
+
+/// Why code has no bound, by function; empty if all of it has one.
+fn unbounded(report: &Report) -> String {
+    let mut text = String::new();
+    for (function, problems) in report.unbounded() {
+        if text.is_empty() {
+            text.push_str("without a bound\n");
+        }
+        let _ = writeln!(text, "  {function}");
+        for (problem, whose) in problems {
+            let _ = writeln!(text, "    ! {}: {problem}", whose.join(", "));
+        }
+    }
     text
 }
 

@@ -33,10 +33,23 @@ pub struct Critical {
     pub response: u64,
     /// Its deadline.
     pub deadline: u64,
+    /// Its own execution time, which `response` includes.
+    pub cost: u64,
     /// Release jitter, which `response` includes.
     pub jitter: u64,
-    /// Interference that `response` includes: the index of a task, and how many of its jobs.
-    pub delayed_by: Vec<(usize, u64)>,
+    /// Interference that `response` includes, but for what passes before the release of the job.
+    pub delayed_by: Vec<Delay>,
+}
+
+/// Interference by the jobs of one task.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Delay {
+    /// Index of the task.
+    pub task: usize,
+    /// How many of its jobs.
+    pub jobs: u64,
+    /// How long they take in all.
+    pub time: u64,
 }
 
 impl Critical {

@@ -1,6 +1,6 @@
 //! Response times without the time table: any release may coincide with any other.
 
-use super::bound::{Critical, Response, Unbounded};
+use super::bound::{Critical, Delay, Response, Unbounded};
 use super::fixed_point::least_fixed_point;
 use super::task::{Task, utilisation_permille};
 
@@ -39,10 +39,16 @@ pub fn response(tasks: &[Task], index: usize) -> Result<Response, Unbounded> {
                 response,
                 deadline: task.deadline,
                 jitter: task.jitter,
+                cost: task.cost,
                 delayed_by: interfering
                     .iter()
-                    .map(|(other, t)| (*other, t.arrivals.count(finish, t.jitter)))
-                    .chain((job > 0).then_some((index, job)))
+                    .map(|(other, t)| (*other, t.arrivals.count(finish, t.jitter), t.preemption))
+                    .chain((job > 0).then_some((index, job, 0)))
+                    .map(|(task, jobs, preemption)| Delay {
+                        task,
+                        jobs,
+                        time: jobs * (tasks[task].cost + preemption),
+                    })
                     .collect(),
             });
         }

@@ -4,7 +4,7 @@
 use crate::arrivals::{Job, Timetable};
 
 use super::blocking::lost;
-use super::bound::Critical;
+use super::bound::{Critical, Delay};
 use super::fixed_point::{HORIZON, least_fixed_point};
 use super::task::Task;
 
@@ -64,20 +64,27 @@ pub(super) fn of_job(
             jobs => jobs,
         }
     };
+    let delay = |other: &Delaying<'_>, window: u64| {
+        let each = if other.index == index {
+            other.task.cost
+        } else {
+            other.task.cost.checked_add(other.task.preemption)?
+        };
+        let jobs = count(other, window);
+        // One of them may be running, and have been preempted by a job that has completed.
+        let again = jobs.min(1) * lost(tasks, other.task.priority);
+        Some(Delay {
+            task: other.index,
+            jobs,
+            time: jobs.checked_mul(each)?.checked_add(again)?,
+        })
+    };
     let own = task.cost.checked_add(task.blocking)?;
     let finish = least_fixed_point(own, |window| {
         delaying
             .iter()
             .try_fold(own, |sum, other| {
-                let each = if other.index == index {
-                    other.task.cost
-                } else {
-                    other.task.cost.checked_add(other.task.preemption)?
-                };
-                let jobs = count(other, window);
-                // One of them may be running, and have been preempted by a job that has completed.
-                let again = jobs.min(1) * lost(tasks, other.task.priority);
-                sum.checked_add(jobs.checked_mul(each)?)?.checked_add(again)
+                sum.checked_add(delay(other, window)?.time)
             })
             .filter(|window| *window < HORIZON)
     })?;
@@ -86,10 +93,11 @@ pub(super) fn of_job(
         response: finish + task.jitter,
         deadline: job.deadline.unwrap_or(task.deadline),
         jitter: task.jitter,
+        cost: task.cost,
         delayed_by: delaying
             .iter()
-            .map(|other| (other.index, count(other, finish)))
-            .filter(|(_, jobs)| *jobs > 0)
+            .filter_map(|other| delay(other, finish))
+            .filter(|delay| delay.jobs > 0)
             .collect(),
     })
 }

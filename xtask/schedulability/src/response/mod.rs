@@ -22,6 +22,6 @@ mod task;
 
 pub use analyse::{all_meet, analyse};
 pub use blocking::{CriticalSection, blocked, blocker, blocking};
-pub use bound::{Critical, JobResponse, Response, Unbounded};
+pub use bound::{Critical, Delay, JobResponse, Response, Unbounded};
 pub use busy_period::{meets, response};
 pub use task::{Task, utilisation_permille};

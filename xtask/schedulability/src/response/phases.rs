@@ -37,7 +37,7 @@ use std::cmp::Reverse;
 
 use crate::arrivals::{Job, Timetable};
 
-use super::bound::Critical;
+use super::bound::{Critical, Delay};
 use super::fixed_point::{HORIZON, settle};
 use super::task::Task;
 
@@ -346,14 +346,30 @@ impl<'a> Look<'a> {
     /// The answer for the job in its worst period.
     fn critical(&self, busy: Busy) -> Critical {
         let task = self.task();
-        let jobs = |index: usize, other: &'a Task| {
-            let window = if other.priority > task.priority {
-                busy.ends
+        let delay = |(index, other): (usize, &'a Task)| {
+            let (window, preemption) = if other.priority > task.priority {
+                (busy.ends, other.preemption)
             } else {
-                busy.starts + 1
+                (busy.starts + 1, 0)
             };
-            let releases = self.releases(busy.period, (index, other), window, Own::Released);
-            releases.0 + releases.1.iter().map(|(_, jobs)| jobs).sum::<u64>()
+            let (sporadic, timed) =
+                self.releases(busy.period, (index, other), window, Own::Released);
+            let whole = [(other.cost, sporadic)];
+            let timed = timed.iter();
+            let timed = timed.map(|(table, jobs)| (table.cost.unwrap_or(other.cost), *jobs));
+            let all = timed.chain(whole);
+            all.fold(
+                Delay {
+                    task: index,
+                    jobs: 0,
+                    time: 0,
+                },
+                |sum, (cost, jobs)| Delay {
+                    jobs: sum.jobs + jobs,
+                    time: sum.time + jobs * (cost + preemption),
+                    ..sum
+                },
+            )
         };
         Critical {
             job: self.job.map(|(_, job)| job.label.clone()),
@@ -362,11 +378,12 @@ impl<'a> Look<'a> {
                 .job
                 .and_then(|(_, job)| job.deadline)
                 .unwrap_or(task.deadline),
+            cost: self.cost,
             jitter: task.jitter,
             delayed_by: self
                 .delaying()
-                .map(|(index, other)| (index, jobs(index, other)))
-                .filter(|(_, jobs)| *jobs > 0)
+                .map(delay)
+                .filter(|delay| delay.jobs > 0)
                 .collect(),
         }
     }
