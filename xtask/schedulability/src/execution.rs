@@ -263,15 +263,9 @@ impl Analyser<'_> {
         self.execution.stack_unknown.extend(depth.unknown);
         let level = self.levels.entry(task.priority).or_default();
         *level = (*level).max(depth.bytes).max(bound.stack);
-        let overhead = self.timings.exception_entry() + self.timings.exception_exit();
+        let overhead = self.timings.around_handler(bound.uses_fpu);
         let longest = self.analysis.longest_path(&bound, entry);
         let program = longest.as_ref().map(|longest| longest.cycles + overhead);
-        let exceptions = self.timings.flashed.exceptions();
-        let lazy = if bound.uses_fpu {
-            exceptions.lazy_stacking
-        } else {
-            0
-        };
         let watch = bound
             .problems
             .is_empty()
@@ -286,7 +280,7 @@ impl Analyser<'_> {
             // paths together.
             cycles: program.map_or(bound.cycles, |program| bound.cycles.min(program)),
             overhead,
-            preemption: exceptions.restart + lazy,
+            preemption: self.timings.flashed.exceptions().restart,
             problems: bound.problems,
             panics: panics.collect(),
             annotated: bound.annotated,

@@ -24,7 +24,7 @@ impl Model {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::ZeroWait => "at zero wait states",
+            Self::ZeroWait => "by the emulator's model",
             Self::Flashed => "as flashed",
         }
     }

@@ -45,11 +45,12 @@ pub struct Exceptions {
     pub entry: u64,
     /// From the handler's last instruction to the interrupted one.
     pub exit: u64,
-    /// From one handler to the next, without unstacking.
-    pub tail_chain: u64,
-    /// Added to the first floating-point instruction of a handler that interrupted
-    /// floating-point code (lazy stacking of 17 words).
-    pub lazy_stacking: u64,
+    /// Added to the first floating-point instruction of a handler that interrupted floating-point
+    /// code: 17 words are saved then (lazy stacking, Arm 100166 and DDI 0403 B1.5.7).
+    pub save_floats: u64,
+    /// Added to the return that restores them: that of the handler itself, or of one that it
+    /// preempted.
+    pub restore_floats: u64,
     /// Added when an interrupted instruction is restarted (a divide).
     pub restart: u64,
 }
@@ -87,10 +88,22 @@ impl Timings {
         self.cycles(|timing| timing.exceptions().entry)
     }
 
-    /// Cycles from the handler's last instruction to the interrupted one.
+    /// Cycles around the instructions of a handler: entry and return, and what is saved and restored
+    /// if it `uses_floats`.
     #[must_use]
-    pub fn exception_exit(&self) -> Cycles {
-        self.cycles(|timing| timing.exceptions().exit)
+    pub fn around_handler(&self, uses_floats: bool) -> Cycles {
+        self.cycles(|timing| {
+            let exceptions = timing.exceptions();
+            let floats = exceptions.save_floats + exceptions.restore_floats;
+            exceptions.entry + exceptions.exit + if uses_floats { floats } else { 0 }
+        })
+    }
+
+    /// Cycles that a handler which uses floating-point instructions may take for the first of them, as
+    /// it saves the registers of the interrupted code.
+    #[must_use]
+    pub fn save_floats(&self) -> Cycles {
+        self.cycles(|timing| timing.exceptions().save_floats)
     }
 }
 
@@ -139,16 +152,17 @@ impl Timing {
             None => Exceptions {
                 entry: 12,
                 exit: 10,
-                tail_chain: 6,
-                lazy_stacking: 17,
+                // The emulator has handlers of its own count for these.
+                save_floats: 0,
+                restore_floats: 0,
                 restart: 0,
             },
             Some(waits) => Exceptions {
                 // Stacking and the vector fetch overlap; their sum is an upper bound.
                 entry: 12 + 8 * waits.ram + 2 * waits.flash,
                 exit: 10 + 8 * waits.ram + waits.flash,
-                tail_chain: 6 + 2 * waits.flash,
-                lazy_stacking: 17 + 17 * waits.ram,
+                save_floats: 17 + 17 * waits.ram,
+                restore_floats: 17 + 17 * waits.ram,
                 restart: 12,
             },
         }
@@ -174,7 +188,10 @@ impl Timing {
                     } else {
                         u64::from(access.size / 2)
                     };
-                    (u64::from(access.count) + unaligned) * (1 + self.wait(waits, access))
+                    // A store to the alias of a bit reads the word and writes it; it is aligned.
+                    let read = u64::from(!access.load && may_be_bit(access.address));
+                    let transfers = u64::from(access.count) + unaligned.max(read);
+                    transfers * (1 + Self::wait(waits, access))
                 });
                 worst_case(instruction, waits) + stall + memory
             }
@@ -182,20 +199,21 @@ impl Timing {
     }
 
     /// Wait states of an access. Memory that is not known counts as the slowest.
-    fn wait(&self, waits: Waits, access: &Access) -> u64 {
+    fn wait(waits: Waits, access: &Access) -> u64 {
         let (low, high) = access.address.unsigned();
         let within = |first: u32, last: u32| low >= first && high <= last;
         if access.address.meet(STACK) == Some(access.address)
             || within(0x2000_0000, 0x3fff_ffff)
-            || within(0x1000_0000, 0x1fff_ffff)
+            || within(0x1000_0000, 0x1000_ffff)
             || within(0xe000_0000, 0xffff_ffff)
         {
             waits.ram
-        } else if within(0x0000_0000, 0x0fff_ffff) {
+        } else if within(0x0000_0000, 0x0fff_ffff) || within(0x1fff_0000, 0x1fff_ffff) {
             waits.flash
-        } else if within(0x4001_0000, 0x5fff_ffff) {
+        } else if within(0x4001_0000, 0x41ff_ffff) || within(0x4400_0000, 0x5fff_ffff) {
             waits.fast_peripheral
         } else {
+            // The aliases of bits, from 0x4200_0000 on, are of peripherals on either bus.
             waits.slow_peripheral.max(waits.flash)
         }
     }
@@ -205,7 +223,7 @@ impl Timing {
     pub fn reads_flash(&self, access: &Access) -> bool {
         let (low, high) = access.address.unsigned();
         self.waits.is_some()
-            && (low < 0x1000_0000 || high < low)
+            && (low < 0x1000_0000 || high < low || high >= SYSTEM_FLASH && low < 0x2000_0000)
             && access.address.meet(STACK) != Some(access.address)
     }
 
@@ -247,6 +265,10 @@ impl Timing {
         self.waits.map(|_| address / self.line)
     }
 }
+
+/// Begin of the flash beside the program: boot loader, one-time words, identity of the part (RM0390 3.3,
+/// RM0316 4.2).
+const SYSTEM_FLASH: u32 = 0x1fff_0000;
 
 /// Cycles that the emulator charges for an instruction.
 fn emulated(instruction: &Instruction, access: Option<&Access>) -> u64 {
@@ -322,8 +344,162 @@ fn aligned(access: &Access) -> bool {
         || access.count > 1
 }
 
+/// Whether the address may be in a bit-band alias.
+fn may_be_bit(address: Range) -> bool {
+    let (low, high) = address.unsigned();
+    let meets = |first: u32, last: u32| low <= last && high >= first;
+    meets(0x2200_0000, 0x23ff_ffff) || meets(0x4200_0000, 0x43ff_ffff)
+}
+
 /// Whether the address is certainly in a bit-band alias.
 fn bit_band(address: Range) -> bool {
     let (low, high) = address.unsigned();
     (low >= 0x2200_0000 && high < 0x2400_0000) || (low >= 0x4200_0000 && high < 0x4400_0000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Timing, Timings, Waits};
+    use crate::execute::Access;
+    use crate::instruction::Instruction;
+    use crate::range::Range;
+    use crate::register::RegisterSet;
+    use rsemu::cpu::arm::v7m::isa;
+
+    /// Flash takes 5 cycles more, RAM 1, peripherals 12 and 6.
+    const SLOW: Timing = Timing {
+        waits: Some(Waits {
+            flash: 5,
+            ram: 1,
+            slow_peripheral: 12,
+            fast_peripheral: 6,
+        }),
+        line: 16,
+    };
+    const NO_WAITS: Timing = Timing {
+        waits: Some(Waits {
+            flash: 0,
+            ram: 0,
+            slow_peripheral: 0,
+            fast_peripheral: 0,
+        }),
+        line: 16,
+    };
+    /// `str r0, [r1]`
+    const STORE: [u16; 2] = [0x6008, 0];
+    /// `ldr r0, [r1]`
+    const LOAD: [u16; 2] = [0x6808, 0];
+
+    fn cost(timing: &Timing, code: [u16; 2], address: Range, count: u32) -> u64 {
+        let access = Access {
+            address,
+            load: code[0] & 0x0800 != 0,
+            size: 4,
+            count,
+        };
+        let access = (count > 0).then_some(access);
+        let instruction = Instruction {
+            address: 0x0800_0000,
+            size: if isa::is_32bit(code[0]) { 4 } else { 2 },
+            insn: isa::decode(code[0], code[1]),
+            condition: None,
+        };
+        assert!(
+            !matches!(instruction.insn, isa::Insn::Undefined),
+            "{code:x?}"
+        );
+        timing.instruction(&instruction, access.as_ref(), RegisterSet::NONE)
+    }
+
+    /// The most cycles in the tables of the manual (Arm 100166, 3.3.1 and 7.3.1) without wait states,
+    /// with the words that an instruction transfers.
+    #[test]
+    fn no_cost_is_below_the_manual() {
+        for (name, code, words, most) in [
+            ("adds", [0x1888, 0], 0, 1),
+            ("mul", [0xfb01, 0xf002], 0, 1),
+            ("mla", [0xfb01, 0x3002], 0, 1),
+            ("umull", [0xfba2, 0x0103], 0, 1),
+            ("smlal", [0xfbc2, 0x0103], 0, 1),
+            ("sdiv", [0xfb91, 0xf0f2], 0, 12),
+            ("udiv", [0xfbb1, 0xf0f2], 0, 12),
+            ("ssat", [0xf301, 0x0007], 0, 1),
+            ("ubfx", [0xf3c1, 0x00c4], 0, 1),
+            ("ldr", LOAD, 1, 2),
+            ("str", STORE, 1, 2),
+            ("ldrd", [0xe9d2, 0x0100], 2, 3),
+            ("strd", [0xe9c2, 0x0100], 2, 3),
+            ("ldm of 4", [0xe890, 0x001e], 4, 5),
+            ("push of 5", [0xb5f0, 0], 5, 6),
+            ("ldrex", [0xe851, 0x0f00], 1, 2),
+            ("strex", [0xe842, 0x1000], 1, 2),
+            ("mrs", [0xf3ef, 0x8011], 0, 2),
+            ("msr", [0xf380, 0x8811], 0, 2),
+            ("cpsid", [0xb672, 0], 0, 2),
+            ("isb", [0xf3bf, 0x8f6f], 0, 4),
+            ("nop", [0xbf00, 0], 0, 1),
+            ("vadd", [0xee30, 0x0a81], 0, 1),
+            ("vmul", [0xee20, 0x0a81], 0, 1),
+            ("vfma", [0xeea0, 0x0a81], 0, 3),
+            ("vmla", [0xee00, 0x0a81], 0, 3),
+            ("vdiv", [0xee80, 0x0a81], 0, 14),
+            ("vsqrt", [0xeeb1, 0x0ae0], 0, 14),
+            ("vcmp", [0xeeb4, 0x0a60], 0, 1),
+            ("vcvt", [0xeebd, 0x0ae0], 0, 1),
+            ("vldr", [0xed90, 0x0a00], 1, 2),
+            ("vstr", [0xed80, 0x0a00], 1, 2),
+            ("vldm of 4", [0xec90, 0x0a04], 4, 5),
+            ("vmov of 2", [0xec51, 0x0a10], 0, 2),
+            ("vmrs", [0xeef1, 0xfa10], 0, 1),
+        ] {
+            let charged = cost(&NO_WAITS, code, Range::constant(0x2000_0000), words);
+            assert!(charged >= most, "{name}: {charged}, the manual has {most}");
+        }
+        // P is 3 at most.
+        assert!(NO_WAITS.taken() >= 3);
+        assert!(NO_WAITS.exceptions().entry >= 12 && NO_WAITS.exceptions().exit >= 10);
+    }
+
+    /// A frame with floating-point registers takes 29 cycles in all to save, and 27 to restore.
+    #[test]
+    fn a_handler_with_floats_saves_and_restores_those_of_the_interrupted_code() {
+        let exceptions = NO_WAITS.exceptions();
+        assert_eq!(exceptions.entry + exceptions.save_floats, 29);
+        assert_eq!(exceptions.exit + exceptions.restore_floats, 27);
+        let both = Timings::of(SLOW);
+        let [with, without] = [true, false].map(|uses| both.around_handler(uses));
+        assert_eq!(with - without, both.save_floats() + both.save_floats());
+        assert_eq!((with - without).to_array(), [0, 2 * 34]);
+    }
+
+    #[test]
+    fn a_memory_has_its_waits() {
+        let load = |address: u32| cost(&SLOW, LOAD, Range::constant(address), 1);
+        let store = |address: u32| cost(&SLOW, STORE, Range::constant(address), 1);
+        assert_eq!([0x2000_0000, 0x1000_fffc, 0xe000_e100].map(load), [3; 3]);
+        // The program, the identity of the part and what the boot loader reads from.
+        assert_eq!([0x0800_0000, 0x1fff_7a10, 0x1fff_f7ac].map(load), [7; 3]);
+        assert_eq!(
+            [0x4000_5400, 0x4001_3000, 0x4002_3800].map(load),
+            [14, 8, 8]
+        );
+        assert_eq!([0x2000_0000, 0x4001_3000].map(store), [3, 8]);
+        // Aliases of bits: a store reads and writes the word, which may be on the slower bus.
+        assert_eq!([0x2200_0000, 0x4247_0000].map(load), [3, 14]);
+        assert_eq!([0x2200_0000, 0x4247_0000].map(store), [5, 27]);
+        // Nothing is known: it may also be unaligned, which takes three transfers.
+        assert_eq!(cost(&SLOW, STORE, Range::ALL, 1), 40);
+        let read = |address| {
+            SLOW.reads_flash(&Access {
+                address: Range::constant(address),
+                load: true,
+                size: 4,
+                count: 1,
+            })
+        };
+        assert_eq!(
+            [0x0800_0000, 0x1fff_7a10, 0x1000_0000, 0x2000_0000].map(read),
+            [true, true, false, false]
+        );
+    }
 }

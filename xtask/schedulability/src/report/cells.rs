@@ -31,7 +31,7 @@ pub(super) const HEADINGS: [(&str, Align); 13] = [
 /// What the columns mean.
 pub(super) const LEGEND: &str = "every: least time between two releases, or the number of releases in the bus's time table; \
     bound: WCET as flashed; seen: longest time observed on the emulator; \
-    ratio: bound over seen, as flashed and at zero wait states; \
+    ratio: bound over seen, as flashed and by the model of the emulator, which has no wait states; \
     blocked: longest critical section of a lower priority; \
     response: worst-case response time of the job with the least slack; \
     may grow: by how much the WCET may grow before a task on the node misses its deadline.";

@@ -20,7 +20,7 @@ pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
     let mut text = String::new();
     let _ = writeln!(
         text,
-        "{}.{} ({}): bound {} cycles at zero wait states, {} as flashed ({})",
+        "{}.{} ({}): bound {} cycles by the emulator's model, {} as flashed ({})",
         node.name,
         task.name,
         task.interrupt,

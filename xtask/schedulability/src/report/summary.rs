@@ -47,7 +47,7 @@ pub(super) fn tightness(report: &Report) -> Option<String> {
     let all: Vec<String> = all.into_iter().flatten().collect();
     (!all.is_empty()).then(|| {
         format!(
-            "median of bound over seen, at zero wait states and as flashed: {}",
+            "median of bound over seen, by the emulator's model and as flashed: {}",
             all.join(", ")
         )
     })

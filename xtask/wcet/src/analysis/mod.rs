@@ -194,7 +194,7 @@ impl<'a> Analysis<'a> {
         }
         if let Some(longest) = self.longest_path(&bound, entry) {
             let around = match kind {
-                Entry::Handler => self.timings.exception_entry() + self.timings.exception_exit(),
+                Entry::Handler => self.timings.around_handler(bound.uses_fpu),
                 Entry::Function | Entry::Fault | Entry::Program => Cycles::ZERO,
             };
             bound.cycles = bound.cycles.min(longest.cycles + around);

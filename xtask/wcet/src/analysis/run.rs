@@ -128,13 +128,22 @@ impl<'r, 'a> Run<'r, 'a> {
         let returns = last.is_some();
         let returned = last.map_or(Cycles::ZERO, |mut last| {
             if self.kind == Entry::Handler {
-                last.spend(self.timings.exception_exit());
+                // The entry has been charged.
+                let around = self.timings.around_handler(self.uses_fpu);
+                last.spend(around - self.timings.exception_entry());
                 self.end_handler(&last);
             }
             last.cycles
         });
-        let sections = self.sections.iter();
-        let sections = sections.map(|(&(level, at), &cycles)| Section { level, cycles, at });
+        let saved = match self.kind {
+            Entry::Handler if self.uses_fpu => self.timings.save_floats(),
+            _ => Cycles::ZERO,
+        };
+        let sections = self.sections.iter().map(|(&(level, at), &cycles)| Section {
+            level,
+            cycles: cycles + saved,
+            at,
+        });
         let memory = self.executor.into_memory();
         Outcome {
             bound: Bound {
