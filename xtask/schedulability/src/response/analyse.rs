@@ -47,26 +47,34 @@ pub fn analyse(tasks: &[Task]) -> Vec<Result<Response, Unbounded>> {
 /// Whether every task meets its deadline. Stops at the first priority at which one does not.
 #[must_use]
 pub fn all_meet(tasks: &[Task]) -> bool {
-    let meet = |set: &[Task], judged: &dyn Fn(usize, &Bounds) -> bool| {
-        let mut meet = true;
-        by_level(set, |level, results| {
-            let mut of_level = (0..set.len()).filter(|&index| set[index].priority == level);
-            meet = of_level.all(|index| {
-                let bounds = results[index].as_ref();
-                bounds.is_ok_and(|bounds| judged(index, bounds))
-            });
+    let of_level = |level: u32| (0..tasks.len()).filter(move |&at| tasks[at].priority == level);
+    // The tasks whose transmissions have a bound in the set without those that run off the bus.
+    let mut judged = vec![false; tasks.len()];
+    let mut meet = true;
+    if let Some(set) = on_bus(tasks) {
+        by_level(&set, |level, results| {
+            for index in of_level(level).filter(|&index| !stays(tasks, index)) {
+                if let Ok(bounds) = &results[index] {
+                    judged[index] = true;
+                    meet &= bounds.timed_meet(&tasks[index], |job| job.transmits);
+                }
+            }
             meet
         });
+    }
+    if !meet {
+        return false;
+    }
+    by_level(tasks, |level, results| {
+        meet = of_level(level).all(|index| {
+            let left = |job: &Job| !(job.transmits && judged[index]);
+            let bounds = results[index].as_ref();
+            bounds
+                .is_ok_and(|bounds| bounds.timed_meet(&tasks[index], left) && bounds.others_meet())
+        });
         meet
-    };
-    let on_bus = on_bus(tasks);
-    let all = |index: usize, bounds: &Bounds| {
-        let judged = |job: &Job| on_bus.is_none() || !job.transmits || stays(tasks, index);
-        bounds.timed_meet(&tasks[index], judged) && bounds.others_meet()
-    };
-    let transmissions =
-        |index: usize, bounds: &Bounds| bounds.timed_meet(&tasks[index], |job| job.transmits);
-    meet(tasks, &all) && on_bus.as_ref().is_none_or(|set| meet(set, &transmissions))
+    });
+    meet
 }
 
 /// Whether the transmissions of a task have the bounds of the whole set. They do if it releases one
