@@ -6,7 +6,7 @@ use clap::{
     ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind,
 };
 
-use schedulability::foreign::Foreign;
+use schedulability::{can::ErrorRate, foreign::Foreign};
 use vehicle_model::{Override, Overrides, Protocol};
 use world::{DURATIONS, SimDuration, time::from_seconds};
 
@@ -454,7 +454,8 @@ pub enum Method {
     cargo xtask schedulability --explain steering.can_rx   its longest path, by source line\n  \
     cargo xtask schedulability --json                everything as JSON, times in ps\n  \
     cargo xtask schedulability --vehicle row-follower --bus event-triggered --foreign 150:8:2700\n                                                   \
-    \x20 beside a foreign node with 8 bytes each 2.7 ms\n\n\
+    \x20 beside a foreign node with 8 bytes each 2.7 ms\n  \
+    cargo xtask schedulability --errors 2/100ms      two disturbed frames in any 100 ms; none: a clean bus\n\n\
     Exit code 0: every deadline holds; 1: one does not, and the first is named; 2: wrong input.\n\
     Periods and deadlines that the sources do not state are in tasks.toml of the vehicle's folder.")]
 pub struct Schedulability {
@@ -470,6 +471,9 @@ pub struct Schedulability {
     /// Message of a foreign node on the bus, times in microseconds; may be given again for another one
     #[arg(long, value_name = "ID:BYTES:PERIOD[:JITTER]")]
     pub foreign: Vec<Foreign>,
+    /// Disturbed frames: N in any M milliseconds, or none [default: as in the vehicle's tasks.toml]
+    #[arg(long, value_name = "N/Mms")]
+    pub errors: Option<ErrorRate>,
     /// Print the results as JSON
     #[arg(long)]
     pub json: bool,

@@ -255,6 +255,7 @@ fn inputs(program: &str) -> Inputs {
         receiver_period_us: None,
         event_triggered: false,
         foreign: Vec::new(),
+        errors: None,
         nodes: BTreeMap::from([(
             "node".to_owned(),
             Program {
@@ -493,6 +494,7 @@ fn the_swap_is_seen_without_an_image() {
         receiver_period_us,
         event_triggered,
         foreign,
+        errors,
         nodes,
     } = inputs("swapped");
     let sources = nodes
@@ -508,6 +510,7 @@ fn the_swap_is_seen_without_an_image() {
         receiver_period_us,
         event_triggered,
         &foreign,
+        errors,
         sources,
     )
     .unwrap();

@@ -112,26 +112,12 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
 
 /// How many disturbed frames are allowed for.
 fn errors(models: &Models) -> String {
-    let bus = models.table.bus;
-    let clean = bus.error_burst == 0 && bus.error_interval_ms == 0;
-    if models.event_triggered {
-        let frames = if clean {
-            "No frame is disturbed.".to_owned()
-        } else {
-            format!(
-                "{} frames may be disturbed at once and one more every {} ms. A disturbed frame is repeated.",
-                bus.error_burst, bus.error_interval_ms
-            )
-        };
-        return frames;
-    }
-    if clean {
-        "No frame is disturbed. A frame in an exclusive window is not repeated: if it is disturbed, it is lost.".to_owned()
-    } else {
-        format!(
-            "In arbitrating windows, {} frames may be disturbed at once and one more every {} ms. A disturbed frame in an exclusive window is lost.",
-            bus.error_burst, bus.error_interval_ms
-        )
+    let rate = models.errors;
+    match (rate.is_none(), models.event_triggered) {
+        (true, true) => "No frame is disturbed.".to_owned(),
+        (true, false) => "No frame is disturbed. A frame in an exclusive window is not repeated: if it is disturbed, it is lost.".to_owned(),
+        (false, true) => format!("The bus has {rate}, in one burst or apart. Each costs 31 bits at most, and is repeated."),
+        (false, false) => format!("The bus has {rate}, in one burst or apart. Each costs 31 bits at most. It is repeated in an arbitrating window, and by the time master if it is a reference message. In an exclusive window it is lost: an end-to-end time is that of values whose frames arrive, and the next frame comes in the next cycle."),
     }
 }
 

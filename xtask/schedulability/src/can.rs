@@ -5,6 +5,11 @@
 //! (2007). It examines every instance in the busy period, because the first one is not always
 //! the worst.
 
+use std::fmt;
+use std::str::FromStr;
+
+use crate::results::Tolerance;
+
 /// One message stream. Times in nanoseconds.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Message {
@@ -20,14 +25,23 @@ pub struct Message {
     pub jitter: u64,
 }
 
-/// Errors on the bus: `burst` back to back, and one more in each `interval`.
+/// Disturbed frames on the bus: up to `burst` of them in any stretch of length `interval`, also back to
+/// back. This is the error model of Tindell and Burns 1994 and of Davis et al. 2007, section 6, with a
+/// burst in each interval.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ErrorRate {
-    /// Errors that may occur back to back.
+    /// Disturbed frames in any interval; zero for a bus without errors.
     pub burst: u64,
-    /// Least time between further errors, in nanoseconds; zero for none.
+    /// Length of the interval, in nanoseconds; zero if no further burst follows the first.
     pub interval: u64,
 }
+
+/// Most disturbed frames of one burst that are accepted: after 32 disturbed frames in a row a sender
+/// is bus-off (ISO 11898-1: each adds 8 to its error counter, and it leaves the bus above 255).
+pub const MOST_ERRORS: u64 = 32;
+
+/// Longest interval between bursts that is accepted, in milliseconds: one hour.
+pub const LONGEST_INTERVAL_MS: u64 = 3_600_000;
 
 impl ErrorRate {
     /// A bus without errors.
@@ -36,14 +50,94 @@ impl ErrorRate {
         interval: 0,
     };
 
-    pub(crate) fn errors(self, window: u64) -> u64 {
-        self.burst
-            + if self.interval == 0 {
-                0
-            } else {
-                window.div_ceil(self.interval)
-            }
+    /// `burst` disturbed frames in any `interval_ms` milliseconds.
+    #[must_use]
+    pub const fn every(burst: u64, interval_ms: u64) -> Self {
+        Self {
+            burst,
+            interval: interval_ms * 1_000_000,
+        }
     }
+
+    /// The same with bursts of another size; at a rate of none, one burst.
+    #[must_use]
+    pub const fn with_burst(self, burst: u64) -> Self {
+        Self { burst, ..self }
+    }
+
+    /// Whether no frame is disturbed.
+    #[must_use]
+    pub const fn is_none(self) -> bool {
+        self.burst == 0
+    }
+
+    /// The most disturbed frames in any half-open window of this length, nanoseconds.
+    #[must_use]
+    pub fn errors(self, window: u64) -> u64 {
+        match self.interval {
+            0 => self.burst,
+            interval => self.burst.saturating_mul(window.div_ceil(interval)),
+        }
+    }
+}
+
+impl FromStr for ErrorRate {
+    type Err = String;
+
+    /// Reads `N/Mms`, N disturbed frames in any M milliseconds, or `none`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "none" {
+            return Ok(Self::NONE);
+        }
+        let numbers = text.strip_suffix("ms").and_then(|text| {
+            let (burst, interval) = text.split_once('/')?;
+            Some((burst.parse().ok()?, interval.parse().ok()?))
+        });
+        match numbers {
+            Some((burst @ 1..=MOST_ERRORS, interval @ 1..=LONGEST_INTERVAL_MS)) => {
+                Ok(Self::every(burst, interval))
+            }
+            _ => Err(format!(
+                "N/Mms or none is accepted, as 2/100ms: 1 to {MOST_ERRORS} disturbed frames in any 1 to \
+                 {LONGEST_INTERVAL_MS} milliseconds"
+            )),
+        }
+    }
+}
+
+impl fmt::Display for ErrorRate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self.burst, self.interval) {
+            (0, _) => f.write_str("no disturbed frame"),
+            (1, _) => f.write_str("1 disturbed frame"),
+            (burst, _) => write!(f, "{burst} disturbed frames"),
+        }?;
+        match (self.burst, self.interval) {
+            (0, _) | (_, 0) => Ok(()),
+            (_, interval) => write!(f, " in any {} ms", interval as f64 / 1e6),
+        }
+    }
+}
+
+/// For each of `count` messages the largest burst of disturbed frames with which it meets its deadline.
+/// `meets` says it of all messages for a burst. More frames in a burst never make a bound smaller.
+pub(crate) fn tolerances(count: usize, meets: impl Fn(u64) -> Vec<bool>) -> Vec<Tolerance> {
+    let mut found = vec![None; count];
+    for burst in 0..=MOST_ERRORS {
+        let meets = meets(burst);
+        let mut any = false;
+        for (most, meets) in found.iter_mut().zip(meets) {
+            // Only a message that met with all smaller bursts can grow.
+            if meets && *most == burst.checked_sub(1) {
+                *most = Some(burst);
+                any = true;
+            }
+        }
+        if !any {
+            break;
+        }
+    }
+    found.into_iter().map(Tolerance::Repeated).collect()
 }
 
 /// Bit times that one error costs in addition to the repeated frame: both error flags, the

@@ -32,14 +32,14 @@
 use network_model::{Message, Network, SendType, WindowKind, worst_case_bits};
 
 use crate::arrivals::{Arrivals, Spaced, Sporadic};
-use crate::can::ErrorRate;
+use crate::can::{self, ErrorRate};
 use crate::execution::Execution;
 use crate::foreign::{Foreign, SENDER};
 use crate::model::{ModelError, ModelFault, NodeModel, TaskFault};
 use crate::node::{Observed, schedule};
 use crate::queued::{self, Bounds, Meeting, Stream};
-use crate::results::{MessageReport, NodeReport};
-use crate::table::{BusEvent, BusTable, By, NodeTable, TaskTable};
+use crate::results::{MessageReport, NodeReport, Tolerance};
+use crate::table::{BusEvent, By, NodeTable, TaskTable};
 use crate::units::{MICROSECOND, Picoseconds};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -101,14 +101,14 @@ pub struct Traffic {
     messages: Vec<Known>,
     bit: Picoseconds,
     basic_cycle: Picoseconds,
-    with_errors: bool,
+    errors: ErrorRate,
 }
 
 impl Traffic {
     /// The messages of a network, without jitter, and those of foreign nodes. A reference message is not
     /// sent.
     #[must_use]
-    pub fn new(network: &Network, bus: BusTable, foreign: &[Foreign]) -> Self {
+    pub fn new(network: &Network, errors: ErrorRate, foreign: &[Foreign]) -> Self {
         let bit = u64::from(network.bit_time_ns()) * NANOSECOND;
         let nodes = network.nodes.iter().map(|node| &node.name);
         let known = |message: &Message| Known {
@@ -156,7 +156,7 @@ impl Traffic {
             messages,
             bit,
             basic_cycle: u64::from(network.basic_cycle_us) * MICROSECOND,
-            with_errors: bus.error_burst > 0 || bus.error_interval_ms > 0,
+            errors,
         }
     }
 
@@ -266,15 +266,10 @@ impl Traffic {
         }
     }
 
-    /// Shortest time from a lost arbitration to the end of the winner; with errors, from one to the
-    /// next frame.
+    /// Shortest time from a lost arbitration to the end of the winner.
     fn reload_in_time(&self, node: &str) -> Picoseconds {
-        if self.with_errors {
-            ERROR_BITS * self.bit
-        } else {
-            self.spacing(self.of(node, false))
-                .saturating_sub(ARBITRATION_BITS * self.bit)
-        }
+        self.spacing(self.of(node, false))
+            .saturating_sub(ARBITRATION_BITS * self.bit)
     }
 
     /// How many of a node's messages may be on their way at once.
@@ -284,14 +279,9 @@ impl Traffic {
             .count()
     }
 
-    /// Bounds all messages anew. `load` is the time of each node to load its mailbox again.
-    fn bound(
-        &mut self,
-        nodes: &[&str],
-        load: &[Option<Picoseconds>],
-        senders: &Senders,
-        errors: ErrorRate,
-    ) {
+    /// The messages as streams, up to the first one whose put has no bound. `load` is the time of each
+    /// node to load its mailbox again.
+    fn streams(&self, nodes: &[&str], load: &[Option<Picoseconds>]) -> Vec<Stream> {
         let up = |time: Picoseconds| time.div_ceil(NANOSECOND);
         let mut streams = Vec::new();
         for message in &self.messages {
@@ -316,38 +306,84 @@ impl Traffic {
                 } else {
                     up(load)
                 },
+                repeat: if load <= ERROR_BITS * self.bit {
+                    0
+                } else {
+                    up(load)
+                },
             });
         }
-        let all = streams.len() == self.messages.len();
-        let bounds = queued::bounds(&streams, up(self.bit), errors, |one, other| {
+        streams
+    }
+
+    /// Bounds of the streams at this rate of disturbed frames.
+    fn bounds(
+        &self,
+        streams: &[Stream],
+        senders: &Senders,
+        errors: ErrorRate,
+    ) -> Vec<Option<Bounds>> {
+        let bit = self.bit.div_ceil(NANOSECOND);
+        queued::bounds(streams, bit, errors, |one, other| {
             senders.meeting(one, other)
-        });
+        })
+    }
+
+    /// Bounds all messages anew.
+    fn bound(&mut self, streams: &[Stream], senders: &Senders) {
+        let all = streams.len() == self.messages.len();
+        let bounds = self.bounds(streams, senders, self.errors);
         for (at, message) in self.messages.iter_mut().enumerate() {
             message.bounds = bounds.get(at).copied().flatten().filter(|_| all);
             message.unbounded = message.bounds.is_none();
         }
     }
 
+    /// Longest time from the put to the end of a frame, and the time until the next frame of the message
+    /// may be put, at its nominal instant.
+    fn need_and_room(message: &Known, bounds: Bounds) -> (Picoseconds, Picoseconds) {
+        let put = message.put.unwrap_or(0);
+        let late = (bounds.response * NANOSECOND).saturating_sub(put);
+        let need = late.max(bounds.delay * NANOSECOND);
+        (need, message.period.saturating_sub(put))
+    }
+
+    /// The largest burst of disturbed frames with which each message meets its deadline. The tasks are as
+    /// late as at the stated rate.
+    fn tolerances(&self, streams: &[Stream], senders: &Senders) -> Vec<Tolerance> {
+        let all = streams.len() == self.messages.len();
+        let of_burst = |burst: u64| {
+            let found = self.bounds(streams, senders, self.errors.with_burst(burst));
+            let each = self.messages.iter().enumerate();
+            let meets = each.map(move |(at, message)| {
+                let bounds = found.get(at).copied().flatten().filter(|_| all);
+                bounds.is_some_and(|bounds| {
+                    let (need, room) = Self::need_and_room(message, bounds);
+                    need <= room
+                })
+            });
+            meets.collect()
+        };
+        can::tolerances(self.messages.len(), of_burst)
+    }
+
     /// The answers for the vehicle's messages.
-    fn reports(&self) -> Vec<MessageReport> {
-        let report = |message: &Known| {
+    fn reports(&self, tolerances: &[Tolerance]) -> Vec<MessageReport> {
+        let report = |(message, tolerance): (&Known, &Tolerance)| {
             let put = message.put.unwrap_or(0);
             let bounds = message.bounds.filter(|_| message.put.is_some());
             MessageReport {
                 name: message.name.clone(),
                 id: message.id,
-                need: bounds.map(|bounds| {
-                    let late = (bounds.response * NANOSECOND).saturating_sub(put);
-                    late.max(bounds.delay * NANOSECOND)
-                }),
-                // The next frame of the message may be put at its nominal instant.
+                need: bounds.map(|bounds| Self::need_and_room(message, bounds).0),
                 room: message.period.saturating_sub(put),
                 start: None,
                 arbitrating: true,
+                tolerance: *tolerance,
             }
         };
-        let own = self.messages.iter();
-        own.filter(|message| message.sender != SENDER)
+        let own = self.messages.iter().zip(tolerances);
+        own.filter(|(message, _)| message.sender != SENDER)
             .map(report)
             .collect()
     }
@@ -535,18 +571,14 @@ impl Order {
 /// # Errors
 /// The task table and the network file do not fit together.
 pub fn solve(
-    (network, bus): (&Network, BusTable),
+    (network, errors): (&Network, ErrorRate),
     foreign: &[Foreign],
     file: &str,
     nodes: &[(NodeModel, NodeTable)],
     executions: &[Execution],
     observed: &BTreeMap<String, Observed>,
 ) -> Result<(Vec<NodeReport>, Vec<MessageReport>), ModelError> {
-    let errors = ErrorRate {
-        burst: bus.error_burst,
-        interval: bus.error_interval_ms * 1_000_000,
-    };
-    let mut traffic = Traffic::new(network, bus, foreign);
+    let mut traffic = Traffic::new(network, errors, foreign);
     let senders = Senders::find(network, &traffic, nodes, file)?;
     let names: Vec<&str> = nodes.iter().map(|(model, _)| model.name.as_str()).collect();
     let mut models: Vec<NodeModel> = nodes.iter().map(|(model, _)| model.clone()).collect();
@@ -568,9 +600,11 @@ pub fn solve(
             .map(|(r, n)| load(r, &n.1))
             .collect();
         traffic.put(&senders, &reports, &models);
-        traffic.bound(&names, &load, &senders, errors);
+        let streams = traffic.streams(&names, &load);
+        traffic.bound(&streams, &senders);
         if traffic == before {
-            return Ok((reports, traffic.reports()));
+            let tolerances = traffic.tolerances(&streams, &senders);
+            return Ok((reports, traffic.reports(&tolerances)));
         }
     }
     // No solution: what is late by its own lateness has no bound.
@@ -578,7 +612,8 @@ pub fn solve(
         message.bounds = None;
         message.unbounded = true;
     }
-    Ok((reports, traffic.reports()))
+    let none = vec![Tolerance::Repeated(None); traffic.messages.len()];
+    Ok((reports, traffic.reports(&none)))
 }
 
 /// The time of a node to load its mailbox when an attempt has ended: the response time of the task

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use network_model::Network;
 use parts::Sled;
 
+use crate::can::ErrorRate;
 use crate::event::Traffic;
 use crate::execution::ExecutionError;
 use crate::foreign::{self, Foreign};
@@ -84,6 +85,8 @@ pub struct Models {
     pub event_triggered: bool,
     /// Messages of foreign nodes on the bus.
     pub foreign: Vec<Foreign>,
+    /// Rate of disturbed frames.
+    pub errors: ErrorRate,
     /// Name of the task table in messages.
     pub file: String,
 }
@@ -114,7 +117,7 @@ impl Models {
     /// Reads the sources of these nodes, each with its name in the table and its board.
     /// `event_triggered` says that they send at once, without the schedule. The table needs
     /// `receiver_period_us`, as [`Table::resolve`] says. `foreign` nodes send on the same bus, by the
-    /// schedule if there is one.
+    /// schedule if there is one. `errors` takes the place of the table's rate of disturbed frames.
     ///
     /// # Errors
     /// A file cannot be read, or the files do not fit together.
@@ -123,6 +126,7 @@ impl Models {
         receiver_period_us: Option<u64>,
         event_triggered: bool,
         foreign: &[Foreign],
+        errors: Option<ErrorRate>,
         programs: impl IntoIterator<Item = (&'a str, &'static Sled, &'a Path)>,
     ) -> Result<Self, InputError> {
         let Files {
@@ -161,7 +165,8 @@ impl Models {
         if !event_triggered {
             foreign::schedule(&mut network, foreign);
         }
-        let traffic = Traffic::new(&network, parsed.bus, foreign);
+        let errors = errors.unwrap_or_else(|| parsed.bus.errors());
+        let traffic = Traffic::new(&network, errors, foreign);
         let mut nodes = Vec::new();
         for (node, board, source) in programs {
             let of_node = parsed.node.get(node).ok_or_else(|| InputError::NoNode {
@@ -185,6 +190,7 @@ impl Models {
             nodes,
             event_triggered,
             foreign: foreign.to_vec(),
+            errors,
             file,
         })
     }

@@ -13,9 +13,10 @@
 //! - to the jitter of its messages, where they delay others: the time by which one may begin later
 //!   than it was put.
 //!
-//! After a lost arbitration or an error the mailbox must be loaded again. If that takes longer than
-//! the winner or the error frame, a less urgent frame may begin first, so each of them costs that
-//! much more.
+//! After a lost arbitration or a disturbed frame the mailbox must be loaded again. If that takes longer
+//! than the winner or the error frame, a less urgent frame may begin first, so each of them costs that
+//! much more. A frame that lost arbitration to one that is then disturbed is not loaded later than one
+//! that was itself disturbed in its first bit.
 //!
 //! Messages that follow from one sample meet in known ways ([`Meeting`]), as long as each is out
 //! before the next sample; that is their deadline. If all nodes load at once and all messages meet
@@ -37,8 +38,10 @@ pub struct Stream {
     /// Time from the end of an attempt of its node until the next frame is in the mailbox; zero if no
     /// frame of the node waits for one.
     pub load: u64,
-    /// The same after a lost arbitration or an error; zero if it is over before the bus is free again.
+    /// The same after a lost arbitration; zero if it is over before the bus is free again.
     pub reload: u64,
+    /// The same after a disturbed frame.
+    pub repeat: u64,
 }
 
 /// In which ways a frame of another stream may delay one.
@@ -103,8 +106,8 @@ struct Level {
     before_next: u64,
     /// Longest frame that an error may destroy.
     resent: u64,
-    /// What an attempt in vain costs in addition.
-    lost: u64,
+    /// What a disturbed frame costs in addition.
+    repeat: u64,
     bit_time: u64,
     errors: ErrorRate,
 }
@@ -135,10 +138,12 @@ impl Level {
             0 => of_others,
             of_own => (of_own + gap).max(of_others),
         };
-        let lost = match own.reload {
+        let in_vain = |load: u64| match load {
             0 => 0,
-            reload => reload + of_own.max(of_others),
+            load => load + of_own.max(of_others),
         };
+        let lost = in_vain(own.reload);
+        let repeated = |stream: &Stream| if errors.is_none() { 0 } else { stream.repeat };
         let urgent = streams.iter().zip(higher).enumerate();
         let urgent = urgent.map(|(at, (stream, bounds))| {
             let begins = bounds.response.saturating_sub(stream.length);
@@ -150,7 +155,7 @@ impl Level {
             Urgent {
                 length: stream.length + more,
                 period: stream.period,
-                jitter: match stream.load.max(stream.reload) {
+                jitter: match stream.load.max(stream.reload).max(repeated(stream)) {
                     0 => stream.jitter,
                     _ => stream.jitter.max(begins),
                 },
@@ -163,7 +168,7 @@ impl Level {
             before_first,
             before_next: own.length + gap,
             resent: resent.unwrap_or(0),
-            lost,
+            repeat: in_vain(own.repeat),
             bit_time,
             errors,
             own,
@@ -184,7 +189,7 @@ impl Level {
             jobs * urgent.length
         });
         let of_errors = self.errors.errors(window + self.own.length)
-            * (ERROR_FRAME_BITS * self.bit_time + self.resent + self.lost);
+            * (ERROR_FRAME_BITS * self.bit_time + self.resent + self.repeat);
         frames.sum::<u64>() + of_errors
     }
 

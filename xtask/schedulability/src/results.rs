@@ -1,12 +1,13 @@
 //! The answers: bounds, and whether they meet the deadlines.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 
 use wcet::bound::Problem;
 use wcet::cycles::{Cycles, Model};
 use wcet::ipet::Line;
 
+use crate::can::{ErrorRate, MOST_ERRORS};
 use crate::outside::Outside;
 use crate::units::{Picoseconds, picoseconds, time};
 
@@ -255,6 +256,45 @@ impl NodeReport {
     }
 }
 
+/// What disturbed frames do to a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tolerance {
+    /// Its frame is sent again. It meets its deadline with bursts of up to this many disturbed frames in
+    /// the interval of the stated rate; `None` if it misses it without any.
+    Repeated(Option<u64>),
+    /// It has an exclusive window, in which nothing is sent again (ISO 11898-4): a disturbed frame is
+    /// lost.
+    Lost {
+        /// Time until its next frame.
+        next: Picoseconds,
+        /// Losses in a row at which its receivers stop, if they supervise it.
+        acted_on: Option<u64>,
+    },
+    /// A reference message: the time master repeats it at once, and the basic cycle begins with the one
+    /// that arrives. Each disturbed frame delays that by up to this, and the time of the master to load
+    /// its mailbox.
+    Reference(Picoseconds),
+}
+
+impl fmt::Display for Tolerance {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Repeated(None) => f.write_str("none"),
+            Self::Repeated(Some(1)) => f.write_str("1 error"),
+            Self::Repeated(Some(most @ MOST_ERRORS)) => write!(f, "{most} errors or more"),
+            Self::Repeated(Some(most)) => write!(f, "{most} errors"),
+            Self::Lost { next, acted_on } => {
+                write!(f, "lost, next in {} ms", next as f64 / 1e9)?;
+                match acted_on {
+                    Some(losses) => write!(f, "; receivers stop after {losses} in a row"),
+                    None => Ok(()),
+                }
+            }
+            Self::Reference(delay) => write!(f, "repeated, cycle later by {} each", time(delay)),
+        }
+    }
+}
+
 /// The answer for one message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MessageReport {
@@ -273,6 +313,8 @@ pub struct MessageReport {
     pub start: Option<Picoseconds>,
     /// True for an event message, which shares its window with others.
     pub arbitrating: bool,
+    /// What disturbed frames do to it.
+    pub tolerance: Tolerance,
 }
 
 impl MessageReport {
@@ -388,6 +430,8 @@ pub struct Report {
     pub basic_cycle: Picoseconds,
     /// Assumptions on which the answers rest, one sentence or a few for each.
     pub assumptions: Vec<String>,
+    /// The rate of disturbed frames for which they hold.
+    pub errors: ErrorRate,
 }
 
 impl Report {

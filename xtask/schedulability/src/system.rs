@@ -7,6 +7,7 @@ use std::sync::Arc;
 use network_model::Message;
 use parts::Sled;
 
+use crate::can::ErrorRate;
 use crate::execution::Execution;
 use crate::foreign::{Foreign, SENDER};
 use crate::model::NodeModel;
@@ -40,6 +41,8 @@ pub struct Inputs {
     pub event_triggered: bool,
     /// Messages of foreign nodes on the bus.
     pub foreign: Vec<Foreign>,
+    /// Rate of disturbed frames in place of that of the task table.
+    pub errors: Option<ErrorRate>,
     /// The program of each node, by its name in the table.
     pub nodes: BTreeMap<String, Program>,
 }
@@ -127,7 +130,7 @@ impl Programs {
         let (nodes, mut messages) = if models.event_triggered {
             progress("response times of tasks and messages");
             event::solve(
-                (&models.network, models.table.bus),
+                (&models.network, models.errors),
                 &models.foreign,
                 &models.file,
                 &models.nodes,
@@ -140,7 +143,10 @@ impl Programs {
                 progress(&format!("{}: response times", model.name));
                 schedule(model, table, execution, observed.get(&model.name))
             });
-            (nodes, bus::messages(&models.network, &models.table.bus))
+            (
+                nodes,
+                bus::messages(&models.network, models.errors, &models.table.supervised),
+            )
         };
         let foreign = |message: &Message| message.sender == SENDER;
         messages.retain(|report| {
@@ -159,6 +165,7 @@ impl Programs {
             chains,
             kernels: Vec::new(),
             basic_cycle,
+            errors: models.errors,
         })
     }
 }
@@ -179,6 +186,7 @@ fn models(inputs: &Inputs) -> Result<Models, InputError> {
         inputs.receiver_period_us,
         inputs.event_triggered,
         &inputs.foreign,
+        inputs.errors,
         sources,
     )
 }

@@ -4,13 +4,14 @@
 //! deadline of each task. It also lists the chains of tasks and messages that have an end-to-end
 //! deadline.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use network_model::Network;
 use parts::Sled;
 use serde::Deserialize;
 
 use crate::arrivals::{Kind, Sporadic};
+use crate::can::{ErrorRate, LONGEST_INTERVAL_MS, MOST_ERRORS};
 use crate::units::{MICROSECOND, Picoseconds};
 
 /// The task table.
@@ -22,9 +23,13 @@ pub struct Table {
     /// Chains across nodes.
     #[serde(default)]
     pub chain: Vec<Chain>,
-    /// Bus errors that the analysis allows for.
+    /// Disturbed frames that the analysis allows for.
     #[serde(default)]
     pub bus: BusTable,
+    /// Messages whose absence their receivers supervise: those of [`Delay::Overdue`], known after
+    /// [`Table::resolve`].
+    #[serde(skip)]
+    pub supervised: BTreeSet<String>,
     /// Nodes and chains that are not proven yet. The command fails because of them;
     /// continuous integration does not.
     #[serde(default)]
@@ -201,16 +206,24 @@ pub enum TaskFault {
     Nested,
 }
 
-/// Rate of errors on the bus.
+/// Rate of disturbed frames on the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BusTable {
-    /// Errors that may occur back to back.
+    /// Frames that may be disturbed in any `error_interval_ms`, also back to back; zero for none.
     #[serde(default)]
     pub error_burst: u64,
-    /// Least time between further errors, in milliseconds; zero for none.
+    /// Length of that interval, in milliseconds; above zero with an `error_burst` above zero.
     #[serde(default)]
     pub error_interval_ms: u64,
+}
+
+impl BusTable {
+    /// The rate.
+    #[must_use]
+    pub const fn errors(self) -> ErrorRate {
+        ErrorRate::every(self.error_burst, self.error_interval_ms)
+    }
 }
 
 /// One node.
@@ -689,6 +702,7 @@ impl Table {
                 task.at_us = Several::Many(instants);
             }
             if let Some(Delay::Overdue(name)) = &task.delay {
+                self.supervised.insert(name.clone());
                 task.delay = Some(Delay::Us(overdue(name)?));
             }
         }
@@ -828,14 +842,25 @@ impl Table {
         if let Some(unknown) = self.unproven.iter().find(|name| !is_known(name)) {
             return Err(TableFault::Unproven(unknown.clone()));
         }
-        let accept = |of: String, field, value: u64, most: u64| {
-            let checked = OutOfRange::check(field, value, 0, most);
+        let within = |of: String, field, value: u64, least: u64, most: u64| {
+            let checked = OutOfRange::check(field, value, least, most);
             checked.map_err(|number| TableFault::Number { of, number })
         };
+        let accept = |of: String, field, value: u64, most: u64| within(of, field, value, 0, most);
         let bus = || "[bus]".to_owned();
-        let interval = self.bus.error_interval_ms;
-        accept(bus(), "error_burst", self.bus.error_burst, MOST)?;
-        accept(bus(), "error_interval_ms", interval, LONGEST_US / 1000)?;
+        let BusTable {
+            error_burst,
+            error_interval_ms: interval,
+        } = self.bus;
+        accept(bus(), "error_burst", error_burst, MOST_ERRORS)?;
+        let least = error_burst.min(1);
+        within(
+            bus(),
+            "error_interval_ms",
+            interval,
+            least,
+            LONGEST_INTERVAL_MS,
+        )?;
         for chain in &self.chain {
             let of = || format!("chain `{}`", chain.name);
             accept(of(), "deadline_us", chain.deadline_us, LONGEST_US)?;

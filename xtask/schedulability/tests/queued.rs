@@ -14,6 +14,7 @@ fn alone(node: usize, length: u64, period: u64) -> Stream {
         jitter: 0,
         load: 0,
         reload: 0,
+        repeat: 0,
     }
 }
 
@@ -318,6 +319,7 @@ fn no_simulated_frame_takes_longer_than_its_bound() {
                     jitter: below(&mut random, 3) * below(&mut random, 25),
                     load: loads[node],
                     reload: 0,
+                    repeat: 0,
                 }
             })
             .collect();

@@ -14,7 +14,7 @@ use schedulability::models::{Files, Models};
 use schedulability::node::{Observed, Seen, schedule};
 use schedulability::priorities;
 use schedulability::releases::Bus;
-use schedulability::results::{NodeReport, Report, TaskReport};
+use schedulability::results::{NodeReport, Report, TaskReport, Tolerance};
 use schedulability::table::{NodeTable, Table};
 use schedulability::tasks::App;
 use schedulability::units::time;
@@ -137,7 +137,7 @@ fn vehicle() -> Report {
 fn analysed() -> Report {
     let nodes: Vec<NodeReport> = NODES.iter().map(|name| node(name, |_, _| {})).collect();
     let table = table();
-    let messages = bus::messages(&network(), &table.bus);
+    let messages = bus::messages(&network(), table.bus.errors(), &table.supervised);
     let chains = table
         .chain
         .iter()
@@ -149,6 +149,7 @@ fn analysed() -> Report {
         kernels: Vec::new(),
         basic_cycle: 100_000_000_000,
         assumptions: vec!["Nobody presses <all> buttons at once.".to_owned()],
+        errors: table.bus.errors(),
     }
 }
 
@@ -174,12 +175,14 @@ fn the_table_fits_the_sources() {
         uagv().receiver_period_us(),
         false,
         &[],
+        None,
         sources
             .iter()
             .map(|(node, path)| (*node, board(node), path.as_path())),
     )
     .unwrap();
     assert_eq!(models.nodes.len(), 4);
+    assert_eq!(models.errors, models.table.bus.errors());
     for (node, table) in &models.nodes {
         assert_eq!(node.tasks.len(), table.task.len(), "{}", node.name);
     }
@@ -686,7 +689,7 @@ fn a_stack_too_deep_and_a_chain_too_long_are_reported() {
     );
     let table = table();
     let only = [node("gps", |_, _| {})];
-    let messages = bus::messages(&network(), &table.bus);
+    let messages = bus::messages(&network(), table.bus.errors(), &table.supervised);
     // A chain through nodes that are not analysed has no answer.
     assert_eq!(chains::follow(&table.chain[0], &only, &messages, 1), None);
 }
@@ -694,7 +697,7 @@ fn a_stack_too_deep_and_a_chain_too_long_are_reported() {
 #[test]
 fn every_window_holds_its_message_and_a_short_one_does_not() {
     let network = network();
-    let messages = bus::messages(&network, &table().bus);
+    let messages = bus::messages(&network, table().bus.errors(), &table().supervised);
     assert!(messages.iter().all(|message| message.meets()));
     let command = messages
         .iter()
@@ -706,7 +709,7 @@ fn every_window_holds_its_message_and_a_short_one_does_not() {
         message.window.length_us = message.window.length_us.min(600);
     }
     assert!(
-        bus::messages(&tight, &table().bus)
+        bus::messages(&tight, table().bus.errors(), &table().supervised)
             .iter()
             .any(|message| !message.meets())
     );
@@ -722,7 +725,9 @@ fn the_report_has_each_form() {
         "EXTI1",
         "chain satellite receiver to steering motor:",
         "shared",
-        "schedulable: every deadline holds",
+        "schedulable: every deadline holds, with no disturbed frame",
+        "tolerates",
+        "receivers stop after 2 in a row",
     ] {
         assert!(text.contains(wanted), "{wanted} is not in {text}");
     }
@@ -732,6 +737,13 @@ fn the_report_has_each_form() {
 
     let json = report::json(&report);
     assert_eq!(json["schedulable"], true);
+    let messages = json["messages"].as_array().unwrap();
+    let tolerance = |name: &str| {
+        let mut all = messages.iter();
+        all.find(|one| one["name"] == name).unwrap()["tolerance"].clone()
+    };
+    assert_eq!(tolerance("Command")["acted_on_losses"], 2);
+    assert!(tolerance("DriveStatus")["errors"].is_u64());
     assert_eq!(json["nodes"].as_array().unwrap().len(), 4);
     let tasks = json["nodes"][0]["tasks"].as_array().unwrap();
     assert!(tasks.iter().all(|task| task["sensitivity_ps"].is_u64()));
@@ -770,4 +782,37 @@ fn a_ratio_is_of_the_handler_alone() {
     let timer = task(&report, "window_timer");
     assert_eq!(timer.ratio(Model::ZeroWait), Some((3600.0 - 22.0) / 1000.0));
     assert_eq!(timer.ratio(Model::Flashed), Some((3600.0 - 24.0) / 2000.0));
+}
+
+#[test]
+fn each_message_says_how_many_disturbed_frames_it_tolerates() {
+    let (network, table) = (network(), table());
+    let of = |errors: &str, name: &str| {
+        let errors = errors.parse().unwrap();
+        let all = bus::messages(&network, errors, &table.supervised);
+        all.into_iter().find(|one| one.name == name).unwrap()
+    };
+    for name in ["ModeChange", "DriveStatus", "DriveSelfTest"] {
+        let Tolerance::Repeated(Some(most)) = of("none", name).tolerance else {
+            panic!("{name} is sent again");
+        };
+        // The figure is that of the analysis at that rate.
+        let holds = |burst: u64| of(&format!("{burst}/100ms"), name).meets();
+        assert!(most == 0 || holds(most), "{name} holds with {most}");
+        assert!(
+            !holds(most + 1),
+            "{name} does not hold with more than {most}"
+        );
+    }
+    assert_eq!(
+        of("2/100ms", "Command").tolerance.to_string(),
+        "lost, next in 100 ms; receivers stop after 2 in a row"
+    );
+    let velocity = of("2/100ms", "Velocity");
+    assert_eq!(velocity.tolerance.to_string(), "lost, next in 100 ms");
+    assert_eq!(velocity.need, of("none", "Velocity").need);
+    assert_eq!(
+        of("none", "TimeReference").tolerance.to_string(),
+        "repeated, cycle later by 664.00 us each"
+    );
 }

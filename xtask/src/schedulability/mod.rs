@@ -11,6 +11,7 @@ use std::{
 };
 
 use schedulability::{
+    can::ErrorRate,
     foreign::Foreign,
     models::{Files, InputError, Models, Supplement},
     priorities, report,
@@ -130,7 +131,12 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
     let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let nodes = vehicle::nodes(&vehicle, &options.nodes)?;
     // Wrong input is reported before a build that takes time.
-    let models = models(workspace, &vehicle, &nodes, &options.foreign)?;
+    let models = models(
+        workspace,
+        &vehicle,
+        &nodes,
+        (&options.foreign, options.errors),
+    )?;
     let explained = match &options.explain {
         Some(task) => Some(explained(&models, task)?),
         None => None,
@@ -138,7 +144,12 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
     if let Some(path) = &options.html {
         fs::write(path, "").map_err(Error::writing(path))?;
     }
-    let report = analyse(workspace, &vehicle, &nodes, &options.foreign)?;
+    let report = analyse(
+        workspace,
+        &vehicle,
+        &nodes,
+        (&options.foreign, options.errors),
+    )?;
     if let Some(path) = &options.html {
         fs::write(path, report::html(&report)).map_err(Error::writing(path))?;
         eprintln!("Wrote {}.", path.display());
@@ -166,7 +177,7 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
 pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(), Failure> {
     let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let all: Vec<NodeIndex> = vehicle.nodes().collect();
-    let models = models(workspace, &vehicle, &all, &[])?;
+    let models = models(workspace, &vehicle, &all, (&[], None))?;
     let differ: Vec<NodeIndex> = all
         .into_iter()
         .filter(|&of| {
@@ -181,7 +192,7 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
         let images = build::images(workspace, &vehicle, &differ)?;
         let display = Mutex::new(Display::new());
         let show = shown_on(&display);
-        let report = Programs::read(&inputs(workspace, &vehicle, &images, &[]), &show)
+        let report = Programs::read(&inputs(workspace, &vehicle, &images, (&[], None)), &show)
             .and_then(|programs| programs.report(&BTreeMap::new(), &show));
         end(&display);
         report.map_err(Error::from)?.nodes
@@ -206,12 +217,16 @@ fn supplement(vehicle: &Vehicle) -> Option<Supplement> {
     })
 }
 
-/// The inputs of an analysis of these images, with foreign messages on the bus.
+/// What is on the bus beside the vehicle's own messages: those of foreign nodes, and disturbed frames, at
+/// the rate of the task table if none is given.
+pub(crate) type Load<'a> = (&'a [Foreign], Option<ErrorRate>);
+
+/// The inputs of an analysis of these images, with this load on the bus.
 pub(crate) fn inputs(
     workspace: &Workspace,
     vehicle: &Vehicle,
     images: &[Image],
-    foreign: &[Foreign],
+    (foreign, errors): Load<'_>,
 ) -> Inputs {
     let root = workspace.root().to_path_buf();
     Inputs {
@@ -221,6 +236,7 @@ pub(crate) fn inputs(
         receiver_period_us: vehicle.receiver_period_us(),
         event_triggered: vehicle.is_event_triggered(),
         foreign: foreign.to_vec(),
+        errors,
         nodes: images
             .iter()
             .map(|image| {
@@ -261,7 +277,7 @@ pub(crate) fn analyse(
     workspace: &Workspace,
     vehicle: &Vehicle,
     nodes: &[NodeIndex],
-    foreign: &[Foreign],
+    load: Load<'_>,
 ) -> Result<Report, Failure> {
     // All nodes: without the others, a node has no bus traffic to handle.
     let all: Vec<NodeIndex> = vehicle.nodes().collect();
@@ -275,7 +291,7 @@ pub(crate) fn analyse(
         .collect();
     let display = Mutex::new(Display::new());
     let show = shown_on(&display);
-    let report = Programs::read(&inputs(workspace, vehicle, &wanted, foreign), &show)
+    let report = Programs::read(&inputs(workspace, vehicle, &wanted, load), &show)
         .map_err(|error| Error::from(error).into())
         .and_then(|programs| {
             let observed = observe::observe(vehicle, &images, &programs, &mut |what| show(what))?;
@@ -301,8 +317,10 @@ pub(crate) fn regressions(
     vehicle: &Vehicle,
 ) -> Result<Vec<String>, Failure> {
     let nodes: Vec<NodeIndex> = vehicle.nodes().collect();
-    let unproven = models(workspace, vehicle, &nodes, &[])?.table.unproven;
-    let report = analyse(workspace, vehicle, &nodes, &[])?;
+    let unproven = models(workspace, vehicle, &nodes, (&[], None))?
+        .table
+        .unproven;
+    let report = analyse(workspace, vehicle, &nodes, (&[], None))?;
     eprint!("{}", report::table(&report));
     Ok(report.regressions(&unproven))
 }
@@ -319,7 +337,7 @@ fn models(
     workspace: &Workspace,
     vehicle: &Vehicle,
     nodes: &[NodeIndex],
-    foreign: &[Foreign],
+    (foreign, errors): Load<'_>,
 ) -> Result<Models, Error> {
     let programs: BTreeMap<&str, _> = nodes
         .iter()
@@ -341,6 +359,7 @@ fn models(
         vehicle.receiver_period_us(),
         vehicle.is_event_triggered(),
         foreign,
+        errors,
         programs,
     )?)
 }
@@ -394,6 +413,7 @@ mod tests {
             kernels: Vec::new(),
             basic_cycle: 100_000_000_000,
             assumptions: Vec::new(),
+            errors: ErrorRate::NONE,
         }
     }
 
@@ -416,7 +436,7 @@ mod tests {
         let workspace = Workspace::find().unwrap();
         let vehicle = vehicle::find(&workspace, "uagv").unwrap();
         let drive = vehicle.find_node("drive").unwrap();
-        let models = models(&workspace, &vehicle, &[drive], &[]).unwrap();
+        let models = models(&workspace, &vehicle, &[drive], (&[], None)).unwrap();
         assert_eq!(
             explained(&models, "drive.actuate").unwrap(),
             ("drive", "actuate")

@@ -279,7 +279,11 @@ fn a_found_window_holds_its_frame() {
     for text in [vehicle(), unscheduled()] {
         for method in [Method::PowerOfTwo, Method::LeastJitter] {
             let planned = schedule(&text, &options(Some(method))).unwrap();
-            let reports = schedulability::bus::messages(&planned.network, &BusTable::default());
+            let reports = schedulability::bus::messages(
+                &planned.network,
+                BusTable::default().errors(),
+                &BTreeSet::new(),
+            );
             for report in reports.iter().filter(|report| !report.arbitrating) {
                 assert_eq!(report.miss(), None);
             }

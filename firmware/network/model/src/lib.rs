@@ -50,6 +50,7 @@ mod reference;
 mod signal;
 mod supplement;
 
+pub use ::network::MISSED_PERIODS;
 pub use edit::{Assigned, Assignment};
 pub use frame::worst_case_bits;
 pub use network::{

@@ -122,6 +122,7 @@ fn bus(messages: &[MessageReport]) -> Markup {
             or_dash(message.need),
             time(message.room),
             if message.arbitrating { "shared" } else { "own" }.to_owned(),
+            message.tolerance.to_string(),
         ];
         (message.meets(), cells)
     });
@@ -133,6 +134,7 @@ fn bus(messages: &[MessageReport]) -> Markup {
             "needs",
             "has",
             "window",
+            "tolerates",
         ],
         messages,
     )

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::results::{NodeReport, Report, TaskReport};
+use crate::results::{NodeReport, Report, TaskReport, Tolerance};
 
 use super::summary::median_ratio;
 use wcet::cycles::{Cycles, Model};
@@ -23,6 +23,10 @@ pub fn json(report: &Report) -> Value {
         })).collect::<Vec<_>>(),
         "basic_cycle_ps": report.basic_cycle,
         "assumptions": report.assumptions,
+        "errors": {
+            "burst": report.errors.burst,
+            "interval_ps": report.errors.interval * 1000,
+        },
         "median_ratio": {
             "zero_wait": median(Model::ZeroWait, true, false),
             "as_flashed": median(Model::Flashed, true, false),
@@ -46,6 +50,7 @@ pub fn json(report: &Report) -> Value {
             "need_ps": message.need,
             "room_ps": message.room,
             "arbitrating": message.arbitrating,
+            "tolerance": tolerance(message.tolerance),
             "meets": message.meets(),
         })).collect::<Vec<_>>(),
         "chains": report.chains.iter().map(|chain| json!({
@@ -60,6 +65,16 @@ pub fn json(report: &Report) -> Value {
             "meets": chain.meets(),
         })).collect::<Vec<_>>(),
     })
+}
+
+fn tolerance(tolerance: Tolerance) -> Value {
+    match tolerance {
+        Tolerance::Repeated(errors) => json!({ "repeated": true, "errors": errors }),
+        Tolerance::Lost { next, acted_on } => {
+            json!({ "repeated": false, "next_ps": next, "acted_on_losses": acted_on })
+        }
+        Tolerance::Reference(delay) => json!({ "repeated": true, "cycle_later_ps": delay }),
+    }
 }
 
 fn node(node: &NodeReport) -> Value {

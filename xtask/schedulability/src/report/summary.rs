@@ -87,10 +87,11 @@ pub(super) fn followed(report: &Report) -> Option<String> {
     })
 }
 
-/// The answer in one line.
+/// The answer in one line, with the rate of disturbed frames for which it holds.
 pub(super) fn verdict(report: &Report) -> String {
+    let errors = report.errors;
     match report.first_miss() {
-        None => "schedulable: every deadline holds".to_owned(),
-        Some(miss) => format!("not schedulable: {miss}"),
+        None => format!("schedulable: every deadline holds, with {errors}"),
+        Some(miss) => format!("not schedulable: {miss} (with {errors})"),
     }
 }

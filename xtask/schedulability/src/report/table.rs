@@ -97,6 +97,7 @@ fn bus(text: &mut String, report: &Report) {
             time(message.room),
             or_dash(left),
             if message.arbitrating { "shared" } else { "" }.to_owned(),
+            message.tolerance.to_string(),
         ];
         (message.meets(), cells)
     });
@@ -109,6 +110,7 @@ fn bus(text: &mut String, report: &Report) {
             ("has", Right),
             ("left", Right),
             ("", Left),
+            ("tolerates", Left),
         ],
         rows,
     ));

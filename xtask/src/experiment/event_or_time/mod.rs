@@ -271,7 +271,7 @@ fn bounds(
     on: &OnProtocol,
     cases: impl Iterator<Item = Case>,
 ) -> Result<Vec<(Case, Option<f64>)>, Failure> {
-    let plain = inputs(workspace, &on.vehicle, &on.built, &[]);
+    let plain = inputs(workspace, &on.vehicle, &on.built, (&[], None));
     let programs = Programs::read(&plain, &|_| {}).map_err(AnalysisError::from)?;
     let mut bounds = Vec::new();
     for case in cases {
@@ -280,7 +280,7 @@ fn bounds(
             continue;
         }
         let foreign = foreign(on, case);
-        let inputs = inputs(workspace, &on.vehicle, &on.built, &foreign);
+        let inputs = inputs(workspace, &on.vehicle, &on.built, (&foreign, None));
         let report = programs
             .beside(&inputs)
             .and_then(|programs| programs.report(&std::collections::BTreeMap::new(), &|_| {}))
