@@ -42,7 +42,7 @@ use ttcan::{
 use crate::console::BusView;
 use crate::design;
 use crate::ends::Ends;
-use crate::link::{AnyLink, Arrival, Counters, News, Port, Silence, WindowTimer};
+use crate::link::{AnyLink, Arrival, Counters, News, Port, Silence, WindowTimer, event};
 
 /// Attempts that may fail by an error on the bus before the node rests until its next supervision. The
 /// frames that are in the other mailboxes then are still attempted.
@@ -266,6 +266,12 @@ impl<const PLACES: usize> Outbox<PLACES> {
         let (at, place) = found.ok_or(QueueError::Full)?;
         place.id = Some(id);
         Ok(at)
+    }
+
+    /// The place of an identifier that has claimed one.
+    #[inline(never)]
+    fn place_of(&self, id: Id) -> Option<&Place> {
+        self.places.iter().find(|place| place.id == Some(id))
     }
 
     /// Drops all frames. The places keep their owners.
@@ -844,9 +850,7 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize>
         data: &[u8],
         lifetime: Micros,
     ) -> Result<(), QueueError> {
-        let frame = Id::standard(id)
-            .and_then(|id| Frame::new(id, data).ok())
-            .ok_or(QueueError::NotAnEvent)?;
+        let frame = event(id, data)?;
         let place = self.stack.outbox.claim(frame.id())?;
         self.send(place, frame, lifetime);
         Ok(())
@@ -1069,6 +1073,20 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize> An
 
     fn queue_event(&mut self, id: u16, data: &[u8], lifetime: Micros) -> Result<(), QueueError> {
         self.queue_event(id, data, lifetime)
+    }
+
+    fn has_event(&self, id: u16) -> bool {
+        let place = Id::standard(id).and_then(|id| self.stack.outbox.place_of(id));
+        place.is_some_and(|place| place.waits || place.sending)
+    }
+
+    fn replace_event(&mut self, id: u16, data: &[u8], lifetime: Micros) -> Result<(), QueueError> {
+        let place = self.stack.outbox.place_of(event(id, data)?.id());
+        if place.is_some_and(|place| place.waits && !place.sending) {
+            self.queue_event(id, data, lifetime)
+        } else {
+            Err(QueueError::NoneWaits)
+        }
     }
 }
 
@@ -1562,6 +1580,31 @@ mod tests {
         assert!(!link.arrival(COMMAND).alive);
         assert_eq!(link.silence(), Some(Silence::NoReference));
         assert_eq!(link.status().sync, SyncState::Off);
+    }
+
+    #[test]
+    fn an_event_is_replaced_only_while_it_waits() {
+        let mut link = started(SENSORS);
+        let life = Micros::secs(1);
+        let none = Err(QueueError::NoneWaits);
+        assert_eq!(link.replace_event(600, &[1], life), none);
+        for window in [LEFT, RIGHT, SLOW] {
+            link.put(window, [1; 8]);
+        }
+        assert_eq!(link.queue_event(600, &[2], life), Ok(()));
+        assert!(link.has_event(600) && !link.has_event(599));
+        assert_eq!(link.replace_event(600, &[3], life), Ok(()));
+        ends(&mut link, Outcome::Complete);
+        assert_eq!(loaded(&link)[3..], [(600, 3)]);
+        // In its mailbox it may be on the bus already.
+        assert_eq!(link.replace_event(600, &[4], life), none);
+        for _ in 0..3 {
+            assert!(link.has_event(600));
+            ends(&mut link, Outcome::Complete);
+        }
+        assert!(!link.has_event(600));
+        assert_eq!(link.replace_event(600, &[5], life), none);
+        assert_eq!(loaded(&link).len(), 4);
     }
 
     #[test]

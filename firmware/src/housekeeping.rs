@@ -11,6 +11,7 @@ use sled_common::selftest::Findings;
 use ttcan::{ErrorLevel, Micros, SyncState};
 
 use crate::console::BusView;
+use crate::design;
 use crate::link::Silence;
 use crate::selftest::{self, Check, Motor, Report, ReportMessage, Request, RequestMessage};
 
@@ -18,9 +19,17 @@ use crate::selftest::{self, Check, Motor, Report, ReportMessage, Request, Reques
 /// one and a half basic cycles of 100 ms.
 const PATIENCE: u8 = 15;
 
-/// Least number of steps between two event messages of the housekeeping, a status or a self-test:
-/// 100 ms. The network file says that the one is sent in place of the other.
-const REPORT_PAUSE: u8 = 10;
+/// Least time between two event messages of the housekeeping on the bus, a status or a self-test: their
+/// inhibit time, as CiA 301 calls it. The network file says that the one is sent in place of the
+/// other, and the analysis counts the two as one message with this interval.
+pub const REPORT_INTERVAL: Micros = Micros::millis(100);
+
+/// The same in steps, from the first step that finds the last message gone to the one that may enqueue
+/// the next. It does not count from the step that enqueued the last one, because a message may wait for
+/// its window: on a flooded bus the next one would follow it at once. The first step counts although
+/// no time has passed, and a step may come half a step late, so there are two more.
+const REPORT_PAUSE: u8 =
+    (REPORT_INTERVAL.ticks() / (1000 * design::HOUSEKEEPING_PERIOD.ticks())) as u8 + 2;
 
 /// Steps in the schedule after which a node that has started reports its self-test: 200 ms, two
 /// basic cycles.
@@ -42,7 +51,8 @@ const LAST_RESORT_RANK: Micros = Micros::secs(2);
 pub struct Duties {
     /// Feed the watchdog.
     pub feed: bool,
-    /// A status message to enqueue.
+    /// A status message to enqueue, in place of the one that has not left the node yet if there is
+    /// one.
     pub report: Option<Status>,
     /// Level of the LED.
     pub led: bool,
@@ -174,6 +184,15 @@ pub trait StatusMessage: Message {
     fn of(status: &Status) -> Self;
 }
 
+/// An event message of the housekeeping.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// The node's status.
+    Status,
+    /// Its self-test.
+    SelfTest,
+}
+
 /// Housekeeping of a node.
 #[derive(Clone, Copy, Debug)]
 pub struct Housekeeping {
@@ -189,6 +208,8 @@ pub struct Housekeeping {
     idle: u8,
     reported: Option<Status>,
     pause: u8,
+    /// The message that has not left the node yet.
+    unsent: Option<Event>,
     findings: Findings,
     /// Bytes of the stack that were never used, when this was last measured.
     stack: u16,
@@ -217,6 +238,7 @@ impl Housekeeping {
             idle: 0,
             reported: None,
             pause: 0,
+            unsent: None,
             findings: *findings,
             stack: u16::MAX,
             test: None,
@@ -224,6 +246,12 @@ impl Housekeeping {
             round: Some(0),
             unfit: None,
         }
+    }
+
+    /// Notes which of its messages has not left the node yet: it waits, or is being sent. Call this
+    /// before each step.
+    pub const fn note_unsent(&mut self, event: Option<Event>) {
+        self.unsent = event;
     }
 
     /// One step. `work` counts activations of the node's own tasks. While the schedule runs,
@@ -282,7 +310,8 @@ impl Housekeeping {
         self.test = Some(report);
         if due.is_some() {
             self.round = None;
-            self.pause = REPORT_PAUSE;
+            // The step that follows takes one off.
+            self.pause = REPORT_PAUSE + 1;
         }
         due.map(|_| report)
     }
@@ -339,10 +368,15 @@ impl Housekeeping {
         quiet.then_some(Fault::LastResort)
     }
 
-    /// A status message after the start and whenever anything except the counters changed.
+    /// A status message after the start and whenever anything except the counters changed. It replaces
+    /// one that waits, so that what is sent is new.
     fn report(&mut self, bus: &BusView, running: bool) -> Option<Status> {
-        self.pause = self.pause.saturating_sub(1);
-        if !running || self.pause > 0 {
+        self.pause = match self.unsent {
+            Some(_) => REPORT_PAUSE,
+            None => self.pause.saturating_sub(1),
+        };
+        let replaces = self.unsent == Some(Event::Status);
+        if !running || (self.pause > 0 && !replaces) {
             return None;
         }
         let status = Status {
@@ -366,7 +400,8 @@ impl Housekeeping {
         Some(status)
     }
 
-    /// Notes that the queue was full: the next step tries the report again.
+    /// Notes that the queue was full, or that the status to be replaced has been sent: the report is tried
+    /// again as soon as the pause allows it.
     pub fn report_refused(&mut self) {
         self.reported = None;
     }
@@ -400,6 +435,7 @@ impl Housekeeping {
 mod tests {
     extern crate std;
     use super::*;
+    use proptest::prelude::*;
     use sled_common::selftest::Reference;
 
     fn start(cause: ResetCause, record: Option<Fault>) -> Start {
@@ -476,6 +512,88 @@ mod tests {
                 None
             );
         }
+    }
+
+    /// Steps from the one before which the last message left the node to the one that enqueues the
+    /// next, which the analysis counts on.
+    const APART: usize = 11;
+
+    /// A queue that lets a message go `wait` steps after it was enqueued, at the earliest. Each step the
+    /// node's state may change, and a self-test may be asked for. Returns at which steps messages left,
+    /// and with which fault they did.
+    fn through_queue(
+        acts: &[(bool, bool)],
+        wait: usize,
+    ) -> std::vec::Vec<(usize, Event, BusState)> {
+        let mut keeping = Housekeeping::new(&start(ResetCause::Pin, None), &SOUND);
+        let mut queue: Option<(usize, Event, BusState)> = None;
+        let mut sent = std::vec::Vec::new();
+        let mut bus = view(SyncState::InSchedule, 0);
+        for (step, (changes, asks)) in acts.iter().enumerate() {
+            sent.extend(
+                queue
+                    .take_if(|(since, ..)| step > *since + wait)
+                    .map(|(_, event, state)| (step, event, state)),
+            );
+            bus.errors.passive ^= changes;
+            bus.link.services += 1;
+            if *asks {
+                let request = Request {
+                    round: 1,
+                    start_again: false,
+                };
+                assert!(!keeping.ask(&request, true));
+            }
+            keeping.note_unsent(queue.map(|(_, event, _)| event));
+            let test = keeping.test(&bus, Motor::none(true), 0, || 800);
+            let status = keeping.step(&bus, 0).report;
+            if test.is_some() {
+                assert!(queue.is_none() && status.is_none());
+                queue = Some((step, Event::SelfTest, BusState::ErrorActive));
+            } else if let Some(status) = status {
+                let since = queue.map_or(step, |(since, event, _)| {
+                    assert_eq!(event, Event::Status);
+                    since
+                });
+                queue = Some((since, Event::Status, status.bus));
+            }
+            if let Some((_, Event::Status, state)) = queue {
+                assert_eq!(state, BusState::of(&bus.errors), "the newest waits");
+            }
+        }
+        sent
+    }
+
+    proptest! {
+        #[test]
+        fn messages_keep_their_distance_however_long_they_wait(
+            acts in prop::collection::vec(any::<(bool, bool)>(), 0..400),
+            wait in 0usize..60,
+        ) {
+            let sent = through_queue(&acts, wait);
+            // The next one is sent a step after it is enqueued, if not later.
+            for two in sent.windows(2) {
+                prop_assert!(two[1].0 - two[0].0 > APART, "{two:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_status_that_waited_is_sent_as_it_is_now() {
+        let changes = [5, 30].map(|at| at..at + 1);
+        let acts: std::vec::Vec<_> = (0..120)
+            .map(|step| (changes.iter().any(|at| at.contains(&step)), false))
+            .collect();
+        let sent = through_queue(&acts, 20);
+        let of: std::vec::Vec<_> = sent.iter().map(|sent| (sent.1, sent.2)).collect();
+        assert_eq!(
+            of,
+            [
+                (Event::Status, BusState::ErrorPassive),
+                (Event::Status, BusState::ErrorActive),
+                (Event::SelfTest, BusState::ErrorActive),
+            ]
+        );
     }
 
     #[test]

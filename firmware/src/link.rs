@@ -136,6 +136,14 @@ pub trait AnyLink {
     /// # Errors
     /// The queue is full, or the message is not one of this node's events.
     fn queue_event(&mut self, id: u16, data: &[u8], lifetime: Micros) -> Result<(), QueueError>;
+    /// Whether an event message of this node has not left it yet: it waits, or is being sent.
+    fn has_event(&self, id: u16) -> bool;
+    /// Puts newer data in the place of an event message of this node that waits. Once it is being
+    /// sent it is not replaced, because the newer one would follow it at once.
+    ///
+    /// # Errors
+    /// None of this identifier waits, or the message is not one of this node's events.
+    fn replace_event(&mut self, id: u16, data: &[u8], lifetime: Micros) -> Result<(), QueueError>;
 }
 
 /// Bit of the application's byte of a reference: its master runs on its RC oscillator.
@@ -786,9 +794,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         data: &[u8],
         lifetime: Micros,
     ) -> Result<(), QueueError> {
-        let frame = Id::standard(id)
-            .and_then(|id| Frame::new(id, data).ok())
-            .ok_or(QueueError::NotAnEvent)?;
+        let frame = event(id, data)?;
         let now = self.now();
         let queued = self.node.queue_event(frame, now, lifetime);
         self.arm();
@@ -920,6 +926,25 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> AnyLink
     fn queue_event(&mut self, id: u16, data: &[u8], lifetime: Micros) -> Result<(), QueueError> {
         self.queue_event(id, data, lifetime)
     }
+
+    fn has_event(&self, id: u16) -> bool {
+        Id::standard(id).is_some_and(|id| self.node.has_event(id))
+    }
+
+    fn replace_event(&mut self, id: u16, data: &[u8], lifetime: Micros) -> Result<(), QueueError> {
+        let now = self.now();
+        self.node.replace_event(event(id, data)?, now, lifetime)
+    }
+}
+
+/// The frame of an event message.
+///
+/// # Errors
+/// This is no standard identifier, or the data are longer than 8 bytes.
+pub(crate) fn event(id: u16, data: &[u8]) -> Result<Frame, QueueError> {
+    Id::standard(id)
+        .and_then(|id| Frame::new(id, data).ok())
+        .ok_or(QueueError::NotAnEvent)
 }
 
 /// System time in a reference message: bytes D1..D4, most significant byte first.

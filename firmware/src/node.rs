@@ -6,7 +6,7 @@ use crate::console::{self, BusView, Line};
 use crate::design;
 use crate::event;
 use crate::fault;
-use crate::housekeeping::{Housekeeping, Start, StatusMessage};
+use crate::housekeeping::{Event, Housekeeping, Start, StatusMessage};
 use crate::link::{AnyLink, Identity, Link, Stack, WindowTimer};
 use crate::log::{Changes, Own};
 use crate::selftest::{self, Motor, Report, ReportMessage, RequestMessage};
@@ -410,7 +410,16 @@ impl Keeper {
         if let Some(reason) = self.housekeeping.restart(bus, ready, motor.still) {
             fault::stop(reason);
         }
-        let received = link.lock(AnyLink::take_event);
+        let (received, unsent) = link.lock(|link| {
+            let unsent = if link.has_event(S::ID) {
+                Some(Event::Status)
+            } else {
+                link.has_event(<S::Report as Message>::ID)
+                    .then_some(Event::SelfTest)
+            };
+            (link.take_event(), unsent)
+        });
+        self.housekeeping.note_unsent(unsent);
         let request = received.and_then(|frame| S::Request::decode(frame.data()).ok()?.request());
         if let Some(request) = request
             && self.housekeeping.ask(&request, motor.still)
@@ -436,7 +445,11 @@ impl Keeper {
         let Some((id, data)) = event else {
             return;
         };
-        let queued = link.lock(|link| link.queue_event(id, &data, design::EVENT_LIFETIME));
+        let queued = link.lock(|link| match unsent {
+            None => link.queue_event(id, &data, design::EVENT_LIFETIME),
+            // Once that has been sent, the next one must keep its distance.
+            Some(_) => link.replace_event(id, &data, design::EVENT_LIFETIME),
+        });
         if queued.is_err() {
             match test {
                 Some(report) => self.housekeeping.test_refused(report.round),

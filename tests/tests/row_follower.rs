@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use campaign::{Sequence, agreement::Agreement};
+use campaign::{Sequence, agreement::Agreement, traffic::Traffic};
 use twin::{Images, Options, Outcome, Twin};
 use vehicle_model::{Overrides, Protocol, Vehicle};
 use world::report::{RoverFigures, RoverRun};
@@ -301,4 +301,27 @@ fn without_one_of_the_distances_it_stops_and_stays() {
         let (after, stays) = rest_after(&outcome, 2.0);
         assert!(after < 0.005 + TWO_PERIODS && stays, "{after}");
     }
+}
+
+/// Frames that win against every event message hold a status back, while the state of its node changes
+/// again. The analysis counts a status, or a self-test in its place, once in the interval of the network
+/// file, so they may not make up for lost time afterwards.
+#[test]
+fn a_status_that_waited_for_the_bus_and_the_next_one_keep_their_interval() {
+    let flood = "[[bus]]\nwhat = \"frame\"\nat = \"2 s\"\nid = 0\nevery = \"250 us\"\n\
+                 until = \"2.15 s\"\n";
+    let traffic = Traffic::of(&drive(flood, 3.0));
+    // Besides the first status and the first self-test.
+    let mut changes = 0;
+    for ids in [[511, 521], [512, 522], [513, 523]] {
+        let events = traffic.frames.iter();
+        let events = events.filter(|f| f.complete && f.node.is_some() && ids.contains(&f.id));
+        let ends: Vec<f64> = events.map(|frame| seconds(frame.end)).collect();
+        println!("{ids:?}: {ends:?}");
+        changes += ends.len().saturating_sub(2);
+        for two in ends.windows(2) {
+            assert!(two[1] - two[0] >= 0.1, "{ids:?}: {two:?}");
+        }
+    }
+    assert!(changes > 0, "the flood changes no node's state");
 }

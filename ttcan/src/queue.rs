@@ -126,6 +126,38 @@ impl<const Q: usize> Queue<Q> {
         None
     }
 
+    /// Whether a message with this identifier waits.
+    #[cfg(feature = "events")]
+    // Not inlined, so that the analysis finds the bounds of its loops.
+    #[inline(never)]
+    pub(crate) fn has(&self, id: Id) -> bool {
+        let mut waiting = self.places.iter().flatten();
+        waiting.any(|waiting| waiting.id == id)
+    }
+
+    /// Puts a message in the place of the last one of its identifier, except the one at
+    /// `kept`. It keeps that one's turn. False if there is none.
+    #[cfg(feature = "events")]
+    #[inline(never)]
+    pub(crate) fn replace(&mut self, item: Item, expires: Stamp, kept: Option<u8>) -> bool {
+        let id = item.id();
+        let mut last: Option<&mut Waiting> = None;
+        for (at, place) in self.places.iter_mut().enumerate() {
+            if let Some(waiting) = place
+                && waiting.id == id
+                && kept != Some(at as u8)
+                && last.as_ref().is_none_or(|last| last.goes_before(waiting))
+            {
+                last = Some(waiting);
+            }
+        }
+        let Some(last) = last else {
+            return false;
+        };
+        (last.item, last.expires) = (item, expires);
+        true
+    }
+
     /// The place of the first message, and whether it has expired by `now`.
     pub(crate) fn first(&self, now: Stamp) -> Option<(u8, bool)> {
         let at = self.first?;

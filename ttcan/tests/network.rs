@@ -376,6 +376,82 @@ fn events_go_by_priority_within_their_lifetime() {
 }
 
 #[test]
+fn a_newer_event_takes_the_place_of_one_that_waits() {
+    let mut bus = vehicle(Quiet, 12);
+    power_on(&mut bus);
+    bus.run_until(at(1060));
+    let life = Micros::millis(200);
+    let alarm = |value| Frame::new(ALARM, &[value; 8]).unwrap();
+    let replace = |bus: &mut UagvBus<Quiet>, frame| {
+        bus.with(3, |node, now| node.replace_event(frame, now, life))
+    };
+    let none = Err(QueueError::NoneWaits);
+    assert_eq!(replace(&mut bus, alarm(1)), none);
+    for value in [2, 3] {
+        bus.with(3, |node, now| {
+            node.queue_event(alarm(value), now, life).unwrap();
+        });
+    }
+    let other = Frame::new(BUTTON, &[9; 8]).unwrap();
+    bus.with(3, |node, now| {
+        node.queue_event(other, now, Micros::millis(1)).unwrap();
+    });
+    assert!(bus.node(3).has_event(ALARM));
+    assert_eq!(replace(&mut bus, alarm(4)), Ok(()));
+    assert_eq!(replace(&mut bus, alarm(5)), Ok(()));
+    // It lives from now on, not from when the one before was enqueued.
+    bus.run_millis(2);
+    assert_eq!(replace(&mut bus, other), Ok(()));
+    let steering = Frame::new(Id::standard(206).unwrap(), &[0; 2]).unwrap();
+    assert_eq!(replace(&mut bus, steering), Err(QueueError::NotAnEvent));
+    bus.run_until(at(1600));
+    assert_in_place(&bus.traffic);
+    let events: Vec<(u32, u8)> = bus
+        .traffic
+        .iter()
+        .filter(|sent| [ALARM, BUTTON].contains(&sent.frame.id()))
+        .map(|sent| (sent.frame.id().raw(), sent.frame.data()[0]))
+        .collect();
+    assert_eq!(events, [(0x20, 2), (0x20, 5), (0x21, 9)]);
+    assert!(!bus.node(3).has_event(ALARM) && !bus.node(3).has_event(BUTTON));
+    assert_eq!(bus.node(3).counters().events_sent, 3);
+    assert_eq!(replace(&mut bus, alarm(6)), none);
+}
+
+/// A message that is being sent cannot be replaced: the newer one would follow it at once.
+#[test]
+fn an_event_in_transmission_is_not_replaced() {
+    use ttcan::{Action, TransmitOutcome};
+    let life = Micros::millis(250);
+    let alarm = |value| Frame::new(ALARM, &[value; 8]).unwrap();
+    for outcome in [TransmitOutcome::Sent, TransmitOutcome::ArbitrationLost] {
+        let mut bus = vehicle(Quiet, 23);
+        power_on(&mut bus);
+        bus.run_until(at(1005));
+        bus.with(3, |node, now| {
+            node.queue_event(alarm(1), now, life).unwrap();
+            let mut due = now;
+            loop {
+                match node.poll(due) {
+                    Some(Action::TransmitEvent(_)) => break,
+                    Some(_) => node.handle_transmit(TransmitOutcome::Aborted, due),
+                    None => due = node.next_deadline().unwrap(),
+                }
+            }
+            let replaced = node.replace_event(alarm(2), due, life);
+            assert_eq!(replaced, Err(QueueError::NoneWaits));
+            assert!(node.has_event(ALARM));
+            node.handle_transmit(outcome, due);
+            let waits = outcome != TransmitOutcome::Sent;
+            assert_eq!(node.has_event(ALARM), waits);
+            assert_eq!(node.replace_event(alarm(3), due, life).is_ok(), waits);
+            let again = node.poll(due);
+            assert_eq!(again, waits.then_some(Action::TransmitEvent(alarm(3))));
+        });
+    }
+}
+
+#[test]
 fn a_lost_node_and_a_babbling_one_are_told_apart() {
     let mut bus = vehicle(Quiet, 13);
     power_on(&mut bus);

@@ -219,7 +219,11 @@ impl Driver {
             9 => {
                 let frame = Frame::from_parts(EVENT, bytes.next() % 9, bytes.data());
                 let lifetime = Micros::micros(bytes.word() % 100_000);
-                let _ = self.node.queue_event(frame, self.now, lifetime);
+                let _ = if bytes.next().is_multiple_of(2) {
+                    self.node.queue_event(frame, self.now, lifetime)
+                } else {
+                    self.node.replace_event(frame, self.now, lifetime)
+                };
             }
             10 => match bytes.next() % 6 {
                 0 => _ = self.node.request_gap(),

@@ -9,6 +9,8 @@ use super::{QueueError, setup::LONGEST_TICKS};
 use crate::features::EVENTS;
 #[cfg(feature = "events")]
 use crate::frame::Frame;
+#[cfg(feature = "events")]
+use crate::id::Id;
 use crate::queue::Item;
 use crate::supervision::ErrorLevel;
 #[cfg(feature = "events")]
@@ -29,6 +31,54 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         now: Stamp,
         lifetime: Micros,
     ) -> Result<(), QueueError> {
+        let expires = self.expiry(&frame, now, lifetime)?;
+        if self.enqueue(Item::Event(frame), expires, now) {
+            self.schedule_event();
+            Ok(())
+        } else {
+            Err(QueueError::Full)
+        }
+    }
+
+    /// Puts an event message in the place of an older one of its identifier that waits, for
+    /// messages of which only the newest is of use. The older one is not sent. If several wait,
+    /// the last one is replaced. It is dropped if it is not sent within `lifetime` from `now`.
+    ///
+    /// # Errors
+    /// See [`QueueError`]; [`QueueError::NoneWaits`] if there is none to replace, or its
+    /// transmission is pending. Nothing is enqueued then.
+    #[cfg(feature = "events")]
+    pub fn replace_event(
+        &mut self,
+        frame: Frame,
+        now: Stamp,
+        lifetime: Micros,
+    ) -> Result<(), QueueError> {
+        let expires = self.expiry(&frame, now, lifetime)?;
+        let kept = self.transmission.place();
+        let replaced = self
+            .transmission
+            .queue
+            .replace(Item::Event(frame), expires, kept);
+        if replaced {
+            Ok(())
+        } else {
+            Err(QueueError::NoneWaits)
+        }
+    }
+
+    /// Whether an event message with this identifier waits, or its transmission is pending. A
+    /// sender that must keep a least time between two frames on the bus (the inhibit time of
+    /// CiA 301) begins to count it when this is false: a message may wait for long before it is
+    /// sent.
+    #[cfg(feature = "events")]
+    pub fn has_event(&self, id: Id) -> bool {
+        self.transmission.queue.has(id)
+    }
+
+    /// When an event message of this node expires.
+    #[cfg(feature = "events")]
+    fn expiry(&self, frame: &Frame, now: Stamp, lifetime: Micros) -> Result<Stamp, QueueError> {
         let config = &self.setup.config;
         let ours = self.setup.schedule.known(frame.id()).is_some_and(|known| {
             known.is_event && known.sender == config.node && frame.len() <= known.len
@@ -40,12 +90,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if ticks > LONGEST_TICKS {
             return Err(QueueError::Lifetime);
         }
-        if self.enqueue(Item::Event(frame), now.after(ticks), now) {
-            self.schedule_event();
-            Ok(())
-        } else {
-            Err(QueueError::Full)
-        }
+        Ok(now.after(ticks))
     }
 
     /// Number of messages that wait for an arbitrating window.
@@ -56,10 +101,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
     /// Enqueues a message; `false` if there is no room.
     pub(super) fn enqueue(&mut self, item: Item, expires: Stamp, now: Stamp) -> bool {
-        let kept = match self.transmission.pending {
-            Pending::Event { place } => Some(place),
-            _ => None,
-        };
+        let kept = self.transmission.place();
         let expired = self.transmission.queue.insert(item, expires, now, kept);
         match expired {
             Some(expired) => bump(&mut self.counters.events_expired, expired),

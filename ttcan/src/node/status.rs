@@ -159,6 +159,8 @@ pub enum QueueError {
     NotAnEvent,
     /// The lifetime is too long for the counter: it must not exceed 2^30 ticks.
     Lifetime,
+    /// No message of this identifier waits that could be replaced.
+    NoneWaits,
 }
 
 impl core::fmt::Display for QueueError {
@@ -167,6 +169,7 @@ impl core::fmt::Display for QueueError {
             Self::Full => "the event queue is full",
             Self::NotAnEvent => "the matrix names no such event message of this node",
             Self::Lifetime => "the lifetime is too long for the counter",
+            Self::NoneWaits => "no event message of this identifier waits",
         })
     }
 }

@@ -56,6 +56,14 @@ impl<const Q: usize> Transmission<Q> {
         }
     }
 
+    /// Place in the queue of the message whose transmission is pending.
+    pub(super) fn place(&self) -> Option<u8> {
+        match self.pending {
+            Pending::Event { place } => Some(place),
+            _ => None,
+        }
+    }
+
     /// Whether no transmission is pending.
     pub(super) fn is_idle(&self) -> bool {
         self.pending == Pending::None
