@@ -182,7 +182,9 @@ fn add_links(set: &mut [Task], random: &mut ChaCha8Rng) -> Vec<Vec<Link>> {
         let mut causes: Vec<usize> = further.into_iter().chain([first]).collect();
         causes.dedup();
         causes.retain(|&cause| cause != index && !set[cause].after.contains(&index));
-        if causes.is_empty() || !once_in(random, 4) {
+        // Those that follow it have its releases by now, so they stay as they are.
+        let is_followed = set.iter().any(|task| task.after.contains(&index));
+        if causes.is_empty() || is_followed || !once_in(random, 4) {
             continue;
         }
         let mut own = Arrivals::default();
