@@ -135,26 +135,25 @@ impl<const Q: usize> Queue<Q> {
         waiting.any(|waiting| waiting.id == id)
     }
 
-    /// Puts a message in the place of the last one of its identifier, except the one at
-    /// `kept`. It keeps that one's turn. False if there is none.
+    /// Puts a message in the place of one of its identifier, except the one at `kept`. It keeps that
+    /// one's turn. False if there is none.
     #[cfg(feature = "events")]
     #[inline(never)]
     pub(crate) fn replace(&mut self, item: Item, expires: Stamp, kept: Option<u8>) -> bool {
         let id = item.id();
-        let mut last: Option<&mut Waiting> = None;
+        let mut older: Option<&mut Waiting> = None;
         for (at, place) in self.places.iter_mut().enumerate() {
             if let Some(waiting) = place
                 && waiting.id == id
                 && kept != Some(at as u8)
-                && last.as_ref().is_none_or(|last| last.goes_before(waiting))
             {
-                last = Some(waiting);
+                older = Some(waiting);
             }
         }
-        let Some(last) = last else {
+        let Some(older) = older else {
             return false;
         };
-        (last.item, last.expires) = (item, expires);
+        (older.item, older.expires) = (item, expires);
         true
     }
 

@@ -42,7 +42,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
     /// Puts an event message in the place of an older one of its identifier that waits, for
     /// messages of which only the newest is of use. The older one is not sent. If several wait,
-    /// the last one is replaced. It is dropped if it is not sent within `lifetime` from `now`.
+    /// one of them is replaced, so enqueue such a message only while none waits
+    /// ([`Self::has_event`]). It is dropped if it is not sent within `lifetime` from `now`.
     ///
     /// # Errors
     /// See [`QueueError`]; [`QueueError::NoneWaits`] if there is none to replace, or its
