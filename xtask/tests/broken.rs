@@ -305,6 +305,7 @@ fn observed(program: &str, programs: &Programs) -> Observed {
             let found = findings.get(&task.exception).cloned().unwrap_or_default();
             let seen = Seen {
                 longest: Cycles::both(task.longest),
+                preempted: BTreeMap::new(),
                 followed: found.activations,
                 entered: entered(&found.entered),
                 refuted: found

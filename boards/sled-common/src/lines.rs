@@ -46,9 +46,12 @@ impl<T: Transmitter, const LINES: usize, const WIDTH: usize, const TOTAL: usize>
         }
     }
 
-    /// Appends one line, cut at `WIDTH` bytes, and starts sending if no transfer is running.
-    /// Returns false, and counts the line, if the queue is full.
+    /// Appends one line, cut at `WIDTH` bytes, and starts sending if no transfer is running. An empty
+    /// one is nothing to send. Returns false, and counts the line, if the queue is full.
     pub fn push(&mut self, line: &[u8]) -> bool {
+        if line.is_empty() {
+            return true;
+        }
         if self.waiting >= LINES {
             self.dropped = self.dropped.wrapping_add(1);
             return false;
@@ -93,18 +96,13 @@ impl<T: Transmitter, const LINES: usize, const WIDTH: usize, const TOTAL: usize>
     }
 
     fn start_next(&mut self) {
-        // loop-bound: 1 no node appends an empty line
-        while !self.busy && self.waiting > 0 {
-            let length = self.lengths.get(self.first).copied().unwrap_or(0);
-            if length == 0 {
-                self.first = wrap(self.first + 1, LINES);
-                self.waiting -= 1;
-                continue;
-            }
-            let address = self.memory.address() + (self.first * WIDTH) as u32;
-            self.busy = true;
-            self.port.start(address, length);
+        if self.busy || self.waiting == 0 {
+            return;
         }
+        let length = self.lengths.get(self.first).copied().unwrap_or(0);
+        let address = self.memory.address() + (self.first * WIDTH) as u32;
+        self.busy = true;
+        self.port.start(address, length);
     }
 }
 
@@ -142,12 +140,16 @@ mod tests {
         assert!(queue.push(b"one"));
         assert!(queue.push(b""));
         assert!(queue.push(b"three, and too long"));
-        assert!(!queue.push(b"four"));
+        assert!(queue.push(b"four"));
+        assert!(!queue.push(b"five"));
+        assert!(queue.push(b""), "there is nothing to send");
         assert_eq!(queue.dropped(), 1);
         queue.on_transfer_complete();
         queue.on_transfer_complete();
+        queue.on_transfer_complete();
         assert!(!queue.is_busy());
-        assert!(queue.push(b"five"));
-        assert_eq!(queue.port().sent, [(base, 3), (base + 16, 8), (base, 4)]);
+        assert!(queue.push(b"six"));
+        let sent = [(base, 3), (base + 8, 8), (base + 16, 4), (base, 3)];
+        assert_eq!(queue.port().sent, sent);
     }
 }

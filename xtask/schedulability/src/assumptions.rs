@@ -11,7 +11,7 @@ use crate::units::time;
 /// Assumptions that hold for every vehicle.
 const ALWAYS: [&str; 6] = [
     "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a handler keeps what it found in BASEPRI; and DMA writes only to variables whose address was given to a peripheral.",
-    "Flash: a fetch pays its wait states unless its line is proven to be in the fetch buffer; no cache hit is assumed. SRAM is read and written without wait states.",
+    "Flash: start-up switches on the reading ahead, and the caches of a part that has them. A read that has begun is not cancelled. A line is taken to be in a cache only if it was put there in the same job and fewer other lines were used since than the cache has, of which the one unused for longest is replaced (RM0390 3.4.2); a preemption costs the preempted job all lines that it reuses. SRAM is read and written without wait states.",
     "DMA never delays the core on the bus matrix for longer than the wait states charged. No debugger is connected.",
     "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left.",
     "In the 10 ms after a start of a node its deadlines need not hold: it takes the frames that came before, of which its FIFO keeps three, and sends nothing.",

@@ -32,6 +32,9 @@ pub struct Handler {
     pub overhead: Cycles,
     /// Cycles that a preemption by this handler costs the preempted job in addition.
     pub preemption: u64,
+    /// Cycles that a preemption of this handler may cost it: the restart of an instruction, and lines
+    /// that it has in the caches of the flash.
+    pub lost: u64,
     /// Why there is no bound.
     pub problems: BTreeSet<Problem>,
     /// Panics that are not proven impossible.
@@ -193,6 +196,7 @@ impl Execution {
             timings: Timings::of(part),
             stacks: Stacks::new(image),
             levels: BTreeMap::new(),
+            reloads: BTreeMap::new(),
             main: 0,
             execution: Self::default(),
         };
@@ -234,6 +238,8 @@ struct Analyser<'a> {
     stacks: Stacks<'a>,
     /// The deepest stack of each priority's handlers, in bytes.
     levels: BTreeMap<u32, u32>,
+    /// The most cycles that a preemption costs the handlers of each priority, and the idle code at zero.
+    reloads: BTreeMap<u32, u64>,
     /// The deepest stack of start-up and the idle code, in bytes.
     main: u32,
     execution: Execution,
@@ -263,6 +269,8 @@ impl Analyser<'_> {
         self.execution.stack_unknown.extend(depth.unknown);
         let level = self.levels.entry(task.priority).or_default();
         *level = (*level).max(depth.bytes).max(bound.stack);
+        let reload = self.reloads.entry(task.priority).or_default();
+        *reload = (*reload).max(bound.reload);
         let overhead = self.timings.around_handler(bound.uses_fpu);
         let longest = self.analysis.longest_path(&bound, entry);
         let program = longest.as_ref().map(|longest| longest.cycles + overhead);
@@ -280,7 +288,9 @@ impl Analyser<'_> {
             // paths together.
             cycles: program.map_or(bound.cycles, |program| bound.cycles.min(program)),
             overhead,
-            preemption: self.timings.flashed.exceptions().restart,
+            // Known when all handlers are.
+            preemption: 0,
+            lost: self.timings.flashed.exceptions().restart + bound.reload,
             problems: bound.problems,
             panics: panics.collect(),
             annotated: bound.annotated,
@@ -322,6 +332,7 @@ impl Analyser<'_> {
     fn add_main(&mut self, main: u32) {
         let bound = self.analysis.run(main, Entry::Program);
         self.add_sections(&bound, "main", 0);
+        self.reloads.insert(0, bound.reload);
         self.add_pends(&bound, &Pender::Idle);
         let depth = self.stacks.depth(main);
         self.execution.stack_unknown.extend(depth.unknown);
@@ -438,12 +449,26 @@ impl Analyser<'_> {
     /// nothing left to preserve. An exception frame is charged with the floating-point registers,
     /// whether or not the preempted code uses them.
     fn finish(mut self) -> Execution {
+        self.charge_preemptions();
         let tasks = self.levels.values().map(|level| level + FRAME_FPU);
         let tasks = self.main + tasks.sum::<u32>();
         let outside = self.execution.outside.iter();
         let deepest = outside.map(|one| one.depth_above(tasks)).max();
         self.execution.stack = deepest.unwrap_or(tasks);
         self.execution
+    }
+
+    /// A preemption costs the preempted job the restart of an instruction and the lines that it finds
+    /// replaced: at most those of any job below.
+    fn charge_preemptions(&mut self) {
+        let restart = self.timings.flashed.exceptions().restart;
+        for task in &self.node.tasks {
+            if let Some(handler) = self.execution.handlers.get_mut(&task.interrupt) {
+                let below = self.reloads.range(..task.priority);
+                let reload = below.map(|(_, reload)| *reload).max().unwrap_or(0);
+                handler.preemption = handler.preemption.max(restart + reload);
+            }
+        }
     }
 
     /// Adds what makes tasks of the node pending.
@@ -462,7 +487,8 @@ impl Analyser<'_> {
                     mask::Level::All | mask::Level::Faults => u32::MAX,
                     mask::Level::From(level) => PRIORITIES - u32::from(level >> 4),
                 },
-                cycles: section.cycles.flashed,
+                // A preemption before the section began may have replaced lines that it uses.
+                cycles: section.cycles.flashed + bound.reload,
                 place: self.image.describe(section.at),
             });
         }

@@ -19,14 +19,31 @@ pub type Observed = BTreeMap<String, Seen>;
 /// Observations of one handler.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Seen {
-    /// Longest observed time, without exception entry and return.
+    /// Longest observed time, without exception entry and return: as flashed, of the jobs that nothing
+    /// preempted.
     pub longest: Cycles,
+    /// As flashed, that of the jobs that were preempted so often.
+    pub preempted: BTreeMap<u32, u64>,
     /// Activations that were followed instruction by instruction.
     pub followed: u64,
     /// When it was entered, for each start of the node in each run.
     pub entered: Vec<Entered>,
     /// Contradictions between these activations and the analysis, one sentence each.
     pub refuted: BTreeSet<String>,
+}
+
+impl Seen {
+    /// The longest time, less what preemptions may have cost: each at most `preemption` cycles as flashed.
+    fn without_preemptions(&self, preemption: u64) -> Cycles {
+        let preempted = self.preempted.iter();
+        let less = preempted.map(|(times, cycles)| {
+            cycles.saturating_sub(preemption.saturating_mul(u64::from(*times)))
+        });
+        Cycles {
+            flashed: less.fold(self.longest.flashed, u64::max),
+            ..self.longest
+        }
+    }
 }
 
 /// The times at which a handler was entered in a part of a run.
@@ -339,7 +356,7 @@ impl<'a> Scheduled<'a> {
             priority: task.priority,
             cycles: bound.cycles,
             overhead: bound.overhead,
-            observed: seen.map(|seen| seen.longest),
+            observed: seen.map(|seen| seen.without_preemptions(bound.lost)),
             followed: seen.map_or(0, |seen| seen.followed),
             refuted: seen.map_or_else(BTreeSet::new, |seen| self.refuted(at, seen)),
             cost: shared.cost,

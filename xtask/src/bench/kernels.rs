@@ -199,6 +199,7 @@ fn longest(memory: &Memory, entries: &[u32], flash: FlashTiming) -> Result<Vec<u
             core.set_register(13, INPUT);
             core.set_register(14, IDLE | 1);
             core.set_register(15, entry);
+            core.empty_caches();
             let begin = core.cycles();
             if !core.run_to(IDLE, BUDGET) || core.is_locked_up() {
                 return Err(Error::NoReturn);

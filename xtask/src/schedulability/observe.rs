@@ -38,8 +38,8 @@ const SCENARIO: &str = "busy.toml";
 const STRESS: &str = "stress";
 /// Seed of all random numbers of a run.
 const SEED: u64 = 1;
-/// Flash without wait states, and with those of the part.
-const TIMINGS: [FlashTiming; 2] = [FlashTiming::Immediate, FlashTiming::WaitStates];
+/// Flash without wait states, and with those of the part where a handler finds nothing in its caches.
+const TIMINGS: [FlashTiming; 2] = [FlashTiming::Immediate, FlashTiming::EmptyCaches];
 
 /// The outcome of a run, and the findings about each node in the order of the manifest.
 type Followed = (Outcome, Vec<Arc<Mutex<Findings>>>);
@@ -97,7 +97,7 @@ pub(super) fn observe(
         .flat_map(|(number, scenario)| {
             let timings = timings.clone();
             let wanted =
-                timings.filter(move |(flash, _)| number == 0 || *flash == FlashTiming::WaitStates);
+                timings.filter(move |(flash, _)| number == 0 || *flash == FlashTiming::EmptyCaches);
             wanted.map(move |(flash, model)| Job {
                 scenario,
                 flash,
@@ -246,7 +246,17 @@ fn note(
         let image = image.transpose()?;
         for task in &node.load.tasks {
             let seen: &mut Seen = of_node.entry(task.name.clone()).or_default();
-            seen.longest[model] = seen.longest[model].max(task.longest);
+            let alone = match model {
+                Model::ZeroWait => task.longest,
+                Model::Flashed => {
+                    for (&times, &cycles) in task.by_preemptions.range(1..) {
+                        let longest = seen.preempted.entry(times).or_default();
+                        *longest = (*longest).max(cycles);
+                    }
+                    task.by_preemptions.get(&0).copied().unwrap_or(0)
+                }
+            };
+            seen.longest[model] = seen.longest[model].max(alone);
             let Some(found) = findings.get(&task.exception) else {
                 continue;
             };

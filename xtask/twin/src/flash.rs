@@ -5,10 +5,13 @@
 //! instruction cache of 64 lines; with DCEN constants use a data cache of 8 lines. The F303 (RM0316
 //! 4.2.2) reads 64 bits and has only the prefetch buffer.
 //!
-//! The manual does not say how the caches are organised or which line they replace. The model
-//! assumes full associativity and replaces the least recently used line, so a real part may miss
-//! more often. The core waits for a line that is still being read. Reads of constants and
-//! prefetches do not delay each other.
+//! A full cache replaces the line that was unused for longest, of all lines (RM0390 3.4.2). The core
+//! waits for a line that is still being read. A read that has begun is not cancelled: what is needed
+//! meanwhile waits for its end. A prefetch that has not begun gives way to a constant, and to the
+//! prefetch behind a later line.
+//!
+//! The core fetches up to three words ahead (Arm 100166 2.1). Where it jumps to another line, the model
+//! lets it have fetched the two words behind the branch before, and waits for the end of that fetch.
 
 use crate::clock::Cycles;
 use crate::part::{Family, Part};
@@ -79,6 +82,11 @@ impl Control {
     }
 }
 
+/// Bytes behind a branch that the core has fetched when the branch is executed.
+const FETCHED_AHEAD: u32 = 8;
+/// Cycles from a branch to the fetch at its target, as the emulated core counts.
+const REFILL: Cycles = 2;
+
 /// Stands for "no line". A line number is an address divided by the line size and never becomes
 /// this large.
 const NONE: u32 = u32::MAX;
@@ -88,8 +96,10 @@ struct Accelerator {
     control: Control,
     /// Line in the instruction line buffer.
     current: u32,
-    /// When the prefetched line is available.
-    next_ready: Cycles,
+    /// When the flash has ended the reads that were needed at once.
+    free: Cycles,
+    /// When the prefetch of the line behind the current one begins.
+    next_begin: Cycles,
     instructions: Lines,
     constants: Lines,
 }
@@ -99,41 +109,81 @@ impl Accelerator {
         Self {
             control: Control::default(),
             current: NONE,
-            next_ready: 0,
+            free: 0,
+            next_begin: Cycles::MAX,
             instructions: Lines::new(part.flash_access.instruction_lines),
             constants: Lines::new(part.flash_access.data_lines),
         }
     }
 
+    /// Whether the prefetch has begun before `now`.
+    fn reads_ahead(&self, now: Cycles) -> bool {
+        self.control.prefetch && self.next_begin < now
+    }
+
+    /// When the flash can begin with a read that is needed at `now`.
+    fn begin(&self, now: Cycles) -> Cycles {
+        let running = if self.reads_ahead(now) {
+            self.next_begin + self.control.wait_states + 1
+        } else {
+            0
+        };
+        now.max(self.free).max(running)
+    }
+
     /// Cycles that the core waits for an instruction in a new line requested at `now`.
     fn fetch(&mut self, line: u32, now: Cycles) -> Cycles {
         let control = self.control;
-        let ahead = control.prefetch && line == self.current.wrapping_add(1);
+        let ahead = control.prefetch && self.current.checked_add(1) == Some(line);
+        let begin = self.begin(now);
         let wait = if control.instruction_cache && self.instructions.hit(line) {
+            self.free = begin;
             0
         } else if ahead {
-            self.next_ready.saturating_sub(now).min(control.wait_states)
+            let there = self.next_begin + control.wait_states;
+            // The read ends in the next cycle.
+            self.free = begin.max(there + 1);
+            there.saturating_sub(now)
         } else {
             if control.instruction_cache {
                 self.instructions.insert(line);
             }
-            control.wait_states
+            begin - now + control.wait_states
         };
         self.current = line;
         // The prefetch of the next line starts when this line has arrived.
-        self.next_ready = now + wait + control.wait_states + 1;
+        self.next_begin = (now + wait + 1).max(self.free);
         wait
     }
 
-    /// Cycles that the core waits for a constant.
-    fn constant(&mut self, line: u32) -> Cycles {
+    /// Cycles that the core waits for a line to which it jumps at `now`, from a branch that ends before the
+    /// address `end`.
+    fn jump(&mut self, line: u32, now: Cycles, end: u32, line_bytes: u32) -> Cycles {
+        let behind = (end + FETCHED_AHEAD - 1) / line_bytes;
+        let next = self.current.checked_add(1);
+        if !self.control.prefetch || next.is_none_or(|next| behind < next || line == next) {
+            return self.fetch(line, now);
+        }
+        let branch = now.saturating_sub(REFILL);
+        let ahead = next.map_or(0, |next| self.fetch(next, branch));
+        let late = (branch + ahead).saturating_sub(now);
+        late + self.fetch(line, now + late)
+    }
+
+    /// Cycles that the core waits for a constant requested at `now`.
+    fn constant(&mut self, line: u32, now: Cycles) -> Cycles {
         if self.control.data_cache {
             if self.constants.hit(line) {
                 return 0;
             }
             self.constants.insert(line);
         }
-        self.control.wait_states
+        let wait = self.begin(now) - now + self.control.wait_states;
+        self.free = now + wait + 1;
+        if !self.reads_ahead(now) {
+            self.next_begin = self.next_begin.max(self.free);
+        }
+        wait
     }
 }
 
@@ -150,6 +200,8 @@ pub(crate) struct TimedFlash {
     acr: AtomicU32,
     now: AtomicU64,
     stall: AtomicU64,
+    /// Address behind the instruction that was fetched last.
+    next: AtomicU32,
 }
 
 impl TimedFlash {
@@ -163,6 +215,7 @@ impl TimedFlash {
             acr: AtomicU32::new(0),
             now: AtomicU64::new(0),
             stall: AtomicU64::new(0),
+            next: AtomicU32::new(0),
         }
     }
 
@@ -192,19 +245,43 @@ impl TimedFlash {
         }
     }
 
+    /// An exception begins or ends: the core goes on elsewhere, but not by a branch.
+    pub(crate) fn switch(&self) {
+        self.next.store(NONE, Ordering::Relaxed);
+    }
+
+    /// Empties the caches: another program may have run before.
+    pub(crate) fn empty(&self) {
+        let mut accelerator = crate::peripheral::lock(&self.accelerator);
+        accelerator.instructions.lines.clear();
+        accelerator.constants.lines.clear();
+    }
+
     #[inline]
-    fn charge(&self, offset: u32, fetch: bool) {
+    fn charge(&self, offset: u32, size: u32, fetch: bool) {
         let line = offset / self.line_bytes;
+        let end = if fetch {
+            let end = self.next.load(Ordering::Relaxed);
+            self.next.store(offset + size, Ordering::Relaxed);
+            end
+        } else {
+            offset
+        };
         if fetch && line == self.current.load(Ordering::Relaxed) {
             return;
         }
         let mut accelerator = crate::peripheral::lock(&self.accelerator);
         let so_far = self.stall.load(Ordering::Relaxed);
+        let now = self.now.load(Ordering::Relaxed) + so_far;
         let wait = if fetch {
             self.current.store(line, Ordering::Relaxed);
-            accelerator.fetch(line, self.now.load(Ordering::Relaxed) + so_far)
+            if end == offset || end == NONE {
+                accelerator.fetch(line, now)
+            } else {
+                accelerator.jump(line, now, end, self.line_bytes)
+            }
         } else {
-            accelerator.constant(line)
+            accelerator.constant(line, now)
         };
         self.stall.store(so_far + wait, Ordering::Relaxed);
     }
@@ -216,7 +293,8 @@ impl MemOps for TimedFlash {
         let source = self.image.get(start..start + dst.len());
         dst.copy_from_slice(source.ok_or(BusError::BadAccess)?);
         if !attrs.debug {
-            self.charge(offset as u32, attrs.purpose == AccessPurpose::FETCH);
+            let fetch = attrs.purpose == AccessPurpose::FETCH;
+            self.charge(offset as u32, dst.len() as u32, fetch);
         }
         Ok(())
     }
@@ -248,7 +326,7 @@ mod tests {
         assert_eq!(flash.fetch(10, 0), 5);
         assert_eq!(flash.fetch(11, 100), 5);
         assert_eq!(flash.fetch(10, 200), 5);
-        assert_eq!((flash.constant(3), flash.constant(3)), (5, 5));
+        assert_eq!((flash.constant(3, 300), flash.constant(3, 400)), (5, 5));
     }
 
     #[test]
@@ -284,14 +362,44 @@ mod tests {
     }
 
     #[test]
+    fn what_is_needed_waits_for_a_read_that_has_begun() {
+        let mut flash = f446(5 | 7 << 8);
+        assert_eq!(flash.fetch(10, 100), 5);
+        // The prefetch of line 11 takes the cycles 106 to 111.
+        assert_eq!(flash.fetch(40, 108), 4 + 5);
+        // Its prefetch would take the cycles 118 to 123, and has not begun.
+        assert_eq!(flash.constant(3, 117), 5);
+        // It begins at 123, behind the constant.
+        assert_eq!(flash.constant(4, 125), 4 + 5);
+        assert_eq!(flash.fetch(41, 135), 0);
+        // A hit does not wait, and what is read ahead for nothing delays the next line.
+        assert_eq!(flash.fetch(10, 138), 0);
+        assert_eq!(flash.fetch(11, 140), 142 + 5 - 140);
+    }
+
+    #[test]
+    fn a_branch_waits_for_what_the_core_has_fetched_behind_it() {
+        let mut flash = f446(5 | 7 << 8);
+        assert_eq!(flash.fetch(10, 100), 5);
+        // Line 11 comes at 111, and the read ends behind that. The branch ends at byte 10 of the line.
+        let mut other = f446(5 | 7 << 8);
+        assert_eq!(other.fetch(10, 100), 5);
+        assert_eq!(other.jump(40, 109, 10 * 16 + 10, 16), 2 + 6);
+        // The words behind this branch are in its own line, so only the running read is waited for.
+        assert_eq!(flash.jump(40, 109, 10 * 16 + 8, 16), 3 + 5);
+    }
+
+    #[test]
     fn eight_lines_of_constants_are_kept() {
         let mut flash = f446(5 | 1 << 10);
-        let all: u64 = (0..8).map(|line| flash.constant(line)).sum();
+        let all: u64 = (0..8)
+            .map(|line| flash.constant(line, 10 * u64::from(line)))
+            .sum();
         assert_eq!(all, 40);
-        assert_eq!(flash.constant(0), 0);
-        assert_eq!(flash.constant(8), 5);
-        assert_eq!(flash.constant(0), 0, "used last");
-        assert_eq!(flash.constant(1), 5, "unused longest");
+        assert_eq!(flash.constant(0, 100), 0);
+        assert_eq!(flash.constant(8, 110), 5);
+        assert_eq!(flash.constant(0, 120), 0, "used last");
+        assert_eq!(flash.constant(1, 130), 5, "unused longest");
     }
 
     #[test]
@@ -301,6 +409,6 @@ mod tests {
         assert_eq!(flash.fetch(1, 0), 2);
         assert_eq!(flash.fetch(2, 5), 0);
         assert_eq!(flash.fetch(1, 10), 2);
-        assert_eq!((flash.constant(7), flash.constant(7)), (2, 2));
+        assert_eq!((flash.constant(7, 20), flash.constant(7, 30)), (2, 2));
     }
 }

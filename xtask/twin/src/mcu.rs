@@ -48,15 +48,18 @@ pub struct Board {
     pub flash: FlashTiming,
 }
 
-/// How long reading the flash takes.
+/// How long accesses to the flash, and to peripherals, take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FlashTiming {
     /// No wait states: instructions take the cycles of the processor manual.
     #[default]
     Immediate,
     /// The wait states that the program has set, reduced by prefetch and caches as far as the
-    /// program has enabled them.
+    /// program has enabled them. Peripherals have the waits of their buses.
     WaitStates,
+    /// The same, with caches that every exception finds empty: whatever ran before it left nothing that
+    /// it can use.
+    EmptyCaches,
 }
 
 impl Default for Board {
@@ -107,8 +110,10 @@ pub struct Mcu {
     image: Arc<Image>,
     core: ArmV7m,
     shared: Arc<Shared>,
-    /// Only with [`FlashTiming::WaitStates`].
+    /// Only with wait states.
     flash: Option<Arc<TimedFlash>>,
+    /// Whether every exception finds its caches empty.
+    finds_caches_empty: bool,
     memories: Vec<Ram>,
     node: Option<NodeId>,
     now: Cycles,
@@ -188,7 +193,9 @@ impl Mcu {
         let contents: Arc<[u8]> = Arc::from(image.flash());
         let flash = match board.flash {
             FlashTiming::Immediate => None,
-            FlashTiming::WaitStates => Some(Arc::new(TimedFlash::new(part, contents.clone()))),
+            FlashTiming::WaitStates | FlashTiming::EmptyCaches => {
+                Some(Arc::new(TimedFlash::new(part, contents.clone())))
+            }
         };
         let peripherals = Peripherals::new(
             part,
@@ -198,7 +205,7 @@ impl Mcu {
             contents,
             memories.clone(),
         )?;
-        let shared = Arc::new(Shared::new(peripherals));
+        let shared = Arc::new(Shared::new(peripherals, flash.is_some()));
         let space = address_space(&image, flash.as_ref(), &memories, &shared)?;
         let config = Config::CORTEX_M4F
             .with_priority_bits(part.priority_bits)
@@ -210,6 +217,7 @@ impl Mcu {
             core,
             shared,
             flash,
+            finds_caches_empty: board.flash == FlashTiming::EmptyCaches,
             memories,
             node,
             now: 0,
@@ -461,14 +469,21 @@ impl Mcu {
         if self.stuck.is_some() {
             self.hold_stuck_bit();
         }
-        let stall = self.flash.as_ref().map_or(0, |flash| flash.take_stall());
+        let stall =
+            self.flash.as_ref().map_or(0, |flash| flash.take_stall()) + self.shared.take_stall();
         if stall > 0 {
             self.wait(stall);
         }
         if used > CHAIN {
             let switch = self.long_step(used, stall);
             self.keep_it_state(before, switch);
+            if let Some(flash) = self.flash.as_ref().filter(|_| switch != Switch::None) {
+                flash.switch();
+            }
             if matches!(switch, Switch::Enter(_) | Switch::Chain(_)) {
+                if self.finds_caches_empty {
+                    self.empty_caches();
+                }
                 // Until the handler's first float instruction has stored it, FPSCR belongs to the
                 // code below. The emulated core overwrites it at once, so that a comparison just
                 // before the exception would lose its flags (ARMv7-M manual B1.5.7,
@@ -491,6 +506,13 @@ impl Mcu {
             // pending.
             self.poke = asleep && !self.asleep;
             self.asleep = asleep;
+        }
+    }
+
+    /// Empties the caches of the flash, if it has a timing.
+    pub fn empty_caches(&self) {
+        if let Some(flash) = &self.flash {
+            flash.empty();
         }
     }
 
@@ -586,7 +608,7 @@ impl Mcu {
         }
     }
 
-    /// The core waited for the flash while its counters continued.
+    /// The core waited for the flash or a peripheral bus while its counters continued.
     fn wait(&mut self, stall: Cycles) {
         self.now += stall;
         self.core.with_sys(|sys| {

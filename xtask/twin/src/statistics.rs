@@ -17,6 +17,8 @@ pub struct TaskTimes {
     /// Longest execution time of an activation: from its first instruction to its return, without
     /// preemption by higher priorities and without exception entry and return.
     pub longest: Cycles,
+    /// The same of the activations that were preempted so often.
+    pub by_preemptions: BTreeMap<u32, Cycles>,
     /// Longest response time: from the exception entry (stacking included) to the return.
     pub longest_response: Cycles,
     /// Sum of the execution times of all activations.
@@ -56,6 +58,7 @@ struct Activation {
     exception: u16,
     entered: Cycles,
     own: Cycles,
+    preemptions: u32,
 }
 
 /// Follows the nesting of a core's exceptions.
@@ -115,10 +118,14 @@ impl Observer {
     }
 
     fn enter(&mut self, exception: u16, at: Cycles) {
+        if let Some(preempted) = self.stack.last_mut() {
+            preempted.preemptions += 1;
+        }
         self.stack.push(Activation {
             exception,
             entered: at,
             own: 0,
+            preemptions: 0,
         });
     }
 
@@ -128,6 +135,8 @@ impl Observer {
             task.activations += 1;
             task.total += done.own;
             task.longest = task.longest.max(done.own);
+            let longest = task.by_preemptions.entry(done.preemptions).or_default();
+            *longest = (*longest).max(done.own);
             task.longest_response = task.longest_response.max(now - done.entered);
         }
     }
@@ -174,11 +183,12 @@ mod tests {
         let load = observer.report(&Image::from_code(Part::F446, &[]).unwrap());
         let of = |n: u16| {
             let t = load.tasks.iter().find(|t| t.exception == n).unwrap();
-            (t.longest, t.longest_response)
+            let alone = t.by_preemptions.get(&0).copied();
+            (t.longest, alone, t.longest_response)
         };
-        assert_eq!(of(20), (16, 87));
-        assert_eq!(of(44), (31, 53));
-        assert_eq!(of(21), (4, 20));
+        assert_eq!(of(20), (16, None, 87));
+        assert_eq!(of(44), (31, Some(31), 53));
+        assert_eq!(of(21), (4, Some(4), 20));
         assert_eq!(load.switching, 12 + 12 + 10 + 6 + 10);
     }
 }

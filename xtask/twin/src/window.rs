@@ -18,11 +18,17 @@ pub(crate) struct Shared {
     now: AtomicU64,
     /// The cycle from which the run loop must process the peripherals.
     attention: AtomicU64,
+    /// Whether an access waits for the bus of the peripheral.
+    waits: bool,
+    /// Cycles that the core has waited since they were taken.
+    stall: AtomicU64,
 }
 
 impl Shared {
-    pub(crate) fn new(peripherals: Peripherals) -> Self {
+    pub(crate) fn new(peripherals: Peripherals, waits: bool) -> Self {
         Self {
+            waits,
+            stall: AtomicU64::new(0),
             peripherals: Mutex::new(peripherals),
             now: AtomicU64::new(0),
             attention: AtomicU64::new(0),
@@ -43,8 +49,32 @@ impl Shared {
         self.attention.store(at, Ordering::Relaxed);
     }
 
-    fn access<R>(&self, act: impl FnOnce(&mut Peripherals) -> R) -> R {
+    /// Cycles that the core has waited for buses of peripherals since the last call.
+    #[inline]
+    pub(crate) fn take_stall(&self) -> Cycles {
+        if self.waits {
+            self.stall.swap(0, Ordering::Relaxed)
+        } else {
+            0
+        }
+    }
+
+    /// A transfer on a peripheral bus begins with its next cycle and takes two of them (RM0390 2.1.9, and
+    /// the AMBA APB specification 2.1).
+    fn charge(&self, periods: u64) {
+        let so_far = self.stall.load(Ordering::Relaxed);
+        let now = self.now.load(Ordering::Relaxed) + so_far;
+        let wait = now.next_multiple_of(periods) - now + 2 * periods;
+        self.stall.store(so_far + wait, Ordering::Relaxed);
+    }
+
+    fn access<R>(&self, address: u32, act: impl FnOnce(&mut Peripherals) -> R) -> R {
         let mut peripherals = lock(&self.peripherals);
+        if self.waits
+            && let Some(periods) = peripherals.bus_periods(address)
+        {
+            self.charge(periods);
+        }
         let seen = peripherals.lines;
         peripherals.catch_up(self.now.load(Ordering::Relaxed));
         let result = act(&mut peripherals);
@@ -86,7 +116,7 @@ impl MemOps for Window {
         }
         let address = self.base + offset as u32;
         let lane = (address & 3) as usize;
-        let word = self.shared.access(|peripherals| {
+        let word = self.shared.access(address, |peripherals| {
             peripherals.check(address, dst.len(), Access::Read);
             peripherals.read(address & !3)
         });
@@ -106,7 +136,7 @@ impl MemOps for Window {
         let lane = (address & 3) as usize;
         let mut bytes = [0; 4];
         self.shared
-            .access(|peripherals| {
+            .access(address, |peripherals| {
                 peripherals.check(address, src.len(), written(lane, src));
                 if lane != 0 {
                     bytes = peripherals.read(address & !3)?.to_le_bytes();

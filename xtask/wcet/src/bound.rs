@@ -177,6 +177,9 @@ pub struct Section {
 pub struct Bound {
     /// Longest time of one activation.
     pub cycles: Cycles,
+    /// Cycles, as flashed, by which one preemption may make it longer: lines that it has in the caches of
+    /// the flash are replaced, and read once more.
+    pub reload: u64,
     /// Deepest stack below the stack pointer on entry, in bytes, without exception frames and
     /// panic paths.
     pub stack: u32,

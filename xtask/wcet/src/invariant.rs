@@ -9,6 +9,7 @@
 use std::collections::HashMap;
 
 use super::flags::Flags;
+use super::flash::Reads;
 use super::range::Range;
 use super::register::Register;
 use super::slots::Slot;
@@ -116,7 +117,7 @@ impl Invariant {
         let mut state = next;
         state.flags = Flags::ANY;
         state.memory = common(&before.memory, &state.memory);
-        state.line = state.line.filter(|_| state.line == before.line);
+        state.flash = state.flash.steady(&before.flash);
         state.written |= before.written;
         let mut rules = HashMap::new();
         for (cell, value) in cells(&state) {
@@ -157,10 +158,15 @@ impl Invariant {
         &self.state
     }
 
-    /// Whether a turn from [`Self::state`] that led to `after` confirms it. If not, less is
-    /// assumed from now on.
+    /// Whether a turn from [`Self::state`] that led to `after`, on a part that `reads` its flash so,
+    /// confirms it. If not, less is assumed from now on.
     #[must_use]
-    pub(crate) fn holds(&mut self, after: &State, symbols: &mut Symbols) -> bool {
+    pub(crate) fn holds(
+        &mut self,
+        after: &State,
+        reads: Option<Reads>,
+        symbols: &mut Symbols,
+    ) -> bool {
         let found: HashMap<Cell, Value> = cells(after).into_iter().collect();
         let mut confirmed = true;
         for (cell, value) in cells(&self.state) {
@@ -169,7 +175,7 @@ impl Invariant {
             confirmed &= self.word_holds(cell, &value, &new, symbols);
         }
         confirmed &= self.stack_holds(&found, symbols);
-        confirmed & self.rest_holds(after, symbols)
+        confirmed & self.rest_holds(after, reads, symbols)
     }
 
     /// Whether the word at `cell`, assumed to be `value`, is as assumed where a turn made it
@@ -235,7 +241,7 @@ impl Invariant {
 
     /// Whether the parts of the state that are no words are as assumed. If not, the state
     /// becomes weaker.
-    fn rest_holds(&mut self, after: &State, symbols: &mut Symbols) -> bool {
+    fn rest_holds(&mut self, after: &State, reads: Option<Reads>, symbols: &mut Symbols) -> bool {
         let state = &mut self.state;
         let mut confirmed = true;
         let primask = state.primask.join(after.primask);
@@ -273,10 +279,7 @@ impl Invariant {
                 confirmed = false;
             }
         }
-        if state.line.is_some() && state.line != after.line {
-            state.line = None;
-            confirmed = false;
-        }
+        confirmed &= state.flash.holds(&after.flash, reads);
         if !state.written.holds(after.written) {
             state.written |= after.written;
             confirmed = false;

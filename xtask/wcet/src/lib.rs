@@ -11,7 +11,7 @@
 //! ```text
 //! image, instruction, graph, annotation -> program --+
 //! range -> value, flags -> symbols -> state          +-> analysis -> bound, facts -> ipet
-//!                             execute, timing -------+                            -> watch
+//!                      execute, timing, flash -------+                            -> watch
 //! ```
 
 pub mod analysis;
@@ -23,6 +23,7 @@ mod execute;
 mod extent;
 mod facts;
 mod flags;
+pub mod flash;
 pub mod graph;
 pub mod image;
 pub mod instruction;

@@ -8,6 +8,7 @@ use rsemu::cpu::arm::v7m::isa::Cond;
 
 use super::cycles::Cycles;
 use super::flags::{self, Flags, Source};
+use super::flash::Accelerator;
 use super::lasting::Words;
 use super::layout::STACK_TOP;
 use super::mask::{ExceptionMask, Masked};
@@ -72,8 +73,8 @@ pub(crate) struct State {
     pub escaped: bool,
     /// Longest time since the task began.
     pub cycles: Cycles,
-    /// The flash line that was fetched last, as flashed; `None` if it is unknown.
-    pub line: Option<u32>,
+    /// The flash memory and its caches, as flashed.
+    pub flash: Accelerator,
     /// Registers that the previous instruction may have written.
     pub written: RegisterSet,
     /// Critical sections that are still running.
@@ -112,7 +113,7 @@ impl State {
             faultmask: ExceptionMask::Clear,
             escaped: false,
             cycles: Cycles::ZERO,
-            line: None,
+            flash: Accelerator::unknown(None),
             written: RegisterSet::ALL,
             masked: Vec::new(),
             started: true,
@@ -133,8 +134,14 @@ impl State {
         self.masked.first().filter(|_| self.started)
     }
 
-    /// Adds `cycles` to every clock of this path.
+    /// Adds `cycles` to every clock of this path. Meanwhile the flash goes on.
     pub(crate) fn spend(&mut self, cycles: Cycles) {
+        self.flash.pass(cycles.flashed);
+        self.wait(cycles);
+    }
+
+    /// Adds `cycles` of which the state of the flash knows already.
+    pub(crate) fn wait(&mut self, cycles: Cycles) {
         self.cycles += cycles;
         for section in &mut self.masked {
             section.cycles += cycles;
@@ -269,7 +276,7 @@ impl State {
             faultmask: self.faultmask.join(other.faultmask),
             escaped: self.escaped || other.escaped,
             cycles: self.cycles.max(other.cycles),
-            line: self.line.filter(|_| self.line == other.line),
+            flash: self.flash.join(&other.flash),
             written: self.written | other.written,
             masked: join_sections(&self.masked, &other.masked),
             started: self.started || other.started,

@@ -2,8 +2,8 @@
 //!
 //! There are two models. [`Timing::zero_wait`] charges what the emulator charges, so a bound can
 //! be compared with an observation cycle by cycle. The other one charges the worst case of the
-//! Cortex-M4 manual (Arm 100166, "Instruction set summary"), with the part's flash at its clock
-//! and without any benefit of caches or prefetch.
+//! Cortex-M4 manual (Arm 100166, "Instruction set summary"). What the part's flash adds at its clock,
+//! [`flash`](super::flash) says.
 
 use parts::Sled;
 use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn, UnaryOp};
@@ -11,6 +11,7 @@ use rsemu::cpu::arm::v7m::isa::{BarrierOp, Insn};
 
 use super::cycles::Cycles;
 use super::execute::Access;
+use super::flash::Reads;
 use super::instruction::Instruction;
 use super::layout::STACK;
 use super::range::Range;
@@ -19,8 +20,8 @@ use super::register::RegisterSet;
 /// Wait states of one kind of memory, in core cycles beyond the first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Waits {
-    /// A flash line of code or constants.
-    pub flash: u64,
+    /// The flash, with its lines and caches.
+    pub flash: Reads,
     /// RAM while a DMA transfer uses it.
     pub ram: u64,
     /// A peripheral on the slower bus, with the synchronisation of the bridge.
@@ -34,8 +35,6 @@ pub struct Waits {
 pub struct Timing {
     /// `None`: as the emulator charges.
     waits: Option<Waits>,
-    /// Bytes fetched from flash at once.
-    line: u32,
 }
 
 /// Costs of exceptions, in cycles.
@@ -111,10 +110,7 @@ impl Timing {
     /// The emulator's charges: no wait states, divides at their fastest.
     #[must_use]
     pub const fn zero_wait() -> Self {
-        Self {
-            waits: None,
-            line: 4,
-        }
+        Self { waits: None }
     }
 
     /// A board on its external clock: flash wait states and line length of its part at
@@ -129,12 +125,25 @@ impl Timing {
         };
         Self {
             waits: Some(Waits {
-                flash: waits,
+                flash: Reads {
+                    line_bytes: flash.line_bytes,
+                    waits,
+                    instruction_lines: flash.instruction_lines,
+                    constant_lines: flash.data_lines,
+                },
                 ram: 1,
                 slow_peripheral: 3 * (clocks.core / clocks.apb1) as u64,
                 fast_peripheral: 3 * (clocks.core / clocks.apb2) as u64,
             }),
-            line: flash.line_bytes,
+        }
+    }
+
+    /// How the part reads its flash; `None` by the emulator's model.
+    #[must_use]
+    pub const fn reads(&self) -> Option<Reads> {
+        match self.waits {
+            Some(waits) => Some(waits.flash),
+            None => None,
         }
     }
 
@@ -144,8 +153,8 @@ impl Timing {
         self.waits.is_none()
     }
 
-    /// Exception costs under this model. Vector fetch, first code line and
-    /// the eight stacked words pay the wait states of their memories.
+    /// Exception costs under this model. The vector fetch, the eight stacked words and the line to which
+    /// the handler returns pay the wait states of their memories.
     #[must_use]
     pub fn exceptions(&self) -> Exceptions {
         match self.waits {
@@ -158,9 +167,15 @@ impl Timing {
                 restart: 0,
             },
             Some(waits) => Exceptions {
-                // Stacking and the vector fetch overlap; their sum is an upper bound.
-                entry: 12 + 8 * waits.ram + 2 * waits.flash,
-                exit: 10 + 8 * waits.ram + waits.flash,
+                // Stacking and the vector fetch overlap; their sum is an upper bound. The vector waits for
+                // a read that has begun.
+                entry: 12 + 8 * waits.ram + 2 * waits.flash.waits,
+                // The line of the interrupted code waits for a read that has begun, and the one
+                // behind it is read ahead anew.
+                exit: 10
+                    + 8 * waits.ram
+                    + 3 * waits.flash.waits
+                    + if waits.flash.waits > 0 { 1 } else { 0 },
                 save_floats: 17 + 17 * waits.ram,
                 restore_floats: 17 + 17 * waits.ram,
                 restart: 12,
@@ -168,7 +183,7 @@ impl Timing {
         }
     }
 
-    /// Cycles of one executed instruction, without the fetch of its flash line and without
+    /// Cycles of one executed instruction, without what it waits for the flash and without
     /// the pipeline refill of a taken branch. `previous` are the registers that the
     /// instruction before may have written.
     #[must_use]
@@ -198,33 +213,25 @@ impl Timing {
         }
     }
 
-    /// Wait states of an access. Memory that is not known counts as the slowest.
+    /// Wait states of an access. Memory that is not known counts as the slowest. The wait states of what
+    /// certainly lies in flash are counted by [`flash`](super::flash).
     fn wait(waits: Waits, access: &Access) -> u64 {
         let (low, high) = access.address.unsigned();
         let within = |first: u32, last: u32| low >= first && high <= last;
-        if access.address.meet(STACK) == Some(access.address)
+        if access.load && Reads::reached(access.address).1 {
+            0
+        } else if access.address.meet(STACK) == Some(access.address)
             || within(0x2000_0000, 0x3fff_ffff)
             || within(0x1000_0000, 0x1000_ffff)
             || within(0xe000_0000, 0xffff_ffff)
         {
             waits.ram
-        } else if within(0x0000_0000, 0x0fff_ffff) || within(0x1fff_0000, 0x1fff_ffff) {
-            waits.flash
         } else if within(0x4001_0000, 0x41ff_ffff) || within(0x4400_0000, 0x5fff_ffff) {
             waits.fast_peripheral
         } else {
             // The aliases of bits, from 0x4200_0000 on, are of peripherals on either bus.
-            waits.slow_peripheral.max(waits.flash)
+            waits.slow_peripheral.max(waits.flash.waits)
         }
-    }
-
-    /// Whether the access may read flash, so that the line in the fetch buffer is lost.
-    #[must_use]
-    pub fn reads_flash(&self, access: &Access) -> bool {
-        let (low, high) = access.address.unsigned();
-        self.waits.is_some()
-            && (low < 0x1000_0000 || high < low || high >= SYSTEM_FLASH && low < 0x2000_0000)
-            && access.address.meet(STACK) != Some(access.address)
     }
 
     /// Cycles of an instruction whose `IT` condition does not hold.
@@ -233,42 +240,13 @@ impl Timing {
         1
     }
 
-    /// Cycles of a taken branch beyond the instruction: the pipeline refill, the current fetch,
-    /// which cannot be cancelled, and the line at the target.
+    /// Cycles of a taken branch beyond the instruction: the pipeline refill. The wait for the line at the
+    /// target comes in addition.
     #[must_use]
     pub const fn taken(&self) -> u64 {
-        match self.waits {
-            None => 2,
-            Some(waits) => 3 + 2 * waits.flash,
-        }
-    }
-
-    /// Cycles to fetch the flash lines of an instruction at `address`, if `held` is the line
-    /// that was fetched last; and the line that is held afterwards.
-    #[must_use]
-    pub fn fetch(&self, address: u32, size: u32, held: Option<u32>) -> (u64, Option<u32>) {
-        let Some(waits) = self.waits else {
-            return (0, None);
-        };
-        if !(0x0000_0000..0x1000_0000).contains(&address) {
-            return (0, None);
-        }
-        let first = address / self.line;
-        let last = (address + size - 1) / self.line;
-        let lines = u64::from(held != Some(first)) + u64::from(last != first);
-        (lines * waits.flash, Some(last))
-    }
-
-    /// The line that is held after a taken branch to `address`.
-    #[must_use]
-    pub fn line_at(&self, address: u32) -> Option<u32> {
-        self.waits.map(|_| address / self.line)
+        if self.is_zero_wait() { 2 } else { 3 }
     }
 }
-
-/// Begin of the flash beside the program: boot loader, one-time words, identity of the part (RM0390 3.3,
-/// RM0316 4.2).
-const SYSTEM_FLASH: u32 = 0x1fff_0000;
 
 /// Cycles that the emulator charges for an instruction.
 fn emulated(instruction: &Instruction, access: Option<&Access>) -> u64 {
@@ -299,7 +277,7 @@ fn worst_case(instruction: &Instruction, waits: Waits) -> u64 {
         Insn::Barrier { op, .. } => match op {
             // Waits for the write buffer: one store to the slowest memory.
             BarrierOp::Dsb | BarrierOp::Dmb => 3 + waits.slow_peripheral,
-            BarrierOp::Isb => 4 + 2 * waits.flash,
+            BarrierOp::Isb => 4 + 2 * waits.flash.waits,
         },
         Insn::LoadStoreExclusive { .. } => 2,
         Insn::TableBranch { .. } => 3,
@@ -359,7 +337,7 @@ fn bit_band(address: Range) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{Timing, Timings, Waits};
+    use super::{Reads, Timing, Timings, Waits};
     use crate::execute::Access;
     use crate::instruction::Instruction;
     use crate::range::Range;
@@ -369,22 +347,30 @@ mod tests {
     /// Flash takes 5 cycles more, RAM 1, peripherals 12 and 6.
     const SLOW: Timing = Timing {
         waits: Some(Waits {
-            flash: 5,
+            flash: flash(5),
             ram: 1,
             slow_peripheral: 12,
             fast_peripheral: 6,
         }),
-        line: 16,
     };
     const NO_WAITS: Timing = Timing {
         waits: Some(Waits {
-            flash: 0,
+            flash: flash(0),
             ram: 0,
             slow_peripheral: 0,
             fast_peripheral: 0,
         }),
-        line: 16,
     };
+
+    const fn flash(waits: u64) -> Reads {
+        Reads {
+            line_bytes: 16,
+            waits,
+            instruction_lines: 64,
+            constant_lines: 8,
+        }
+    }
+
     /// `str r0, [r1]`
     const STORE: [u16; 2] = [0x6008, 0];
     /// `ldr r0, [r1]`
@@ -477,8 +463,9 @@ mod tests {
         let load = |address: u32| cost(&SLOW, LOAD, Range::constant(address), 1);
         let store = |address: u32| cost(&SLOW, STORE, Range::constant(address), 1);
         assert_eq!([0x2000_0000, 0x1000_fffc, 0xe000_e100].map(load), [3; 3]);
-        // The program, the identity of the part and what the boot loader reads from.
-        assert_eq!([0x0800_0000, 0x1fff_7a10, 0x1fff_f7ac].map(load), [7; 3]);
+        // The program, the identity of the part and what the boot loader reads from: their waits depend on
+        // the state of the flash.
+        assert_eq!([0x0800_0000, 0x1fff_7a10, 0x1fff_f7ac].map(load), [2; 3]);
         assert_eq!(
             [0x4000_5400, 0x4001_3000, 0x4002_3800].map(load),
             [14, 8, 8]
@@ -489,17 +476,5 @@ mod tests {
         assert_eq!([0x2200_0000, 0x4247_0000].map(store), [5, 27]);
         // Nothing is known: it may also be unaligned, which takes three transfers.
         assert_eq!(cost(&SLOW, STORE, Range::ALL, 1), 40);
-        let read = |address| {
-            SLOW.reads_flash(&Access {
-                address: Range::constant(address),
-                load: true,
-                size: 4,
-                count: 1,
-            })
-        };
-        assert_eq!(
-            [0x0800_0000, 0x1fff_7a10, 0x1000_0000, 0x2000_0000].map(read),
-            [true, true, false, false]
-        );
     }
 }

@@ -473,6 +473,16 @@ impl Peripherals {
 
     // -- clocks ---------------------------------------------------------------------
 
+    /// Core cycles in a cycle of the peripheral bus on which this address is; `None` on another bus.
+    pub(crate) fn bus_periods(&self, address: u32) -> Option<u64> {
+        let tree = self.rcc.tree();
+        match address {
+            0x4000_0000..0x4001_0000 => Some(tree.apb1),
+            0x4001_0000..0x4002_0000 => Some(tree.apb2),
+            _ => None,
+        }
+    }
+
     /// Applies changes of the clock tree to the peripherals.
     fn retune(&mut self, first: bool) {
         let now = self.now;

@@ -39,7 +39,7 @@ impl Run<'_, '_> {
             Flow::Branch { condition, target } => {
                 let (yes, no) = branch(state, last, condition);
                 if let (Some(no), Some(next)) = (no, graph.block_at(last.next())) {
-                    exits.push((To::Block(next), no));
+                    exits.push(self.straight_on(id, next, last, no));
                 }
                 if let Some(yes) = yes {
                     self.jump(graph, id, yes, target, last.address, exits);

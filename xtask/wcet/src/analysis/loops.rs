@@ -223,7 +223,11 @@ impl Run<'_, '_> {
             let turn_ended = std::mem::replace(&mut self.ended, ended);
             if let Some(back) = &back
                 && !self.exhausted()
-                && !invariant.holds(back, &mut self.executor.symbols)
+                && !invariant.holds(
+                    back,
+                    self.timings.flashed.reads(),
+                    &mut self.executor.symbols,
+                )
             {
                 continue;
             }

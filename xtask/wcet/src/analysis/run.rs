@@ -7,6 +7,7 @@ use crate::bound::{Bound, End, Entry, PanicSite, Problem, Section};
 use crate::cycles::Cycles;
 use crate::execute::Executor;
 use crate::facts::{Facts, To};
+use crate::flash::{Accelerator, Reused};
 use crate::graph::Targets;
 use crate::lasting::{Memory, Words};
 use crate::layout::{STACK_TOP, leads_to_memory};
@@ -67,6 +68,8 @@ pub(super) struct Run<'r, 'a> {
     pub(super) found: Targets,
     /// Headers of loops for which no bound was found.
     pub(super) endless: BTreeSet<u32>,
+    /// Lines that are taken to be at hand.
+    pub(super) reused: Reused,
     /// Lowest stack pointer.
     pub(super) lowest: u32,
     pub(super) uses_fpu: bool,
@@ -109,6 +112,7 @@ impl<'r, 'a> Run<'r, 'a> {
             steps: 0,
             found: Targets::new(),
             endless: BTreeSet::new(),
+            reused: Reused::default(),
             lowest: STACK_TOP,
             uses_fpu: false,
             sections: Sections::new(),
@@ -145,9 +149,11 @@ impl<'r, 'a> Run<'r, 'a> {
             at,
         });
         let memory = self.executor.into_memory();
+        let reads = self.timings.flashed.reads();
         Outcome {
             bound: Bound {
                 cycles: returned.max(self.ended),
+                reload: reads.map_or(0, |reads| reads.reload(&self.reused)),
                 stack: STACK_TOP - self.lowest,
                 uses_fpu: self.uses_fpu,
                 sections: sections.collect(),
@@ -181,6 +187,7 @@ impl<'r, 'a> Run<'r, 'a> {
     /// The state at the first instruction.
     fn initial(&mut self, registers: &[(Register, u32)]) -> State {
         let mut state = State::entry(&mut self.executor.symbols, self.executor.found_basepri);
+        state.flash = Accelerator::unknown(self.timings.flashed.reads());
         state.registers[Register::LR] = Value::constant(RETURN);
         for &(register, word) in registers {
             state.registers[register] = Value::constant(word);

@@ -136,12 +136,12 @@ impl Run<'_, '_> {
         let mut cost = Cycles::ZERO;
         if let Some(state) = skipping {
             cost = cost.max(state.cycles - before);
-            exits.extend(straight.map(|next| (To::Block(next), state)));
+            exits.extend(straight.map(|next| self.straight_on(id, next, last, state)));
         }
         for mut state in states {
             if last.flow() == Flow::Next {
                 cost = cost.max(state.cycles - before);
-                exits.extend(straight.map(|next| (To::Block(next), state)));
+                exits.extend(straight.map(|next| self.straight_on(id, next, last, state)));
             } else {
                 let target = self.charge(&mut state, last);
                 cost = cost.max(state.cycles - before);
@@ -150,6 +150,21 @@ impl Run<'_, '_> {
         }
         self.facts.add_cost(id, cost);
         exits
+    }
+
+    /// The way from a block to `next`, which begins behind its `last` instruction. The line is fetched
+    /// before this path meets others, so that all have the same one.
+    pub(super) fn straight_on(
+        &mut self,
+        id: BlockId,
+        next: usize,
+        last: &Instruction,
+        mut state: State,
+    ) -> (To, State) {
+        let before = state.cycles;
+        self.run_on(&mut state, last.next());
+        self.note_edge(id, To::Block(next), state.cycles - before);
+        (To::Block(next), state)
     }
 
     /// Executes an instruction after which control goes to the next one.
@@ -179,20 +194,24 @@ impl Run<'_, '_> {
 
     /// Charges the fetch of an instruction, and its one cycle if it is skipped.
     fn fetch(&mut self, state: &mut State, instruction: &Instruction, skipped: bool) {
-        let held = state.line;
-        let mut line = held;
-        let cycles = self.timings.cycles(|timing| {
-            let (fetch, now) = timing.fetch(instruction.address, instruction.size, held);
-            if !timing.is_zero_wait() {
-                line = now;
-            }
-            fetch + if skipped { timing.skipped() } else { 0 }
-        });
-        state.line = line;
+        self.run_on(state, instruction.address);
+        self.run_on(state, instruction.address + instruction.size - 1);
         if skipped {
             state.written = RegisterSet::NONE;
+            state.spend(self.timings.cycles(|timing| timing.skipped()));
         }
-        state.spend(cycles);
+    }
+
+    /// Charges the wait for the line of `address`, to which control goes on without a jump.
+    fn run_on(&mut self, state: &mut State, address: u32) {
+        let Some(reads) = self.timings.flashed.reads() else {
+            return;
+        };
+        let flashed = state.flash.follow(reads, address, &mut self.reused);
+        state.wait(Cycles {
+            zero_wait: 0,
+            flashed,
+        });
     }
 
     /// Executes and charges one instruction. Returns the word that it writes to the program
@@ -203,7 +222,6 @@ impl Run<'_, '_> {
         let started = state.started;
         let effects = self.executor.execute(state, instruction);
         let cycles = self.cost(state, instruction, &effects);
-        state.spend(cycles);
         state.written = instruction.written();
         // Interrupts are masked from reset until start-up lets the first task run. That stretch
         // delays no task, so it is not recorded as a critical section.
@@ -242,16 +260,26 @@ impl Run<'_, '_> {
         }
     }
 
-    /// The cost of an instruction that has been executed, its fetch left out.
-    fn cost(&self, state: &mut State, instruction: &Instruction, effects: &Effects) -> Cycles {
+    /// Charges an instruction that has been executed, its fetch left out. Returns its cost.
+    fn cost(&mut self, state: &mut State, instruction: &Instruction, effects: &Effects) -> Cycles {
         let access = effects.access.as_ref();
-        let previous = state.written;
-        self.timings.cycles(|timing| {
-            if access.is_some_and(|access| timing.reads_flash(access)) {
-                state.line = None;
-            }
-            timing.instruction(instruction, access, previous)
-        })
+        let mut cycles = self
+            .timings
+            .cycles(|timing| timing.instruction(instruction, access, state.written));
+        let reads = self.timings.flashed.reads();
+        let read = access.filter(|access| access.load).zip(reads);
+        let settled = read.and_then(|(access, reads)| {
+            let words = (access.size, access.count);
+            let flash = &mut state.flash;
+            let (wait, settled) = flash.read(reads, access.address, words, &mut self.reused);
+            cycles.flashed += wait;
+            settled
+        });
+        state.spend(cycles);
+        if let Some(ahead) = settled {
+            state.flash.settle(ahead);
+        }
+        cycles
     }
 
     /// Records a critical section that ends with an instruction of this cost.
@@ -277,11 +305,17 @@ impl Run<'_, '_> {
         }
     }
 
-    /// Charges the pipeline refill of a taken branch, to `target` if that is known.
+    /// Charges the pipeline refill of a taken branch, to `target` if that is known, and the wait for
+    /// its line.
     pub(super) fn refill(&mut self, state: &mut State, target: Option<u32>) {
-        state.spend(self.timings.cycles(|timing| timing.taken()));
+        let mut cycles = self.timings.cycles(|timing| timing.taken());
+        if let Some(reads) = self.timings.flashed.reads() {
+            cycles.flashed += state.flash.jump(reads, target, &mut self.reused);
+        }
+        // The line may come before the pipeline is filled or behind it: what is read ahead has no part
+        // of that time for certain.
+        state.wait(cycles);
         state.written = RegisterSet::ALL;
-        state.line = target.and_then(|target| self.timings.flashed.line_at(target));
     }
 }
 
