@@ -260,7 +260,7 @@ fn compare(reads: Reads, streams: u64) {
     for seed in 0..streams {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let places: Vec<u32> = (0..2 + random.next_u32() % 8)
-            .map(|_| random.next_u32() % (300 * reads.line_bytes) & !1)
+            .map(|_| (random.next_u32() % (300 * reads.line_bytes)) & !1)
             .collect();
         let mut part = Part::random(reads, &mut random);
         let mut at = places[0];
