@@ -3,6 +3,8 @@
 
 #[path = "broken/handlers.rs"]
 mod handlers;
+#[path = "broken/stores.rs"]
+mod stores;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -182,7 +184,8 @@ fn package() -> &'static Path {
             );
         }
         let source = fs::read_to_string(template.join("src/node.rs")).unwrap();
-        for (program, changes) in PROGRAMS.into_iter().chain(handlers::PROGRAMS) {
+        let more = handlers::PROGRAMS.into_iter().chain(stores::PROGRAMS);
+        for (program, changes) in PROGRAMS.into_iter().chain(more) {
             let changed = changes.iter().fold(source.clone(), |source, (from, to)| {
                 assert!(source.contains(from), "{program}: {from}");
                 source.replace(from, to)
@@ -295,14 +298,19 @@ fn observed(program: &str, programs: &Programs) -> Observed {
     let on_part = twin::image::Image::from_elf(Part::F446, &elf).unwrap();
     let mut mcu = Mcu::new(Arc::new(on_part), &Board::default(), None);
     let watches = programs.watches("node").map(|(_, watch)| watch);
-    let findings = observe::follow(&mut mcu, watches, 0);
+    let lasting = programs.lasting("node").collect();
+    let findings = observe::follow(&mut mcu, watches, lasting, 0);
     mcu.run_for(can_bus::SimDuration::from_ticks(100_000_000_000));
     let image = Image::read(&image(program)).unwrap();
     let findings = follow::lock(&findings);
     let tasks = mcu.load().tasks.into_iter();
     tasks
         .map(|task| {
-            let found = findings.get(&task.exception).cloned().unwrap_or_default();
+            let found = findings
+                .handlers
+                .get(&task.exception)
+                .cloned()
+                .unwrap_or_default();
             let seen = Seen {
                 longest: Cycles::both(task.longest),
                 preempted: BTreeMap::new(),

@@ -1,10 +1,13 @@
 //! Follows every activation of a node's interrupt handlers in a run, and reports where one
-//! leaves the analysed paths.
+//! leaves the analysed paths. From the first handler on it also reports each store that reaches what
+//! the analysis takes for constant: words in which start-up leaves an address, and the interrupt
+//! controller.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use twin::mcu::{Seen, Trace};
+use twin::mcu::{Seen, Storer, Trace};
+use wcet::image::Image;
 use wcet::watch::{Activation, Refuted, Watch};
 
 /// Findings about one handler.
@@ -20,8 +23,86 @@ pub struct Found {
     pub refuted: Vec<Refuted>,
 }
 
-/// Findings by exception number.
-pub type Findings = BTreeMap<u16, Found>;
+/// Findings about one node.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Findings {
+    /// Those about each handler, by its exception number.
+    pub handlers: BTreeMap<u16, Found>,
+    /// Stores that the analysis takes for impossible, each once.
+    pub stray: Vec<Stray>,
+}
+
+/// A store that the analysis takes for impossible.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stray {
+    /// It reached a word that keeps the address which start-up left there.
+    Word {
+        /// Who stored.
+        by: Storer,
+        /// The word's address.
+        at: u32,
+        /// What start-up leaves there.
+        left: u32,
+    },
+    /// When the first handler began, such a word held something else.
+    Left {
+        /// The word's address.
+        at: u32,
+        /// What start-up leaves there by the analysis.
+        left: u32,
+        /// What it left.
+        found: u32,
+    },
+    /// It changed which interrupts are enabled, their priorities, or the vector table.
+    Rearranged {
+        /// Address of the instruction.
+        by: u32,
+        /// Address of the register.
+        register: u32,
+    },
+}
+
+impl Stray {
+    /// The store as a sentence without its full stop. `image` is the node's.
+    #[must_use]
+    pub fn sentence(&self, image: &Image) -> String {
+        match *self {
+            Self::Word { by, at, left } => {
+                let at = variable(image, at);
+                let by = match by {
+                    Storer::Instruction(by) => image.describe(by),
+                    Storer::Entry(number) => {
+                        format!("saving of registers at the begin of exception {number}")
+                    }
+                    Storer::Dma { controller, unit } => {
+                        format!("a transfer of DMA{controller}, stream or channel {unit},")
+                    }
+                };
+                format!("{by} stores to {at}, which start-up leaves at {left:#010x} for good")
+            }
+            Self::Left { at, left, found } => {
+                let at = variable(image, at);
+                format!(
+                    "start-up leaves {found:#010x} in {at}, where the analysis found {left:#010x}"
+                )
+            }
+            Self::Rearranged { by, register } => format!(
+                "{} changes which interrupts are enabled, their priorities or the vector table, by a \
+                 store to {register:#010x} after start-up",
+                image.describe(by)
+            ),
+        }
+    }
+}
+
+/// The word at `at` by the name of its variable, if it has one.
+fn variable(image: &Image, at: u32) -> String {
+    match image.variable(at) {
+        Some((name, 0)) => format!("{name} ({at:#010x})"),
+        Some((name, offset)) => format!("byte {offset} of {name} ({at:#010x})"),
+        None => format!("the word at {at:#010x}"),
+    }
+}
 
 /// An active handler.
 #[derive(Debug)]
@@ -43,18 +124,29 @@ pub struct Follower {
     starts: usize,
     /// When the first handler was entered behind the last start.
     began: Option<u64>,
+    /// Words that keep the address which start-up left there, and what each holds since it was first
+    /// written.
+    lasting: BTreeMap<u32, u32>,
+    held: BTreeMap<u32, u32>,
     /// How long behind that a start takes, picoseconds.
     start_up: u64,
     findings: Arc<Mutex<Findings>>,
 }
 
 impl Follower {
-    /// Follows the handlers of these exceptions, each with its watch. A start of the node takes `start_up`
-    /// picoseconds from its first handler on.
+    /// Follows the handlers of these exceptions, each with its watch. `lasting` are the words that keep the
+    /// address which start-up left there. A start of the node takes `start_up` picoseconds from its first
+    /// handler on.
     #[must_use]
-    pub fn new(watches: BTreeMap<u16, Arc<Watch>>, start_up: u64) -> Self {
+    pub fn new(
+        watches: BTreeMap<u16, Arc<Watch>>,
+        lasting: BTreeMap<u32, u32>,
+        start_up: u64,
+    ) -> Self {
         Self {
             watches,
+            lasting,
+            held: BTreeMap::new(),
             stack: Vec::new(),
             starts: 1,
             began: None,
@@ -92,7 +184,11 @@ impl Follower {
                 if let Err(refuted) = watch.see(activation, at) {
                     let exception = *exception;
                     note(
-                        &mut lock(&self.findings).entry(exception).or_default().refuted,
+                        &mut lock(&self.findings)
+                            .handlers
+                            .entry(exception)
+                            .or_default()
+                            .refuted,
                         refuted,
                     );
                 }
@@ -103,6 +199,17 @@ impl Follower {
                 self.begin(exception, now.as_ticks(), mask);
             }
             Seen::Returned(mask) => self.end(mask),
+            Seen::Stored(by, at, held) => {
+                self.held.insert(at, held);
+                if let Some(&left) = self.lasting.get(&at).filter(|_| self.began.is_some()) {
+                    self.strays(Stray::Word { by, at, left });
+                }
+            }
+            Seen::Rearranged(by, register) => {
+                if self.began.is_some() {
+                    self.strays(Stray::Rearranged { by, register });
+                }
+            }
             Seen::Reset => {
                 self.stack.clear();
                 self.starts += 1;
@@ -111,12 +218,33 @@ impl Follower {
         }
     }
 
+    /// Notes a store, unless the same one is known.
+    fn strays(&self, stray: Stray) {
+        let known = &mut lock(&self.findings).stray;
+        if !known.contains(&stray) {
+            known.push(stray);
+        }
+    }
+
+    /// Compares what start-up has left in memory with what the analysis found.
+    fn compare(&self) {
+        for (&at, &left) in &self.lasting {
+            let found = self.held.get(&at).copied().unwrap_or_default();
+            if found != left {
+                self.strays(Stray::Left { at, left, found });
+            }
+        }
+    }
+
     fn begin(&mut self, exception: u16, now: u64, mask: u8) {
+        if self.began.is_none() {
+            self.compare();
+        }
         let watch = self.watches.get(&exception);
         let began = *self.began.get_or_insert(now);
         if watch.is_some() && now - began >= self.start_up {
             let mut findings = lock(&self.findings);
-            let found = findings.entry(exception).or_default();
+            let found = findings.handlers.entry(exception).or_default();
             found.entered.resize_with(self.starts, Vec::new);
             if let Some(entered) = found.entered.last_mut() {
                 entered.push(now);
@@ -135,17 +263,16 @@ impl Follower {
         };
         let mut findings = lock(&self.findings);
         if ended.activation.is_some() {
-            findings.entry(ended.exception).or_default().activations += 1;
+            let found = findings.handlers.entry(ended.exception).or_default();
+            found.activations += 1;
         }
         if ended.mask != left {
             let refuted = Refuted::Mask {
                 found: ended.mask,
                 left,
             };
-            note(
-                &mut findings.entry(ended.exception).or_default().refuted,
-                refuted,
-            );
+            let found = findings.handlers.entry(ended.exception).or_default();
+            note(&mut found.refuted, refuted);
         }
     }
 }
@@ -186,15 +313,15 @@ fn note(all: &mut Vec<Refuted>, new: Refuted) {
 
 #[cfg(test)]
 mod tests {
-    use super::{Follower, lock};
+    use super::{Follower, Stray, lock};
     use can_bus::SimTime;
     use std::collections::BTreeMap;
-    use twin::mcu::Seen;
+    use twin::mcu::{Seen, Storer};
     use wcet::watch::Refuted;
 
     #[test]
     fn a_handler_that_leaves_another_mask_is_told() {
-        let follower = Follower::new(BTreeMap::new(), 0);
+        let follower = Follower::new(BTreeMap::new(), BTreeMap::new(), 0);
         let findings = follower.findings();
         let mut see = follower.trace();
         let now = SimTime::from_ticks(0);
@@ -205,6 +332,7 @@ mod tests {
         see(Seen::Returned(0x50));
         let findings = lock(&findings);
         let refuted: Vec<_> = findings
+            .handlers
             .iter()
             .filter(|(_, found)| !found.refuted.is_empty())
             .map(|(exception, found)| (*exception, found.refuted.clone()))
@@ -214,5 +342,44 @@ mod tests {
             left: 0x50,
         };
         assert_eq!(refuted, [(22, vec![left])]);
+    }
+
+    #[test]
+    fn what_start_up_leaves_is_compared_when_the_first_handler_begins() {
+        let lasting = BTreeMap::from([(0x2000_0000, 7), (0x2000_0004, 9)]);
+        let follower = Follower::new(BTreeMap::new(), lasting, 0);
+        let findings = follower.findings();
+        let mut see = follower.trace();
+        let now = SimTime::from_ticks(0);
+        let store = |at, held| Seen::Stored(Storer::Instruction(2), at, held);
+        // Until then start-up may do what it likes.
+        see(store(0x2000_0000, 1));
+        see(Seen::Rearranged(4, 0xe000_e400));
+        see(store(0x2000_0000, 7));
+        see(store(0x2000_0004, 8));
+        see(Seen::Entered(20, now, 0));
+        let left = Stray::Left {
+            at: 0x2000_0004,
+            left: 9,
+            found: 8,
+        };
+        assert_eq!(lock(&findings).stray, [left]);
+        // The same again after another start, which stores what it has to.
+        see(Seen::Reset);
+        see(store(0x2000_0004, 9));
+        see(Seen::Entered(20, now, 0));
+        assert_eq!(lock(&findings).stray, [left]);
+        see(store(0x2000_0000, 7));
+        see(Seen::Rearranged(6, 0xe000_e400));
+        let word = Stray::Word {
+            by: Storer::Instruction(2),
+            at: 0x2000_0000,
+            left: 7,
+        };
+        let rearranged = Stray::Rearranged {
+            by: 6,
+            register: 0xe000_e400,
+        };
+        assert_eq!(lock(&findings).stray, [left, word, rearranged]);
     }
 }

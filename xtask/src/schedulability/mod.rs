@@ -79,19 +79,13 @@ pub enum Error {
     /// A thread of the simulation panicked.
     #[error("the simulation broke down")]
     BrokenDown,
-    /// Memory changed that the analysis takes for constant after start-up.
-    #[error(
-        "{node} is not as analysed: the word at {address:#010x}, which start-up leaves at {left:#010x} for good, holds {found:#010x} at the end of the run"
-    )]
-    Changed {
+    /// A store of a run reached what the analysis takes for constant after start-up.
+    #[error("{node} is not as analysed: {sentence}")]
+    Stray {
         /// The node.
         node: String,
-        /// Where the word is.
-        address: u32,
-        /// What start-up leaves there.
-        left: u32,
-        /// What the run left there.
-        found: u32,
+        /// Who stored, and where.
+        sentence: String,
     },
     /// A deadline does not hold, or is not proven to.
     #[error("not schedulable: {0}")]

@@ -56,6 +56,7 @@ pub mod part;
 mod peripheral;
 mod silicon;
 pub mod statistics;
+mod stores;
 mod twin;
 mod window;
 mod wiring;

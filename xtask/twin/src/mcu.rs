@@ -4,19 +4,21 @@ use crate::clock::{Cycles, NEVER, Ps};
 use crate::debugger::{self, Debugger, Ended};
 use crate::flash::TimedFlash;
 use crate::image::Image;
-use crate::part::{Part, Pin};
+use crate::part::{Family, Part, Pin};
 use crate::peripheral::{
     Burst, CanLink, Oscillators, Peripherals, PinChange, REFERENCE_COUNT, Ram, ResetCause,
     SharedBus, UartByte, lock,
 };
 use crate::silicon::Violation;
 use crate::statistics::{Load, Observer, Switch};
+use crate::stores::{Bytes, Settings, Watched, reaches_registers};
 use crate::window::{Shared, Window};
 use can_bus::{ClockRate, NodeId, SimDuration, SimTime};
 use rsemu::core::device::{Device, ResetKind};
 use rsemu::core::space::{AddressSpace, RamStore, Region, RomStore, RomWrite};
 use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Config};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// Cycles that the emulated core adds for stacking to the 12 cycles of an exception entry and the
@@ -90,8 +92,29 @@ pub enum Seen {
     /// It returned from an exception to the code that this one had preempted, and left this word in
     /// `BASEPRI`.
     Returned(u8),
+    /// A watched word of memory was written: by whom, its address, and what it holds since.
+    Stored(Storer, u32, u32),
+    /// The instruction at this address wrote to this register of the system control space, and changed
+    /// by that which interrupts are enabled, their priorities, or the vector table.
+    Rearranged(u32, u32),
     /// It was reset: no exception is active any more.
     Reset,
+}
+
+/// Who writes to memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Storer {
+    /// The instruction at this address.
+    Instruction(u32),
+    /// The core, which saves registers as it enters this exception.
+    Entry(u16),
+    /// A stream or channel of a DMA controller. Both are counted as in the part's manual.
+    Dma {
+        /// The controller, from 1.
+        controller: u8,
+        /// Its stream (F4, from 0) or channel (F3, from 1).
+        unit: u8,
+    },
 }
 
 /// Callback for every action of a core.
@@ -132,6 +155,8 @@ pub struct Mcu {
     poke: bool,
     observer: Observer,
     trace: Option<Trace>,
+    /// Stores to report with the trace.
+    watched: Option<Watched>,
     debugger: Option<Debugger>,
     /// A debugger has enabled halting debug (C_DEBUGEN).
     debugged: bool,
@@ -232,6 +257,7 @@ impl Mcu {
             poke: false,
             observer: Observer::default(),
             trace: None,
+            watched: None,
             debugger: None,
             debugged: false,
             stuck: None,
@@ -369,8 +395,12 @@ impl Mcu {
             flash.set_control(peripherals.flash_control());
         }
         let written = std::mem::take(&mut peripherals.can_written);
+        let reached = std::mem::take(&mut peripherals.reached);
         peripherals.attended();
         shared.set_attention(peripherals.next_event());
+        for (controller, unit, word) in reached {
+            self.show_transfer(controller, unit, word);
+        }
         written
     }
 
@@ -465,6 +495,9 @@ impl Mcu {
         }
         let before = self.core.xpsr();
         let fpscr = self.core.fpscr();
+        let store = at.and_then(|at| self.next_store(at));
+        let settings = store.filter(|store| reaches_registers(*store));
+        let settings = settings.map(|_| self.core.with_sys(|sys| Settings::of(sys)));
         let used = self.core.step();
         if self.stuck.is_some() {
             self.hold_stuck_bit();
@@ -492,11 +525,13 @@ impl Mcu {
             }
             if let Some(at) = at {
                 self.show(at, switch);
+                self.show_stores(at, store, settings, switch);
             }
             return;
         }
         if let Some(at) = at {
             self.show(at, Switch::None);
+            self.show_stores(at, store, settings, Switch::None);
         }
         self.now += used;
         self.observer.step(self.now, used + stall, 0, Switch::None);
@@ -637,6 +672,101 @@ impl Mcu {
             Switch::Chain(exception) => trace(Seen::Chained(exception, now, mask())),
             Switch::Return => trace(Seen::Returned(mask())),
         }
+    }
+
+    /// The bytes that the instruction at `at` will store, if stores are watched.
+    #[inline]
+    fn next_store(&mut self, at: u32) -> Option<Bytes> {
+        let Self {
+            image,
+            core,
+            watched,
+            memories,
+            ..
+        } = self;
+        let watched = watched.as_mut()?;
+        let offset = at.wrapping_sub(image.part().flash.base) as usize;
+        watched.store(core, offset, || code(image, memories, at))
+    }
+
+    /// Reports the stores of a step: those of the instruction at `at`, or of the registers that the core
+    /// saves instead of executing it.
+    #[inline]
+    fn show_stores(
+        &mut self,
+        at: u32,
+        store: Option<Bytes>,
+        settings: Option<Settings>,
+        switch: Switch,
+    ) {
+        if self.watched.is_none() {
+            return;
+        }
+        match (switch, store) {
+            (Switch::Enter(exception), _) => {
+                let frame = self.frame();
+                self.show_words(Storer::Entry(exception), frame);
+            }
+            (_, Some(store)) => {
+                self.show_words(Storer::Instruction(at), store);
+                let changed = settings
+                    .is_some_and(|before| self.core.with_sys(|sys| Settings::of(sys) != before));
+                if let Some(trace) = self.trace.as_mut().filter(|_| changed) {
+                    trace(Seen::Rearranged(at, store.0));
+                }
+            }
+            (_, None) => {}
+        }
+    }
+
+    /// The bytes in which the core has just saved registers as it entered an exception. Bit 4 of
+    /// `EXC_RETURN` is clear if there is room for floating-point registers among them, bit 2 selects the
+    /// stack (DDI 0403 B1.5.8).
+    fn frame(&self) -> Bytes {
+        let registers = self.core.regs();
+        let (link, size) = (registers.r[14], 8 * 4);
+        let size = if link & 1 << 4 == 0 {
+            size + 18 * 4
+        } else {
+            size
+        };
+        let first = match link & 4 {
+            0 => registers.msp,
+            _ => registers.psp,
+        };
+        (first, first.saturating_add(size - 1))
+    }
+
+    fn show_words(&mut self, by: Storer, bytes: Bytes) {
+        let Some(watched) = &self.watched else { return };
+        let words: Vec<u32> = watched.words(bytes).collect();
+        for at in words {
+            let held = self.word(at);
+            if let Some(trace) = &mut self.trace {
+                trace(Seen::Stored(by, at, held));
+            }
+        }
+    }
+
+    /// Reports a transfer to a watched word.
+    fn show_transfer(&mut self, controller: usize, unit: usize, at: u32) {
+        let first = match self.part().family {
+            Family::F4 => 0,
+            Family::F3 => 1,
+        };
+        let by = Storer::Dma {
+            controller: controller as u8 + 1,
+            unit: unit as u8 + first,
+        };
+        let held = self.word(at);
+        if let Some(trace) = &mut self.trace {
+            trace(Seen::Stored(by, at, held));
+        }
+    }
+
+    fn word(&self, at: u32) -> u32 {
+        let bytes = self.memory(at, 4).and_then(|bytes| bytes.try_into().ok());
+        bytes.map_or(0, u32::from_le_bytes)
     }
 
     /// Handles a step that took long enough to have changed the active exception.
@@ -1052,6 +1182,15 @@ impl Mcu {
         self.trace = trace;
     }
 
+    /// Reports to the trace, from now on, each store to one of these words of memory, and each one that
+    /// changes which interrupts are enabled, their priorities, or the vector table. Words are named by
+    /// their first address.
+    pub fn watch_stores(&mut self, words: &BTreeSet<u32>) {
+        let flash = self.image.part().flash.size as usize;
+        self.watched = Some(Watched::new(words, flash));
+        lock(&self.shared.peripherals).watched = words.iter().copied().collect();
+    }
+
     /// Reads memory (RAM or flash); `None` outside these.
     #[must_use]
     pub fn memory(&self, address: u32, size: usize) -> Option<Vec<u8>> {
@@ -1082,6 +1221,24 @@ impl Mcu {
     pub fn part(&self) -> &'static Part {
         self.image.part()
     }
+}
+
+/// The halfwords at `at` and behind it, in flash or RAM.
+fn code(image: &Image, memories: &[Ram], at: u32) -> Option<[u16; 2]> {
+    let mut bytes = [0; 4];
+    let flash = image.part().flash;
+    if flash.contains(at) {
+        let rest = image.flash().get((at - flash.base) as usize..)?;
+        let there = rest.len().min(4);
+        bytes[..there].copy_from_slice(&rest[..there]);
+    } else {
+        memories.iter().find_map(|ram| {
+            let offset = u64::from(at.checked_sub(ram.base)?);
+            ram.store.read_at(offset, &mut bytes).ok()
+        })?;
+    }
+    let [a, b, c, d] = bytes;
+    Some([u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d])])
 }
 
 /// Subtracts cycles that the core counted in excess. SysTick gets those that it is `owed` by one entry

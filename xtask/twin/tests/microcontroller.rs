@@ -4,10 +4,11 @@ mod program;
 
 use can_bus::{SimDuration, SimTime};
 use program::{Program, VECTORS};
+use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use twin::ResetCause;
 use twin::debugger::Ended;
-use twin::mcu::{Board, FlashTiming, Mcu, Seen};
+use twin::mcu::{Board, FlashTiming, Mcu, Seen, Storer};
 use twin::part::{Part, Pin};
 
 const MS: u64 = 1_000_000_000;
@@ -774,6 +775,132 @@ fn exceptions_are_observed_around_their_instructions() {
         assert!(matches!(activation[1], Seen::Executed(_)));
         assert_eq!(activation[2], Seen::Returned(0));
     }
+}
+
+/// What is seen of stores to the word at 0x2000_1000, and to the registers, within a millisecond.
+fn stores(program: &Program, part: &'static Part) -> Vec<Seen> {
+    let mut mcu = program.start(part, &Board::default());
+    let seen = Arc::new(Mutex::new(Vec::new()));
+    let sink = Arc::clone(&seen);
+    mcu.set_trace(Some(Box::new(move |what| {
+        if matches!(what, Seen::Stored(..) | Seen::Rearranged(..)) {
+            sink.lock().expect("one thread").push(what);
+        }
+    })));
+    mcu.watch_stores(&BTreeSet::from([0x2000_1000]));
+    run(&mut mcu, MS);
+    let seen = seen.lock().expect("one thread");
+    seen.clone()
+}
+
+#[test]
+fn a_word_that_is_changed_and_put_back_is_seen_at_each_store() {
+    let mut program = Program::new();
+    let start = 0x0800_0000 + program.here() as u32;
+    program
+        .poke(0x2000_1000, 7)
+        .poke(0x2000_1004, 5)
+        .poke(0x2000_1000, 9)
+        // STRB r1, [r0, #1]
+        .half(0x7041)
+        .poke(0x2000_1000, 7)
+        .sleep_for_ever();
+    // Two constants of eight bytes each before each store.
+    let by = |behind: u32| Storer::Instruction(start + behind);
+    assert_eq!(
+        stores(&program, Part::F446),
+        [
+            Seen::Stored(by(16), 0x2000_1000, 7),
+            Seen::Stored(by(52), 0x2000_1000, 9),
+            Seen::Stored(by(54), 0x2000_1000, 0x0909),
+            Seen::Stored(by(72), 0x2000_1000, 7),
+        ]
+    );
+}
+
+#[test]
+fn a_transfer_to_a_watched_word_is_seen() {
+    // Memory to memory, one word.
+    let mut program = Program::new();
+    program
+        .open(0x4002_3830, 1 << 22)
+        .poke(0x4002_6414 + 0x18, 1)
+        .poke(0x4002_6418 + 0x18, 0x0800_0000)
+        .poke(0x4002_641C + 0x18, 0x2000_1000)
+        .poke(0x4002_6410 + 0x18, 2 << 13 | 2 << 11 | 2 << 6 | 1)
+        .sleep_for_ever();
+    let by = Storer::Dma {
+        controller: 2,
+        unit: 1,
+    };
+    assert_eq!(
+        stores(&program, Part::F446),
+        [Seen::Stored(by, 0x2000_1000, 0x2000_2000)]
+    );
+    let mut program = Program::new();
+    program
+        .open(0x4002_1014, 1)
+        .poke(0x4002_000C, 1)
+        .poke(0x4002_0010, 0x0800_0000)
+        .poke(0x4002_0014, 0x2000_1000)
+        .poke(0x4002_0008, 1 << 14 | 2 << 10 | 2 << 8 | 1)
+        .sleep_for_ever();
+    let by = Storer::Dma {
+        controller: 1,
+        unit: 1,
+    };
+    assert_eq!(
+        stores(&program, Part::F303),
+        [Seen::Stored(by, 0x2000_1000, 0x2000_2000)]
+    );
+}
+
+#[test]
+fn a_store_that_changes_who_interrupts_whom_is_seen() {
+    let mut program = Program::new();
+    let start = 0x0800_0000 + program.here() as u32;
+    program
+        .poke(0xE000_E404, 0x4000_0000)
+        // The same again, and a request that is no change.
+        .poke(0xE000_E404, 0x4000_0000)
+        .poke(0xE000_ED04, 1 << 25)
+        .poke(0xE000_E100, 1 << 5)
+        .poke(0xE000_E180, 1 << 5)
+        .poke(0xE000_ED20, 0x5000_0000)
+        .poke(0xE000_ED0C, 0x05FA_0400)
+        .poke(0xE000_ED08, 0x2000_0000)
+        .sleep_for_ever();
+    let seen = |number: u32, register| Seen::Rearranged(start + 18 * number + 16, register);
+    assert_eq!(
+        stores(&program, Part::F446),
+        [
+            seen(0, 0xE000_E404),
+            seen(3, 0xE000_E100),
+            seen(4, 0xE000_E180),
+            seen(5, 0xE000_ED20),
+            seen(6, 0xE000_ED0C),
+            seen(7, 0xE000_ED08),
+        ]
+    );
+}
+
+/// The core saves registers as an exception begins: with its stack too deep, on a variable.
+#[test]
+fn registers_that_are_saved_on_a_watched_word_are_seen() {
+    let mut program = Program::new();
+    program
+        .constant(0, 0x2000_1010)
+        // MOV sp, r0
+        .half(0x4685)
+        .poke(0xE000_ED04, 1 << 28)
+        .sleep_for_ever();
+    program.handler(14);
+    program.return_from_handler();
+    let seen = stores(&program, Part::F446);
+    assert!(
+        matches!(seen[..], [Seen::Stored(Storer::Entry(14), 0x2000_1000, _)]),
+        "{seen:x?}"
+    );
 }
 
 #[test]

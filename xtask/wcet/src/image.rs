@@ -88,6 +88,8 @@ fn short(file: &str) -> &str {
 pub struct Variables {
     /// Size by address.
     sizes: BTreeMap<u32, u32>,
+    /// Demangled name by address.
+    names: BTreeMap<u32, String>,
     arrays: Vec<Extent>,
 }
 
@@ -205,6 +207,8 @@ impl Image {
             if symbol.kind() == SymbolKind::Data && symbol.size() > 0 {
                 let size = self.variables.sizes.entry(address).or_default();
                 *size = (*size).max(symbol.size() as u32);
+                let names = &mut self.variables.names;
+                names.entry(address).or_insert_with(|| readable(name));
             }
             if symbol.kind() == SymbolKind::Text && self.is_code(address & !1) {
                 let function = Function {
@@ -401,6 +405,14 @@ impl Image {
     pub fn name(&self, address: u32) -> String {
         self.enclosing(address)
             .map_or_else(|| format!("{address:#010x}"), |(_, f)| f.name.clone())
+    }
+
+    /// Name of the variable that holds `address`, and the distance from its begin in bytes.
+    #[must_use]
+    pub fn variable(&self, address: u32) -> Option<(&str, u32)> {
+        let start = self.variables.around(address)?.first;
+        let name = self.variables.names.get(&start)?;
+        Some((name, address - start))
     }
 
     /// Source lines of `address`, that of the innermost inlined function first.

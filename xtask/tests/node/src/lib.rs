@@ -76,6 +76,31 @@ pub fn output(value: u32) {
     INPUT.store(value, Ordering::Relaxed);
 }
 
+/// What was last put there.
+#[inline(never)]
+pub fn last() -> u32 {
+    INPUT.load(Ordering::Relaxed)
+}
+
+/// Changes the word at this address and puts it back.
+#[inline(never)]
+pub fn flicker(at: u32) {
+    let word = at as *mut u32;
+    // SAFETY: the callers name a word that nobody reads meanwhile.
+    unsafe {
+        let kept = word.read_volatile();
+        word.write_volatile(kept ^ 0xF0);
+        word.write_volatile(kept);
+    }
+}
+
+static TABLE: [u32; 16] = [3; 16];
+
+/// A table, at an address that the compiler keeps in memory.
+pub fn table() -> &'static [u32; 16] {
+    core::hint::black_box(&TABLE)
+}
+
 /// What the report makes of the samples.
 pub fn checksum(samples: &[u32; 16], repeats: u32) -> u32 {
     let mut sum = 1;

@@ -24,6 +24,7 @@ use crate::clock::{Cycles, LocalClock, NEVER, Ps};
 use crate::part::{Block, Family, Layout, Part, Pin, Request, Route, Slot, TIM3, TIMERS};
 use crate::silicon::registers::Access;
 use crate::silicon::{self, Violation};
+use crate::stores::among;
 use can_bus::{ClockRate, NodeId, SimTime};
 use parts::{Role, Signal, Sled, TimerOutput, interrupt};
 use rsemu::core::device::Device;
@@ -169,6 +170,10 @@ pub(crate) struct Peripherals {
     /// First cycle at which each slot can be used after its clock was enabled.
     usable_from: Vec<Cycles>,
     violations: silicon::Log,
+    /// Addresses of words of memory, sorted, of which transfers are noted that write to them.
+    pub(crate) watched: Box<[u32]>,
+    /// Such transfers: controller and stream or channel from zero on, and the word.
+    pub(crate) reached: Vec<(usize, usize, u32)>,
 }
 
 /// The bus's response to an access outside every peripheral.
@@ -238,6 +243,8 @@ impl Peripherals {
                 .collect(),
             usable_from: vec![0; part.slots().len()],
             violations: silicon::Log::default(),
+            watched: Box::default(),
+            reached: Vec::new(),
         };
         for (levels, port) in peripherals.levels.iter_mut().zip(&peripherals.ports) {
             *levels = port.levels();
@@ -263,7 +270,10 @@ impl Peripherals {
 
     /// True if the run loop must process the peripherals, interrupt lines aside.
     pub(crate) fn wants_attention(&self) -> bool {
-        self.reset_request.is_some() || self.can_written || self.seen_generation != self.generation
+        self.reset_request.is_some()
+            || self.can_written
+            || self.seen_generation != self.generation
+            || !self.reached.is_empty()
     }
 
     /// The run loop has processed the peripherals.
@@ -1217,6 +1227,10 @@ impl Peripherals {
             self.dmas[controller].fail(unit);
             return None;
         }
+        let bytes = (item.to, item.to.saturating_add(item.to_size - 1));
+        let words = among(&self.watched, bytes);
+        self.reached
+            .extend(words.map(|word| (controller, unit, word)));
         Some(self.dmas[controller].moved(unit))
     }
 
