@@ -14,6 +14,7 @@ use crate::line::Line;
 use crate::model::{Antenna, Geometry};
 use crate::path::{Path, Place, Progress};
 use crate::position::{Position, Velocity};
+use crate::route::{Bend, Route};
 use crate::safety::{Command, SafetyFilter, Slew, Verdict};
 use crate::scalar::{Scalar, wrap_angle};
 use crate::schedule::GainSchedule;
@@ -282,46 +283,63 @@ pub struct Outcome<T> {
     pub verdict: Verdict,
 }
 
-/// The controller and its state.
+/// The controller and its state. R is the kind of route that it follows.
 #[derive(Clone, Copy, Debug)]
-pub struct Controller<T> {
+pub struct Controller<T, R = Path<T>> {
     settings: Settings<T>,
-    path: Path<T>,
+    route: R,
     progress: Progress<T>,
     estimator: Estimator<T>,
     guidance: Guidance<T>,
     hold: Hold,
     safety: SafetyFilter<T>,
     position_age: T,
-    crab: T,
+    /// Sine and cosine of the crab angle.
+    crab: (T, T),
 }
 
 impl<T: Scalar> Controller<T> {
-    /// A controller that follows `line` and stops the vehicle at its end.
+    /// A controller that follows `line` and stops the vehicle at its end. It can follow paths of
+    /// several segments later; [`Self::following`] a line needs less time and memory.
     ///
     /// # Errors
     /// [`SettingsError`] names the setting that is unusable.
     pub fn new(settings: Settings<T>, line: Line<T>) -> Result<Self, SettingsError> {
+        Self::following(settings, Path::line(&line))
+    }
+
+    /// The path being followed.
+    #[must_use]
+    pub fn path(&self) -> &Path<T> {
+        &self.route
+    }
+}
+
+impl<T: Scalar, R: Route<T>> Controller<T, R> {
+    /// A controller that follows `route` and stops the vehicle at its end.
+    ///
+    /// # Errors
+    /// [`SettingsError`] names the setting that is unusable.
+    pub fn following(settings: Settings<T>, route: R) -> Result<Self, SettingsError> {
         settings.check()?;
-        let path = Path::line(&line);
         Ok(Self {
             settings,
-            path,
             progress: Progress::start(),
-            estimator: Estimator::new(settings.estimator, path.origin())
+            estimator: Estimator::new(settings.estimator, route.origin())
                 .map_err(SettingsError::Estimator)?,
+            route,
             guidance: Guidance::new(settings.guidance).map_err(SettingsError::Guidance)?,
             hold: Hold::new(),
             safety: SafetyFilter::new(settings.limits, settings.slew, settings.stale_after),
             position_age: settings.stale_after + T::one(),
-            crab: T::zero(),
+            crab: (T::zero(), T::one()),
         })
     }
 
-    /// Follows `path` from now on, starting at its beginning.
-    pub fn follow(&mut self, path: Path<T>) {
-        self.estimator.rebase(path.origin());
-        self.path = path;
+    /// Follows `route` from now on, starting at its beginning.
+    pub fn follow(&mut self, route: R) {
+        self.estimator.rebase(route.origin());
+        self.route = route;
         self.progress = Progress::start();
         self.guidance.reset();
     }
@@ -331,7 +349,7 @@ impl<T: Scalar> Controller<T> {
     /// only if the controlled point is not beside the antenna.
     pub fn set_crab(&mut self, crab: T) {
         if crab.is_finite() {
-            self.crab = crab;
+            self.crab = crab.sine_cosine();
         }
     }
 
@@ -350,12 +368,6 @@ impl<T: Scalar> Controller<T> {
     /// Slews commands from `last` on, which something else has sent to the actuators.
     pub fn resume(&mut self, last: Command<T>) {
         self.safety.resume(last);
-    }
-
-    /// The path being followed.
-    #[must_use]
-    pub fn path(&self) -> &Path<T> {
-        &self.path
     }
 
     /// The estimator.
@@ -388,11 +400,11 @@ impl<T: Scalar> Controller<T> {
         }
         let estimate = self.estimator.estimate();
         let place = self
-            .progress
-            .advance(&self.path, estimate.north, estimate.east);
-        let tracking = self.locate(&estimate, &place);
+            .route
+            .advance(&mut self.progress, estimate.north, estimate.east);
+        let (tracking, sine) = self.locate(&estimate, &place);
         let proposed = if sample.engaged {
-            self.law(&tracking, sample.dt)
+            self.law(&tracking, sine, sample.dt)
         } else {
             self.guidance.reset();
             self.hold = Hold::new();
@@ -414,17 +426,20 @@ impl<T: Scalar> Controller<T> {
         }
     }
 
-    fn locate(&self, estimate: &Estimate<T>, place: &Place<T>) -> Tracking<T> {
+    /// The vehicle at `place`, and the sine of its heading error.
+    fn locate(&self, estimate: &Estimate<T>, place: &Place<T>) -> (Tracking<T>, T) {
         let heading_error = wrap_angle(estimate.heading - place.bearing);
         let ahead = self.settings.controlled_point;
         let (course, along_course) = heading_error.sine_cosine();
-        let (body, along_body) = (heading_error + self.crab).sine_cosine();
+        let (crab, along_crab) = self.crab;
+        let body = course * along_crab + along_course * crab;
+        let along_body = along_course * along_crab - course * crab;
         // The estimator assumes that the body points along the course. The
         // crab angle turns the antenna's lever, which shifts the rear axle.
         let l1 = self.settings.estimator.geometry.l1;
         let right = self.settings.estimator.antenna.right;
         let shift = l1 * (course - body) + right * (along_course - along_body);
-        Tracking {
+        let tracking = Tracking {
             segment: self.progress.segment,
             along: place.along,
             cross_track: place.cross_track + shift + ahead * body,
@@ -432,10 +447,11 @@ impl<T: Scalar> Controller<T> {
             heading_error,
             steering_angle: estimate.steering_angle,
             speed: estimate.speed,
-        }
+        };
+        (tracking, course)
     }
 
-    fn law(&mut self, tracking: &Tracking<T>, dt: T) -> Option<Command<T>> {
+    fn law(&mut self, tracking: &Tracking<T>, sine: T, dt: T) -> Option<Command<T>> {
         let speed = self.settings.cruise;
         if !self.estimator.is_ready() {
             // Drive straight: the heading is observable only in motion.
@@ -452,7 +468,7 @@ impl<T: Scalar> Controller<T> {
             return Some(Command::still());
         }
         let effectiveness = self.estimator.effectiveness();
-        let deviation = self.deviation(tracking, effectiveness);
+        let deviation = self.deviation(tracking, sine, effectiveness);
         let target = self.guidance.target(
             &deviation,
             &self.settings.firm.at(tracking.speed),
@@ -469,8 +485,7 @@ impl<T: Scalar> Controller<T> {
         })
     }
 
-    fn deviation(&self, tracking: &Tracking<T>, effectiveness: T) -> Deviation<T> {
-        let Progress { segment, along, .. } = self.progress;
+    fn deviation(&self, tracking: &Tracking<T>, sine: T, effectiveness: T) -> Deviation<T> {
         let forward = if tracking.speed > T::zero() {
             tracking.speed
         } else {
@@ -478,21 +493,19 @@ impl<T: Scalar> Controller<T> {
         };
         let way = self.guidance.steering_way(forward, effectiveness) + T::lit(0.01);
         // The steering angle lags behind its target.
-        let ahead = along + forward * T::lit(0.25);
-        // Half the way that the steering needs, with a reserve of a quarter.
-        // From one side to the other it needs twice that way.
-        let curvature = |at: T| self.path.curvature(segment, at);
-        let reverses = curvature(ahead - way) * curvature(ahead + way) < T::zero();
-        let half = way * T::lit(if reverses { 1.25 } else { 0.625 });
-        let here = self.path.smoothed(segment, along, half);
-        let (sine, _) = tracking.heading_error.sine_cosine();
+        let ahead = forward * T::lit(0.25);
+        let Bend {
+            turn,
+            curvature,
+            curvature_ahead,
+        } = self.route.bend(&self.progress, ahead, way);
         Deviation {
             cross_track: tracking.cross_track - self.settings.controlled_point * sine,
-            heading: wrap_angle(tracking.heading_error - here.turn),
+            heading: wrap_angle(tracking.heading_error - turn),
             steering_angle: tracking.steering_angle,
             speed: forward,
-            curvature: here.curvature,
-            curvature_ahead: self.path.smoothed(segment, ahead, half).curvature,
+            curvature,
+            curvature_ahead,
             effectiveness,
         }
     }

@@ -22,21 +22,14 @@
 //! * Without GPS data the filter continues by dead reckoning from steering
 //!   angle and speed, and its variance grows with slip and steering noise.
 
-use crate::linear::is_finite;
+use crate::angle::{Direction, Wheels, is_near};
+use crate::covariance::{
+    Covariance, EAST, HEADING, HEADING_BIAS, NORTH, STATES, STEERING, STEERING_BIAS, Transition,
+};
 use crate::model::{Antenna, Geometry, GeometryError};
 use crate::position::{Position, Velocity};
 use crate::scalar::{Scalar, clamp_symmetric, wrap_angle};
-use nalgebra::{SMatrix, SVector};
-
-/// Number of states: north, east, heading, steering angle, heading bias,
-/// steering bias.
-const STATES: usize = 6;
-const NORTH: usize = 0;
-const EAST: usize = 1;
-const HEADING: usize = 2;
-const STEERING: usize = 3;
-const HEADING_BIAS: usize = 4;
-const STEERING_BIAS: usize = 5;
+use nalgebra::SMatrix;
 
 /// Noise of the sensors and of the model. All values are standard deviations
 /// and positive.
@@ -226,14 +219,65 @@ const GATE: f64 = 25.0;
 /// After this many outliers in a row the estimate, not the data, is taken to be
 /// wrong.
 const PATIENCE: u8 = 5;
+/// Largest estimate of a bias, rad (20 degrees).
+const LARGEST_BIAS: f64 = 0.35;
+
+/// What follows from the settings, computed once.
+#[derive(Clone, Copy, Debug)]
+struct Derived<T> {
+    wheelbase: T,
+    /// One over the wheelbase, 1/m.
+    per_wheelbase: T,
+    /// Derivative of the antenna's lead with respect to the steering angle.
+    lead: T,
+    /// Share of a change of speed that is missing when GPS data arrive.
+    late: T,
+    /// Square of the speed up to which the vehicle counts as standing.
+    standstill: T,
+    /// Variance of a position, per axis, m^2.
+    position: T,
+    /// Variance of a velocity, per axis, m^2/s^2.
+    velocity: T,
+    /// Variance of a steering angle, rad^2.
+    steering: T,
+    /// Variances that the states gain in a second while the vehicle moves.
+    drift: [T; STATES],
+}
+
+impl<T: Scalar> Derived<T> {
+    fn of(settings: &EstimatorSettings<T>) -> Self {
+        let square = |value: T| value * value;
+        let noise = &settings.noise;
+        let wheelbase = settings.geometry.wheelbase();
+        let mut drift = [T::zero(); STATES];
+        drift[NORTH] = square(noise.slip);
+        drift[EAST] = square(noise.slip);
+        drift[HEADING] = square(noise.heading);
+        drift[STEERING] = square(noise.actuator);
+        drift[HEADING_BIAS] = square(noise.heading_bias);
+        drift[STEERING_BIAS] = square(noise.steering_bias);
+        Self {
+            wheelbase,
+            per_wheelbase: T::one() / wheelbase,
+            lead: settings.geometry.l1 / wheelbase,
+            late: settings.gps_delay / (settings.drive_lag + settings.gps_delay),
+            standstill: square(settings.standstill),
+            position: square(noise.position),
+            velocity: square(noise.velocity),
+            steering: square(noise.steering),
+            drift,
+        }
+    }
+}
 
 /// The filter: estimate and covariance.
 #[derive(Clone, Copy, Debug)]
 pub struct Estimator<T> {
     settings: EstimatorSettings<T>,
+    derived: Derived<T>,
     origin: Position,
-    state: SVector<T, STATES>,
-    covariance: SMatrix<T, STATES, STATES>,
+    state: [T; STATES],
+    covariance: Covariance<T>,
     speed: T,
     /// Real steering rate as a share of the commanded one, with its variance.
     effectiveness: T,
@@ -253,9 +297,10 @@ impl<T: Scalar> Estimator<T> {
         settings.check()?;
         let mut filter = Self {
             settings,
+            derived: Derived::of(&settings),
             origin,
-            state: SVector::zeros(),
-            covariance: SMatrix::zeros(),
+            state: [T::zero(); STATES],
+            covariance: Covariance::zero(),
             speed: T::zero(),
             effectiveness: T::one(),
             effectiveness_variance: T::lit(0.09),
@@ -283,6 +328,7 @@ impl<T: Scalar> Estimator<T> {
     pub fn set_gps_delay(&mut self, delay: T) {
         if delay.is_finite() && delay >= T::zero() {
             self.settings.gps_delay = delay;
+            self.derived = Derived::of(&self.settings);
         }
     }
 
@@ -314,15 +360,7 @@ impl<T: Scalar> Estimator<T> {
     /// units.
     #[must_use]
     pub fn deviations(&self) -> [T; STATES] {
-        let p = &self.covariance;
-        [
-            p[(0, 0)].root(),
-            p[(1, 1)].root(),
-            p[(2, 2)].root(),
-            p[(3, 3)].root(),
-            p[(4, 4)].root(),
-            p[(5, 5)].root(),
-        ]
+        self.covariance.variances().map(Scalar::root)
     }
 
     /// Real steering rate as a share of the commanded one, in [0.3, 1.5],
@@ -336,14 +374,15 @@ impl<T: Scalar> Estimator<T> {
     /// The covariance of north, east, heading, steering angle, heading bias
     /// and steering bias.
     #[must_use]
-    pub fn covariance(&self) -> &SMatrix<T, STATES, STATES> {
-        &self.covariance
+    pub fn covariance(&self) -> SMatrix<T, STATES, STATES> {
+        self.covariance.matrix()
     }
 
     /// Variance of the position, north plus east, m^2.
     #[must_use]
     pub fn position_variance(&self) -> T {
-        self.covariance[(NORTH, NORTH)] + self.covariance[(EAST, EAST)]
+        let variances = self.covariance.variances();
+        variances[NORTH] + variances[EAST]
     }
 
     /// One step: advances the estimate by `dt`, then corrects it with the
@@ -357,97 +396,113 @@ impl<T: Scalar> Estimator<T> {
         if !finite {
             return Update::BadInput;
         }
-        self.predict(seen);
+        let mut angles = self.predict(seen);
         if let Some(angle) = seen.steering_angle {
             self.see_steering(angle, seen.steering_rate * seen.dt);
         }
-        let update = self.see_gps(seen);
-        if !(is_finite(&self.state) && is_finite(&self.covariance)) {
+        let update = self.see_gps(seen, &mut angles);
+        let [.., heading, _, heading_bias, steering_bias] = self.state;
+        if !self.is_finite() {
             self.heading_known = false;
-            self.state = SVector::zeros();
+            self.state = [T::zero(); STATES];
             self.speed = T::zero();
-            self.covariance = SMatrix::zeros();
+            self.covariance = Covariance::zero();
             self.forget_angles();
             return Update::NoHeading;
         }
+        let largest = T::lit(LARGEST_BIAS);
+        self.state[HEADING] = wrap_angle(heading);
+        self.state[HEADING_BIAS] = clamp_symmetric(heading_bias, largest);
+        self.state[STEERING_BIAS] = clamp_symmetric(steering_bias, largest);
         update
     }
 
+    /// True if the estimate is usable. A covariance that is not finite comes from a product with a
+    /// number whose square makes a variance so, too.
+    fn is_finite(&self) -> bool {
+        let states = self.state.into_iter();
+        let all = states.chain(self.covariance.variances());
+        all.fold(T::zero(), |sum, value| sum + value).is_finite()
+    }
+
     fn forget_angles(&mut self) {
-        let noise = self.settings.noise;
+        let noise = &self.settings.noise;
         let square = |value: T| value * value;
         // Any steering angle is possible before the first measurement.
-        self.covariance[(STEERING, STEERING)] = T::lit(0.25);
-        self.covariance[(HEADING_BIAS, HEADING_BIAS)] = square(noise.first_heading_bias);
-        self.covariance[(STEERING_BIAS, STEERING_BIAS)] = square(noise.first_steering_bias);
+        self.covariance.set_angles(
+            T::lit(0.25),
+            square(noise.first_heading_bias),
+            square(noise.first_steering_bias),
+        );
     }
 
     fn is_moving(&self) -> bool {
         self.speed.abs() > self.settings.standstill
     }
 
-    fn predict(&mut self, seen: &Observation<T>) {
+    /// Advances the estimate. Returns heading and steering angle in the middle of the step.
+    fn predict(&mut self, seen: &Observation<T>) -> Angles<T> {
         let dt = seen.dt;
         let half = T::lit(0.5);
-        let noise = self.settings.noise;
 
         let share = dt / (dt + self.settings.drive_lag);
         let before = self.speed;
         self.speed += (seen.speed - self.speed) * share;
         let way = (before + self.speed) * half * dt;
 
-        let length = self.settings.geometry.wheelbase();
         let turned = seen.steering_rate * self.effectiveness * dt;
-        let tangent = (self.state[STEERING] + turned * half).tangent();
-        let turn = way * tangent / length - self.slip_change(tangent, turned);
-        // Derivative of the turn with respect to the steering angle.
-        let gain = way * (T::one() + tangent * tangent) / length;
-        let (sine, cosine) = (self.state[HEADING] + turn * half).sine_cosine();
-        self.state[NORTH] += way * cosine;
-        self.state[EAST] += way * sine;
-        self.state[HEADING] = wrap_angle(self.state[HEADING] + turn);
+        let wheels = Wheels::at(self.state[STEERING] + turned * half);
+        let (turn, gain) = self.arc(way, &wheels, turned);
+        let heading = Direction::of(self.state[HEADING] + turn * half);
+        let (north, east) = (way * heading.cosine, way * heading.sine);
+        self.state[NORTH] += north;
+        self.state[EAST] += east;
+        self.state[HEADING] += turn;
         self.state[STEERING] += turned;
 
-        // P <- F P F', where F is the identity except for these entries.
-        let north_heading = -way * sine;
-        let east_heading = way * cosine;
-        let north_steering = north_heading * gain * half;
-        let east_steering = east_heading * gain * half;
-        let p = &mut self.covariance;
-        for k in 0..STATES {
-            let (heading, steering) = (p[(HEADING, k)], p[(STEERING, k)]);
-            p[(NORTH, k)] += north_heading * heading + north_steering * steering;
-            p[(EAST, k)] += east_heading * heading + east_steering * steering;
-            p[(HEADING, k)] += gain * steering;
+        let moving = if self.is_moving() { dt } else { T::zero() };
+        let mut drift = self.derived.drift.map(|variance| variance * moving);
+        let stray = self.settings.noise.actuator_share * turned;
+        drift[STEERING] = self.derived.drift[STEERING] * dt + stray * stray;
+        let derivatives = Transition {
+            north: -east,
+            east: north,
+            turn: gain,
+        };
+        self.covariance.advance(&derivatives, &drift);
+        Angles { heading, wheels }
+    }
+
+    /// Computes `angles` anew if a correction has moved the estimate far away from them.
+    fn follow(&self, angles: &mut Angles<T>) {
+        let (heading, steering) = (self.state[HEADING], self.state[STEERING]);
+        if !(is_near(angles.heading.angle, heading) && is_near(angles.wheels.angle, steering)) {
+            *angles = Angles::of(heading, steering);
         }
-        for k in 0..STATES {
-            let (heading, steering) = (p[(k, HEADING)], p[(k, STEERING)]);
-            p[(k, NORTH)] += north_heading * heading + north_steering * steering;
-            p[(k, EAST)] += east_heading * heading + east_steering * steering;
-            p[(k, HEADING)] += gain * steering;
-        }
-        let square = |value: T| value * value;
-        let stray = noise.actuator_share * turned;
-        p[(STEERING, STEERING)] += square(noise.actuator) * dt + square(stray);
-        if self.is_moving() {
-            let p = &mut self.covariance;
-            p[(NORTH, NORTH)] += square(noise.slip) * dt;
-            p[(EAST, EAST)] += square(noise.slip) * dt;
-            p[(HEADING, HEADING)] += square(noise.heading) * dt;
-            p[(HEADING_BIAS, HEADING_BIAS)] += square(noise.heading_bias) * dt;
-            p[(STEERING_BIAS, STEERING_BIAS)] += square(noise.steering_bias) * dt;
-        }
+    }
+
+    /// The turn (rad) over `way` metres while the steering turns by `turned` (rad) about
+    /// `wheels`, and its derivative with respect to the steering angle.
+    fn arc(&self, way: T, wheels: &Wheels<T>, turned: T) -> (T, T) {
+        let tangent = wheels.tangent;
+        let derivative = (T::one() + tangent * tangent) * self.derived.per_wheelbase;
+        // The rear axle's slip angle follows the curvature.
+        let slip = self.settings.rear_slip * self.speed * self.speed.abs() * derivative * turned;
+        (
+            way * tangent * self.derived.per_wheelbase - slip,
+            way * derivative,
+        )
     }
 
     /// Updates the effectiveness from the `innovation` (rad) of the measured
     /// steering angle after a commanded movement of `asked` (rad).
     fn learn_effectiveness(&mut self, innovation: T, asked: T) {
-        let noise = self.settings.noise.steering;
         // A small movement does not exceed the noise of two readings.
-        if !(asked.abs() > T::lit(5.0) * noise) {
+        if !(asked.abs() > T::lit(5.0) * self.settings.noise.steering) {
             return;
         }
-        let spread = asked * asked * self.effectiveness_variance + T::lit(8.0) * noise * noise;
+        let spread =
+            asked * asked * self.effectiveness_variance + T::lit(8.0) * self.derived.steering;
         let gain = asked * self.effectiveness_variance / spread;
         self.effectiveness += gain * innovation;
         self.effectiveness_variance *= T::one() - gain * asked;
@@ -462,31 +517,24 @@ impl<T: Scalar> Estimator<T> {
     }
 
     fn see_steering(&mut self, angle: T, asked: T) {
-        let mut row = SVector::<T, STATES>::zeros();
-        row[STEERING] = T::one();
-        row[STEERING_BIAS] = T::one();
         let innovation = angle - self.state[STEERING] - self.state[STEERING_BIAS];
         self.learn_effectiveness(innovation, asked);
-        let noise = self.settings.noise.steering;
-        self.correct(&row, innovation, noise * noise);
+        let [_, _, _, steering, _, bias] = self.covariance.columns();
+        let cross = combined(&bias, T::one(), &steering);
+        let spread = cross[STEERING] + cross[STEERING_BIAS] + self.derived.steering;
+        self.correct(&cross, spread, innovation);
     }
 
-    fn see_gps(&mut self, seen: &Observation<T>) -> Update {
-        let velocity = seen
+    fn see_gps(&mut self, seen: &Observation<T>, angles: &mut Angles<T>) -> Update {
+        self.follow(angles);
+        let course = seen
             .velocity
-            .map(|velocity| velocity.metres_per_second::<T>());
-        let course = velocity.and_then(|(north, east)| self.see_speed(north, east, seen));
+            .and_then(|velocity| self.see_speed(velocity, seen, &angles.wheels));
         if !self.heading_known {
-            return match (seen.position, course) {
-                (Some(position), Some((course, variance))) => {
-                    self.start(position, course, variance, seen);
-                    Update::Corrected
-                }
-                _ => Update::NoHeading,
-            };
+            return self.start_from(seen, angles, course, Update::Corrected);
         }
         let fits = match seen.position {
-            Some(position) => self.see_position(position, seen),
+            Some(position) => self.see_position(position, seen, angles),
             None => false,
         };
         if seen.position.is_some() && !fits {
@@ -494,19 +542,14 @@ impl<T: Scalar> Estimator<T> {
             if self.outliers >= PATIENCE {
                 self.heading_known = false;
                 self.outliers = 0;
-                return match (seen.position, course) {
-                    (Some(position), Some((course, variance))) => {
-                        self.start(position, course, variance, seen);
-                        Update::Restarted
-                    }
-                    _ => Update::NoHeading,
-                };
+                return self.start_from(seen, angles, course, Update::Restarted);
             }
         } else if fits {
             self.outliers = 0;
         }
-        if let Some((course, variance)) = course {
-            self.see_course(course, variance, seen);
+        if let Some(course) = course {
+            self.follow(angles);
+            self.see_course(course, seen, angles);
         }
         if fits || course.is_some() {
             Update::Corrected
@@ -515,70 +558,78 @@ impl<T: Scalar> Estimator<T> {
         }
     }
 
-    /// Corrects the speed. Returns the antenna's course with its variance if the
-    /// vehicle is fast enough to have one.
-    fn see_speed(&mut self, north: T, east: T, seen: &Observation<T>) -> Option<(T, T)> {
-        let size = (north * north + east * east).root();
-        // The velocity vector does not tell forward from reverse; the drive
-        // does.
-        let backward = self.speed < T::zero();
-        let lead = self.antenna_lead(self.state[STEERING]);
-        let (_, cosine) = lead.sine_cosine();
-        let forward = if backward { -size } else { size } * cosine;
-        // On the inside of a turn the antenna is slower than the rear axle.
-        let measured = forward * self.forward_ratio(self.state[STEERING]);
-        let late = self.settings.gps_delay / (self.settings.drive_lag + self.settings.gps_delay);
-        let expected = self.speed - (seen.speed - self.speed) * late;
-        self.speed += (measured - expected) * T::lit(0.4);
-        if size > self.settings.standstill && self.is_moving() {
-            let course = if backward {
-                (-east).angle_of(-north)
-            } else {
-                east.angle_of(north)
-            };
-            let deviation = self.settings.noise.velocity / size;
-            Some((course, deviation * deviation))
-        } else {
-            None
+    /// Starts the estimate if position and course arrived; then the update was a `started` one.
+    #[cold]
+    #[inline(never)]
+    fn start_from(
+        &mut self,
+        seen: &Observation<T>,
+        angles: &Angles<T>,
+        course: Option<(T, T)>,
+        started: Update,
+    ) -> Update {
+        match (seen.position, course) {
+            (Some(position), Some(course)) => {
+                self.start(position, course, seen, angles);
+                started
+            }
+            _ => Update::NoHeading,
         }
     }
 
-    /// Angle by which the antenna's course leads the rear axle's in a turn.
+    /// Corrects the speed. Returns the antenna's velocity (m/s north and east), turned round if
+    /// the vehicle is in reverse, if it is fast enough to have a course.
+    fn see_speed(
+        &mut self,
+        velocity: Velocity,
+        seen: &Observation<T>,
+        wheels: &Wheels<T>,
+    ) -> Option<(T, T)> {
+        let (north, east) = velocity.metres_per_second::<T>();
+        let square = north * north + east * east;
+        // The rear axle's speed is size cos(lead) L / (L - w right / V). Both the cosine and the
+        // divisor follow from the lever, so the angle itself is not needed.
+        let (forward, sideways) = self.lever(&wheels.near(self.state[STEERING]));
+        let ratio = square / (forward * forward + sideways * sideways);
+        let size = self.derived.wheelbase * ratio.root();
+        // The velocity vector does not tell forward from reverse; the drive
+        // does.
+        let backward = self.speed < T::zero();
+        let measured = if backward { -size } else { size };
+        let expected = self.speed - (seen.speed - self.speed) * self.derived.late;
+        self.speed += (measured - expected) * T::lit(0.4);
+        if !(square > self.derived.standstill && self.is_moving()) {
+            None
+        } else if backward {
+            Some((-north, -east))
+        } else {
+            Some((north, east))
+        }
+    }
+
+    /// Velocity of the antenna along and across the rear axle's, as multiples of the rear axle's
+    /// speed over the wheelbase.
     ///
     /// With the yaw rate w = V tan(angle) / L, the antenna moves forward at
-    /// V - w right and sideways at w l1.
-    fn antenna_lead(&self, steering_angle: T) -> T {
-        let geometry = &self.settings.geometry;
-        let tangent = steering_angle.tangent();
-        let forward = geometry.wheelbase() - self.settings.antenna.right * tangent;
-        (geometry.l1 * tangent).angle_of(forward)
-    }
-
-    /// Forward speed of the rear axle as a multiple of the antenna's.
-    fn forward_ratio(&self, steering_angle: T) -> T {
-        let length = self.settings.geometry.wheelbase();
-        length / (length - self.settings.antenna.right * steering_angle.tangent())
-    }
-
-    /// Change of the rear axle's slip angle while the steering turns by `turned`
-    /// (rad) about an angle with this `tangent`.
-    fn slip_change(&self, tangent: T, turned: T) -> T {
-        let geometry = &self.settings.geometry;
-        let curvature = (T::one() + tangent * tangent) * turned / geometry.wheelbase();
-        self.settings.rear_slip * self.speed * self.speed.abs() * curvature
+    /// V - w right and sideways at w l1. On the inside of a turn it is slower than the rear axle,
+    /// and its course leads by the angle of this vector.
+    fn lever(&self, wheels: &Wheels<T>) -> (T, T) {
+        let tangent = wheels.tangent;
+        (
+            self.derived.wheelbase - self.settings.antenna.right * tangent,
+            self.settings.geometry.l1 * tangent,
+        )
     }
 
     /// The pose at the time when the GPS data were measured, computed back from
     /// the current state.
-    fn delayed(&self, seen: &Observation<T>) -> Delayed<T> {
+    fn delayed(&self, seen: &Observation<T>, wheels: &Wheels<T>) -> Delayed<T> {
         let half = T::lit(0.5);
         let delay = self.settings.gps_delay;
         let way = self.speed * delay;
-        let length = self.settings.geometry.wheelbase();
         let turned = seen.steering_rate * self.effectiveness * delay;
-        let tangent = (self.state[STEERING] - turned * half).tangent();
-        let gain = way * (T::one() + tangent * tangent) / length;
-        let turn = way * tangent / length - self.slip_change(tangent, turned);
+        let wheels = wheels.near(self.state[STEERING] - turned * half);
+        let (turn, gain) = self.arc(way, &wheels, turned);
         let heading = self.state[HEADING] - turn;
         Delayed {
             way,
@@ -589,11 +640,19 @@ impl<T: Scalar> Estimator<T> {
         }
     }
 
-    fn start(&mut self, position: Position, course: T, variance: T, seen: &Observation<T>) {
-        let then = self.delayed(seen);
+    fn start(
+        &mut self,
+        position: Position,
+        course: (T, T),
+        seen: &Observation<T>,
+        angles: &Angles<T>,
+    ) {
+        let then = self.delayed(seen, &angles.wheels);
         let turn = self.state[HEADING] - then.heading;
-        let lead = self.antenna_lead(then.steering_angle);
-        let heading = course - lead - self.state[HEADING_BIAS];
+        let (forward, sideways) = self.lever(&angles.wheels.near(then.steering_angle));
+        let lead = sideways.angle_of(forward);
+        let (course_north, course_east) = course;
+        let heading = course_east.angle_of(course_north) - lead - self.state[HEADING_BIAS];
         let (sine, cosine) = heading.sine_cosine();
         let (sine_way, cosine_way) = (heading + turn * T::lit(0.5)).sine_cosine();
         let (north, east) = position.metres_from::<T>(self.origin);
@@ -601,127 +660,170 @@ impl<T: Scalar> Estimator<T> {
         let right = self.settings.antenna.right;
         self.state[NORTH] = north - (l1 * cosine - right * sine) + then.way * cosine_way;
         self.state[EAST] = east - (l1 * sine + right * cosine) + then.way * sine_way;
-        self.state[HEADING] = wrap_angle(heading + turn);
+        self.state[HEADING] = heading + turn;
 
-        let noise = self.settings.noise;
-        let p = &mut self.covariance;
-        for k in 0..STATES {
-            for axis in [NORTH, EAST, HEADING] {
-                p[(axis, k)] = T::zero();
-                p[(k, axis)] = T::zero();
-            }
-        }
-        let bias = p[(HEADING_BIAS, HEADING_BIAS)];
-        let heading_variance = variance + bias;
+        let course_variance = self.course_variance(course);
+        let bias = self.covariance.variances()[HEADING_BIAS];
         let lever = l1.abs() + right.abs() + then.way.abs();
-        let position_variance = noise.position * noise.position + lever * lever * heading_variance;
-        p[(NORTH, NORTH)] = position_variance;
-        p[(EAST, EAST)] = position_variance;
-        p[(HEADING, HEADING)] = heading_variance;
-        p[(HEADING, HEADING_BIAS)] = -bias;
-        p[(HEADING_BIAS, HEADING)] = -bias;
+        self.covariance.restart(
+            self.derived.position + lever * lever * (course_variance + bias),
+            course_variance,
+        );
         self.heading_known = true;
         self.outliers = 0;
     }
 
+    /// Variance of the direction of the velocity `north`, `east` (m/s), rad^2.
+    fn course_variance(&self, (north, east): (T, T)) -> T {
+        self.derived.velocity / (north * north + east * east)
+    }
+
     /// Corrects the estimate by an antenna position. Returns false if the
     /// position is an outlier; the estimate is then unchanged.
-    fn see_position(&mut self, position: Position, seen: &Observation<T>) -> bool {
+    fn see_position(
+        &mut self,
+        position: Position,
+        seen: &Observation<T>,
+        angles: &Angles<T>,
+    ) -> bool {
         let (north, east) = position.metres_from::<T>(self.origin);
-        let noise = self.settings.noise.position;
-        let variance = noise * noise;
+        let variance = self.derived.position;
         let l1 = self.settings.geometry.l1;
         let right = self.settings.antenna.right;
-        let gate = T::lit(GATE);
 
-        let (rows, innovations) = {
-            let then = self.delayed(seen);
-            let (sine, cosine) = then.heading.sine_cosine();
-            let lever_north = l1 * cosine - right * sine;
-            let lever_east = l1 * sine + right * cosine;
-            let (sine_way, cosine_way) = then.middle.sine_cosine();
-            let half = T::lit(0.5);
-            let mut rows = [SVector::<T, STATES>::zeros(), SVector::zeros()];
-            let [row_north, row_east] = &mut rows;
-            row_north[NORTH] = T::one();
-            row_north[HEADING] = then.way * sine_way - lever_east;
-            row_north[STEERING] = (lever_east - then.way * sine_way * half) * then.gain;
-            row_east[EAST] = T::one();
-            row_east[HEADING] = lever_north - then.way * cosine_way;
-            row_east[STEERING] = (then.way * cosine_way * half - lever_north) * then.gain;
-            let innovations = [
-                north - (self.state[NORTH] - then.way * cosine_way + lever_north),
-                east - (self.state[EAST] - then.way * sine_way + lever_east),
-            ];
-            (rows, innovations)
-        };
+        let then = self.delayed(seen, &angles.wheels);
+        let Direction { sine, cosine, .. } = angles.heading.near(then.heading);
+        let lever_north = l1 * cosine - right * sine;
+        let lever_east = l1 * sine + right * cosine;
+        let back = angles.heading.near(then.middle);
+        let (way_north, way_east) = (then.way * back.cosine, then.way * back.sine);
+        let half = T::lit(0.5);
+        // Derivatives of the antenna's northing and easting then with respect to heading and
+        // steering angle now.
+        let north_row = [
+            way_east - lever_east,
+            (lever_east - way_east * half) * then.gain,
+        ];
+        let east_row = [
+            lever_north - way_north,
+            (way_north * half - lever_north) * then.gain,
+        ];
+        let north_innovation = north - (self.state[NORTH] - way_north + lever_north);
+        let east_innovation = east - (self.state[EAST] - way_east + lever_east);
+
+        let columns = self.covariance.columns();
+        let north_cross = shown(&columns[NORTH], north_row, &columns);
+        let north_spread = seen_by(&north_cross, NORTH, north_row) + variance;
+        let east_cross = shown(&columns[EAST], east_row, &columns);
+        let east_spread = seen_by(&east_cross, EAST, east_row) + variance;
         // Test both axes before using either.
-        for (row, &innovation) in rows.iter().zip(&innovations) {
-            let spread = row.dot(&(self.covariance * row)) + variance;
-            if !(innovation * innovation <= gate * spread) {
-                return false;
-            }
+        let gate = T::lit(GATE);
+        if !(north_innovation * north_innovation <= gate * north_spread
+            && east_innovation * east_innovation <= gate * east_spread)
+        {
+            return false;
         }
-        let [row_north, row_east] = rows;
-        let [innovation_north, innovation_east] = innovations;
-        let before = self.state;
-        self.correct(&row_north, innovation_north, variance);
-        let mut change = self.state - before;
-        // Near south the correction may have wrapped the heading.
-        change[HEADING] = wrap_angle(change[HEADING]);
-        let moved = row_east.dot(&change);
-        self.correct(&row_east, innovation_east - moved, variance);
+        let change = self.correct(&north_cross, north_spread, north_innovation);
+        // By how much the first correction changes what the second one expects.
+        let moved = seen_by(&north_cross, EAST, east_row) * change;
+        let columns = self.covariance.columns();
+        let east_cross = shown(&columns[EAST], east_row, &columns);
+        let east_spread = seen_by(&east_cross, EAST, east_row) + variance;
+        self.correct(&east_cross, east_spread, east_innovation - moved);
         true
     }
 
-    fn see_course(&mut self, course: T, variance: T, seen: &Observation<T>) {
-        let then = self.delayed(seen);
-        let lead = self.antenna_lead(then.steering_angle);
-        let expected = then.heading + lead + self.state[HEADING_BIAS];
-        let geometry = &self.settings.geometry;
-        let mut row = SVector::<T, STATES>::zeros();
-        row[HEADING] = T::one();
-        row[HEADING_BIAS] = T::one();
-        row[STEERING] = geometry.l1 / geometry.wheelbase() - then.gain;
-        let innovation = wrap_angle(course - expected);
-        let spread = row.dot(&(self.covariance * row)) + variance;
+    /// Corrects the estimate by the direction of the antenna's velocity `north`, `east` (m/s),
+    /// unless it is an outlier.
+    fn see_course(&mut self, (north, east): (T, T), seen: &Observation<T>, angles: &Angles<T>) {
+        let then = self.delayed(seen, &angles.wheels);
+        let (forward, sideways) = self.lever(&angles.wheels.near(then.steering_angle));
+        // Turned back by the expected heading and by the lead of the antenna, the velocity shows
+        // the bias and the error of both.
+        let Direction { sine, cosine, .. } = angles.heading.near(then.heading);
+        let along = north * cosine + east * sine;
+        let across = east * cosine - north * sine;
+        let error =
+            (across * forward - along * sideways).angle_of(along * forward + across * sideways);
+        let innovation = wrap_angle(error - self.state[HEADING_BIAS]);
+
+        let steering_gain = self.derived.lead - then.gain;
+        let [_, _, heading, steering, bias, _] = self.covariance.columns();
+        let sum = combined(&heading, T::one(), &bias);
+        let cross = combined(&sum, steering_gain, &steering);
+        let spread = cross[HEADING]
+            + cross[HEADING_BIAS]
+            + steering_gain * cross[STEERING]
+            + self.course_variance((north, east));
         if innovation * innovation <= T::lit(GATE) * spread {
-            self.correct(&row, innovation, variance);
+            self.correct(&cross, spread, innovation);
         }
     }
 
-    /// Measurement update for one scalar measurement. At standstill the biases
+    /// Measurement update for one scalar measurement. `cross` are the covariances of the states
+    /// with what it shows, `spread` is the variance of the `innovation`. At standstill the biases
     /// are frozen by a Schmidt-Kalman update: their gain is zero, but their
-    /// uncertainty still counts.
-    fn correct(&mut self, row: &SVector<T, STATES>, innovation: T, variance: T) {
-        let spread_by_row = self.covariance * row;
-        let spread = row.dot(&spread_by_row) + variance;
+    /// uncertainty still counts. Returns by how much each state changes per covariance.
+    #[inline(never)]
+    fn correct(&mut self, cross: &[T; STATES], spread: T, innovation: T) -> T {
         if !(spread > T::zero()) {
-            return;
+            return T::zero();
         }
         let inverse = T::one() / spread;
-        let mut gain = spread_by_row * inverse;
-        if self.is_moving() {
-            self.state += gain * innovation;
-            for i in 0..STATES {
-                for j in 0..STATES {
-                    self.covariance[(i, j)] -= spread_by_row[i] * spread_by_row[j] * inverse;
-                }
-            }
-        } else {
-            gain[HEADING_BIAS] = T::zero();
-            gain[STEERING_BIAS] = T::zero();
-            self.state += gain * innovation;
-            for i in 0..STATES {
-                for j in 0..STATES {
-                    self.covariance[(i, j)] += gain[i] * gain[j] * spread
-                        - (gain[i] * spread_by_row[j] + spread_by_row[i] * gain[j]);
-                }
-            }
+        let change = inverse * innovation;
+        let moving = self.is_moving();
+        self.state[NORTH] += cross[NORTH] * change;
+        self.state[EAST] += cross[EAST] * change;
+        self.state[HEADING] += cross[HEADING] * change;
+        self.state[STEERING] += cross[STEERING] * change;
+        if moving {
+            self.state[HEADING_BIAS] += cross[HEADING_BIAS] * change;
+            self.state[STEERING_BIAS] += cross[STEERING_BIAS] * change;
         }
-        self.state[HEADING] = wrap_angle(self.state[HEADING]);
-        self.state[HEADING_BIAS] = clamp_symmetric(self.state[HEADING_BIAS], T::lit(0.35));
-        self.state[STEERING_BIAS] = clamp_symmetric(self.state[STEERING_BIAS], T::lit(0.35));
+        self.covariance.correct(cross, inverse, moving);
+        change
+    }
+}
+
+/// `first` + `factor` `second`.
+#[inline(always)]
+fn combined<T: Scalar>(first: &[T; STATES], factor: T, second: &[T; STATES]) -> [T; STATES] {
+    core::array::from_fn(|state| first[state] + factor * second[state])
+}
+
+/// Covariances of the states with a measurement of the state whose column is `own`, which depends
+/// on heading and steering angle, too, with the derivatives `row`.
+#[inline(always)]
+fn shown<T: Scalar>(
+    own: &[T; STATES],
+    [heading, steering]: [T; 2],
+    columns: &[[T; STATES]; STATES],
+) -> [T; STATES] {
+    let with_heading = combined(own, heading, &columns[HEADING]);
+    combined(&with_heading, steering, &columns[STEERING])
+}
+
+/// What a measurement of the state `own` sees of the covariances `cross`. It depends on heading
+/// and steering angle, too, with the derivatives `row`.
+#[inline(always)]
+fn seen_by<T: Scalar>(cross: &[T; STATES], own: usize, [heading, steering]: [T; 2]) -> T {
+    cross[own] + heading * cross[HEADING] + steering * cross[STEERING]
+}
+
+/// Angles close to the estimated heading and steering angle.
+struct Angles<T> {
+    heading: Direction<T>,
+    wheels: Wheels<T>,
+}
+
+impl<T: Scalar> Angles<T> {
+    #[cold]
+    #[inline(never)]
+    fn of(heading: T, steering: T) -> Self {
+        Self {
+            heading: Direction::of(heading),
+            wheels: Wheels::at(steering),
+        }
     }
 }
 

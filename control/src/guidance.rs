@@ -180,10 +180,42 @@ struct Swing<T> {
     bend: T,
 }
 
+/// What follows from the settings, computed once.
+#[derive(Clone, Copy, Debug)]
+struct Derived<T> {
+    /// Curvature of a swing's arc, 1/m.
+    swing: T,
+    /// Time in which the steering travels to a swing's angle at its calibrated rate, s.
+    travel: T,
+    /// One over the wheelbase, 1/m.
+    per_wheelbase: T,
+    /// One over the steering rate limit, s/rad.
+    per_rate: T,
+    /// One over `near`, 1/m.
+    per_near: T,
+    /// One over `aligned`, 1/rad.
+    per_aligned: T,
+}
+
+impl<T: Scalar> Derived<T> {
+    fn of(settings: &GuidanceSettings<T>) -> Self {
+        let angle = settings.swing * settings.limits.steering_angle;
+        Self {
+            swing: angle.tangent() / settings.wheelbase,
+            travel: angle / settings.limits.steering_rate,
+            per_wheelbase: T::one() / settings.wheelbase,
+            per_rate: T::one() / settings.limits.steering_rate,
+            per_near: T::one() / settings.near,
+            per_aligned: T::one() / settings.aligned,
+        }
+    }
+}
+
 /// The law and its state: the integral and the direction of a turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Guidance<T> {
     settings: GuidanceSettings<T>,
+    derived: Derived<T>,
     integral: T,
     turning: T,
     saturated: bool,
@@ -214,6 +246,7 @@ impl<T: Scalar> Guidance<T> {
         settings.check()?;
         Ok(Self {
             settings,
+            derived: Derived::of(&settings),
             integral: T::zero(),
             turning: T::zero(),
             saturated: false,
@@ -238,9 +271,7 @@ impl<T: Scalar> Guidance<T> {
     /// as a share of the commanded one.
     #[must_use]
     pub fn steering_way(&self, speed: T, effectiveness: T) -> T {
-        let settings = &self.settings;
-        let angle = settings.swing * settings.limits.steering_angle;
-        speed.abs() * angle / (settings.limits.steering_rate * effectiveness)
+        speed.abs() * self.derived.travel / effectiveness
     }
 
     /// The target steering angle and the gain with which the rate follows it,
@@ -253,7 +284,6 @@ impl<T: Scalar> Guidance<T> {
         gentle: &Gains<T>,
         dt: T,
     ) -> Target<T> {
-        let settings = self.settings;
         let share = self.firm_share(at);
         let mut gains = *gentle;
         for (gain, &firm) in gains.iter_mut().zip(firm) {
@@ -262,15 +292,15 @@ impl<T: Scalar> Guidance<T> {
         let [k_integral, k_cross, k_heading, k_steering] = gains;
         self.integrate(at.cross_track, k_integral, k_cross, dt);
         let cross = at.cross_track + self.integral;
-        let feed = self.angle_for(at.curvature_ahead);
 
         // Predicted deviation after the lead.
-        let lead = settings.lead / at.effectiveness;
-        let way = at.speed * lead;
-        let turn = (at.steering_angle.tangent() / settings.wheelbase - at.curvature) * way;
+        let slowness = T::one() / at.effectiveness;
+        let way = at.speed * self.settings.lead * slowness;
+        let turn = (at.steering_angle.tangent() * self.derived.per_wheelbase - at.curvature) * way;
         let heading_soon = at.heading + turn;
         let cross_soon = cross + way * (at.heading + turn * T::lit(0.5)).sine_cosine().0;
-        let swing = self.swing(cross_soon.abs(), at);
+        let steering_way = at.speed * self.derived.travel * slowness;
+        let swing = self.swing(cross_soon.abs(), steering_way);
 
         let slope = k_cross / k_heading;
         let larger = if cross.abs() > cross_soon.abs() {
@@ -279,37 +309,41 @@ impl<T: Scalar> Guidance<T> {
             cross_soon.abs()
         };
         let approaching = slope * larger > swing.heading;
-        let (hold, error, brake) = if approaching {
+        let (curvature, error, brake) = if approaching {
             let wanted = if cross_soon > T::zero() {
                 -swing.heading
             } else {
                 swing.heading
             };
-            // Steering angle of the swing's own curvature.
-            let curvature = at.curvature_ahead - swing.bend * heading_soon.sine_cosine().0;
             (
-                self.angle_for(curvature),
+                // With the swing's own curvature.
+                at.curvature_ahead - swing.bend * heading_soon.sine_cosine().0,
                 heading_soon - wanted,
-                settings.brake.approaching,
+                self.settings.brake.approaching,
             )
         } else {
             let linear = k_steering * at.steering_angle + k_heading * at.heading + k_cross * cross;
-            let early = self.anticipation(at, linear) * share;
+            let early = self.anticipation(linear, steering_way) * share;
             let heading = at.heading + turn * early;
             let cross = cross + (cross_soon - cross) * early;
-            (feed, heading + slope * cross, settings.brake.regulating)
+            (
+                at.curvature_ahead,
+                heading + slope * cross,
+                self.settings.brake.regulating,
+            )
         };
+        let hold = self.angle_for(curvature);
         let error = self.turn_towards(error);
         let wanted = error * k_heading / k_steering;
         let allowed = self.brake(error, at, brake);
         let angle = hold - clamp_symmetric(wanted, allowed);
-        let largest = settings.limits.steering_angle;
-        let limited = clamp_symmetric(angle, largest);
+        let limits = &self.settings.limits;
+        let limited = clamp_symmetric(angle, limits.steering_angle);
         let rate = k_steering * (limited - at.steering_angle);
         self.saturated = approaching
             || limited != angle
             || wanted.abs() > allowed
-            || rate.abs() > settings.limits.steering_rate;
+            || rate.abs() > limits.steering_rate;
         Target {
             angle: limited,
             follow: k_steering,
@@ -319,8 +353,8 @@ impl<T: Scalar> Guidance<T> {
     /// Share of the firm regulator: 0 near the path, 1 away from it, a value in
     /// between in the transition.
     fn firm_share(&self, at: &Deviation<T>) -> T {
-        let off = at.cross_track.abs() / self.settings.near;
-        let askew = at.heading.abs() / self.settings.aligned;
+        let off = at.cross_track.abs() * self.derived.per_near;
+        let askew = at.heading.abs() * self.derived.per_aligned;
         clamp_share(if off > askew { off } else { askew } - T::one())
     }
 
@@ -332,19 +366,12 @@ impl<T: Scalar> Guidance<T> {
     /// oscillate at full steering angle without end. The same holds for a
     /// steering that is slow for the speed: one that travels to its angle over a
     /// considerable part of the turning radius.
-    fn anticipation(&self, at: &Deviation<T>, linear: T) -> T {
-        let beyond = linear.abs() / self.settings.limits.steering_rate - T::one();
+    fn anticipation(&self, linear: T, steering_way: T) -> T {
+        let beyond = linear.abs() * self.derived.per_rate - T::one();
         let saturated = self.settings.foresight * clamp_share(beyond * T::lit(2.0));
-        let way = self.steering_way(at.speed, at.effectiveness);
-        let slowness = way * self.swing_curvature();
-        let slow = T::lit(0.7) * clamp_share((slowness - T::lit(0.33)) / T::lit(0.2));
+        let slowness = steering_way * self.derived.swing;
+        let slow = T::lit(0.7) * clamp_share((slowness - T::lit(0.33)) * T::lit(5.0));
         if saturated > slow { saturated } else { slow }
-    }
-
-    /// Curvature of a swing's arc, 1/m.
-    fn swing_curvature(&self) -> T {
-        let settings = &self.settings;
-        (settings.swing * settings.limits.steering_angle).tangent() / settings.wheelbase
     }
 
     /// Integrates the cross-track error while the vehicle is near the path and
@@ -361,6 +388,9 @@ impl<T: Scalar> Guidance<T> {
 
     /// Steering angle for a curvature (1/m), rad.
     fn angle_for(&self, curvature: T) -> T {
+        if curvature == T::zero() {
+            return T::zero();
+        }
         (curvature * self.settings.wheelbase).angle_of(T::one())
     }
 
@@ -399,16 +429,16 @@ impl<T: Scalar> Guidance<T> {
 
     /// The swing at `distance` (m) from the path: the heading towards the path
     /// from which an arc still ends on it.
-    fn swing(&self, distance: T, at: &Deviation<T>) -> Swing<T> {
+    /// `way` (m) is the distance that the vehicle drives while the steering travels.
+    fn swing(&self, distance: T, way: T) -> Swing<T> {
         let square = Swing {
             heading: T::frac_pi_2(),
             bend: T::zero(),
         };
-        let curvature = self.swing_curvature();
+        let curvature = self.derived.swing;
         // While the steering straightens, the arc becomes a clothoid. It ends
         // beside the arc's own end by the shift of a clothoid, way^2 / (24 R).
-        let way = self.steering_way(at.speed, at.effectiveness);
-        let shift = way * way * curvature / T::lit(24.0);
+        let shift = way * way * curvature * T::lit(1.0 / 24.0);
         if distance < T::lit(4.0) * shift {
             // Within the clothoid the regulator steers: a limit of square to
             // the path does not act.

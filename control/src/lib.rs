@@ -19,8 +19,10 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod analysis;
+mod angle;
 pub mod calibration;
 pub mod controller;
+mod covariance;
 pub mod design;
 pub mod discretise;
 pub mod dubins;
@@ -38,6 +40,7 @@ pub mod mpc;
 pub mod path;
 pub mod plain;
 pub mod position;
+pub mod route;
 pub mod row;
 pub mod safety;
 pub mod scalar;

@@ -257,13 +257,13 @@ impl<T: Scalar> Path<T> {
             }
         };
         let mut begin = T::zero();
-        // loop-bound: 1 the vehicle's path is one line
+        // loop-bound: 16. A path has up to CAPACITY segments.
         for segment in self.segments().iter().skip(number) {
             add(begin, segment);
             begin += segment.length;
         }
         let mut begin = T::zero();
-        // loop-bound: 1 the vehicle's path is one line
+        // loop-bound: 16. A path has up to CAPACITY segments.
         for segment in self.segments().iter().take(number).rev() {
             begin -= segment.length;
             add(begin, segment);
@@ -329,7 +329,7 @@ impl<T: Scalar> Progress<T> {
         };
         let mut place = segment.locate(north, east, self.along);
         let mut length = segment.length;
-        // loop-bound: 1 the vehicle's path is one line
+        // loop-bound: 16. A path has up to CAPACITY segments.
         for next in segments.iter().skip(self.segment.saturating_add(1)) {
             if !(place.along > length) {
                 break;

@@ -52,6 +52,14 @@ impl<T: Scalar> PlainController<T> {
         })
     }
 
+    /// Like [`Self::new`], by the name that [`crate::controller::Controller`] has for it.
+    ///
+    /// # Errors
+    /// [`SettingsError`] names the setting that is unusable.
+    pub fn following(settings: Settings<T>, line: Line<T>) -> Result<Self, SettingsError> {
+        Self::new(settings, line)
+    }
+
     /// The real steering rate as a share of the commanded one: 1, as this law estimates none.
     #[must_use]
     pub fn effectiveness(&self) -> T {

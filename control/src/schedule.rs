@@ -18,26 +18,22 @@ impl<T: Scalar, const N: usize, const P: usize> GainSchedule<T, N, P> {
     /// gains at standstill.
     #[must_use]
     pub fn at(&self, speed: T) -> [T; N] {
-        let mut rows = self.gains.iter();
-        let Some(mut row) = rows.next() else {
+        let rows = speed.abs() / self.spacing;
+        let last = P.saturating_sub(1);
+        let number = rows.whole().min(last);
+        let Some(&row) = self.gains.get(number) else {
             return [T::zero(); N];
         };
-        let mut share = speed.abs() / self.spacing;
-        for next in rows {
-            if !(share > T::zero()) {
-                break;
-            }
-            if share < T::one() {
-                let mut between = *row;
-                for (low, &high) in between.iter_mut().zip(next) {
-                    *low += (high - *low) * share;
-                }
-                return between;
-            }
-            share -= T::one();
-            row = next;
+        let Some(next) = self.gains.get(number + 1) else {
+            return row;
+        };
+        let share = rows - T::integer(number as i32);
+        // Not so with NaN.
+        if share > T::zero() {
+            core::array::from_fn(|gain| row[gain] + (next[gain] - row[gain]) * share)
+        } else {
+            row
         }
-        *row
     }
 
     /// The same schedule in another precision.

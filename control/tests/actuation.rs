@@ -35,6 +35,11 @@ fn any_number() -> impl Strategy<Value = f32> {
     ]
 }
 
+/// A number of any size, with an exponent of two from -30 to 30.
+fn any_size() -> impl Strategy<Value = f32> {
+    (-1.0_f32..1.0, -30_i32..31).prop_map(|(share, exponent)| share * (exponent as f32).exp2())
+}
+
 proptest! {
     /// For any proposal the filtered command is finite and within limits and slew
     /// rates. Without a recent, finite command and a steering angle it is
@@ -140,6 +145,31 @@ proptest! {
         prop_assert!((f64::from(cosine) - exact.cos()).abs() < 2.5e-7);
     }
 
+    #[test]
+    fn single_precision_tangent(angle in -1.0_f32..1.0, turns in -3_i8..4) {
+        let error = f64::from(angle.tangent()) / f64::from(angle).tan() - 1.0;
+        prop_assert!(angle == 0.0 || error.abs() < 4e-7, "{error:e}");
+        let far = angle + f32::from(turns) * core::f32::consts::PI;
+        let exact = f64::from(far).tan();
+        prop_assert!((f64::from(far.tangent()) - exact).abs() < 1e-6 * (1.0 + exact * exact));
+    }
+
+    #[test]
+    fn single_precision_angles_of_vectors(x in any_size(), y in any_size()) {
+        let exact = f64::from(y).atan2(f64::from(x));
+        let error = (f64::from(y.angle_of(x)) - exact).abs();
+        prop_assert!(error < 4e-7, "{error:e}");
+        let small = exact.abs() < core::f64::consts::FRAC_PI_8;
+        prop_assert!(!small || error <= 3e-7 * exact.abs() + 1e-44, "{error:e} of {exact}");
+    }
+
+    #[test]
+    fn single_precision_root(bits in 0_u32..0x7f80_0000) {
+        let square = f32::from_bits(bits);
+        let (found, exact) = (square.root(), square.sqrt());
+        prop_assert!(found.to_bits().abs_diff(exact.to_bits()) <= 1, "{found} {exact}");
+    }
+
     /// Interpolated gains lie between their neighbours. At the speed of a row they
     /// equal the row.
     #[test]
@@ -151,6 +181,23 @@ proptest! {
         prop_assert!(gain >= a.min(b) - 1e-12 && gain <= a.max(b) + 1e-12);
         prop_assert_eq!(schedule.at(-speed), schedule.at(speed));
     }
+}
+
+#[test]
+fn special_vectors_and_squares() {
+    use core::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+    let angle = |y: f32, x: f32| y.angle_of(x);
+    assert_eq!(angle(0.0, 0.0), 0.0);
+    assert_eq!(angle(0.0, -1.0), PI);
+    assert_eq!(angle(-1.0, 0.0), -FRAC_PI_2);
+    assert_eq!(angle(1.0, 1.0), FRAC_PI_4);
+    assert!(angle(f32::NAN, 1.0).is_nan() && angle(1.0, f32::NAN).is_nan());
+    assert_eq!(
+        [0.0_f32, f32::INFINITY].map(Scalar::root),
+        [0.0, f32::INFINITY]
+    );
+    assert!((-1.0_f32).root().is_nan() && f32::NAN.root().is_nan());
+    assert!((-1e-40_f32).root().is_nan());
 }
 
 #[test]

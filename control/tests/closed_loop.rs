@@ -553,6 +553,40 @@ fn the_hitch_can_be_held_instead_of_the_antenna() {
     assert!(held.abs() < 0.005);
 }
 
+/// A controller built for a line drives as one that could follow any path.
+#[test]
+fn a_line_is_followed_like_a_path_of_one_segment() {
+    let conditions = Conditions {
+        offset: 4.0,
+        heading: 1.0,
+        ..Conditions::loaded()
+    };
+    let settings = common::example::settings::<f64>();
+    let line = Line::new(Position::new(0, 0), Position::new(150_000, 20_000)).unwrap();
+    let mut path = Controller::new(settings, line).unwrap();
+    let mut straight = Controller::following(settings, line).unwrap();
+    let mut worst = 0.0_f64;
+    let mut finished = (0, 0);
+    run(conditions, 3, 300.0, |heard, applied| {
+        let a = path.step(&sample(heard, applied));
+        let b = straight.step(&sample(heard, applied));
+        for difference in [
+            a.tracking.along - b.tracking.along,
+            a.tracking.cross_track - b.tracking.cross_track,
+            a.tracking.heading_error - b.tracking.heading_error,
+            a.command.steering_rate - b.command.steering_rate,
+            a.command.speed - b.command.speed,
+        ] {
+            worst = worst.max(difference.abs());
+        }
+        finished.0 += usize::from(a.finished);
+        finished.1 += usize::from(b.finished);
+        a.command
+    });
+    assert!(worst < 1e-9, "{worst}");
+    assert!(finished.0 > 0 && finished.0 == finished.1, "{finished:?}");
+}
+
 /// The controller gives the same results in single and double precision.
 #[test]
 fn single_and_double_precision_agree() {

@@ -19,7 +19,7 @@ use crate::{convert, design};
 
 /// The control law: from samples to commands.
 #[cfg(not(feature = "thesis-law"))]
-type Law = control::controller::Controller<f32>;
+type Law = control::controller::Controller<f32, Line<f32>>;
 /// The thesis's law in its place.
 #[cfg(feature = "thesis-law")]
 type Law = control::plain::PlainController<f32>;
@@ -182,7 +182,7 @@ impl<M: Machine> Pilot<M> {
     pub fn new() -> Result<Self, DesignError> {
         let [from, to] = M::ROUTE;
         let line = Line::new(from, to).map_err(DesignError::Line)?;
-        let controller = Law::new(M::SETTINGS, line).map_err(DesignError::Settings)?;
+        let controller = Law::following(M::SETTINGS, line).map_err(DesignError::Settings)?;
         Ok(Self {
             modes: ModeMachine::new(),
             controller,

@@ -414,7 +414,14 @@ fn report_json(
         .collect();
     let step: Vec<Value> = step
         .iter()
-        .map(|cost| json!({ "part": cost.part, "coming": cost.coming, "there": cost.there }))
+        .map(|cost| {
+            json!({
+                "part": cost.part,
+                "coming": cost.coming.to_array(),
+                "there": cost.there.map(wcet::cycles::Cycles::to_array),
+                "bound": cost.bound.map(wcet::cycles::Cycles::to_array),
+            })
+        })
         .collect();
     let row: Vec<Value> = row
         .iter()

@@ -28,7 +28,7 @@ const PERIOD: f32 = 0.1;
 /// State on which the measured functions work: a vehicle that approaches a line, with all
 /// parts of its controller.
 pub struct Kernel {
-    controller: Controller<f32>,
+    controller: Controller<f32, Line<f32>>,
     plain: PlainController<f32>,
     estimator: Estimator<f32>,
     guidance: Guidance<f32>,
@@ -55,7 +55,7 @@ impl Kernel {
             dt: PERIOD,
         };
         let mut kernel = Self {
-            controller: Controller::new(settings, line).ok()?,
+            controller: Controller::following(settings, line).ok()?,
             plain: PlainController::new(settings, line).ok()?,
             estimator: Estimator::new(settings.estimator, Position::new(0, 0)).ok()?,
             guidance: Guidance::new(settings.guidance).ok()?,

@@ -1,0 +1,86 @@
+//! What a controller follows: one line, or a path of several segments.
+//!
+//! A controller is built for one kind of route, so that a vehicle that follows a line has neither
+//! the code of arcs nor room for their segments.
+
+use crate::line::Line;
+use crate::path::{Path, Place, Progress};
+use crate::position::Position;
+use crate::scalar::Scalar;
+
+/// Curvature and direction of a route near a place on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bend<T> {
+    /// Mean direction minus the direction at the place, rad.
+    pub turn: T,
+    /// Mean curvature beside the vehicle, 1/m, positive to the right.
+    pub curvature: T,
+    /// Mean curvature ahead, 1/m.
+    pub curvature_ahead: T,
+}
+
+/// A route in the frame whose origin it names.
+pub trait Route<T: Scalar> {
+    /// The origin of the route's frame: its first waypoint.
+    fn origin(&self) -> Position;
+
+    /// Advances `progress` to the point `north`, `east` (m) and returns the point's place relative
+    /// to the segment that was reached. Progress never goes back to an earlier segment.
+    fn advance(&self, progress: &mut Progress<T>, north: T, east: T) -> Place<T>;
+
+    /// The bend beside the vehicle and `ahead` metres (not negative) ahead of it. The averages
+    /// extend over the distance that the steering needs, where `way` (m, positive) is the distance
+    /// that the vehicle drives while it travels to a swing's angle.
+    fn bend(&self, progress: &Progress<T>, ahead: T, way: T) -> Bend<T>;
+}
+
+impl<T: Scalar> Route<T> for Line<T> {
+    fn origin(&self) -> Position {
+        self.origin()
+    }
+
+    fn advance(&self, progress: &mut Progress<T>, north: T, east: T) -> Place<T> {
+        let (along, cross_track) = self.locate_metres(north, east);
+        progress.along = along;
+        progress.finished = along > self.length();
+        Place {
+            along,
+            cross_track,
+            bearing: self.bearing(),
+        }
+    }
+
+    fn bend(&self, _: &Progress<T>, _: T, _: T) -> Bend<T> {
+        Bend {
+            turn: T::zero(),
+            curvature: T::zero(),
+            curvature_ahead: T::zero(),
+        }
+    }
+}
+
+impl<T: Scalar> Route<T> for Path<T> {
+    fn origin(&self) -> Position {
+        self.origin()
+    }
+
+    fn advance(&self, progress: &mut Progress<T>, north: T, east: T) -> Place<T> {
+        progress.advance(self, north, east)
+    }
+
+    fn bend(&self, progress: &Progress<T>, ahead: T, way: T) -> Bend<T> {
+        let &Progress { segment, along, .. } = progress;
+        let ahead = along + ahead;
+        // Half the way that the steering needs, with a reserve of a quarter.
+        // From one side to the other it needs twice that way.
+        let curvature = |at: T| self.curvature(segment, at);
+        let reverses = curvature(ahead - way) * curvature(ahead + way) < T::zero();
+        let half = way * T::lit(if reverses { 1.25 } else { 0.625 });
+        let here = self.smoothed(segment, along, half);
+        Bend {
+            turn: here.turn,
+            curvature: here.curvature,
+            curvature_ahead: self.smoothed(segment, ahead, half).curvature,
+        }
+    }
+}

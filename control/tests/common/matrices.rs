@@ -1,0 +1,308 @@
+//! The estimator in the form of the textbook: whole matrices, every angle computed where it is
+//! needed, Joseph's form of the update. The library's estimator must agree with it.
+
+use control::estimator::{EstimatorSettings, Observation};
+use control::position::{Position, Velocity};
+use control::scalar::wrap_angle;
+use nalgebra::{SMatrix, SVector};
+
+type Vector = SVector<f64, 6>;
+type Matrix = SMatrix<f64, 6, 6>;
+
+/// The filter. The states are north, east, heading, steering angle, heading bias and steering
+/// bias.
+pub(crate) struct Matrices {
+    settings: EstimatorSettings<f64>,
+    pub(crate) state: Vector,
+    pub(crate) covariance: Matrix,
+    pub(crate) speed: f64,
+    pub(crate) effectiveness: f64,
+    effectiveness_variance: f64,
+    pub(crate) ready: bool,
+    outliers: u8,
+}
+
+/// How the antenna's measurements follow from the state now: the pose at their time.
+struct Then {
+    way: f64,
+    turn: f64,
+    heading: f64,
+    steering: f64,
+    gain: f64,
+}
+
+impl Matrices {
+    pub(crate) fn new(settings: EstimatorSettings<f64>) -> Self {
+        let noise = &settings.noise;
+        let variances = [
+            0.0,
+            0.0,
+            0.0,
+            0.25,
+            noise.first_heading_bias.powi(2),
+            noise.first_steering_bias.powi(2),
+        ];
+        Self {
+            settings,
+            state: Vector::zeros(),
+            covariance: Matrix::from_diagonal(&Vector::from(variances)),
+            speed: 0.0,
+            effectiveness: 1.0,
+            effectiveness_variance: 0.09,
+            ready: false,
+            outliers: 0,
+        }
+    }
+
+    pub(crate) fn step(&mut self, seen: &Observation<f64>) {
+        self.predict(seen);
+        if let Some(angle) = seen.steering_angle {
+            self.see_steering(angle, seen.steering_rate * seen.dt);
+        }
+        self.see_gps(seen);
+        self.state[2] = wrap_angle(self.state[2]);
+        self.state[4] = self.state[4].clamp(-0.35, 0.35);
+        self.state[5] = self.state[5].clamp(-0.35, 0.35);
+    }
+
+    fn is_moving(&self) -> bool {
+        self.speed.abs() > self.settings.standstill
+    }
+
+    /// Turn over `way` while the steering turns by `turned` about `angle`, and its derivative.
+    fn turn(&self, way: f64, angle: f64, turned: f64) -> (f64, f64) {
+        let length = self.settings.geometry.wheelbase();
+        let curvature_change = turned / angle.cos().powi(2) / length;
+        let slip = self.settings.rear_slip * self.speed * self.speed.abs() * curvature_change;
+        (
+            way * angle.tan() / length - slip,
+            way / angle.cos().powi(2) / length,
+        )
+    }
+
+    fn predict(&mut self, seen: &Observation<f64>) {
+        let (dt, noise) = (seen.dt, self.settings.noise);
+        let before = self.speed;
+        self.speed += (seen.speed - self.speed) * dt / (dt + self.settings.drive_lag);
+        let way = (before + self.speed) / 2.0 * dt;
+        let turned = seen.steering_rate * self.effectiveness * dt;
+        let (turn, gain) = self.turn(way, self.state[3] + turned / 2.0, turned);
+        let middle = self.state[2] + turn / 2.0;
+        self.state += Vector::from([
+            way * middle.cos(),
+            way * middle.sin(),
+            turn,
+            turned,
+            0.0,
+            0.0,
+        ]);
+        let mut f = Matrix::identity();
+        f[(0, 2)] = -way * middle.sin();
+        f[(0, 3)] = f[(0, 2)] * gain / 2.0;
+        f[(1, 2)] = way * middle.cos();
+        f[(1, 3)] = f[(1, 2)] * gain / 2.0;
+        f[(2, 3)] = gain;
+        let moving = f64::from(u8::from(self.is_moving()));
+        let q = Vector::from([
+            noise.slip.powi(2) * moving,
+            noise.slip.powi(2) * moving,
+            noise.heading.powi(2) * moving,
+            noise.actuator.powi(2) + (noise.actuator_share * turned).powi(2) / dt,
+            noise.heading_bias.powi(2) * moving,
+            noise.steering_bias.powi(2) * moving,
+        ]);
+        self.covariance = f * self.covariance * f.transpose() + Matrix::from_diagonal(&(q * dt));
+    }
+
+    fn see_steering(&mut self, angle: f64, asked: f64) {
+        let noise = self.settings.noise.steering;
+        let innovation = angle - self.state[3] - self.state[5];
+        if asked.abs() > 5.0 * noise {
+            let spread = asked.powi(2) * self.effectiveness_variance + 8.0 * noise.powi(2);
+            let gain = asked * self.effectiveness_variance / spread;
+            self.effectiveness = (self.effectiveness + gain * innovation).clamp(0.3, 1.5);
+            self.effectiveness_variance *= 1.0 - gain * asked;
+            self.effectiveness_variance += 4e-4;
+        }
+        let row = Vector::from([0.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+        self.correct(&row, innovation, noise.powi(2));
+    }
+
+    fn see_gps(&mut self, seen: &Observation<f64>) {
+        let course = seen.velocity.and_then(|it| self.see_speed(it, seen));
+        if !self.ready {
+            if let (Some(position), Some(course)) = (seen.position, course) {
+                self.start(position, course, seen);
+            }
+            return;
+        }
+        if let Some(position) = seen.position {
+            if self.see_position(position, seen) {
+                self.outliers = 0;
+            } else {
+                self.outliers += 1;
+                if self.outliers >= 5 {
+                    self.ready = false;
+                    self.outliers = 0;
+                    if let Some(course) = course {
+                        self.start(position, course, seen);
+                    }
+                    return;
+                }
+            }
+        }
+        if let Some(course) = course {
+            self.see_course(course, seen);
+        }
+    }
+
+    /// Angle by which the antenna's course leads the rear axle's.
+    fn lead(&self, steering: f64) -> f64 {
+        let tangent = steering.tan();
+        let forward = self.settings.geometry.wheelbase() - self.settings.antenna.right * tangent;
+        (self.settings.geometry.l1 * tangent).atan2(forward)
+    }
+
+    /// Course and its variance, if the vehicle is fast enough.
+    fn see_speed(&mut self, velocity: Velocity, seen: &Observation<f64>) -> Option<(f64, f64)> {
+        let (north, east) = velocity.metres_per_second::<f64>();
+        let size = north.hypot(east);
+        let sign = if self.speed < 0.0 { -1.0 } else { 1.0 };
+        let length = self.settings.geometry.wheelbase();
+        let inside = self.settings.antenna.right * self.state[3].tan() / length;
+        let measured = sign * size * self.lead(self.state[3]).cos() / (1.0 - inside);
+        let (delay, lag) = (self.settings.gps_delay, self.settings.drive_lag);
+        let expected = self.speed - (seen.speed - self.speed) * delay / (lag + delay);
+        self.speed += (measured - expected) * 0.4;
+        (size > self.settings.standstill && self.is_moving()).then(|| {
+            let course = (sign * east).atan2(sign * north);
+            (course, (self.settings.noise.velocity / size).powi(2))
+        })
+    }
+
+    fn then(&self, seen: &Observation<f64>) -> Then {
+        let delay = self.settings.gps_delay;
+        let way = self.speed * delay;
+        let turned = seen.steering_rate * self.effectiveness * delay;
+        let (turn, gain) = self.turn(way, self.state[3] - turned / 2.0, turned);
+        Then {
+            way,
+            turn,
+            heading: self.state[2] - turn,
+            steering: self.state[3] - turned,
+            gain,
+        }
+    }
+
+    fn start(
+        &mut self,
+        position: Position,
+        (course, variance): (f64, f64),
+        seen: &Observation<f64>,
+    ) {
+        let then = self.then(seen);
+        let heading = course - self.lead(then.steering) - self.state[4];
+        let place = axle(&self.settings, position, heading);
+        let middle = heading + then.turn / 2.0;
+        self.state[0] = place.0 + then.way * middle.cos();
+        self.state[1] = place.1 + then.way * middle.sin();
+        self.state[2] = wrap_angle(heading + then.turn);
+        let bias = self.covariance[(4, 4)];
+        let heading_variance = variance + bias;
+        let (l1, right) = (self.settings.geometry.l1, self.settings.antenna.right);
+        let lever = l1.abs() + right.abs() + then.way.abs();
+        let place = self.settings.noise.position.powi(2) + lever.powi(2) * heading_variance;
+        let p = &mut self.covariance;
+        p.fixed_view_mut::<3, 6>(0, 0).fill(0.0);
+        p.fixed_view_mut::<6, 3>(0, 0).fill(0.0);
+        p[(0, 0)] = place;
+        p[(1, 1)] = place;
+        p[(2, 2)] = heading_variance;
+        p[(2, 4)] = -bias;
+        p[(4, 2)] = -bias;
+        self.ready = true;
+    }
+
+    fn see_position(&mut self, position: Position, seen: &Observation<f64>) -> bool {
+        let then = self.then(seen);
+        let middle = then.heading + then.turn / 2.0;
+        let axle = axle(&self.settings, position, then.heading);
+        let innovations = SVector::<f64, 2>::new(
+            axle.0 + then.way * middle.cos() - self.state[0],
+            axle.1 + then.way * middle.sin() - self.state[1],
+        );
+        // Derivatives of the measured position with respect to the angle of the lever and to that
+        // of the way back.
+        let (l1, right) = (self.settings.geometry.l1, self.settings.antenna.right);
+        let (sine, cosine) = then.heading.sin_cos();
+        let lever = (-l1 * sine - right * cosine, l1 * cosine - right * sine);
+        let back = (then.way * middle.sin(), -then.way * middle.cos());
+        let rows = [
+            Vector::from([
+                1.0,
+                0.0,
+                lever.0 + back.0,
+                -(lever.0 + back.0 / 2.0) * then.gain,
+                0.0,
+                0.0,
+            ]),
+            Vector::from([
+                0.0,
+                1.0,
+                lever.1 + back.1,
+                -(lever.1 + back.1 / 2.0) * then.gain,
+                0.0,
+                0.0,
+            ]),
+        ];
+        let variance = self.settings.noise.position.powi(2);
+        for (row, innovation) in rows.iter().zip(&innovations) {
+            let spread = row.dot(&(self.covariance * row)) + variance;
+            if innovation.powi(2) > 25.0 * spread {
+                return false;
+            }
+        }
+        let before = self.state;
+        self.correct(&rows[0], innovations[0], variance);
+        let moved = rows[1].dot(&(self.state - before));
+        self.correct(&rows[1], innovations[1] - moved, variance);
+        true
+    }
+
+    fn see_course(&mut self, (course, variance): (f64, f64), seen: &Observation<f64>) {
+        let then = self.then(seen);
+        let expected = then.heading + self.lead(then.steering) + self.state[4];
+        let lead = self.settings.geometry.l1 / self.settings.geometry.wheelbase();
+        let row = Vector::from([0.0, 0.0, 1.0, lead - then.gain, 1.0, 0.0]);
+        let innovation = wrap_angle(course - expected);
+        let spread = row.dot(&(self.covariance * row)) + variance;
+        if innovation.powi(2) <= 25.0 * spread {
+            self.correct(&row, innovation, variance);
+        }
+    }
+
+    fn correct(&mut self, row: &Vector, innovation: f64, variance: f64) {
+        let spread = row.dot(&(self.covariance * row)) + variance;
+        let mut gain = self.covariance * row / spread;
+        if !self.is_moving() {
+            gain[4] = 0.0;
+            gain[5] = 0.0;
+        }
+        self.state += gain * innovation;
+        let rest = Matrix::identity() - gain * row.transpose();
+        self.covariance =
+            rest * self.covariance * rest.transpose() + gain * variance * gain.transpose();
+    }
+}
+
+/// The rear axle's place, m, while the antenna is at `position` (of a frame with the origin zero)
+/// and the vehicle heads for `heading`.
+fn axle(settings: &EstimatorSettings<f64>, position: Position, heading: f64) -> (f64, f64) {
+    let (north, east) = position.metres_from::<f64>(Position::new(0, 0));
+    let (l1, right) = (settings.geometry.l1, settings.antenna.right);
+    let (sine, cosine) = heading.sin_cos();
+    (
+        north - (l1 * cosine - right * sine),
+        east - (l1 * sine + right * cosine),
+    )
+}
