@@ -501,7 +501,12 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         } = self.route.bend(&self.progress, ahead, way);
         Deviation {
             cross_track: tracking.cross_track - self.settings.controlled_point * sine,
-            heading: wrap_angle(tracking.heading_error - turn),
+            // On a straight route there is nothing to wrap.
+            heading: if turn == T::zero() {
+                tracking.heading_error
+            } else {
+                wrap_angle(tracking.heading_error - turn)
+            },
             steering_angle: tracking.steering_angle,
             speed: forward,
             curvature,

@@ -270,6 +270,9 @@ fn reciprocal_root_step(root: f32, square: f32) -> f32 {
 /// turns.
 #[must_use]
 pub fn wrap_angle<T: Scalar>(angle: T) -> T {
+    if angle > -T::pi() && angle <= T::pi() {
+        return angle;
+    }
     let turn = T::two_pi();
     let turns = angle * (T::frac_1_pi() * T::lit(0.5));
     let wrapped = angle - turn * turns.nearest();
