@@ -5,6 +5,8 @@
 mod handlers;
 #[path = "broken/stores.rs"]
 mod stores;
+#[path = "broken/ways.rs"]
+mod ways;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -185,6 +187,7 @@ fn package() -> &'static Path {
         }
         let source = fs::read_to_string(template.join("src/node.rs")).unwrap();
         let more = handlers::PROGRAMS.into_iter().chain(stores::PROGRAMS);
+        let more = more.chain(ways::PROGRAMS);
         for (program, changes) in PROGRAMS.into_iter().chain(more) {
             let changed = changes.iter().fold(source.clone(), |source, (from, to)| {
                 assert!(source.contains(from), "{program}: {from}");
@@ -316,6 +319,7 @@ fn observed(program: &str, programs: &Programs) -> Observed {
                 preempted: BTreeMap::new(),
                 followed: found.activations,
                 entered: entered(&found.entered),
+                calling: BTreeMap::new(),
                 refuted: found
                     .refuted
                     .iter()

@@ -38,7 +38,7 @@ pub struct Excess {
 /// response time of its jobs.
 #[must_use]
 pub fn excess(arrivals: &Arrivals, worst: Picoseconds, entered: &[Picoseconds]) -> Option<Excess> {
-    let mut many = 2;
+    let mut many = 1;
     while many <= entered.len() {
         let spans = entered.windows(many);
         let (span, begin) = spans.map(|run| (run[many - 1] - run[0], run[0])).min()?;
@@ -85,5 +85,8 @@ mod tests {
         assert!(found.seen > found.most && found.seen > 5, "{found:?}");
         assert_eq!(excess(&arrivals, 300, &[]), None);
         assert_eq!(excess(&arrivals, 300, &[5]), None);
+        // Of none even one is too many.
+        let one = excess(&Arrivals::default(), 300, &[5]).unwrap();
+        assert_eq!((one.seen, one.most), (1, 0));
     }
 }

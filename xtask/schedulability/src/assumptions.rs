@@ -10,19 +10,19 @@ use crate::units::time;
 
 /// Assumptions that hold for every vehicle.
 const ALWAYS: [&str; 6] = [
-    "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a handler keeps what it found in BASEPRI; and DMA writes only to variables whose address was given to a peripheral.",
-    "Flash: start-up switches on the reading ahead, and the caches of a part that has them. A read that has begun is not cancelled. A line is taken to be in a cache only if it was put there in the same job and fewer other lines were used since than the cache has, of which the one unused for longest is replaced (RM0390 3.4.2); a preemption costs the preempted job all lines that it reuses. SRAM is read and written without wait states.",
-    "DMA never delays the core on the bus matrix for longer than the wait states charged. No debugger is connected.",
-    "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left.",
-    "In the 10 ms after a start of a node its deadlines need not hold: it takes the frames that came before, of which its FIFO keeps three, and sends nothing.",
-    "An event message is sent at most once in each of its intervals. A task is not released more often than the task table says. It omits no task that pends another one, if no unresolved pointer leads to the interrupt controller.",
+    "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a handler keeps what it found in BASEPRI; and DMA writes only to variables whose address was given to a peripheral. Who writes unsafe code makes sure of them. The observed runs fail at a store to such a word, and at a handler that leaves another BASEPRI.",
+    "Flash: start-up switches on the reading ahead, and the caches of a part that has them. A read that has begun is not cancelled. A line is taken to be in a cache only if it was put there in the same job and fewer other lines were used since than the cache has, of which the one unused for longest is replaced (RM0390 3.4.2); a preemption costs the preempted job all lines that it reuses. SRAM is read and written without wait states. Who chooses the part makes sure that its flash does so.",
+    "DMA never delays the core on the bus matrix for longer than the wait states charged: who chooses the part makes sure. No debugger is connected: who builds the vehicle makes sure.",
+    "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left. Who writes the handlers makes sure; the observed runs count their activations.",
+    "In the 10 ms after a start of a node its deadlines need not hold: it takes the frames that came before, of which its FIFO keeps three, and sends nothing. Who writes the application makes sure that nothing moves in that time.",
+    "An event message is sent at most once in each of its intervals. A task is not released more often than the task table says. Who writes the network file and the table makes sure; an observed run with more releases fails. The table omits no task that pends another one, if no unresolved pointer leads to the interrupt controller: who writes unsafe code makes sure.",
 ];
 
 /// Assumptions about a bus without a schedule.
 const EVENT_TRIGGERED: [&str; 3] = [
     "The bus is event-triggered. A message is put by the task that `sends` it in the task table, at most once in a job and in that order; the jitter of both is inherited along the chain (Tindell and Clark 1994). Frames arbitrate by identifier (Davis et al. 2007).",
     "A node has three mailboxes, of which the lowest identifier competes first. If it has more messages, a less urgent frame of another node may begin until its transmit interrupt has loaded the next one; the bounds include that.",
-    "Only the nodes of the network file send, and the foreign messages that are named, none of them off its rate: a babbling node is not covered.",
+    "Only the nodes of the network file send, and the foreign messages that are named, none of them off its rate: a babbling node is not covered. Who builds the vehicle makes sure.",
 ];
 
 /// What is taken for granted of the foreign messages.
@@ -46,12 +46,13 @@ fn foreign(models: &Models) -> Option<String> {
     Some(if models.event_triggered {
         format!(
             "Foreign messages: {all}. Each competes with its identifier when it is put; no frame is sent \
-             after three of its periods."
+             after three of its periods. Who builds their nodes makes sure."
         )
     } else {
         format!(
             "Foreign messages: {all}. Their nodes keep the schedule: they have windows in the longest stretch \
-             of the basic cycle that belongs to no message of the vehicle, and send only there."
+             of the basic cycle that belongs to no message of the vehicle, and send only there. Who builds \
+             these nodes makes sure."
         )
     })
 }
@@ -64,7 +65,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         EVENT_TRIGGERED.map(str::to_owned).to_vec()
     } else {
         vec![format!(
-            "Every frame is in its window: it begins at most {} after the window's mark, and two clocks differ by at most {} us. Only the nodes of the network file send: a foreign frame would release the receive interrupt of each node once more.",
+            "Every frame is in its window: it begins at most {} after the window's mark, and two clocks differ by at most {} us. Only the nodes of the network file send: a foreign frame would release the receive interrupt of each node once more. Who builds the vehicle makes sure of both.",
             time(u64::from(network.transmit_enable_bits) * u64::from(network.bit_time_ns()) * 1000),
             network.sync_uncertainty_us
         )]
@@ -74,7 +75,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
     all.push(errors(models));
     let mut tasks = models.nodes.iter().flat_map(|(model, _)| &model.tasks);
     if tasks.any(|task| task.dispatched) {
-        all.push("The executor and the timer queue of the software tasks call only functions whose address stands in the image. A software task waits for one instant at a time.".to_owned());
+        all.push("The executor and the timer queue of the software tasks call only functions whose address stands in the image: an observed run that leaves them fails. A software task waits for one instant at a time: who writes it makes sure.".to_owned());
     }
     all.extend(pended(models));
     all.extend(never_called(models));
@@ -99,12 +100,17 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         .map(|(place, bound)| (place.as_str(), *bound))
         .collect();
     all.extend(annotated.into_iter().map(|(place, bound)| {
-        format!("The loop at {place} takes at most {bound} turns, as its annotation says.")
+        let what = match place.strip_suffix(", in all") {
+            Some(place) => format!("The statement at {place} runs at most {bound} times in a job"),
+            None => format!("The loop at {place} takes at most {bound} turns"),
+        };
+        format!("{what}, as its annotation says. Who wrote it makes sure; an observed run with more fails.")
     }));
+    all.extend(summarised(nodes));
     let panics: usize = tasks.map(|task| task.panics.len()).sum();
     if panics > 0 {
         all.push(format!(
-            "The image does not prove {panics} panics impossible. A path is charged up to its panic, after which the motors are stopped."
+            "The image does not prove {panics} panics impossible. A path is charged up to its panic, after which the motors are stopped: who writes the panic handler makes sure."
         ));
     }
     all
@@ -142,8 +148,38 @@ fn pended(models: &Models) -> BTreeSet<String> {
     }
     let pended = pended.into_iter();
     pended
-        .map(|(what, nodes)| format!("{what}. This holds on {}.", nodes.join(", ")))
+        .map(|(what, nodes)| {
+            format!(
+                "{what}. This holds on {}. Who writes the task table makes sure; an observed run with more \
+                 releases fails.",
+                nodes.join(", ")
+            )
+        })
         .collect()
+}
+
+/// The loops whose bounds the tool knows, in one sentence.
+fn summarised(nodes: &[NodeReport]) -> Option<String> {
+    let tasks = nodes.iter().flat_map(|node| &node.tasks);
+    let mut all: BTreeMap<&str, u64> = BTreeMap::new();
+    let known = tasks
+        .flat_map(|task| &task.summarised)
+        .chain(nodes.iter().flat_map(|node| &node.idle_summarised));
+    for (what, bound) in known {
+        let most = all.entry(what).or_default();
+        *most = (*most).max(*bound);
+    }
+    let all: Vec<String> = all
+        .into_iter()
+        .map(|(what, bound)| format!("{what} ({bound})"))
+        .collect();
+    (!all.is_empty()).then(|| {
+        format!(
+            "The most turns of these loops follow from what they are, not from an annotation: {}. The analysis \
+             makes sure; an observed run with more turns fails.",
+            all.join("; ")
+        )
+    })
 }
 
 /// What the table says that certain jobs never call; equal sentences of several nodes are one.
@@ -164,6 +200,12 @@ fn never_called(models: &Models) -> BTreeSet<String> {
     }
     never
         .into_iter()
-        .map(|(what, nodes)| format!("{what} This holds on {}.", nodes.join(", ")))
+        .map(|(what, nodes)| {
+            format!(
+                "{what} This holds on {}. Who writes the task table makes sure; an observed run in which more \
+                 jobs call it than there are others fails.",
+                nodes.join(", ")
+            )
+        })
         .collect()
 }

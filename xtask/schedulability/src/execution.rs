@@ -41,6 +41,8 @@ pub struct Handler {
     pub panics: Vec<String>,
     /// Loop bounds that were taken from annotations.
     pub annotated: BTreeMap<String, u64>,
+    /// Those of loops of libraries and of atomic operations, by what they are.
+    pub summarised: BTreeMap<String, u64>,
     /// The longest path by source line, the costliest first.
     pub path: Vec<Line>,
     /// Bound of the integer program.
@@ -81,6 +83,8 @@ pub struct Execution {
     pub idle_problems: BTreeSet<Problem>,
     /// Loop bounds in these sections that were taken from annotations.
     pub idle_annotated: BTreeMap<String, u64>,
+    /// Those of loops of libraries and of atomic operations in these sections.
+    pub idle_summarised: BTreeMap<String, u64>,
     /// Handlers that are no task and do not return.
     pub outside: Vec<Outside>,
     /// Memory words that keep the address which start-up wrote to them. The bounds rely on it.
@@ -108,6 +112,11 @@ pub enum ExecutionError {
         "the image of {0} may move its vector table (register VTOR), so its handlers are not known: accepted is the table at the begin of the image"
     )]
     VectorsMove(String),
+    /// It may group priorities.
+    #[error(
+        "the image of {0} may group priorities (register AIRCR), so a higher one need not interrupt a lower one: leave PRIGROUP at {most} or less", most = MOST_GROUP
+    )]
+    Grouped(String),
     /// A vector leads out of the image.
     #[error(
         "vector {vector} of the image of {node} leads to {address:#x}, where the image has no code, so its handler is not known"
@@ -274,10 +283,16 @@ impl Analyser<'_> {
         let overhead = self.timings.around_handler(bound.uses_fpu);
         let longest = self.analysis.longest_path(&bound, entry);
         let program = longest.as_ref().map(|longest| longest.cycles + overhead);
-        let watch = bound
-            .problems
-            .is_empty()
-            .then(|| Arc::new(Watch::new(&mut self.analysis, entry, &bound)));
+        let watch = bound.problems.is_empty().then(|| {
+            let mut watch = Watch::new(&mut self.analysis, entry, &bound);
+            let names: BTreeSet<&String> = task.never.values().flatten().collect();
+            for name in names {
+                if let Some(address) = self.image.function_ending(name) {
+                    watch.note(address, name);
+                }
+            }
+            Arc::new(watch)
+        });
         let image = self.image;
         let panics = bound.panics.iter();
         let panics = panics.map(|site| format!("{} -> {}", image.describe(site.at), site.callee));
@@ -294,6 +309,7 @@ impl Analyser<'_> {
             problems: bound.problems,
             panics: panics.collect(),
             annotated: bound.annotated,
+            summarised: bound.summarised,
             program,
             path: longest.map(|longest| longest.path).unwrap_or_default(),
             watch,
@@ -339,6 +355,7 @@ impl Analyser<'_> {
         self.main = depth.bytes.max(bound.stack);
         self.execution.idle_problems = bound.problems;
         self.execution.idle_annotated = bound.annotated;
+        self.execution.idle_summarised = bound.summarised;
     }
 
     /// Adds the handlers that are no task, and refuses those that may return.
@@ -413,6 +430,13 @@ impl Analyser<'_> {
     fn check_system_writes(&self) -> Result<(), ExecutionError> {
         if let Some(table) = self.image.vector_table() {
             self.check_vectors(table)?;
+        }
+        if self
+            .analysis
+            .system_writes()
+            .groups_priorities(PRIORITY_BITS)
+        {
+            return Err(ExecutionError::Grouped(self.node.name.clone()));
         }
         let mut tasks = self.node.tasks.iter();
         tasks.try_for_each(|task| self.check_priority(task))
@@ -496,4 +520,10 @@ impl Analyser<'_> {
 }
 
 /// Number of interrupt priorities of the parts (four bits of `BASEPRI`).
-const PRIORITIES: u32 = 16;
+const PRIORITIES: u32 = 1 << PRIORITY_BITS;
+
+/// Bits of a priority that the parts have (PM0214 4.3.7).
+const PRIORITY_BITS: u32 = 4;
+
+/// The largest group that leaves each bit of a priority its say.
+const MOST_GROUP: u32 = 7 - PRIORITY_BITS;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use network_model::Network;
+use network_model::{Network, WindowKind};
 
 use crate::arrivals::{Arrivals, Kind, Timetable};
 use crate::event::Traffic;
@@ -55,6 +55,8 @@ pub struct NodeModel {
     pub tasks: Vec<TaskModel>,
     /// Whether it sends at once, without a schedule.
     pub event_triggered: bool,
+    /// Time masters of its network, each of which may send a reference message; none without a schedule.
+    pub masters: usize,
 }
 
 /// Where a source and the task table do not fit together.
@@ -158,8 +160,14 @@ impl NodeModel {
         file: &str,
     ) -> Result<Self, ModelError> {
         let bus = Bus::new(network, name, table.board.transmit_lead_ps());
-        Self::with(name, app, table, file, |entry| {
+        let model = Self::with(name, app, table, file, |entry| {
             Ok((arrivals(entry, bus)?, deadline(entry, bus)?))
+        })?;
+        let messages = network.messages.iter();
+        let references = messages.filter(|message| message.window.kind == WindowKind::Reference);
+        Ok(Self {
+            masters: references.count(),
+            ..model
         })
     }
 
@@ -280,6 +288,7 @@ impl NodeModel {
             source: String::new(),
             tasks,
             event_triggered: false,
+            masters: 0,
         })
     }
 }

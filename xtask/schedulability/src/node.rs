@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::activations;
-use crate::arrivals::Arrivals;
+use crate::arrivals::{Arrivals, Kind};
 use crate::execution::{Execution, Handler};
 use crate::model::{NodeModel, TaskModel};
 use crate::response::{self, Critical, CriticalSection, Delay, Response, Task, Unbounded};
@@ -28,6 +28,8 @@ pub struct Seen {
     pub followed: u64,
     /// When it was entered, for each start of the node in each run.
     pub entered: Vec<Entered>,
+    /// The same of those activations that entered a function, for each one that `never` lists.
+    pub calling: BTreeMap<String, Vec<Entered>>,
     /// Contradictions between these activations and the analysis, one sentence each.
     pub refuted: BTreeSet<String>,
 }
@@ -78,6 +80,7 @@ pub fn schedule(
         utilisation_permille: response::utilisation_permille(&scheduled.set),
         idle_problems: execution.idle_problems.clone(),
         idle_annotated: execution.idle_annotated.clone(),
+        idle_summarised: execution.idle_summarised.clone(),
         outside: execution.outside.clone(),
     }
 }
@@ -315,7 +318,7 @@ impl<'a> Scheduled<'a> {
 
     /// What the activations seen contradict: the analysis of their paths, or the releases that are
     /// counted.
-    fn refuted(&self, at: usize, seen: &Seen) -> BTreeSet<String> {
+    fn refuted(&self, at: usize, task: &TaskModel, seen: &Seen) -> BTreeSet<String> {
         let mut refuted = seen.refuted.clone();
         let Ok(response) = &self.results[at] else {
             return refuted;
@@ -335,6 +338,23 @@ impl<'a> Scheduled<'a> {
                 excess.most
             )
         }));
+        for (function, runs) in &seen.calling {
+            let may_call = those_that_may_call(arrivals, task, function, self.model.masters);
+            let excess = runs.iter().find_map(|run| {
+                let excess = activations::excess(&may_call, response.worst, &run.at)?;
+                Some((&run.scenario, excess))
+            });
+            refuted.extend(excess.map(|(scenario, excess)| {
+                format!(
+                    "it called {function} in {} jobs within {}, {} after power-on in {scenario}, and only {} of \
+                     its jobs may in that time by `never` of the task table",
+                    excess.seen,
+                    time(excess.span),
+                    time(excess.begin),
+                    excess.most
+                )
+            }));
+        }
         refuted
     }
 
@@ -358,7 +378,7 @@ impl<'a> Scheduled<'a> {
             overhead: bound.overhead,
             observed: seen.map(|seen| seen.without_preemptions(bound.lost)),
             followed: seen.map_or(0, |seen| seen.followed),
-            refuted: seen.map_or_else(BTreeSet::new, |seen| self.refuted(at, seen)),
+            refuted: seen.map_or_else(BTreeSet::new, |seen| self.refuted(at, task, seen)),
             cost: shared.cost,
             period: task.arrivals.distance(1, task.jitter),
             releases: tables
@@ -378,10 +398,36 @@ impl<'a> Scheduled<'a> {
             problems: bound.problems.clone(),
             panics: bound.panics.clone(),
             annotated: bound.annotated.clone(),
+            summarised: bound.summarised.clone(),
             path: bound.path.clone(),
             program: bound.program,
         })
     }
+}
+
+/// The releases without those of a kind whose jobs never call `function`, by the task table. Those by
+/// reference messages count once for each of `masters`: a backup that has requested its own when that of
+/// the master arrives may send it behind that one.
+fn those_that_may_call(
+    arrivals: &Arrivals,
+    task: &TaskModel,
+    function: &str,
+    masters: usize,
+) -> Arrivals {
+    let mut arrivals = arrivals.clone();
+    arrivals.timed.retain(|table| {
+        let never = task.never.get(&table.kind);
+        !never.is_some_and(|never| never.iter().any(|name| name == function))
+    });
+    let references = arrivals.timed.iter();
+    let references: Vec<_> = references
+        .filter(|table| table.kind == Kind::Reference)
+        .cloned()
+        .collect();
+    for _ in 1..masters {
+        arrivals.timed.extend_from_slice(&references);
+    }
+    arrivals
 }
 
 /// The releases of a task, with a bound of its own for each kind of job that has one.

@@ -274,6 +274,7 @@ mod tests {
     fn node(tasks: Vec<TaskModel>) -> NodeModel {
         NodeModel {
             event_triggered: false,
+            masters: 1,
             name: "n".to_owned(),
             source: "n.rs".to_owned(),
             tasks,

@@ -64,6 +64,8 @@ pub struct TaskReport {
     pub panics: Vec<String>,
     /// Loop bounds that were taken from annotations.
     pub annotated: BTreeMap<String, u64>,
+    /// Bounds of loops of libraries and of atomic operations that the tool knows, by what they are.
+    pub summarised: BTreeMap<String, u64>,
     /// The longest path by source line, the costliest first.
     pub path: Vec<Line>,
     /// Bound of the integer program.
@@ -215,6 +217,8 @@ pub struct NodeReport {
     pub idle_problems: BTreeSet<Problem>,
     /// Loop bounds in these sections that were taken from annotations.
     pub idle_annotated: BTreeMap<String, u64>,
+    /// Those that the tool knows of loops in them.
+    pub idle_summarised: BTreeMap<String, u64>,
     /// Handlers that are no task and do not return.
     pub outside: Vec<Outside>,
 }

@@ -11,7 +11,7 @@ use schedulability::arrivals::{Job, Kind};
 use schedulability::execution::{Execution, Handler, Section};
 use schedulability::model::NodeModel;
 use schedulability::models::{Files, Models};
-use schedulability::node::{Observed, Seen, schedule};
+use schedulability::node::{Entered, Observed, Seen, schedule};
 use schedulability::priorities;
 use schedulability::releases::Bus;
 use schedulability::results::{NodeReport, Report, TaskReport, Tolerance};
@@ -186,6 +186,36 @@ fn the_table_fits_the_sources() {
     for (node, table) in &models.nodes {
         assert_eq!(node.tasks.len(), table.task.len(), "{}", node.name);
     }
+}
+
+/// A reference message comes once in a basic cycle from each of the two masters at most, and only its job
+/// may call `take_reference`.
+#[test]
+fn a_function_that_never_is_called_and_is_refutes_the_table() {
+    let (model, table) = model("steering", &source("steering")).unwrap();
+    let execution = execution(&model, &table, 10);
+    let mut tasks = model.tasks.iter();
+    let can_rx = tasks.find(|task| task.name == "can_rx").unwrap();
+    let refuted = |at: &[u64]| {
+        let of_function = Entered {
+            scenario: "a run".into(),
+            at: at.iter().map(|ms| ms * 1_000_000_000).collect(),
+        };
+        let seen = Seen {
+            calling: BTreeMap::from([("take_reference".to_owned(), vec![of_function])]),
+            ..Seen::default()
+        };
+        let observed = Observed::from([(can_rx.interrupt.clone(), seen)]);
+        let node = schedule(&model, &table, &execution, Some(&observed));
+        task(&node, "can_rx").refuted.clone()
+    };
+    assert_eq!(refuted(&[5, 105, 106, 205, 305]), BTreeSet::new());
+    let sentence = "it called take_reference in 3 jobs within 8000.00 us, 105.00 ms after power-on in a run, and \
+         only 2 of its jobs may in that time by `never` of the task table";
+    assert_eq!(
+        refuted(&[5, 105, 108, 113, 205]),
+        BTreeSet::from([sentence.to_owned()])
+    );
 }
 
 #[test]

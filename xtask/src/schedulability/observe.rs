@@ -259,12 +259,19 @@ fn note(
                 continue;
             };
             seen.followed += found.activations;
-            let runs = found.entered.iter();
-            let runs = runs.flat_map(|run| without(run, strange));
-            seen.entered.extend(runs.map(|at| Entered {
-                scenario: scenario.name.clone(),
-                at,
-            }));
+            let outside = |runs: &[Vec<u64>]| -> Vec<Entered> {
+                let runs = runs.iter().flat_map(|run| without(run, strange));
+                runs.map(|at| Entered {
+                    scenario: scenario.name.clone(),
+                    at,
+                })
+                .collect()
+            };
+            seen.entered.extend(outside(&found.entered));
+            for (function, runs) in &found.calling {
+                let calling = seen.calling.entry(function.clone()).or_default();
+                calling.extend(outside(runs));
+            }
             if let Some(image) = &image {
                 let sentences = found.refuted.iter().map(|refuted| refuted.sentence(image));
                 seen.refuted.extend(sentences);

@@ -195,6 +195,9 @@ pub struct Bound {
     pub facts: Facts,
     /// Bounds that were taken from annotations, by the first line of the loop.
     pub annotated: BTreeMap<String, u64>,
+    /// Bounds of loops of libraries and of atomic operations that are known from their code, by what they
+    /// are (`runtime`, [`software`](super::software)).
+    pub summarised: BTreeMap<String, u64>,
     /// Whether a path returns.
     pub returns: bool,
     /// How the paths end that do not return. Endless loops are among them only where code is

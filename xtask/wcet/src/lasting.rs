@@ -70,7 +70,12 @@ pub struct Memory {
 /// Bytes that were written to registers of the system control space, by their addresses: a byte
 /// that is the same in all writes, else `None`.
 #[derive(Debug, Default, Clone, PartialEq, Eq)]
-pub struct SystemWrites(BTreeMap<u32, Option<u8>>);
+pub struct SystemWrites {
+    bytes: BTreeMap<u32, Option<u8>>,
+    /// The largest group that is written to `AIRCR` without a request for a reset; `None` beside an unknown
+    /// word.
+    group: Option<Option<u32>>,
+}
 
 impl SystemWrites {
     /// Priorities of interrupts, vector table, priorities of exceptions (DDI 0403 B3.2.2, B3.4.3).
@@ -79,6 +84,28 @@ impl SystemWrites {
         Extent::new(VTOR, VTOR + 3),
         Extent::new(0xe000_ed18, 0xe000_ed23),
     ];
+
+    /// Notes a word that is written to `AIRCR` and requests no reset: bits 8 to 10 are the group.
+    pub(crate) fn note_group(&mut self, value: &Value) {
+        self.add_group(value.as_constant().map(|word| (word >> 8) & 7));
+    }
+
+    fn add_group(&mut self, group: Option<u32>) {
+        self.group = Some(match self.group {
+            None => group,
+            Some(known) => known.zip(group).map(|(known, group)| known.max(group)),
+        });
+    }
+
+    /// Whether the program may group priorities so that one of `bits` bits no longer decides by each of
+    /// them who interrupts whom (DDI 0403 B1.5.4).
+    #[must_use]
+    pub fn groups_priorities(&self, bits: u32) -> bool {
+        match self.group {
+            None => false,
+            Some(group) => group.is_none_or(|group| group + bits > 7),
+        }
+    }
 
     /// Notes a store of the low `size` bytes of `value` to one of the addresses `reached`.
     pub(crate) fn note(&mut self, reached: Extent, size: u32, value: &Value) {
@@ -96,7 +123,7 @@ impl SystemWrites {
     }
 
     fn add(&mut self, at: u32, byte: Option<u8>) {
-        let known = self.0.entry(at).or_insert(byte);
+        let known = self.bytes.entry(at).or_insert(byte);
         if *known != byte {
             *known = None;
         }
@@ -104,8 +131,11 @@ impl SystemWrites {
 
     /// Adds the writes of other code.
     pub(crate) fn extend(&mut self, other: &Self) {
-        for (&at, &byte) in &other.0 {
+        for (&at, &byte) in &other.bytes {
             self.add(at, byte);
+        }
+        if let Some(group) = other.group {
+            self.add_group(group);
         }
     }
 
@@ -118,14 +148,14 @@ impl SystemWrites {
             Some(interrupt) => 0xe000_e400 + interrupt,
             None => 0xe000_ed14 + number,
         };
-        self.0.get(&at).copied().unwrap_or(Some(0))
+        self.bytes.get(&at).copied().unwrap_or(Some(0))
     }
 
     /// Whether the vector table may be moved away from `table`.
     #[must_use]
     pub fn moves_vectors(&self, table: u32) -> bool {
         let bytes = (VTOR..).zip(table.to_le_bytes());
-        let mut written = bytes.filter_map(|(at, byte)| Some((self.0.get(&at)?, byte)));
+        let mut written = bytes.filter_map(|(at, byte)| Some((self.bytes.get(&at)?, byte)));
         written.any(|(written, byte)| *written != Some(byte))
     }
 }

@@ -5,6 +5,7 @@
 //! did not reach, when a loop takes more turns than its bound, and when a block runs more often
 //! than annotated for one activation.
 
+use std::ops::RangeInclusive;
 use std::rc::Rc;
 
 use super::analysis::Analysis;
@@ -89,6 +90,8 @@ enum Event {
     Outside(usize),
     /// A block with a limit for the whole activation.
     Times(usize),
+    /// The begin of a function that is listed.
+    Enters(usize),
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -96,6 +99,9 @@ struct Loop {
     at: String,
     bound: u64,
     annotated: bool,
+    /// If the loop's first block is the function's: the loop's instructions, from one address to
+    /// another. Control that comes from elsewhere has called the function, and is in no turn.
+    body: Option<Vec<RangeInclusive<u32>>>,
 }
 
 /// No code of the task.
@@ -117,6 +123,8 @@ pub struct Watch {
     loops: Vec<Loop>,
     /// Places of blocks, with the number of executions that is allowed.
     blocks: Vec<(String, u64)>,
+    /// Functions of which it is noted whether an activation entered them.
+    functions: Vec<String>,
 }
 
 /// The counts of one activation that is being followed.
@@ -124,6 +132,9 @@ pub struct Watch {
 pub struct Activation {
     turns: Vec<u64>,
     times: Vec<u64>,
+    entered: Vec<bool>,
+    /// Address of the last instruction.
+    last: u32,
 }
 
 impl Watch {
@@ -148,6 +159,7 @@ impl Watch {
             events: Vec::new(),
             loops: Vec::new(),
             blocks: Vec::new(),
+            functions: Vec::new(),
         };
         for address in code() {
             watch.marks[((address - base) / 2) as usize] = QUIET;
@@ -175,10 +187,12 @@ impl Watch {
             return;
         };
         let l = &graph.loops[number];
-        // If the loop is the function's first block, a call cannot be told from a turn.
-        if l.blocks.contains(&0) {
-            return;
-        }
+        let body = l.blocks.contains(&0).then(|| {
+            let blocks = l.blocks.iter().map(|block| &graph.blocks[*block]);
+            blocks
+                .map(|block| block.start()..=block.split_last().0.address)
+                .collect()
+        });
         for (index, block) in graph.blocks.iter().enumerate() {
             let event = if index == header {
                 Event::Turn(self.loops.len())
@@ -195,11 +209,13 @@ impl Watch {
                 at: place.to_string(),
                 bound,
                 annotated: true,
+                body,
             },
             None => Loop {
                 at: analysis.image().describe(start),
                 bound: turns,
                 annotated: false,
+                body,
             },
         });
     }
@@ -221,6 +237,19 @@ impl Watch {
         }
     }
 
+    /// Notes from now on whether an activation enters the function `name` at `address`.
+    pub fn note(&mut self, address: u32, name: &str) {
+        self.add(address, Event::Enters(self.functions.len()));
+        self.functions.push(name.to_owned());
+    }
+
+    /// Those of the noted functions that an activation has entered.
+    pub fn entered(&self, activation: &Activation) -> impl Iterator<Item = &str> {
+        let all = self.functions.iter().zip(&activation.entered);
+        all.filter(|(_, entered)| **entered)
+            .map(|(name, _)| name.as_str())
+    }
+
     /// Address of the first instruction.
     #[must_use]
     pub fn entry(&self) -> u32 {
@@ -233,6 +262,8 @@ impl Watch {
         Activation {
             turns: vec![0; self.loops.len()],
             times: vec![0; self.blocks.len()],
+            entered: vec![false; self.functions.len()],
+            last: NOTHING,
         }
     }
 
@@ -243,19 +274,31 @@ impl Watch {
     #[inline]
     pub fn see(&self, activation: &mut Activation, at: u32) -> Result<(), Refuted> {
         let place = (at.wrapping_sub(self.base) / 2) as usize;
+        let last = std::mem::replace(&mut activation.last, at);
         match self.marks.get(place) {
             Some(&QUIET) => Ok(()),
             None | Some(&NOTHING) => Err(Refuted::Outside(at)),
-            Some(mark) => self.happens(activation, (mark - QUIET - 1) as usize),
+            Some(mark) => self.happens(activation, (mark - QUIET - 1) as usize, last),
         }
     }
 
-    fn happens(&self, activation: &mut Activation, events: usize) -> Result<(), Refuted> {
+    fn happens(
+        &self,
+        activation: &mut Activation,
+        events: usize,
+        last: u32,
+    ) -> Result<(), Refuted> {
         for event in &self.events[events] {
             match *event {
                 Event::Outside(number) => activation.turns[number] = 0,
                 Event::Turn(number) => {
                     let l = &self.loops[number];
+                    let called = |body: &Vec<RangeInclusive<u32>>| {
+                        !body.iter().any(|block| block.contains(&last))
+                    };
+                    if l.body.as_ref().is_some_and(called) {
+                        activation.turns[number] = 0;
+                    }
                     activation.turns[number] += 1;
                     // The first pass of the header enters the loop and is no turn.
                     let turns = activation.turns[number] - 1;
@@ -268,6 +311,7 @@ impl Watch {
                         });
                     }
                 }
+                Event::Enters(number) => activation.entered[number] = true,
                 Event::Times(number) => {
                     let (at, most) = &self.blocks[number];
                     activation.times[number] += 1;

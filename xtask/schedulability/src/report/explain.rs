@@ -54,7 +54,10 @@ pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
         text.push_str(&path(task));
     }
     for (place, bound) in &task.annotated {
-        let _ = writeln!(text, "  loop bound {bound} from {place}");
+        let _ = writeln!(text, "  loop bound {bound} from the annotation at {place}");
+    }
+    for (what, bound) in &task.summarised {
+        let _ = writeln!(text, "  loop bound {bound} known of: {what}");
     }
     for panic in &task.panics {
         let _ = writeln!(text, "  may panic: {panic}");

@@ -87,6 +87,7 @@ fn node(node: &NodeReport) -> Value {
         "utilisation_permille": node.utilisation_permille,
         "idle_problems": node.idle_problems.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "idle_annotated": node.idle_annotated,
+        "idle_summarised": node.idle_summarised,
         "outside": node.outside.iter().map(|one| json!({
             "name": one.name,
             "vectors": one.vectors,
@@ -132,6 +133,7 @@ fn task(node: &NodeReport, task: &TaskReport) -> Value {
         "problems": task.problems.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "panics": task.panics,
         "annotated": task.annotated,
+        "summarised": task.summarised,
         "followed": task.followed,
         "refuted": task.refuted,
     })

@@ -76,6 +76,33 @@ pub fn output(value: u32) {
     INPUT.store(value, Ordering::Relaxed);
 }
 
+/// Counts steps by calls in tail position, of which a compiler makes a loop.
+pub fn steps(n: u32, known: u32) -> u32 {
+    match n {
+        0 | 1 => known,
+        even if even % 2 == 0 => steps(even / 2, known + 1),
+        odd => steps(odd.wrapping_mul(3).wrapping_add(1), known + 1),
+    }
+}
+
+/// A lock that spins: one while somebody holds it.
+pub static LOCK: AtomicU32 = AtomicU32::new(0);
+
+/// Counts, by a compare-and-swap that is repeated only when it was interrupted.
+pub fn count() -> u32 {
+    LOCK.fetch_add(2, Ordering::Relaxed)
+}
+
+/// Waits for the lock by compare-and-swap.
+#[inline(never)]
+pub fn acquire() {
+    let mut locked = true;
+    while locked {
+        let free = LOCK.compare_exchange(0, 1, Ordering::Acquire, Ordering::Relaxed);
+        locked = free.is_err();
+    }
+}
+
 /// What was last put there.
 #[inline(never)]
 pub fn last() -> u32 {

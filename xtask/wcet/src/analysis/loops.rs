@@ -24,6 +24,14 @@ const STEPS_OF_COUNTED_LOOP: u64 = 400_000;
 /// unrolled turn by turn.
 const STEPS_TURN_BY_TURN: u64 = 600_000;
 
+/// The bound of a loop that need not be found by running it.
+struct Given {
+    /// The loop's place for one of an annotation, else what the loop is.
+    what: String,
+    turns: u64,
+    annotated: bool,
+}
+
 /// The last turn of a loop that was run, from one state at the header to the next.
 struct LastTurn<'s> {
     before: &'s State,
@@ -32,32 +40,43 @@ struct LastTurn<'s> {
 
 impl Run<'_, '_> {
     /// The bound of a loop that is given and need not be found by running it, and what gives it.
-    fn given_bound(&self, graph: &Graph, number: usize) -> Option<(String, u64)> {
+    fn given_bound(&self, graph: &Graph, number: usize) -> Option<Given> {
         let image = self.program.image;
+        let given = |what, turns, annotated| Given {
+            what,
+            turns,
+            annotated,
+        };
         self.program
             .annotation(graph, number)
-            .map(|(place, bound)| (place.to_string(), bound))
+            .map(|(place, turns)| given(place.to_string(), turns, true))
             .or_else(|| {
                 runtime::bound(image, graph, number)
                     .or_else(|| software::bound(image, graph, number))
-                    .map(|(what, bound)| (what.to_owned(), bound))
+                    .map(|(what, turns)| given(what.to_owned(), turns, false))
             })
             .or_else(|| {
                 let bytes = self.frames.last().and_then(|frame| frame.bytes)?;
                 let what = format!("{}, by its length", image.name(graph.entry));
-                Some((what, runtime::copying(graph, number, bytes)))
+                let turns = runtime::copying(graph, number, bytes);
+                Some(given(what, turns, false))
             })
     }
 
     /// Notes that a given bound counts for the loop that is now in this state. In start-up and idle
     /// code it does so only while interrupts are masked.
-    fn rely_on(&mut self, given: Option<&(String, u64)>, state: &State) {
-        let Some((what, bound)) = given else { return };
+    fn rely_on(&mut self, given: Option<&Given>, state: &State) {
+        let Some(given) = given else { return };
         if self.kind == Entry::Program && state.outermost_section().is_none() {
             return;
         }
-        let most = self.annotated.entry(what.clone()).or_default();
-        *most = (*most).max(*bound);
+        let all = if given.annotated {
+            &mut self.annotated
+        } else {
+            &mut self.summarised
+        };
+        let most = all.entry(given.what.clone()).or_default();
+        *most = (*most).max(given.turns);
     }
 
     /// Runs a loop that is entered at block `start`, turn by turn until no path stays inside. If
@@ -72,7 +91,7 @@ impl Run<'_, '_> {
     ) -> Exits {
         let header = graph.loops[number].header;
         let given = self.given_bound(graph, number);
-        let bound = given.as_ref().map(|(_, bound)| *bound);
+        let bound = given.as_ref().map(|given| given.turns);
         self.rely_on(given.as_ref(), &state);
         let begin = self.steps;
         let unrolled = if begin > STEPS_TURN_BY_TURN {

@@ -79,6 +79,7 @@ pub(super) struct Run<'r, 'a> {
     pub(super) ended: Cycles,
     pub(super) facts: Facts,
     pub(super) annotated: BTreeMap<String, u64>,
+    pub(super) summarised: BTreeMap<String, u64>,
     /// How the paths end that do not return.
     pub(super) ends: BTreeSet<End>,
     pub(super) problems: BTreeSet<Problem>,
@@ -120,6 +121,7 @@ impl<'r, 'a> Run<'r, 'a> {
             ended: Cycles::ZERO,
             facts: Facts::default(),
             annotated: BTreeMap::new(),
+            summarised: BTreeMap::new(),
             ends: BTreeSet::new(),
             problems: BTreeSet::new(),
         }
@@ -161,6 +163,7 @@ impl<'r, 'a> Run<'r, 'a> {
                 pends: memory.pends.clone(),
                 facts: self.facts,
                 annotated: self.annotated,
+                summarised: self.summarised,
                 returns,
                 ends: self.ends,
                 problems: self.problems,

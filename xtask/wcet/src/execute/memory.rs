@@ -158,6 +158,9 @@ impl Step<'_, '_> {
         let Some(reached) = reached else { return };
         if reached != Extent::EVERYWHERE {
             self.machine.memory.system.note(reached, size, value);
+            if reached.contains(AIRCR) && !requests_reset(value) {
+                self.machine.memory.system.note_group(value);
+            }
             self.effects.disables_interrupt |=
                 self.state.started && DISABLE.meet(reached).is_some();
         }
