@@ -308,7 +308,7 @@ fn without_one_of_the_distances_it_stops_and_stays() {
 /// file, so they may not make up for lost time afterwards.
 #[test]
 fn a_status_that_waited_for_the_bus_and_the_next_one_keep_their_interval() {
-    let flood = "[[bus]]\nwhat = \"frame\"\nat = \"2 s\"\nid = 0\nevery = \"250 us\"\n\
+    let flood = "[[bus]]\nwhat = \"frame\"\nat = \"2 s\"\nid = 0\nevery = \"240 us\"\n\
                  until = \"2.15 s\"\n";
     let traffic = Traffic::of(&drive(flood, 3.0));
     // Besides the first status and the first self-test.

@@ -407,8 +407,8 @@ fn each_way_of_breaking_it_has_its_sentence() {
         ),
         (
             "longer",
-            "node.report misses its deadline of # us by # ms: it takes # ms itself, \
-             waits # ms for report, waits # us for sample (# times) and waits # us for filter (# times)",
+            "node.report misses its deadline of # us by # ms: it takes # us itself, \
+             waits # us for report, waits # us for sample (# times) and waits # us for filter (# times)",
         ),
         (
             "lock",
