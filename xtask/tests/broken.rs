@@ -417,9 +417,8 @@ fn each_way_of_breaking_it_has_its_sentence() {
         ),
         (
             "swapped",
-            "node.filter misses its deadline of # us by # us: it takes # us itself, is blocked # us by \
-             sample at src/bin/swapped.rs:6 (EXTI0), waits # us for report (# times) and waits # us \
-             for filter",
+            "node.sample misses its deadline of # us by # us: it takes # us itself, waits # us for report \
+             (# times), waits # us for filter (# times) and waits # us for sample (# times)",
         ),
         (
             "annotation",
