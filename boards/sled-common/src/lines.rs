@@ -48,6 +48,8 @@ impl<T: Transmitter, const LINES: usize, const WIDTH: usize, const TOTAL: usize>
 
     /// Appends one line, cut at `WIDTH` bytes, and starts sending if no transfer is running. An empty
     /// one is nothing to send. Returns false, and counts the line, if the queue is full.
+    // Once in an image, wherever lines are written from.
+    #[inline(never)]
     pub fn push(&mut self, line: &[u8]) -> bool {
         if line.is_empty() {
             return true;
