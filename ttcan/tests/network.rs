@@ -6,7 +6,7 @@ use support::{
     ALARM, BUTTON, CONTROLLER, DRIVE, GPS, MATRIX, SCHEDULE, STEERING, Uagv, UagvBus,
     assert_in_place, at, config, crystal, is_reference, uagv, vehicle,
 };
-use ttcan::simulation::{Application, Bus, Fate, Quiet, SimTime, delivered};
+use ttcan::simulation::{Application, Bus, Crystal, Fate, Quiet, SimTime, delivered};
 use ttcan::{
     Action, ErrorLevel, Event, Fault, Frame, GlobalTime, Grant, Health, Id, MasterState,
     MatrixConfig, Micros, Node, NodeId, QueueError, Reception, ReferenceFormat, Severe, Stamp,
@@ -235,8 +235,47 @@ impl Application for Faulty {
     }
 }
 
+/// The controller receives nothing for some milliseconds.
+struct DeafController {
+    from: u64,
+    to: u64,
+}
+
+impl Application for DeafController {
+    fn fate(&mut self, _: usize, _: &Frame, now: SimTime) -> Fate {
+        if during(now, self.from, self.to) {
+            Fate::MissedBy(1)
+        } else {
+            Fate::Delivered
+        }
+    }
+}
+
 fn during(now: SimTime, from: u64, to: u64) -> bool {
     (at(from)..at(to)).contains(&now)
+}
+
+/// Reading a received frame takes a processor time. The reference of a backup that
+/// waits behind the master's would start three bits after it.
+#[test]
+fn a_backup_that_is_slow_to_read_sends_no_second_reference() {
+    for slowest in [800, 12_000, 30_000, 48_000] {
+        let mut bus = Bus::new(250_000, Quiet, 7);
+        for node in 0..4 {
+            let crystal = Crystal {
+                interrupt: (200, if node == 1 { slowest } else { 800 }),
+                ..crystal(0, 0)
+            };
+            bus.add(uagv(NodeId(node)), crystal);
+        }
+        power_on(&mut bus);
+        bus.run_until(at(10_000));
+        let second = bus
+            .traffic
+            .iter()
+            .filter(|sent| is_reference(sent) && sent.sender == 1);
+        assert_eq!(second.count(), 0, "interrupts after up to {slowest} ns");
+    }
 }
 
 #[test]
@@ -642,25 +681,43 @@ fn drift_beyond_the_limit_is_refused_and_reported() {
 }
 
 #[test]
-fn two_masters_that_met_settle_within_a_cycle() {
-    // The controller receives nothing for a while and sends references itself.
-    struct Deaf;
-    impl Application for Deaf {
-        fn fate(&mut self, _: usize, _: &Frame, now: SimTime) -> Fate {
-            if during(now, 1000, 1400) {
-                Fate::MissedBy(1)
-            } else {
-                Fate::Delivered
-            }
-        }
+fn a_master_that_hears_nothing_gives_way_and_stops() {
+    // It began the schedule, and the better-ranked master joins that.
+    let mut bus = vehicle(DeafController { from: 0, to: 1400 }, 20);
+    for node in [1, 2, 3] {
+        bus.start(node);
     }
-    let mut bus = vehicle(Deaf, 20);
-    power_on(&mut bus);
-    bus.run_until(at(1510));
+    bus.run_until(at(350));
+    assert_eq!(bus.node(1).status().master, MasterState::Current);
+    bus.start(0);
+    bus.run_until(at(1390));
     assert_eq!(bus.node(0).status().master, MasterState::Current);
+    let status = bus.node(1).status();
+    assert_eq!(status.error_level, ErrorLevel::Severe(Severe::Watch));
+    bus.run_until(at(1500));
+    bus.start(1);
+    bus.run_until(at(1810));
     assert_eq!(bus.node(1).status().master, MasterState::Backup);
-    bus.run_until(at(2500));
     for node in ALL {
+        assert!(bus.node(node).is_alive());
+    }
+}
+
+#[test]
+fn a_backup_that_hears_nothing_stops_and_sends_no_reference() {
+    let deaf = DeafController {
+        from: 1000,
+        to: 1600,
+    };
+    let mut bus = vehicle(deaf, 20);
+    power_on(&mut bus);
+    bus.run_until(at(2500));
+    let status = bus.node(1).status();
+    assert_eq!(status.sync, SyncState::Off);
+    assert_eq!(status.error_level, ErrorLevel::Severe(Severe::Watch));
+    let mut references = bus.traffic.iter().filter(|sent| is_reference(sent));
+    assert!(references.all(|sent| sent.sender == 0));
+    for node in [0, 2, 3] {
         assert!(bus.node(node).is_alive());
     }
 }

@@ -46,8 +46,9 @@ pub struct NodeConfig {
     /// Initial reference trigger offset (Initial_Ref_Offset) in microseconds, 0 to
     /// 127: how long after the end of the basic cycle this potential master sends
     /// the reference if no better-ranked master does. The offset must grow with the
-    /// rank, by more than the time to notice a start of frame. `None` means 16 us
-    /// times the rank.
+    /// rank, so that the better-ranked reference is on the bus first. This one is
+    /// withdrawn if it has not begun a transmit enable window after its request.
+    /// `None` means 16 us times the rank.
     pub reference_offset: Option<u8>,
     /// Missing references in a row that lead to the watch trigger (Watch_Trigger)
     /// and S3, at least 1. Actuators stop at two (thesis 6.2.4.4).

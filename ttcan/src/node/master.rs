@@ -1,11 +1,11 @@
 //! A potential time master: its references, and what its application asks.
 
+#[cfg(feature = "master")]
+use super::NotInCharge;
 use super::counters::bump;
 use super::master_role::{Attempt, Progress};
 use super::transmission::{OwnReference, Pending};
-use super::{Action, Node, SyncState, TransmitOutcome};
-#[cfg(feature = "master")]
-use super::{MasterState, NotInCharge};
+use super::{Action, MasterState, Node, SyncState, TransmitOutcome};
 use crate::clock::ClockState;
 use crate::features::GLOBAL_TIME;
 use crate::length;
@@ -129,6 +129,11 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             },
         };
         let rank = self.setup.rank().unwrap_or(0);
+        if rank > 0 || self.master.state != MasterState::Current {
+            // If another master's reference is on the bus already, this one would follow it
+            // three bits after its end, which is sooner than it can be read.
+            self.agenda.withdrawal = Some(now.after(self.clock.ticks(network.transmit_enable)));
+        }
         let id = network.reference.offset(rank).unwrap_or(network.reference);
         let frame = fields.encode(&network.reference_format, id, &self.master.payload);
         self.transmission.pending = Pending::Reference(OwnReference {
@@ -169,6 +174,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             TransmitOutcome::ArbitrationLost => {
                 self.master.attempt.progress = Progress::Lost(own.requested);
             }
+            TransmitOutcome::Aborted
+                if matches!(self.master.attempt.progress, Progress::Lost(_)) => {}
             TransmitOutcome::Error | TransmitOutcome::Aborted | TransmitOutcome::Empty => {
                 bump(&mut self.counters.repeated_references, 1);
                 self.master.attempt.missed_while_pending = false;
@@ -250,6 +257,14 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 error => instant.after(self.clock.ticks(error)),
             }
         });
+    }
+
+    /// Notes that a pending reference is being withdrawn: another frame was on the bus when
+    /// it was due.
+    pub(super) fn lose_withdrawn_reference(&mut self) {
+        if let Pending::Reference(own) = &self.transmission.pending {
+            self.master.attempt.progress = Progress::Lost(own.requested);
+        }
     }
 
     /// Makes this node's reference due again at `now` if it lost arbitration and no

@@ -49,7 +49,8 @@ pub(super) enum Progress {
     /// It was first requested at this stamp, when another frame may have been on the
     /// bus.
     Repeated(Stamp),
-    /// As `Repeated`, and it lost arbitration to a frame that was not received yet.
+    /// As `Repeated`, and it lost arbitration to a frame that was not received yet, or was
+    /// withdrawn behind one.
     Lost(Stamp),
 }
 

@@ -52,6 +52,9 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
             }
             Due::Withdrawal => {
                 self.agenda.withdrawal = None;
+                if MASTER {
+                    self.lose_withdrawn_reference();
+                }
                 Some(Action::Abort)
             }
             Due::TimeMark => self.step(now),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use network_model::{Network, WindowKind};
+use network_model::Network;
 
 use crate::arrivals::{Arrivals, Kind, Timetable};
 use crate::event::Traffic;
@@ -55,8 +55,6 @@ pub struct NodeModel {
     pub tasks: Vec<TaskModel>,
     /// Whether it sends at once, without a schedule.
     pub event_triggered: bool,
-    /// Time masters of its network, each of which may send a reference message; none without a schedule.
-    pub masters: usize,
 }
 
 /// Where a source and the task table do not fit together.
@@ -160,14 +158,8 @@ impl NodeModel {
         file: &str,
     ) -> Result<Self, ModelError> {
         let bus = Bus::new(network, name, table.board.transmit_lead_ps());
-        let model = Self::with(name, app, table, file, |entry| {
+        Self::with(name, app, table, file, |entry| {
             Ok((arrivals(entry, bus)?, deadline(entry, bus)?))
-        })?;
-        let messages = network.messages.iter();
-        let references = messages.filter(|message| message.window.kind == WindowKind::Reference);
-        Ok(Self {
-            masters: references.count(),
-            ..model
         })
     }
 
@@ -288,7 +280,6 @@ impl NodeModel {
             source: String::new(),
             tasks,
             event_triggered: false,
-            masters: 0,
         })
     }
 }

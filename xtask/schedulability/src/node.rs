@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::activations;
-use crate::arrivals::{Arrivals, Kind};
+use crate::arrivals::{Arrivals, Job, Kind};
 use crate::execution::{Execution, Handler};
 use crate::model::{NodeModel, TaskModel};
 use crate::response::{self, Critical, CriticalSection, Delay, Response, Task, Unbounded};
@@ -339,7 +339,7 @@ impl<'a> Scheduled<'a> {
             )
         }));
         for (function, runs) in &seen.calling {
-            let may_call = those_that_may_call(arrivals, task, function, self.model.masters);
+            let may_call = those_that_may_call(arrivals, task, function);
             let excess = runs.iter().find_map(|run| {
                 let excess = activations::excess(&may_call, response.worst, &run.at)?;
                 Some((&run.scenario, excess))
@@ -405,27 +405,21 @@ impl<'a> Scheduled<'a> {
     }
 }
 
-/// The releases without those of a kind whose jobs never call `function`, by the task table. Those by
-/// reference messages count once for each of `masters`: a backup that has requested its own when that of
-/// the master arrives may send it behind that one.
-fn those_that_may_call(
-    arrivals: &Arrivals,
-    task: &TaskModel,
-    function: &str,
-    masters: usize,
-) -> Arrivals {
+/// The releases without those of a kind whose jobs never call `function`, by the task table. The end of
+/// an own reference counts twice: an error may end the first one in the runs that disturb the bus, and
+/// the table has no job for that.
+fn those_that_may_call(arrivals: &Arrivals, task: &TaskModel, function: &str) -> Arrivals {
     let mut arrivals = arrivals.clone();
     arrivals.timed.retain(|table| {
         let never = task.never.get(&table.kind);
         !never.is_some_and(|never| never.iter().any(|name| name == function))
     });
-    let references = arrivals.timed.iter();
-    let references: Vec<_> = references
-        .filter(|table| table.kind == Kind::Reference)
-        .cloned()
-        .collect();
-    for _ in 1..masters {
-        arrivals.timed.extend_from_slice(&references);
+    for table in &mut arrivals.timed {
+        if table.kind == Kind::Reference {
+            let own = table.jobs.iter().filter(|job| job.cause.is_some());
+            let again: Vec<Job> = own.cloned().collect();
+            table.jobs.extend(again);
+        }
     }
     arrivals
 }

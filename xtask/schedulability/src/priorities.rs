@@ -274,7 +274,6 @@ mod tests {
     fn node(tasks: Vec<TaskModel>) -> NodeModel {
         NodeModel {
             event_triggered: false,
-            masters: 1,
             name: "n".to_owned(),
             source: "n.rs".to_owned(),
             tasks,

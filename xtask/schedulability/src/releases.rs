@@ -304,6 +304,10 @@ impl<'a> Bus<'a> {
             for begin in self.begins(window) {
                 let start = begin + u64::from(window.start_us) * MICROSECOND;
                 let end = begin + u64::from(window.end_us()) * MICROSECOND;
+                if window.kind == WindowKind::Reference && self.backs_up(message) {
+                    jobs.push(self.end_of_backup(message, begin));
+                    continue;
+                }
                 let job = Job {
                     id: None,
                     cause: None,
@@ -404,9 +408,13 @@ impl<'a> Bus<'a> {
             WindowKind::Reference => {
                 if own {
                     // Requested at the end of the cycle before.
-                    let mut reference = self.transmission(message, begin + self.basic_cycle());
-                    reference.latest += 2 * self.uncertainty();
-                    edges.references.push(reference);
+                    let mut request = self.transmission(message, begin + self.basic_cycle());
+                    request.latest += 2 * self.uncertainty();
+                    if self.backs_up(message) {
+                        request.id = Self::request_of_reference(window, begin);
+                        exclusive.push(self.withdrawal_of_backup(&request));
+                    }
+                    edges.references.push(request);
                 }
                 return;
             }
@@ -439,6 +447,50 @@ impl<'a> Bus<'a> {
             deadline: Some(self.request()),
             transmits: true,
             ..self.edge(message.name.clone(), instant)
+        }
+    }
+
+    /// Whether this node's own reference may find that of another master on the bus.
+    fn backs_up(&self, message: &Message) -> bool {
+        let mut others = self.network.messages.iter().filter(|m| !self.is_own(m));
+        self.is_own(message) && others.any(|m| m.window.kind == WindowKind::Reference)
+    }
+
+    /// The job that requests this node's reference at the end of the basic cycle that begins at
+    /// `begin`. No arbitrating window begins together with a cycle, so [`Bus::opening`] names no
+    /// other job like this.
+    fn request_of_reference(window: Window, begin: Picoseconds) -> Option<JobId> {
+        Self::opening(window, begin)
+    }
+
+    /// A backup withdraws its reference a transmit enable window after it requested that, which
+    /// may be as late as the deadline of that `request`.
+    fn withdrawal_of_backup(&self, request: &Job) -> Job {
+        let first = request.earliest + self.transmit_enable();
+        Job {
+            id: None,
+            cause: request.id,
+            label: format!("transmit enable of {}", request.label),
+            earliest: first,
+            latest: request.latest + self.request() + self.transmit_enable(),
+            deadline: self.until_next_frame(first + self.lead),
+            transmits: false,
+        }
+    }
+
+    /// The end of a backup's reference that was requested in the basic cycle that begins at
+    /// `begin`: it loses arbitration or is withdrawn, or it is sent because no other came.
+    fn end_of_backup(&self, message: &Message, begin: Picoseconds) -> Job {
+        let start = begin + self.basic_cycle();
+        let last = u64::from(worst_case_bits(message.length)) * self.bit();
+        Job {
+            id: None,
+            cause: Self::request_of_reference(message.window, begin),
+            label: message.name.clone(),
+            earliest: (start + ARBITRATION_BITS * self.bit()).saturating_sub(self.lead),
+            latest: start + self.transmit_enable() + last + 2 * self.uncertainty(),
+            deadline: None,
+            transmits: false,
         }
     }
 
