@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! source  -> tasks --+
-//! table   -----------+-> model -----+
+//! table   -----------+-> model -----+  (transfers: of DMA, before all tasks)
 //! network -> releases+              +-> node (response, sensitivity) --+-> results -> report
 //! image   -> wcet, outside > execution + pends                         |
 //! network -> bus (can), chains ----------------------------------------+
@@ -39,4 +39,5 @@ pub mod side_by_side;
 pub mod system;
 pub mod table;
 pub mod tasks;
+pub mod transfers;
 pub mod units;

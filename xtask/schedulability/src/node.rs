@@ -10,8 +10,10 @@ use crate::response::{self, Critical, CriticalSection, Delay, Response, Task, Un
 use crate::results::{NodeReport, TaskReport};
 use crate::sensitivity::slack;
 use crate::table::{BusEvent, NodeTable};
+use crate::transfers;
 use crate::units::{MICROSECOND, Picoseconds, picoseconds, time};
 use wcet::cycles::Cycles;
+use wcet::timing::Timing;
 
 /// Observations of a node's handlers, by interrupt.
 pub type Observed = BTreeMap<String, Seen>;
@@ -128,6 +130,7 @@ impl<'a> Scheduled<'a> {
         for task in &model.tasks {
             scheduled.add(task, time);
         }
+        scheduled.add_transfers(table, time);
         scheduled.add_causes();
         scheduled.add_blocking();
         scheduled.results = response::analyse(&scheduled.set);
@@ -235,6 +238,16 @@ impl<'a> Scheduled<'a> {
         };
         self.interrupts.push(&task.interrupt);
         self.set.push(new);
+    }
+
+    /// Adds the transfers by DMA, which come before all tasks.
+    fn add_transfers(&mut self, table: &NodeTable, time: impl Fn(u64) -> u64) {
+        if table.dma.is_empty() {
+            return;
+        }
+        let cost = time(Timing::flashed(table.board).transfer());
+        self.interrupts.push(transfers::NAME);
+        self.set.push(transfers::task(&table.dma, cost));
     }
 
     /// Notes how long each task may be blocked.

@@ -16,6 +16,7 @@ use crate::node::{Observed, schedule};
 use crate::results::Report;
 use crate::side_by_side::side_by_side;
 use crate::table::NodeTable;
+use crate::transfers::Transfers;
 use crate::units::MICROSECOND;
 use crate::{bus, chains, event, pends};
 use wcet::annotation::Annotations;
@@ -114,6 +115,16 @@ impl Programs {
         all.filter(move |((model, _), _)| model.name == node)
             .flat_map(|(_, execution)| &execution.lasting)
             .map(|(address, word)| (*address, *word))
+    }
+
+    /// The transfers by DMA that the task table has for a node.
+    #[must_use]
+    pub fn transfers(&self, node: &str) -> Transfers {
+        let mut all = self.models.nodes.iter();
+        let of_node = all.find(|(model, _)| model.name == node);
+        of_node
+            .map(|(_, table)| table.dma.clone())
+            .unwrap_or_default()
     }
 
     /// The report, with the observations of each node.

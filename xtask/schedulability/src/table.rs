@@ -12,6 +12,7 @@ use serde::Deserialize;
 
 use crate::arrivals::{Kind, Sporadic};
 use crate::can::{ErrorRate, LONGEST_INTERVAL_MS, MOST_ERRORS};
+use crate::transfers::Transfers;
 use crate::units::{MICROSECOND, Picoseconds};
 
 /// The task table.
@@ -152,7 +153,16 @@ pub struct OutOfRange {
 }
 
 impl OutOfRange {
-    fn check(field: &'static str, value: u64, least: u64, most: u64) -> Result<(), Box<Self>> {
+    /// Refuses `value` outside `least` to `most`.
+    ///
+    /// # Errors
+    /// It is outside.
+    pub(crate) fn check(
+        field: &'static str,
+        value: u64,
+        least: u64,
+        most: u64,
+    ) -> Result<(), Box<Self>> {
         if (least..=most).contains(&value) {
             return Ok(());
         }
@@ -235,6 +245,9 @@ pub struct NodeEntry {
     pub clocks: Clocks,
     /// Tasks by name; `SysTick` for the timer of the software tasks.
     pub task: BTreeMap<String, TaskTable>,
+    /// Transfers by DMA.
+    #[serde(default)]
+    pub dma: Transfers,
 }
 
 impl NodeEntry {
@@ -245,6 +258,7 @@ impl NodeEntry {
             board,
             clocks: self.clocks,
             task: self.task.clone(),
+            dma: self.dma.clone(),
         }
     }
 }
@@ -357,6 +371,8 @@ pub struct NodeTable {
     pub clocks: Clocks,
     /// Tasks by name; `SysTick` for the timer of the software tasks.
     pub task: BTreeMap<String, TaskTable>,
+    /// Transfers by DMA.
+    pub dma: Transfers,
 }
 
 /// The clocks that a program runs on.
@@ -828,6 +844,12 @@ impl Table {
 
     fn check(&self) -> Result<(), TableFault> {
         for (node, of_node) in &self.node {
+            for (unit, rate) in &of_node.dma {
+                rate.check().map_err(|number| TableFault::Number {
+                    of: format!("{unit} of {node}"),
+                    number,
+                })?;
+            }
             for (name, task) in &of_node.task {
                 task.check().map_err(|fault| TableFault::Task {
                     task: name.clone(),

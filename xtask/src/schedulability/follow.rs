@@ -6,9 +6,13 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use schedulability::transfers::Unit;
 use twin::mcu::{Seen, Storer, Trace};
 use wcet::image::Image;
 use wcet::watch::{Activation, Refuted, Watch};
+
+/// Where the flash of the parts can be seen.
+const FLASH: std::ops::Range<u32> = 0..0x1000_0000;
 
 /// Findings about one handler.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -30,11 +34,14 @@ pub struct Found {
 pub struct Findings {
     /// Those about each handler, by its exception number.
     pub handlers: BTreeMap<u16, Found>,
-    /// Stores that the analysis takes for impossible, each once.
+    /// Stores and transfers that the analysis takes for impossible, each once.
     pub stray: Vec<Stray>,
+    /// Times of the transfers of each DMA unit, in picoseconds, for each start of the node; those while it
+    /// started are left out.
+    pub transfers: BTreeMap<Unit, Vec<Vec<u64>>>,
 }
 
-/// A store that the analysis takes for impossible.
+/// A store or transfer that the analysis takes for impossible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stray {
     /// It reached a word that keeps the address which start-up left there.
@@ -54,6 +61,13 @@ pub enum Stray {
         left: u32,
         /// What it left.
         found: u32,
+    },
+    /// A transfer read the flash.
+    Flash {
+        /// Which unit.
+        by: Unit,
+        /// The address that it read.
+        from: u32,
     },
     /// It changed which interrupts are enabled, their priorities, or the vector table.
     Rearranged {
@@ -88,6 +102,9 @@ impl Stray {
                     "start-up leaves {found:#010x} in {at}, where the analysis found {left:#010x}"
                 )
             }
+            Self::Flash { by, from } => format!(
+                "{by}, reads the flash at {from:#010x}, where the analysis counts no access but the core's"
+            ),
             Self::Rearranged { by, register } => format!(
                 "{} changes which interrupts are enabled, their priorities or the vector table, by a \
                  store to {register:#010x} after start-up",
@@ -214,11 +231,34 @@ impl Follower {
                     self.strays(Stray::Rearranged { by, register });
                 }
             }
+            Seen::Moved {
+                controller,
+                unit,
+                at,
+                from,
+            } => self.moved(
+                Unit {
+                    controller,
+                    number: unit,
+                },
+                at.as_ticks(),
+                from,
+            ),
             Seen::Reset => {
                 self.stack.clear();
                 self.starts += 1;
                 self.began = None;
             }
+        }
+    }
+
+    fn moved(&self, by: Unit, now: u64, from: u32) {
+        if FLASH.contains(&from) {
+            self.strays(Stray::Flash { by, from });
+        }
+        if self.began.is_some_and(|began| now >= began + self.start_up) {
+            let mut findings = lock(&self.findings);
+            note_time(findings.transfers.entry(by).or_default(), self.starts, now);
         }
     }
 

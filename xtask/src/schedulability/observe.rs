@@ -12,10 +12,12 @@ use std::{
 use world::time::{Span as _, at};
 
 use schedulability::{
-    activations::START_UP,
+    activations::{START_UP, excess},
     node::{Entered, Observed, Seen},
     side_by_side::side_by_side,
     system::Programs,
+    transfers::{self, Transfers},
+    units::time,
 };
 use twin::{Outcome, Twin, mcu::FlashTiming, mcu::Mcu};
 use vehicle_model::Vehicle;
@@ -85,7 +87,10 @@ pub(super) fn observe(
         })
         .map_err(Error::from)?;
         for (node, findings) in vehicle.nodes().zip(&findings) {
-            hold(&vehicle.node(node).name, images, &lock(findings))?;
+            let name = &vehicle.node(node).name;
+            hold(name, images, &lock(findings))?;
+            let allowed = programs.transfers(name);
+            hold_transfers(name, &allowed, &scenario.name, &lock(findings))?;
         }
         Ok((twin.finish(), findings))
     };
@@ -132,6 +137,37 @@ fn hold(node: &str, images: &[Image], findings: &Findings) -> Result<(), Error> 
     })
 }
 
+/// Checks that no DMA unit of a node moved more than the task table has.
+///
+/// # Errors
+/// One did; the error says which.
+fn hold_transfers(
+    node: &str,
+    table: &Transfers,
+    scenario: &str,
+    findings: &Findings,
+) -> Result<(), Error> {
+    for (unit, runs) in &findings.transfers {
+        let of_unit = table.get(unit).map(|rate| (*unit, *rate)).into_iter();
+        let allowed = transfers::arrivals(&of_unit.collect());
+        if let Some(excess) = runs.iter().find_map(|run| excess(&allowed, 0, run)) {
+            return Err(Error::Stray {
+                node: node.into(),
+                sentence: format!(
+                    "{unit}, begins {} transfers within {}, {} after power-on in {}, and `dma` in the task table \
+                     allows {}",
+                    excess.seen,
+                    time(excess.span),
+                    time(excess.begin),
+                    scenario,
+                    excess.most
+                ),
+            });
+        }
+    }
+    Ok(())
+}
+
 /// Follows a core from now on. Each handler is compared with the watch that was made for its
 /// address. `lasting` are the words that keep the address which start-up left there. The releases of a
 /// handler are not noted until `start_up` picoseconds after the first handler behind each start.
@@ -149,6 +185,7 @@ pub fn follow<'w>(
     });
     let by_exception = by_exception.collect();
     mcu.watch_stores(&lasting.keys().copied().collect());
+    mcu.watch_transfers();
     let follower = Follower::new(by_exception, lasting, start_up);
     let findings = follower.findings();
     mcu.set_trace(Some(follower.trace()));
@@ -283,6 +320,41 @@ fn note(
 
 #[cfg(test)]
 mod tests {
+    use super::{Findings, hold_transfers};
+    use schedulability::transfers::{Transfers, Unit};
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn a_transfer_that_the_task_table_omits_fails_the_run() {
+        let unit = |name: &str| Unit::try_from(name.to_owned()).unwrap();
+        let micros = |all: &[u64]| all.iter().map(|at| at * 1_000_000).collect::<Vec<u64>>();
+        let findings = Findings {
+            transfers: BTreeMap::from([(
+                unit("DMA1 stream 6"),
+                vec![vec![], micros(&[0, 1, 87, 174, 261])],
+            )]),
+            ..Findings::default()
+        };
+        let said = |text: &str| {
+            let table: Transfers = toml::from_str(text).unwrap();
+            hold_transfers("gps", &table, "busy", &findings)
+                .err()
+                .map(|error| error.to_string())
+        };
+        let console = |rest: &str| format!("\"DMA1 stream 6\" = {{ every_us = 86{rest} }}");
+        assert_eq!(said(&console(", jitter_us = 86")), None);
+        assert_eq!(
+            said(&console("")).unwrap(),
+            "gps is not as analysed: DMA1, stream or channel 6, begins 2 transfers within 1.00 us, 0.00 us after \
+             power-on in busy, and `dma` in the task table allows 1"
+        );
+        assert_eq!(
+            said("\"DMA1 stream 5\" = { every_us = 1 }").unwrap(),
+            "gps is not as analysed: DMA1, stream or channel 6, begins 1 transfers within 0.00 us, 0.00 us after \
+             power-on in busy, and `dma` in the task table allows 0"
+        );
+    }
+
     #[test]
     fn times_with_foreign_frames_are_left_out() {
         let run = [1, 4, 5, 6, 9];

@@ -97,6 +97,18 @@ pub enum Seen {
     /// The instruction at this address wrote to this register of the system control space, and changed
     /// by that which interrupts are enabled, their priorities, or the vector table.
     Rearranged(u32, u32),
+    /// A stream or channel of a DMA controller, both counted as in the part's manual, has moved an
+    /// item, at this time, from this address.
+    Moved {
+        /// The controller, from 1.
+        controller: u8,
+        /// Its stream (F4, from 0) or channel (F3, from 1).
+        unit: u8,
+        /// When.
+        at: SimTime,
+        /// The address that it read.
+        from: u32,
+    },
     /// It was reset: no exception is active any more.
     Reset,
 }
@@ -396,10 +408,28 @@ impl Mcu {
         }
         let written = std::mem::take(&mut peripherals.can_written);
         let reached = std::mem::take(&mut peripherals.reached);
+        let moved = std::mem::take(&mut peripherals.moved);
+        let clock = peripherals.clock();
+        let moved = moved.into_iter().map(|(controller, unit, at, from)| {
+            let at = SimTime::from_ticks(clock.time(at));
+            (controller, unit, at, from)
+        });
+        let moved: Vec<_> = moved.collect();
         peripherals.attended();
         shared.set_attention(peripherals.next_event());
         for (controller, unit, word) in reached {
             self.show_transfer(controller, unit, word);
+        }
+        for (controller, unit, at, from) in moved {
+            let (controller, unit) = self.unit(controller, unit);
+            if let Some(trace) = &mut self.trace {
+                trace(Seen::Moved {
+                    controller,
+                    unit,
+                    at,
+                    from,
+                });
+            }
         }
         written
     }
@@ -750,18 +780,21 @@ impl Mcu {
 
     /// Reports a transfer to a watched word.
     fn show_transfer(&mut self, controller: usize, unit: usize, at: u32) {
-        let first = match self.part().family {
-            Family::F4 => 0,
-            Family::F3 => 1,
-        };
-        let by = Storer::Dma {
-            controller: controller as u8 + 1,
-            unit: unit as u8 + first,
-        };
+        let (controller, unit) = self.unit(controller, unit);
+        let by = Storer::Dma { controller, unit };
         let held = self.word(at);
         if let Some(trace) = &mut self.trace {
             trace(Seen::Stored(by, at, held));
         }
+    }
+
+    /// A DMA controller and its stream or channel as the part's manual counts them.
+    fn unit(&self, controller: usize, unit: usize) -> (u8, u8) {
+        let first = match self.part().family {
+            Family::F4 => 0,
+            Family::F3 => 1,
+        };
+        (controller as u8 + 1, unit as u8 + first)
     }
 
     fn word(&self, at: u32) -> u32 {
@@ -1189,6 +1222,11 @@ impl Mcu {
         let flash = self.image.part().flash.size as usize;
         self.watched = Some(Watched::new(words, flash));
         lock(&self.shared.peripherals).watched = words.iter().copied().collect();
+    }
+
+    /// Reports every transfer by DMA to the trace from now on.
+    pub fn watch_transfers(&mut self) {
+        lock(&self.shared.peripherals).notes_transfers = true;
     }
 
     /// Reads memory (RAM or flash); `None` outside these.

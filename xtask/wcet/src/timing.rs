@@ -22,7 +22,7 @@ use super::register::RegisterSet;
 pub struct Waits {
     /// The flash, with its lines and caches.
     pub flash: Reads,
-    /// RAM while a DMA transfer uses it.
+    /// RAM.
     pub ram: u64,
     /// A peripheral on the slower bus, with the synchronisation of the bridge.
     pub slow_peripheral: u64,
@@ -115,7 +115,8 @@ impl Timing {
 
     /// A board on its external clock: flash wait states and line length of its part at
     /// the core's clock. A peripheral access takes at most three periods of its bus: two of
-    /// the transfer, one of synchronisation. RAM waits one cycle for a DMA transfer.
+    /// the transfer, one of synchronisation. What DMA adds is counted for each of its transfers
+    /// ([`Timing::transfer`]).
     #[must_use]
     pub const fn flashed(sled: &Sled) -> Self {
         let (flash, clocks) = (&sled.part.flash_access, &sled.external);
@@ -131,10 +132,21 @@ impl Timing {
                     instruction_lines: flash.instruction_lines,
                     constant_lines: flash.data_lines,
                 },
-                ram: 1,
+                ram: 0,
                 slow_peripheral: 3 * (clocks.core / clocks.apb1) as u64,
                 fast_peripheral: 3 * (clocks.core / clocks.apb2) as u64,
             }),
+        }
+    }
+
+    /// Most cycles for which one transfer by DMA between RAM and a peripheral keeps the core from
+    /// both: one access to the RAM and one to the peripheral, each with the cycle in which the bus
+    /// matrix changes its master (RM0390 2.1, AN4031).
+    #[must_use]
+    pub const fn transfer(&self) -> u64 {
+        match self.waits {
+            Some(waits) => 2 + 2 + waits.ram + waits.slow_peripheral,
+            None => 0,
         }
     }
 
@@ -273,6 +285,8 @@ fn emulated(instruction: &Instruction, access: Option<&Access>) -> u64 {
 fn worst_case(instruction: &Instruction, waits: Waits) -> u64 {
     match instruction.insn {
         Insn::Div { .. } => 12,
+        // One by the manual, two on the emulated core.
+        Insn::MulLong { .. } | Insn::HalfMul { .. } | Insn::DualMul { .. } => 2,
         Insn::Mrs { .. } | Insn::Msr { .. } | Insn::Cps { .. } => 2,
         Insn::Barrier { op, .. } => match op {
             // Waits for the write buffer: one store to the slowest memory.

@@ -174,6 +174,10 @@ pub(crate) struct Peripherals {
     pub(crate) watched: Box<[u32]>,
     /// Such transfers: controller and stream or channel from zero on, and the word.
     pub(crate) reached: Vec<(usize, usize, u32)>,
+    /// Whether all transfers are noted.
+    pub(crate) notes_transfers: bool,
+    /// All of them: controller and stream or channel from zero on, when, and the address read.
+    pub(crate) moved: Vec<(usize, usize, Cycles, u32)>,
 }
 
 /// The bus's response to an access outside every peripheral.
@@ -244,6 +248,8 @@ impl Peripherals {
             usable_from: vec![0; part.slots().len()],
             violations: silicon::Log::default(),
             watched: Box::default(),
+            notes_transfers: false,
+            moved: Vec::new(),
             reached: Vec::new(),
         };
         for (levels, port) in peripherals.levels.iter_mut().zip(&peripherals.ports) {
@@ -1226,6 +1232,9 @@ impl Peripherals {
         if moved.is_err() {
             self.dmas[controller].fail(unit);
             return None;
+        }
+        if self.notes_transfers {
+            self.moved.push((controller, unit, self.now, item.from));
         }
         let bytes = (item.to, item.to.saturating_add(item.to_size - 1));
         let words = among(&self.watched, bytes);
