@@ -407,7 +407,7 @@ fn each_way_of_breaking_it_has_its_sentence() {
         ),
         (
             "longer",
-            "node.report misses its deadline of # us by # ms: it takes # us itself, \
+            "node.report misses its deadline of # us by # us: it takes # us itself, \
              waits # us for report, waits # us for sample (# times) and waits # us for filter (# times)",
         ),
         (

@@ -280,8 +280,11 @@ fn tasks(folder: &Folder) {
     let (node, _) = node.split_once("# From the knob").unwrap();
     let (before, knob) = node.split_once("# 200 Hz by TIM3.").unwrap();
     let (_, after) = knob.split_once("# Pended when").unwrap();
+    let (clocks, knob) = before.split_once("# The potentiometer").unwrap();
+    let (_, tasks) = knob.split_once("\n\n").unwrap();
+    let before = format!("{clocks}\n{tasks}");
     let node = format!("[node.follower]{before}# Pended when{after}");
-    let node = node.replace("node.motor.task", "node.follower.task");
+    let node = node.replace("node.motor.", "node.follower.");
     folder.before("tasks.toml", "# From the knob", &node);
     let table = Table::parse("tasks.toml", &folder.text("tasks.toml")).unwrap();
     assert!(table.node.contains_key("follower"));

@@ -279,7 +279,7 @@ impl Analyser<'_> {
         let level = self.levels.entry(task.priority).or_default();
         *level = (*level).max(depth.bytes).max(bound.stack);
         let reload = self.reloads.entry(task.priority).or_default();
-        *reload = (*reload).max(bound.reload);
+        *reload = (*reload).max(bound.reload + bound.retry);
         let overhead = self.timings.around_handler(bound.uses_fpu);
         let longest = self.analysis.longest_path(&bound, entry);
         let program = longest.as_ref().map(|longest| longest.cycles + overhead);
@@ -305,7 +305,7 @@ impl Analyser<'_> {
             overhead,
             // Known when all handlers are.
             preemption: 0,
-            lost: self.timings.flashed.exceptions().restart + bound.reload,
+            lost: self.timings.flashed.exceptions().restart + bound.reload + bound.retry,
             problems: bound.problems,
             panics: panics.collect(),
             annotated: bound.annotated,
@@ -348,7 +348,7 @@ impl Analyser<'_> {
     fn add_main(&mut self, main: u32) {
         let bound = self.analysis.run(main, Entry::Program);
         self.add_sections(&bound, "main", 0);
-        self.reloads.insert(0, bound.reload);
+        self.reloads.insert(0, bound.reload + bound.retry);
         self.add_pends(&bound, &Pender::Idle);
         let depth = self.stacks.depth(main);
         self.execution.stack_unknown.extend(depth.unknown);
@@ -482,8 +482,9 @@ impl Analyser<'_> {
         self.execution
     }
 
-    /// A preemption costs the preempted job the restart of an instruction and the lines that it finds
-    /// replaced: at most those of any job below.
+    /// A preemption costs the preempted job the restart of an instruction, the lines that it finds
+    /// replaced, and the repetition of a store-exclusive: at most those of any job below. Each preemption
+    /// is of one job; those that this one had preempted repeat theirs for its own sake.
     fn charge_preemptions(&mut self) {
         let restart = self.timings.flashed.exceptions().restart;
         for task in &self.node.tasks {

@@ -19,7 +19,7 @@ macro_rules! in_filter {
 }
 
 /// The programs, as [`super::PROGRAMS`].
-pub(super) const PROGRAMS: [(&str, &[Change]); 9] = [
+pub(super) const PROGRAMS: [(&str, &[Change]); 11] = [
     (
         "register",
         in_filter!(
@@ -52,6 +52,8 @@ pub(super) const PROGRAMS: [(&str, &[Change]); 9] = [
         ),
     ),
     ("spin-lock", in_filter!("part::acquire();")),
+    ("cleared", in_filter!("part::cleared();")),
+    ("twice", in_filter!("part::twice();")),
     ("counted", in_filter!("level ^= part::count();")),
     (
         "pend-loop",
@@ -103,6 +105,16 @@ fn each_further_way_has_its_sentence() {
         (
             "spin-lock",
             "node.filter has no bound: the loop at src/lib.rs:100 (part::acquire) has no bound: write `// loop-bound: N` on the line above it, \
+             where N is the most turns that it takes",
+        ),
+        (
+            "cleared",
+            "node.filter has no bound: the loop at src/lib.rs:111 (part::cleared) has no bound: write `// loop-bound: N` on the line above it, \
+             where N is the most turns that it takes",
+        ),
+        (
+            "twice",
+            "node.filter has no bound: the loop at src/lib.rs:127 (part::twice) has no bound: write `// loop-bound: N` on the line above it, \
              where N is the most turns that it takes",
         ),
         // No loop but for the repetition of an interrupted store-exclusive.

@@ -180,6 +180,9 @@ pub struct Bound {
     /// Cycles, as flashed, by which one preemption may make it longer: lines that it has in the caches of
     /// the flash are replaced, and read once more.
     pub reload: u64,
+    /// Cycles as flashed that a job may take longer after a preemption because it repeats a
+    /// store-exclusive: those of the longest such loop.
+    pub retry: u64,
     /// Deepest stack below the stack pointer on entry, in bytes, without exception frames and
     /// panic paths.
     pub stack: u32,

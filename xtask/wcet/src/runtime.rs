@@ -38,10 +38,15 @@ pub(crate) fn most_copied(caller: &str) -> Option<u64> {
 /// The condition that `Z` is clear.
 const NOT_EQUAL: Cond = Cond(1);
 
+/// What a loop is called that only repeats a store-exclusive.
+pub(crate) const RETRY: &str = "store-exclusive, repeated when interrupted";
+
 /// Whether loop `number` only repeats a store-exclusive that failed. A store-exclusive fails if the task
-/// was interrupted after its load-exclusive. So two things are proven: each way once around the loop
-/// leaves a block because a store in it failed, and passes a load-exclusive. A loop that waits for a
-/// value, as of a lock, has a way around without a failed store.
+/// was interrupted after its load-exclusive, or if nothing is reserved. So three things are proven.
+/// Each way once around the loop leaves a block because a store in it failed. It passes a
+/// load-exclusive. And before each store, what the last load-exclusive reserved is still so: no other
+/// store-exclusive, no `CLREX` and no call lies between them. A loop that waits for a value, as of a
+/// lock, has a way around without a failed store.
 fn is_retry(graph: &Graph, number: usize) -> bool {
     let blocks = &graph.loops[number].blocks;
     let without_failure = |from: usize, to: usize| failed(graph, from) != Some(to);
@@ -49,7 +54,56 @@ fn is_retry(graph: &Graph, number: usize) -> bool {
         let mut all = graph.blocks[block].instructions.iter();
         all.any(|one| matches!(one.insn, Insn::LoadStoreExclusive { load: true, .. }))
     };
-    !is_cyclic(graph, blocks, without_failure) && !is_cyclic(graph, blocks, |from, _| !loads(from))
+    !is_cyclic(graph, blocks, without_failure)
+        && !is_cyclic(graph, blocks, |from, _| !loads(from))
+        && stores_what_it_reserved(graph, blocks)
+}
+
+/// Whether nothing is certainly reserved before these instructions but by a load-exclusive: from each
+/// block whose end reserves nothing, no way within `blocks` leads to a store-exclusive without one.
+fn stores_what_it_reserved(graph: &Graph, blocks: &BTreeSet<usize>) -> bool {
+    let is_call = |block: usize| {
+        let (last, _) = graph.blocks[block].split_last();
+        matches!(last.flow(), Flow::Call { .. } | Flow::CallRegister { .. })
+    };
+    // What a block does to a reservation: none before it and a store in it, and what it leaves.
+    let pass = |block: usize, reserved: bool| {
+        let mut reserved = reserved;
+        for one in &graph.blocks[block].instructions {
+            match one.insn {
+                Insn::LoadStoreExclusive { load: true, .. } => {
+                    reserved = one.condition.is_none() || reserved;
+                }
+                Insn::LoadStoreExclusive { .. } if !reserved => return None,
+                Insn::LoadStoreExclusive { .. } | Insn::ClearExclusive => reserved = false,
+                _ => {}
+            }
+        }
+        Some(reserved && !is_call(block))
+    };
+    // Before the loop, or any block of it, a reservation may be there.
+    let mut lost: Vec<usize> = Vec::new();
+    for &block in blocks {
+        match pass(block, true) {
+            None => return false,
+            Some(true) => {}
+            Some(false) => lost.push(block),
+        }
+    }
+    let mut known: BTreeSet<usize> = BTreeSet::new();
+    while let Some(block) = lost.pop() {
+        for &next in &graph.blocks[block].successors {
+            if !blocks.contains(&next) || !known.insert(next) {
+                continue;
+            }
+            match pass(next, false) {
+                None => return false,
+                Some(true) => {}
+                Some(false) => lost.push(next),
+            }
+        }
+    }
+    true
 }
 
 /// Whether some of these blocks follow each other in a circle, by edges that `follows` accepts.
@@ -121,7 +175,7 @@ fn tests(instruction: &Instruction, register: u8) -> bool {
 #[must_use]
 pub(crate) fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'static str, u64)> {
     if is_retry(graph, number) {
-        return Some(("store-exclusive, repeated when interrupted", 1));
+        return Some((RETRY, 1));
     }
     let name = image.name(graph.entry);
     let (_, turns, what) = KNOWN.iter().find(|(known, ..)| name == *known)?;

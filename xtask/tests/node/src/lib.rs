@@ -103,6 +103,38 @@ pub fn acquire() {
     }
 }
 
+/// Repeats a store-exclusive that always fails, because what it needs is cleared before it.
+#[inline(never)]
+pub fn cleared() {
+    // SAFETY: nothing is stored.
+    unsafe {
+        core::arch::asm!(
+            "2: ldrex {old}, [{at}]",
+            "clrex",
+            "strex {failed}, {old}, [{at}]",
+            "cmp {failed}, #0",
+            "bne 2b",
+            at = in(reg) LOCK.as_ptr(), old = out(reg) _, failed = out(reg) _,
+        );
+    }
+}
+
+/// The same behind another store-exclusive.
+#[inline(never)]
+pub fn twice() {
+    // SAFETY: the word keeps its value.
+    unsafe {
+        core::arch::asm!(
+            "2: ldrex {old}, [{at}]",
+            "strex {failed}, {old}, [{at}]",
+            "strex {failed}, {old}, [{at}]",
+            "cmp {failed}, #0",
+            "bne 2b",
+            at = in(reg) LOCK.as_ptr(), old = out(reg) _, failed = out(reg) _,
+        );
+    }
+}
+
 /// What was last put there.
 #[inline(never)]
 pub fn last() -> u32 {

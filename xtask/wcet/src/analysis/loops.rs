@@ -32,6 +32,13 @@ struct Given {
     annotated: bool,
 }
 
+impl Given {
+    /// Whether the loop only repeats a store-exclusive.
+    fn is_retry(&self) -> bool {
+        !self.annotated && self.what == runtime::RETRY
+    }
+}
+
 /// The last turn of a loop that was run, from one state at the header to the next.
 struct LastTurn<'s> {
     before: &'s State,
@@ -107,6 +114,10 @@ impl Run<'_, '_> {
             self.add_exits(&mut all, exits);
             let Some(next) = back else { break };
             self.rely_on(given.as_ref(), &next);
+            if given.as_ref().is_some_and(Given::is_retry) {
+                let turn = next.cycles - first.cycles;
+                self.retry = self.retry.max(turn.flashed);
+            }
             let from_header = start == header;
             start = header;
             turns += 1;

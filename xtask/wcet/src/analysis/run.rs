@@ -80,6 +80,8 @@ pub(super) struct Run<'r, 'a> {
     pub(super) facts: Facts,
     pub(super) annotated: BTreeMap<String, u64>,
     pub(super) summarised: BTreeMap<String, u64>,
+    /// Most cycles of a turn that repeats a store-exclusive, as flashed.
+    pub(super) retry: u64,
     /// How the paths end that do not return.
     pub(super) ends: BTreeSet<End>,
     pub(super) problems: BTreeSet<Problem>,
@@ -122,6 +124,7 @@ impl<'r, 'a> Run<'r, 'a> {
             facts: Facts::default(),
             annotated: BTreeMap::new(),
             summarised: BTreeMap::new(),
+            retry: 0,
             ends: BTreeSet::new(),
             problems: BTreeSet::new(),
         }
@@ -156,6 +159,7 @@ impl<'r, 'a> Run<'r, 'a> {
             bound: Bound {
                 cycles: returned.max(self.ended),
                 reload: reads.map_or(0, |reads| reads.reload(&self.reused)),
+                retry: self.retry,
                 stack: STACK_TOP - self.lowest,
                 uses_fpu: self.uses_fpu,
                 sections: sections.collect(),
