@@ -242,12 +242,11 @@ impl<'a> Scheduled<'a> {
 
     /// Adds the transfers by DMA, which come before all tasks.
     fn add_transfers(&mut self, table: &NodeTable, time: impl Fn(u64) -> u64) {
-        if table.dma.is_empty() {
-            return;
-        }
         let cost = time(Timing::flashed(table.board).transfer());
-        self.interrupts.push(transfers::NAME);
-        self.set.push(transfers::task(&table.dma, cost));
+        for rate in table.dma.values() {
+            self.interrupts.push(transfers::NAME);
+            self.set.push(transfers::task(rate, cost));
+        }
     }
 
     /// Notes how long each task may be blocked.

@@ -117,17 +117,38 @@ pub fn arrivals(transfers: &Transfers) -> Arrivals {
     }
 }
 
-/// What the transfers are called among the tasks.
+/// What transfers are called among the tasks.
 pub const NAME: &str = "DMA";
 
-/// The transfers as a task that comes before all others; each keeps the core waiting for `cost`.
+/// Transfers that come closer than this are counted together, in microseconds: the search for the
+/// longest response takes a step at each release.
+const TOGETHER_US: u64 = 500;
+
+/// The transfers of a unit as a task that comes before all others; each keeps the core waiting for
+/// `cost`. A job of it stands for so many as come within half a millisecond, as if they came at once, which
+/// no transfer does later.
 #[must_use]
-pub fn task(transfers: &Transfers, cost: u64) -> Task {
+pub fn task(rate: &Rate, cost: u64) -> Task {
+    let Sporadic {
+        period,
+        jitter,
+        limit,
+    } = rate.releases();
+    let most = limit.map_or(u64::MAX, |(transfers, _)| transfers);
+    let together = (TOGETHER_US * MICROSECOND).div_ceil(period).min(most);
+    let stream = Sporadic {
+        period: together * period,
+        jitter,
+        limit: limit.map(|(transfers, span)| (transfers.div_ceil(together), span)),
+    };
     Task {
         name: NAME.to_owned(),
         priority: u32::MAX,
-        cost,
-        arrivals: arrivals(transfers),
+        cost: together * cost,
+        arrivals: Arrivals {
+            sporadic: vec![stream],
+            ..Arrivals::default()
+        },
         // They are late for nobody.
         deadline: ONCE,
         jitter: 0,
@@ -214,19 +235,44 @@ mod tests {
             priority: 16,
             arrivals: Arrivals::every(1000 * MICROSECOND),
             deadline: 1000 * MICROSECOND,
-            ..task(&Transfers::new(), cost)
+            cost,
+            ..task(&console, 0)
         };
         let worst = |all: &[Task]| {
             let last = response::analyse(all).pop();
             last.and_then(Result::ok).map(|response| response.worst)
         };
-        let transfers = BTreeMap::from([(unit(), console)]);
-        // Two at once, and the next one before the job has ended.
-        for (cost, count) in [(10, 2), (85, 3), (170, 4)] {
+        // Six count together, and the next six may come before the job has ended.
+        for (cost, count) in [(10, 6), (400, 6), (600, 12)] {
             let job = other(cost * MICROSECOND);
             let alone = worst(std::slice::from_ref(&job)).unwrap();
-            let both = worst(&[task(&transfers, MICROSECOND), job]).unwrap();
+            let both = worst(&[task(&console, MICROSECOND), job]).unwrap();
             assert_eq!(both - alone, count * MICROSECOND, "{cost}");
+        }
+    }
+
+    #[test]
+    fn transfers_counted_together_are_no_fewer() {
+        for (every_us, transfers, apart_us) in [
+            (5000, 100, Some(2)),
+            (5000, 2, Some(4)),
+            (9, 1, None),
+            (86, 1, None),
+            (1000, 7, Some(30)),
+        ] {
+            let rate = Rate {
+                every_us,
+                transfers,
+                apart_us,
+                jitter_us: 3,
+            };
+            let together = task(&rate, 1);
+            let exact = arrivals(&BTreeMap::from([(unit(), rate)]));
+            for window in (0..12_000).map(|us| us * MICROSECOND + 1) {
+                let most = together.arrivals.count(window, 0) * together.cost;
+                let all = exact.count(window, 0);
+                assert!(most >= all, "{rate:?}: {most} of {all} in {window}");
+            }
         }
     }
 
