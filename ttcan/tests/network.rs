@@ -704,6 +704,23 @@ fn a_master_that_hears_nothing_gives_way_and_stops() {
 }
 
 #[test]
+fn a_backup_that_heard_nothing_for_two_cycles_follows_again_within_one() {
+    let deaf = DeafController {
+        from: 1000,
+        to: 1250,
+    };
+    let mut bus = vehicle(deaf, 20);
+    power_on(&mut bus);
+    bus.run_until(at(1360));
+    assert_eq!(bus.node(0).status().master, MasterState::Current);
+    assert_eq!(bus.node(1).status().master, MasterState::Backup);
+    bus.run_until(at(2500));
+    for node in ALL {
+        assert!(bus.node(node).is_alive());
+    }
+}
+
+#[test]
 fn a_backup_that_hears_nothing_stops_and_sends_no_reference() {
     let deaf = DeafController {
         from: 1000,

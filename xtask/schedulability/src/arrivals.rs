@@ -272,14 +272,20 @@ pub struct Arrivals {
     pub apart: u64,
 }
 
+impl From<Sporadic> for Arrivals {
+    fn from(stream: Sporadic) -> Self {
+        Self {
+            sporadic: vec![stream],
+            ..Self::default()
+        }
+    }
+}
+
 impl Arrivals {
     /// One sporadic stream.
     #[must_use]
     pub fn every(period: u64) -> Self {
-        Self {
-            sporadic: vec![Sporadic::every(period)],
-            ..Self::default()
-        }
+        Sporadic::every(period).into()
     }
 
     /// The releases of both, for two tasks that share a handler. Those of one keep no distance from those

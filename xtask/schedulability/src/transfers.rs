@@ -9,7 +9,7 @@ use std::fmt::{self, Display};
 
 use serde::Deserialize;
 
-use crate::arrivals::{Arrivals, Sporadic};
+use crate::arrivals::Sporadic;
 use crate::response::Task;
 use crate::table::{LONGEST_US, MOST, ONCE, OutOfRange};
 use crate::units::MICROSECOND;
@@ -108,15 +108,6 @@ impl Rate {
 /// The transfers of a node.
 pub type Transfers = BTreeMap<Unit, Rate>;
 
-/// All transfers as releases of one task.
-#[must_use]
-pub fn arrivals(transfers: &Transfers) -> Arrivals {
-    Arrivals {
-        sporadic: transfers.values().map(Rate::releases).collect(),
-        ..Arrivals::default()
-    }
-}
-
 /// What transfers are called among the tasks.
 pub const NAME: &str = "DMA";
 
@@ -145,10 +136,7 @@ pub fn task(rate: &Rate, cost: u64) -> Task {
         name: NAME.to_owned(),
         priority: u32::MAX,
         cost: together * cost,
-        arrivals: Arrivals {
-            sporadic: vec![stream],
-            ..Arrivals::default()
-        },
+        arrivals: stream.into(),
         // They are late for nobody.
         deadline: ONCE,
         jitter: 0,
@@ -163,6 +151,7 @@ pub fn task(rate: &Rate, cost: u64) -> Task {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arrivals::Arrivals;
     use crate::response;
 
     #[test]
@@ -195,8 +184,7 @@ mod tests {
             apart_us: Some(2),
             jitter_us: 0,
         };
-        let count =
-            |us: u64| arrivals(&BTreeMap::from([(unit(), rate)])).count(us * MICROSECOND, 0);
+        let count = |us: u64| rate.releases().count(us * MICROSECOND);
         assert_eq!((count(1), count(2), count(100)), (1, 1, 50));
         assert_eq!((count(200), count(4000), count(5001)), (100, 100, 200));
         assert!(rate.check().is_ok());
@@ -267,19 +255,12 @@ mod tests {
                 jitter_us: 3,
             };
             let together = task(&rate, 1);
-            let exact = arrivals(&BTreeMap::from([(unit(), rate)]));
+            let exact = rate.releases();
             for window in (0..12_000).map(|us| us * MICROSECOND + 1) {
                 let most = together.arrivals.count(window, 0) * together.cost;
-                let all = exact.count(window, 0);
+                let all = exact.count(window);
                 assert!(most >= all, "{rate:?}: {most} of {all} in {window}");
             }
-        }
-    }
-
-    fn unit() -> Unit {
-        Unit {
-            controller: 1,
-            number: 1,
         }
     }
 }

@@ -13,10 +13,11 @@ use world::time::{Span as _, at};
 
 use schedulability::{
     activations::{START_UP, excess},
+    arrivals::Arrivals,
     node::{Entered, Observed, Seen},
     side_by_side::side_by_side,
     system::Programs,
-    transfers::{self, Transfers},
+    transfers::{Rate, Transfers},
     units::time,
 };
 use twin::{Outcome, Twin, mcu::FlashTiming, mcu::Mcu};
@@ -148,8 +149,8 @@ fn hold_transfers(
     findings: &Findings,
 ) -> Result<(), Error> {
     for (unit, runs) in &findings.transfers {
-        let of_unit = table.get(unit).map(|rate| (*unit, *rate)).into_iter();
-        let allowed = transfers::arrivals(&of_unit.collect());
+        let releases = table.get(unit).map(Rate::releases);
+        let allowed = releases.map(Arrivals::from).unwrap_or_default();
         if let Some(excess) = runs.iter().find_map(|run| excess(&allowed, 0, run)) {
             return Err(Error::Stray {
                 node: node.into(),

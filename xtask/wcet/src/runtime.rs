@@ -59,14 +59,14 @@ fn is_retry(graph: &Graph, number: usize) -> bool {
         && stores_what_it_reserved(graph, blocks)
 }
 
-/// Whether nothing is certainly reserved before these instructions but by a load-exclusive: from each
-/// block whose end reserves nothing, no way within `blocks` leads to a store-exclusive without one.
+/// Whether no way within `blocks` leads from where a reservation is lost (a store-exclusive, `CLREX` or
+/// a call) to a store-exclusive without a load-exclusive between them.
 fn stores_what_it_reserved(graph: &Graph, blocks: &BTreeSet<usize>) -> bool {
     let is_call = |block: usize| {
         let (last, _) = graph.blocks[block].split_last();
         matches!(last.flow(), Flow::Call { .. } | Flow::CallRegister { .. })
     };
-    // What a block does to a reservation: none before it and a store in it, and what it leaves.
+    // Whether something is reserved behind a block; `None` if it stores what is not reserved.
     let pass = |block: usize, reserved: bool| {
         let mut reserved = reserved;
         for one in &graph.blocks[block].instructions {
