@@ -10,8 +10,8 @@
 //!
 //! The analysis finds the loop in the image by the line tables. A machine loop is a source loop if
 //! nearly all of its instructions were written or inlined there, no inner source loop holds as
-//! many, and the branches that repeat or leave it belong to the loop itself. A machine loop that
-//! fits no source loop in this way has no bound, which is reported.
+//! many, and the branches that repeat or leave it belong to the loop itself, or to what an `.await` in it
+//! polls. A machine loop that fits no source loop in this way has no bound, which is reported.
 //!
 //! A comment costs nothing at run time, and unlike a marker in assembly it is possible in crates
 //! that forbid unsafe code. Emulated runs check the annotations by counting
@@ -57,7 +57,13 @@ struct SourceLoop {
     statement: bool,
     /// The most executions in one activation of a task.
     most: Option<u64>,
+    /// Lines in it on which it waits, by `.await`.
+    awaits: Vec<u32>,
 }
+
+/// Instructions of a machine loop beside those of an `.await` that make it the loop around the `.await`, not
+/// one in what is polled there.
+const BESIDE_AWAIT: usize = 2;
 
 impl SourceLoop {
     fn holds(&self, line: u32) -> bool {
@@ -222,20 +228,25 @@ impl Annotations {
             let decides = 2 * decided >= places.deciding.len();
             places.fits(place, s) && (decides || !self.fits_inner(image, graph, number, place))
         })?;
-        // The branches that repeat or leave the loop must be written at the loop itself. If they
-        // are in a function that the loop's body calls, the machine loop is one of that function.
-        let own = places.deciding.iter().any(|inlined| {
-            inlined.iter().enumerate().any(|(depth, p)| {
-                let own = depth == 0 || p.line == s.first || s.statement;
-                own && p.file == place.file && s.holds(p.line)
-            })
-        });
-        let mut lines = places.located.iter().filter_map(|inlined| {
+        let lines = places.located.iter().filter_map(|inlined| {
             let mut outermost = inlined.iter().rev();
             outermost.find(|p| p.file == place.file && s.holds(p.line))
         });
-        let first = lines.next();
-        let one_line = lines.all(|line| Some(line) == first);
+        // The branches that repeat or leave the loop must be written at the loop itself. If they
+        // are in a function that the loop's body calls, the machine loop is one of that function. What
+        // an `.await` polls is such a function, but leaves and repeats the loop around the `.await`.
+        let beside = |line: u32| lines.clone().filter(|p| p.line != line).count();
+        let waits = |line: u32| s.awaits.contains(&line) && beside(line) >= BESIDE_AWAIT;
+        let own = places.deciding.iter().any(|inlined| {
+            inlined.iter().enumerate().any(|(depth, p)| {
+                let own = depth == 0 || p.line == s.first || s.statement;
+                let here = p.file == place.file && s.holds(p.line);
+                here && (own || waits(p.line))
+            })
+        });
+        let mut all = lines.clone();
+        let first = all.next();
+        let one_line = all.all(|line| Some(line) == first);
         own.then_some(Fit {
             place,
             bound: s.bound,
@@ -413,6 +424,7 @@ impl Finder {
             bound: None,
             statement: false,
             most: None,
+            awaits: Vec::new(),
         });
     }
 }
@@ -429,6 +441,16 @@ impl<'ast> Visit<'ast> for Finder {
             }
         }
         syn::visit::visit_stmt(self, node);
+    }
+
+    fn visit_expr_await(&mut self, node: &'ast syn::ExprAwait) {
+        let line = node.await_token.span().start().line as u32;
+        // Of the loops so far, those that hold the line and are no statements are around it.
+        let mut around = self.loops.iter_mut().rev();
+        if let Some(innermost) = around.find(|one| !one.statement && one.holds(line)) {
+            innermost.awaits.push(line);
+        }
+        syn::visit::visit_expr_await(self, node);
     }
 
     fn visit_expr_for_loop(&mut self, node: &'ast syn::ExprForLoop) {
@@ -520,5 +542,15 @@ mod tests {
             misplaced[0].to_string(),
             "f.rs:2: `// loop-bound:` or `// at-most:` must be followed by a whole number and stand directly above a loop or a statement"
         );
+    }
+
+    #[test]
+    fn a_loop_knows_where_it_waits() {
+        let source = "async fn f() {\n    loop {\n        step();\n        delay(1)\n            .await;\n        for i in y {\n            x.await;\n        }\n    }\n}\n";
+        let (loops, _) = parse("f.rs", source);
+        let awaits = loops
+            .iter()
+            .map(|found| (found.first, found.awaits.clone()));
+        assert_eq!(awaits.collect::<Vec<_>>(), [(2, vec![5]), (6, vec![7])]);
     }
 }
