@@ -16,6 +16,7 @@ use firmware::design;
 use network_model::{Network, generate};
 use parts::{Clocks, Memory, Part, Sled};
 use schedulability::arrivals::Sporadic;
+use schedulability::board::Board as Analysed;
 use schedulability::execution::{Execution, Handler};
 use schedulability::model::{NodeModel, TaskModel};
 use schedulability::node::schedule;
@@ -29,7 +30,6 @@ use twin::mcu::{Board, Mcu};
 use twin::{Images, Twin};
 use vehicle_model::{NodeIndex, Vehicle, VehicleError};
 use wcet::cycles::Cycles;
-use wcet::timing::Timing;
 use world::Scenario;
 use xtask::{Workspace, build, size};
 
@@ -223,7 +223,7 @@ fn wait_states_of_the_flash() {
     // What the boards' crates set. The emulated core waits as its program has set.
     let built = |board: &Sled| board.part.flash_access.wait_states(hz);
     assert_eq!((built(Sled::F303), built(slow)), (Some(2), Some(3)));
-    assert_ne!(Timing::flashed(Sled::F303), Timing::flashed(slow));
+    assert_ne!(Analysed::from(Sled::F303), Analysed::from(slow));
 }
 
 #[test]
@@ -323,8 +323,8 @@ fn board_of_a_node() {
     assert_eq!(emulated(&vehicle()), (Sled::F446, Part::F446));
     assert_eq!(emulated(&moved), (Sled::F303, Part::F303));
     let proven = |vehicle: &Vehicle| model(vehicle, GPS, vehicle.board(GPS), |text| text).1;
-    assert_eq!(proven(&vehicle()).board, Sled::F446);
-    assert_eq!(proven(&moved).board, Sled::F303);
+    assert_eq!(proven(&vehicle()).board, Sled::F446.into());
+    assert_eq!(proven(&moved).board, Sled::F303.into());
 }
 
 #[test]

@@ -8,15 +8,22 @@ use crate::results::NodeReport;
 use crate::table::PendedBy;
 use crate::units::time;
 
-/// Assumptions that hold for every vehicle.
-const ALWAYS: [&str; 6] = [
+/// Assumptions that hold for every program.
+pub const OF_ANY_PROGRAM: [&str; 4] = [
     "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a handler keeps what it found in BASEPRI; and DMA writes only to variables whose address was given to a peripheral. Who writes unsafe code makes sure of them. The observed runs fail at a store to such a word, and at a handler that leaves another BASEPRI.",
     "Flash: start-up switches on the reading ahead, and the caches of a part that has them. A read that has begun is not cancelled. A line is taken to be in a cache only if it was put there in the same job and fewer other lines were used since than the cache has, of which the one unused for longest is replaced (RM0390 3.4.2); a preemption costs the preempted job all lines that it reuses. SRAM is read and written without wait states. Who chooses the part makes sure that its flash does so.",
     "A transfer by DMA keeps the core from RAM once and from a peripheral once, each for one access of the other and the change of the master: who chooses the part makes sure. No transfer reads the flash, and none comes more often than the task table says: who writes the program and the table makes sure; an observed run that shows one fails. No debugger is connected: who builds the vehicle makes sure.",
     "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left. Who writes the handlers makes sure; the observed runs count their activations.",
+];
+
+/// Assumptions that hold for every vehicle.
+const ALWAYS: [&str; 2] = [
     "In the 10 ms after a start of a node its deadlines need not hold: it takes the frames that came before, of which its FIFO keeps three, and sends nothing. Who writes the application makes sure that nothing moves in that time.",
     "An event message is sent at most once in each of its intervals. A task is not released more often than the task table says. Who writes the network file and the table makes sure; an observed run with more releases fails. The table omits no task that pends another one, if no unresolved pointer leads to the interrupt controller: who writes unsafe code makes sure.",
 ];
+
+/// Assumption about a program with software tasks.
+pub const OF_SOFTWARE_TASKS: &str = "The executor and the timer queue of the software tasks call only functions whose address stands in the image: an observed run that leaves them fails. A software task waits for one instant at a time: who writes it makes sure.";
 
 /// Assumptions about a bus without a schedule.
 const EVENT_TRIGGERED: [&str; 3] = [
@@ -71,11 +78,12 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         )]
     };
     all.extend(foreign(models));
+    all.extend(OF_ANY_PROGRAM.map(str::to_owned));
     all.extend(ALWAYS.map(str::to_owned));
     all.push(errors(models));
     let mut tasks = models.nodes.iter().flat_map(|(model, _)| &model.tasks);
     if tasks.any(|task| task.dispatched) {
-        all.push("The executor and the timer queue of the software tasks call only functions whose address stands in the image: an observed run that leaves them fails. A software task waits for one instant at a time: who writes it makes sure.".to_owned());
+        all.push(OF_SOFTWARE_TASKS.to_owned());
     }
     all.extend(pended(models));
     all.extend(never_called(models));
@@ -88,24 +96,12 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         all.push(if models.event_triggered {
             runs + "."
         } else {
-            let lead = time(table.board.transmit_lead_ps());
+            let lead = time(table.board.transmit_lead);
             format!("{runs} and starts a transmission {lead} before its time mark.")
         });
     }
     let tasks = nodes.iter().flat_map(|node| &node.tasks);
-    let annotated: BTreeMap<&str, u64> = tasks
-        .clone()
-        .flat_map(|task| &task.annotated)
-        .chain(nodes.iter().flat_map(|node| &node.idle_annotated))
-        .map(|(place, bound)| (place.as_str(), *bound))
-        .collect();
-    all.extend(annotated.into_iter().map(|(place, bound)| {
-        let what = match place.strip_suffix(", in all") {
-            Some(place) => format!("The statement at {place} runs at most {bound} times in a job"),
-            None => format!("The loop at {place} takes at most {bound} turns"),
-        };
-        format!("{what}, as its annotation says. Who wrote it makes sure; an observed run with more fails.")
-    }));
+    all.extend(annotated(nodes));
     all.extend(summarised(nodes));
     let panics: usize = tasks.map(|task| task.panics.len()).sum();
     if panics > 0 {
@@ -114,6 +110,27 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         ));
     }
     all
+}
+
+/// The annotations that the bounds of these nodes rest on, one sentence each.
+#[must_use]
+pub fn annotated(nodes: &[NodeReport]) -> Vec<String> {
+    let tasks = nodes.iter().flat_map(|node| &node.tasks);
+    let annotated: BTreeMap<&str, u64> = tasks
+        .flat_map(|task| &task.annotated)
+        .chain(nodes.iter().flat_map(|node| &node.idle_annotated))
+        .map(|(place, bound)| (place.as_str(), *bound))
+        .collect();
+    let sentence = |(place, bound): (&str, u64)| {
+        let what = match place.strip_suffix(", in all") {
+            Some(place) => format!("The statement at {place} runs at most {bound} times in a job"),
+            None => format!("The loop at {place} takes at most {bound} turns"),
+        };
+        format!(
+            "{what}, as its annotation says. Who wrote it makes sure; an observed run with more fails."
+        )
+    };
+    annotated.into_iter().map(sentence).collect()
 }
 
 /// How many disturbed frames are allowed for.

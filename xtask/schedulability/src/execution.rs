@@ -17,8 +17,9 @@ use wcet::image::{FIRST_INTERRUPT, Image};
 use wcet::ipet::Line;
 use wcet::lasting::{UnknownStores, Words};
 use wcet::mask;
+use wcet::part::Part;
 use wcet::stack::{FRAME_FPU, Stacks};
-use wcet::timing::{Timing, Timings};
+use wcet::timing::Timings;
 use wcet::watch::Watch;
 
 /// The analysis of one handler.
@@ -62,6 +63,9 @@ pub struct Section {
     pub ceiling: u32,
     /// Cycles as flashed.
     pub cycles: u64,
+    /// Interrupts of tasks that run in it although their priority is not above the ceiling, because only
+    /// single interrupts are masked. Their time adds to that of the section.
+    pub open: Vec<String>,
     /// The place of the instruction that masks.
     pub place: String,
 }
@@ -114,9 +118,9 @@ pub enum ExecutionError {
     VectorsMove(String),
     /// It may group priorities.
     #[error(
-        "the image of {0} may group priorities (register AIRCR), so a higher one need not interrupt a lower one: leave PRIGROUP at {most} or less", most = MOST_GROUP
+        "the image of {0} may group priorities (register AIRCR), so a higher one need not interrupt a lower one: leave PRIGROUP at {1} or less"
     )]
-    Grouped(String),
+    Grouped(String, u8),
     /// A vector leads out of the image.
     #[error(
         "vector {vector} of the image of {node} leads to {address:#x}, where the image has no code, so its handler is not known"
@@ -131,11 +135,13 @@ pub enum ExecutionError {
     },
     /// A handler that may return is no task.
     #[error(
-        "vector {vector} of the image of {node} leads to {place}, which is neither a task nor a handler that ends in a reset: add [node.{node}.task.{name}] with its `priority` to the task table, or remove the handler"
+        "vector {vector} of the image of {node} leads to {place}, which is neither a task nor a handler that ends in a reset: add [{rows}.{name}] with its `priority` to the task table, or remove the handler"
     )]
     Foreign {
         /// The node.
         node: String,
+        /// The key of the task table that has its tasks' rows.
+        rows: String,
         /// The vector, as `22 (interrupt 6)`.
         vector: String,
         /// The place of its handler.
@@ -197,12 +203,13 @@ impl Execution {
         annotations: &Annotations,
         progress: &dyn Fn(&str),
     ) -> Result<Self, ExecutionError> {
-        let part = Timing::flashed(table.board);
+        let part = table.board.part;
         let mut analyser = Analyser {
             node,
             image,
-            analysis: Analysis::new(image, annotations, part),
-            timings: Timings::of(part),
+            part,
+            analysis: Analysis::new(image, annotations, &part),
+            timings: Timings::of(&part),
             stacks: Stacks::new(image),
             levels: BTreeMap::new(),
             reloads: BTreeMap::new(),
@@ -242,6 +249,7 @@ fn vector(number: u16) -> String {
 struct Analyser<'a> {
     node: &'a NodeModel,
     image: &'a Image,
+    part: Part,
     analysis: Analysis<'a>,
     timings: Timings,
     stacks: Stacks<'a>,
@@ -392,6 +400,7 @@ impl Analyser<'_> {
             Some(number) if !candidate.is_default() && (returns || !resets) => {
                 return Err(ExecutionError::Foreign {
                     node: node(),
+                    rows: self.node.rows.clone(),
                     vector: vector(number),
                     place: place(),
                     name: candidate.name,
@@ -431,12 +440,11 @@ impl Analyser<'_> {
         if let Some(table) = self.image.vector_table() {
             self.check_vectors(table)?;
         }
-        if self
-            .analysis
-            .system_writes()
-            .groups_priorities(PRIORITY_BITS)
-        {
-            return Err(ExecutionError::Grouped(self.node.name.clone()));
+        let bits = self.part.priority_bits;
+        if self.analysis.system_writes().groups_priorities(bits.into()) {
+            // The largest group that leaves each bit of a priority its say.
+            let most = 7 - bits.min(7);
+            return Err(ExecutionError::Grouped(self.node.name.clone(), most));
         }
         let mut tasks = self.node.tasks.iter();
         tasks.try_for_each(|task| self.check_priority(task))
@@ -452,7 +460,7 @@ impl Analyser<'_> {
             return Ok(());
         };
         let found = self.analysis.system_writes().priority(number);
-        let found = found.map(|value| PRIORITIES - u32::from(value >> 4));
+        let found = found.map(|value| self.part.priority(value));
         if found == Some(task.priority) {
             return Ok(());
         }
@@ -505,26 +513,42 @@ impl Analyser<'_> {
     /// Adds the critical sections of the code that runs at `priority`.
     fn add_sections(&mut self, bound: &Bound, holder: &str, priority: u32) {
         for section in &bound.sections {
+            let (ceiling, open) = match section.level {
+                mask::Level::All | mask::Level::Faults => (u32::MAX, Vec::new()),
+                mask::Level::From(level) => (self.part.priority(level), Vec::new()),
+                mask::Level::Interrupts(masked) => self.masks(masked, priority),
+            };
             self.execution.sections.push(Section {
                 holder: holder.to_owned(),
                 priority,
-                ceiling: match section.level {
-                    mask::Level::All | mask::Level::Faults => u32::MAX,
-                    mask::Level::From(level) => PRIORITIES - u32::from(level >> 4),
-                },
+                ceiling,
                 // A preemption before the section began may have replaced lines that it uses.
                 cycles: section.cycles.flashed + bound.reload,
+                open,
                 place: self.image.describe(section.at),
             });
         }
     }
+
+    /// What masking single interrupts comes to: the highest priority of a task that is masked, and the
+    /// interrupts of the tasks up to it, but above `holder`, that are not.
+    fn masks(&self, masked: u32, holder: u32) -> (u32, Vec<String>) {
+        let vectors = self.image.vectors();
+        let is_masked = |task: &&TaskModel| {
+            let entry = self.image.symbol(&task.interrupt);
+            let mut numbers = vectors.iter().filter(|(_, at)| Some(**at) == entry);
+            numbers.any(|(number, _)| {
+                let bit = number.checked_sub(FIRST_INTERRUPT);
+                bit.is_some_and(|bit| bit < 32 && masked >> bit & 1 == 1)
+            })
+        };
+        let tasks = || self.node.tasks.iter();
+        let ceiling = tasks().filter(is_masked).map(|task| task.priority).max();
+        let ceiling = ceiling.unwrap_or(0);
+        let between = |task: &&TaskModel| task.priority > holder && task.priority <= ceiling;
+        let open = tasks().filter(between).filter(|task| !is_masked(task));
+        let mut open: Vec<String> = open.map(|task| task.interrupt.clone()).collect();
+        open.dedup();
+        (ceiling, open)
+    }
 }
-
-/// Number of interrupt priorities of the parts (four bits of `BASEPRI`).
-const PRIORITIES: u32 = 1 << PRIORITY_BITS;
-
-/// Bits of a priority that the parts have (PM0214 4.3.7).
-const PRIORITY_BITS: u32 = 4;
-
-/// The largest group that leaves each bit of a priority its say.
-const MOST_GROUP: u32 = 7 - PRIORITY_BITS;

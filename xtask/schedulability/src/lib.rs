@@ -17,6 +17,7 @@
 pub mod activations;
 pub mod arrivals;
 pub mod assumptions;
+pub mod board;
 pub mod bus;
 pub mod can;
 pub mod chains;

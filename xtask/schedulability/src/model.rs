@@ -8,7 +8,7 @@ use crate::arrivals::{Arrivals, Kind, Timetable};
 use crate::event::Traffic;
 use crate::releases::Bus;
 use crate::table::{BusEvent, By, Delay, IDLE, INIT, NodeTable, PendedBy, Run, TaskTable};
-use crate::tasks::{App, TIMER};
+use crate::tasks::App;
 use crate::units::{MICROSECOND, Picoseconds};
 
 /// A task, without its execution time.
@@ -51,6 +51,8 @@ pub struct NodeModel {
     pub name: String,
     /// Path of its source, for messages.
     pub source: String,
+    /// The key of the task table that has its tasks' rows, for messages: `node.NAME.task`, or `task`.
+    pub rows: String,
     /// Its tasks.
     pub tasks: Vec<TaskModel>,
     /// Whether it sends at once, without a schedule.
@@ -157,9 +159,36 @@ impl NodeModel {
         network: &Network,
         file: &str,
     ) -> Result<Self, ModelError> {
-        let bus = Bus::new(network, name, table.board.transmit_lead_ps());
+        let bus = Bus::new(network, name, table.board.transmit_lead);
         Self::with(name, app, table, file, |entry| {
             Ok((arrivals(entry, bus)?, deadline(entry, bus)?))
+        })
+    }
+
+    /// The model of an application whose releases and deadlines do not depend on a bus. The rows of its
+    /// tasks are under `rows` in the table.
+    ///
+    /// # Errors
+    /// As [`NodeModel::new`].
+    pub fn without_bus(
+        name: &str,
+        app: &App,
+        table: &NodeTable,
+        file: &str,
+        rows: &str,
+    ) -> Result<Self, ModelError> {
+        let model = Self::with(name, app, table, file, |entry| {
+            let arrivals = Arrivals {
+                sporadic: entry.sporadic().ok_or(TaskFault::Unresolved)?,
+                apart: entry.apart(),
+                ..Arrivals::default()
+            };
+            let deadline = entry.deadline_us.ok_or(TaskFault::NoDeadline)?;
+            Ok((arrivals, deadline * MICROSECOND))
+        })?;
+        Ok(Self {
+            rows: rows.to_owned(),
+            ..model
         })
     }
 
@@ -278,6 +307,7 @@ impl NodeModel {
         Ok(Self {
             name: name.to_owned(),
             source: String::new(),
+            rows: format!("node.{name}.task"),
             tasks,
             event_triggered: false,
         })
@@ -294,9 +324,10 @@ fn declared<'a>(
         let interrupt = app.interrupt(task).unwrap_or(&task.name);
         (task.name.as_str(), interrupt, task.priority)
     });
-    let timer = app
-        .has_timer()
-        .then(|| (TIMER, TIMER, app.timer_priority()));
+    let timer = app.timer.as_ref().map(|timer| {
+        let name = timer.interrupt.as_str();
+        (name, name, timer.priority)
+    });
     let mut declared: Vec<_> = of_app.chain(timer).collect();
     for (handler, entry) in &table.task {
         let Some(priority) = entry.priority else {

@@ -59,6 +59,9 @@ pub struct Entered {
     pub at: Vec<Picoseconds>,
 }
 
+/// Length at which a section that other tasks make ever longer counts as one without an end.
+const LONGEST_SECTION: Picoseconds = 10_000_000 * MICROSECOND;
+
 /// Resolution of the search for the sensitivity.
 const STEP: Picoseconds = MICROSECOND / 50;
 
@@ -77,7 +80,7 @@ pub fn schedule(
         core_hz: table.core_hz(),
         tasks: tasks.filter_map(|task| scheduled.report(task)).collect(),
         stack: execution.stack,
-        stack_size: table.board.stack.size,
+        stack_size: table.board.stack_bytes,
         stack_unknown: execution.stack_unknown.clone(),
         utilisation_permille: response::utilisation_permille(&scheduled.set),
         idle_problems: execution.idle_problems.clone(),
@@ -111,19 +114,13 @@ impl<'a> Scheduled<'a> {
         observed: Option<&'a Observed>,
     ) -> Self {
         let time = |cycles: u64| picoseconds(cycles, table.core_hz());
-        let sections = execution.sections.iter();
-        let sections = sections.map(|section| CriticalSection {
-            holder: section.priority,
-            ceiling: section.ceiling,
-            length: time(section.cycles),
-        });
         let mut scheduled = Self {
             model,
             execution,
             observed,
             interrupts: Vec::new(),
             set: Vec::new(),
-            sections: sections.collect(),
+            sections: Vec::new(),
             results: Vec::new(),
             no_handler: Handler::default(),
         };
@@ -132,6 +129,7 @@ impl<'a> Scheduled<'a> {
         }
         scheduled.add_transfers(table, time);
         scheduled.add_causes();
+        scheduled.add_sections(time);
         scheduled.add_blocking();
         scheduled.results = response::analyse(&scheduled.set);
         if model.event_triggered {
@@ -242,11 +240,43 @@ impl<'a> Scheduled<'a> {
 
     /// Adds the transfers by DMA, which come before all tasks.
     fn add_transfers(&mut self, table: &NodeTable, time: impl Fn(u64) -> u64) {
-        let cost = time(Timing::flashed(table.board).transfer());
+        let cost = time(Timing::flashed(&table.board.part).transfer());
         for rate in table.dma.values() {
             self.interrupts.push(transfers::NAME);
             self.set.push(transfers::task(rate, cost));
         }
+    }
+
+    /// Notes the critical sections. One in which other tasks run lasts longer by all that these may take
+    /// meanwhile.
+    fn add_sections(&mut self, time: impl Fn(u64) -> u64) {
+        let sections = self.execution.sections.iter().map(|section| {
+            let own = time(section.cycles);
+            let open = section.open.iter().filter_map(|one| self.index(one));
+            let open: Vec<&Task> = open.map(|at| &self.set[at]).collect();
+            let with_open = |length: u64| {
+                let taken = open.iter().map(|task| {
+                    // One more may be released before, and be late. How late another task makes it is
+                    // not known yet.
+                    let jobs = match task.after.as_slice() {
+                        [] => task.arrivals.count(length, task.jitter).saturating_add(1),
+                        _ => u64::MAX,
+                    };
+                    jobs.saturating_mul(task.cost + task.preemption)
+                });
+                taken.fold(own, u64::saturating_add)
+            };
+            let mut length = own;
+            while length < LONGEST_SECTION && with_open(length) > length {
+                length = with_open(length);
+            }
+            CriticalSection {
+                holder: section.priority,
+                ceiling: section.ceiling,
+                length: length.min(LONGEST_SECTION.max(own)),
+            }
+        });
+        self.sections = sections.collect();
     }
 
     /// Notes how long each task may be blocked.

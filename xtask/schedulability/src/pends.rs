@@ -73,6 +73,8 @@ pub struct PendError {
     pub file: String,
     /// The node.
     pub node: String,
+    /// The key of the table that has its tasks' rows.
+    pub rows: String,
     /// Who pends: a task, [`INIT`] or [`IDLE`].
     pub pender: String,
     /// The task that is pended.
@@ -89,6 +91,7 @@ impl PendError {
     fn sentence(&self) -> String {
         let Self {
             node,
+            rows,
             pender,
             pended,
             place,
@@ -115,7 +118,7 @@ impl PendError {
             ),
             _ => (BOUNDED, String::new()),
         };
-        format!("{fact} write `pended_by.{pender} = {how}` under [node.{node}.task.{pended}]{also}")
+        format!("{fact} write `pended_by.{pender} = {how}` under [{rows}.{pended}]{also}")
     }
 
     /// What follows from the pend, after its place.
@@ -159,6 +162,7 @@ pub fn check(
     let errors = omitted.map(|one| PendError {
         file: file.to_owned(),
         node: model.name.clone(),
+        rows: model.rows.clone(),
         pender: name(model, &one.pender),
         pended: task_of(model, &one.pended),
         place: one.place.clone(),

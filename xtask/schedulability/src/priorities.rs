@@ -273,6 +273,7 @@ mod tests {
 
     fn node(tasks: Vec<TaskModel>) -> NodeModel {
         NodeModel {
+            rows: String::new(),
             event_triggered: false,
             name: "n".to_owned(),
             source: "n.rs".to_owned(),

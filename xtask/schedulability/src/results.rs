@@ -419,6 +419,28 @@ impl ChainReport {
     }
 }
 
+/// Why code of these nodes has no bound: by function, each problem with the tasks that it keeps from a
+/// bound.
+#[must_use]
+pub fn unbounded(nodes: &[NodeReport]) -> BTreeMap<&str, BTreeMap<&Problem, Vec<String>>> {
+    let mut unbounded: BTreeMap<_, BTreeMap<_, Vec<_>>> = BTreeMap::new();
+    for node in nodes {
+        let tasks = node
+            .tasks
+            .iter()
+            .map(|task| (task.name.as_str(), &task.problems));
+        let idle = ("start-up and idle", &node.idle_problems);
+        for (task, problems) in tasks.chain([idle]) {
+            for problem in problems {
+                let of_function = unbounded.entry(problem.function()).or_default();
+                let whose = of_function.entry(problem).or_default();
+                whose.push(format!("{}.{task}", node.name));
+            }
+        }
+    }
+    unbounded
+}
+
 /// All answers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
@@ -473,22 +495,7 @@ impl Report {
     /// Why code has no bound: by function, each problem with the tasks that it keeps from a bound.
     #[must_use]
     pub fn unbounded(&self) -> BTreeMap<&str, BTreeMap<&Problem, Vec<String>>> {
-        let mut unbounded: BTreeMap<_, BTreeMap<_, Vec<_>>> = BTreeMap::new();
-        for node in &self.nodes {
-            let tasks = node
-                .tasks
-                .iter()
-                .map(|task| (task.name.as_str(), &task.problems));
-            let idle = ("start-up and idle", &node.idle_problems);
-            for (task, problems) in tasks.chain([idle]) {
-                for problem in problems {
-                    let of_function = unbounded.entry(problem.function()).or_default();
-                    let whose = of_function.entry(problem).or_default();
-                    whose.push(format!("{}.{task}", node.name));
-                }
-            }
-        }
-        unbounded
+        unbounded(&self.nodes)
     }
 
     /// The first problem of the report, in one sentence. Code without a bound comes before any deadline

@@ -7,10 +7,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use network_model::Network;
-use parts::Sled;
 use serde::Deserialize;
 
 use crate::arrivals::{Kind, Sporadic};
+use crate::board::Board;
 use crate::can::{ErrorRate, LONGEST_INTERVAL_MS, MOST_ERRORS};
 use crate::transfers::Transfers;
 use crate::units::{MICROSECOND, Picoseconds};
@@ -253,9 +253,9 @@ pub struct NodeEntry {
 impl NodeEntry {
     /// The node on its board.
     #[must_use]
-    pub fn on(&self, board: &'static Sled) -> NodeTable {
+    pub fn on(&self, board: impl Into<Board>) -> NodeTable {
         NodeTable {
-            board,
+            board: board.into(),
             clocks: self.clocks,
             task: self.task.clone(),
             dma: self.dma.clone(),
@@ -365,8 +365,8 @@ impl Every {
 /// A node on its board.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NodeTable {
-    /// The board, whose clocks, stack and transmit lead come from [`parts`].
-    pub board: &'static Sled,
+    /// The board.
+    pub board: Board,
     /// The clocks that the program runs on.
     pub clocks: Clocks,
     /// Tasks by name; `SysTick` for the timer of the software tasks.
@@ -390,14 +390,14 @@ impl NodeTable {
     /// Core clock, Hz.
     pub const fn core_hz(&self) -> u64 {
         match self.clocks {
-            Clocks::External => self.board.external.core as u64,
-            Clocks::Reset => self.board.part.hsi.hz as u64,
+            Clocks::External => self.board.part.core_hz as u64,
+            Clocks::Reset => self.board.reset_hz as u64,
         }
     }
 }
 
 /// One task.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TaskTable {
     /// Least time between two releases, in microseconds; one value for each independent

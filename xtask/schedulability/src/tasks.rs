@@ -40,6 +40,17 @@ pub struct App {
     pub dispatchers: Vec<String>,
     /// Shared resources that `idle` locks.
     pub idle_locks: Vec<String>,
+    /// The timer that wakes software tasks, if it is a task of the node without being in the source.
+    pub timer: Option<Timer>,
+}
+
+/// A timer that wakes software tasks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Timer {
+    /// Its interrupt, which is also its name.
+    pub interrupt: String,
+    /// Its priority.
+    pub priority: u32,
 }
 
 /// The interrupt of the timer that wakes software tasks. No source declares a task for it.
@@ -130,6 +141,7 @@ impl App {
             tasks: Vec::new(),
             dispatchers: names(arguments(attribute).get("dispatchers")).0,
             idle_locks: Vec::new(),
+            timer: None,
         };
         let items = module.content.iter().flat_map(|(_, items)| items);
         // Software tasks may also be declared without a body.
@@ -177,6 +189,10 @@ impl App {
                 given: app.dispatchers.len(),
             });
         }
+        app.timer = app.has_timer().then(|| Timer {
+            interrupt: TIMER.to_owned(),
+            priority: app.timer_priority(),
+        });
         Ok(app)
     }
 
@@ -226,16 +242,14 @@ impl App {
 
     /// Whether a timer wakes software tasks: there are software tasks, and no task is bound to the
     /// timer's interrupt.
-    #[must_use]
-    pub fn has_timer(&self) -> bool {
+    fn has_timer(&self) -> bool {
         let mut bound = self.tasks.iter().filter_map(|task| task.binds.as_deref());
         !self.software_priorities().is_empty() && bound.all(|interrupt| interrupt != TIMER)
     }
 
     /// Priority of the timer that wakes software tasks: above all of them, and directly below the
     /// hardware tasks if there is a priority between (RTIC's `RTIC_ASYNC_MAX_LOGICAL_PRIO`).
-    #[must_use]
-    pub fn timer_priority(&self) -> u32 {
+    fn timer_priority(&self) -> u32 {
         let software = self.software_priorities().first().copied().unwrap_or(0);
         let hardware = self
             .tasks
@@ -250,7 +264,8 @@ impl App {
 }
 
 /// The `key = value` pairs of an attribute.
-fn arguments(attribute: &syn::Attribute) -> BTreeMap<String, TokenStream> {
+#[must_use]
+pub fn arguments(attribute: &syn::Attribute) -> BTreeMap<String, TokenStream> {
     let mut pairs = BTreeMap::new();
     let syn::Meta::List(list) = &attribute.meta else {
         return pairs;
@@ -301,7 +316,8 @@ fn priority(
 
 /// The names in a bracketed list: first those without, then those with `&`. Types and initial
 /// values of local resources are skipped.
-fn names(list: Option<&TokenStream>) -> (Vec<String>, Vec<String>) {
+#[must_use]
+pub fn names(list: Option<&TokenStream>) -> (Vec<String>, Vec<String>) {
     let (mut plain, mut borrowed) = (Vec::new(), Vec::new());
     let Some(TokenTree::Group(group)) = list.and_then(|l| l.clone().into_iter().next()) else {
         return (plain, borrowed);

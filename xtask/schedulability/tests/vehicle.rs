@@ -93,6 +93,7 @@ fn execution(model: &NodeModel, table: &NodeTable, us: u64) -> Execution {
 
 fn section(holder: &str, ceiling: u32, us: u64, table: &NodeTable) -> Section {
     Section {
+        open: Vec::new(),
         holder: holder.to_owned(),
         priority: 1,
         ceiling,

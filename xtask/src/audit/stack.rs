@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use schedulability::tasks::{App, TIMER};
+use schedulability::tasks::App;
 use wcet::{
     image::Image,
     stack::{FRAME_FPU, Stacks},
@@ -48,7 +48,8 @@ pub(super) fn deepest(image: &Image, calls: &Calls, app: &App) -> Result<u64, Ve
         (handler, task.priority)
     });
     // The timer of the software tasks, which no source declares as a task.
-    let timer = app.has_timer().then(|| (TIMER, app.timer_priority()));
+    let timer = app.timer.as_ref();
+    let timer = timer.map(|timer| (timer.interrupt.as_str(), timer.priority));
     for (handler, priority) in handlers.chain(timer) {
         let bytes = depth(handler) + u64::from(FRAME_FPU);
         let level = priorities.entry(priority).or_default();

@@ -2,6 +2,7 @@
 
 use std::{fmt::Write, sync::Arc};
 
+use schedulability::board;
 use twin::{
     image::Image,
     mcu::{Board, FlashTiming, Mcu},
@@ -13,7 +14,6 @@ use wcet::{
     bound::Entry,
     cycles::{Cycles, Model},
     register::Register,
-    timing::Timing,
 };
 
 use super::{
@@ -69,8 +69,8 @@ pub fn measure(builder: &Builder) -> Result<Vec<Cost>, Failure> {
     let analysed = wcet::image::Image::read(&path).map_err(super::kernels::Error::from);
     let analysed = analysed.map_err(Error::from)?;
     let annotations = Annotations::new(builder.workspace.root());
-    let timing = Timing::flashed(::parts::Sled::F446);
-    let mut analysis = Analysis::new(&analysed, &annotations, timing);
+    let board = board::part(::parts::Sled::F446);
+    let mut analysis = Analysis::new(&analysed, &annotations, &board);
     let mut costs = Vec::new();
     for (part, name, both) in PARTS {
         let run = |prepare: &str| -> Result<Cycles, Error> {

@@ -3,7 +3,7 @@
 
 use std::{path::Path, sync::Arc, thread};
 
-use schedulability::results::KernelReport;
+use schedulability::{board, results::KernelReport};
 use twin::{
     mcu::{Board, FlashTiming, Mcu},
     part::Part,
@@ -16,7 +16,6 @@ use wcet::{
     image::{Image, ImageError},
     kernels::{INPUT, NAMES, find, input},
     register::Register,
-    timing::Timing,
 };
 use world::random::{Purpose, Stream};
 
@@ -105,7 +104,7 @@ pub fn measure(builder: &Builder) -> Result<Vec<KernelReport>, Failure> {
 fn run_all(builder: &Builder, path: &Path) -> Result<Vec<KernelReport>, super::Error> {
     let image = Image::read(path).map_err(Error::from)?;
     let annotations = Annotations::new(builder.workspace.root());
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &board::part(parts::Sled::F446));
     let mut kernels = Vec::new();
     for name in NAMES {
         let entry = find(&image, name).ok_or(Error::Missing { name })?;

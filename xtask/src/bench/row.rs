@@ -2,6 +2,7 @@
 
 use std::{fmt::Write, sync::Arc};
 
+use schedulability::board;
 use twin::{
     image::Image,
     mcu::{Board, Mcu},
@@ -13,7 +14,6 @@ use wcet::{
     bound::{Bound, Entry},
     cycles::Cycles,
     register::Register,
-    timing::Timing,
 };
 
 use super::{
@@ -62,7 +62,7 @@ pub fn measure(builder: &Builder) -> Result<Vec<Cost>, Failure> {
     let image = wcet::image::Image::read(&path).map_err(super::kernels::Error::from);
     let image = image.map_err(Error::from)?;
     let annotations = Annotations::new(builder.workspace.root());
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F303));
+    let mut analysis = Analysis::new(&image, &annotations, &board::part(parts::Sled::F303));
     let mut costs = Vec::new();
     for ((part, name), seen) in PARTS.into_iter().zip(seen) {
         let entry = function(&elf, &format!("run_{name}"))? & !1;

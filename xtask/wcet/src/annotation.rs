@@ -485,14 +485,16 @@ mod tests {
                     last: 6,
                     bound: Some(12),
                     statement: false,
-                    most: None
+                    most: None,
+                    awaits: Vec::new()
                 },
                 SourceLoop {
                     first: 5,
                     last: 5,
                     bound: None,
                     statement: false,
-                    most: None
+                    most: None,
+                    awaits: Vec::new()
                 }
             ]
         );
@@ -510,7 +512,8 @@ mod tests {
                 last: 6,
                 bound: Some(7),
                 statement: true,
-                most: None
+                most: None,
+                awaits: Vec::new()
             }]
         );
         assert!(misplaced.is_empty());

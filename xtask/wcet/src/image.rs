@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
 
@@ -20,7 +20,7 @@ pub enum ImageError {
         reason: String,
     },
     /// Not a little-endian 32-bit Arm ELF file.
-    #[error("{path} is not an Arm ELF image (build it for thumbv7em-none-eabihf)")]
+    #[error("{path} is not an Arm ELF image (build it for thumbv6m, thumbv7m or thumbv7em)")]
     NotArm {
         /// The file.
         path: String,
@@ -121,6 +121,8 @@ pub struct Image {
     lines: Option<addr2line::Loader>,
     load: Vec<(u32, Vec<u8>)>,
     variables: Variables,
+    /// Folder that messages leave out of the paths in it.
+    root: Option<PathBuf>,
     known_places: RefCell<HashMap<u32, Vec<Place>>>,
 }
 
@@ -158,6 +160,7 @@ impl Image {
             lines: addr2line::Loader::new(path).ok(),
             load: Vec::new(),
             variables: Variables::default(),
+            root: None,
             known_places: RefCell::new(HashMap::new()),
         };
         for section in file.sections() {
@@ -183,6 +186,16 @@ impl Image {
         image.read_symbols(&file);
         image.variables.arrays = super::arrays::of(&file);
         Ok(image)
+    }
+
+    /// The same image, with paths of sources in the folder `root` relative to it.
+    #[must_use]
+    pub fn relative_to(self, root: &Path) -> Self {
+        Self {
+            root: Some(root.to_owned()),
+            known_places: RefCell::default(),
+            ..self
+        }
     }
 
     fn read_symbols(&mut self, file: &object::File<'_>) {
@@ -437,8 +450,11 @@ impl Image {
             if let Some(location) = frame.location
                 && let Some(file) = location.file
             {
+                let root = self.root.as_deref();
+                let inside = root.and_then(|root| Path::new(file).strip_prefix(root).ok());
+                let inside = inside.and_then(Path::to_str);
                 places.push(Place {
-                    file: file.to_owned(),
+                    file: inside.unwrap_or(file).to_owned(),
                     line: location.line.unwrap_or(0),
                 });
             }

@@ -4,6 +4,7 @@ use rsemu::cpu::arm::v7m::fpisa::FpInsn;
 use rsemu::cpu::arm::v7m::isa::{self, Cond, Insn, MemOffset};
 
 use super::image::Image;
+use super::part::Core;
 use super::register::{Register, RegisterSet};
 
 /// One instruction of the image.
@@ -283,6 +284,32 @@ impl Instruction {
                 ..
             }) => bit(rn),
             _ => RegisterSet::NONE,
+        }
+    }
+
+    /// Whether `core` has it (Armv6-M Architecture Reference Manual A5; Arm DDI 0403 A1.3 for what Armv7-M
+    /// has without the extensions for signal processing and floating point).
+    #[must_use]
+    pub fn is_of(&self, core: Core) -> bool {
+        match core {
+            Core::CortexM4 => true,
+            Core::CortexM3 => !matches!(
+                self.insn,
+                Insn::Fp(_)
+                    | Insn::HalfMul { .. }
+                    | Insn::DualMul { .. }
+                    | Insn::Simd { .. }
+                    | Insn::Sel { .. }
+                    | Insn::Usad { .. }
+                    | Insn::Pkh { .. }
+                    | Insn::SatQ { .. }
+            ),
+            Core::CortexM0 | Core::CortexM0Plus => match self.insn {
+                Insn::BranchLink { .. } | Insn::Mrs { .. } | Insn::Msr { .. } => true,
+                Insn::Barrier { .. } | Insn::Udf { .. } => true,
+                Insn::Cbz { .. } | Insn::It { .. } => false,
+                _ => self.size == 2 && self.condition.is_none(),
+            },
         }
     }
 

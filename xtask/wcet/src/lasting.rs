@@ -107,8 +107,9 @@ impl SystemWrites {
         }
     }
 
-    /// Notes a store of the low `size` bytes of `value` to one of the addresses `reached`.
-    pub(crate) fn note(&mut self, reached: Extent, size: u32, value: &Value) {
+    /// Notes a store of the low `size` bytes of `value` to one of the addresses `reached`. The bytes of a
+    /// word that are as they were `before`, if that is known, do not count.
+    pub(crate) fn note(&mut self, reached: Extent, size: u32, value: &Value, before: Option<u32>) {
         let exact = reached.last - reached.first == size - 1;
         let word = value.as_constant().filter(|_| exact);
         for registers in Self::REGISTERS {
@@ -116,8 +117,11 @@ impl SystemWrites {
                 continue;
             };
             for at in both.first..=both.last {
-                let byte = word.map(|word| (word >> (8 * (at - reached.first))) as u8);
-                self.add(at, byte);
+                let byte = |word: u32| (word >> (8 * (at - reached.first))) as u8;
+                let (new, old) = (word.map(byte), before.map(byte));
+                if new.is_none() || new != old {
+                    self.add(at, new);
+                }
             }
         }
     }
@@ -160,6 +164,21 @@ impl SystemWrites {
     }
 }
 
+/// The words of priorities of a core on which they can be written as words only, as they are after a reset
+/// (Armv6-M Architecture Reference Manual B3.4.7, B3.2.9, B3.2.10).
+pub(crate) fn reset_priorities() -> impl Iterator<Item = (u32, u32)> {
+    let interrupts = (0..8).map(|register| 0xe000_e400 + 4 * register);
+    interrupts
+        .chain([0xe000_ed1c, 0xe000_ed20])
+        .map(|at| (at, 0))
+}
+
+/// Whether a word of priorities is at this address.
+#[must_use]
+pub(crate) fn is_priorities(address: u32) -> bool {
+    reset_priorities().any(|(at, _)| at == address)
+}
+
 /// Address of the register that holds the address of the vector table.
 const VTOR: u32 = 0xe000_ed08;
 
@@ -167,7 +186,10 @@ impl Memory {
     /// Notes that a path lets tasks run for the first time, with these words in memory.
     pub fn enabled(&mut self, words: &Words) {
         match &mut self.left {
-            None => self.left = Some(words.clone()),
+            None => {
+                let words = words.iter().filter(|(at, _)| !is_priorities(**at));
+                self.left = Some(words.map(|(at, word)| (*at, *word)).collect());
+            }
             Some(left) => left.retain(|at, word| words.get(at) == Some(word)),
         }
     }
@@ -231,7 +253,7 @@ mod tests {
     fn written(stores: &[(u32, u32, Value)]) -> SystemWrites {
         let mut writes = SystemWrites::default();
         for (at, size, value) in stores {
-            writes.note(Extent::new(*at, at + size - 1), *size, value);
+            writes.note(Extent::new(*at, at + size - 1), *size, value, None);
         }
         writes
     }
@@ -253,7 +275,7 @@ mod tests {
         let unknown = written(&[(0xe000_e407, 1, Value::ANY)]);
         assert_eq!(unknown.priority(16 + 7), None);
         let mut somewhere = SystemWrites::default();
-        somewhere.note(Extent::new(0xe000_e400, 0xe000_e4ef), 1, &byte(0xe0));
+        somewhere.note(Extent::new(0xe000_e400, 0xe000_e4ef), 1, &byte(0xe0), None);
         assert_eq!(somewhere.priority(16 + 7), None);
     }
 

@@ -11,7 +11,7 @@
 //! ```text
 //! image, instruction, graph, annotation -> program --+
 //! range -> value, flags -> symbols -> state          +-> analysis -> bound, facts -> ipet
-//!                      execute, timing, flash -------+                            -> watch
+//! part -> timing      execute, flash ---------------+                            -> watch
 //! ```
 
 pub mod analysis;
@@ -20,7 +20,7 @@ mod arrays;
 pub mod bound;
 pub mod cycles;
 mod execute;
-mod extent;
+pub mod extent;
 mod facts;
 mod flags;
 pub mod flash;
@@ -34,6 +34,7 @@ pub mod lasting;
 mod layout;
 pub mod mask;
 mod merge;
+pub mod part;
 pub mod pend;
 mod program;
 mod range;

@@ -1,6 +1,7 @@
 //! Interrupt masks.
 
 use super::cycles::Cycles;
+use super::value::Symbol;
 
 /// `PRIMASK` or `FAULTMASK` on all paths that reach a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,6 +37,8 @@ pub enum Level {
     Faults,
     /// Those whose priority value is at least this one, by `BASEPRI`; not zero.
     From(u8),
+    /// Those of the first 32 interrupts whose bit is set, in the interrupt controller.
+    Interrupts(u32),
 }
 
 impl Level {
@@ -55,4 +58,6 @@ pub struct Masked {
     pub cycles: Cycles,
     /// Address of the instruction that masked them.
     pub at: u32,
+    /// A symbol that is newer than what was read before, and older than what was read since.
+    pub since: Symbol,
 }

@@ -332,6 +332,7 @@ fn join_sections(ours: &[Masked], theirs: &[Masked]) -> Vec<Masked> {
                     known.at = other.at;
                 }
                 known.cycles = known.cycles.max(other.cycles);
+                known.since = known.since.min(other.since);
             }
             None => joined.push(*other),
         }

@@ -33,6 +33,13 @@ pub enum Definition {
     },
     /// A product of two words.
     Product(Value, Value),
+    /// The enabled ones among the first 32 interrupts, as the interrupt controller had them, masked.
+    Enabled {
+        /// The symbol of the moment at which they were read: the later, the greater.
+        read: Symbol,
+        /// The mask.
+        mask: u32,
+    },
 }
 
 /// The variable from whose address a word was computed.

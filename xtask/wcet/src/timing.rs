@@ -2,10 +2,8 @@
 //!
 //! There are two models. [`Timing::zero_wait`] charges what the emulator charges, so a bound can
 //! be compared with an observation cycle by cycle. The other one charges the worst case of the
-//! Cortex-M4 manual (Arm 100166, "Instruction set summary"). What the part's flash adds at its clock,
-//! [`flash`](super::flash) says.
+//! core's manual ([`Core`]). What the part's flash adds at its clock, [`flash`](super::flash) says.
 
-use parts::Sled;
 use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn, UnaryOp};
 use rsemu::cpu::arm::v7m::isa::{BarrierOp, Insn};
 
@@ -14,6 +12,7 @@ use super::execute::Access;
 use super::flash::Reads;
 use super::instruction::Instruction;
 use super::layout::STACK;
+use super::part::{Areas, Core, Part};
 use super::range::Range;
 use super::register::RegisterSet;
 
@@ -35,6 +34,12 @@ pub struct Waits {
 pub struct Timing {
     /// `None`: as the emulator charges.
     waits: Option<Waits>,
+    core: Core,
+    /// Cycles of a multiplication of a core without a fixed number.
+    multiply: u64,
+    flash: Areas,
+    ram: Areas,
+    fast: Areas,
 }
 
 /// Costs of exceptions, in cycles.
@@ -66,10 +71,10 @@ pub struct Timings {
 impl Timings {
     /// Both models of a part.
     #[must_use]
-    pub const fn of(part: Timing) -> Self {
+    pub const fn of(part: &Part) -> Self {
         Self {
             zero_wait: Timing::zero_wait(),
-            flashed: part,
+            flashed: Timing::flashed(part),
         }
     }
 
@@ -110,32 +115,40 @@ impl Timing {
     /// The emulator's charges: no wait states, divides at their fastest.
     #[must_use]
     pub const fn zero_wait() -> Self {
-        Self { waits: None }
+        Self {
+            waits: None,
+            core: Core::CortexM4,
+            multiply: 1,
+            flash: Areas::NONE,
+            ram: Areas::NONE,
+            fast: Areas::NONE,
+        }
     }
 
-    /// A board on its external clock: flash wait states and line length of its part at
-    /// the core's clock. A peripheral access takes at most three periods of its bus: two of
-    /// the transfer, one of synchronisation. What DMA adds is counted for each of its transfers
-    /// ([`Timing::transfer`]).
+    /// The charges of a part that runs from its flash. What DMA adds is counted for each of its
+    /// transfers ([`Timing::transfer`]).
     #[must_use]
-    pub const fn flashed(sled: &Sled) -> Self {
-        let (flash, clocks) = (&sled.part.flash_access, &sled.external);
-        let waits = match flash.wait_states(clocks.core) {
-            Some(states) => states as u64,
-            None => unreachable!(),
-        };
+    pub const fn flashed(part: &Part) -> Self {
         Self {
             waits: Some(Waits {
                 flash: Reads {
-                    line_bytes: flash.line_bytes,
-                    waits,
-                    instruction_lines: flash.instruction_lines,
-                    constant_lines: flash.data_lines,
+                    flash: part.flash,
+                    line_bytes: part.line_bytes,
+                    waits: part.flash_waits as u64,
+                    ram_waits: part.ram_waits as u64,
+                    reads_ahead: part.reads_ahead,
+                    instruction_lines: part.instruction_lines,
+                    constant_lines: part.constant_lines,
                 },
-                ram: 0,
-                slow_peripheral: 3 * (clocks.core / clocks.apb1) as u64,
-                fast_peripheral: 3 * (clocks.core / clocks.apb2) as u64,
+                ram: part.ram_waits as u64,
+                slow_peripheral: part.peripheral_waits as u64,
+                fast_peripheral: part.fast_waits as u64,
             }),
+            core: part.core,
+            multiply: part.multiply_cycles as u64,
+            flash: part.flash,
+            ram: part.ram,
+            fast: part.fast_peripherals,
         }
     }
 
@@ -178,20 +191,30 @@ impl Timing {
                 restore_floats: 0,
                 restart: 0,
             },
-            Some(waits) => Exceptions {
-                // Stacking and the vector fetch overlap; their sum is an upper bound. The vector waits for
-                // a read that has begun.
-                entry: 12 + 8 * waits.ram + 2 * waits.flash.waits,
-                // The line of the interrupted code waits for a read that has begun, and the one
-                // behind it is read ahead anew.
-                exit: 10
-                    + 8 * waits.ram
-                    + 3 * waits.flash.waits
-                    + if waits.flash.waits > 0 { 1 } else { 0 },
-                save_floats: 17 + 17 * waits.ram,
-                restore_floats: 17 + 17 * waits.ram,
-                restart: 12,
-            },
+            Some(waits) => {
+                let (entry, exit) = latency(self.core);
+                Exceptions {
+                    // Stacking and the vector fetch overlap; their sum is an upper bound. The vector
+                    // waits for a read that has begun.
+                    entry: entry + 8 * waits.ram + 2 * waits.flash.waits,
+                    // The line of the interrupted code waits for a read that has begun, and the one
+                    // behind it is read ahead anew.
+                    exit: exit
+                        + 8 * waits.ram
+                        + 3 * waits.flash.waits
+                        + if waits.flash.waits > 0 { 1 } else { 0 },
+                    save_floats: 17 + 17 * waits.ram,
+                    restore_floats: 17 + 17 * waits.ram,
+                    // A divide begins anew. On the smaller cores a multiplication or a transfer of
+                    // several words does.
+                    restart: match self.core {
+                        Core::CortexM3 | Core::CortexM4 => 12,
+                        Core::CortexM0 | Core::CortexM0Plus => (9
+                            * (1 + waits.slow_peripheral.max(waits.flash.waits)))
+                        .max(self.multiply),
+                    },
+                }
+            }
         }
     }
 
@@ -218,27 +241,36 @@ impl Timing {
                     // A store to the alias of a bit reads the word and writes it; it is aligned.
                     let read = u64::from(!access.load && may_be_bit(access.address));
                     let transfers = u64::from(access.count) + unaligned.max(read);
-                    transfers * (1 + Self::wait(waits, access))
+                    transfers * (1 + self.wait(waits, access))
                 });
-                worst_case(instruction, waits) + stall + memory
+                let own = match self.core {
+                    Core::CortexM4 => worst_case(instruction, waits),
+                    Core::CortexM3 => long_multiply(instruction) + worst_case(instruction, waits),
+                    Core::CortexM0 | Core::CortexM0Plus => {
+                        small(self.core, self.multiply, instruction, waits)
+                    }
+                };
+                own + stall + memory
             }
         }
     }
 
     /// Wait states of an access. Memory that is not known counts as the slowest. The wait states of what
     /// certainly lies in flash are counted by [`flash`](super::flash).
-    fn wait(waits: Waits, access: &Access) -> u64 {
+    fn wait(&self, waits: Waits, access: &Access) -> u64 {
         let (low, high) = access.address.unsigned();
         let within = |first: u32, last: u32| low >= first && high <= last;
-        if access.load && Reads::reached(access.address).1 {
+        if access.load && waits.flash.reached(access.address).1 {
             0
         } else if access.address.meet(STACK) == Some(access.address)
             || within(0x2000_0000, 0x3fff_ffff)
-            || within(0x1000_0000, 0x1000_ffff)
+            || self.ram.within(low, high)
             || within(0xe000_0000, 0xffff_ffff)
         {
             waits.ram
-        } else if within(0x4001_0000, 0x41ff_ffff) || within(0x4400_0000, 0x5fff_ffff) {
+        } else if self.flash.within(low, high) {
+            waits.flash.waits
+        } else if self.fast.within(low, high) {
             waits.fast_peripheral
         } else {
             // The aliases of bits, from 0x4200_0000 on, are of peripherals on either bus.
@@ -256,7 +288,68 @@ impl Timing {
     /// target comes in addition.
     #[must_use]
     pub const fn taken(&self) -> u64 {
-        if self.is_zero_wait() { 2 } else { 3 }
+        match self.waits {
+            None => 2,
+            Some(_) => refill(self.core),
+        }
+    }
+}
+
+/// Cycles of an exception's entry and return without wait states: from the request to the first
+/// instruction of the handler (Arm DDI 0432C 3.7, DDI 0484C 3.7, DDI 0337I 5.9, Arm 100166 3.9). The manuals
+/// of the smaller cores do not say how long the return takes: it transfers the eight words of the entry
+/// and refills the pipeline, so the entry's figure holds for it.
+const fn latency(core: Core) -> (u64, u64) {
+    match core {
+        Core::CortexM0 => (16, 16),
+        Core::CortexM0Plus => (15, 15),
+        Core::CortexM3 => (12, 12),
+        Core::CortexM4 => (12, 10),
+    }
+}
+
+/// Most cycles of a pipeline refill: those of a taken branch beyond the first.
+const fn refill(core: Core) -> u64 {
+    match core {
+        Core::CortexM0 => 2,
+        Core::CortexM0Plus => 1,
+        Core::CortexM3 | Core::CortexM4 => 3,
+    }
+}
+
+/// Cycles of a multiplication on a Cortex-M3 beyond those on a Cortex-M4 (Arm DDI 0337I table 3-1).
+fn long_multiply(instruction: &Instruction) -> u64 {
+    match instruction.insn {
+        // 4 to 7 with an accumulator, 3 to 5 without one.
+        Insn::MulLong { .. } => 6,
+        Insn::Mul { .. } => 1,
+        _ => 0,
+    }
+}
+
+/// Most cycles of an instruction on a Cortex-M0 or Cortex-M0+ (Arm DDI 0432C and DDI 0484C, tables 3-1), its
+/// memory accesses left out. What these cores do not have is charged by the Cortex-M4's manual; such an
+/// instruction ends the analysis.
+fn small(core: Core, multiply: u64, instruction: &Instruction, waits: Waits) -> u64 {
+    let is_plus = core == Core::CortexM0Plus;
+    match instruction.insn {
+        Insn::Mul { .. } => multiply,
+        Insn::Mrs { .. } | Insn::Msr { .. } => 4 - u64::from(is_plus),
+        Insn::Cps { .. } => 1,
+        Insn::Barrier { op, .. } => {
+            let most = worst_case(instruction, waits);
+            match op {
+                BarrierOp::Dsb | BarrierOp::Dmb => most + 1,
+                BarrierOp::Isb => most,
+            }
+        }
+        // 4 with the refill of the M0, 3 with that of the M0+.
+        Insn::BranchLink { .. } => 2,
+        // POP with the program counter: 4 + N and 3 + N.
+        Insn::LoadStoreMultiple {
+            load: true, list, ..
+        } if list & 0x8000 != 0 => 2,
+        _ => worst_case(instruction, waits),
     }
 }
 
@@ -351,38 +444,48 @@ fn bit_band(address: Range) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{Reads, Timing, Timings, Waits};
+    use super::{Timing, Timings};
     use crate::execute::Access;
     use crate::instruction::Instruction;
+    use crate::part::{Areas, Core, Part, STM32_FAST};
     use crate::range::Range;
     use crate::register::RegisterSet;
     use rsemu::cpu::arm::v7m::isa;
 
     /// Flash takes 5 cycles more, RAM 1, peripherals 12 and 6.
-    const SLOW: Timing = Timing {
-        waits: Some(Waits {
-            flash: flash(5),
-            ram: 1,
-            slow_peripheral: 12,
-            fast_peripheral: 6,
-        }),
+    const SLOW_PART: Part = Part {
+        core: Core::CortexM4,
+        core_hz: 180_000_000,
+        priority_bits: 4,
+        start_mask: None,
+        multiply_cycles: 1,
+        flash: Areas::new(&[(0, 0x0fff_ffff), (0x1fff_0000, 0x1fff_ffff)]),
+        flash_waits: 5,
+        line_bytes: 16,
+        reads_ahead: true,
+        instruction_lines: 64,
+        constant_lines: 8,
+        ram: Areas::new(&[(0x1000_0000, 0x1000_ffff), (0x2000_0000, 0x2002_ffff)]),
+        ram_waits: 1,
+        peripheral_waits: 12,
+        fast_peripherals: STM32_FAST,
+        fast_waits: 6,
+        inert: None,
     };
-    const NO_WAITS: Timing = Timing {
-        waits: Some(Waits {
-            flash: flash(0),
-            ram: 0,
-            slow_peripheral: 0,
-            fast_peripheral: 0,
-        }),
-    };
+    const SLOW: Timing = Timing::flashed(&SLOW_PART);
+    const NO_WAITS: Timing = on(Core::CortexM4, 1);
 
-    const fn flash(waits: u64) -> Reads {
-        Reads {
-            line_bytes: 16,
-            waits,
-            instruction_lines: 64,
-            constant_lines: 8,
-        }
+    /// A core with memories that have no wait states.
+    const fn on(core: Core, multiply_cycles: u8) -> Timing {
+        Timing::flashed(&Part {
+            core,
+            multiply_cycles,
+            flash_waits: 0,
+            ram_waits: 0,
+            peripheral_waits: 0,
+            fast_waits: 0,
+            ..SLOW_PART
+        })
     }
 
     /// `str r0, [r1]`
@@ -460,13 +563,68 @@ mod tests {
         assert!(NO_WAITS.exceptions().entry >= 12 && NO_WAITS.exceptions().exit >= 10);
     }
 
+    /// The same for the other cores, taken branches with their refill: Arm DDI 0337I table 3-1, DDI 0432C and
+    /// DDI 0484C table 3-1.
+    #[test]
+    fn no_cost_of_another_core_is_below_its_manual() {
+        let at = Range::constant(0x2000_0000);
+        let rows = |core, multiply: u8, rows: &[(&str, [u16; 2], u32, bool, u64)]| {
+            let timing = on(core, multiply);
+            for &(name, code, words, jumps, most) in rows {
+                let jump = if jumps { timing.taken() } else { 0 };
+                let charged = cost(&timing, code, at, words) + jump;
+                assert!(charged >= most, "{core:?} {name}: {charged}, not {most}");
+            }
+            timing.exceptions()
+        };
+        let m3 = [
+            ("mul", [0xfb01, 0xf002], 0, false, 1),
+            ("mla", [0xfb01, 0x3002], 0, false, 2),
+            ("umull", [0xfba2, 0x0103], 0, false, 5),
+            ("smlal", [0xfbc2, 0x0103], 0, false, 7),
+            ("sdiv", [0xfb91, 0xf0f2], 0, false, 12),
+            ("ldr", LOAD, 1, false, 2),
+            ("push of 5", [0xb5f0, 0], 5, false, 6),
+            ("b", [0xe7fe, 0], 0, true, 4),
+        ];
+        let exceptions = rows(Core::CortexM3, 1, &m3);
+        assert!(exceptions.entry >= 12);
+        let small = |b, bl, bx, pop, mrs, barrier| {
+            [
+                ("adds", [0x1888, 0], 0, false, 1),
+                ("muls", [0x4348, 0], 0, false, 32),
+                ("ldr", LOAD, 1, false, 2),
+                ("str", STORE, 1, false, 2),
+                ("push of 5", [0xb5f0, 0], 5, false, 6),
+                ("pop of 4 and pc", [0xbdf0, 0], 5, true, pop),
+                ("b", [0xe7fe, 0], 0, true, b),
+                ("bl", [0xf000, 0xf800], 0, true, bl),
+                ("bx", [0x4770, 0], 0, true, bx),
+                ("blx", [0x4788, 0], 0, true, bx),
+                ("mov pc", [0x4687, 0], 0, true, bx),
+                ("mrs", [0xf3ef, 0x8010], 0, false, mrs),
+                ("msr", [0xf380, 0x8810], 0, false, mrs),
+                ("cpsid", [0xb672, 0], 0, false, 1),
+                ("dsb", [0xf3bf, 0x8f4f], 0, false, barrier),
+                ("isb", [0xf3bf, 0x8f6f], 0, false, barrier),
+                ("nop", [0xbf00, 0], 0, false, 1),
+            ]
+        };
+        // POP of 4 registers and PC: 4 + N on the M0, 3 + N on the M0+.
+        let exceptions = rows(Core::CortexM0, 32, &small(3, 4, 3, 9, 4, 4));
+        assert!(exceptions.entry >= 16 && exceptions.restart >= 32);
+        let exceptions = rows(Core::CortexM0Plus, 32, &small(2, 3, 2, 8, 3, 3));
+        assert!(exceptions.entry >= 15 && exceptions.restart >= 32);
+        assert_eq!(cost(&on(Core::CortexM0Plus, 1), [0x4348, 0], at, 0), 1);
+    }
+
     /// A frame with floating-point registers takes 29 cycles in all to save, and 27 to restore.
     #[test]
     fn a_handler_with_floats_saves_and_restores_those_of_the_interrupted_code() {
         let exceptions = NO_WAITS.exceptions();
         assert_eq!(exceptions.entry + exceptions.save_floats, 29);
         assert_eq!(exceptions.exit + exceptions.restore_floats, 27);
-        let both = Timings::of(SLOW);
+        let both = Timings::of(&SLOW_PART);
         let [with, without] = [true, false].map(|uses| both.around_handler(uses));
         assert_eq!(with - without, both.save_floats() + both.save_floats());
         assert_eq!((with - without).to_array(), [0, 2 * 34]);

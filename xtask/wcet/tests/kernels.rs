@@ -12,7 +12,7 @@ mod masked;
 
 use std::collections::HashMap;
 
-use common::{Emulator, image_path, kernel};
+use common::{Emulator, PART, image_path, kernel};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use wcet::analysis::Analysis;
@@ -21,7 +21,7 @@ use wcet::bound::{Bound, Entry};
 use wcet::image::Image;
 use wcet::kernels::{self, INPUT};
 use wcet::register::Register;
-use wcet::timing::Timing;
+
 use wcet::watch::{Refuted, Watch};
 
 /// Runs of each kernel: the full check takes ten thousand.
@@ -66,7 +66,7 @@ fn check_path(
 fn bounds_hold_on_the_emulator() {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     let emulator = Emulator::new(&image);
     let mut ratios = Vec::new();
     let mut unbounded = Vec::new();
@@ -127,7 +127,7 @@ fn bounds_hold_on_the_emulator() {
 fn programs_without_bound_are_refused() {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     for (name, sentence) in [
         (
             "broken::endless_wait",
@@ -155,7 +155,7 @@ fn programs_without_bound_are_refused() {
 fn a_false_annotation_is_found_out() {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     let name = "broken::annotated_too_low";
     let bound = analyse(&mut analysis, name);
     assert!(bound.problems.is_empty(), "{:?}", bound.problems);
@@ -191,7 +191,7 @@ fn a_false_annotation_is_found_out() {
 fn a_path_outside_of_the_graph_is_found_out() {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     let name = "arrays::binary_search";
     let bound = analyse(&mut analysis, name);
     let entry = kernel(&image, name);

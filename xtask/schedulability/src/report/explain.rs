@@ -17,15 +17,38 @@ const LINES: usize = 40;
 /// its response time.
 #[must_use]
 pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
+    let cycles = format!(
+        "{} cycles by the emulator's model, {} as flashed",
+        task.cycles.zero_wait, task.cycles.flashed
+    );
+    let program = task.program.map(|program| {
+        let (zero, flashed) = (program.zero_wait, program.flashed);
+        format!("{zero} and {flashed} cycles")
+    });
+    explained(node, task, &cycles, program)
+}
+
+/// The same, with the cycles as flashed only.
+#[must_use]
+pub fn explain_as_flashed(node: &NodeReport, task: &TaskReport) -> String {
+    let cycles = |cycles: u64| format!("{cycles} cycles");
+    let program = task.program.map(|program| cycles(program.flashed));
+    explained(node, task, &cycles(task.cycles.flashed), program)
+}
+
+fn explained(
+    node: &NodeReport,
+    task: &TaskReport,
+    cycles: &str,
+    program: Option<String>,
+) -> String {
     let mut text = String::new();
     let _ = writeln!(
         text,
-        "{}.{} ({}): bound {} cycles by the emulator's model, {} as flashed ({})",
+        "{}.{} ({}): bound {cycles} ({})",
         node.name,
         task.name,
         task.interrupt,
-        task.cycles.zero_wait,
-        task.cycles.flashed,
         time(task.cost)
     );
     for problem in &task.problems {
@@ -43,12 +66,8 @@ pub fn explain(node: &NodeReport, task: &TaskReport) -> String {
             task.composition()
         );
     }
-    if let Some(program) = task.program {
-        let _ = writeln!(
-            text,
-            "  longest path of the integer program: {} and {} cycles",
-            program.zero_wait, program.flashed
-        );
+    if let Some(program) = program {
+        let _ = writeln!(text, "  longest path of the integer program: {program}");
     }
     if !task.path.is_empty() {
         text.push_str(&path(task));

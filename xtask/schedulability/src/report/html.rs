@@ -25,40 +25,53 @@ const STYLE: &str = "\
 /// task.
 #[must_use]
 pub fn html(report: &Report) -> String {
-    let class = if report.schedulable() { "good" } else { "miss" };
+    let body = markup! {
+        @let unbounded = report.unbounded();
+        @if !unbounded.is_empty() {
+            h2 { "Without a bound" }
+            dl {
+                @for (function, problems) in &unbounded {
+                    dt { (function) }
+                    @for (problem, whose) in problems {
+                        dd.miss { (whose.join(", ")) ": " (problem.to_string()) }
+                    }
+                }
+            }
+        }
+        (timeline(report))
+        @for node in &report.nodes { (of_node(node)) }
+        p { (LEGEND) }
+        @if let Some(followed) = followed(report) { p { (followed) } }
+        h2 { "Bus" }
+        (bus(&report.messages))
+        @for chain in &report.chains { (of_chain(chain)) }
+        h2 { "Assumptions" }
+        ul { @for assumption in &report.assumptions { li { (assumption) } } }
+    };
+    page(
+        "Schedulability",
+        report.schedulable(),
+        &verdict(report),
+        &body,
+    )
+}
+
+/// A page with its verdict on top.
+pub(super) fn page(title: &str, is_good: bool, verdict: &str, body: &Markup) -> String {
+    let class = if is_good { "good" } else { "miss" };
     let page = markup! {
         (DOCTYPE)
         html lang="en" {
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width";
-                title { "Schedulability" }
+                title { (title) }
                 style { (PreEscaped(STYLE)) }
             }
             body {
-                h1 { "Schedulability" }
-                p class=(class) { (verdict(report)) }
-                @let unbounded = report.unbounded();
-                @if !unbounded.is_empty() {
-                    h2 { "Without a bound" }
-                    dl {
-                        @for (function, problems) in &unbounded {
-                            dt { (function) }
-                            @for (problem, whose) in problems {
-                                dd.miss { (whose.join(", ")) ": " (problem.to_string()) }
-                            }
-                        }
-                    }
-                }
-                (timeline(report))
-                @for node in &report.nodes { (of_node(node)) }
-                p { (LEGEND) }
-                @if let Some(followed) = followed(report) { p { (followed) } }
-                h2 { "Bus" }
-                (bus(&report.messages))
-                @for chain in &report.chains { (of_chain(chain)) }
-                h2 { "Assumptions" }
-                ul { @for assumption in &report.assumptions { li { (assumption) } } }
+                h1 { (title) }
+                p class=(class) { (verdict) }
+                (body)
             }
         }
     };
@@ -66,7 +79,7 @@ pub fn html(report: &Report) -> String {
 }
 
 /// A table; rows whose first part is false are marked.
-fn rows<const N: usize>(
+pub(super) fn rows<const N: usize>(
     head: [&str; N],
     body: impl IntoIterator<Item = (bool, [String; N])>,
 ) -> Markup {

@@ -77,7 +77,9 @@ fn tolerance(tolerance: Tolerance) -> Value {
     }
 }
 
-fn node(node: &NodeReport) -> Value {
+/// One node; times in picoseconds.
+#[must_use]
+pub fn node(node: &NodeReport) -> Value {
     json!({
         "name": node.name,
         "core_hz": node.core_hz,

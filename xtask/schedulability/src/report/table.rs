@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::results::{NodeReport, Report};
+use crate::results::{NodeReport, Report, unbounded};
 use crate::units::time;
 
 use super::cells::{HEADINGS, LEGEND, or_dash, row};
@@ -13,7 +13,7 @@ use super::summary::{followed, tightness, verdict};
 /// The whole report as text.
 #[must_use]
 pub fn table(report: &Report) -> String {
-    let mut text = unbounded(report);
+    let mut text = unbounded_of(&report.nodes);
     for node in &report.nodes {
         of_node(&mut text, node);
     }
@@ -35,9 +35,9 @@ pub fn table(report: &Report) -> String {
 }
 
 /// Why code has no bound, by function; empty if all of it has one.
-fn unbounded(report: &Report) -> String {
+pub(super) fn unbounded_of(nodes: &[NodeReport]) -> String {
     let mut text = String::new();
-    for (function, problems) in report.unbounded() {
+    for (function, problems) in unbounded(nodes) {
         if text.is_empty() {
             text.push_str("without a bound\n");
         }
@@ -63,6 +63,11 @@ fn of_node(text: &mut String, node: &NodeReport) {
         HEADINGS,
         rows.map(|task| (task.meets(), row(node, task))),
     ));
+    after_table(text, node);
+}
+
+/// What follows the table of a node's tasks.
+pub(super) fn after_table(text: &mut String, node: &NodeReport) {
     for task in &node.tasks {
         if let Some(miss) = task.miss(&node.name) {
             let _ = writeln!(text, "  ! {miss}");

@@ -27,14 +27,16 @@ use super::graph::Graph;
 use super::image::{Image, Place};
 use super::ipet::{self, Longest};
 use super::lasting::{Memory, SystemWrites, UnknownStores, Words, Written, drop_reached};
+use super::part::Part;
 use super::program::Program;
 use super::register::Register;
-use super::timing::{Timing, Timings};
+use super::timing::Timings;
 
 /// Analyses tasks of one image.
 #[derive(Debug)]
 pub struct Analysis<'a> {
     program: Program<'a>,
+    part: Part,
     timings: Timings,
     /// Words that keep the address which start-up wrote to them.
     lasting: Rc<Words>,
@@ -46,11 +48,12 @@ pub struct Analysis<'a> {
 }
 
 impl<'a> Analysis<'a> {
-    /// Prepares the analysis of `image` on a part with this timing.
+    /// Prepares the analysis of `image` on this part.
     #[must_use]
-    pub fn new(image: &'a Image, annotations: &'a Annotations, part: Timing) -> Self {
+    pub fn new(image: &'a Image, annotations: &'a Annotations, part: &Part) -> Self {
         Self {
             program: Program::new(image, annotations),
+            part: *part,
             timings: Timings::of(part),
             lasting: Rc::default(),
             system: SystemWrites::default(),
@@ -159,7 +162,8 @@ impl<'a> Analysis<'a> {
     ) -> (Bound, Memory) {
         loop {
             let lasting = self.lasting.clone();
-            let run = Run::new(&mut self.program, self.timings, kind, never, lasting);
+            let on = (self.part, self.timings);
+            let run = Run::new(&mut self.program, on, kind, never, lasting);
             let outcome = run.whole(entry, registers);
             if outcome.found.is_empty() {
                 self.system.extend(&outcome.memory.system);

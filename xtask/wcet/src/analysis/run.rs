@@ -9,9 +9,10 @@ use crate::execute::Executor;
 use crate::facts::{Facts, To};
 use crate::flash::{Accelerator, Reused};
 use crate::graph::Targets;
-use crate::lasting::{Memory, Words};
+use crate::lasting::{Memory, Words, reset_priorities};
 use crate::layout::{STACK_TOP, leads_to_memory};
 use crate::mask::Level;
+use crate::part::Part;
 use crate::program::Program;
 use crate::register::Register;
 use crate::state::State;
@@ -90,7 +91,7 @@ pub(super) struct Run<'r, 'a> {
 impl<'r, 'a> Run<'r, 'a> {
     pub(super) fn new(
         program: &'r mut Program<'a>,
-        timings: Timings,
+        (part, timings): (Part, Timings),
         kind: Entry,
         never: &'r BTreeSet<u32>,
         lasting: Rc<Words>,
@@ -98,6 +99,7 @@ impl<'r, 'a> Run<'r, 'a> {
         let mut symbols = Symbols::new(program.image.variables());
         let executor = Executor {
             image: program.image,
+            part,
             found_basepri: symbols.fresh(),
             symbols,
             memory: Memory {
@@ -204,7 +206,13 @@ impl<'r, 'a> Run<'r, 'a> {
                 state.started = false;
                 state.basepri = Value::constant(0);
                 let words = self.program.image.initial_words();
-                state.memory = Rc::new(words.filter(|(_, word)| leads_to_memory(*word)).collect());
+                let part = &self.executor.part;
+                let words = words.filter(|(_, word)| leads_to_memory(part, *word));
+                let mut words: Words = words.collect();
+                if !part.core.has_basepri() {
+                    words.extend(reset_priorities());
+                }
+                state.memory = Rc::new(words);
             }
             Entry::Handler | Entry::Fault => state.spend(self.timings.exception_entry()),
             Entry::Function => {}

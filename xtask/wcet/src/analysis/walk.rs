@@ -218,6 +218,9 @@ impl Run<'_, '_> {
     /// counter, if it writes one.
     pub(super) fn charge(&mut self, state: &mut State, instruction: &Instruction) -> Option<Value> {
         self.steps += 1;
+        if !instruction.is_of(self.executor.part.core) {
+            self.report(Problem::NotCode, instruction.address);
+        }
         self.fetch(state, instruction, false);
         let started = state.started;
         let effects = self.executor.execute(state, instruction);

@@ -71,8 +71,13 @@ impl Step<'_, '_> {
         };
         let carry = self.state.flags.carry();
         let result = remainder.unwrap_or_else(|| data_processing(op, first, second, carry));
+        if op == DpOp::And {
+            let some = self.some_enabled(first, second, result);
+            return self.machine.symbols.moved(some, first, second);
+        }
+        let symbols = &mut self.machine.symbols;
         match op {
-            DpOp::Add | DpOp::And | DpOp::Bic => symbols.moved(result, first, second),
+            DpOp::Add | DpOp::Bic => symbols.moved(result, first, second),
             DpOp::Sub => symbols.moved_down(result, first, second),
             DpOp::Rsb => symbols.moved_down(result, second, first),
             _ => result,

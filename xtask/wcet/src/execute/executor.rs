@@ -3,6 +3,7 @@
 use crate::image::Image;
 use crate::lasting::Memory;
 use crate::mask::Masked;
+use crate::part::Part;
 use crate::range::Range;
 use crate::symbols::Symbols;
 use crate::value::{Symbol, Value};
@@ -41,6 +42,8 @@ pub(crate) struct Effects {
 pub(crate) struct Executor<'a> {
     /// The image, which holds the constants.
     pub image: &'a Image,
+    /// The part that runs it.
+    pub part: Part,
     /// Names of unknown words.
     pub symbols: Symbols,
     /// The word that stood in `BASEPRI` when the code began.

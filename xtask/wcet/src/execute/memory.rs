@@ -3,8 +3,8 @@
 use std::rc::Rc;
 
 use crate::extent::Extent;
-use crate::lasting::{FAR, places, reach};
-use crate::layout::{CRC, FITTED_RAM, PERIPHERALS, RAM, STACK, leads_to_memory};
+use crate::lasting::{FAR, is_priorities, places, reach};
+use crate::layout::{PERIPHERALS, RAM, STACK, leads_to_memory};
 use crate::pend::{Pend, of_store};
 use crate::range::Range;
 use crate::value::Value;
@@ -14,9 +14,6 @@ use super::step::Step;
 
 /// Constants that are joined for a load with several possible addresses, at most.
 pub(super) const MAX_LOADS: u64 = 4096;
-
-/// Registers that disable interrupts in the interrupt controller (DDI 0403 B3.4.5).
-const DISABLE: Extent = Extent::new(0xe000_e180, 0xe000_e1bf);
 
 /// Address of the register by which a program requests a reset (DDI 0403 B3.2.6).
 const AIRCR: u32 = 0xe000_ed0c;
@@ -44,6 +41,9 @@ impl Step<'_, '_> {
                 // as an address.
                 None => unknown(size, signed),
             };
+        }
+        if let Some(enabled) = self.enabled_interrupts(address, size) {
+            return enabled;
         }
         let constants = |addresses: &mut dyn Iterator<Item = u32>| -> Option<Vec<u32>> {
             addresses
@@ -157,12 +157,14 @@ impl Step<'_, '_> {
         };
         let Some(reached) = reached else { return };
         if reached != Extent::EVERYWHERE {
-            self.machine.memory.system.note(reached, size, value);
+            let before = self.state.memory.get(&reached.first).copied();
+            let before = before.filter(|_| !self.state.started && size == 4);
+            let system = &mut self.machine.memory.system;
+            system.note(reached, size, value, before);
             if reached.contains(AIRCR) && !requests_reset(value) {
-                self.machine.memory.system.note_group(value);
+                system.note_group(value);
             }
-            self.effects.disables_interrupt |=
-                self.state.started && DISABLE.meet(reached).is_some();
+            self.note_enables(reached, size, value);
         }
         if self.state.started {
             self.machine.memory.written.insert(reached);
@@ -171,9 +173,11 @@ impl Step<'_, '_> {
         let Extent { first, last } = reached;
         let word = value.as_constant().filter(|word| {
             let exact = address.as_constant() == Some(first) && first & 3 == 0;
-            size == 4 && exact && !value.stack && leads_to_memory(*word)
+            let kept = leads_to_memory(&self.machine.part, *word) || is_priorities(first);
+            size == 4 && exact && !value.stack && kept
         });
-        if !RAM.contains(first) && reached.span() < FAR {
+        let known = RAM.contains(first) || is_priorities(first);
+        if !known && reached.span() < FAR {
             return;
         }
         let near = first.saturating_sub(3)..=last;
@@ -203,16 +207,18 @@ impl Step<'_, '_> {
     /// Notes that a peripheral is given the address of a variable: by DMA it may write to that
     /// variable at any time.
     fn lend(&mut self, address: &Value, value: &Value) {
+        let inert = self.machine.part.inert;
+        let is_inert = |at: u32| inert.is_some_and(|(first, last)| (first..=last).contains(&at));
         let to_peripheral = address
             .as_constant()
-            .is_some_and(|at| PERIPHERALS.contains(at) && !CRC.contains(at));
+            .is_some_and(|at| PERIPHERALS.contains(at) && !is_inert(at));
         let Some(lent) = value.as_constant().filter(|_| to_peripheral) else {
             return;
         };
         let written = &mut self.machine.memory.written;
         match self.machine.image.variables().around(lent) {
             Some(variable) => _ = written.insert(variable),
-            None if FITTED_RAM.iter().any(|ram| ram.contains(lent)) => {
+            None if self.machine.part.ram.contains(lent) => {
                 written.insert(Extent::EVERYWHERE);
             }
             None => {}

@@ -5,6 +5,7 @@ mod branch;
 mod data;
 mod executor;
 mod fpu;
+mod interrupts;
 mod memory;
 mod multiply;
 mod narrow;

@@ -19,12 +19,6 @@ mod number {
     pub(super) const FAULTMASK: u8 = 19;
 }
 
-/// The bits of `BASEPRI` that the parts have.
-const IMPLEMENTED: u32 = 0xF0;
-/// The value of `BASEPRI` that masks all tasks. It cannot mask the priority value 0, so the nodes give
-/// that to no task; the F446 gives it to an interrupt that does not return.
-const HIGHEST_TASK: u32 = 0x10;
-
 /// What `MRS` reads from a register of one bit.
 fn word(mask: ExceptionMask) -> Value {
     match mask {
@@ -86,7 +80,7 @@ impl Step<'_, '_> {
                     self.begin_section(level);
                 }
             }
-            ExceptionMask::Clear => self.end_sections(|of| of == level),
+            ExceptionMask::Clear => self.end_sections(|of| of.level == level),
             ExceptionMask::Unknown => self.effects.unknown_mask = true,
         }
         match level {
@@ -100,9 +94,15 @@ impl Step<'_, '_> {
     /// as is known.
     fn note_start(&mut self) {
         let basepri = self.state.basepri.as_constant();
-        let masks_tasks = basepri.is_some_and(|word| word & IMPLEMENTED == HIGHEST_TASK);
+        let written = basepri.map(|word| self.implemented(word));
+        let masks_tasks = written.is_some() && written == self.machine.part.start_mask;
         let masks_all = [self.state.primask, self.state.faultmask].contains(&ExceptionMask::Set);
         self.state.started |= !masks_all && !masks_tasks;
+    }
+
+    /// The bits of a word that `BASEPRI` keeps.
+    fn implemented(&self, word: u32) -> u8 {
+        word as u8 & self.machine.part.priority_mask()
     }
 
     /// Writes `BASEPRI`; with `only_raise` the write has no effect unless it masks more.
@@ -110,14 +110,14 @@ impl Step<'_, '_> {
         if only_raise {
             self.raise_basepri(value);
         } else if let Some(word) = value.as_constant() {
-            let new = (word & IMPLEMENTED) as u8;
-            self.end_sections(|level| matches!(level, Level::From(old) if new == 0 || old < new));
+            let new = self.implemented(word);
+            self.end_sections(|of| matches!(of.level, Level::From(old) if new == 0 || old < new));
             self.mask_from(new);
             self.state.basepri = *value;
         } else if self.is_as_found(value) {
             // This task runs, so the word that it found masks no priority at which the task
             // could be, and every section ends here.
-            self.end_sections(Level::is_basepri);
+            self.end_sections(|of| of.level.is_basepri());
             self.state.basepri = *value;
         } else {
             self.effects.unknown_mask = true;
@@ -129,12 +129,12 @@ impl Step<'_, '_> {
     /// Writes `BASEPRI_MAX`: the register keeps its word unless the new one masks more.
     fn raise_basepri(&mut self, value: &Value) {
         let old = self.state.basepri;
-        let Some(new) = value.as_constant().map(|word| (word & IMPLEMENTED) as u8) else {
+        let Some(new) = value.as_constant().map(|word| self.implemented(word)) else {
             self.effects.unknown_mask = true;
             self.state.basepri = self.symbols().unknown();
             return;
         };
-        let old_word = old.as_constant().map(|word| (word & IMPLEMENTED) as u8);
+        let old_word = old.as_constant().map(|word| self.implemented(word));
         match old_word {
             _ if new == 0 => return,
             Some(old) if old != 0 && old <= new => return,
@@ -163,19 +163,21 @@ impl Step<'_, '_> {
         }
     }
 
-    fn begin_section(&mut self, level: Level) {
+    pub(super) fn begin_section(&mut self, level: Level) {
+        let since = self.symbols().fresh();
         self.state.masked.push(Masked {
             level,
             cycles: Cycles::ZERO,
             at: self.instruction.address,
+            since,
         });
     }
 
-    /// Ends the running sections of these levels.
-    fn end_sections(&mut self, ends: impl Fn(Level) -> bool) {
-        let ended = |section: &&Masked| ends(section.level);
+    /// Ends these running sections.
+    pub(super) fn end_sections(&mut self, ends: impl Fn(&Masked) -> bool) {
         let running = &mut self.state.masked;
-        self.effects.unmasked.extend(running.iter().filter(ended));
-        running.retain(|section| !ends(section.level));
+        let ended = running.iter().filter(|section| ends(section));
+        self.effects.unmasked.extend(ended);
+        running.retain(|section| !ends(section));
     }
 }

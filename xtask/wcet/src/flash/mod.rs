@@ -24,37 +24,45 @@
 use std::collections::BTreeSet;
 use std::rc::Rc;
 
+use super::layout::STACK;
+use super::part::Areas;
 use super::range::Range;
 
 /// How a part reads its flash at one core clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reads {
+    /// The addresses at which the flash can be seen.
+    pub flash: Areas,
     /// Bytes of a line.
     pub line_bytes: u32,
     /// Wait states of a read, in core cycles.
     pub waits: u64,
+    /// Wait states of a word of code in RAM.
+    pub ram_waits: u64,
+    /// Whether the next line is read ahead. If not, or if it is not known, no line is taken to be at hand
+    /// but the one that was fetched last, if no constant was read since.
+    pub reads_ahead: bool,
     /// Lines of the instruction cache, zero without one.
     pub instruction_lines: usize,
     /// Lines of the cache of constants, zero without one.
     pub constant_lines: usize,
 }
 
-/// End of the addresses at which the flash can be seen.
-const END: u32 = 0x1000_0000;
 /// Begin of the flash beside the program: boot loader, one-time words, identity of the part (RM0390 3.3,
 /// RM0316 4.2). It is not cached.
 const SYSTEM: u32 = 0x1fff_0000;
-/// End of it.
-const SYSTEM_END: u32 = 0x2000_0000;
+/// First number of a word of code in RAM. Those of lines in flash are smaller.
+const RAM: u32 = 0x8000_0000;
 
 impl Reads {
-    /// The line of an instruction; `None` outside the flash.
+    /// The number of an instruction's line, or of its word in RAM: over the system bus, code is fetched by
+    /// words (Arm DDI 0337I 14.5).
     #[must_use]
-    pub(crate) const fn line(&self, address: u32) -> Option<u32> {
-        if address < END {
-            Some(address / self.line_bytes)
+    pub(crate) fn line(&self, address: u32) -> u32 {
+        if self.flash.contains(address) {
+            address / self.line_bytes.max(2)
         } else {
-            None
+            RAM | address / 4
         }
     }
 
@@ -65,12 +73,13 @@ impl Reads {
 
     /// Whether an access to a word in this range may read the flash, and whether it certainly does.
     #[must_use]
-    pub(crate) fn reached(address: Range) -> (bool, bool) {
+    pub(crate) fn reached(&self, address: Range) -> (bool, bool) {
+        if address.meet(STACK) == Some(address) {
+            return (false, false);
+        }
         let (low, high) = address.unsigned();
-        let within = |first: u32, end: u32| low >= first && high < end;
-        let certain = low <= high && (within(0, END) || within(SYSTEM, SYSTEM_END));
-        let possible = low > high || low < END || high >= SYSTEM && low < SYSTEM_END;
-        (possible, certain)
+        let possible = low > high || self.flash.meets(low, high);
+        (possible, low <= high && self.flash.within(low, high))
     }
 
     /// Cycles that a job may take longer after a preemption, in which all lines of the caches were
@@ -199,14 +208,20 @@ impl Accelerator {
     /// The core goes on to the line of `address`, without a jump. Returns how long it waits; that time
     /// has passed.
     pub(crate) fn follow(&mut self, reads: Reads, address: u32, reused: &mut Reused) -> u64 {
-        let Some(line) = reads.line(address) else {
-            return 0;
-        };
-        if self.line == Some(line) {
+        let line = reads.line(address);
+        let held = self.line.replace(line);
+        if held == Some(line) {
             return 0;
         }
+        self.again = false;
+        if line >= RAM {
+            return 1 + reads.ram_waits;
+        }
+        if !reads.reads_ahead {
+            return reads.waits;
+        }
         let size = reads.instruction_lines;
-        let next = self.line.is_some_and(|held| held + 1 == line);
+        let next = held.is_some_and(|held| held + 1 == line);
         let wait = if self.instructions.holds(line) {
             reused.instructions.insert(line);
             self.ahead = self.ahead.min(reads.waits) + reads.read();
@@ -217,8 +232,6 @@ impl Accelerator {
             self.miss(reads)
         };
         self.instructions.perhaps_used(Some(line), size);
-        self.line = Some(line);
-        self.again = false;
         wait
     }
 
@@ -226,11 +239,18 @@ impl Accelerator {
     /// has passed.
     pub(crate) fn jump(&mut self, reads: Reads, target: Option<u32>, reused: &mut Reused) -> u64 {
         let size = reads.instruction_lines;
-        let held = self.line;
+        let held = self.line.filter(|held| *held < RAM);
+        let line = target.map(|target| reads.line(target));
+        let line = line.filter(|line| *line < RAM);
+        if !reads.reads_ahead {
+            // A read that has begun, and the one of the target.
+            self.line = line;
+            return 2 * reads.waits;
+        }
         // The core may have fetched the line behind the branch.
         self.instructions
             .perhaps_used(held.map(|held| held + 1), size);
-        let Some(line) = target.and_then(|target| reads.line(target)) else {
+        let Some(line) = line else {
             self.line = None;
             self.again = false;
             self.instructions.perhaps_used(None, size);
@@ -274,9 +294,15 @@ impl Accelerator {
         (size, count): (u32, u32),
         reused: &mut Reused,
     ) -> (u64, Option<u64>) {
-        let (possible, certain) = Reads::reached(address);
+        let (possible, certain) = reads.reached(address);
         if !possible {
             return (0, None);
+        }
+        if !reads.reads_ahead {
+            self.line = None;
+            // An unaligned word lies in two lines, which is more than it takes to wait for a fetch.
+            let each = if certain { 2 * reads.waits } else { 0 };
+            return (reads.waits + u64::from(count) * each, None);
         }
         // A read ends in the cycle behind the one in which its line is there.
         let running = (self.ahead + 1).min(reads.waits);
@@ -287,7 +313,7 @@ impl Accelerator {
             0
         });
         let constants = reads.constant_lines;
-        let first = address.as_constant().filter(|first| *first < END);
+        let first = address.as_constant().filter(|first| *first < SYSTEM);
         let Some(first) = first else {
             // An unaligned word lies in two lines at most.
             let lines = 2 * count;

@@ -7,11 +7,15 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use super::{Accelerator, Cached, Reads, Reused};
+use crate::part::Areas;
 use crate::range::Range;
 
 const F446: Reads = Reads {
+    flash: Areas::new(&[(0, 0x0fff_ffff)]),
     line_bytes: 16,
     waits: 5,
+    ram_waits: 1,
+    reads_ahead: true,
     instruction_lines: 64,
     constant_lines: 8,
 };
@@ -20,6 +24,7 @@ const F303: Reads = Reads {
     waits: 2,
     instruction_lines: 0,
     constant_lines: 0,
+    ..F446
 };
 /// Caches so small that lines are replaced all the time.
 const SMALL: Reads = Reads {

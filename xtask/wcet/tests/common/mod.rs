@@ -8,12 +8,34 @@ use rsemu::core::space::{AddressSpace, RamStore, Region};
 use rsemu::cpu::arm::v7m::{ArmV7m, Config};
 use wcet::image::Image;
 use wcet::kernels::{self, INPUT};
+use wcet::part::{Areas, Core, Part, STM32_FAST, bus_waits};
 
 const STACK: u32 = 0x2000_8000;
 const FLASH: u32 = 0x0800_0000;
 const RAM: u32 = 0x2000_0000;
 /// Return address of the kernels. There is no code at this address.
 const BACK: u32 = 0x0803_fff0;
+
+/// A Cortex-M4 with five wait states of its flash, which loads lines of 16 bytes.
+pub(crate) const PART: Part = Part {
+    core: Core::CortexM4,
+    core_hz: 180_000_000,
+    priority_bits: 4,
+    start_mask: Some(0x10),
+    multiply_cycles: 1,
+    flash: Areas::new(&[(0, 0x0fff_ffff), (0x1fff_0000, 0x1fff_ffff)]),
+    flash_waits: 5,
+    line_bytes: 16,
+    reads_ahead: true,
+    instruction_lines: 64,
+    constant_lines: 8,
+    ram: Areas::new(&[(0x2000_0000, 0x2001_ffff)]),
+    ram_waits: 1,
+    peripheral_waits: bus_waits(180_000_000, 45_000_000),
+    fast_peripherals: STM32_FAST,
+    fast_waits: bus_waits(180_000_000, 90_000_000),
+    inert: None,
+};
 
 /// Builds the kernels once for all tests of a program.
 pub(crate) fn image_path() -> &'static Path {

@@ -2,18 +2,17 @@
 
 use std::path::Path;
 
-use crate::common::{image_path, kernel};
+use crate::common::{PART, image_path, kernel};
 use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
 use wcet::bound::{End, Entry};
 use wcet::image::Image;
-use wcet::timing::Timing;
 
 #[test]
 fn the_end_of_a_handler_is_known() {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     for (name, returns, end) in [
         ("reset", false, "ends in a reset"),
         (

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::common::{image_path, kernel};
+use crate::common::{PART, image_path, kernel};
 use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
 use wcet::bound::Entry;
@@ -12,7 +12,6 @@ use wcet::image::Image;
 use wcet::kernels::INPUT;
 use wcet::register::Register;
 use wcet::stack::Stacks;
-use wcet::timing::Timing;
 
 fn image() -> Image {
     Image::read(image_path()).unwrap()
@@ -77,7 +76,7 @@ fn nested_loops_are_found() {
 fn the_longest_path_is_no_shorter_than_the_clock() {
     let image = image();
     let annotations = annotations();
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     for (name, exact) in [
         ("arithmetic::polynomial_f32", true),
         ("arrays::nested", true),
@@ -107,7 +106,7 @@ fn the_longest_path_is_no_shorter_than_the_clock() {
 fn no_path_without_a_bound() {
     let image = image();
     let annotations = annotations();
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     let entry = kernel(&image, "broken::endless_wait");
     let bound = analysis.run_with(entry, Entry::Function, &[(Register::R0, INPUT)]);
     assert!(!bound.problems.is_empty());
@@ -120,7 +119,7 @@ fn no_path_without_a_bound() {
 fn stack_depth_covers_every_path() {
     let image = image();
     let annotations = annotations();
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     let mut stacks = Stacks::new(&image);
     for name in [
         "arrays::copy_all",

@@ -1,19 +1,18 @@
 //! Words that keep the address which start-up wrote to them.
 
-use crate::common::{image_path, kernel};
+use crate::common::{PART, image_path, kernel};
 use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
 use wcet::bound::{Bound, Entry};
 use wcet::cycles::Cycles;
 use wcet::image::Image;
 use wcet::lasting::UnknownStores::{self, ClobberAll, SparePointers};
-use wcet::timing::Timing;
 
 /// The number of words that last with these handlers, and the bound of the first handler.
 fn learn(handlers: &[&str], unknown_stores: UnknownStores) -> (usize, Bound) {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     let at = |name: &&str| kernel(&image, &format!("start::{name}"));
     let handlers: Vec<u32> = handlers.iter().map(at).collect();
     let words = analysis
@@ -67,7 +66,7 @@ fn unresolved_pointers_may_be_taken_to_spare_a_word() {
 fn the_start_lasts_until_a_task_can_run() {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(std::path::Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     let at = |name: &str| kernel(&image, &format!("start::{name}"));
     let handlers = [at("use_pointer")];
     for (name, words, sections) in [

@@ -2,18 +2,17 @@
 
 use std::path::Path;
 
-use crate::common::{image_path, kernel};
+use crate::common::{PART, image_path, kernel};
 use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
 use wcet::bound::{Bound, Entry};
 use wcet::image::Image;
 use wcet::mask::Level;
-use wcet::timing::Timing;
 
 fn bound(name: &str, kind: Entry) -> Bound {
     let image = Image::read(image_path()).unwrap();
     let annotations = Annotations::new(Path::new(env!("CARGO_MANIFEST_DIR")));
-    let mut analysis = Analysis::new(&image, &annotations, Timing::flashed(parts::Sled::F446));
+    let mut analysis = Analysis::new(&image, &annotations, &PART);
     let entry = kernel(&image, &format!("masked::{name}"));
     analysis.run(entry, kind)
 }
