@@ -72,6 +72,11 @@ pub enum Problem {
     /// The stack pointer was set to an unknown address.
     #[error("the stack pointer is unknown after {0}")]
     UnknownStack(String),
+    /// A request to the debugger (semihosting) while a task is delayed by it.
+    #[error(
+        "the request to the debugger at {0} (semihosting) takes as long as the debugger likes: write no log by semihosting in a task, or where interrupts are masked"
+    )]
+    Semihosting(String),
     /// The analysis exceeded its limit of steps.
     #[error("{0} takes too many steps to analyse: bound its loops by annotations")]
     TooLong(String),
@@ -96,6 +101,7 @@ impl Problem {
             | Self::NotCode(place)
             | Self::UnknownMask(place)
             | Self::UnknownStack(place)
+            | Self::Semihosting(place)
             | Self::TooLong(place) => place,
         };
         // A place is `file:line (function)`, or `function at 0x...` without line tables.
@@ -116,6 +122,7 @@ impl Problem {
             | Self::MaskedLoop { .. }
             | Self::Sleep(_)
             | Self::DisabledInterrupt(_)
+            | Self::Semihosting(_)
             | Self::StaysMasked(_) => false,
             Self::Recursion(_)
             | Self::UnboundedPointer(_)

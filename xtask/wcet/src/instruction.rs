@@ -54,6 +54,10 @@ pub enum Flow {
     Stop,
 }
 
+/// The number of a breakpoint that asks the debugger for a service and goes on with its answer in `r0`
+/// (Arm, Semihosting for AArch32 and AArch64, 3).
+pub(crate) const SEMIHOSTING: u8 = 0xab;
+
 /// There is no instruction at this address.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotCode(pub u32);
@@ -168,6 +172,7 @@ impl Instruction {
             },
             Insn::Blx { rm } => Flow::CallRegister { register: rm },
             Insn::Bx { .. } | Insn::TableBranch { .. } => Flow::Indirect,
+            Insn::Bkpt { imm: SEMIHOSTING } => Flow::Next,
             Insn::Udf { .. } | Insn::Bkpt { .. } => Flow::Stop,
             Insn::DataProc { op, rd: 15, .. } if !op.is_test() => Flow::Indirect,
             Insn::LoadStore {

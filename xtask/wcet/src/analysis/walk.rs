@@ -10,7 +10,7 @@ use crate::cycles::Cycles;
 use crate::execute::Effects;
 use crate::facts::{BlockId, To};
 use crate::graph::{Block, Graph, conditional};
-use crate::instruction::{Flow, Instruction};
+use crate::instruction::{Flow, Instruction, SEMIHOSTING};
 use crate::mask::{Level, Masked};
 use crate::register::{Register, RegisterSet};
 use crate::stack::sets_main_stack;
@@ -238,6 +238,15 @@ impl Run<'_, '_> {
         }
         if effects.disables_interrupt && self.kind != Entry::Fault {
             self.report(Problem::DisabledInterrupt, instruction.address);
+        }
+        let asks = matches!(instruction.insn, Insn::Bkpt { imm: SEMIHOSTING });
+        let delays = match self.kind {
+            Entry::Handler | Entry::Function => true,
+            Entry::Program => state.outermost_section().is_some(),
+            Entry::Fault => false,
+        };
+        if asks && delays {
+            self.report(Problem::Semihosting, instruction.address);
         }
         if self.oversleeps(state, instruction) {
             self.report(Problem::Sleep, instruction.address);
