@@ -7,19 +7,22 @@ use crate::{Workspace, workspace::output};
 /// The target of both boards: Cortex-M4 with its floating point unit.
 pub const TRIPLE: &str = "thumbv7em-none-eabihf";
 
+/// The target of cores without `BASEPRI`, for which tests of the analysis build little applications.
+pub const SMALL: &str = "thumbv6m-none-eabi";
+
 /// The target is not installed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Missing {
     /// There is no rustup that could install it.
     #[error(
-        "the target {TRIPLE} is missing and there is no rustup: install it with `rustup target add {TRIPLE}` where the network allows it"
+        "the target {0} is missing and there is no rustup: install it with `rustup target add {0}` where the network allows it"
     )]
-    NoRustup,
+    NoRustup(&'static str),
     /// Rustup cannot install it.
     #[error(
-        "the target {TRIPLE} is missing and rustup cannot fetch it: install it with `rustup target add {TRIPLE}` where the network allows it"
+        "the target {0} is missing and rustup cannot fetch it: install it with `rustup target add {0}` where the network allows it"
     )]
-    NotFetched,
+    NotFetched(&'static str),
 }
 
 /// A cargo command (`build`, `clippy`, `doc`) for the target.
@@ -35,33 +38,46 @@ pub fn cargo(workspace: &Workspace, command: &str) -> Command {
 ///
 /// It is missing and rustup does not install it.
 pub fn ensure(workspace: &Workspace) -> Result<(), Missing> {
-    if has_core(workspace) {
+    ensure_one(workspace, TRIPLE)
+}
+
+/// The same for [`SMALL`].
+///
+/// # Errors
+///
+/// As [`ensure`].
+pub fn ensure_small(workspace: &Workspace) -> Result<(), Missing> {
+    ensure_one(workspace, SMALL)
+}
+
+fn ensure_one(workspace: &Workspace, triple: &'static str) -> Result<(), Missing> {
+    if has_core(workspace, triple) {
         return Ok(());
     }
-    eprintln!("The target {TRIPLE} is not installed.");
+    eprintln!("The target {triple} is not installed.");
     if output(workspace.program("rustup").arg("--version")).is_none() {
-        return Err(Missing::NoRustup);
+        return Err(Missing::NoRustup(triple));
     }
-    eprintln!("Installing it: rustup target add {TRIPLE}");
+    eprintln!("Installing it: rustup target add {triple}");
     let added = workspace
         .program("rustup")
-        .args(["target", "add", TRIPLE])
+        .args(["target", "add", triple])
         .status();
-    if added.is_ok_and(|status| status.success()) && has_core(workspace) {
+    if added.is_ok_and(|status| status.success()) && has_core(workspace, triple) {
         Ok(())
     } else {
-        Err(Missing::NotFetched)
+        Err(Missing::NotFetched(triple))
     }
 }
 
 /// Whether the toolchain has the core library of the target.
-fn has_core(workspace: &Workspace) -> bool {
+fn has_core(workspace: &Workspace, triple: &str) -> bool {
     let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     let printed =
         output(
             workspace
                 .program(rustc)
-                .args(["--print", "target-libdir", "--target", TRIPLE]),
+                .args(["--print", "target-libdir", "--target", triple]),
         );
     printed.is_some_and(|folder| holds_core(Path::new(folder.trim())))
 }
@@ -94,7 +110,7 @@ mod tests {
 
     #[test]
     fn the_sentence_says_what_to_do() {
-        for missing in [Missing::NoRustup, Missing::NotFetched] {
+        for missing in [Missing::NoRustup(SMALL), Missing::NotFetched(TRIPLE)] {
             let sentence = missing.to_string();
             assert!(sentence.contains("rustup target add"), "{sentence}");
             assert!(!sentence.contains('\n'));

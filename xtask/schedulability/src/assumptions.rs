@@ -8,13 +8,40 @@ use crate::results::NodeReport;
 use crate::table::PendedBy;
 use crate::units::time;
 
+/// Something taken for granted, and what a run shows of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Assumption {
+    /// What is taken for granted, and who makes sure of it.
+    pub granted: &'static str,
+    /// What an observed run shows of it.
+    pub watched: &'static str,
+}
+
+impl Assumption {
+    /// Both, for a report of which runs are part.
+    #[must_use]
+    pub fn of_a_run(&self) -> String {
+        format!("{} {}", self.granted, self.watched)
+    }
+}
+
 /// Assumptions that hold for every program.
-pub const OF_ANY_PROGRAM: [&str; 4] = [
-    "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a handler keeps what it found in BASEPRI; and DMA writes only to variables whose address was given to a peripheral. Who writes unsafe code makes sure of them. The observed runs fail at a store to such a word, and at a handler that leaves another BASEPRI.",
-    "Flash: start-up switches on the reading ahead, and the caches of a part that has them. A read that has begun is not cancelled. A line is taken to be in a cache only if it was put there in the same job and fewer other lines were used since than the cache has, of which the one unused for longest is replaced (RM0390 3.4.2); a preemption costs the preempted job all lines that it reuses. SRAM is read and written without wait states. Who chooses the part makes sure that its flash does so.",
-    "A transfer by DMA keeps the core from RAM once and from a peripheral once, each for one access of the other and the change of the master: who chooses the part makes sure. No transfer reads the flash, and none comes more often than the task table says: who writes the program and the table makes sure; an observed run that shows one fails. No debugger is connected: who builds the vehicle makes sure.",
-    "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left. Who writes the handlers makes sure; the observed runs count their activations.",
+pub const OF_ANY_PROGRAM: [Assumption; 2] = [
+    Assumption {
+        granted: "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a handler keeps what it found in BASEPRI; and DMA writes only to variables whose address was given to a peripheral. Who writes unsafe code makes sure of them.",
+        watched: "The observed runs fail at a store to such a word, and at a handler that leaves another BASEPRI.",
+    },
+    Assumption {
+        granted: "An interrupt that is requested again while it is pending runs once, and its handler serves both requests. A bus handler serves one event at a time and is released again while more are left. Who writes the handlers makes sure.",
+        watched: "The observed runs count their activations.",
+    },
 ];
+
+/// What is taken for granted of a flash that is read ahead.
+pub const READING_AHEAD: &str = "Flash: start-up switches on the reading ahead, and the caches of a part that has them. A read that has begun is not cancelled. A line is taken to be in a cache only if it was put there in the same job and fewer other lines were used since than the cache has, of which the one unused for longest is replaced (RM0390 3.4.2); a preemption costs the preempted job all lines that it reuses. Who chooses the part makes sure that its flash does so.";
+
+/// What is taken for granted of transfers by DMA at the rates of the task table.
+const TRANSFERS: &str = "SRAM is read and written without wait states. A transfer by DMA keeps the core from RAM once and from a peripheral once, each for one access of the other and the change of the master: who chooses the part makes sure. No transfer reads the flash, and none comes more often than the task table says: who writes the program and the table makes sure; an observed run that shows one fails. No debugger is connected: who builds the vehicle makes sure.";
 
 /// Assumptions that hold for every vehicle.
 const ALWAYS: [&str; 2] = [
@@ -23,7 +50,10 @@ const ALWAYS: [&str; 2] = [
 ];
 
 /// Assumption about a program with software tasks.
-pub const OF_SOFTWARE_TASKS: &str = "The executor and the timer queue of the software tasks call only functions whose address stands in the image: an observed run that leaves them fails. A software task waits for one instant at a time: who writes it makes sure.";
+pub const OF_SOFTWARE_TASKS: Assumption = Assumption {
+    granted: "The executor and the timer queue of the software tasks call only functions whose address stands in the image. A software task waits for one instant at a time: who writes it makes sure.",
+    watched: "An observed run that calls another function fails.",
+};
 
 /// Assumptions about a bus without a schedule.
 const EVENT_TRIGGERED: [&str; 3] = [
@@ -78,12 +108,13 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         )]
     };
     all.extend(foreign(models));
-    all.extend(OF_ANY_PROGRAM.map(str::to_owned));
+    all.extend(OF_ANY_PROGRAM.iter().map(Assumption::of_a_run));
+    all.extend([READING_AHEAD, TRANSFERS].map(str::to_owned));
     all.extend(ALWAYS.map(str::to_owned));
     all.push(errors(models));
     let mut tasks = models.nodes.iter().flat_map(|(model, _)| &model.tasks);
     if tasks.any(|task| task.dispatched) {
-        all.push(OF_SOFTWARE_TASKS.to_owned());
+        all.push(OF_SOFTWARE_TASKS.of_a_run());
     }
     all.extend(pended(models));
     all.extend(never_called(models));
@@ -101,8 +132,8 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         });
     }
     let tasks = nodes.iter().flat_map(|node| &node.tasks);
-    all.extend(annotated(nodes));
-    all.extend(summarised(nodes));
+    all.extend(annotated(nodes, true));
+    all.extend(summarised(nodes, true));
     let panics: usize = tasks.map(|task| task.panics.len()).sum();
     if panics > 0 {
         all.push(format!(
@@ -112,9 +143,10 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
     all
 }
 
-/// The annotations that the bounds of these nodes rest on, one sentence each.
+/// The annotations that the bounds of these nodes rest on, one sentence each. `watched` if there are observed
+/// runs.
 #[must_use]
-pub fn annotated(nodes: &[NodeReport]) -> Vec<String> {
+pub fn annotated(nodes: &[NodeReport], watched: bool) -> Vec<String> {
     let tasks = nodes.iter().flat_map(|node| &node.tasks);
     let annotated: BTreeMap<&str, u64> = tasks
         .flat_map(|task| &task.annotated)
@@ -126,9 +158,12 @@ pub fn annotated(nodes: &[NodeReport]) -> Vec<String> {
             Some(place) => format!("The statement at {place} runs at most {bound} times in a job"),
             None => format!("The loop at {place} takes at most {bound} turns"),
         };
-        format!(
-            "{what}, as its annotation says. Who wrote it makes sure; an observed run with more fails."
-        )
+        let watched = if watched {
+            "; an observed run with more fails"
+        } else {
+            ""
+        };
+        format!("{what}, as its annotation says. Who wrote it makes sure{watched}.")
     };
     annotated.into_iter().map(sentence).collect()
 }
@@ -175,8 +210,9 @@ fn pended(models: &Models) -> BTreeSet<String> {
         .collect()
 }
 
-/// The loops whose bounds the tool knows, in one sentence.
-fn summarised(nodes: &[NodeReport]) -> Option<String> {
+/// The loops whose bounds the tool knows, in one sentence. `watched` if there are observed runs.
+#[must_use]
+pub fn summarised(nodes: &[NodeReport], watched: bool) -> Option<String> {
     let tasks = nodes.iter().flat_map(|node| &node.tasks);
     let mut all: BTreeMap<&str, u64> = BTreeMap::new();
     let known = tasks
@@ -190,10 +226,15 @@ fn summarised(nodes: &[NodeReport]) -> Option<String> {
         .into_iter()
         .map(|(what, bound)| format!("{what} ({bound})"))
         .collect();
+    let watched = if watched {
+        "; an observed run with more turns fails"
+    } else {
+        ""
+    };
     (!all.is_empty()).then(|| {
         format!(
             "The most turns of these loops follow from what they are, not from an annotation: {}. The analysis \
-             makes sure; an observed run with more turns fails.",
+             makes sure{watched}.",
             all.join("; ")
         )
     })

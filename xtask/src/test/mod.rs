@@ -38,6 +38,7 @@ pub struct Error {
 pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
     if !options.list {
         target::ensure(workspace)?;
+        target::ensure_small(workspace)?;
     }
     let steps = steps(workspace, options)?;
     if options.list {

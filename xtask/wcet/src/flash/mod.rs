@@ -62,7 +62,7 @@ impl Reads {
         if self.flash.contains(address) {
             address / self.line_bytes.max(2)
         } else {
-            RAM | address / 4
+            RAM | (address / 4)
         }
     }
 

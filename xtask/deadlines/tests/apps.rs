@@ -1,0 +1,455 @@
+//! The command on little applications in several shapes, and on what must be refused.
+
+mod common;
+
+use std::fs;
+
+use common::{Said, Target, deadlines, package, run, shape, table, with_table};
+
+/// The number before ` us` in the column of this heading, in the row of a task.
+fn column(said: &Said, task: &str, heading: &str) -> f64 {
+    let lines: Vec<&str> = said.out.lines().collect();
+    let head = lines
+        .iter()
+        .find(|line| line.contains("interrupt"))
+        .unwrap();
+    let end = head.find(heading).unwrap() + heading.len();
+    let is_row = |line: &&&str| line.trim_start_matches('!').trim_start().starts_with(task);
+    let row = lines.iter().find(is_row).unwrap();
+    let words: Vec<&str> = row[..end].split_whitespace().collect();
+    let [.., number, unit] = words.as_slice() else {
+        panic!("{row}");
+    };
+    let factor = if *unit == "ms" { 1000.0 } else { 1.0 };
+    number.parse::<f64>().unwrap() * factor
+}
+
+#[test]
+fn each_shape_of_an_application_has_its_report() {
+    for (name, target) in [
+        ("blink", Target::V7),
+        ("blink", Target::V6),
+        ("modules", Target::V7),
+        ("modules", Target::V6),
+        ("timed", Target::V7),
+        ("timed", Target::V6),
+        ("compare", Target::V7),
+        ("masks", Target::V6),
+    ] {
+        let part: &[&str] = match (name, target) {
+            ("blink", Target::V6) => &["--part", "stm32f0", "--core-hz", "48000000"],
+            ("modules", Target::V6) => &["--part", "stm32g0", "--core-hz", "64000000"],
+            _ => &[],
+        };
+        let table = match (name, target) {
+            ("timed", Target::V6) => "timed_v6",
+            _ => name,
+        };
+        let said = with_table(name, target, table, part);
+        assert_eq!(said.code, 0, "{name} {target:?}: {said:?}");
+        insta::assert_snapshot!(
+            format!("{name}_{target:?}").to_lowercase(),
+            shape(&said.out)
+        );
+    }
+}
+
+/// A Cortex-M3 has no floating-point unit, and no part has more priorities than its bits say.
+#[test]
+fn an_image_must_fit_its_part() {
+    let on = |name: &str, part: &str| {
+        let said = with_table(
+            name,
+            Target::V7,
+            "blink",
+            &["--part", part, "--core-hz", "48000000"],
+        );
+        (said.code, said.error)
+    };
+    assert_eq!(on("blink", "stm32f1").0, 0);
+    assert_eq!(on("float", "stm32f303").0, 0);
+    let (code, error) = on("float", "stm32f1");
+    assert_eq!(code, 1);
+    assert!(
+        error.ends_with(", where there is no instruction of this core")
+            && error.contains("float.watch has no bound: control reaches src/bin/float.rs:"),
+        "{error}"
+    );
+    assert_eq!(
+        on("blink", "nrf52832"),
+        (
+            2,
+            "task sample of blink has priority 3, but the image gives TIM_A priority 2".to_owned()
+        )
+    );
+    let (code, error) = on("blink", "rp2350");
+    assert_eq!(code, 2);
+    assert!(
+        error.starts_with("the RP2350 has a cortex-m33, which is not analysed: "),
+        "{error}"
+    );
+}
+
+#[test]
+fn each_way_of_breaking_it_has_its_sentence() {
+    for (name, target, of, code, sentence) in [
+        (
+            "spin",
+            Target::V7,
+            "blink",
+            1,
+            "not schedulable: spin.watch has no bound: the loop at src/bin/spin.rs:41 (TIM_B) has no bound: \
+             write `// loop-bound: N` on the line above it, where N is the most turns that it takes",
+        ),
+        (
+            "handler",
+            Target::V7,
+            "blink",
+            2,
+            "vector 21 (interrupt 5) of the image of handler leads to src/bin/handler.rs:55 (SOFT_A), which is \
+             neither a task nor a handler that ends in a reset: add [task.SOFT_A] with its `priority` to the task \
+             table, or remove the handler",
+        ),
+        (
+            "asks",
+            Target::V7,
+            "blink",
+            1,
+            "not schedulable: asks.watch has no bound: the request to the debugger at src/bin/asks.rs:41 (TIM_B) \
+             (semihosting) takes as long as the debugger likes: write no log by semihosting in a task, or where \
+             interrupts are masked",
+        ),
+        (
+            "disables",
+            Target::V7,
+            "blink",
+            1,
+            "not schedulable: disables.watch has no bound: an interrupt is disabled in the interrupt controller at \
+             src/bin/disables.rs:41 (TIM_B), and how long it stays so is not analysed: mask it by a lock, or by \
+             `interrupt::free`",
+        ),
+        (
+            "stays",
+            Target::V6,
+            "masks",
+            1,
+            "not schedulable: stays.middle has no bound: the mask that is set at src/bin/stays.rs:35 (TIM_B) is still \
+             set when the handler returns, so its section has no end: clear it before",
+        ),
+        (
+            "guess",
+            Target::V6,
+            "masks",
+            1,
+            "not schedulable: guess.middle has no bound: the mask that is set at src/bin/guess.rs:35 (TIM_B) is still \
+             set when the handler returns, so its section has no end: clear it before",
+        ),
+    ] {
+        let said = with_table(name, target, of, &[]);
+        // The line of a call may be that of what is inlined into it.
+        assert_eq!((said.code, said.error.as_str()), (code, sentence), "{name}");
+    }
+}
+
+/// On a core without BASEPRI a lock masks single interrupts, and lasts until what it found is given back.
+#[test]
+fn a_lock_that_masks_single_interrupts_blocks_for_as_long_as_it_is_held() {
+    let blocked = |name: &str, task: &str| {
+        let said = with_table(name, Target::V6, "masks", &[]);
+        assert_eq!(said.code, 0, "{name}: {said:?}");
+        column(&said, task, "blocked")
+    };
+    let high = blocked("masks", "high");
+    assert!(blocked("longer", "high") > 4.0 * high);
+    // The end of the inner lock does not end the outer one.
+    let one = blocked("unlocked", "high");
+    assert!(one > 3.0 && high > one, "{high} {one}");
+    // Both tasks above are masked, and the lowest is blocked by nobody.
+    assert!(blocked("masks", "middle") >= high);
+    assert!(blocked("masks", "low") == 0.0);
+    // What a task of a middle priority disables and enables again by name is a section, too.
+    assert!(blocked("given_back", "high") > 0.0);
+}
+
+#[test]
+fn a_table_that_is_wrong_has_its_sentence() {
+    let blink = fs::read_to_string(table("blink")).unwrap();
+    for (from, to, code, sentence) in [
+        (
+            "pended_by.init = \"once\"\n",
+            "",
+            2,
+            "broken.toml: init of blink pends sample at src/bin/blink.rs:25 (blink::app::main::__rtic_init_resources), \
+             which the task table omits: write `pended_by.init = \"once\"` under [task.sample]",
+        ),
+        (
+            "every_us = 500",
+            "every_us = \"?\" # how often?",
+            2,
+            "broken.toml:11: `every_us` of task watch is still a question: write a value in place of \"?\"",
+        ),
+        (
+            "[task.watch]\nevery_us = 500\ndeadline_us = 200\n",
+            "",
+            2,
+            "broken.toml: task watch (src/bin/blink.rs:39) has no row: add [task.watch] with `every_us` or another \
+             release, and `deadline_us`; or write `/// deadline: every 10 ms, within 5 ms` above it",
+        ),
+        (
+            "[task.watch]",
+            "[task.report]\nevery_us = 1\ndeadline_us = 1\n[task.watch]",
+            2,
+            "task report has a `deadline:` comment at src/bin/blink.rs:45 and a row in broken.toml: keep one of them",
+        ),
+        (
+            "[task.watch]",
+            "[task.none]\nevery_us = 1000\ndeadline_us = 1000\n[task.watch]",
+            2,
+            "the image of blink has no handler none: is it built from this source?",
+        ),
+        (
+            "deadline_us = 200",
+            "",
+            2,
+            "broken.toml: task watch has no `deadline_us`",
+        ),
+        (
+            "part = \"stm32f411\"\n",
+            "",
+            2,
+            "broken.toml has no `part`: `cargo deadlines init` writes it, or `--part` says it on the command line",
+        ),
+    ] {
+        assert!(blink.contains(from), "{from}");
+        fs::write(package().join("broken.toml"), blink.replace(from, to)).unwrap();
+        let said = deadlines("blink", Target::V7, &["--table", "broken.toml"]);
+        assert_eq!((said.code, said.error.as_str()), (code, sentence));
+    }
+    fs::write(
+        package().join("broken.toml"),
+        blink.replace("deadline_us = 200", "deadline_us = 1"),
+    )
+    .unwrap();
+    let said = deadlines("blink", Target::V7, &["--table", "broken.toml"]);
+    assert_eq!(said.code, 1);
+    assert!(
+        said.error
+            .starts_with("not schedulable: blink.watch misses its deadline of 1.00 us by "),
+        "{}",
+        said.error
+    );
+}
+
+/// The first table has what can be found and asks for the rest; the analysis does not run before it is answered.
+#[test]
+fn a_first_table_asks_for_what_cannot_be_found() {
+    for (name, part) in [
+        (
+            "blink",
+            &["--part", "stm32f411", "--core-hz", "100000000"][..],
+        ),
+        ("timed", &[]),
+        ("compare", &[]),
+    ] {
+        let path = package().join(format!("first-{name}.toml"));
+        let _ = fs::remove_file(&path);
+        let file = path.display().to_string();
+        let more = [&["init", "--table", &file], part].concat();
+        let said = deadlines(name, Target::V7, &more);
+        assert_eq!(said.code, 0, "{said:?}");
+        assert!(
+            said.out
+                .starts_with(&format!("Wrote first-{name}.toml with ")),
+            "{said:?}"
+        );
+        // Places in the compiler's library differ between compilers.
+        let text = fs::read_to_string(&path).unwrap();
+        let text: Vec<String> = text
+            .lines()
+            .map(|line| match line.find("# at core/") {
+                Some(at) => format!("{}# at core/...", &line[..at]),
+                None => line.to_owned(),
+            })
+            .collect();
+        insta::assert_snapshot!(format!("first_{name}"), text.join("\n"));
+        let again = deadlines(name, Target::V7, &more);
+        assert_eq!(again.code, 2);
+        assert_eq!(
+            again.error,
+            format!(
+                "first-{name}.toml exists, and is not overwritten: remove it, or name another file by --table"
+            )
+        );
+        let said = deadlines(name, Target::V7, &["--table", &file]);
+        assert_eq!(said.code, 2);
+        assert!(said.error.contains(" is still a question: "), "{said:?}");
+    }
+}
+
+/// Built by the command itself, with the project's own settings; a feature adds a task.
+#[test]
+fn the_command_builds_the_project() {
+    let table = table("blink").display().to_string();
+    let target = Target::V7.triple();
+    let build = ["--target", target, "--table", &table, "--features"];
+    let said = run(&[&["--bin", "project"], &build[..], &["v7"]].concat());
+    assert_eq!(said.code, 0, "{said:?}");
+    assert!(!said.out.contains("convert"));
+    let said = run(&[&["--bin", "project"], &build[..], &["v7,extra"]].concat());
+    assert_eq!(said.code, 2, "{said:?}");
+    assert!(
+        said.error.contains("task convert (src/bin/project.rs:"),
+        "{said:?}"
+    );
+    let said = run(&[&["--bin", "none"], &build[..], &["v7"]].concat());
+    assert_eq!(said.code, 2);
+    assert!(
+        said.error.starts_with("there is no bin none: there are "),
+        "{said:?}"
+    );
+    let said = run(&[]);
+    assert!(
+        said.error
+            .starts_with("there are several binaries: choose one by --bin: "),
+        "{said:?}"
+    );
+}
+
+#[test]
+fn a_lost_slack_fails_against_the_baseline() {
+    let json = with_table("blink", Target::V7, "blink", &["--json"]);
+    assert_eq!(json.code, 0);
+    let mut report: serde_json::Value = serde_json::from_str(&json.out).unwrap();
+    assert_eq!(report["schedulable"], true);
+    let path = package().join("baseline.json");
+    let mut against = |slack: f64, loss: &str| {
+        for task in report["tasks"].as_array_mut().unwrap() {
+            if task["name"] == "watch" {
+                let now = task["slack_ps"].as_f64().unwrap();
+                let mut former = task.clone();
+                former["slack_ps"] = serde_json::json!((now * slack) as u64);
+                let former = serde_json::json!({ "tasks": [former] });
+                fs::write(&path, former.to_string()).unwrap();
+            }
+        }
+        let path = path.display().to_string();
+        with_table(
+            "blink",
+            Target::V7,
+            "blink",
+            &["--baseline", &path, "--loss", loss, "--format", "github"],
+        )
+    };
+    assert_eq!(against(1.0, "0").code, 0);
+    assert_eq!(against(1.2, "20").code, 0);
+    let said = against(1.5, "20");
+    assert_eq!(said.code, 1);
+    assert!(
+        said.error.starts_with("watch had ") && said.error.ends_with(": it may lose 20 %"),
+        "{said:?}"
+    );
+    let annotation = said.out.lines().last().unwrap();
+    assert!(
+        annotation.contains("src/bin/blink.rs,line=39,title=cargo deadlines: slack::watch had "),
+        "{annotation}"
+    );
+}
+
+#[test]
+fn findings_are_annotations_and_sarif() {
+    let said = with_table("spin", Target::V7, "blink", &["--format", "github"]);
+    assert_eq!(said.code, 1);
+    let lines: Vec<&str> = said
+        .out
+        .lines()
+        .filter(|line| line.starts_with("::error "))
+        .collect();
+    assert!(lines[0].contains("src/bin/spin.rs,line="), "{lines:?}");
+    assert!(
+        lines
+            .iter()
+            .any(|line| line.contains("title=cargo deadlines: bound::spin.watch has no bound: "))
+    );
+    let said = with_table("spin", Target::V7, "blink", &["--format", "sarif"]);
+    let sarif: serde_json::Value = serde_json::from_str(&said.out).unwrap();
+    assert_eq!(sarif["version"], "2.1.0");
+    let results = sarif["runs"][0]["results"].as_array().unwrap();
+    let watch = results.iter().find(|one| one["ruleId"] == "bound").unwrap();
+    assert_eq!(
+        watch["locations"][0]["physicalLocation"]["region"]["startLine"],
+        39
+    );
+    assert_eq!(watch["level"], "error");
+}
+
+#[test]
+fn an_observation_above_its_bound_fails() {
+    let path = package().join("seen.csv");
+    let file = path.display().to_string();
+    let seen = |text: &str| {
+        fs::write(&path, text).unwrap();
+        with_table("blink", Target::V7, "blink", &["--seen", &file])
+    };
+    let said = seen("# by DWT_CYCCNT\ntask,cycles\nwatch,20\nwatch, 25\nsample,40\n");
+    assert_eq!(said.code, 0, "{said:?}");
+    assert!((column(&said, "watch", "seen") - 0.25).abs() < 1e-9);
+    let said = seen("watch,9000\n");
+    assert_eq!(said.code, 1);
+    assert!(said.error.starts_with(
+        "not schedulable: blink.watch took 9000 cycles as flashed, more than its bound of "
+    ));
+    let said = seen("watch,20\n\nwtach,20\n");
+    assert_eq!(
+        (said.code, said.error.strip_prefix(&file).unwrap()),
+        (
+            2,
+            ":3: there is no task wtach: there are sample, watch, report"
+        )
+    );
+    assert!(
+        seen("watch,many\n")
+            .error
+            .ends_with(":1: `many` is no number of cycles")
+    );
+}
+
+#[test]
+fn a_task_is_explained_and_the_page_is_whole() {
+    let said = with_table("blink", Target::V7, "blink", &["--explain", "report"]);
+    assert_eq!(said.code, 0);
+    let rows = said
+        .out
+        .lines()
+        .skip_while(|line| !line.contains("cycles times"))
+        .skip(1);
+    let rows: Vec<i64> = rows
+        .map_while(|line| line.split_whitespace().next()?.parse().ok())
+        .collect();
+    let (bound, rows) = rows.split_last().unwrap();
+    assert_eq!(rows.iter().sum::<i64>(), *bound);
+    assert!(
+        said.out
+            .starts_with(&format!("blink.report (UART): bound {bound} cycles (")),
+        "{}",
+        said.out
+    );
+    let said = with_table("blink", Target::V7, "blink", &["--explain", "reprot"]);
+    assert_eq!(
+        (said.code, said.error.as_str()),
+        (
+            2,
+            "there is no task reprot: there are sample, watch, report"
+        )
+    );
+    let path = package().join("report.html");
+    let file = path.display().to_string();
+    assert_eq!(
+        with_table("blink", Target::V7, "blink", &["--html", &file]).code,
+        0
+    );
+    let page = fs::read_to_string(&path).unwrap();
+    assert!(
+        page.starts_with("<!DOCTYPE html>") && page.contains("schedulable: every deadline holds")
+    );
+    assert!(!page.contains("<script") && !page.contains("href"));
+}
