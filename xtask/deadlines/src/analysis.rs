@@ -47,21 +47,31 @@ impl Answer {
 }
 
 /// Bounds the execution times of an image. `root` is the folder to which source paths in the image are
-/// relative.
+/// relative; `file` names the table in messages.
 ///
 /// # Errors
-/// The image does not fit the model, or a mark in a source belongs to no loop.
+/// The image does not fit the model, a mark in a source belongs to no loop, or the table bounds a loop that is
+/// not reached.
 pub fn execution(
     model: &Model,
     image: &Image,
     root: &Path,
+    file: &str,
     progress: &dyn Fn(&str),
 ) -> Result<Execution, Error> {
-    let annotations = Annotations::new(root);
+    let named = model.bounds.iter();
+    let named = named.map(|(name, bound)| (name.clone(), bound.turns));
+    let annotations = Annotations::new(root).with_bounds(named.collect());
     let execution = Execution::of(&model.node, &model.table, image, &annotations, progress)
         .map_err(Error::input)?;
-    match annotations.misplaced().into_iter().next() {
-        Some(misplaced) => Err(Error::input(misplaced)),
+    if let Some(misplaced) = annotations.misplaced().into_iter().next() {
+        return Err(Error::input(misplaced));
+    }
+    match annotations.unused().into_iter().next() {
+        Some(name) => Err(Error::input(format!(
+            "{file}: [bounds] has \"{name}\", but no task reaches a loop of that name that has no bound without \
+             it: accepted are places as the report has them (file and line), and names of functions"
+        ))),
         None => Ok(execution),
     }
 }
@@ -134,7 +144,10 @@ fn assumptions(source: &Source, model: &Model, node: &NodeReport, part: &PartFil
          No debugger is connected.",
         on.ram_waits, on.peripheral_waits
     ));
-    all.extend(annotated(std::slice::from_ref(node), false));
+    all.extend(annotated(std::slice::from_ref(node), false, |name| {
+        let bound = model.bounds.get(name)?;
+        Some(bound.because.trim_end_matches('.').to_owned())
+    }));
     all.extend(summarised(std::slice::from_ref(node), false));
     let panics: usize = node.tasks.iter().map(|task| task.panics.len()).sum();
     if panics > 0 {

@@ -322,7 +322,7 @@ fn analyse(of: &Of, show: &Show) -> Result<(), Error> {
         Some(path) => Some((read(path)?, path.display().to_string())),
         None => None,
     };
-    let execution = analysis::execution(&model, &image, &binary.root, &|_| {})?;
+    let execution = analysis::execution(&model, &image, &binary.root, &tables.file, &|_| {})?;
     let answer = analysis::answer(
         &source,
         &model,
@@ -446,7 +446,7 @@ fn first_table(
     };
     let model = model::build(&binary.name, source, &table, &on, 1, "the table")?;
     // A program that the analysis refuses is still worth a table: the analysis itself says why.
-    let execution = analysis::execution(&model, image, &binary.root, &|_| {}).ok();
+    let execution = analysis::execution(&model, image, &binary.root, "the table", &|_| {}).ok();
     let on_part = OnPart {
         name: of.part.as_deref(),
         file: part,

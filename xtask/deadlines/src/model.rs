@@ -12,7 +12,7 @@ use wcet::part::Part;
 
 use crate::app::Source;
 use crate::error::Error;
-use crate::table::{Row, Table};
+use crate::table::{LoopBound, Row, Table};
 
 /// The key of the tasks' rows in the table.
 const ROWS: &str = "task";
@@ -24,6 +24,8 @@ pub struct Model {
     pub node: NodeModel,
     /// Their rows.
     pub table: NodeTable,
+    /// Bounds of loops by their names.
+    pub bounds: BTreeMap<String, LoopBound>,
 }
 
 /// Takes the rows of comments into the table.
@@ -137,6 +139,7 @@ pub fn build(
     Ok(Model {
         node,
         table: node_table,
+        bounds: table.bounds.clone(),
     })
 }
 

@@ -21,6 +21,9 @@ use crate::error::Error;
 /// What stands where a value is still to be written.
 pub const QUESTION: &str = "?";
 
+/// Turns that no bound reaches.
+const MOST_TURNS: u64 = 1_000_000_000;
+
 /// The task table of one application.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -43,6 +46,19 @@ pub struct Table {
     /// Rows of the tasks, and of handlers that are no task, by name.
     #[serde(default)]
     pub task: BTreeMap<String, Row>,
+    /// Loops in sources that are not one's own, by their places as messages have them, or by their functions.
+    #[serde(default)]
+    pub bounds: BTreeMap<String, LoopBound>,
+}
+
+/// The bound of a loop.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoopBound {
+    /// The most turns that it takes each time it is entered.
+    pub turns: u64,
+    /// Why it takes no more, for the report.
+    pub because: String,
 }
 
 /// What releases a task, and by when it must be done; times in microseconds.
@@ -105,6 +121,27 @@ impl Table {
         for (task, row) in &table.task {
             row.check()
                 .map_err(|what| Error::input(format!("{file}: task {task} has {what}")))?;
+        }
+        for (place, bound) in &table.bounds {
+            let wrong = match bound {
+                LoopBound {
+                    turns: 0 | MOST_TURNS..,
+                    ..
+                } => {
+                    format!(
+                        "`turns` = {}: 1 to {} is accepted",
+                        bound.turns,
+                        MOST_TURNS - 1
+                    )
+                }
+                LoopBound { because, .. } if because.trim().is_empty() => {
+                    "a `because` that gives no reason".to_owned()
+                }
+                LoopBound { .. } => continue,
+            };
+            return Err(Error::input(format!(
+                "{file}: the bound of {place} has {wrong}"
+            )));
         }
         Ok(table)
     }
@@ -229,6 +266,14 @@ mod tests {
         assert_eq!(
             error("[task.a]\npended_by.b = { every_us = 1, because = \" \" }\n"),
             "deadlines.toml: task a has a `pended_by` whose `because` gives no reason"
+        );
+        assert_eq!(
+            error("[bounds]\n\"a.rs:1\" = { turns = 1, because = \"\" }\n"),
+            "deadlines.toml: the bound of a.rs:1 has a `because` that gives no reason"
+        );
+        assert_eq!(
+            error("[bounds]\n\"a.rs:1\" = { turns = 0, because = \"it ends\" }\n"),
+            "deadlines.toml: the bound of a.rs:1 has `turns` = 0: 1 to 999999999 is accepted"
         );
     }
 }

@@ -90,6 +90,56 @@ fn an_image_must_fit_its_part() {
     );
 }
 
+/// What a function notes in a variable while all interrupts are masked is known in another one.
+#[test]
+fn a_mask_may_be_noted_in_a_variable() {
+    for target in [Target::V7, Target::V6] {
+        let part: &[&str] = match target {
+            Target::V6 => &["--part", "stm32f0", "--core-hz", "48000000"],
+            Target::V7 => &[],
+        };
+        let said = with_table("logs", target, "blink", part);
+        assert_eq!(said.code, 0, "{target:?}: {said:?}");
+        let said = with_table("forgets", target, "blink", part);
+        assert_eq!(said.code, 1, "{target:?}: {said:?}");
+        assert!(
+            said.error.starts_with(
+                "not schedulable: forgets.watch has no bound: the mask that is set at "
+            ),
+            "{target:?}: {said:?}"
+        );
+    }
+}
+
+#[test]
+fn a_loop_may_be_bounded_by_its_name() {
+    let table = |bounds: &str| {
+        let path = package().join("bounds.toml");
+        let blink = std::fs::read_to_string(common::table("blink")).unwrap();
+        std::fs::write(&path, blink + "\n[bounds]\n" + bounds).unwrap();
+        let path = path.display().to_string();
+        deadlines("spin", Target::V7, &["--table", &path])
+    };
+    for name in ["src/bin/spin.rs:41", "src/bin/spin.rs:41 (TIM_B)", "TIM_B"] {
+        let said = table(&format!(
+            "\"{name}\" = {{ turns = 20, because = \"the bit toggles\" }}"
+        ));
+        assert_eq!(said.code, 0, "{name}: {said:?}");
+        let sentence = format!(
+            "The loop at {name} takes at most 20 turns: the bit toggles. Who writes the task table makes sure."
+        );
+        assert!(said.out.contains(&sentence), "{name}: {said:?}");
+    }
+    let said = table("\"src/bin/spin.rs:40\" = { turns = 20, because = \"the bit toggles\" }");
+    assert_eq!(said.code, 2, "{said:?}");
+    assert!(
+        said.error.contains(
+            "[bounds] has \"src/bin/spin.rs:40\", but no task reaches a loop of that name"
+        ),
+        "{said:?}"
+    );
+}
+
 #[test]
 fn each_way_of_breaking_it_has_its_sentence() {
     for (name, target, of, code, sentence) in [

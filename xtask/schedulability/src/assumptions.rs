@@ -132,7 +132,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         });
     }
     let tasks = nodes.iter().flat_map(|node| &node.tasks);
-    all.extend(annotated(nodes, true));
+    all.extend(annotated(nodes, true, |_| None));
     all.extend(summarised(nodes, true));
     let panics: usize = tasks.map(|task| task.panics.len()).sum();
     if panics > 0 {
@@ -144,9 +144,13 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
 }
 
 /// The annotations that the bounds of these nodes rest on, one sentence each. `watched` if there are observed
-/// runs.
+/// runs. `because` is the reason that a task table gives for one.
 #[must_use]
-pub fn annotated(nodes: &[NodeReport], watched: bool) -> Vec<String> {
+pub fn annotated(
+    nodes: &[NodeReport],
+    watched: bool,
+    because: impl Fn(&str) -> Option<String>,
+) -> Vec<String> {
     let tasks = nodes.iter().flat_map(|node| &node.tasks);
     let annotated: BTreeMap<&str, u64> = tasks
         .flat_map(|task| &task.annotated)
@@ -163,7 +167,12 @@ pub fn annotated(nodes: &[NodeReport], watched: bool) -> Vec<String> {
         } else {
             ""
         };
-        format!("{what}, as its annotation says. Who wrote it makes sure{watched}.")
+        match because(place) {
+            Some(because) => {
+                format!("{what}: {because}. Who writes the task table makes sure{watched}.")
+            }
+            None => format!("{what}, as its annotation says. Who wrote it makes sure{watched}."),
+        }
     };
     annotated.into_iter().map(sentence).collect()
 }

@@ -13,12 +13,15 @@
 //! many, and the branches that repeat or leave it belong to the loop itself, or to what an `.await` in it
 //! polls. A machine loop that fits no source loop in this way has no bound, which is reported.
 //!
+//! A loop in a source that is not one's own is bounded by its name instead
+//! ([`Annotations::with_bounds`]): the place that a message gives, or the name of its function.
+//!
 //! A comment costs nothing at run time, and unlike a marker in assembly it is possible in crates
 //! that forbid unsafe code. Emulated runs check the annotations by counting
 //! ([`watch`](super::watch)).
 
 use std::cell::RefCell;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 use syn::spanned::Spanned;
@@ -32,8 +35,8 @@ const MARK: &str = "// loop-bound:";
 /// The mark of a limit for one activation.
 const AT_MOST: &str = "// at-most:";
 
-/// The answer for one machine loop.
-type Found = Option<(Place, u64)>;
+/// The answer for one machine loop: the loop's place or name, and its most turns.
+type Found = Option<(String, u64)>;
 
 /// At most 1/STRAYS of a loop's instructions may have line info outside the source loop.
 const STRAYS: usize = 20;
@@ -158,6 +161,10 @@ pub struct Annotations {
     files: RefCell<HashMap<String, Vec<SourceLoop>>>,
     misplaced: RefCell<Vec<Misplaced>>,
     known: RefCell<HashMap<(u32, u32), Found>>,
+    /// Most turns of loops by their names.
+    named: BTreeMap<String, u64>,
+    /// Those of these names that a loop has.
+    used: RefCell<BTreeSet<String>>,
 }
 
 impl Annotations {
@@ -170,6 +177,21 @@ impl Annotations {
         }
     }
 
+    /// The same with bounds of loops by their names. A name is the loop's place as messages have it, with its
+    /// function in brackets or without, or the name of a function, for each loop in it.
+    #[must_use]
+    pub fn with_bounds(self, named: BTreeMap<String, u64>) -> Self {
+        Self { named, ..self }
+    }
+
+    /// Names of bounds that no loop has which was asked for so far.
+    #[must_use]
+    pub fn unused(&self) -> Vec<String> {
+        let used = self.used.borrow();
+        let unused = self.named.keys().filter(|name| !used.contains(*name));
+        unused.cloned().collect()
+    }
+
     /// Misplaced marks in the files that were read so far.
     #[must_use]
     pub fn misplaced(&self) -> Vec<Misplaced> {
@@ -177,17 +199,46 @@ impl Annotations {
     }
 
     /// The annotated bound of loop `number` of `graph`, with the place of the
-    /// source loop.
+    /// source loop, or the name by which it is bounded.
     #[must_use]
-    pub fn bound(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+    pub fn bound(&self, image: &Image, graph: &Graph, number: usize) -> Option<(String, u64)> {
         let at = graph.blocks[graph.loops[number].header].start();
         let key = (graph.entry, at);
         if let Some(known) = self.known.borrow().get(&key) {
             return known.clone();
         }
-        let found = self.find(image, graph, number);
+        let annotated = self.find(image, graph, number);
+        let found = annotated
+            .map(|(place, turns)| (place.to_string(), turns))
+            .or_else(|| self.by_name(image, graph, number));
         self.known.borrow_mut().insert(key, found.clone());
         found
+    }
+
+    /// The bound that is given to a loop by one of its names.
+    fn by_name(&self, image: &Image, graph: &Graph, number: usize) -> Found {
+        if self.named.is_empty() {
+            return None;
+        }
+        let place = self.place(image, graph, number);
+        let without = place.split_once(" (").map(|(place, _)| place.to_owned());
+        let at = graph.blocks[graph.loops[number].header].start();
+        let names = [Some(place), without, Some(image.name(at))];
+        let mut names = names.into_iter().flatten();
+        let name = names.find(|name| self.named.contains_key(name))?;
+        let turns = self.named[&name];
+        self.used.borrow_mut().insert(name.clone());
+        Some((name, turns))
+    }
+
+    /// The place of a loop as messages have it: that of the source loop, or else of its first instruction.
+    #[must_use]
+    pub fn place(&self, image: &Image, graph: &Graph, number: usize) -> String {
+        let at = graph.blocks[graph.loops[number].header].start();
+        match self.source_loop(image, graph, number) {
+            Some(place) => format!("{place} ({})", image.name(at)),
+            None => image.describe(at),
+        }
     }
 
     fn find(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {

@@ -27,12 +27,15 @@ pub enum Entry {
 pub enum Problem {
     /// No bound was found for a loop.
     #[error(
-        "the loop at {0} has no bound: write `// loop-bound: N` on the line above it, where N is the most turns that it takes"
+        "the loop at {at} has no bound: write `// loop-bound: N` on the line above it, where N is the most turns that it takes{how}",
+        at = .0,
+        how = by_name(.0)
     )]
     LoopWithoutBound(String),
     /// No bound was found for a loop of start-up or idle code that runs with interrupts masked.
     #[error(
-        "the loop at {at} has no bound, and interrupts are masked in it since {since}: write `// loop-bound: N` on the line above it, where N is the most turns that it takes, or unmask them before it"
+        "the loop at {at} has no bound, and interrupts are masked in it since {since}: write `// loop-bound: N` on the line above it, where N is the most turns that it takes, or unmask them before it{how}",
+        how = by_name(at)
     )]
     MaskedLoop {
         /// The loop.
@@ -80,6 +83,26 @@ pub enum Problem {
     /// The analysis exceeded its limit of steps.
     #[error("{0} takes too many steps to analyse: bound its loops by annotations")]
     TooLong(String),
+}
+
+/// How to bound a loop in a source that is not one's own. The place then begins with a crate and its
+/// version.
+fn by_name(place: &str) -> String {
+    let (folder, _) = place.split_once('/').unwrap_or_default();
+    let version = folder.rsplit_once('-').map_or("", |(_, version)| version);
+    let is_foreign = folder == "core"
+        || folder == "alloc"
+        || folder == "compiler-builtins"
+        || !place.contains(".rs:")
+        || version.starts_with(|first: char| first.is_ascii_digit());
+    if !is_foreign {
+        return String::new();
+    }
+    let name = place.split(" (").next().unwrap_or(place);
+    let name = name.split(" at 0x").next().unwrap_or(name);
+    format!(
+        "; or bound it in the task table, by `\"{name}\" = {{ turns = N, because = \"...\" }}` under [bounds]"
+    )
 }
 
 impl Problem {

@@ -117,6 +117,7 @@ impl Invariant {
         let mut state = next;
         state.flags = Flags::ANY;
         state.memory = common(&before.memory, &state.memory);
+        state.held = common(&before.held, &state.held);
         state.flash = state.flash.steady(&before.flash);
         state.written |= before.written;
         let mut rules = HashMap::new();
@@ -270,6 +271,11 @@ impl Invariant {
         let memory = common(&state.memory, &after.memory);
         if memory != state.memory {
             state.memory = memory;
+            confirmed = false;
+        }
+        let held = common(&state.held, &after.held);
+        if held != state.held {
+            state.held = held;
             confirmed = false;
         }
         for section in &after.masked {

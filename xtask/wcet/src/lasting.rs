@@ -63,8 +63,23 @@ pub struct Memory {
     pub target: Option<Option<Extent>>,
     /// What was written to the registers of the system control space.
     pub system: SystemWrites,
+    /// Bytes of variables whose address was given to a peripheral.
+    pub lent: Written,
+    /// Whether a byte is known that was written while `PRIMASK` was set.
+    pub holds: bool,
+    /// Those of these bytes that were read.
+    pub trusted: Written,
     /// True if a path could not be followed, so that these facts may not hold.
     pub lost: bool,
+}
+
+impl Memory {
+    /// Whether DMA may change a byte that was taken as known while `PRIMASK` was set.
+    #[must_use]
+    pub fn trusts_lent(lent: &Written, trusted: &Written) -> bool {
+        let mut trusted = trusted.iter();
+        trusted.any(|bytes| lent.iter().any(|lent| lent.meet(*bytes).is_some()))
+    }
 }
 
 /// Bytes that were written to registers of the system control space, by their addresses: a byte

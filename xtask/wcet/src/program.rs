@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use super::annotation::Annotations;
 use super::graph::{Graph, Returning, Targets};
-use super::image::{Image, Place};
+use super::image::Image;
 
 /// An image with its annotations and its control-flow graphs.
 #[derive(Debug)]
@@ -60,7 +60,7 @@ impl<'a> Program<'a> {
 
     /// The annotated bound of loop `number` of `graph`, and the place of the loop.
     #[must_use]
-    pub(crate) fn annotation(&self, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+    pub(crate) fn annotation(&self, graph: &Graph, number: usize) -> Option<(String, u64)> {
         self.annotations.bound(self.image, graph, number)
     }
 }

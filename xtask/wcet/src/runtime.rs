@@ -186,7 +186,11 @@ pub(crate) fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'st
 /// encodes memory (run-time ABI for the Arm architecture, 4.3.4).
 #[must_use]
 pub(crate) fn length_register(name: &str) -> Option<Register> {
+    let is_logger = name.contains("defmt_rtt::Logger as ");
     let name = name.rsplit("::").next().unwrap_or(name);
+    if is_logger && name == "write" {
+        return length_register("_defmt_write");
+    }
     let plain = name.trim_end_matches(['4', '8']);
     match plain {
         "memcpy" | "memmove" | "memset" | "__aeabi_memcpy" | "__aeabi_memmove" => {
@@ -203,7 +207,7 @@ pub(crate) fn length_register(name: &str) -> Option<Register> {
 /// on; `None` for a function that also writes elsewhere.
 #[must_use]
 pub(crate) fn destination_length(name: &str) -> Option<Register> {
-    length_register(name).filter(|_| name != "_defmt_write")
+    length_register(name).filter(|_| name != "_defmt_write" && !name.contains("defmt_rtt::"))
 }
 
 /// The most turns of loop `number` in a function that writes `bytes` bytes, each of them once:

@@ -60,6 +60,8 @@ pub(crate) struct State {
     pub stack: Slots,
     /// Words outside the stack that hold addresses; kept until a task can run.
     pub memory: Rc<Words>,
+    /// Bytes outside the stack that were written since `PRIMASK` was set, each by its address.
+    pub held: Rc<Words>,
     /// Condition flags.
     pub flags: Flags,
     /// `BASEPRI`.
@@ -103,6 +105,7 @@ impl State {
             floats: Rc::new([Value::ANY; 32]),
             stack: Slots::default(),
             memory: Rc::default(),
+            held: Rc::default(),
             flags: Flags::ANY,
             // The register has eight bits (DDI 0403 B1.4.3).
             basepri: Value {
@@ -261,18 +264,24 @@ impl State {
         };
         let basepri = merge.value(&self.basepri, &other.basepri);
         let memory = common(&self.memory, &other.memory);
+        let primask = self.primask.join(other.primask);
+        let held = match primask {
+            ExceptionMask::Set => common(&self.held, &other.held),
+            _ => Rc::default(),
+        };
         symbols.mixed |= self.started != other.started;
         Self {
             registers,
             floats,
             stack,
             memory,
+            held,
             flags: Flags {
                 possible: self.flags.possible | other.flags.possible,
                 source,
             },
             basepri,
-            primask: self.primask.join(other.primask),
+            primask,
             faultmask: self.faultmask.join(other.faultmask),
             escaped: self.escaped || other.escaped,
             cycles: self.cycles.max(other.cycles),

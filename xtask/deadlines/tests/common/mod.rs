@@ -9,7 +9,23 @@ use std::sync::OnceLock;
 pub(crate) type Change = (&'static str, &'static str);
 
 /// Applications that are others with a change: name, that of the other, changes.
-const CHANGED: [(&str, &str, &[Change]); 11] = [
+const CHANGED: [(&str, &str, &[Change]); 13] = [
+    (
+        "logs",
+        "blink",
+        &[(
+            "output(input() >> 3);",
+            "apps::mask();\n        output(input() >> 3);\n        apps::unmask();",
+        )],
+    ),
+    (
+        "forgets",
+        "blink",
+        &[(
+            "output(input() >> 3);",
+            "apps::mask();\n        apps::forget();\n        apps::unmask();",
+        )],
+    ),
     (
         "asks",
         "blink",

@@ -7,6 +7,7 @@ use crate::cycles::Cycles;
 use crate::facts::BlockId;
 use crate::graph::Graph;
 use crate::invariant::Invariant;
+use crate::program::Program;
 use crate::runtime;
 use crate::software;
 use crate::state::State;
@@ -56,7 +57,7 @@ impl Run<'_, '_> {
         };
         self.program
             .annotation(graph, number)
-            .map(|(place, turns)| given(place.to_string(), turns, true))
+            .map(|(place, turns)| given(place, turns, true))
             .or_else(|| {
                 runtime::bound(image, graph, number)
                     .or_else(|| software::bound(image, graph, number))
@@ -213,12 +214,10 @@ impl Run<'_, '_> {
 
     /// The source line of a loop, or else the place of its first instruction.
     fn place_of_loop(&self, graph: &Graph, number: usize) -> String {
-        let image = self.program.image;
-        let at = graph.blocks[graph.loops[number].header].start();
-        match self.program.annotations.source_loop(image, graph, number) {
-            Some(place) => format!("{place} ({})", image.name(at)),
-            None => self.describe(at),
-        }
+        let Program {
+            image, annotations, ..
+        } = &self.program;
+        annotations.place(image, graph, number)
     }
 
     fn add_exits(&mut self, all: &mut Exits, exits: Exits) {

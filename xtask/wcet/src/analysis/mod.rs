@@ -24,7 +24,7 @@ use super::cycles::Cycles;
 use super::extent::Extent;
 use super::facts::BlockId;
 use super::graph::Graph;
-use super::image::{Image, Place};
+use super::image::Image;
 use super::ipet::{self, Longest};
 use super::lasting::{Memory, SystemWrites, UnknownStores, Words, Written, drop_reached};
 use super::part::Part;
@@ -43,6 +43,12 @@ pub struct Analysis<'a> {
     /// What the program and its handlers write to the system control space, as far as they were
     /// analysed.
     system: SystemWrites,
+    /// Bytes that DMA may write, and those that were taken as known while `PRIMASK` was set, as far as the
+    /// program was analysed.
+    lent: Written,
+    trusted: Written,
+    /// Whether bytes are known that were written while `PRIMASK` was set.
+    holds: bool,
     /// Bounds that were found while `lasting` was.
     known: HashMap<(u32, Entry), Bound>,
 }
@@ -57,6 +63,9 @@ impl<'a> Analysis<'a> {
             timings: Timings::of(part),
             lasting: Rc::default(),
             system: SystemWrites::default(),
+            lent: Written::new(),
+            trusted: Written::new(),
+            holds: true,
             known: HashMap::new(),
         }
     }
@@ -67,12 +76,22 @@ impl<'a> Analysis<'a> {
     /// If no word can be proven because of stores through unresolved pointers, such stores are
     /// treated as `unknown_stores` says.
     pub fn learn(&mut self, main: u32, handlers: &[u32], unknown_stores: UnknownStores) -> &Words {
+        self.learn_once(main, handlers, unknown_stores);
+        if Memory::trusts_lent(&self.lent, &self.trusted) {
+            self.holds = false;
+            self.known.clear();
+            self.learn_once(main, handlers, unknown_stores);
+        }
+        &self.lasting
+    }
+
+    fn learn_once(&mut self, main: u32, handlers: &[u32], unknown_stores: UnknownStores) {
         let (program, memory) = self.explore(main, Entry::Program, &[]);
         let lost = memory.lost || is_not_followed(&program);
         self.known.insert((main, Entry::Program), program);
         let mut words = match memory.left {
             Some(words) if !lost => words,
-            _ => return &self.lasting,
+            _ => return,
         };
         drop_reached(&mut words, &memory.written);
         let mut spared = (unknown_stores == UnknownStores::SparePointers).then(|| words.clone());
@@ -90,7 +109,7 @@ impl<'a> Analysis<'a> {
             match spared.take_if(|_| fewer && words.is_empty() && !lost) {
                 Some(all) => (words, sparing) = (all, true),
                 None if fewer => {}
-                None => return &self.lasting,
+                None => return,
             }
         }
     }
@@ -163,10 +182,17 @@ impl<'a> Analysis<'a> {
         loop {
             let lasting = self.lasting.clone();
             let on = (self.part, self.timings);
-            let run = Run::new(&mut self.program, on, kind, never, lasting);
+            let known = Memory {
+                lasting,
+                holds: self.holds,
+                ..Memory::default()
+            };
+            let run = Run::new(&mut self.program, on, kind, never, known);
             let outcome = run.whole(entry, registers);
             if outcome.found.is_empty() {
                 self.system.extend(&outcome.memory.system);
+                self.lent.extend(&outcome.memory.lent);
+                self.trusted.extend(&outcome.memory.trusted);
                 return (self.tightened(outcome.bound, entry, kind), outcome.memory);
             }
             self.program.add_targets(outcome.found);
@@ -217,7 +243,7 @@ impl<'a> Analysis<'a> {
 
     /// The annotated bound of loop `number` of `graph`, and the place of the loop.
     #[must_use]
-    pub fn annotation(&self, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+    pub fn annotation(&self, graph: &Graph, number: usize) -> Option<(String, u64)> {
         self.program.annotation(graph, number)
     }
 

@@ -94,7 +94,7 @@ impl<'r, 'a> Run<'r, 'a> {
         (part, timings): (Part, Timings),
         kind: Entry,
         never: &'r BTreeSet<u32>,
-        lasting: Rc<Words>,
+        memory: Memory,
     ) -> Self {
         let mut symbols = Symbols::new(program.image.variables());
         let executor = Executor {
@@ -102,10 +102,7 @@ impl<'r, 'a> Run<'r, 'a> {
             part,
             found_basepri: symbols.fresh(),
             symbols,
-            memory: Memory {
-                lasting,
-                ..Memory::default()
-            },
+            memory,
         };
         Self {
             program,

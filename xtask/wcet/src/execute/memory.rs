@@ -45,6 +45,11 @@ impl Step<'_, '_> {
         if let Some(enabled) = self.enabled_interrupts(address, size) {
             return enabled;
         }
+        if let Some(at) = address.as_constant()
+            && let Some(word) = self.held(at, size)
+        {
+            return Value::constant(adjust(word, size, signed));
+        }
         let constants = |addresses: &mut dyn Iterator<Item = u32>| -> Option<Vec<u32>> {
             addresses
                 .map(|at| Some(adjust(self.constant(at, size)?, size, signed)))
@@ -167,6 +172,7 @@ impl Step<'_, '_> {
             self.note_enables(reached, size, value);
         }
         if self.state.started {
+            self.hold(reached, address, size, value);
             self.machine.memory.written.insert(reached);
             return;
         }
@@ -215,13 +221,12 @@ impl Step<'_, '_> {
         let Some(lent) = value.as_constant().filter(|_| to_peripheral) else {
             return;
         };
-        let written = &mut self.machine.memory.written;
-        match self.machine.image.variables().around(lent) {
-            Some(variable) => _ = written.insert(variable),
-            None if self.machine.part.ram.contains(lent) => {
-                written.insert(Extent::EVERYWHERE);
-            }
-            None => {}
-        }
+        let lent = match self.machine.image.variables().around(lent) {
+            Some(variable) => variable,
+            None if self.machine.part.ram.contains(lent) => Extent::EVERYWHERE,
+            None => return,
+        };
+        self.machine.memory.written.insert(lent);
+        self.machine.memory.lent.insert(lent);
     }
 }

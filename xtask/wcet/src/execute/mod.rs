@@ -5,6 +5,7 @@ mod branch;
 mod data;
 mod executor;
 mod fpu;
+mod held;
 mod interrupts;
 mod memory;
 mod multiply;

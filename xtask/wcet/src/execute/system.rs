@@ -1,5 +1,7 @@
 //! System registers: the interrupt masks and the flags.
 
+use std::rc::Rc;
+
 use rsemu::cpu::arm::v7m::isa::Insn;
 
 use crate::cycles::Cycles;
@@ -85,7 +87,12 @@ impl Step<'_, '_> {
         }
         match level {
             Level::Faults => self.state.faultmask = mask,
-            _ => self.state.primask = mask,
+            _ => {
+                self.state.primask = mask;
+                if mask != ExceptionMask::Set {
+                    self.state.held = Rc::default();
+                }
+            }
         }
         self.note_start();
     }

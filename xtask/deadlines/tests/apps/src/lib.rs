@@ -4,7 +4,7 @@
 #![no_std]
 
 use core::panic::PanicInfo;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 // Start-up and vector table.
 use cortex_m_rt as _;
@@ -105,6 +105,31 @@ pub fn smoothed(samples: &[u32; 8], rounds: u32) -> u32 {
         }
     }
     level
+}
+
+static WAS_MASKED: AtomicBool = AtomicBool::new(false);
+
+/// Masks all interrupts, and notes whether they were masked before, as a logger does.
+#[inline(never)]
+pub fn mask() {
+    let was_masked = cortex_m::register::primask::read().is_inactive();
+    cortex_m::interrupt::disable();
+    WAS_MASKED.store(was_masked, Ordering::Relaxed);
+}
+
+/// Notes something else in place of it.
+#[inline(never)]
+pub fn forget() {
+    WAS_MASKED.store(input() & 1 == 0, Ordering::Relaxed);
+}
+
+/// Unmasks them, unless they were masked before [`mask`].
+#[inline(never)]
+pub fn unmask() {
+    if !WAS_MASKED.load(Ordering::Relaxed) {
+        // SAFETY: whoever called `mask` was not in a critical section.
+        unsafe { cortex_m::interrupt::enable() };
+    }
 }
 
 #[panic_handler]
