@@ -15,6 +15,7 @@
 //! in place of the releases and the bus of the schedule.
 
 pub mod activations;
+pub mod arbitrating;
 pub mod arrivals;
 pub mod assumptions;
 pub mod board;

@@ -7,7 +7,7 @@ use crate::arrivals::{Arrivals, Job, Kind};
 use crate::execution::{Execution, Handler};
 use crate::model::{NodeModel, TaskModel};
 use crate::response::{self, Critical, CriticalSection, Delay, Response, Task, Unbounded};
-use crate::results::{NodeReport, TaskReport};
+use crate::results::{InWindows, NodeReport, TaskReport};
 use crate::sensitivity::slack;
 use crate::table::{BusEvent, NodeTable};
 use crate::transfers;
@@ -400,6 +400,28 @@ impl<'a> Scheduled<'a> {
         refuted
     }
 
+    /// The longest response times of the jobs of arbitrating windows.
+    fn in_windows(&self, at: usize) -> Option<InWindows> {
+        let tables = self.set[at].arrivals.timed.iter();
+        let jobs = tables.flat_map(|table| table.jobs.iter().map(|job| (table.kind, job)));
+        let response = self.results[at].as_ref().ok()?;
+        // Without a bound for each job, that of the task holds.
+        let of_jobs = response.by_job.iter().map(|of_job| of_job.on_bus);
+        let of_jobs = of_jobs.chain(std::iter::repeat(response.worst));
+        let mut found: Option<InWindows> = None;
+        for ((_, job), worst) in jobs
+            .zip(of_jobs)
+            .filter(|((kind, _), _)| *kind == Kind::Arbitrating)
+        {
+            let found = found.get_or_insert_default();
+            found.any = found.any.max(worst);
+            if job.id.is_some() {
+                found.opening = found.opening.max(worst);
+            }
+        }
+        found
+    }
+
     /// The answer for a task of the source.
     fn report(&self, task: &TaskModel) -> Option<TaskReport> {
         let at = self.index(&task.interrupt)?;
@@ -433,6 +455,7 @@ impl<'a> Scheduled<'a> {
             job: critical.and_then(|critical| critical.job.clone()),
             deadline: critical.map_or(task.deadline, |critical| critical.deadline),
             response: critical.map(|critical| critical.response),
+            in_windows: critical.and_then(|_| self.in_windows(at)),
             itself: critical.map_or(shared.cost, |critical| critical.cost),
             delayed_by: critical.map_or_else(Vec::new, |critical| self.delays(critical)),
             sensitivity: all_bounded.then(|| slack(&self.set, at, STEP)).flatten(),

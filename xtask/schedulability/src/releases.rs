@@ -5,9 +5,10 @@
 //! the network's uncertainty. It ends after its shortest length at the earliest, and after its
 //! longest, fully stuffed length at the latest. The window timer runs on this node's clock.
 
-use network_model::{Message, Network, SendType, Window, WindowKind, worst_case_bits};
+use network_model::{Message, Network, Window, WindowKind, worst_case_bits};
 
 use crate::arrivals::{Job, JobId, Kind, Timetable};
+use crate::bus;
 use crate::units::{MICROSECOND, Picoseconds};
 
 /// Bits of a data frame with an 11-bit identifier, without data and stuffing, up to the last bit
@@ -180,7 +181,7 @@ impl<'a> Bus<'a> {
         let mut lengths: Vec<Picoseconds> = events
             .flat_map(|message| {
                 let bits = SHORTEST_BITS + REST_BITS + 8 * u64::from(message.shortest);
-                std::iter::repeat_n(bits * self.bit(), self.events_in_cycle(message))
+                std::iter::repeat_n(bits * self.bit(), self.events_in_window(message))
             })
             .collect();
         lengths.sort_unstable();
@@ -268,7 +269,7 @@ impl<'a> Bus<'a> {
                     deadline: Some(self.event_margin()),
                     transmits: false,
                 };
-                jobs.extend(std::iter::repeat_n(job, self.events_in_cycle(message)));
+                jobs.extend(std::iter::repeat_n(job, self.events_in_window(message)));
             }
         }
         let shortest = messages()
@@ -338,7 +339,7 @@ impl<'a> Bus<'a> {
                         }
                     }
                     WindowKind::Arbitrating => {
-                        jobs.extend(std::iter::repeat_n(job, self.events_in_cycle(message)));
+                        jobs.extend(std::iter::repeat_n(job, self.events_in_window(message)));
                     }
                     WindowKind::Exclusive => jobs.push(job),
                 }
@@ -347,18 +348,13 @@ impl<'a> Bus<'a> {
         self.table(spacing, jobs)
     }
 
-    /// How often an event message may be sent in one basic cycle. One that is sent in place of
+    /// How often an event message may be sent in one of its windows. One that is sent in place of
     /// another one counts with that.
-    fn events_in_cycle(&self, message: &Message) -> usize {
+    fn events_in_window(&self, message: &Message) -> usize {
         if message.instead_of.is_some() {
             return 0;
         }
-        let interval = match message.send_type {
-            SendType::Event { interval_ms } => interval_ms,
-            SendType::Cyclic { period_ms } => period_ms,
-        };
-        let cycle_ms = self.network.basic_cycle_us.div_ceil(1000);
-        cycle_ms.div_ceil(interval.max(1)).max(1) as usize
+        usize::try_from(bus::in_one_window(self.network, message)).unwrap_or(usize::MAX)
     }
 
     /// The instants to which the window timer is set.
@@ -630,7 +626,7 @@ impl<'a> Bus<'a> {
                     deadline: Some(deadline),
                     transmits: false,
                 };
-                jobs.extend(std::iter::repeat_n(job, self.events_in_cycle(message)));
+                jobs.extend(std::iter::repeat_n(job, self.events_in_window(message)));
             }
         }
         (!jobs.is_empty()).then(|| self.in_window(0, 0, jobs))

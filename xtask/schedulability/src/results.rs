@@ -48,6 +48,8 @@ pub struct TaskReport {
     pub deadline: Picoseconds,
     /// Its worst-case response time, if there is a bound.
     pub response: Option<Picoseconds>,
+    /// Those of its jobs of arbitrating windows; `None` if it has none, or no bound.
+    pub in_windows: Option<InWindows>,
     /// How long the job with the least slack takes itself: [`TaskReport::cost`], or less if the job has a
     /// bound of its own.
     pub itself: Picoseconds,
@@ -70,6 +72,15 @@ pub struct TaskReport {
     pub path: Vec<Line>,
     /// Bound of the integer program.
     pub program: Option<Cycles>,
+}
+
+/// The longest response times of a task's jobs of arbitrating windows, while the node is on the bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct InWindows {
+    /// That of the job at the begin of a window.
+    pub opening: Picoseconds,
+    /// That of any of them.
+    pub any: Picoseconds,
 }
 
 impl TaskReport {

@@ -154,10 +154,13 @@ impl Programs {
                 progress(&format!("{}: response times", model.name));
                 schedule(model, table, execution, observed.get(&model.name))
             });
-            (
-                nodes,
-                bus::messages(&models.network, models.errors, &models.table.supervised),
-            )
+            let reactions = nodes.iter().zip(&models.nodes);
+            let reactions = reactions
+                .map(|(report, (_, table))| (report.name.clone(), bus::reaction(report, table)))
+                .collect();
+            let supervised = &models.table.supervised;
+            let messages = bus::messages(&models.network, models.errors, supervised, &reactions);
+            (nodes, messages)
         };
         let foreign = |message: &Message| message.sender == SENDER;
         messages.retain(|report| {

@@ -5,9 +5,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use network_model::Network;
+use network_model::{Network, worst_case_bits};
 use parts::Sled;
+use schedulability::arbitrating::Reaction;
 use schedulability::arrivals::{Job, Kind};
+use schedulability::bus::Reactions;
+use schedulability::can::ErrorRate;
 use schedulability::execution::{Execution, Handler, Section};
 use schedulability::model::NodeModel;
 use schedulability::models::{Files, Models};
@@ -138,7 +141,12 @@ fn vehicle() -> Report {
 fn analysed() -> Report {
     let nodes: Vec<NodeReport> = NODES.iter().map(|name| node(name, |_, _| {})).collect();
     let table = table();
-    let messages = bus::messages(&network(), table.bus.errors(), &table.supervised);
+    let messages = bus::messages(
+        &network(),
+        table.bus.errors(),
+        &table.supervised,
+        &Reactions::new(),
+    );
     let chains = table
         .chain
         .iter()
@@ -719,7 +727,12 @@ fn a_stack_too_deep_and_a_chain_too_long_are_reported() {
     );
     let table = table();
     let only = [node("gps", |_, _| {})];
-    let messages = bus::messages(&network(), table.bus.errors(), &table.supervised);
+    let messages = bus::messages(
+        &network(),
+        table.bus.errors(),
+        &table.supervised,
+        &Reactions::new(),
+    );
     // A chain through nodes that are not analysed has no answer.
     assert_eq!(chains::follow(&table.chain[0], &only, &messages, 1), None);
 }
@@ -727,7 +740,12 @@ fn a_stack_too_deep_and_a_chain_too_long_are_reported() {
 #[test]
 fn every_window_holds_its_message_and_a_short_one_does_not() {
     let network = network();
-    let messages = bus::messages(&network, table().bus.errors(), &table().supervised);
+    let messages = bus::messages(
+        &network,
+        table().bus.errors(),
+        &table().supervised,
+        &Reactions::new(),
+    );
     assert!(messages.iter().all(|message| message.meets()));
     let command = messages
         .iter()
@@ -739,10 +757,52 @@ fn every_window_holds_its_message_and_a_short_one_does_not() {
         message.window.length_us = message.window.length_us.min(600);
     }
     assert!(
-        bus::messages(&tight, table().bus.errors(), &table().supervised)
-            .iter()
-            .any(|message| !message.meets())
+        bus::messages(
+            &tight,
+            table().bus.errors(),
+            &table().supervised,
+            &Reactions::new()
+        )
+        .iter()
+        .any(|message| !message.meets())
     );
+}
+
+#[test]
+fn a_message_in_an_arbitrating_window_waits_for_the_requests_of_its_node() {
+    let network = network();
+    let of = |name: &str, reactions: &Reactions| {
+        let all = bus::messages(&network, ErrorRate::NONE, &BTreeSet::new(), reactions);
+        all.into_iter().find(|one| one.name == name).unwrap().need
+    };
+    let length = |name: &str| {
+        let message = network.messages.iter().find(|one| one.name == name);
+        u64::from(worst_case_bits(message.unwrap().length))
+    };
+    // Each status counts with the self-test that is sent in its place, which is as long. One less urgent
+    // frame, three bits, and twice the clocks' difference.
+    let urgent = [
+        "ModeChange",
+        "ButtonEvent",
+        "GpsStatus",
+        "ControllerStatus",
+        "SteeringStatus",
+    ];
+    let urgent: u64 = urgent.iter().map(|name| length(name)).sum();
+    let bits = urgent + length("DriveStatus") + length("SelfTestRequest") + 3;
+    let at_once = (4 * bits + 40) * 1_000_000;
+    assert_eq!(of("DriveStatus", &Reactions::new()), Some(at_once));
+    assert_eq!(of("DriveSelfTest", &Reactions::new()), Some(at_once));
+    // Its node requests the first frame 70 us late, and is ready again when each winner has ended.
+    let reaction = |first, next| Some(Reaction { first, next });
+    let slow = |reaction| Reactions::from([("DRIVE".to_owned(), reaction)]);
+    let late = slow(reaction(70_000, 100_000));
+    assert_eq!(of("DriveStatus", &late), Some(at_once + 70_000_000));
+    // It is not: behind each of the five winners, of which the shortest have two bytes and pass 50 bits behind
+    // the arbitration at the latest.
+    let later = of("DriveStatus", &slow(reaction(0, 1_000_000))).unwrap();
+    assert!(later > at_once + 5 * 500_000_000, "{later}");
+    assert_eq!(of("DriveStatus", &slow(None)), None);
 }
 
 #[test]
@@ -819,7 +879,7 @@ fn each_message_says_how_many_disturbed_frames_it_tolerates() {
     let (network, table) = (network(), table());
     let of = |errors: &str, name: &str| {
         let errors = errors.parse().unwrap();
-        let all = bus::messages(&network, errors, &table.supervised);
+        let all = bus::messages(&network, errors, &table.supervised, &Reactions::new());
         all.into_iter().find(|one| one.name == name).unwrap()
     };
     for name in ["ModeChange", "DriveStatus", "DriveSelfTest"] {

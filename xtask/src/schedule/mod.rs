@@ -7,7 +7,7 @@ mod table;
 use std::path::Path;
 
 use network_model::{Assignment, Network};
-use schedulability::{results::MessageReport, table::BusTable};
+use schedulability::{bus::Reactions, results::MessageReport, table::BusTable};
 use std::collections::BTreeSet;
 use vehicle_model::NetworkText;
 
@@ -89,8 +89,9 @@ fn input(workspace: &Workspace, options: &Schedule) -> Result<NetworkText, Failu
 /// What to do next with a new schedule: the search gives each frame room, but only the analysis
 /// knows how long messages in a common arbitrating window and the tasks take.
 fn verdict(network: &Network) -> String {
-    let messages =
-        schedulability::bus::messages(network, BusTable::default().errors(), &BTreeSet::new());
+    let errors = BusTable::default().errors();
+    let (supervised, at_once) = (BTreeSet::new(), Reactions::new());
+    let messages = schedulability::bus::messages(network, errors, &supervised, &at_once);
     match messages.iter().find_map(MessageReport::miss) {
         None => "`cargo xtask schedulability` shows whether every deadline holds with it.".into(),
         Some(miss) => format!(

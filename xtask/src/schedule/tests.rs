@@ -283,6 +283,7 @@ fn a_found_window_holds_its_frame() {
                 &planned.network,
                 BusTable::default().errors(),
                 &BTreeSet::new(),
+                &schedulability::bus::Reactions::new(),
             );
             for report in reports.iter().filter(|report| !report.arbitrating) {
                 assert_eq!(report.miss(), None);

@@ -29,18 +29,20 @@ const MAX_LATE: u64 = 4;
 #[must_use]
 pub fn analyse(tasks: &[Task]) -> Vec<Result<Response, Unbounded>> {
     let mut all = by_level(tasks, |_, _| true);
+    let mut of_jobs: Vec<Option<Vec<u64>>> = vec![None; tasks.len()];
     if let Some(set) = on_bus(tasks) {
         let on_bus = by_level(&set, |_, _| true);
         for (index, on_bus) in on_bus.into_iter().enumerate() {
             if let (Ok(bounds), Ok(on_bus)) = (&mut all[index], on_bus)
                 && !stays(tasks, index)
             {
+                of_jobs[index] = Some(on_bus.of_jobs().collect());
                 bounds.take_transmissions(&tasks[index], on_bus);
             }
         }
     }
-    let each = tasks.iter().zip(all);
-    each.map(|(task, bounds)| bounds.map(|bounds| bounds.answer(task)))
+    let each = tasks.iter().zip(all).zip(of_jobs);
+    each.map(|((task, bounds), of_jobs)| bounds.map(|bounds| bounds.answer(task, of_jobs)))
         .collect()
 }
 
@@ -183,19 +185,27 @@ impl Bounds {
         if late == 0 { self.worst() } else { late }
     }
 
-    fn answer(self, task: &Task) -> Response {
+    /// The bounds of the jobs of the time table, in its order.
+    fn of_jobs(&self) -> impl Iterator<Item = u64> {
+        self.timed.iter().map(|bound| bound.response)
+    }
+
+    /// The answer; `on_bus` has the bounds of the jobs of the time table without the tasks that run off the
+    /// bus, where they are others.
+    fn answer(self, task: &Task, on_bus: Option<Vec<u64>>) -> Response {
         let worst = self.worst();
         let critical = self
             .all()
             .reduce(|a, b| if b.has_less_slack_than(a) { b } else { a });
         let critical = critical.unwrap_or(&self.whole).clone();
-        let by_job = jobs(task)
-            .zip(&self.timed)
-            .map(|((_, job), bound)| JobResponse {
-                earliest: job.earliest,
-                latest: job.latest,
-                response: bound.response,
-            });
+        let on_bus = on_bus.unwrap_or_else(|| self.of_jobs().collect());
+        let by_job = jobs(task).zip(self.of_jobs()).zip(on_bus);
+        let by_job = by_job.map(|(((_, job), response), on_bus)| JobResponse {
+            earliest: job.earliest,
+            latest: job.latest,
+            response,
+            on_bus,
+        });
         Response {
             worst,
             jobs: vec![worst],

@@ -9,6 +9,8 @@ pub struct JobResponse {
     pub latest: u64,
     /// Its worst response time.
     pub response: u64,
+    /// The same without the tasks that run off the bus ([`Task::off_bus`](super::Task::off_bus)).
+    pub on_bus: u64,
 }
 
 /// Result of the analysis of one task.
