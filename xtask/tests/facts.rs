@@ -17,6 +17,7 @@ use network_model::{Network, generate};
 use parts::{Clocks, Memory, Part, Sled};
 use schedulability::arrivals::Sporadic;
 use schedulability::board::Board as Analysed;
+use schedulability::can::ErrorRate;
 use schedulability::execution::{Execution, Handler};
 use schedulability::model::{NodeModel, TaskModel};
 use schedulability::node::schedule;
@@ -133,7 +134,14 @@ fn model_in(
     let source = fs::read_to_string(vehicle.source(node)).unwrap();
     let app = App::parse("node.rs", &source).unwrap();
     let on_board = table.node[name].on(board);
-    let model = NodeModel::new(name, &app, &on_board, network, "tasks.toml").unwrap();
+    let model = NodeModel::new(
+        name,
+        &app,
+        &on_board,
+        (network, ErrorRate::NONE),
+        "tasks.toml",
+    )
+    .unwrap();
     (model, on_board)
 }
 

@@ -94,7 +94,8 @@ pub struct Job {
     pub latest: u64,
     /// Its deadline after the release, if it is not the task's.
     pub deadline: Option<u64>,
-    /// Whether it starts a transmission of this node.
+    /// Whether it starts a transmission of this node, or makes room for the next one. A node that is off the
+    /// bus sends nothing, so its deadline holds only on the bus.
     pub transmits: bool,
 }
 

@@ -183,8 +183,8 @@ fn errors(models: &Models) -> String {
     match (rate.is_none(), models.event_triggered) {
         (true, true) => "No frame is disturbed.".to_owned(),
         (true, false) => "No frame is disturbed. A frame in an exclusive window is not repeated: if it is disturbed, it is lost.".to_owned(),
-        (false, true) => format!("The bus has {rate}, in one burst or apart. Each costs 31 bits at most, and is repeated."),
-        (false, false) => format!("The bus has {rate}, in one burst or apart. Each costs 31 bits at most. It is repeated in an arbitrating window, and by the time master if it is a reference message. In an exclusive window it is lost: an end-to-end time is that of values whose frames arrive, and the next frame comes in the next cycle."),
+        (false, true) => format!("The bus has {rate}, in one burst or apart. Each costs 31 bits at most, and is repeated, with what follows from it. What errors release on the processors is counted. Who builds the vehicle makes sure of the rate; an observed run that keeps it and has more releases fails."),
+        (false, false) => format!("The bus has {rate}, in one burst or apart. Each costs 31 bits at most. It is repeated in an arbitrating window, and by the time master if it is a reference message. In an exclusive window it is lost, and the frame of the next cycle takes its place; an end-to-end time is said with it and without. What errors release on the processors is counted. Who builds the vehicle makes sure of the rate; an observed run that keeps it and has more releases fails."),
     }
 }
 

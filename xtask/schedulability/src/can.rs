@@ -50,6 +50,9 @@ impl ErrorRate {
         interval: 0,
     };
 
+    /// The rate where nothing else is said: one disturbed frame in any 100 ms.
+    pub const USUAL: Self = Self::every(1, 100);
+
     /// `burst` disturbed frames in any `interval_ms` milliseconds.
     #[must_use]
     pub const fn every(burst: u64, interval_ms: u64) -> Self {

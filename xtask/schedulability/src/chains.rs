@@ -6,8 +6,19 @@
 //! on. Before that, a step that waits for an instant of the cycle may have just missed it and is
 //! charged a whole cycle. Without a schedule nothing waits for an instant, and a chain takes the sum
 //! of its steps.
+//!
+//! # Disturbed frames
+//! Each error may make one basic cycle begin later by the time to repeat its reference, and a chain that
+//! waits for an instant of a cycle waits that much longer ([`Errors::late`]). Response times and messages
+//! have their errors in them.
+//!
+//! A frame that is destroyed in an exclusive window is not late but absent: its data never arrive, and those
+//! of the next cycle take their place. Each error of a burst costs one period of the message at most, because
+//! it destroys one frame. Where errors hit the chain again and again, no end-to-end time bounds it; its
+//! receivers notice that ([`network_model::MISSED_PERIODS`]).
 
-use crate::results::{ChainReport, MessageReport, NodeReport, StepReport};
+use crate::can::ErrorRate;
+use crate::results::{ChainReport, LostReport, MessageReport, NodeReport, StepReport, Tolerance};
 use crate::table::{Chain, Step};
 use crate::units::{MICROSECOND, Picoseconds};
 
@@ -19,11 +30,14 @@ pub fn follow(
     nodes: &[NodeReport],
     messages: &[MessageReport],
     cycle: Picoseconds,
+    errors: Errors,
 ) -> Option<ChainReport> {
+    let mut exclusive: Vec<(&str, Picoseconds)> = Vec::new();
     let mut clock = Clock {
         cycle,
         total: Some(0),
         phase: chain.from_us.map(|from| from * MICROSECOND),
+        waited: false,
     };
     let mut steps = Vec::new();
     for step in &chain.steps {
@@ -37,6 +51,9 @@ pub fn follow(
         } else if let Some(message) = &step.message {
             let report = messages.iter().find(|m| m.name == *message)?;
             clock.message(report);
+            if let Tolerance::Lost { next, .. } = report.tolerance {
+                exclusive.push((message, next));
+            }
             message.clone()
         } else {
             step.other.clone().unwrap_or_default()
@@ -47,13 +64,68 @@ pub fn follow(
             phase: clock.phase.map(|phase| phase % cycle.max(1)),
         });
     }
+    let latency = clock.total.and_then(|total| errors.delayed(total, &clock));
+    let longest = exclusive.iter().map(|(_, period)| *period).max();
+    let frames = errors.rate.burst;
+    let lost = longest.filter(|_| frames > 0).map(|period| LostReport {
+        messages: exclusive
+            .iter()
+            .map(|(name, _)| (*name).to_owned())
+            .collect(),
+        frames,
+        latency: latency.map(|latency| latency + frames * period),
+        deadline: chain.lost_deadline_us.unwrap_or(chain.deadline_us) * MICROSECOND,
+    });
     Some(ChainReport {
         name: chain.name.clone(),
         steps,
-        latency: clock.total,
+        latency,
         deadline: chain.deadline_us * MICROSECOND,
+        lost,
     })
 }
+
+/// Disturbed frames on the bus of a chain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Errors {
+    /// Their rate.
+    pub rate: ErrorRate,
+    /// How much later a basic cycle may begin by the errors of one burst; zero without a schedule.
+    pub late: Picoseconds,
+}
+
+impl Errors {
+    /// No frame is disturbed.
+    pub const NONE: Self = Self {
+        rate: ErrorRate::NONE,
+        late: 0,
+    };
+
+    /// The end-to-end time `total` with the basic cycles on its way that begin late; `None` without a bound.
+    /// A chain that waits for no instant of a later cycle is as long as without errors.
+    fn delayed(self, total: Picoseconds, clock: &Clock) -> Option<Picoseconds> {
+        if self.late == 0 || !clock.waited {
+            return Some(total);
+        }
+        let mut delayed = total;
+        loop {
+            let errors = self.rate.errors(delayed.div_ceil(1000));
+            let bursts = errors.div_ceil(self.rate.burst.max(1));
+            let longer = total + bursts * self.late;
+            if longer <= delayed {
+                return Some(delayed);
+            }
+            // Bursts that follow each other faster than one delays.
+            if longer > MANY * total {
+                return None;
+            }
+            delayed = longer;
+        }
+    }
+}
+
+/// How many times as long as without errors a chain may be: a longer one counts as without bound.
+const MANY: u64 = 1000;
 
 /// The two clocks; see the module.
 struct Clock {
@@ -63,6 +135,8 @@ struct Clock {
     total: Option<Picoseconds>,
     /// Latest instant of the basic cycle, if it is known.
     phase: Option<Picoseconds>,
+    /// It has waited for an instant of a later basic cycle.
+    waited: bool,
 }
 
 impl Clock {
@@ -73,6 +147,9 @@ impl Clock {
 
     /// Waits for the instant `at` of the basic cycle.
     fn until(&mut self, at: Picoseconds) {
+        self.waited |= self
+            .phase
+            .is_none_or(|phase| phase % self.cycle > at % self.cycle);
         let wait = match self.phase {
             // The next such instant, which may be up to a cycle away.
             Some(phase) => (at + self.cycle - phase % self.cycle) % self.cycle,

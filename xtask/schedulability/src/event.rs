@@ -28,6 +28,10 @@
 //!   withdraw another one. How late it is counts for the messages, in whose time the mailbox is
 //!   loaded.
 //! - `window-edge`: once in each basic cycle, for the supervision.
+//!
+//! Each disturbed frame ends one more attempt of each node at most. If only its last bit was disturbed, its
+//! receivers have taken it, and take it again when it is repeated: their tasks run once more, and put what
+//! follows from it once more ([`Stream::follows`]).
 
 use network_model::{Message, Network, SendType, WindowKind, worst_case_bits};
 
@@ -52,6 +56,11 @@ const ARBITRATION_BITS: u64 = 13;
 const ERROR_BITS: u64 = 17;
 /// Rounds after which the search for a solution ends without one.
 const MAX_ROUNDS: usize = 200;
+/// Attempts that fail by an error after which a node rests until its next supervision (`firmware`'s
+/// `event::ATTEMPTS`).
+pub const ATTEMPTS: u64 = 3;
+/// Stands for an interval of errors of which there is one burst only: an hour, in nanoseconds.
+const ONE_BURST: u64 = 3_600_000_000_000;
 /// Mailboxes of a controller (bxCAN).
 const MAILBOXES: usize = 3;
 /// Periods after which no frame is sent any more: a node drops it at the first supervision when two are
@@ -83,14 +92,19 @@ struct Known {
 }
 
 impl Known {
-    /// The ends of its frames. A frame without a bound may wait until its node drops it.
+    /// The ends of its frames.
     fn ends(&self) -> Sporadic {
+        Sporadic::late(self.period, self.lateness(), self.shortest)
+    }
+
+    /// How much later than its nominal instant a frame may end, than the shortest one could. A frame without
+    /// a bound may wait until its node drops it.
+    fn lateness(&self) -> Picoseconds {
         if self.unbounded {
-            return Sporadic::late(self.period, DROPPED_AFTER * self.period, self.shortest);
+            return DROPPED_AFTER * self.period;
         }
         let latest = self.bounds.map_or(0, |bounds| bounds.response * NANOSECOND);
-        let jitter = latest.saturating_sub(self.shortest);
-        Sporadic::late(self.period, jitter, self.shortest)
+        latest.saturating_sub(self.shortest)
     }
 }
 
@@ -180,6 +194,25 @@ impl Traffic {
         shortest.unwrap_or(SHORTEST_BITS * self.bit)
     }
 
+    /// A release for each error, up to `late` after it.
+    fn by_errors(&self, late: Picoseconds) -> impl Iterator<Item = Sporadic> + use<> {
+        let interval = match self.errors.interval {
+            0 => ONE_BURST,
+            interval => interval,
+        };
+        let stream = Sporadic {
+            jitter: late,
+            ..Sporadic::every(interval * NANOSECOND)
+        };
+        (0..self.errors.burst).map(move |_| stream)
+    }
+
+    /// The frames of these messages that their receivers take once more because of an error.
+    fn taken_again<'a>(&self, messages: impl Iterator<Item = &'a Known>) -> Vec<Sporadic> {
+        let late = messages.map(Known::lateness).max().unwrap_or(0);
+        self.by_errors(late).collect()
+    }
+
     /// When the jobs of a task may be released.
     ///
     /// # Errors
@@ -190,7 +223,11 @@ impl Traffic {
         for event in entry.on.as_slice() {
             match event {
                 BusEvent::FrameReceived => spaced.push(Spaced {
-                    streams: self.received_by(node).map(Known::ends).collect(),
+                    streams: self
+                        .received_by(node)
+                        .map(Known::ends)
+                        .chain(self.taken_again(self.received_by(node)))
+                        .collect(),
                     apart: self.spacing(self.received_by(node)),
                     burst: 0,
                 }),
@@ -202,6 +239,12 @@ impl Traffic {
                         streams: self.messages.iter().map(Known::ends).collect(),
                         apart: shortest.unwrap_or(SHORTEST_BITS * self.bit),
                         burst: 1,
+                    });
+                    // An error ends one more attempt.
+                    spaced.push(Spaced {
+                        streams: self.by_errors(0).collect(),
+                        apart: ERROR_BITS * self.bit,
+                        burst: 0,
                     });
                     // A put withdraws one frame at most, and none while there is a free mailbox.
                     if self.on_their_way(node) > MAILBOXES {
@@ -221,6 +264,16 @@ impl Traffic {
             let message = message.ok_or_else(|| TaskFault::NotReceived(name.clone()))?;
             sporadic.push(message.ends());
         }
+        let receives = |message: &&Known| entry.receives.as_slice().contains(&message.name);
+        let received = || self.received_by(node).filter(receives);
+        if received().next().is_some() {
+            spaced.push(Spaced {
+                streams: self.taken_again(received()),
+                apart: self.spacing(received()),
+                burst: 0,
+            });
+        }
+        spaced.retain(|group| !group.streams.is_empty());
         Ok(Arrivals {
             sporadic,
             spaced,
@@ -281,10 +334,15 @@ impl Traffic {
 
     /// The messages as streams, up to the first one whose put has no bound. `load` is the time of each
     /// node to load its mailbox again.
-    fn streams(&self, nodes: &[&str], load: &[Option<Picoseconds>]) -> Vec<Stream> {
+    fn streams(
+        &self,
+        nodes: &[&str],
+        load: &[Option<Picoseconds>],
+        senders: &Senders,
+    ) -> Vec<Stream> {
         let up = |time: Picoseconds| time.div_ceil(NANOSECOND);
         let mut streams = Vec::new();
-        for message in &self.messages {
+        for (at, message) in self.messages.iter().enumerate() {
             let mut names = nodes.iter();
             let node = names.position(|node| message.sender.eq_ignore_ascii_case(node));
             // A program on the bus may take any time between its frames.
@@ -311,6 +369,8 @@ impl Traffic {
                 } else {
                     up(load)
                 },
+                follows: senders.follows.get(at).cloned().unwrap_or_default(),
+                rest: Some((ATTEMPTS, up(self.basic_cycle))),
             });
         }
         streams
@@ -403,6 +463,8 @@ pub struct Senders {
     tasks: Vec<Option<Sender>>,
     /// How a frame of the second message may delay one of the first.
     meetings: Vec<Vec<Meeting>>,
+    /// For each message those that have ended before it is put, of the same sample.
+    follows: Vec<Vec<usize>>,
 }
 
 impl Senders {
@@ -464,10 +526,11 @@ impl Senders {
                 return Err(wrong(ModelFault::Unsent(unsent.name.clone())));
             }
         }
-        let meetings = Order::new(traffic, &senders, nodes).meetings();
+        let order = Order::new(traffic, &senders, nodes);
         Ok(Self {
             tasks: senders,
-            meetings,
+            meetings: order.meetings(),
+            follows: order.ended.iter().map(of_set).collect(),
         })
     }
 
@@ -476,6 +539,10 @@ impl Senders {
         let meeting = of_one.and_then(|of_one| of_one.get(other));
         meeting.copied().unwrap_or(Meeting::Any)
     }
+}
+
+fn of_set(set: &BTreeSet<usize>) -> Vec<usize> {
+    set.iter().copied().collect()
 }
 
 /// Which messages follow from the same sample, and in which order.
@@ -600,7 +667,7 @@ pub fn solve(
             .map(|(r, n)| load(r, &n.1))
             .collect();
         traffic.put(&senders, &reports, &models);
-        let streams = traffic.streams(&names, &load);
+        let streams = traffic.streams(&names, &load, &senders);
         traffic.bound(&streams, &senders);
         if traffic == before {
             let tolerances = traffic.tolerances(&streams, &senders);

@@ -1,10 +1,11 @@
 //! The task model of a node, built from its source, the task table and the network file.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use network_model::Network;
 
 use crate::arrivals::{Arrivals, Kind, Timetable};
+use crate::can::ErrorRate;
 use crate::event::Traffic;
 use crate::releases::Bus;
 use crate::table::{BusEvent, By, Delay, IDLE, INIT, NodeTable, PendedBy, Run, TaskTable};
@@ -147,7 +148,8 @@ pub enum TaskFault {
 }
 
 impl NodeModel {
-    /// Builds the model of node `name`. `file` names the task table in error messages.
+    /// Builds the model of node `name` on a bus with disturbed frames. `file` names the task table in error
+    /// messages.
     ///
     /// # Errors
     /// A task is in the source or in the table but not in both, or the table names something
@@ -156,10 +158,12 @@ impl NodeModel {
         name: &str,
         app: &App,
         table: &NodeTable,
-        network: &Network,
+        (network, errors): (&Network, ErrorRate),
         file: &str,
     ) -> Result<Self, ModelError> {
-        let bus = Bus::new(network, name, table.board.transmit_lead);
+        let bus = Bus::new(network, name, table.board.transmit_lead)
+            .with_errors(errors)
+            .with_priorities_apart(apart(app, table));
         Self::with(name, app, table, file, |entry| {
             Ok((arrivals(entry, bus)?, deadline(entry, bus)?))
         })
@@ -345,6 +349,20 @@ fn declared<'a>(
     Ok(declared)
 }
 
+/// Whether the tasks that are released by the ends of own frames and by the window timer have different
+/// priorities.
+fn apart(app: &App, table: &NodeTable) -> bool {
+    let of_link = |task: &str| {
+        let entry = table.task.get(task);
+        let on = entry.map_or(&[][..], |entry| entry.on.as_slice());
+        on.contains(&BusEvent::FrameSent) || on.contains(&BusEvent::WindowEdge)
+    };
+    let tasks = declared(app, table).unwrap_or_default();
+    let priorities = tasks.iter().filter(|(name, ..)| of_link(name));
+    let priorities: BTreeSet<u32> = priorities.map(|(.., priority)| *priority).collect();
+    priorities.len() > 1
+}
+
 /// Adds to the releases of each task those of the tasks that pend it in each of their jobs. A pend
 /// comes after the release of the job, and before its deadline.
 ///
@@ -422,13 +440,17 @@ fn arrivals(entry: &TaskTable, bus: Bus<'_>) -> Result<Arrivals, TaskFault> {
             BusEvent::FrameReceived => tables.extend(bus.frames(false)),
             BusEvent::FrameSent => {
                 tables.extend(bus.frames(true));
+                tables.extend(bus.frames_again());
+                tables.extend(bus.disturbed_references());
                 tables.extend(bus.attempts());
+                tables.extend(bus.disturbed_attempts());
                 tables.extend(bus.withdrawn());
             }
             BusEvent::WindowEdge => {
                 tables.extend(bus.window_edges());
                 // When an attempt to send an event message ends, the next attempt follows.
                 tables.extend(bus.attempts());
+                tables.extend(bus.disturbed_attempts());
                 tables.extend(bus.withdrawn());
             }
             BusEvent::EventQueued => tables.extend(bus.events_queued()),

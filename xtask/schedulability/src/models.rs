@@ -179,7 +179,7 @@ impl Models {
             let mut model = if event_triggered {
                 NodeModel::event_triggered(node, &app, &on_board, &traffic, &file)?
             } else {
-                NodeModel::new(node, &app, &on_board, &network, &file)?
+                NodeModel::new(node, &app, &on_board, (&network, errors), &file)?
             };
             model.source = source_name;
             nodes.push((model, on_board));

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::activations;
-use crate::arrivals::{Arrivals, Job, Kind};
+use crate::arrivals::{Arrivals, Kind};
 use crate::execution::{Execution, Handler};
 use crate::model::{NodeModel, TaskModel};
 use crate::response::{self, Critical, CriticalSection, Delay, Response, Task, Unbounded};
@@ -197,14 +197,22 @@ impl<'a> Scheduled<'a> {
                 _ => break,
             }
         }
-        let streams = |task: usize| {
-            let arrivals = &self.set[task].arrivals;
-            (arrivals.spaced.is_empty() && arrivals.timed.is_empty())
-                .then_some(arrivals.sporadic.as_slice())
-        };
-        match (streams(at), streams(other), &results[other]) {
-            (Some([one]), Some([same]), Ok(response)) if cause == Some(at) => {
-                other != at && one == same && response.worst + one.jitter <= one.period
+        let (one, same) = (&self.set[at].arrivals, &self.set[other].arrivals);
+        // One release for each error in addition, if there are any: they follow the same frames.
+        if !one.timed.is_empty() || !same.timed.is_empty() || one.spaced != same.spaced {
+            return false;
+        }
+        let apart = one.spaced.iter().map(|group| group.apart).min();
+        match (
+            one.sporadic.as_slice(),
+            same.sporadic.as_slice(),
+            &results[other],
+        ) {
+            ([stream], [copy], Ok(response)) if cause == Some(at) => {
+                other != at
+                    && stream == copy
+                    && response.worst + stream.jitter <= stream.period
+                    && apart.is_none_or(|apart| response.worst <= apart)
             }
             _ => false,
         }
@@ -470,22 +478,13 @@ impl<'a> Scheduled<'a> {
     }
 }
 
-/// The releases without those of a kind whose jobs never call `function`, by the task table. The end of
-/// an own reference counts twice: an error may end the first one in the runs that disturb the bus, and
-/// the table has no job for that.
+/// The releases without those of a kind whose jobs never call `function`, by the task table.
 fn those_that_may_call(arrivals: &Arrivals, task: &TaskModel, function: &str) -> Arrivals {
     let mut arrivals = arrivals.clone();
     arrivals.timed.retain(|table| {
         let never = task.never.get(&table.kind);
         !never.is_some_and(|never| never.iter().any(|name| name == function))
     });
-    for table in &mut arrivals.timed {
-        if table.kind == Kind::Reference {
-            let own = table.jobs.iter().filter(|job| job.cause.is_some());
-            let again: Vec<Job> = own.cloned().collect();
-            table.jobs.extend(again);
-        }
-    }
     arrivals
 }
 

@@ -18,6 +18,11 @@
 //! much more. A frame that lost arbitration to one that is then disturbed is not loaded later than one
 //! that was itself disturbed in its first bit.
 //!
+//! An error in the last bit of a frame is one for its sender only: the receivers have taken the frame, and
+//! take it once more when it is repeated (CAN 2.0, message validation). If they answer with messages of
+//! their own, each error also costs one more frame of every message that follows ([`Stream::follows`]).
+//! And a node may rest after several attempts that failed ([`Stream::rest`]).
+//!
 //! Messages that follow from one sample meet in known ways ([`Meeting`]), as long as each is out
 //! before the next sample; that is their deadline. If all nodes load at once and all messages meet
 //! in any way, the answers are those of Davis et al.
@@ -42,6 +47,10 @@ pub struct Stream {
     pub reload: u64,
     /// The same after a disturbed frame.
     pub repeat: u64,
+    /// The streams, by number, whose frames bring about one of this stream.
+    pub follows: Vec<usize>,
+    /// Number of attempts that fail by an error after which its node rests, and for how long.
+    pub rest: Option<(u64, u64)>,
 }
 
 /// In which ways a frame of another stream may delay one.
@@ -104,8 +113,10 @@ struct Level {
     /// What goes before the first frame, and before each further one of the same message.
     before_first: u64,
     before_next: u64,
-    /// Longest frame that an error may destroy.
+    /// Longest frame that an error may destroy, with those that follow it once more.
     resent: u64,
+    /// How long after an error those may be put.
+    late: u64,
     /// What a disturbed frame costs in addition.
     repeat: u64,
     bit_time: u64,
@@ -143,7 +154,11 @@ impl Level {
             load => load + of_own.max(of_others),
         };
         let lost = in_vain(own.reload);
-        let repeated = |stream: &Stream| if errors.is_none() { 0 } else { stream.repeat };
+        let repeated = |stream: &Stream| match (errors.is_none(), stream.rest) {
+            (true, _) => 0,
+            (false, Some((_, rest))) => stream.repeat.max(rest),
+            (false, None) => stream.repeat,
+        };
         let urgent = streams.iter().zip(higher).enumerate();
         let urgent = urgent.map(|(at, (stream, bounds))| {
             let begins = bounds.response.saturating_sub(stream.length);
@@ -162,12 +177,13 @@ impl Level {
                 meeting: meeting(index, at),
             }
         });
-        let resent = streams[..=index].iter().map(|stream| stream.length).max();
+        let (resent, late) = resent(streams, index);
         Self {
             urgent: urgent.collect(),
             before_first,
             before_next: own.length + gap,
-            resent: resent.unwrap_or(0),
+            resent,
+            late,
             repeat: in_vain(own.repeat),
             bit_time,
             errors,
@@ -188,9 +204,13 @@ impl Level {
             };
             jobs * urgent.length
         });
-        let of_errors = self.errors.errors(window + self.own.length)
-            * (ERROR_FRAME_BITS * self.bit_time + self.resent + self.repeat);
-        frames.sum::<u64>() + of_errors
+        let errors = self.errors.errors(window + self.own.length + self.late);
+        let of_errors = errors * (ERROR_FRAME_BITS * self.bit_time + self.resent + self.repeat);
+        let rests = match self.own.rest {
+            Some((attempts, rest)) => errors / attempts.max(1) * rest,
+            None => 0,
+        };
+        frames.sum::<u64>() + of_errors + rests
     }
 
     fn bounds(&self) -> Result<Bounds, Overloaded> {
@@ -226,4 +246,21 @@ impl Level {
         }
         Ok(bounds)
     }
+}
+
+/// Longest time on the bus that one error costs the message `index` by frames that are sent again: the
+/// destroyed one, and one of each message that follows from it. And how long after the error these are put
+/// at the latest.
+fn resent(streams: &[Stream], index: usize) -> (u64, u64) {
+    let urgent = || streams[..=index].iter();
+    let cost = |hit: usize| -> u64 {
+        let again = if hit <= index { streams[hit].length } else { 0 };
+        let following = urgent().filter(|stream| stream.follows.contains(&hit));
+        again + following.map(|stream| stream.length).sum::<u64>()
+    };
+    let following = urgent().filter(|stream| !stream.follows.is_empty());
+    (
+        (0..streams.len()).map(cost).max().unwrap_or(0),
+        following.map(|stream| stream.jitter).max().unwrap_or(0),
+    )
 }

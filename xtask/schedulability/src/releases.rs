@@ -4,11 +4,28 @@
 //! the transmit enable window of its own window, by a clock that may differ from this node's by
 //! the network's uncertainty. It ends after its shortest length at the earliest, and after its
 //! longest, fully stuffed length at the latest. The window timer runs on this node's clock.
+//!
+//! # Disturbed frames
+//! They release more jobs ([`Bus::with_errors`]):
+//!
+//! - **Exclusive window**: nothing is sent again, so no job is added. The sender's transmit interrupt comes
+//!   at any bit of the frame, and up to an error frame behind it. Receivers have one release fewer, or the
+//!   same if only the last bit was disturbed.
+//! - **Arbitrating window**: each disturbed frame ends one attempt of each node at most, and the next attempt
+//!   follows it. If only its last bit was disturbed, the receivers have taken the frame, and take its
+//!   repetition as well.
+//! - **Reference message**: the time master repeats it at once. The basic cycle begins with the one that
+//!   arrives, so what the errors bring lies before the begin of that cycle, by up to
+//!   [`Bus::reference_delay`]. Nodes that took a reference of which only the last bit was disturbed begin
+//!   the cycle twice, with the first edges of the windows. Others may count a reference as missing.
+
+mod disturbed;
 
 use network_model::{Message, Network, Window, WindowKind, worst_case_bits};
 
 use crate::arrivals::{Job, JobId, Kind, Timetable};
 use crate::bus;
+use crate::can::ErrorRate;
 use crate::units::{MICROSECOND, Picoseconds};
 
 /// Bits of a data frame with an 11-bit identifier, without data and stuffing, up to the last bit
@@ -21,12 +38,19 @@ const REST_BITS: u64 = 4;
 /// Bits between two frames.
 const INTERFRAME_BITS: u64 = 3;
 
+/// How long after the expected begin of a reference it counts as missing, but for the uncertainty and two
+/// references: the last backup's offset in microseconds (`ttcan`'s `missing_after`).
+const MISSING_US: u64 = 127;
+
 /// The bus as one node sees it.
 #[derive(Debug, Clone, Copy)]
 pub struct Bus<'a> {
     network: &'a Network,
     node: &'a str,
     lead: Picoseconds,
+    errors: ErrorRate,
+    /// Whether the transmit interrupt and the window timer have different priorities.
+    apart: bool,
 }
 
 impl<'a> Bus<'a> {
@@ -37,6 +61,8 @@ impl<'a> Bus<'a> {
             network,
             node,
             lead,
+            errors: ErrorRate::NONE,
+            apart: false,
         }
     }
 
@@ -135,9 +161,9 @@ impl<'a> Bus<'a> {
         }
     }
 
-    /// The job at the first edge of an arbitrating window, in the basic cycle that begins at
-    /// `begin`. Without it, this node does nothing in the window. Arbitrating windows do not overlap,
-    /// so the begin of the window, in microseconds, is its number.
+    /// The job at the first edge of an arbitrating window, or of an exclusive one of this node, in the
+    /// basic cycle that begins at `begin`. Without it, this node does nothing in the window. Windows in one
+    /// cycle do not overlap, so the begin of the window, in microseconds, is its number.
     fn opening(window: Window, begin: Picoseconds) -> Option<JobId> {
         let start = begin / MICROSECOND + u64::from(window.start_us);
         u32::try_from(start).ok().map(JobId)
@@ -184,6 +210,12 @@ impl<'a> Bus<'a> {
                 std::iter::repeat_n(bits * self.bit(), self.events_in_window(message))
             })
             .collect();
+        let shortest = lengths.iter().min().copied();
+        lengths.extend(
+            shortest
+                .into_iter()
+                .flat_map(|one| self.repeated_lengths(one)),
+        );
         lengths.sort_unstable();
         let margin: Picoseconds = lengths.iter().take(3).sum();
         // The next frames may be those of another window if that follows soon.
@@ -281,7 +313,12 @@ impl<'a> Bus<'a> {
     /// The ends of a message of another node; `None` if no other node sends it.
     #[must_use]
     pub fn message(&self, name: &str) -> Option<Timetable> {
-        let table = self.frames_of(|message| !self.is_own(message) && message.name == name);
+        let mut table = self.frames_of(|message| !self.is_own(message) && message.name == name);
+        let mut named = self.network.messages.iter().filter(|m| m.name == name);
+        if named.all(|message| message.window.kind == WindowKind::Reference) {
+            // Only the receive interrupt has to be soon.
+            table.jobs.iter_mut().for_each(|job| job.deadline = None);
+        }
         (!table.jobs.is_empty()).then_some(table)
     }
 
@@ -292,15 +329,27 @@ impl<'a> Bus<'a> {
             .messages
             .iter()
             .filter(|message| wanted(message));
-        let shortest = wanted_bits
-            .map(|message| SHORTEST_BITS + REST_BITS + 8 * u64::from(message.shortest))
-            .min();
+        let bits = |message: &Message| SHORTEST_BITS + REST_BITS + 8 * u64::from(message.shortest);
+        let shortest = wanted_bits.map(bits).min();
         let spacing = shortest.unwrap_or(SHORTEST_BITS + REST_BITS) * self.bit();
-        let mut jobs: Vec<Job> = Vec::new();
+        let mut all = self.network.messages.iter();
+        let own = all.any(|m| wanted(m) && self.is_own(m));
+        let mut jobs = if own {
+            Vec::new()
+        } else {
+            self.repeated_events(&wanted)
+        };
         let mut references: Vec<(Window, usize)> = Vec::new();
         for message in self.network.messages.iter().filter(|m| wanted(m)) {
             let window = message.window;
-            let first = (SHORTEST_BITS + 8 * u64::from(message.shortest)) * self.bit();
+            // An error may end an own frame at any bit. In the other windows it adds a job.
+            let single = own && window.kind == WindowKind::Exclusive;
+            let first = if single && !self.errors.is_none() {
+                ARBITRATION_BITS * self.bit()
+            } else {
+                (SHORTEST_BITS + 8 * u64::from(message.shortest)) * self.bit()
+            };
+            let tail = if single { self.error_tail() } else { 0 };
             let last = u64::from(worst_case_bits(message.length)) * self.bit();
             for begin in self.begins(window) {
                 let start = begin + u64::from(window.start_us) * MICROSECOND;
@@ -311,15 +360,24 @@ impl<'a> Bus<'a> {
                 }
                 let job = Job {
                     id: None,
-                    cause: None,
+                    cause: single.then(|| Self::opening(window, begin)).flatten(),
                     label: message.name.clone(),
                     earliest: (start + first).saturating_sub(self.uncertainty()),
                     latest: match window.kind {
                         WindowKind::Arbitrating => end + self.uncertainty(),
-                        _ => start + self.transmit_enable() + last + self.uncertainty(),
+                        // The cycle begins with it.
+                        WindowKind::Reference => start + last + self.uncertainty(),
+                        WindowKind::Exclusive => {
+                            start + self.transmit_enable() + last + tail + self.uncertainty()
+                        }
                     },
-                    deadline: (window.kind == WindowKind::Arbitrating).then(|| self.event_margin()),
-                    transmits: false,
+                    deadline: match window.kind {
+                        WindowKind::Arbitrating => Some(self.event_margin()),
+                        WindowKind::Exclusive if own => Some(self.until_own_window(message)),
+                        WindowKind::Exclusive => None,
+                        WindowKind::Reference => self.reference_deadline(),
+                    },
+                    transmits: single,
                 };
                 match window.kind {
                     // There may be several time masters, but there is one reference in each cycle.
@@ -345,7 +403,32 @@ impl<'a> Bus<'a> {
                 }
             }
         }
+        // For those of this node see [`Bus::disturbed_references`].
+        if !own && !references.is_empty() {
+            jobs.extend(self.repeated_references());
+        }
         self.table(spacing, jobs)
+    }
+
+    /// Least time from the end of this node's `message` in its exclusive window, or of the error frame that
+    /// destroys it, to the begin of its own next window: its mailbox must be free by then.
+    fn until_own_window(&self, message: &Message) -> Picoseconds {
+        let cycle = self.basic_cycle();
+        let start = |message: &Message| u64::from(message.window.start_us) * MICROSECOND;
+        let own = self
+            .network
+            .messages
+            .iter()
+            .filter(|other| self.is_own(other));
+        let next = own.map(
+            |other| match (start(other) + cycle - start(message)) % cycle.max(1) {
+                0 => cycle,
+                pause => pause,
+            },
+        );
+        let last = u64::from(worst_case_bits(message.length)) * self.bit();
+        let used = self.transmit_enable() + last + self.error_tail() + self.lead;
+        next.min().unwrap_or(cycle).saturating_sub(used)
     }
 
     /// How often an event message may be sent in one of its windows. One that is sent in place of
@@ -389,6 +472,7 @@ impl<'a> Bus<'a> {
             of_kind(Kind::Arbitrating, arbitrating),
             self.in_window(0, 0, withdrawals),
         ];
+        tables.extend(self.edges_again(&tables));
         tables.retain(|table| !table.jobs.is_empty());
         tables
     }
@@ -406,8 +490,8 @@ impl<'a> Bus<'a> {
                     // Requested at the end of the cycle before.
                     let mut request = self.transmission(message, begin + self.basic_cycle());
                     request.latest += 2 * self.uncertainty();
+                    request.id = Self::request_of_reference(window, begin);
                     if self.backs_up(message) {
-                        request.id = Self::request_of_reference(window, begin);
                         exclusive.push(self.withdrawal_of_backup(&request));
                     }
                     edges.references.push(request);
@@ -415,7 +499,10 @@ impl<'a> Bus<'a> {
                 return;
             }
             WindowKind::Exclusive if own => {
-                exclusive.push(self.transmission(message, start));
+                exclusive.push(Job {
+                    id: Self::opening(window, begin),
+                    ..self.transmission(message, start)
+                });
                 let label = format!("transmit enable of {}", message.name);
                 exclusive.push(self.edge(label, start + self.transmit_enable()));
             }

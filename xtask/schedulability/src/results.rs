@@ -396,37 +396,83 @@ pub struct ChainReport {
     pub name: String,
     /// Its steps.
     pub steps: Vec<StepReport>,
-    /// Longest end-to-end time; `None` if a step has no bound.
+    /// Longest end-to-end time; `None` if a step has no bound. It is that of data whose frames arrive:
+    /// errors make them late, but destroy none of them in an exclusive window.
+    pub latency: Option<Picoseconds>,
+    /// Deadline.
+    pub deadline: Picoseconds,
+    /// The same where a burst of errors destroys frames of the chain; `None` if it can destroy none.
+    pub lost: Option<LostReport>,
+}
+
+/// The end-to-end time of a chain of which a burst of errors destroys frames. The data of the next cycle
+/// take the place of those that are lost.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LostReport {
+    /// The messages of the chain with an exclusive window, in which a disturbed frame is lost.
+    pub messages: Vec<String>,
+    /// How many of their frames one burst can destroy, one after the other.
+    pub frames: u64,
+    /// Longest end-to-end time then; `None` if a step has no bound.
     pub latency: Option<Picoseconds>,
     /// Deadline.
     pub deadline: Picoseconds,
 }
 
+impl LostReport {
+    /// Which frames are lost, as a clause.
+    #[must_use]
+    pub fn clause(&self) -> String {
+        let names = self.messages.join(" or ");
+        match self.frames {
+            1 => format!("with a frame of {names} lost"),
+            frames => format!("with {frames} frames of {names} lost to a burst"),
+        }
+    }
+}
+
 impl ChainReport {
-    /// Whether its deadline holds.
+    /// Whether its deadlines hold.
     #[must_use]
     pub fn meets(&self) -> bool {
-        self.latency.is_some_and(|latency| latency <= self.deadline)
+        let within = |latency: Option<Picoseconds>, deadline| {
+            latency.is_some_and(|latency| latency <= deadline)
+        };
+        let mut lost = self.lost.iter();
+        within(self.latency, self.deadline) && lost.all(|lost| within(lost.latency, lost.deadline))
     }
 
     fn miss(&self) -> Option<String> {
-        match self.latency {
-            Some(latency) if latency > self.deadline => Some(format!(
-                "chain `{}` takes up to {}, its deadline is {}",
-                self.name,
-                time(latency),
-                time(self.deadline)
-            )),
-            Some(_) => None,
-            None => {
-                let step = self.steps.iter().find(|step| step.done.is_none());
-                Some(format!(
+        if self.latency.is_none() {
+            let step = self.steps.iter().find(|step| step.done.is_none());
+            return Some(match step {
+                Some(step) => format!(
                     "chain `{}` has no bound: its step {} has none",
-                    self.name,
-                    step.map_or("", |step| step.name.as_str())
-                ))
-            }
+                    self.name, step.name
+                ),
+                None => format!(
+                    "chain `{}` has no bound: errors delay its cycles faster than they pass",
+                    self.name
+                ),
+            });
         }
+        let late = |latency: Option<Picoseconds>, deadline, clause: String| {
+            latency
+                .filter(|latency| *latency > deadline)
+                .map(|latency| {
+                    format!(
+                        "chain `{}` takes up to {}{clause}, its deadline is {}",
+                        self.name,
+                        time(latency),
+                        time(deadline)
+                    )
+                })
+        };
+        late(self.latency, self.deadline, String::new()).or_else(|| {
+            let lost = self.lost.as_ref()?;
+            let clause = format!(" {}", lost.clause());
+            late(lost.latency, lost.deadline, clause)
+        })
     }
 }
 

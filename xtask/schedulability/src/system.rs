@@ -13,6 +13,7 @@ use crate::foreign::{Foreign, SENDER};
 use crate::model::NodeModel;
 use crate::models::{Files, InputError, Models, Supplement};
 use crate::node::{Observed, schedule};
+use crate::releases::Bus;
 use crate::results::Report;
 use crate::side_by_side::side_by_side;
 use crate::table::NodeTable;
@@ -100,6 +101,12 @@ impl Programs {
         })
     }
 
+    /// The rate of disturbed frames for which the analysis is made.
+    #[must_use]
+    pub const fn errors(&self) -> ErrorRate {
+        self.models.errors
+    }
+
     /// The analysed paths of a node's handlers, which runs are checked against: interrupt and
     /// watch.
     pub fn watches(&self, node: &str) -> impl Iterator<Item = (&str, &Arc<Watch>)> {
@@ -169,8 +176,23 @@ impl Programs {
         });
         let basic_cycle = u64::from(models.network.basic_cycle_us) * MICROSECOND;
         let mut chains = Vec::new();
+        let bus = Bus::new(&models.network, "", 0).with_errors(models.errors);
+        let errors = chains::Errors {
+            rate: models.errors,
+            late: if models.event_triggered {
+                0
+            } else {
+                bus.reference_delay()
+            },
+        };
         for chain in &models.table.chain {
-            chains.extend(chains::follow(chain, &nodes, &messages, basic_cycle));
+            chains.extend(chains::follow(
+                chain,
+                &nodes,
+                &messages,
+                basic_cycle,
+                errors,
+            ));
         }
         Ok(Report {
             assumptions: crate::assumptions::of(models, &nodes),

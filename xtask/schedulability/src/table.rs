@@ -216,16 +216,23 @@ pub enum TaskFault {
     Nested,
 }
 
-/// Rate of disturbed frames on the bus.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// Rate of disturbed frames on the bus: [`ErrorRate::USUAL`] where the table says nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct BusTable {
     /// Frames that may be disturbed in any `error_interval_ms`, also back to back; zero for none.
-    #[serde(default)]
     pub error_burst: u64,
     /// Length of that interval, in milliseconds; above zero with an `error_burst` above zero.
-    #[serde(default)]
     pub error_interval_ms: u64,
+}
+
+impl Default for BusTable {
+    fn default() -> Self {
+        Self {
+            error_burst: ErrorRate::USUAL.burst,
+            error_interval_ms: ErrorRate::USUAL.interval / 1_000_000,
+        }
+    }
 }
 
 impl BusTable {
@@ -609,6 +616,9 @@ pub struct Chain {
     pub name: String,
     /// Deadline from the first event to the last effect, in microseconds.
     pub deadline_us: u64,
+    /// The same if a burst of errors destroys frames of the chain in their exclusive windows;
+    /// `deadline_us` if it is left out.
+    pub lost_deadline_us: Option<u64>,
     /// Instant of the basic cycle at which the first event occurs, in microseconds. Without it the
     /// first event may occur at any time.
     pub from_us: Option<u64>,
@@ -886,6 +896,8 @@ impl Table {
         for chain in &self.chain {
             let of = || format!("chain `{}`", chain.name);
             accept(of(), "deadline_us", chain.deadline_us, LONGEST_US)?;
+            let lost = chain.lost_deadline_us.unwrap_or(0);
+            accept(of(), "lost_deadline_us", lost, LONGEST_US)?;
             accept(of(), "from_us", chain.from_us.unwrap_or(0), LONGEST_US)?;
             for step in &chain.steps {
                 accept(of(), "wait_us", step.wait_us, LONGEST_US)?;

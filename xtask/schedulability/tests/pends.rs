@@ -8,6 +8,7 @@ use parts::Sled;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use schedulability::arrivals::{Arrivals, Job, Kind, Sporadic, Timetable};
+use schedulability::can::ErrorRate;
 use schedulability::model::NodeModel;
 use schedulability::pends::{self, Found, Pender};
 use schedulability::table::{NodeTable, Table};
@@ -44,7 +45,13 @@ fn model(table: &str) -> Result<(NodeModel, NodeTable), String> {
     let table = table.resolve("tasks.toml", &network, None);
     let table = table.map_err(|error| error.to_string())?.node["node"].on(Sled::F446);
     let app = App::parse("node.rs", SOURCE).unwrap();
-    let model = NodeModel::new("node", &app, &table, &network, "tasks.toml");
+    let model = NodeModel::new(
+        "node",
+        &app,
+        &table,
+        (&network, ErrorRate::NONE),
+        "tasks.toml",
+    );
     Ok((model.map_err(|error| error.to_string())?, table))
 }
 

@@ -15,6 +15,8 @@ fn alone(node: usize, length: u64, period: u64) -> Stream {
         load: 0,
         reload: 0,
         repeat: 0,
+        follows: Vec::new(),
+        rest: None,
     }
 }
 
@@ -158,6 +160,35 @@ fn what_an_overloaded_bus_does_not_carry_has_no_bound() {
     ];
     let found = bounds(&set, 1);
     assert!(found[0].is_some() && found[1].is_none() && found[2].is_none());
+}
+
+#[test]
+fn an_error_in_the_last_bit_repeats_what_follows_too() {
+    let one = ErrorRate {
+        burst: 1,
+        interval: 0,
+    };
+    let of = |set: &[Stream], index: usize, errors| {
+        let found = queued::bounds(set, 1, errors, |_, _| Meeting::Any);
+        found[index].unwrap().response
+    };
+    let mut set = [
+        alone(0, 100, 10_000),
+        alone(1, 60, 10_000),
+        alone(2, 80, 10_000),
+    ];
+    let clean = of(&set, 2, ErrorRate::NONE);
+    assert_eq!(clean, 100 + 60 + 80);
+    // The longest frame again, and 31 bits.
+    assert_eq!(of(&set, 2, one), clean + 31 + 100);
+    // The receivers have taken it, and answer with the second message twice.
+    set[1].follows = vec![0];
+    assert_eq!(of(&set, 2, one), clean + 31 + 100 + 60);
+    // Its node rests after two attempts that failed.
+    set[2].rest = Some((2, 5000));
+    assert_eq!(of(&set, 2, one), clean + 31 + 100 + 60);
+    let two = ErrorRate { burst: 2, ..one };
+    assert_eq!(of(&set, 2, two), clean + 2 * (31 + 100 + 60) + 5000);
 }
 
 /// A number below `end`.
@@ -320,6 +351,8 @@ fn no_simulated_frame_takes_longer_than_its_bound() {
                     load: loads[node],
                     reload: 0,
                     repeat: 0,
+                    follows: Vec::new(),
+                    rest: None,
                 }
             })
             .collect();

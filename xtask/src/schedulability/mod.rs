@@ -403,6 +403,7 @@ mod tests {
                 }],
                 latency,
                 deadline: 5_000_000,
+                lost: None,
             }],
             kernels: Vec::new(),
             basic_cycle: 100_000_000_000,

@@ -14,6 +14,7 @@ use world::time::{Span as _, at};
 use schedulability::{
     activations::{START_UP, excess},
     arrivals::Arrivals,
+    can::ErrorRate,
     node::{Entered, Observed, Seen},
     side_by_side::side_by_side,
     system::Programs,
@@ -114,7 +115,11 @@ pub(super) fn observe(
         .map_err(|_| Error::BrokenDown)?;
     let mut all = BTreeMap::new();
     for (job, outcome) in jobs.iter().zip(outcomes) {
-        let strange = strange(job.scenario, vehicle.is_event_triggered());
+        let strange = strange(
+            job.scenario,
+            vehicle.is_event_triggered(),
+            programs.errors(),
+        );
         note(&mut all, *job, &outcome?, images, &strange)?;
     }
     Ok(all)
@@ -219,9 +224,20 @@ fn scenarios(vehicle: &Vehicle) -> Result<Vec<Scenario>, Error> {
 const ON_THE_BUS: u64 = 100_000_000_000;
 
 /// The times of a run, in picoseconds, in which more jobs are released than the analysis counts, as it
-/// has no foreign frames. Without a schedule, frames that waited for a dominant bus come all at once.
-fn strange(scenario: &Scenario, event_triggered: bool) -> Vec<Range<u64>> {
+/// has no foreign frames. Without a schedule, frames that waited for a dominant bus come all at once. And
+/// a scenario may disturb more frames than the rate for which the analysis is made.
+fn strange(scenario: &Scenario, event_triggered: bool, errors: ErrorRate) -> Vec<Range<u64>> {
     let ticks = |time: Time| at(time.span()).as_ticks();
+    let interval = (errors.interval * 1000).max(ON_THE_BUS);
+    // Disturbed frames in the interval that begins with this one.
+    let disturbed = |begin: u64| -> u64 {
+        let all = scenario.bus.iter().filter_map(|event| match event {
+            BusEvent::Corrupt { at, count, .. } => Some((ticks(*at), u64::from(*count))),
+            _ => None,
+        });
+        let soon = all.filter(|(at, _)| (begin..begin + interval).contains(at));
+        soon.map(|(_, count)| count).sum()
+    };
     let times = scenario.bus.iter().filter_map(|event| match event {
         BusEvent::Frame {
             at, every, until, ..
@@ -233,7 +249,10 @@ fn strange(scenario: &Scenario, event_triggered: bool) -> Vec<Range<u64>> {
             };
             Some(ticks(*at)..last + ON_THE_BUS)
         }
-        BusEvent::Dominant { at, hold } if event_triggered => {
+        BusEvent::Corrupt { at, .. } if disturbed(ticks(*at)) > errors.burst => {
+            Some(ticks(*at)..ticks(*at) + interval + ON_THE_BUS)
+        }
+        BusEvent::Dominant { at, hold } if event_triggered || errors.is_none() => {
             Some(ticks(*at)..ticks(*at) + hold.span().as_ticks() + ON_THE_BUS)
         }
         _ => None,

@@ -89,10 +89,7 @@ fn input(workspace: &Workspace, options: &Schedule) -> Result<NetworkText, Failu
 /// What to do next with a new schedule: the search gives each frame room, but only the analysis
 /// knows how long messages in a common arbitrating window and the tasks take.
 fn verdict(network: &Network) -> String {
-    let errors = BusTable::default().errors();
-    let (supervised, at_once) = (BTreeSet::new(), Reactions::new());
-    let messages = schedulability::bus::messages(network, errors, &supervised, &at_once);
-    match messages.iter().find_map(MessageReport::miss) {
+    match first_miss(network) {
         None => "`cargo xtask schedulability` shows whether every deadline holds with it.".into(),
         Some(miss) => format!(
             "`cargo xtask schedulability` will refuse it: {miss}. A longer arbitrating window \
@@ -100,6 +97,17 @@ fn verdict(network: &Network) -> String {
         ),
     }
 }
+
+/// The first message that needs more time than it has, disturbed frames at the usual rate included.
+fn first_miss(network: &Network) -> Option<String> {
+    let errors = BusTable::default().errors();
+    let (supervised, at_once) = (BTreeSet::new(), Reactions::new());
+    let messages = schedulability::bus::messages(network, errors, &supervised, &at_once);
+    messages.iter().find_map(MessageReport::miss)
+}
+
+/// The largest share of time for arbitrating windows that is tried unasked, in thousandths.
+const LARGEST_SHARE: u16 = 512;
 
 fn wrong(path: &Path, what: &str) -> Failure {
     Failure::Usage(format!("{}: {}", path.display(), what.replace('\n', "; ")))
@@ -116,19 +124,40 @@ fn schedule(text: &str, options: &Schedule) -> Result<Scheduled, String> {
         Some(method) => {
             let network = Network::parse_unscheduled(text).map_err(|error| error.to_string())?;
             let share = Network::parse(text).map_or(0, |network| plan::arbitrating_share(&network));
-            let planned = plan::find(&network, method, options, share)?;
-            let text = planned.assignment.write(text);
-            let network = reread(&text, &planned.assignment)?;
-            Scheduled {
-                network,
-                text,
-                notes: planned.notes,
-            }
+            let find = |share| -> Result<Scheduled, String> {
+                let planned = plan::find(&network, method, options, share)?;
+                let text = planned.assignment.write(text);
+                let network = reread(&text, &planned.assignment)?;
+                Ok(Scheduled {
+                    network,
+                    text,
+                    notes: planned.notes,
+                })
+            };
+            with_room(share, options.arbitrating.is_some(), find)?
         }
     };
     // The images are built with `ttcan`, so its own check must accept the schedule.
     plan::check(&scheduled.network)?;
     Ok(scheduled)
+}
+
+/// The schedule with the first share of time for arbitrating windows, from `share` thousandths on, in which each
+/// event message has the time that it needs. If the share is `given` or none is large enough, the first schedule.
+fn with_room(
+    share: u16,
+    given: bool,
+    find: impl Fn(u16) -> Result<Scheduled, String>,
+) -> Result<Scheduled, String> {
+    let first = find(share)?;
+    if given || first_miss(&first.network).is_none() {
+        return Ok(first);
+    }
+    let shares = (0..).map(|doubled| share.max(1) << doubled);
+    let larger = shares.skip(1).take_while(|share| *share <= LARGEST_SHARE);
+    let mut found = larger.map_while(|share| find(share).ok());
+    let enough = found.find(|scheduled| first_miss(&scheduled.network).is_none());
+    Ok(enough.unwrap_or(first))
 }
 
 /// The network with the schedule that the file already has.

@@ -118,8 +118,8 @@ mod tests {
                     own.preparation_us = 500;
                 }
                 if own.window.kind == crate::WindowKind::Arbitrating {
-                    // It has room for one more node.
-                    own.window.length_us = 7000;
+                    // It has room for one more node, and for a disturbed frame.
+                    own.window.length_us = 11_000;
                 }
                 assert_eq!(without_lines(message), own);
             }

@@ -162,6 +162,9 @@ fn of_chain(chain: &ChainReport) -> Markup {
         h2 { "End to end: " (chain.name) }
         p class=[(!chain.meets()).then_some("miss")] {
             (or_dash(chain.latency)) " of " (time(chain.deadline))
+            @if let Some(lost) = &chain.lost {
+                "; " (lost.clause()) ": " (or_dash(lost.latency)) " of " (time(lost.deadline))
+            }
         }
         (rows(["step", "done after", "in the cycle at"], steps))
     }

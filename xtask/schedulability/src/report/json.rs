@@ -57,6 +57,12 @@ pub fn json(report: &Report) -> Value {
             "name": chain.name,
             "latency_ps": chain.latency,
             "deadline_ps": chain.deadline,
+            "lost": chain.lost.as_ref().map(|lost| json!({
+                "messages": lost.messages,
+                "frames": lost.frames,
+                "latency_ps": lost.latency,
+                "deadline_ps": lost.deadline,
+            })),
             "steps": chain.steps.iter().map(|step| json!({
                 "step": step.name,
                 "done_ps": step.done,

@@ -131,6 +131,15 @@ fn chains(text: &mut String, report: &Report) {
             or_dash(chain.latency),
             time(chain.deadline)
         );
+        if let Some(lost) = &chain.lost {
+            let _ = writeln!(
+                text,
+                "    {}: {} of {}",
+                lost.clause(),
+                or_dash(lost.latency),
+                time(lost.deadline)
+            );
+        }
         let rows = chain.steps.iter().map(|step| {
             let cells = [step.name.clone(), or_dash(step.done), or_dash(step.phase)];
             (step.done.is_some(), cells)

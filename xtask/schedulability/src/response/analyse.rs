@@ -166,8 +166,8 @@ impl Bounds {
     }
 
     /// Worst response of those jobs of `task` that may release one of `caused`. A job of the table
-    /// is released by those that have their nominal release with it; if there is none, by any job
-    /// of the task.
+    /// is released by those of the same instants, else by those that may have their nominal release with it;
+    /// if there is none, by any job of the task.
     fn of_causes(&self, task: &Task, caused: &Arrivals) -> u64 {
         let mut late = 0;
         if caused.has_sporadic() {
@@ -175,10 +175,19 @@ impl Bounds {
         }
         for table in &caused.timed {
             for job in &table.jobs {
-                let together = jobs(task).zip(&self.timed).filter(|((of, cause), _)| {
-                    of.cycle == table.cycle && table.may_coincide(job, cause)
-                });
-                let together = together.map(|(_, bound)| bound.response).max();
+                let of_cycle = || {
+                    let all = jobs(task).zip(&self.timed);
+                    all.filter(|((of, _), _)| of.cycle == table.cycle)
+                };
+                let worst = |is_cause: &dyn Fn(&Job) -> bool| {
+                    let causes = of_cycle().filter(|((_, cause), _)| is_cause(cause));
+                    causes.map(|(_, bound)| bound.response).max()
+                };
+                // The same event releases jobs at the same instants.
+                let same =
+                    |cause: &Job| (cause.earliest, cause.latest) == (job.earliest, job.latest);
+                let together =
+                    worst(&same).or_else(|| worst(&|cause| table.may_coincide(job, cause)));
                 late = late.max(together.unwrap_or_else(|| self.worst()));
             }
         }
@@ -352,18 +361,61 @@ fn by_phases(tasks: &[Task], index: usize, bounds: &mut Bounds) {
     if let Some(any) = &mut bounds.any {
         improve(any, phases::of_any(tasks, index));
     }
-    for ((table, job), bound) in jobs(&tasks[index]).zip(&mut bounds.timed) {
-        improve(bound, phases::of_job(tasks, index, table, job));
+    improve_timed(&tasks[index], &mut bounds.timed, |table, job| {
+        phases::of_job(tasks, index, table, job)
+    });
+}
+
+/// Takes the better bound for each job of the time table. Jobs of one table that only differ by their names
+/// have the same.
+fn improve_timed(
+    task: &Task,
+    timed: &mut [Critical],
+    bound: impl Fn(&Timetable, &Job) -> Option<Critical>,
+) {
+    let mut known: Vec<(&Timetable, &Job, Option<Critical>)> = Vec::new();
+    for ((table, job), of_job) in jobs(task).zip(timed) {
+        let mut alike = known
+            .iter()
+            .filter(|(of, other, _)| std::ptr::eq(*of, table) && alike(other, job));
+        let found = if let Some((.., found)) = alike.next() {
+            found.clone().map(|found| Critical {
+                job: Some(job.label.clone()),
+                ..found
+            })
+        } else {
+            let found = bound(table, job);
+            known.push((table, job, found.clone()));
+            found
+        };
+        improve(of_job, found);
     }
+}
+
+/// Whether two jobs of one table have the same releases, causes and deadline.
+fn alike(one: &Job, other: &Job) -> bool {
+    let of = |job: &Job| {
+        let Job {
+            id: _,
+            cause,
+            label: _,
+            earliest,
+            latest,
+            deadline,
+            transmits,
+        } = *job;
+        (cause, earliest, latest, deadline, transmits)
+    };
+    one.id.is_none() && other.id.is_none() && of(one) == of(other)
 }
 
 /// Improves them by which jobs have completed before. `known` holds the bounds of all tasks
 /// that may delay them. Says whether the largest one has changed.
 fn by_completion(tasks: &[Task], index: usize, known: &[Option<u64>], bounds: &mut Bounds) -> bool {
     let before = bounds.worst();
-    for ((table, job), bound) in jobs(&tasks[index]).zip(&mut bounds.timed) {
-        improve(bound, carry_in::of_job(tasks, index, table, job, known));
-    }
+    improve_timed(&tasks[index], &mut bounds.timed, |table, job| {
+        carry_in::of_job(tasks, index, table, job, known)
+    });
     bounds.worst() < before
 }
 
