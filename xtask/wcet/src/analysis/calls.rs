@@ -106,9 +106,16 @@ impl Run<'_, '_> {
     }
 
     /// Reports that the function at `entry`, which is number `first` on the call stack, calls
-    /// itself.
+    /// itself. Of several circles that have a function in common the first one is reported.
     fn report_recursion(&mut self, first: usize, entry: u32) {
         let on_stack = self.frames[first..].iter().map(|frame| frame.function);
+        let is_known = on_stack
+            .clone()
+            .any(|function| self.recursive.contains(&function));
+        self.recursive.extend(on_stack.clone());
+        if is_known {
+            return;
+        }
         let names: Vec<String> = on_stack
             .chain([entry])
             .map(|function| self.program.image.name(function))

@@ -83,6 +83,8 @@ pub(super) struct Run<'r, 'a> {
     pub(super) summarised: BTreeMap<String, u64>,
     /// Most cycles of a turn that repeats a store-exclusive, as flashed.
     pub(super) retry: u64,
+    /// Functions that call themselves, directly or not.
+    pub(super) recursive: BTreeSet<u32>,
     /// How the paths end that do not return.
     pub(super) ends: BTreeSet<End>,
     pub(super) problems: BTreeSet<Problem>,
@@ -124,6 +126,7 @@ impl<'r, 'a> Run<'r, 'a> {
             annotated: BTreeMap::new(),
             summarised: BTreeMap::new(),
             retry: 0,
+            recursive: BTreeSet::new(),
             ends: BTreeSet::new(),
             problems: BTreeSet::new(),
         }
