@@ -439,6 +439,34 @@ fn a_priority_unsaid_is_wrong_input() {
     );
 }
 
+#[test]
+fn a_loop_may_be_bounded_in_the_task_table() {
+    let bounds = |name: &str, turns: u64| {
+        with_rows(
+            "register",
+            &format!(
+                "[bounds]\n\"{name}\" = {{ turns = {turns}, because = \"the bit comes soon.\" }}\n"
+            ),
+        )
+    };
+    let report = bounds("EXTI1", 20).unwrap();
+    assert_eq!(report.first_miss(), None);
+    let sentence = "The loop at EXTI1 takes at most 20 turns: the bit comes soon. Who writes the task table makes \
+                    sure; an observed run with more fails.";
+    let mut assumptions = report.assumptions.iter();
+    assert!(assumptions.any(|one| one == sentence), "{report:?}");
+    let error = bounds("EXTI0", 20).unwrap_err().to_string();
+    assert!(
+        error.contains("[bounds] has \"EXTI0\", but no task reaches a loop of that name"),
+        "{error}"
+    );
+    let error = bounds("EXTI1", 0).unwrap_err().to_string();
+    assert!(
+        error.ends_with("the bound of EXTI1 has `turns` = 0: 1 to 999999999 is accepted"),
+        "{error}"
+    );
+}
+
 /// The task table says that `init` pends all three tasks, and `report` pends `sample`.
 #[test]
 fn a_pend_that_the_task_table_omits_is_refused() {

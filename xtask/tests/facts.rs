@@ -235,6 +235,12 @@ fn wait_states_of_the_flash() {
 }
 
 #[test]
+fn attempts_of_an_event_triggered_node() {
+    let of_firmware = firmware::event::ATTEMPTS;
+    assert_eq!(schedulability::event::ATTEMPTS, u64::from(of_firmware));
+}
+
+#[test]
 fn size_of_the_stack() {
     let (path, _) = elf();
     let smaller = board(|board| board.stack.size /= 2);

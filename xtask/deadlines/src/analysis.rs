@@ -9,7 +9,7 @@ use schedulability::execution::Execution;
 use schedulability::node::{Observed, schedule};
 use schedulability::pends;
 use schedulability::results::NodeReport;
-use schedulability::table::PendedBy;
+use schedulability::table::{LoopBound, PendedBy, unused_bound};
 use wcet::annotation::Annotations;
 use wcet::image::Image;
 
@@ -59,19 +59,14 @@ pub fn execution(
     file: &str,
     progress: &dyn Fn(&str),
 ) -> Result<Execution, Error> {
-    let named = model.bounds.iter();
-    let named = named.map(|(name, bound)| (name.clone(), bound.turns));
-    let annotations = Annotations::new(root).with_bounds(named.collect());
+    let annotations = Annotations::new(root).with_bounds(LoopBound::turns(&model.bounds));
     let execution = Execution::of(&model.node, &model.table, image, &annotations, progress)
         .map_err(Error::input)?;
     if let Some(misplaced) = annotations.misplaced().into_iter().next() {
         return Err(Error::input(misplaced));
     }
     match annotations.unused().into_iter().next() {
-        Some(name) => Err(Error::input(format!(
-            "{file}: [bounds] has \"{name}\", but no task reaches a loop of that name that has no bound without \
-             it: accepted are places as the report has them (file and line), and names of functions"
-        ))),
+        Some(name) => Err(Error::input(unused_bound(file, &name))),
         None => Ok(execution),
     }
 }
@@ -144,11 +139,9 @@ fn assumptions(source: &Source, model: &Model, node: &NodeReport, part: &PartFil
          No debugger is connected.",
         on.ram_waits, on.peripheral_waits
     ));
-    all.extend(annotated(std::slice::from_ref(node), false, |name| {
-        let bound = model.bounds.get(name)?;
-        Some(bound.because.trim_end_matches('.').to_owned())
-    }));
-    all.extend(summarised(std::slice::from_ref(node), false));
+    let nodes = std::slice::from_ref(node);
+    all.extend(annotated(nodes, false, &model.bounds));
+    all.extend(summarised(nodes, false));
     let panics: usize = node.tasks.iter().map(|task| task.panics.len()).sum();
     if panics > 0 {
         all.push(format!(

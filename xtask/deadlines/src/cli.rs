@@ -1,6 +1,7 @@
 //! The command line.
 
 use std::ffi::OsString;
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -139,10 +140,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
     let Cargo::Deadlines(command) = Cargo::parse_from(arguments);
     let outcome = match &command.what {
-        Some(What::Parts) => {
-            print!("{}", parts::list());
-            Ok(())
-        }
+        Some(What::Parts) => say(&parts::list()),
         Some(What::Init(of)) => write_table(of),
         None => analyse(&command.of, &command.show),
     };
@@ -152,6 +150,24 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             eprintln!("error: {error}");
             ExitCode::from(error.exit_code())
         }
+    }
+}
+
+/// Prints a text. A reader that has gone away wants no more of it.
+fn say(text: &str) -> Result<(), Error> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Error::input(format!(
+            "cannot write the report to standard output: {error}"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Says on a terminal what is analysed, as cargo says what it compiles.
+fn progress(task: &str) {
+    if std::io::stderr().is_terminal() {
+        eprintln!("   Analysing {task}");
     }
 }
 
@@ -322,7 +338,7 @@ fn analyse(of: &Of, show: &Show) -> Result<(), Error> {
         Some(path) => Some((read(path)?, path.display().to_string())),
         None => None,
     };
-    let execution = analysis::execution(&model, &image, &binary.root, &tables.file, &|_| {})?;
+    let execution = analysis::execution(&model, &image, &binary.root, &tables.file, &progress)?;
     let answer = analysis::answer(
         &source,
         &model,
@@ -352,17 +368,15 @@ fn print(
     let findings = || report::findings(answer, losses, &in_repository(binary, &answer.source));
     let explained = show.explain.as_ref();
     let explained = explained.and_then(|name| node.tasks.iter().find(|one| one.name == *name));
-    match (show.json, explained, show.format) {
-        (true, ..) => println!("{:#}", report::json(answer)),
-        (false, Some(task), _) => print!("{}", explain_as_flashed(node, task)),
-        (false, None, Format::Sarif) => println!("{:#}", report::sarif(&findings())),
-        (false, None, format) => {
-            print!("{}", application::text(node, &answer.assumptions));
-            if format == Format::Github {
-                print!("{}", report::github(&findings()));
-            }
+    say(&match (show.json, explained, show.format) {
+        (true, ..) => format!("{:#}\n", report::json(answer)),
+        (false, Some(task), _) => explain_as_flashed(node, task),
+        (false, None, Format::Sarif) => format!("{:#}\n", report::sarif(&findings())),
+        (false, None, Format::Github) => {
+            application::text(node, &answer.assumptions) + &report::github(&findings())
         }
-    }
+        (false, None, Format::Text) => application::text(node, &answer.assumptions),
+    })?;
     let loss = losses.first().map(|(_, what)| what.clone());
     match answer
         .first_miss()
@@ -406,11 +420,10 @@ fn write_table(of: &Of) -> Result<(), Error> {
     let text = first_table(of, &binary, &source, part.as_ref(), &image)?;
     write(&path, &text)?;
     let questions = text.matches(" = \"?\"").count();
-    println!(
-        "Wrote {} with {questions} questions: answer them in place of \"?\", then run `cargo deadlines`.",
+    say(&format!(
+        "Wrote {} with {questions} questions: answer them in place of \"?\", then run `cargo deadlines`.\n",
         app::short(&path, &binary.root)
-    );
-    Ok(())
+    ))
 }
 
 fn first_table(
@@ -446,7 +459,7 @@ fn first_table(
     };
     let model = model::build(&binary.name, source, &table, &on, 1, "the table")?;
     // A program that the analysis refuses is still worth a table: the analysis itself says why.
-    let execution = analysis::execution(&model, image, &binary.root, "the table", &|_| {}).ok();
+    let execution = analysis::execution(&model, image, &binary.root, "the table", &progress).ok();
     let on_part = OnPart {
         name: of.part.as_deref(),
         file: part,

@@ -5,14 +5,16 @@ use std::collections::BTreeMap;
 use schedulability::arrivals::Sporadic;
 use schedulability::board::Board;
 use schedulability::model::NodeModel;
-use schedulability::table::{Clocks as RunsOn, NodeTable, ONCE, PendedBy, Run, Several, TaskTable};
+use schedulability::table::{
+    Clocks as RunsOn, LoopBound, NodeTable, ONCE, PendedBy, Run, Several, TaskTable,
+};
 use schedulability::units::MICROSECOND;
 use wcet::image::Image;
 use wcet::part::Part;
 
 use crate::app::Source;
 use crate::error::Error;
-use crate::table::{LoopBound, Row, Table};
+use crate::table::{Row, Table};
 
 /// The key of the tasks' rows in the table.
 const ROWS: &str = "task";

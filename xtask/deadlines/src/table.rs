@@ -13,16 +13,13 @@
 
 use std::collections::BTreeMap;
 
-use schedulability::table::{LONGEST_US, PendedBy, Several};
+use schedulability::table::{LONGEST_US, LoopBound, OutOfRange, PendedBy, Several};
 use serde::Deserialize;
 
 use crate::error::Error;
 
 /// What stands where a value is still to be written.
 pub const QUESTION: &str = "?";
-
-/// Turns that no bound reaches.
-const MOST_TURNS: u64 = 1_000_000_000;
 
 /// The task table of one application.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize)]
@@ -49,16 +46,6 @@ pub struct Table {
     /// Loops in sources that are not one's own, by their places as messages have them, or by their functions.
     #[serde(default)]
     pub bounds: BTreeMap<String, LoopBound>,
-}
-
-/// The bound of a loop.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LoopBound {
-    /// The most turns that it takes each time it is entered.
-    pub turns: u64,
-    /// Why it takes no more, for the report.
-    pub because: String,
 }
 
 /// What releases a task, and by when it must be done; times in microseconds.
@@ -123,25 +110,8 @@ impl Table {
                 .map_err(|what| Error::input(format!("{file}: task {task} has {what}")))?;
         }
         for (place, bound) in &table.bounds {
-            let wrong = match bound {
-                LoopBound {
-                    turns: 0 | MOST_TURNS..,
-                    ..
-                } => {
-                    format!(
-                        "`turns` = {}: 1 to {} is accepted",
-                        bound.turns,
-                        MOST_TURNS - 1
-                    )
-                }
-                LoopBound { because, .. } if because.trim().is_empty() => {
-                    "a `because` that gives no reason".to_owned()
-                }
-                LoopBound { .. } => continue,
-            };
-            return Err(Error::input(format!(
-                "{file}: the bound of {place} has {wrong}"
-            )));
+            let wrong = |what| Error::input(format!("{file}: the bound of {place} has {what}"));
+            bound.check().map_err(wrong)?;
         }
         Ok(table)
     }
@@ -175,12 +145,8 @@ fn question(text: &str) -> Option<String> {
 impl Row {
     /// Checks that its numbers are in range.
     fn check(&self) -> Result<(), String> {
-        let accept = |key: &str, value: u64, least: u64, most: u64| {
-            if (least..=most).contains(&value) {
-                Ok(())
-            } else {
-                Err(format!("`{key}` = {value}: {least} to {most} is accepted"))
-            }
+        let accept = |key, value, least, most| {
+            OutOfRange::check(key, value, least, most).map_err(|number| number.to_string())
         };
         let bounded = self.pended_by.values().filter_map(|how| match how {
             PendedBy::Bounded(bounded) => Some(bounded),

@@ -112,6 +112,30 @@ fn a_mask_may_be_noted_in_a_variable() {
 }
 
 #[test]
+fn output_that_goes_nowhere_has_its_sentence() {
+    let parts = || {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_cargo-deadlines"));
+        command.args(["deadlines", "parts"]);
+        command
+    };
+    let full = fs::OpenOptions::new()
+        .write(true)
+        .open("/dev/full")
+        .unwrap();
+    let output = parts().stdout(full).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(
+        said.starts_with("error: cannot write the report to standard output: "),
+        "{said}"
+    );
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let output = parts().stdout(writer).output().unwrap();
+    assert_eq!((output.status.code(), output.stderr), (Some(0), Vec::new()));
+}
+
+#[test]
 fn a_loop_may_be_bounded_by_its_name() {
     let table = |bounds: &str| {
         let path = package().join("bounds.toml");

@@ -18,10 +18,7 @@
 //! A less urgent frame that begins in such a time ends behind it by less than its length. Each of them is sent
 //! once, and once more for each error, so there are no more of them than that.
 
-use crate::can::{ERROR_FRAME_BITS, ErrorRate};
-
-/// Bits of a frame in which arbitration can be lost: start of frame, identifier and RTR (ISO 11898-1).
-const ARBITRATION_BITS: u64 = 13;
+use crate::can::{ARBITRATION_BITS, ERROR_FRAME_BITS, ErrorRate};
 
 /// How fast a node requests its frames in an arbitrating window. Times in nanoseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::foreign::Foreign;
 use crate::models::Models;
 use crate::results::NodeReport;
-use crate::table::PendedBy;
+use crate::table::{LoopBound, PendedBy};
 use crate::units::time;
 
 /// Something taken for granted, and what a run shows of it.
@@ -132,7 +132,7 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
         });
     }
     let tasks = nodes.iter().flat_map(|node| &node.tasks);
-    all.extend(annotated(nodes, true, |_| None));
+    all.extend(annotated(nodes, true, &models.table.bounds));
     all.extend(summarised(nodes, true));
     let panics: usize = tasks.map(|task| task.panics.len()).sum();
     if panics > 0 {
@@ -144,12 +144,12 @@ pub fn of(models: &Models, nodes: &[NodeReport]) -> Vec<String> {
 }
 
 /// The annotations that the bounds of these nodes rest on, one sentence each. `watched` if there are observed
-/// runs. `because` is the reason that a task table gives for one.
+/// runs. The reasons of those in a task table are in `bounds`.
 #[must_use]
 pub fn annotated(
     nodes: &[NodeReport],
     watched: bool,
-    because: impl Fn(&str) -> Option<String>,
+    bounds: &BTreeMap<String, LoopBound>,
 ) -> Vec<String> {
     let tasks = nodes.iter().flat_map(|node| &node.tasks);
     let annotated: BTreeMap<&str, u64> = tasks
@@ -167,8 +167,9 @@ pub fn annotated(
         } else {
             ""
         };
-        match because(place) {
-            Some(because) => {
+        match bounds.get(place) {
+            Some(bound) => {
+                let because = bound.reason();
                 format!("{what}: {because}. Who writes the task table makes sure{watched}.")
             }
             None => format!("{what}, as its annotation says. Who wrote it makes sure{watched}."),

@@ -9,16 +9,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use network_model::{Message, Network, SendType, Window, WindowKind, worst_case_bits};
 
 use crate::arbitrating::{Competition, Frame, Reaction};
-use crate::can::{self, ERROR_FRAME_BITS, ErrorRate};
+use crate::can::{self, ERROR_FRAME_BITS, ErrorRate, INTERFRAME_BITS, SHORTEST_BITS};
 use crate::results::{InWindows, MessageReport, NodeReport, TaskReport, Tolerance};
 use crate::table::{BusEvent, NodeTable};
 use crate::units::{MICROSECOND, Picoseconds};
 
-/// Bits of a data frame with an 11-bit identifier, without data and stuffing, and the interframe
-/// space.
-const SHORTEST_BITS: u64 = 47;
-/// Bits between two frames.
-const INTERFRAME_BITS: u64 = 3;
 /// Picoseconds in a nanosecond.
 const NANOSECOND: Picoseconds = 1000;
 

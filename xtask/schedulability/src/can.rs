@@ -10,6 +10,14 @@ use std::str::FromStr;
 
 use crate::results::Tolerance;
 
+/// Bits of a data frame with an 11-bit identifier, without data and stuffing, and the interframe space (ISO
+/// 11898-1).
+pub(crate) const SHORTEST_BITS: u64 = 47;
+/// Bits of a frame in which arbitration can be lost: start of frame, identifier and RTR (ISO 11898-1).
+pub(crate) const ARBITRATION_BITS: u64 = 13;
+/// Bits between two frames.
+pub(crate) const INTERFRAME_BITS: u64 = 3;
+
 /// One message stream. Times in nanoseconds.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Message {

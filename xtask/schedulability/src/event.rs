@@ -36,7 +36,7 @@
 use network_model::{Message, Network, SendType, WindowKind, worst_case_bits};
 
 use crate::arrivals::{Arrivals, Spaced, Sporadic};
-use crate::can::{self, ErrorRate};
+use crate::can::{self, ARBITRATION_BITS, ErrorRate, SHORTEST_BITS};
 use crate::execution::Execution;
 use crate::foreign::{Foreign, SENDER};
 use crate::model::{ModelError, ModelFault, NodeModel, TaskFault};
@@ -47,11 +47,6 @@ use crate::table::{BusEvent, By, NodeTable, TaskTable};
 use crate::units::{MICROSECOND, Picoseconds};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Bits of a data frame with an 11-bit identifier, without data and stuffing, and the interframe
-/// space.
-const SHORTEST_BITS: u64 = 47;
-/// Bits of a frame up to the last one in which arbitration can be lost.
-const ARBITRATION_BITS: u64 = 13;
 /// Shortest time from an error to the next frame, in bits: error flag, delimiter, interframe space.
 const ERROR_BITS: u64 = 17;
 /// Rounds after which the search for a solution ends without one.

@@ -67,6 +67,9 @@ pub enum InputError {
     /// The task table omits who pends a task.
     #[error(transparent)]
     Pend(#[from] Box<PendError>),
+    /// The task table bounds a loop that is not reached.
+    #[error("{0}")]
+    Bound(String),
     /// A source has an annotation that belongs to no loop.
     #[error(transparent)]
     Annotation(#[from] Misplaced),

@@ -25,7 +25,7 @@ use network_model::{Message, Network, Window, WindowKind, worst_case_bits};
 
 use crate::arrivals::{Job, JobId, Kind, Timetable};
 use crate::bus;
-use crate::can::ErrorRate;
+use crate::can::{ErrorRate, INTERFRAME_BITS};
 use crate::units::{MICROSECOND, Picoseconds};
 
 /// Bits of a data frame with an 11-bit identifier, without data and stuffing, up to the last bit
@@ -35,11 +35,9 @@ const SHORTEST_BITS: u64 = 43;
 const ARBITRATION_BITS: u64 = 1;
 /// The last bit of the frame and the interframe space.
 const REST_BITS: u64 = 4;
-/// Bits between two frames.
-const INTERFRAME_BITS: u64 = 3;
 
 /// How long after the expected begin of a reference it counts as missing, but for the uncertainty and two
-/// references: the last backup's offset in microseconds (`ttcan`'s `missing_after`).
+/// references: the largest reference trigger offset (ISO 11898-4), as in `ttcan`'s `missing_after`.
 const MISSING_US: u64 = 127;
 
 /// The bus as one node sees it.

@@ -16,7 +16,7 @@ use crate::node::{Observed, schedule};
 use crate::releases::Bus;
 use crate::results::Report;
 use crate::side_by_side::side_by_side;
-use crate::table::NodeTable;
+use crate::table::{LoopBound, NodeTable, unused_bound};
 use crate::transfers::Transfers;
 use crate::units::MICROSECOND;
 use crate::{bus, chains, event, pends};
@@ -76,10 +76,19 @@ impl Programs {
     /// An input is missing or wrong.
     pub fn read(inputs: &Inputs, progress: &(dyn Fn(&str) + Sync)) -> Result<Self, InputError> {
         let models = models(inputs)?;
+        let bounds = LoopBound::turns(&models.table.bounds);
         let executions = side_by_side(&models.nodes, |(model, table)| {
-            execution(inputs, model, table, progress)
+            execution(inputs, model, table, &bounds, progress)
         });
-        let executions: Vec<Execution> = executions.into_iter().collect::<Result<_, _>>()?;
+        let executions: Vec<_> = executions.into_iter().collect::<Result<_, _>>()?;
+        let (executions, unused): (Vec<Execution>, Vec<Vec<String>>) =
+            executions.into_iter().unzip();
+        // Another node may have the loop.
+        let is_whole = models.nodes.len() == models.table.node.len();
+        let nowhere = |name: &&String| unused.iter().all(|unused| unused.contains(name));
+        if let Some(name) = bounds.keys().find(nowhere).filter(|_| is_whole) {
+            return Err(InputError::Bound(unused_bound(&models.file, name)));
+        }
         for ((model, table), execution) in models.nodes.iter().zip(&executions) {
             pends::check(model, table, &execution.pends, &models.file)?;
         }
@@ -227,22 +236,24 @@ fn models(inputs: &Inputs) -> Result<Models, InputError> {
     )
 }
 
-/// Bounds the execution times of one node.
+/// Bounds the execution times of one node, with bounds of loops by their names. Returns those of the names, too,
+/// that no loop of the node has.
 fn execution(
     inputs: &Inputs,
     model: &NodeModel,
     table: &NodeTable,
+    bounds: &BTreeMap<String, u64>,
     progress: &(dyn Fn(&str) + Sync),
-) -> Result<Execution, InputError> {
+) -> Result<(Execution, Vec<String>), InputError> {
     let Some(program) = inputs.nodes.get(&model.name) else {
         return Err(InputError::NoImage(model.name.clone()));
     };
     let image = Image::read(&program.image)?;
-    let annotations = Annotations::new(&inputs.root);
+    let annotations = Annotations::new(&inputs.root).with_bounds(bounds.clone());
     let of_node = |task: &str| progress(&format!("{}.{task}", model.name));
     let execution = Execution::of(model, table, &image, &annotations, &of_node)?;
     match annotations.misplaced().into_iter().next() {
         Some(misplaced) => Err(misplaced.into()),
-        None => Ok(execution),
+        None => Ok((execution, annotations.unused())),
     }
 }

@@ -27,6 +27,9 @@ pub struct Table {
     /// Disturbed frames that the analysis allows for.
     #[serde(default)]
     pub bus: BusTable,
+    /// Loops in sources that are not the vehicle's, by their places as messages have them, or by their functions.
+    #[serde(default)]
+    pub bounds: BTreeMap<String, LoopBound>,
     /// Messages whose absence their receivers supervise: those of [`Delay::Overdue`], known after
     /// [`Table::resolve`].
     #[serde(skip)]
@@ -74,6 +77,14 @@ pub enum TableFault {
     /// `delay` names no message.
     #[error("`delay` names {0}, which is no message of the network file")]
     Overdue(String),
+    /// The bound of a loop is wrong.
+    #[error("the bound of {place} has {fault}")]
+    Bound {
+        /// The loop.
+        place: String,
+        /// What is wrong.
+        fault: String,
+    },
     /// A number of the bus errors or of a chain is out of range.
     #[error("{of} has {number}")]
     Number {
@@ -157,12 +168,7 @@ impl OutOfRange {
     ///
     /// # Errors
     /// It is outside.
-    pub(crate) fn check(
-        field: &'static str,
-        value: u64,
-        least: u64,
-        most: u64,
-    ) -> Result<(), Box<Self>> {
+    pub fn check(field: &'static str, value: u64, least: u64, most: u64) -> Result<(), Box<Self>> {
         if (least..=most).contains(&value) {
             return Ok(());
         }
@@ -214,6 +220,57 @@ pub enum TaskFault {
     /// An entry for the event-triggered bus has another one in it.
     #[error("has an `event` in its `event`")]
     Nested,
+}
+
+/// The bound of a loop in a source in which there is no place for an annotation.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoopBound {
+    /// The most turns that it takes each time it is entered.
+    pub turns: u64,
+    /// Why it takes no more, for the report.
+    pub because: String,
+}
+
+/// Most turns of such a loop that are accepted.
+const MOST_TURNS: u64 = 999_999_999;
+
+impl LoopBound {
+    /// Checks that it has a number in range and a reason.
+    ///
+    /// # Errors
+    /// What is wrong, as the end of a sentence.
+    pub fn check(&self) -> Result<(), String> {
+        OutOfRange::check("turns", self.turns, 1, MOST_TURNS)
+            .map_err(|number| number.to_string())?;
+        if self.because.trim().is_empty() {
+            return Err("a `because` that gives no reason".to_owned());
+        }
+        Ok(())
+    }
+
+    /// The reason, without a stop.
+    #[must_use]
+    pub fn reason(&self) -> String {
+        self.because.trim().trim_end_matches('.').to_owned()
+    }
+
+    /// The numbers of these bounds, by their names.
+    #[must_use]
+    pub fn turns(bounds: &BTreeMap<String, Self>) -> BTreeMap<String, u64> {
+        let each = bounds.iter();
+        each.map(|(name, bound)| (name.clone(), bound.turns))
+            .collect()
+    }
+}
+
+/// The sentence about a name in `[bounds]` of a task table that no loop has.
+#[must_use]
+pub fn unused_bound(file: &str, name: &str) -> String {
+    format!(
+        "{file}: [bounds] has \"{name}\", but no task reaches a loop of that name: \
+         accepted are places as the report has them (file and line), and names of functions"
+    )
 }
 
 /// Rate of disturbed frames on the bus: [`ErrorRate::USUAL`] where the table says nothing.
@@ -867,6 +924,12 @@ impl Table {
                     fault: Box::new(fault),
                 })?;
             }
+        }
+        for (place, bound) in &self.bounds {
+            bound.check().map_err(|fault| TableFault::Bound {
+                place: place.clone(),
+                fault,
+            })?;
         }
         let is_known = |name: &String| {
             self.node.contains_key(name) || self.chain.iter().any(|chain| chain.name == *name)

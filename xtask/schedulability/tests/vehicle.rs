@@ -212,30 +212,33 @@ fn the_table_fits_the_sources() {
 }
 
 /// A reference message comes once in a basic cycle, and only its job may call `take_reference`.
+/// What a run refutes in which `can_rx` calls `take_reference` at these microseconds.
+fn refuted_by_calls(model: &NodeModel, table: &NodeTable, at_us: &[u64]) -> BTreeSet<String> {
+    let execution = execution(model, table, 10);
+    let mut tasks = model.tasks.iter();
+    let can_rx = tasks.find(|task| task.name == "can_rx").unwrap();
+    let of_function = Entered {
+        scenario: "a run".into(),
+        at: at_us.iter().map(|us| us * 1_000_000).collect(),
+    };
+    let seen = Seen {
+        calling: BTreeMap::from([("take_reference".to_owned(), vec![of_function])]),
+        ..Seen::default()
+    };
+    let observed = Observed::from([(can_rx.interrupt.clone(), seen)]);
+    let node = schedule(model, table, &execution, Some(&observed));
+    task(&node, "can_rx").refuted.clone()
+}
+
 #[test]
 fn a_function_that_never_is_called_and_is_refutes_the_table() {
     let (model, table) = model_with("steering", &source("steering"), ErrorRate::NONE).unwrap();
-    let execution = execution(&model, &table, 10);
-    let mut tasks = model.tasks.iter();
-    let can_rx = tasks.find(|task| task.name == "can_rx").unwrap();
-    let refuted = |at: &[u64]| {
-        let of_function = Entered {
-            scenario: "a run".into(),
-            at: at.iter().map(|ms| ms * 1_000_000_000).collect(),
-        };
-        let seen = Seen {
-            calling: BTreeMap::from([("take_reference".to_owned(), vec![of_function])]),
-            ..Seen::default()
-        };
-        let observed = Observed::from([(can_rx.interrupt.clone(), seen)]);
-        let node = schedule(&model, &table, &execution, Some(&observed));
-        task(&node, "can_rx").refuted.clone()
-    };
-    assert_eq!(refuted(&[5, 105, 205, 305]), BTreeSet::new());
+    let refuted = |at_us: &[u64]| refuted_by_calls(&model, &table, at_us);
+    assert_eq!(refuted(&[5000, 105_000, 205_000, 305_000]), BTreeSet::new());
     let sentence = "it called take_reference in 2 jobs within 3000.00 us, 105.00 ms after power-on in a run, and \
          only 1 of its jobs may in that time by `never` of the task table";
     assert_eq!(
-        refuted(&[5, 105, 108, 205]),
+        refuted(&[5000, 105_000, 108_000, 205_000]),
         BTreeSet::from([sentence.to_owned()])
     );
 }
@@ -393,25 +396,7 @@ fn a_disturbed_frame_ends_attempts_and_may_come_twice() {
 #[test]
 fn a_repeated_reference_may_call_what_a_reference_calls() {
     let (model, table) = model("steering", &source("steering")).unwrap();
-    let execution = execution(&model, &table, 10);
-    let can_rx = model
-        .tasks
-        .iter()
-        .find(|task| task.name == "can_rx")
-        .unwrap();
-    let refuted = |at: &[u64]| {
-        let of_function = Entered {
-            scenario: "a run".into(),
-            at: at.iter().map(|us| us * 1_000_000).collect(),
-        };
-        let seen = Seen {
-            calling: BTreeMap::from([("take_reference".to_owned(), vec![of_function])]),
-            ..Seen::default()
-        };
-        let observed = Observed::from([(can_rx.interrupt.clone(), seen)]);
-        let node = schedule(&model, &table, &execution, Some(&observed));
-        !task(&node, "can_rx").refuted.is_empty()
-    };
+    let refuted = |at_us: &[u64]| !refuted_by_calls(&model, &table, at_us).is_empty();
     assert!(!refuted(&[5000, 105_000, 105_700, 205_000]));
     assert!(refuted(&[5000, 105_000, 105_700, 106_400, 205_000]));
 }

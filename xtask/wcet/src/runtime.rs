@@ -186,19 +186,17 @@ pub(crate) fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'st
 /// encodes memory (run-time ABI for the Arm architecture, 4.3.4).
 #[must_use]
 pub(crate) fn length_register(name: &str) -> Option<Register> {
-    let is_logger = name.contains("defmt_rtt::Logger as ");
-    let name = name.rsplit("::").next().unwrap_or(name);
-    if is_logger && name == "write" {
-        return length_register("_defmt_write");
+    if encodes(name) {
+        // Its loop encodes one byte in each turn.
+        return Some(Register::new(1));
     }
+    let name = name.rsplit("::").next().unwrap_or(name);
     let plain = name.trim_end_matches(['4', '8']);
     match plain {
         "memcpy" | "memmove" | "memset" | "__aeabi_memcpy" | "__aeabi_memmove" => {
             Some(Register::new(2))
         }
         "__aeabi_memset" | "__aeabi_memclr" => Some(Register::new(1)),
-        // Its loop encodes one byte in each turn.
-        "_defmt_write" => Some(Register::new(1)),
         _ => None,
     }
 }
@@ -207,7 +205,13 @@ pub(crate) fn length_register(name: &str) -> Option<Register> {
 /// on; `None` for a function that also writes elsewhere.
 #[must_use]
 pub(crate) fn destination_length(name: &str) -> Option<Register> {
-    length_register(name).filter(|_| name != "_defmt_write" && !name.contains("defmt_rtt::"))
+    length_register(name).filter(|_| !encodes(name))
+}
+
+/// Whether a function of this name encodes the bytes of a log record: `_defmt_write`, or the logger's method that
+/// it calls.
+fn encodes(name: &str) -> bool {
+    name == "_defmt_write" || name.contains("defmt_rtt::Logger as ") && name.ends_with("::write")
 }
 
 /// The most turns of loop `number` in a function that writes `bytes` bytes, each of them once:

@@ -10,7 +10,7 @@ use super::cells::{HEADINGS, row};
 use super::columns::{Align, columns};
 use super::explain::explain_as_flashed;
 use super::html::{page, rows};
-use super::table::{after_table, unbounded_of};
+use super::table::{after_table, heading, unbounded_of};
 
 /// What the columns mean.
 const LEGEND: &str = "every: least time between two releases; bound: WCET as flashed; \
@@ -35,14 +35,7 @@ pub fn verdict(node: &NodeReport) -> String {
 #[must_use]
 pub fn text(node: &NodeReport, assumptions: &[String]) -> String {
     let mut text = unbounded_of(std::slice::from_ref(node));
-    let _ = writeln!(
-        text,
-        "{}: processor {:.1} %, stack {} of {} bytes",
-        node.name,
-        node.utilisation_permille as f64 / 10.0,
-        node.stack,
-        node.stack_size
-    );
+    heading(&mut text, node);
     text.push_str(&if is_observed(node) {
         columns(
             with_seen(HEADINGS),

@@ -49,7 +49,8 @@ pub(super) fn unbounded_of(nodes: &[NodeReport]) -> String {
     text
 }
 
-fn of_node(text: &mut String, node: &NodeReport) {
+/// The line above the table of a node's tasks.
+pub(super) fn heading(text: &mut String, node: &NodeReport) {
     let _ = writeln!(
         text,
         "{}: processor {:.1} %, stack {} of {} bytes",
@@ -58,6 +59,10 @@ fn of_node(text: &mut String, node: &NodeReport) {
         node.stack,
         node.stack_size
     );
+}
+
+fn of_node(text: &mut String, node: &NodeReport) {
+    heading(text, node);
     let rows = node.tasks.iter();
     text.push_str(&columns(
         HEADINGS,

@@ -80,6 +80,8 @@ impl<'a> Analysis<'a> {
         if Memory::trusts_lent(&self.lent, &self.trusted) {
             self.holds = false;
             self.known.clear();
+            // What was taken for granted rests on bytes that DMA may write.
+            self.lasting = Rc::default();
             self.learn_once(main, handlers, unknown_stores);
         }
         &self.lasting
