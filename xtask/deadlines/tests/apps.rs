@@ -33,6 +33,8 @@ fn each_shape_of_an_application_has_its_report() {
         ("modules", Target::V6),
         ("timed", Target::V7),
         ("timed", Target::V6),
+        ("menu", Target::V7),
+        ("menu", Target::V6),
         ("compare", Target::V7),
         ("masks", Target::V6),
     ] {
@@ -43,6 +45,7 @@ fn each_shape_of_an_application_has_its_report() {
         };
         let table = match (name, target) {
             ("timed", Target::V6) => "timed_v6",
+            ("menu", Target::V6) => "menu_v6",
             _ => name,
         };
         let said = with_table(name, target, table, part);

@@ -150,7 +150,7 @@ fn body(image: &Image, function: u32) -> Result<Body, CallsError> {
                 });
             }
             _ if instruction.calls_through_pointer() => {
-                let targets = software::targets(image, function);
+                let targets = software::targets(image, function, at);
                 body.calls.extend(
                     match targets {
                         Some(targets) => targets.into_iter().map(Some).collect(),

@@ -1,14 +1,11 @@
 //! Arrays in static variables, by the image's debug information.
 
 use addr2line::gimli::{
-    self, AttributeValue, DebuggingInformationEntry, Dwarf, EndianSlice, LittleEndian, Operation,
-    Unit, UnitOffset,
+    self, AttributeValue, DebuggingInformationEntry, Operation, Unit, UnitOffset,
 };
-use object::{Object, ObjectSection};
 
+use super::debug::{Slice, each_unit};
 use super::extent::Extent;
-
-type Slice<'a> = EndianSlice<'a, LittleEndian>;
 
 /// Depth to which nested types are followed.
 const DEPTH: u32 = 24;
@@ -17,29 +14,17 @@ const DEPTH: u32 = 24;
 /// arrays.
 #[must_use]
 pub(crate) fn of(file: &object::File<'_>) -> Vec<Extent> {
-    let section = |id: gimli::SectionId| -> Result<Slice<'_>, gimli::Error> {
-        let data = file.section_by_name(id.name());
-        let data = data.and_then(|section| section.data().ok());
-        Ok(EndianSlice::new(data.unwrap_or_default(), LittleEndian))
-    };
     let mut found = Vec::new();
-    let Ok(dwarf) = Dwarf::load(section) else {
-        return found;
-    };
-    let mut units = dwarf.units();
-    while let Ok(Some(header)) = units.next() {
-        let Ok(unit) = dwarf.unit(header) else {
-            continue;
-        };
+    each_unit(file, |_, unit| {
         let mut entries = unit.entries();
         while let Ok(Some(entry)) = entries.next_dfs() {
             if entry.tag() == gimli::DW_TAG_variable
-                && let (Some(address), Some(of)) = (place(&unit, entry), kind(entry))
+                && let (Some(address), Some(of)) = (place(unit, entry), kind(entry))
             {
-                inside(&unit, of, address, DEPTH, &mut found);
+                inside(unit, of, address, DEPTH, &mut found);
             }
         }
-    }
+    });
     found
 }
 

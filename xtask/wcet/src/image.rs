@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
 
 use super::extent::Extent;
+use super::signatures::Signature;
 
 /// Why a file cannot be used as an image.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -121,6 +122,7 @@ pub struct Image {
     lines: Option<addr2line::Loader>,
     load: Vec<(u32, Vec<u8>)>,
     variables: Variables,
+    signatures: BTreeMap<u32, Signature>,
     /// Folder that messages leave out of the paths in it.
     root: Option<PathBuf>,
     known_places: RefCell<HashMap<u32, Vec<Place>>>,
@@ -160,6 +162,7 @@ impl Image {
             lines: addr2line::Loader::new(path).ok(),
             load: Vec::new(),
             variables: Variables::default(),
+            signatures: BTreeMap::new(),
             root: None,
             known_places: RefCell::new(HashMap::new()),
         };
@@ -185,6 +188,7 @@ impl Image {
         }
         image.read_symbols(&file);
         image.variables.arrays = super::arrays::of(&file);
+        image.signatures = super::signatures::of(&file);
         Ok(image)
     }
 
@@ -292,6 +296,12 @@ impl Image {
         Some(u32::from_le_bytes(word))
     }
 
+    /// What is never written: address and bytes.
+    pub(crate) fn constants(&self) -> impl Iterator<Item = (u32, &[u8])> {
+        let constants = self.constants.iter();
+        constants.map(|(address, data)| (*address, &data[..]))
+    }
+
     /// The static variables.
     #[must_use]
     pub fn variables(&self) -> &Variables {
@@ -377,6 +387,11 @@ impl Image {
     #[must_use]
     pub fn function(&self, address: u32) -> Option<&Function> {
         self.functions.get(&address)
+    }
+
+    /// What the debug information says of the function that begins at `address`.
+    pub(crate) fn signature(&self, address: u32) -> Option<Signature> {
+        self.signatures.get(&address).copied()
     }
 
     /// The function that holds `address` and where it begins.

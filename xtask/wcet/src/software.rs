@@ -24,20 +24,79 @@ const LIST: &str = "rtic-time-2.0.1/src/linked_list.rs";
 /// See [`LIST`].
 const QUEUE: &str = "rtic-time-2.0.1/src/timer_queue.rs";
 
-/// The functions that a call through an unknown pointer in the function at `function` may
+/// Source of the calls of a waker's functions, whatever the name of the function that holds the call.
+const WAKE_SOURCE: &str = "core/src/task/wake.rs";
+/// Prefix of the names of the functions there.
+const WAKE_MODULE: &str = "core::task::wake::";
+/// Function pointers in the table of a waker: to clone, wake, wake by reference and drop it.
+const WAKER_FUNCTIONS: usize = 4;
+
+/// The functions that the call at `call` through an unknown pointer in the function at `function` may
 /// reach; `None` in an image without software tasks, which contains no such call.
 ///
-/// A program obtains a function pointer only from a constant, so the target is a function
-/// whose address stands in the image. A waker calls a `fn()` that RTIC gave to it, which is
-/// none of the functions in the table of wakers.
+/// A program obtains a function pointer only from a constant, so the target is a function whose address
+/// stands in the image. Two kinds of calls reach fewer:
+///
+/// - A call of [`WAKE_SOURCE`] is that of a waker's function. Wakers have their functions in a constant
+///   table of [`WAKER_FUNCTIONS`] pointers, and each takes one parameter.
+/// - RTIC's waker calls the `fn()` that the generated code gave to it. That has no parameter, and is
+///   neither one of the waker's own functions nor code that was built with the compiler.
 #[must_use]
-pub fn targets(image: &Image, function: u32) -> Option<BTreeSet<u32>> {
+pub fn targets(image: &Image, function: u32, call: u32) -> Option<BTreeSet<u32>> {
     image.functions().find(|(_, known)| known.name == WAKE)?;
-    let mut taken = taken(image);
+    let mut places = image.places(call).into_iter();
     if image.name(function) == WAKE {
-        taken.retain(|target| !image.name(*target).starts_with(WAKER));
+        let mut taken = taken(image);
+        taken
+            .retain(|target| !image.name(*target).starts_with(WAKER) && runs_alone(image, *target));
+        return Some(taken);
     }
-    Some(taken)
+    if places.any(|place| place.file.ends_with(WAKE_SOURCE)) {
+        let tabled: BTreeSet<u32> = taken(image).intersection(&wakers(image)).copied().collect();
+        if !tabled.is_empty() {
+            return Some(tabled);
+        }
+    }
+    Some(taken(image))
+}
+
+/// Whether the function at `target` may be the `fn()` of a program.
+fn runs_alone(image: &Image, target: u32) -> bool {
+    let signature = image.signature(target);
+    signature.is_none_or(|signature| signature.carried == 0 && !signature.toolchain)
+}
+
+/// The functions in constant tables that may be those of a waker.
+fn wakers(image: &Image) -> BTreeSet<u32> {
+    let mut wakers = BTreeSet::new();
+    for (start, bytes) in image.constants() {
+        let aligned = start.next_multiple_of(4);
+        let words = bytes.get((aligned - start) as usize..).unwrap_or_default();
+        let mut row = Vec::new();
+        let words = words.chunks_exact(4).map(Some).chain([None]);
+        for (at, word) in (aligned..).step_by(4).zip(words) {
+            let word = word.and_then(|word| word.try_into().ok());
+            let word = word.map(u32::from_le_bytes).filter(|_| !image.is_code(at));
+            if let Some(target) = word.and_then(|word| pointee(image, word)) {
+                row.push(target);
+                continue;
+            }
+            if row.len() >= WAKER_FUNCTIONS {
+                wakers.extend(row.iter().filter(|target| takes_one(image, **target)));
+            }
+            row.clear();
+        }
+    }
+    wakers
+}
+
+/// Whether the function at `target` may take one parameter.
+fn takes_one(image: &Image, target: u32) -> bool {
+    let signature = image.signature(target);
+    signature.is_none_or(|signature| {
+        let known = !signature.toolchain || image.name(target).starts_with(WAKE_MODULE);
+        known && signature.carried <= 1
+    })
 }
 
 /// The function that a word points to, if it points to one.

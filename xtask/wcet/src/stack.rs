@@ -163,7 +163,7 @@ impl<'a> Stacks<'a> {
                 vec![target]
             }
             _ if instruction.calls_through_pointer() => {
-                let targets = software::targets(self.image, entry);
+                let targets = software::targets(self.image, entry, instruction.address);
                 if targets.is_none() {
                     let place = self.image.describe(instruction.address);
                     let what = format!("call through a pointer at {place}");

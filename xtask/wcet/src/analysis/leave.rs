@@ -74,7 +74,7 @@ impl Run<'_, '_> {
     ) {
         let targets = written
             .and_then(|value| enumerate(&self.executor.symbols, &value))
-            .or_else(|| self.pointees(graph.entry));
+            .or_else(|| self.pointees(graph.entry, last.address));
         let image = self.program.image;
         let known = targets.filter(|targets| targets.iter().all(|target| image.is_code(*target)));
         if let Some(targets) = known {
@@ -91,10 +91,10 @@ impl Run<'_, '_> {
         }
     }
 
-    /// The functions that a call through an unknown pointer in the function at `entry` may
+    /// The functions that the call at `call` through an unknown pointer in the function at `entry` may
     /// reach, if that is known.
-    fn pointees(&self, entry: u32) -> Option<Vec<u32>> {
-        let targets = software::targets(self.program.image, entry)?;
+    fn pointees(&self, entry: u32, call: u32) -> Option<Vec<u32>> {
+        let targets = software::targets(self.program.image, entry, call)?;
         Some(targets.into_iter().collect())
     }
 
@@ -161,7 +161,7 @@ impl Run<'_, '_> {
             return;
         }
         let targets = enumerate(&self.executor.symbols, &target);
-        let Some(targets) = targets.or_else(|| self.pointees(graph.entry)) else {
+        let Some(targets) = targets.or_else(|| self.pointees(graph.entry, last.address)) else {
             self.report(Problem::UnboundedPointer, last.address);
             return;
         };

@@ -18,7 +18,7 @@ pub const NVIC_PRIO_BITS: u8 = 4;
 
 /// Clock of the core in Hz.
 #[cfg(not(feature = "v6"))]
-pub const CORE_HZ: u32 = 8_000_000;
+pub const CORE_HZ: u32 = 16_000_000;
 /// Clock of the core in Hz.
 #[cfg(feature = "v6")]
 pub const CORE_HZ: u32 = 48_000_000;
