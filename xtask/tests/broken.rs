@@ -24,7 +24,6 @@ use twin::mcu::{Board, Mcu};
 use twin::part::Part;
 use wcet::cycles::{Cycles, Model};
 use wcet::image::Image;
-use xtask::schedulability::{follow, observe};
 
 /// A change of the source: what it replaces, and by what.
 type Change = (&'static str, &'static str);
@@ -302,10 +301,10 @@ fn observed(program: &str, programs: &Programs) -> Observed {
     let mut mcu = Mcu::new(Arc::new(on_part), &Board::default(), None);
     let watches = programs.watches("node").map(|(_, watch)| watch);
     let lasting = programs.lasting("node").collect();
-    let findings = observe::follow(&mut mcu, watches, lasting, 0);
+    let findings = observer::follow(&mut mcu, watches, lasting, 0);
     mcu.run_for(can_bus::SimDuration::from_ticks(100_000_000_000));
     let image = Image::read(&image(program)).unwrap();
-    let findings = follow::lock(&findings);
+    let findings = observer::follower::lock(&findings);
     let tasks = mcu.load().tasks.into_iter();
     tasks
         .map(|task| {

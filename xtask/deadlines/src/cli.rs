@@ -7,12 +7,16 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+#[cfg(feature = "emulator")]
+use schedulability::execution::Execution;
 use schedulability::node::Observed;
 use schedulability::report::{application, explain_as_flashed};
 use wcet::image::Image;
 
 use crate::analysis::{self, Answer};
 use crate::app::{self, Source};
+#[cfg(feature = "emulator")]
+use crate::emulated;
 use crate::error::{Error, read, write};
 use crate::init::{self, Handlers, OnPart};
 use crate::model::{self, Model};
@@ -35,7 +39,7 @@ enum Cargo {
     args_conflicts_with_subcommands = true,
     after_help = "Exit code: 0 if every deadline holds, 1 if one is missed or not proven, 2 for wrong input.\n\n\
         Examples:\n  cargo deadlines init --part stm32f411 --core-hz 100000000\n  cargo deadlines\n  \
-        cargo deadlines --explain control\n  cargo deadlines --json > slack.json\n  \
+        cargo deadlines --explain control\n  cargo deadlines --run 10\n  cargo deadlines --json > slack.json\n  \
         cargo deadlines --baseline slack.json --loss 10 --format github"
 )]
 struct Command {
@@ -118,6 +122,16 @@ struct Show {
     /// Observed cycles, lines `task,cycles`: fail when one exceeds its bound
     #[arg(long, value_name = "FILE")]
     seen: Option<PathBuf>,
+    /// Run the image for so long on the emulated part: fail when it shows what the analysis excludes
+    #[cfg(feature = "emulator")]
+    #[arg(long, value_name = "SECONDS", conflicts_with = "seen",
+          value_parser = clap::value_parser!(u64).range(1..=crate::emulated::LONGEST_S))]
+    run: Option<u64>,
+    /// Clock at the emulated part's input in Hz
+    #[cfg(feature = "emulator")]
+    #[arg(long, value_name = "HZ", requires = "run",
+          value_parser = clap::value_parser!(u32).range(1_000_000..=50_000_000))]
+    external_hz: Option<u32>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
@@ -184,14 +198,14 @@ impl Of {
         }
     }
 
-    /// The image, given or built.
-    fn image(&self, binary: &Binary) -> Result<Image, Error> {
+    /// The image, given or built, and its file.
+    fn image(&self, binary: &Binary) -> Result<(PathBuf, Image), Error> {
         let path = match &self.image {
             Some(path) => path.clone(),
             None => binary.build(&self.choice())?,
         };
         let image = Image::read(&path).map_err(Error::input)?;
-        Ok(image.relative_to(&binary.root))
+        Ok((path, image.relative_to(&binary.root)))
     }
 
     fn table(&self, binary: &Binary) -> PathBuf {
@@ -283,6 +297,9 @@ struct Prepared {
     binary: Binary,
     source: Source,
     tables: Tables,
+    /// The image's file.
+    #[cfg_attr(not(feature = "emulator"), expect(dead_code))]
+    path: PathBuf,
     image: Image,
     model: Model,
 }
@@ -293,7 +310,7 @@ fn prepare(of: &Of) -> Result<Prepared, Error> {
     let mut tables = Tables::read(of, &binary)?;
     // Wrong input is reported before a build that takes time.
     let part = tables.part.on(&tables.clocks)?;
-    let image = of.image(&binary)?;
+    let (path, image) = of.image(&binary)?;
     model::drop_absent(&mut source, &image);
     tables.table = model::with_comments(&source, &tables.table, &tables.file)?;
     let stack = stack(&tables.table, &image, &tables.part)?;
@@ -303,19 +320,22 @@ fn prepare(of: &Of) -> Result<Prepared, Error> {
         binary,
         source,
         tables,
+        path,
         image,
         model,
     })
 }
 
 fn analyse(of: &Of, show: &Show) -> Result<(), Error> {
+    let prepared = prepare(of)?;
     let Prepared {
         binary,
         source,
         tables,
         image,
         model,
-    } = prepare(of)?;
+        ..
+    } = &prepared;
     let tasks = &model.node.tasks;
     if let Some(task) = &show.explain
         && !tasks.iter().any(|one| one.name == *task)
@@ -326,11 +346,11 @@ fn analyse(of: &Of, show: &Show) -> Result<(), Error> {
             known.join(", ")
         )));
     }
-    let observed: Option<Observed> = match &show.seen {
+    let mut observed: Option<Observed> = match &show.seen {
         Some(path) => Some(seen::read(
             &read(path)?,
             &path.display().to_string(),
-            &model,
+            model,
         )?),
         None => None,
     };
@@ -338,20 +358,76 @@ fn analyse(of: &Of, show: &Show) -> Result<(), Error> {
         Some(path) => Some((read(path)?, path.display().to_string())),
         None => None,
     };
-    let execution = analysis::execution(&model, &image, &binary.root, &tables.file, &progress)?;
-    let answer = analysis::answer(
-        &source,
-        &model,
+    #[cfg(feature = "emulator")]
+    let planned = planned(show, tables)?;
+    let execution = analysis::execution(model, image, &binary.root, &tables.file, &progress)?;
+    #[cfg(feature = "emulator")]
+    let ran = planned
+        .map(|planned| emulated(&planned, &prepared, &execution))
+        .transpose()?;
+    #[cfg(not(feature = "emulator"))]
+    let ran: Option<(Observed, String)> = None;
+    let mut sentence = None;
+    if let Some((seen, of_run)) = ran {
+        observed = Some(seen);
+        sentence = Some(of_run);
+    }
+    let mut answer = analysis::answer(
+        source,
+        model,
         &execution,
         &tables.part,
         observed.as_ref(),
         &tables.file,
     )?;
+    answer.assumptions.extend(sentence);
     let losses = match former {
         Some((text, file)) => baseline::losses(&answer.node, &text, &file, show.loss)?,
         None => Vec::new(),
     };
-    print(&answer, &losses, show, &binary)
+    print(&answer, &losses, show, binary)
+}
+
+/// The run that was asked for.
+#[cfg(feature = "emulator")]
+fn planned(show: &Show, tables: &Tables) -> Result<Option<emulated::Run>, Error> {
+    let Some(seconds) = show.run else {
+        return Ok(None);
+    };
+    let on = tables.part.emulated.ok_or_else(|| {
+        Error::input(format!(
+            "--run: the {} is not emulated: accepted are parts whose file has `emulated`, as {}",
+            tables.part.title,
+            parts::emulated().join(", ")
+        ))
+    })?;
+    Ok(Some(emulated::Run {
+        on,
+        seconds,
+        external_hz: show.external_hz,
+        core_hz: tables.clocks.core_hz,
+    }))
+}
+
+/// Runs the image: what was seen, and a sentence about the run.
+#[cfg(feature = "emulator")]
+fn emulated(
+    run: &emulated::Run,
+    prepared: &Prepared,
+    execution: &Execution,
+) -> Result<(Observed, String), Error> {
+    let path = &prepared.path;
+    let elf = std::fs::read(path)
+        .map_err(|error| Error::input(format!("cannot read {}: {error}", path.display())))?;
+    let last = std::cell::Cell::new(None);
+    let told = |second: u64| {
+        if last.replace(Some(second)) != Some(second) {
+            progress(&format!("a run, {second} of {} s", run.seconds));
+        }
+    };
+    let (image, model) = (&prepared.image, &prepared.model);
+    let shown = emulated::run(run, &elf, image, model, execution, &told)?;
+    Ok((shown.observed, shown.sentence))
 }
 
 /// Shows the answer, and fails if it is not good.
@@ -415,7 +491,7 @@ fn write_table(of: &Of) -> Result<(), Error> {
         .as_deref()
         .map(|name| parts::find(name, Path::new(".")))
         .transpose()?;
-    let image = of.image(&binary)?;
+    let (_, image) = of.image(&binary)?;
     model::drop_absent(&mut source, &image);
     let text = first_table(of, &binary, &source, part.as_ref(), &image)?;
     write(&path, &text)?;

@@ -78,12 +78,24 @@ pub struct PartFile {
     pub source: String,
     /// What must hold for them beside that.
     pub assumes: Option<String>,
+    /// The emulated microcontroller that runs programs for it, if there is one.
+    pub emulated: Option<Emulated>,
     /// Memory of code and constants.
     pub flash: FlashFile,
     /// Memory of variables.
     pub ram: RamFile,
     /// Everything else.
     pub peripherals: PeripheralFile,
+}
+
+/// The emulated microcontrollers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Emulated {
+    /// STM32F446RE.
+    Stm32f446,
+    /// STM32F303K8.
+    Stm32f303,
 }
 
 const fn slowest_multiply() -> u8 {
@@ -160,6 +172,16 @@ pub struct Clocks {
 /// The names of the parts that come with the command.
 pub fn names() -> impl Iterator<Item = &'static str> {
     SHIPPED.iter().map(|(name, _)| *name)
+}
+
+/// The names of those whose programs run on an emulated microcontroller.
+#[must_use]
+pub fn emulated() -> Vec<&'static str> {
+    let known = names().filter(|name| {
+        let part = find(name, Path::new("."));
+        part.is_ok_and(|part| part.emulated.is_some())
+    });
+    known.collect()
 }
 
 /// Finds a part that comes with the command, or reads the file of this name, from `folder` if the name is

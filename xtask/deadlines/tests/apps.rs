@@ -57,6 +57,80 @@ fn each_shape_of_an_application_has_its_report() {
     }
 }
 
+/// The tick of the emulated part comes by itself; what nothing releases there is pended.
+#[cfg(feature = "emulator")]
+#[test]
+fn a_run_is_held_against_the_analysis() {
+    for (name, changes, pended) in [
+        ("timed", &[][..], None),
+        ("menu", &[], None),
+        (
+            "blink",
+            &[("100_000_000", "16_000_000"), ("48_000_000", "16_000_000")],
+            Some("pended in the second as often as their rows allow for ever: watch, report."),
+        ),
+    ] {
+        let said = common::with_changed(name, name, changes, &["--run", "2"]);
+        assert_eq!(said.code, 0, "{name}: {said:?}");
+        let run = "The image was run for 2 s on an emulated STM32F446RE";
+        assert!(said.out.contains(run), "{name}: {said:?}");
+        assert!(
+            pended.is_none_or(|pended| said.out.contains(pended)),
+            "{name}: {said:?}"
+        );
+        let tasks: &[&str] = match name {
+            "timed" => &["SysTick", "fast", "slow"],
+            "menu" => &["SysTick", "step"],
+            _ => &["sample", "watch", "report"],
+        };
+        for task in tasks {
+            let (seen, bound) = (column(&said, task, " seen"), column(&said, task, " bound"));
+            assert!(0.0 < seen && seen <= bound, "{name} {task}: {said:?}");
+        }
+    }
+}
+
+#[cfg(feature = "emulator")]
+#[test]
+fn a_run_that_refutes_the_table_or_an_annotation_is_told() {
+    let said = |name: &str, of: &str, changes: &[common::Change], more: &[&str]| {
+        let said = common::with_changed(name, of, changes, &[&["--run", "2"], more].concat());
+        (said.code, said.error)
+    };
+    let slow = [("every_us = 1000\n", "every_us = 2000\n")];
+    let (code, error) = said("menu", "menu", &slow, &[]);
+    assert_eq!(code, 1);
+    assert!(
+        error.contains("SysTick") && error.contains("in the emulated run"),
+        "{error}"
+    );
+    let clock = [("16_000_000", "32_000_000")];
+    assert_eq!(
+        said("menu", "menu", &clock, &[]),
+        (
+            2,
+            "the program sets the core to 16000000 Hz, and the task table says `core_hz` = 32000000: correct the \
+             table, or say by --external-hz which clock is at the part's input"
+                .to_owned()
+        )
+    );
+    let slower = [("100_000_000", "16_000_000"), ("48_000_000", "16_000_000")];
+    let (code, error) = said("lies", "blink", &slower, &[]);
+    assert_eq!(code, 1);
+    assert!(
+        error.contains("lies.watch") && error.contains("the loop at src/bin/lies.rs:43 took"),
+        "{error}"
+    );
+    let (code, error) = said("blink", "blink", &slower, &["--part", "nrf52840"]);
+    assert_eq!(code, 2);
+    assert!(
+        error.starts_with(
+            "--run: the nRF52840 is not emulated: accepted are parts whose file has `emulated`, as"
+        ),
+        "{error}"
+    );
+}
+
 /// A Cortex-M3 has no floating-point unit, and no part has more priorities than its bits say.
 #[test]
 fn an_image_must_fit_its_part() {

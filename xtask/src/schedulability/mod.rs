@@ -1,6 +1,5 @@
 //! `schedulability` shows whether every deadline holds; `priorities` proposes task priorities.
 
-pub mod follow;
 pub mod observe;
 
 use std::{

@@ -11,25 +11,26 @@ use std::{
 };
 use world::time::{Span as _, at};
 
+use observer::{
+    follow,
+    follower::{Findings, lock},
+};
 use schedulability::{
     activations::{START_UP, excess},
     arrivals::Arrivals,
     can::ErrorRate,
-    node::{Entered, Observed, Seen},
+    node::{Entered, Observed},
     side_by_side::side_by_side,
     system::Programs,
     transfers::{Rate, Transfers},
     units::time,
 };
-use twin::{Outcome, Twin, mcu::FlashTiming, mcu::Mcu};
+use twin::{Outcome, Twin, mcu::FlashTiming};
 use vehicle_model::Vehicle;
-use wcet::{cycles::Model, watch::Watch};
+use wcet::cycles::Model;
 use world::{Scenario, scenario::BusEvent, time::seconds, units::Time};
 
-use super::{
-    Error,
-    follow::{Findings, Follower, lock},
-};
+use super::Error;
 use crate::{
     Failure,
     build::{self, Image},
@@ -174,30 +175,6 @@ fn hold_transfers(
     Ok(())
 }
 
-/// Follows a core from now on. Each handler is compared with the watch that was made for its
-/// address. `lasting` are the words that keep the address which start-up left there. The releases of a
-/// handler are not noted until `start_up` picoseconds after the first handler behind each start.
-pub fn follow<'w>(
-    mcu: &mut Mcu,
-    watches: impl Iterator<Item = &'w Arc<Watch>>,
-    lasting: BTreeMap<u32, u32>,
-    start_up: u64,
-) -> Arc<Mutex<Findings>> {
-    let by_address: BTreeMap<u32, &Arc<Watch>> =
-        watches.map(|watch| (watch.entry(), watch)).collect();
-    let by_exception = (1..=u16::from(u8::MAX)).filter_map(|number| {
-        let (address, _) = mcu.image().handler(number)?;
-        Some((number, Arc::clone(by_address.get(&address)?)))
-    });
-    let by_exception = by_exception.collect();
-    mcu.watch_stores(&lasting.keys().copied().collect());
-    mcu.watch_transfers();
-    let follower = Follower::new(by_exception, lasting, start_up);
-    let findings = follower.findings();
-    mcu.set_trace(Some(follower.trace()));
-    findings
-}
-
 /// The scenarios of the observed runs, in the order of their names behind the first one.
 fn scenarios(vehicle: &Vehicle) -> Result<Vec<Scenario>, Error> {
     let stress = vehicle.folder().join(STRESS);
@@ -299,40 +276,17 @@ fn note(
             None
         };
         let image = image.transpose()?;
+        let outside = |runs: &[Vec<u64>]| -> Vec<Entered> {
+            let runs = runs.iter().flat_map(|run| without(run, strange));
+            runs.map(|at| Entered {
+                scenario: scenario.name.clone(),
+                at,
+            })
+            .collect()
+        };
         for task in &node.load.tasks {
-            let seen: &mut Seen = of_node.entry(task.name.clone()).or_default();
-            let alone = match model {
-                Model::ZeroWait => task.longest,
-                Model::Flashed => {
-                    for (&times, &cycles) in task.by_preemptions.range(1..) {
-                        let longest = seen.preempted.entry(times).or_default();
-                        *longest = (*longest).max(cycles);
-                    }
-                    task.by_preemptions.get(&0).copied().unwrap_or(0)
-                }
-            };
-            seen.longest[model] = seen.longest[model].max(alone);
-            let Some(found) = findings.handlers.get(&task.exception) else {
-                continue;
-            };
-            seen.followed += found.activations;
-            let outside = |runs: &[Vec<u64>]| -> Vec<Entered> {
-                let runs = runs.iter().flat_map(|run| without(run, strange));
-                runs.map(|at| Entered {
-                    scenario: scenario.name.clone(),
-                    at,
-                })
-                .collect()
-            };
-            seen.entered.extend(outside(&found.entered));
-            for (function, runs) in &found.calling {
-                let calling = seen.calling.entry(function.clone()).or_default();
-                calling.extend(outside(runs));
-            }
-            if let Some(image) = &image {
-                let sentences = found.refuted.iter().map(|refuted| refuted.sentence(image));
-                seen.refuted.extend(sentences);
-            }
+            let found = findings.handlers.get(&task.exception);
+            observer::note(of_node, task, found, model, image.as_ref(), &outside);
         }
     }
     Ok(())

@@ -7,7 +7,6 @@ use schedulability::system::Programs;
 use twin::mcu::{Board, Mcu};
 use twin::part::Part;
 use wcet::image::Image;
-use xtask::schedulability::{follow, observe};
 
 use super::{Change, answer, from_package, image, inputs};
 
@@ -62,10 +61,10 @@ fn strays(program: &str) -> Vec<String> {
     let on_part = twin::image::Image::from_elf(Part::F446, &elf).unwrap();
     let mut mcu = Mcu::new(Arc::new(on_part), &Board::default(), None);
     let watches = programs.watches("node").map(|(_, watch)| watch);
-    let findings = observe::follow(&mut mcu, watches, lasting, 0);
+    let findings = observer::follow(&mut mcu, watches, lasting, 0);
     mcu.run_for(can_bus::SimDuration::from_ticks(100_000_000_000));
     let image = Image::read(&image(program)).unwrap();
-    let findings = follow::lock(&findings);
+    let findings = observer::follower::lock(&findings);
     let all = findings.stray.iter();
     all.map(|stray| from_package(&stray.sentence(&image)))
         .collect()

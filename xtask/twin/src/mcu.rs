@@ -1175,6 +1175,22 @@ impl Mcu {
             .with_sys(|sys| sys.priority_of(Exception(exception)))
     }
 
+    /// Makes an interrupt pending, as the program does through the interrupt controller. It is named by its
+    /// exception number, 16 or more.
+    pub fn pend(&mut self, exception: u16) {
+        self.core
+            .with_sys(|sys| sys.set_pending(Exception(exception), true));
+        self.poke = true;
+        self.shared.set_attention(0);
+    }
+
+    /// Registers without a model read as zeros and as ones in turn from now on, so that a program which waits
+    /// for a bit goes on. Those of peripherals without a model do so, too; an access to one is no bus fault any
+    /// more.
+    pub fn let_unmodelled_change(&mut self) {
+        lock(&self.shared.peripherals).let_unmodelled_change();
+    }
+
     /// Accesses to unmapped addresses: their number, and the last address.
     #[must_use]
     pub fn bus_faults(&self) -> (u64, u32) {

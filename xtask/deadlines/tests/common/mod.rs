@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 pub(crate) type Change = (&'static str, &'static str);
 
 /// Applications that are others with a change: name, that of the other, changes.
-const CHANGED: [(&str, &str, &[Change]); 13] = [
+const CHANGED: [(&str, &str, &[Change]); 14] = [
     (
         "logs",
         "blink",
@@ -40,6 +40,16 @@ const CHANGED: [(&str, &str, &[Change]); 13] = [
         "spin",
         "blink",
         &[("output(input() >> 3);", "while input() & 1 == 0 {}")],
+    ),
+    // An annotation that is not true.
+    (
+        "lies",
+        "blink",
+        &[(
+            "output(input() >> 3);",
+            "let mut left = input();\n        // loop-bound: 2. So it says.\n        \
+             while left != 0 {\n            left &= left - 1;\n            output(left | 1);\n        }",
+        )],
     ),
     (
         "handler",
@@ -245,6 +255,20 @@ pub(crate) fn deadlines(name: &str, target: Target, more: &[&str]) -> Said {
 pub(crate) fn with_table(name: &str, target: Target, of: &str, more: &[&str]) -> Said {
     let table = table(of).display().to_string();
     deadlines(name, target, &[&["--table", &table], more].concat())
+}
+
+/// The same with the task table of application `of` after a change.
+#[cfg(feature = "emulator")]
+pub(crate) fn with_changed(name: &str, of: &str, changes: &[Change], more: &[&str]) -> Said {
+    let text = fs::read_to_string(table(of)).unwrap();
+    let text = changes.iter().fold(text, |text, (from, to)| {
+        assert!(text.contains(from), "{of}: {from}");
+        text.replace(from, to)
+    });
+    let mut file = tempfile::NamedTempFile::with_suffix(".toml").unwrap();
+    std::io::Write::write_all(&mut file, text.as_bytes()).unwrap();
+    let path = file.path().display().to_string();
+    deadlines(name, Target::V7, &[&["--table", &path], more].concat())
 }
 
 /// Runs the command with these arguments in the package.

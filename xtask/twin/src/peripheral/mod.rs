@@ -157,6 +157,8 @@ pub(crate) struct Peripherals {
     pub(crate) bursts: Vec<Burst>,
     /// Registers that the program accessed but the model lacks.
     pub(crate) unmodelled: BTreeSet<u32>,
+    /// What a register without a model reads as the next time, if such registers change.
+    changing: Option<u32>,
     /// The request that each DMA controller serves, by the index of its route, and when the
     /// transfer takes place.
     serving: [Option<(usize, Cycles)>; 2],
@@ -236,6 +238,7 @@ impl Peripherals {
             pins: Vec::new(),
             bursts: Vec::new(),
             unmodelled: BTreeSet::new(),
+            changing: None,
             serving: [None; 2],
             fading: None,
             table: silicon::registers::Table::of(part),
@@ -883,6 +886,21 @@ impl Peripherals {
         }
     }
 
+    /// Registers without a model read as zeros and as ones in turn from now on, those of peripherals without
+    /// a model too.
+    pub(crate) fn let_unmodelled_change(&mut self) {
+        self.changing = Some(0);
+    }
+
+    /// What a read of a register without a model gives.
+    fn without_model(&mut self, address: u32) -> Option<u32> {
+        self.unmodelled.insert(address);
+        let next = self.changing.as_mut()?;
+        let value = *next;
+        *next = !value;
+        Some(value)
+    }
+
     fn memory_map(&self) -> &'static str {
         match self.part.family {
             Family::F4 => "RM0390 2.2.2",
@@ -910,7 +928,9 @@ impl Peripherals {
 
     /// Reads the register word at `address`.
     pub(crate) fn read(&mut self, address: u32) -> Result<u32, Nothing> {
-        let index = self.index_at(address).ok_or(Nothing)?;
+        let Some(index) = self.index_at(address) else {
+            return self.without_model(address).ok_or(Nothing);
+        };
         let slot = &self.part.slots()[index];
         if !self.reaches(index, address) {
             // A peripheral without its clock reads as zero (RM0390 6.3.10, RM0316 9.4).
@@ -953,7 +973,9 @@ impl Peripherals {
             self.refresh();
         }
         Ok(value.unwrap_or_else(|| {
-            self.unmodelled.insert(address);
+            if let Some(value) = self.without_model(address) {
+                return value;
+            }
             let what = "read, and it is not modelled".to_owned();
             self.violate(address, what, self.memory_map());
             0
@@ -962,7 +984,9 @@ impl Peripherals {
 
     /// Writes the register word at `address`.
     pub(crate) fn write(&mut self, address: u32, value: u32) -> Result<(), Nothing> {
-        let index = self.index_at(address).ok_or(Nothing)?;
+        let Some(index) = self.index_at(address) else {
+            return self.without_model(address).map(|_| ()).ok_or(Nothing);
+        };
         let slot = &self.part.slots()[index];
         if !self.reaches(index, address) {
             return Ok(());

@@ -2,8 +2,8 @@
 //! system clock switch, bus prescalers, gates, reset flags.
 //!
 //! RM0390 chapter 6 and RM0316 chapter 9. Start-up and lock times are those of the data
-//! sheets (maximum of the PLL, typical of the others). Clock interrupts, the clock
-//! security system, LSE and the clock outputs are not modelled: their registers read back
+//! sheets (maximum of the PLL, typical of the others); the LSE is ready at once. Clock interrupts, the clock
+//! security system and the clock outputs are not modelled: their registers read back
 //! what was written.
 
 use crate::clock::{Cycles, LocalClock, NEVER, Ps};
@@ -161,6 +161,13 @@ impl Rcc {
         }
     }
 
+    fn bdcr_offset(&self) -> u32 {
+        match self.part.family {
+            Family::F4 => 0x70,
+            Family::F3 => 0x20,
+        }
+    }
+
     fn csr_offset(&self) -> u32 {
         match self.part.family {
             Family::F4 => 0x74,
@@ -218,6 +225,9 @@ impl Rcc {
                 ready(self.hsi_ready, 1) | ready(self.hse_ready, 17) | ready(self.pll_ready, 25);
         } else if offset == self.cfgr_offset() {
             value = value & !0b1100 | self.switched << 2;
+        } else if offset == self.bdcr_offset() {
+            // The slow crystal oscillates as soon as it is switched on.
+            value = value & !0b10 | (value & 1) << 1;
         } else if offset == self.csr_offset() {
             value = value & 1 | u32::from(now >= self.lsi_ready) << 1 | self.cause_flags;
         }

@@ -1,0 +1,81 @@
+//! Holds runs on emulated microcontrollers against what the analysis says of their images: the longest time
+//! of each handler, its releases, and whether the run leaves the analysed paths.
+//!
+//! [`follow`] attaches a [`follower`] to a microcontroller; [`note`] adds what it found to the observations
+//! that the analysis takes.
+
+pub mod follower;
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+
+use schedulability::node::{Entered, Observed, Seen};
+use twin::mcu::Mcu;
+use twin::statistics::TaskTimes;
+use wcet::cycles::Model;
+use wcet::image::Image;
+use wcet::watch::Watch;
+
+use follower::{Findings, Follower, Found};
+
+/// Follows a core from now on. Each handler is compared with the watch that was made for its
+/// address. `lasting` are the words that keep the address which start-up left there. The releases of a
+/// handler are not noted until `start_up` picoseconds after the first handler behind each start.
+pub fn follow<'w>(
+    mcu: &mut Mcu,
+    watches: impl Iterator<Item = &'w Arc<Watch>>,
+    lasting: BTreeMap<u32, u32>,
+    start_up: u64,
+) -> Arc<Mutex<Findings>> {
+    let by_address: BTreeMap<u32, &Arc<Watch>> =
+        watches.map(|watch| (watch.entry(), watch)).collect();
+    let by_exception = (1..=u16::from(u8::MAX)).filter_map(|number| {
+        let (address, _) = mcu.image().handler(number)?;
+        Some((number, Arc::clone(by_address.get(&address)?)))
+    });
+    let by_exception = by_exception.collect();
+    mcu.watch_stores(&lasting.keys().copied().collect());
+    mcu.watch_transfers();
+    let follower = Follower::new(by_exception, lasting, start_up);
+    let findings = follower.findings();
+    mcu.set_trace(Some(follower.trace()));
+    findings
+}
+
+/// Adds what a run under timing `model` showed of one handler. `runs` makes of the times at which it was
+/// entered, for each start of the node, the runs that the arrival model is held against. `image` is needed where
+/// the run left the analysed paths.
+pub fn note(
+    all: &mut Observed,
+    task: &TaskTimes,
+    found: Option<&Found>,
+    model: Model,
+    image: Option<&Image>,
+    runs: &dyn Fn(&[Vec<u64>]) -> Vec<Entered>,
+) {
+    let seen: &mut Seen = all.entry(task.name.clone()).or_default();
+    let alone = match model {
+        Model::ZeroWait => task.longest,
+        Model::Flashed => {
+            for (&times, &cycles) in task.by_preemptions.range(1..) {
+                let longest = seen.preempted.entry(times).or_default();
+                *longest = (*longest).max(cycles);
+            }
+            task.by_preemptions.get(&0).copied().unwrap_or(0)
+        }
+    };
+    seen.longest[model] = seen.longest[model].max(alone);
+    let Some(found) = found else {
+        return;
+    };
+    seen.followed += found.activations;
+    seen.entered.extend(runs(&found.entered));
+    for (function, entered) in &found.calling {
+        let calling = seen.calling.entry(function.clone()).or_default();
+        calling.extend(runs(entered));
+    }
+    if let Some(image) = image {
+        let sentences = found.refuted.iter().map(|refuted| refuted.sentence(image));
+        seen.refuted.extend(sentences);
+    }
+}
