@@ -28,7 +28,7 @@ impl Assumption {
 /// Assumptions that hold for every program.
 pub const OF_ANY_PROGRAM: [Assumption; 2] = [
     Assumption {
-        granted: "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a handler keeps what it found in BASEPRI; and DMA writes only to variables whose address was given to a peripheral. Who writes unsafe code makes sure of them.",
+        granted: "If start-up leaves an address in a word of memory, and no store of any handler can reach that word, it keeps the address. Three things are taken for granted here: an unknown index stays within its array; an unresolved pointer (in a software task's future or the timer queue) does not lead to such a word, nor to the one on the stack in which a function keeps what it found in BASEPRI or PRIMASK; and DMA writes only to variables whose address was given to a peripheral. Who writes unsafe code makes sure of them.",
         watched: "The observed runs fail at a store to such a word, and at a handler that leaves another BASEPRI.",
     },
     Assumption {

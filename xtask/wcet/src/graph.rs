@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use super::image::Image;
 use super::instruction::{Flow, Instruction, NotCode, advance_it, decode};
+use super::register::{Register, RegisterSet};
 use rsemu::cpu::arm::v7m::isa::Insn;
 
 /// Targets of indirect jumps found so far, by the jump's address.
@@ -156,6 +157,9 @@ pub struct Graph {
     pub loops: Vec<Loop>,
     /// Innermost loop of each block.
     pub innermost: Vec<Option<usize>>,
+    /// Registers that it saves when it begins and restores before it ends, and that belong to the caller
+    /// (AAPCS32 6.1.1).
+    pub saved: RegisterSet,
     index: HashMap<u32, usize>,
 }
 
@@ -278,9 +282,11 @@ impl Graph {
             blocks,
             loops: Vec::new(),
             innermost: Vec::new(),
+            saved: RegisterSet::NONE,
             index,
         };
         graph.find_loops();
+        graph.saved = graph.find_saved(image);
         graph
     }
 
@@ -288,6 +294,38 @@ impl Graph {
     #[must_use]
     pub fn block_at(&self, address: u32) -> Option<usize> {
         self.index.get(&address).copied()
+    }
+
+    /// The registers of [`Self::saved`]: those that the first block pushes and each block that leaves the function
+    /// pops.
+    fn find_saved(&self, image: &Image) -> RegisterSet {
+        let moved = |block: &Block, wanted: bool| {
+            let lists = block.instructions.iter().filter_map(|one| match one.insn {
+                Insn::LoadStoreMultiple { load, rn, list, .. } => {
+                    let is_wanted = load == wanted && Register::new(rn) == Register::SP;
+                    is_wanted.then_some(RegisterSet::from_bits(list))
+                }
+                _ => None,
+            });
+            lists.fold(RegisterSet::NONE, |all, list| all | list)
+        };
+        let Some(first) = self.blocks.first() else {
+            return RegisterSet::NONE;
+        };
+        let leaves_here = |block: &&Block| {
+            let last = block.last();
+            match last.flow() {
+                Flow::Indirect => block.successors.is_empty() || conditional(last),
+                Flow::Jump { target } | Flow::Branch { target, .. } => {
+                    leaves(image, self.entry, target)
+                }
+                _ => false,
+            }
+        };
+        let ends = self.blocks.iter().filter(leaves_here);
+        ends.fold(moved(first, false) & RegisterSet::PRESERVED, |saved, end| {
+            saved & moved(end, true)
+        })
     }
 
     fn find_loops(&mut self) {

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind};
+use sha2::{Digest, Sha256};
 
 use super::extent::Extent;
 use super::signatures::Signature;
@@ -126,6 +127,8 @@ pub struct Image {
     /// Folder that messages leave out of the paths in it.
     root: Option<PathBuf>,
     known_places: RefCell<HashMap<u32, Vec<Place>>>,
+    /// Digests of sources, by their names in places.
+    digests: RefCell<HashMap<String, Option<[u8; 32]>>>,
 }
 
 impl std::fmt::Debug for Image {
@@ -165,6 +168,7 @@ impl Image {
             signatures: BTreeMap::new(),
             root: None,
             known_places: RefCell::new(HashMap::new()),
+            digests: RefCell::default(),
         };
         for section in file.sections() {
             let SectionFlags::Elf { sh_flags, .. } = section.flags() else {
@@ -198,6 +202,7 @@ impl Image {
         Self {
             root: Some(root.to_owned()),
             known_places: RefCell::default(),
+            digests: RefCell::default(),
             ..self
         }
     }
@@ -475,6 +480,18 @@ impl Image {
             }
         }
         places
+    }
+
+    /// The SHA-256 digest of a source, which is named as [`Image::places`] has it; `None` if it cannot be read
+    /// here.
+    pub(crate) fn digest(&self, file: &str) -> Option<[u8; 32]> {
+        let mut digests = self.digests.borrow_mut();
+        let known = digests.entry(file.to_owned()).or_insert_with(|| {
+            let path = self.root.as_deref().unwrap_or(Path::new("")).join(file);
+            let text = std::fs::read(path).ok()?;
+            Some(Sha256::digest(text).into())
+        });
+        *known
     }
 
     /// A description of `address` for messages: its innermost line in this workspace, else its

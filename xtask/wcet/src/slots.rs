@@ -139,7 +139,7 @@ impl Slots {
 
     /// Notes a write of `size` bytes to an unknown one of `addresses`: every piece that may
     /// have been overwritten becomes unknown. `pointer` is true if an address on the stack was
-    /// written. A piece with the symbol `kept` is not overwritten.
+    /// written. A piece with one of the symbols `kept` is not overwritten.
     ///
     /// Returns true if that address may now be anywhere on the stack, untracked.
     #[must_use]
@@ -148,10 +148,13 @@ impl Slots {
         addresses: Range,
         size: u32,
         pointer: bool,
-        kept: Option<Symbol>,
+        kept: &[Symbol],
     ) -> bool {
         let overlaps = touching(addresses, size);
-        let is_kept = |slot: &Slot| matches!((slot.value.base, kept), (Some((symbol, _)), Some(kept)) if symbol == kept);
+        let is_kept = |slot: &Slot| {
+            let base = slot.value.base;
+            base.is_some_and(|(symbol, _)| kept.contains(&symbol))
+        };
         let touched = |slot: &Slot| overlaps(slot) && !is_kept(slot);
         if self.0.iter().any(&touched) {
             for slot in Rc::make_mut(&mut self.0) {

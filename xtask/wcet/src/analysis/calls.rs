@@ -87,6 +87,7 @@ impl Run<'_, '_> {
             return None;
         };
         let bytes = self.most_bytes(entry, &state);
+        let before = state.registers;
         let copy = self.begin_copy(entry, &state);
         self.frames.push(Frame {
             function: entry,
@@ -102,6 +103,16 @@ impl Run<'_, '_> {
             }
         }
         self.end_copy(copy, returned.as_mut());
+        if let Some(state) = &mut returned {
+            // Stores through unknown pointers may have made the saved words unknown. The program did not
+            // change them: by the calling convention the caller finds what it left.
+            for register in graph.saved.iter() {
+                let found = state.registers[register];
+                if found.base.is_none() || found.base != before[register].base {
+                    state.registers[register] = before[register];
+                }
+            }
+        }
         returned
     }
 

@@ -103,6 +103,7 @@ impl<'r, 'a> Run<'r, 'a> {
             image: program.image,
             part,
             found_basepri: symbols.fresh(),
+            found_primask: [symbols.fresh(), symbols.fresh()],
             symbols,
             memory,
         };

@@ -48,6 +48,8 @@ pub(crate) struct Executor<'a> {
     pub symbols: Symbols,
     /// The word that stood in `BASEPRI` when the code began.
     pub found_basepri: Symbol,
+    /// What is read from `PRIMASK`, by the bit there.
+    pub found_primask: [Symbol; 2],
     /// Facts about memory outside the stack.
     pub memory: Memory,
 }

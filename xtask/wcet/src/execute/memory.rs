@@ -126,15 +126,17 @@ impl Step<'_, '_> {
         let mut escaped = false;
         if let Some(places) = places(&self.machine.symbols, address) {
             for at in places.into_iter().filter(|at| STACK.contains(*at)) {
-                escaped |= stack.weaken(Range::constant(at), size, pointer, None);
+                escaped |= stack.weaken(Range::constant(at), size, pointer, &[]);
             }
         } else {
             // Nothing is known about such a pointer. It may lead to any variable of the program, but to
-            // the word that a handler found in `BASEPRI` leads no pointer.
+            // the word that was found in `BASEPRI` or `PRIMASK` leads no pointer.
+            let [clear, set] = self.machine.found_primask;
+            let found = [self.machine.found_basepri, clear, set];
             let (within, kept) = if address.range.span() > STACK.span() {
-                (STACK, Some(self.machine.found_basepri))
+                (STACK, &found[..])
             } else {
-                (address.range, None)
+                (address.range, &[][..])
             };
             escaped = stack.weaken(within, size, pointer, kept);
         }

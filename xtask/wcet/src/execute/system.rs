@@ -42,7 +42,7 @@ impl Step<'_, '_> {
         match self.instruction.insn {
             Insn::Mrs { rd, sysm } => {
                 let value = match sysm {
-                    number::PRIMASK => word(self.state.primask),
+                    number::PRIMASK => self.found(word(self.state.primask)),
                     number::FAULTMASK => word(self.state.faultmask),
                     number::BASEPRI | number::BASEPRI_MAX => self.state.basepri,
                     _ => Value::ANY,
@@ -70,6 +70,16 @@ impl Step<'_, '_> {
                 }
             }
             _ => {}
+        }
+    }
+
+    /// A word that was read from `PRIMASK`, with the symbol by which it stays known on the stack.
+    fn found(&self, word: Value) -> Value {
+        let bit = word.as_constant().map(|word| word as usize);
+        let symbol = bit.and_then(|bit| self.machine.found_primask.get(bit));
+        Value {
+            base: symbol.map(|symbol| (*symbol, Range::constant(0))),
+            ..word
         }
     }
 
