@@ -323,9 +323,10 @@ impl Graph {
             }
         };
         let ends = self.blocks.iter().filter(leaves_here);
-        ends.fold(moved(first, false) & RegisterSet::PRESERVED, |saved, end| {
-            saved & moved(end, true)
-        })
+        ends.fold(
+            moved(first, false) & RegisterSet::PRESERVED,
+            |saved, end| saved & moved(end, true),
+        )
     }
 
     fn find_loops(&mut self) {

@@ -93,7 +93,7 @@ pub static HANDLERS: [fn(); 10] = [
 
 /// Programs and handlers that mask interrupts.
 #[used]
-pub static MASKED: [fn(); 27] = [
+pub static MASKED: [fn(); 29] = [
     masked::wait_by_primask,
     masked::wait_by_faultmask,
     masked::wait_by_faultmask_register,
@@ -101,6 +101,8 @@ pub static MASKED: [fn(); 27] = [
     masked::wait_by_basepri_max,
     masked::wait_in_a_call,
     masked::count_by_primask,
+    masked::count_past_pointer,
+    masked::unmask_past_pointer,
     masked::count_by_faultmask,
     masked::sleep_by_primask,
     masked::sleep_by_basepri,

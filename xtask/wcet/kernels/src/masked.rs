@@ -257,6 +257,58 @@ pub fn restore_past_pointer() {
     }
 }
 
+/// A program that stores through a pointer from memory while it keeps what it read from `PRIMASK` on its stack,
+/// whose address is in memory, too.
+pub fn unmask_past_pointer() {
+    let mut kept = [0_u32; 8];
+    let first = kept.as_mut_ptr();
+    FLAG.store(first.expose_provenance() as u32, Ordering::Relaxed);
+    // SAFETY: as in `restore_past_pointer`.
+    unsafe {
+        let found: u32;
+        asm!("cpsie i", "mrs {found}, primask", "cpsid i", found = out(reg) found);
+        first.write_volatile(found);
+        let address = FLAG.load(Ordering::Relaxed) as usize;
+        let other = core::ptr::with_exposed_provenance_mut::<u32>(address);
+        other.add(4).write_volatile(0);
+        asm!("msr primask, {found}", found = in(reg) first.read_volatile());
+    }
+}
+
+/// A program that keeps a counter in a register which a function saves on the stack while it stores through a
+/// pointer from memory; the address of the stack is there, too. The section takes three turns of it.
+pub fn count_past_pointer() {
+    // SAFETY: as in `section`. The pointer is not followed but in the analysis.
+    unsafe {
+        asm!(
+            "cpsie i",
+            "cpsid i",
+            "str sp, [r0]",
+            "movs r4, #3",
+            "2:",
+            "bl {store}",
+            "subs r4, #1",
+            "bne 2b",
+            "cpsie i",
+            store = sym store_through_pointer,
+            in("r0") FLAG.as_ptr(),
+            out("r4") _,
+            out("lr") _,
+        );
+    }
+}
+
+/// Saves a register, stores through the pointer at `r0` and restores the register.
+#[unsafe(naked)]
+unsafe extern "C" fn store_through_pointer() {
+    core::arch::naked_asm!(
+        "push {{r4, lr}}",
+        "ldr r4, [r0]",
+        "str r4, [r4]",
+        "pop {{r4, pc}}"
+    )
+}
+
 /// A handler that disables the first interrupt in the interrupt controller.
 pub fn disable_interrupt() {
     let register = core::ptr::with_exposed_provenance_mut::<u32>(0xE000_E180);

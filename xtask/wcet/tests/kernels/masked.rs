@@ -148,6 +148,16 @@ fn the_word_that_was_found_unmasks() {
     }
 }
 
+/// What was read from `PRIMASK`, and what a function saves, is out of reach of unknown pointers, too.
+#[test]
+fn what_is_kept_past_an_unknown_pointer_is_known_behind_it() {
+    for name in ["unmask_past_pointer", "count_past_pointer"] {
+        let bound = bound(name, Entry::Program);
+        assert!(bound.problems.is_empty(), "{name}: {:?}", bound.problems);
+        assert_eq!(bound.sections.len(), 1, "{name}");
+    }
+}
+
 /// An interrupt that is disabled delays its task like a mask.
 #[test]
 fn an_interrupt_must_not_be_disabled() {
