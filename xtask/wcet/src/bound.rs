@@ -25,6 +25,11 @@ pub enum Entry {
 /// Why there is no bound.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 pub enum Problem {
+    /// A request to the debugger (semihosting) while a task is delayed by it.
+    #[error(
+        "the request to the debugger at {0} (semihosting) takes as long as the debugger likes: write no log by semihosting in a task, or where interrupts are masked"
+    )]
+    Semihosting(String),
     /// No bound was found for a loop.
     #[error(
         "the loop at {at} has no bound: write `// loop-bound: N` on the line above it, where N is the most turns that it takes{how}",
@@ -75,11 +80,6 @@ pub enum Problem {
     /// The stack pointer was set to an unknown address.
     #[error("the stack pointer is unknown after {0}")]
     UnknownStack(String),
-    /// A request to the debugger (semihosting) while a task is delayed by it.
-    #[error(
-        "the request to the debugger at {0} (semihosting) takes as long as the debugger likes: write no log by semihosting in a task, or where interrupts are masked"
-    )]
-    Semihosting(String),
     /// The analysis exceeded its limit of steps.
     #[error("{0} takes too many steps to analyse: bound its loops by annotations")]
     TooLong(String),
