@@ -60,6 +60,12 @@ pub(crate) struct Clock {
     state: ClockState,
     /// Whether the rate was measured. Without that it is 0.
     rated: bool,
+    /// Whether the time was only assumed for the first reference of this node, which was not sent
+    /// yet. The application does not see it.
+    assumed: bool,
+    /// Whether the time is that of the network: taken from references since the start, or sent in
+    /// references of this node.
+    agreed: bool,
     /// Ticks from the last correction to the anchor.
     since: i32,
     /// Corrections refused in a row.
@@ -80,6 +86,8 @@ const GAIN_BITS: u32 = 15;
 /// exceeds it is not corrected in the first cycle, because a single stamp may be
 /// disturbed by more.
 const LARGEST_STEP: i64 = 2 << GlobalTime::FRACTION_BITS;
+/// In 2^-16 us.
+const ONE_SECOND: i64 = 1_000_000 << GlobalTime::FRACTION_BITS;
 /// Gains of the filter for offset and rate, in 2^-10, after so many good corrections. They are those of
 /// the least squares line through all stamps so far, so that noise of the first two stamps is soon
 /// forgotten, and stay what they are when there are enough of them: 2 (2n - 1) / (n (n + 1)) and
@@ -139,6 +147,8 @@ impl Clock {
             global: GlobalTime::default(),
             state: ClockState::Unset,
             rated: false,
+            assumed: false,
+            agreed: false,
             since: 0,
             refused: 0,
             settled: 0,
@@ -181,12 +191,17 @@ impl Clock {
     }
 
     pub(crate) fn state(&self) -> ClockState {
-        self.state
+        if self.assumed {
+            ClockState::Unset
+        } else {
+            self.state
+        }
     }
 
-    /// Whether the rate against the master was measured.
-    pub(crate) fn is_rated(&self) -> bool {
-        self.rated
+    /// Whether the time is that of the network. A master that leads with another time must announce
+    /// it.
+    pub(crate) fn is_agreed(&self) -> bool {
+        self.agreed
     }
 
     /// Rate against the counter less 1, in 2^-32.
@@ -194,7 +209,13 @@ impl Clock {
         self.rate
     }
 
+    /// Global time for the application.
     pub(crate) fn at(&self, stamp: Stamp) -> Option<GlobalTime> {
+        self.sent_at(stamp).filter(|_| !self.assumed)
+    }
+
+    /// Global time for references of this node.
+    pub(crate) fn sent_at(&self, stamp: Stamp) -> Option<GlobalTime> {
         match self.state {
             _ if !GLOBAL_TIME => None,
             ClockState::Unset => None,
@@ -244,18 +265,43 @@ impl Clock {
             return;
         }
         self.global = self.extrapolate(stamp);
-        if !matches!(self.state, ClockState::Unset | ClockState::Own) {
+        if self.state != ClockState::Unset {
             let elapsed = stamp.ticks_since(self.anchor);
             self.since = self.since.saturating_add(elapsed.max(0));
         }
         self.anchor = stamp;
     }
 
+    /// The node starts again. Its time and rate stay, but its counter may have wrapped meanwhile, and
+    /// the time of the network may have been set.
+    pub(crate) fn resume(&mut self, stamp: Stamp) {
+        if !GLOBAL_TIME {
+            return;
+        }
+        self.agreed = false;
+        if self.assumed {
+            self.assumed = false;
+            self.state = ClockState::Unset;
+        }
+        if self.at(stamp).is_some() {
+            self.carry(stamp);
+            self.state = ClockState::Own;
+        }
+    }
+
     /// Moves the anchor to a reference of this node's own. It leads by its time, which is right.
     pub(crate) fn lead(&mut self, stamp: Stamp) {
+        self.agreed = true;
+        self.assumed = false;
         self.carry(stamp);
         self.since = 0;
         self.exact();
+    }
+
+    /// Renumbers stamps so that `stamp` becomes 0. The time stays.
+    #[cfg(feature = "std")]
+    pub(crate) fn renumber(&mut self, stamp: Stamp) {
+        self.anchor = Stamp(self.anchor.0.wrapping_sub(stamp.0));
     }
 
     /// Renumbers stamps so that `stamp` becomes 0, and sets the time at it.
@@ -267,6 +313,12 @@ impl Clock {
         self.global = global;
     }
 
+    /// Assumes this time at `stamp` until a reference is sent or received.
+    pub(crate) fn assume(&mut self, stamp: Stamp, global: GlobalTime) {
+        self.set(stamp, global);
+        self.assumed = true;
+    }
+
     /// Sets the time at `stamp`.
     pub(crate) fn set(&mut self, stamp: Stamp, global: GlobalTime) {
         self.anchor = stamp;
@@ -275,24 +327,45 @@ impl Clock {
         self.rated = false;
         self.state = ClockState::Own;
         self.refused = 0;
+        self.assumed = false;
     }
 
     /// Corrects the clock: the master's time was `global` at `stamp`.
-    /// `discontinuity` tells that the master's time was set.
+    /// `discontinuity` tells that the master's time may have been set.
     pub(crate) fn correct(
         &mut self,
         stamp: Stamp,
         global: GlobalTime,
         discontinuity: bool,
     ) -> Correction {
+        let correction = self.approach(stamp, global, discontinuity);
+        self.assumed = false;
+        self.agreed = match correction {
+            Correction::Applied => true,
+            // Without the rate, the time is soon wrong again.
+            Correction::Stepped => self.rated,
+            // The time of an oscillator beyond the limit was set, which is all that can be done.
+            Correction::Suspended => !self.rated,
+        };
+        correction
+    }
+
+    fn approach(&mut self, stamp: Stamp, global: GlobalTime, discontinuity: bool) -> Correction {
         let elapsed = stamp.ticks_since(self.anchor);
         // The error arose since the last correction. References without a correction moved the
         // anchor meanwhile.
         let span = self.duration(self.since.saturating_add(elapsed.max(0)));
         let error = global.since(self.extrapolate(stamp));
-        let first = matches!(self.state, ClockState::Unset | ClockState::Own);
-        if first || discontinuity {
-            self.leap(stamp, global, first);
+        // Other nodes have the time of a master, too.
+        let own = self.state == ClockState::Own;
+        let first = self.state == ClockState::Unset || (own && !self.agreed);
+        let error_limit = self.error_limit(span);
+        // A master announces a step to all nodes, also to those that have its time already.
+        if first || (discontinuity && error.abs() > error_limit) {
+            self.leap(stamp, global, !self.rated);
+            if self.rated {
+                self.state = ClockState::Locked;
+            }
             return Correction::Stepped;
         }
         if elapsed <= 0 {
@@ -302,14 +375,15 @@ impl Clock {
                 self.exact();
                 return Correction::Applied;
             }
-            self.leap(stamp, global, true);
-            return Correction::Stepped;
+            if error.abs() <= self.error_limit(ONE_SECOND) {
+                self.leap(stamp, global, true);
+                return Correction::Stepped;
+            }
         }
-        let error_limit = self.error_limit(span);
         // More than 32 ms tell no rate.
         if error.abs() > error_limit || (!self.rated && error.abs() > i64::from(i32::MAX)) {
             self.refused = self.refused.saturating_add(1);
-            if !self.rated {
+            if !self.rated && !own {
                 // One of the two pairs is wrong, and without a rate this node cannot tell which.
                 let refused = self.refused;
                 self.leap(stamp, global, true);
@@ -324,7 +398,9 @@ impl Clock {
                 self.leap(stamp, global, true);
                 return Correction::Stepped;
             }
-            self.state = ClockState::Suspended;
+            if self.rated {
+                self.state = ClockState::Suspended;
+            }
             self.carry(stamp);
             self.since = 0;
             self.exact();

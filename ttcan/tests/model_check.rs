@@ -18,9 +18,9 @@ use std::time::Instant;
 
 use stateright::{Checker, Expectation, Model, Property};
 use ttcan::{
-    Action, Fault, Frame, INTERFRAME_BITS, Id, MasterState, MatrixConfig, Micros, Node, NodeConfig,
-    NodeId, Reception, ReferenceFormat, Stamp, SyncState, SystemMatrix, TransmitOutcome, Window,
-    WindowKind, frame_bits,
+    Action, ClockState, Fault, Frame, INTERFRAME_BITS, Id, MasterState, MatrixConfig, Micros, Node,
+    NodeConfig, NodeId, Reception, ReferenceFormat, Stamp, SyncState, SystemMatrix,
+    TransmitOutcome, Window, WindowKind, frame_bits,
 };
 
 const CYCLE: u32 = 1000;
@@ -37,64 +37,64 @@ const BROKEN_AFTER: u32 = 30;
 /// the time until the better-ranked master has taken over.
 const RECOVERY: u32 = 4;
 
+/// Changes of a node's global time that corrections never make, in microseconds.
+const STEP: i64 = 100;
+/// The bit of the control byte that announces a discontinuity of global time.
+const DISCONTINUITY: u8 = 0x40;
+
 const fn micros(at: u32) -> Micros {
     Micros::micros(at)
 }
 
-const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
-    bit_rate: 1_000_000,
-    basic_cycle: micros(CYCLE),
-    cycles: 2,
-    reference: Id::constant::<0>(),
-    reference_format: ReferenceFormat::LEVEL_1,
-    masters: &[NodeId(0), NodeId(1)],
-    transmit_enable_bits: 16,
-    sync_uncertainty: micros(UNCERTAINTY),
-    windows: &[
-        Window::exclusive(
-            "a",
-            micros(100),
-            micros(90),
-            Id::constant::<16>(),
-            0,
-            NodeId(0),
-        ),
-        Window::exclusive(
-            "b",
-            micros(190),
-            micros(90),
-            Id::constant::<17>(),
-            0,
-            NodeId(1),
-        ),
-        Window::exclusive(
-            "c",
-            micros(280),
-            micros(90),
-            Id::constant::<18>(),
-            0,
-            NodeId(2),
-        ),
-        Window::exclusive(
-            "c again",
-            micros(700),
-            micros(90),
-            Id::constant::<18>(),
-            0,
-            NodeId(2),
-        )
-        .every(2, 1),
-    ],
-    events: &[],
-});
+const fn window(name: &'static str, at: u32, id: Id, node: u16) -> Window<'static> {
+    Window::exclusive(name, micros(at), micros(90), id, 0, NodeId(node))
+}
+
+/// The windows of three nodes, of which the first one begins at this cycle time.
+const fn windows(first: u32) -> [Window<'static>; 4] {
+    [
+        window("a", first, Id::constant::<16>(), 0),
+        window("b", first + 90, Id::constant::<17>(), 1),
+        window("c", first + 180, Id::constant::<18>(), 2),
+        window("c again", 700, Id::constant::<18>(), 2).every(2, 1),
+    ]
+}
+
+const fn matrix<'a>(
+    reference_format: ReferenceFormat,
+    windows: &'a [Window<'a>],
+) -> SystemMatrix<'a> {
+    SystemMatrix::constant(MatrixConfig {
+        bit_rate: 1_000_000,
+        basic_cycle: micros(CYCLE),
+        cycles: 2,
+        reference: Id::constant::<0>(),
+        reference_format,
+        masters: &[NodeId(0), NodeId(1)],
+        transmit_enable_bits: 16,
+        sync_uncertainty: micros(UNCERTAINTY),
+        windows,
+        events: &[],
+    })
+}
+
+const MATRIX: SystemMatrix = matrix(ReferenceFormat::LEVEL_1, &windows(100));
+/// The same with global time, whose reference messages are longer.
+const TIMED: SystemMatrix = matrix(ReferenceFormat::LEVEL_2, &windows(150));
 
 ttcan::schedule!(static SCHEDULE = MATRIX);
+ttcan::schedule!(static TIMED_SCHEDULE = TIMED);
 
 type Stack = Node<'static, { MATRIX.window_count() }, { MATRIX.node_count() }, 1>;
 
-fn stack(node: u16) -> Stack {
+fn stack(node: u16, timed: bool) -> Stack {
     let config = NodeConfig::new(NodeId(node), 1);
-    Stack::new(SCHEDULE.view(), config).expect("the configuration is sound")
+    let schedule = if timed {
+        TIMED_SCHEDULE.view()
+    } else {
+        SCHEDULE.view()
+    };
+    Stack::new(schedule, config).expect("the configuration is sound")
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -103,6 +103,8 @@ struct Station {
     powered: bool,
     mailbox: Option<Frame>,
     drift: i32,
+    /// Whether it was started again with a time of its own, and has no other one yet.
+    restarted: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -132,6 +134,8 @@ enum Violation {
     Contention,
     /// A node in schedule calls a frame of a healthy node misplaced.
     Suspected,
+    /// Global time stepped on a node, and no reference announced it.
+    Stepped,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -147,6 +151,10 @@ struct State {
     /// Time since the last fault, up to the time of recovery.
     calm: u32,
     violation: Option<Violation>,
+    /// Whether the references carry global time.
+    timed: bool,
+    /// Time since a reference announced a discontinuity of global time, if it was lately.
+    announced: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -163,6 +171,9 @@ struct Network {
     drifts: Vec<[i32; 3]>,
     /// Whether all nodes are in schedule at the beginning, or without power.
     settled: bool,
+    /// Whether the references carry global time. The clocks have no drift then, and the search ends
+    /// when no fault was for the time of recovery.
+    timed: bool,
 }
 
 impl State {
@@ -212,7 +223,34 @@ impl State {
                 Action::Silence => {
                     station.mailbox = None;
                     station.node.start(Stamp(0));
+                    station.restarted = true;
                 }
+            }
+        }
+    }
+
+    /// The global times of the nodes, in microseconds.
+    fn times(&self) -> [Option<i64>; 3] {
+        [0, 1, 2].map(|index| {
+            let station = &self.stations[index];
+            let time = station.node.global_time(Stamp(0))?;
+            station.powered.then_some(time.as_micros() as i64)
+        })
+    }
+
+    /// Compares the global times with those of `passed` microseconds before.
+    fn check_times(&mut self, before: [Option<i64>; 3], passed: u32) {
+        for (index, (before, now)) in before.into_iter().zip(self.times()).enumerate() {
+            let station = &mut self.stations[index];
+            if station.restarted {
+                station.restarted = station.node.status().clock == ClockState::Own;
+                continue;
+            }
+            if let (Some(before), Some(now)) = (before, now)
+                && (now - before - i64::from(passed)).abs() > STEP
+                && self.announced.is_none()
+            {
+                self.violation.get_or_insert(Violation::Stepped);
             }
         }
     }
@@ -220,8 +258,16 @@ impl State {
     /// Lets `time` pass, which is not longer than until the next event.
     fn pass(&mut self, time: u32) {
         for station in self.stations.iter_mut().filter(|station| station.powered) {
-            station.node = station.node.normalised(Stamp(time));
+            station.node = if self.timed {
+                station.node.renumbered(Stamp(time))
+            } else {
+                station.node.normalised(Stamp(time))
+            };
         }
+        self.announced = self
+            .announced
+            .map(|announced| announced + time)
+            .filter(|announced| *announced < 3 * CYCLE + 200);
         if let Some(on_bus) = &mut self.on_bus {
             on_bus.left -= time;
             on_bus.age += time;
@@ -248,9 +294,10 @@ impl State {
             .iter()
             .any(|station| station.mailbox.is_some());
         let idle = (self.on_bus.is_none() && waiting).then_some(self.interframe);
-        // A start can happen in any quarter of a basic cycle.
+        // A start can happen in any quarter of a basic cycle, and at three instants in two basic
+        // cycles where the states are many.
         let off = self.stations.iter().any(|station| !station.powered);
-        let quarter = off.then_some(CYCLE / 4);
+        let quarter = off.then_some(if self.timed { CYCLE * 2 / 3 } else { CYCLE / 4 });
         timers.chain(bus).chain(idle).chain(quarter).min()
     }
 
@@ -264,6 +311,13 @@ impl State {
         let due = self
             .cycle_time
             .is_none_or(|cycle_time| cycle_time - ended.age > CYCLE - 210);
+        let control = if self.timed { 4 } else { 0 };
+        if delivered
+            && is_reference(&ended.frame)
+            && ended.frame.data()[control] & DISCONTINUITY != 0
+        {
+            self.announced = Some(0);
+        }
         let mut begins_cycle = delivered && is_reference(&ended.frame) && due;
         for index in 0..3 {
             if !self.stations[index].powered {
@@ -296,7 +350,7 @@ impl State {
         // basic cycle. If no node in schedule accepts it, the basic cycle goes on.
         if begins_cycle {
             self.cycle_time = Some(ended.age);
-            self.cycle = ended.frame.data()[0] & 0x3F;
+            self.cycle = ended.frame.data()[control] & 0x3F;
         }
     }
 
@@ -344,7 +398,8 @@ impl State {
     fn check_place(&mut self, frame: &Frame) {
         let in_place = self.cycle_time.is_some_and(|from| {
             let until = from + frame_bits(frame);
-            MATRIX.config().windows.iter().any(|window| {
+            let matrix = if self.timed { &TIMED } else { &MATRIX };
+            matrix.config().windows.iter().any(|window| {
                 let WindowKind::Exclusive { id, .. } = window.kind else {
                     return false;
                 };
@@ -368,7 +423,9 @@ impl State {
             let counters = station.node.counters();
             let passed = counters.references > 0 || counters.missed_references > 0;
             let now = if passed { station.drift } else { 0 };
-            station.node = station.node.normalised(Stamp(0).offset(now));
+            if !self.timed {
+                station.node = station.node.normalised(Stamp(0).offset(now));
+            }
         }
     }
 
@@ -409,10 +466,11 @@ impl Model for Network {
 
     fn init_states(&self) -> Vec<State> {
         let station = |node: u16, drift| Station {
-            node: stack(node),
+            node: stack(node, self.timed),
             powered: false,
             mailbox: None,
             drift,
+            restarted: false,
         };
         let off = self.drifts.iter().map(|drift| State {
             stations: [0, 1, 2].map(|node| station(node, drift[usize::from(node)])),
@@ -424,6 +482,8 @@ impl Model for Network {
             crashes: self.crashes,
             calm: 0,
             violation: None,
+            timed: self.timed,
+            announced: None,
         });
         if !self.settled {
             return off.collect();
@@ -437,6 +497,9 @@ impl Model for Network {
             while state.calm < RECOVERY * CYCLE {
                 let next = self.next_state(&state, Step::Next(Fate::Delivered));
                 state = next.expect("something is always due");
+            }
+            if self.timed {
+                state.calm = 0;
             }
             state
         })
@@ -452,7 +515,8 @@ impl Model for Network {
         for (index, station) in state.stations.iter().enumerate() {
             if !station.powered {
                 actions.push(Step::Start(index));
-            } else if state.crashes > 0 {
+            // Of global time, a crash of the third node changes nothing.
+            } else if state.crashes > 0 && !(self.timed && index == 2) {
                 actions.push(Step::Crash(index));
             }
         }
@@ -460,9 +524,11 @@ impl Model for Network {
 
     fn next_state(&self, last: &State, step: Step) -> Option<State> {
         let mut state = last.clone();
+        let mut passed = 0;
         match step {
             Step::Next(fate) => {
                 let time = state.next_event()?;
+                passed = time;
                 state.pass(time);
                 state.end_frame();
                 for index in 0..3 {
@@ -488,7 +554,7 @@ impl Model for Network {
                 let station = &mut state.stations[index];
                 station.powered = false;
                 station.mailbox = None;
-                station.node = stack(index as u16);
+                station.node = stack(index as u16, self.timed);
                 if let Some(on_bus) = &mut state.on_bus
                     && on_bus.sender == index
                 {
@@ -504,7 +570,14 @@ impl Model for Network {
             }
         }
         state.drift();
+        if self.timed {
+            state.check_times(last.times(), passed);
+        }
         Some(state)
+    }
+
+    fn within_boundary(&self, state: &State) -> bool {
+        !self.timed || state.calm < RECOVERY * CYCLE
     }
 
     fn properties(&self) -> Vec<Property<Self>> {
@@ -512,8 +585,9 @@ impl Model for Network {
             Property::always("no frame in another node's window", |_, state: &State| {
                 state.violation.is_none()
             }),
+            // A master that returns takes the time over before it leads again.
             Property::always("synchronised again", |_, state: &State| {
-                state.calm < RECOVERY * CYCLE || state.is_settled()
+                state.timed || state.calm < RECOVERY * CYCLE || state.is_settled()
             }),
             Property::always("one master", |_, state: &State| {
                 state.calm < CYCLE + 200 || state.masters() <= 1
@@ -522,7 +596,7 @@ impl Model for Network {
                 state.powered().count() == 3 && state.is_settled()
             }),
         ];
-        if self.crashes > 0 || !self.settled {
+        if !self.timed && (self.crashes > 0 || !self.settled) {
             properties.push(Property::sometimes("failover", |_, state: &State| {
                 let [best, backup, follower] = &state.stations;
                 !best.powered
@@ -573,6 +647,7 @@ fn starts_in_any_order() {
             crashes: 0,
             drifts: vec![FAST_AND_SLOW],
             settled: false,
+            timed: false,
         },
     );
 }
@@ -586,6 +661,7 @@ fn a_crash_and_a_loss() {
             crashes: 1,
             drifts: vec![FAST_AND_SLOW, FAST_AND_SLOW.map(|drift| -drift)],
             settled: true,
+            timed: false,
         },
     );
 }
@@ -602,6 +678,24 @@ fn losses() {
             crashes: 0,
             drifts: vec![FAST_AND_SLOW],
             settled: true,
+            timed: false,
         },
     );
+}
+
+/// Global time over crashes, starts and losses: it runs on, or references announce the step.
+#[test]
+fn global_time() {
+    for (losses, crashes) in [(2, 0), (1, 1)] {
+        check(
+            "global time",
+            Network {
+                losses,
+                crashes,
+                drifts: vec![[0; 3]],
+                settled: true,
+                timed: true,
+            },
+        );
+    }
 }

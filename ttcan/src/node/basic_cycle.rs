@@ -1,6 +1,6 @@
 //! The current basic cycle.
 
-use crate::features::GAPS;
+use crate::features::{GAPS, GLOBAL_TIME};
 use crate::time::Stamp;
 
 /// The current basic cycle, as its reference message began it.
@@ -18,6 +18,11 @@ pub(super) struct BasicCycle {
     pub(super) count: u32,
     /// Coarse time in the reference of another master, ms.
     pub(super) coarse: Option<u32>,
+    /// Whether that reference announced a discontinuity of global time.
+    pub(super) announced: bool,
+    /// A reference announced a discontinuity of global time, and this node has not corrected its
+    /// time since. It stays over basic cycles.
+    pub(super) discontinuity: bool,
     next_is_gap: bool,
 }
 
@@ -30,6 +35,8 @@ impl BasicCycle {
             number: 0,
             count: 0,
             coarse: None,
+            announced: false,
+            discontinuity: false,
             next_is_gap: false,
         }
     }
@@ -46,7 +53,10 @@ impl BasicCycle {
         self.mark = mark;
         self.number = number;
         self.count = self.count.wrapping_add(1);
-        self.coarse = None;
+        if GLOBAL_TIME {
+            self.coarse = None;
+            self.announced = false;
+        }
         self.next_is_gap = next_is_gap;
         self.master.replace(master)
     }

@@ -3,16 +3,13 @@
 #[cfg(feature = "master")]
 use super::NotInCharge;
 use super::counters::bump;
-use super::master_role::{Attempt, Progress};
+use super::master_role::{ANNOUNCEMENTS, Attempt, Progress};
 use super::transmission::{OwnReference, Pending};
 use super::{Action, MasterState, Node, SyncState, TransmitOutcome};
-use crate::clock::ClockState;
 use crate::features::GLOBAL_TIME;
 use crate::length;
-use crate::reference::{Fields, mark_of};
-#[cfg(all(feature = "master", feature = "global-time"))]
-use crate::time::GlobalTime;
-use crate::time::Stamp;
+use crate::reference::{Fields, from_coarse, mark_of};
+use crate::time::{GlobalTime, Stamp};
 
 #[cfg(feature = "master")]
 impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
@@ -76,9 +73,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         Ok(())
     }
 
-    /// Sets the global time of the instant `stamp`. The next reference announces
+    /// Sets the global time of the instant `stamp`. The next three references announce
     /// a discontinuity to all nodes. A potential master may do this before the
-    /// first reference, too.
+    /// first reference, too; if that comes from another master, the node takes
+    /// the other master's time instead.
     ///
     /// # Errors
     /// Another node is the time master.
@@ -89,7 +87,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             self.in_charge()?;
         }
         self.clock.set(stamp, time);
-        self.master.discontinuity = true;
+        self.master.discontinuity = ANNOUNCEMENTS;
         Ok(())
     }
 
@@ -108,22 +106,22 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     pub(super) fn transmit_reference(&mut self, now: Stamp) -> Action {
         self.agenda.reference = None;
         let network = self.setup.network();
-        if GLOBAL_TIME && self.clock.at(now).is_none() {
-            self.clock.set(now, Default::default());
+        if GLOBAL_TIME && self.clock.sent_at(now).is_none() {
+            self.assume_time(now);
         }
         let start = now.after(self.setup.config.transmit_lead);
         let begun = self.cycle.has_begun();
         let fields = Fields {
             next_is_gap: self.master.gap_wanted,
-            discontinuity: self.master.discontinuity,
+            discontinuity: self.announces(),
             cycle: if begun {
                 self.setup.cycle_after(self.cycle.number)
             } else {
                 0
             },
-            coarse: self.clock.at(start).map(|time| time.as_millis()),
+            coarse: self.clock.sent_at(start).map(|time| time.as_millis()),
             mark: if begun {
-                self.clock.at(self.cycle.mark).map(mark_of)
+                self.clock.sent_at(self.cycle.mark).map(mark_of)
             } else {
                 None
             },
@@ -146,6 +144,37 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         Action::TransmitReference(frame)
     }
 
+    /// Whether this node's next reference announces a discontinuity of global time.
+    fn announces(&self) -> bool {
+        GLOBAL_TIME
+            && self.setup.network().reference_format.tells_time()
+            && (self.master.discontinuity > 0 || !self.clock.is_agreed())
+    }
+
+    /// Announces this node's time in its next references, if it leads: other nodes may have
+    /// another time.
+    pub(super) fn announce_again(&mut self) {
+        let tells_time = self.setup.network().reference_format.tells_time();
+        if GLOBAL_TIME && tells_time && self.master.state == MasterState::Current {
+            self.master.discontinuity = ANNOUNCEMENTS;
+        }
+    }
+
+    /// Sets a time before this node must lead without one. Of the last reference, only the time at
+    /// which it was planned is known: it started up to 1 ms and a frame later. The latest start is
+    /// assumed, so that the time of the other nodes does not go back. Without a reference, the time
+    /// begins with 0.
+    fn assume_time(&mut self, now: Stamp) {
+        match self.cycle.coarse {
+            Some(coarse) => {
+                let late = 1000 + i64::from(self.setup.network().reference_length);
+                let time = from_coarse(coarse, None).offset(late << GlobalTime::FRACTION_BITS);
+                self.clock.assume(self.cycle.mark, time);
+            }
+            None => self.clock.assume(now, GlobalTime::default()),
+        }
+    }
+
     // Not inlined, so that the task table can exclude it (`never`) from the bound of other
     // transmissions.
     #[inline(never)]
@@ -164,7 +193,12 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 let latency = self.setup.config.latency.transmit;
                 let start = stamp.offset(length.wrapping_add(latency).wrapping_neg());
                 if own.discontinuity {
-                    self.master.discontinuity = false;
+                    let left = if self.clock.is_agreed() {
+                        self.master.discontinuity
+                    } else {
+                        ANNOUNCEMENTS
+                    };
+                    self.master.discontinuity = left.saturating_sub(1);
                 }
                 if own.next_is_gap {
                     self.master.gap_wanted = false;
@@ -207,11 +241,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         // for some basic cycles, and finds the schedule anew from references.
         let disputed = self.master.is_disputed(self.setup.config.watch);
         let consecutive = self.is_consecutive(start, own.cycle) && !disputed;
-        if GLOBAL_TIME && matches!(self.clock.state(), ClockState::Unset) {
-            self.clock.set(start, Default::default());
-        } else {
-            self.clock.lead(start);
-        }
+        self.clock.lead(start);
+        self.cycle.discontinuity = false;
         // A late start means that the bus was taken when it should have been
         // idle, perhaps by the reference of another master that only this node
         // did not receive. The other nodes are then in another basic cycle. The
@@ -243,6 +274,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         };
         let initial = self.setup.initial_offset();
         self.master.follow(own, sender, before, initial);
+        if self.must_wait_for_time() {
+            self.master.offset = self.setup.untimed_offset;
+        }
         let offset = self.master.offset;
         self.agenda.reference = Some(if self.cycle.next_is_gap() {
             let gap = self.setup.config.longest_gap.ticks();
@@ -257,6 +291,16 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 error => instant.after(self.clock.ticks(error)),
             }
         });
+    }
+
+    /// Whether this node does not have the time of the master that it hears. It then waits behind
+    /// all other potential masters, which may have it: if this node led, it would have to set the
+    /// time of all nodes.
+    fn must_wait_for_time(&self) -> bool {
+        GLOBAL_TIME
+            && self.setup.network().reference_format.tells_time()
+            && self.master.state == MasterState::Backup
+            && !self.clock.is_agreed()
     }
 
     /// Notes that a pending reference is being withdrawn: another frame was on the bus when

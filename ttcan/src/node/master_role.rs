@@ -9,6 +9,10 @@ use crate::time::Stamp;
 /// first.
 const EARLIER: i8 = 8;
 
+/// References in a row that announce a discontinuity of global time. A node that misses two in a row
+/// is told by the third one; after two, actuators stop anyway.
+pub(super) const ANNOUNCEMENTS: u8 = 3;
+
 /// The role of a potential time master.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct MasterRole {
@@ -20,8 +24,8 @@ pub(super) struct MasterRole {
     pub(super) trim: i8,
     /// The next reference announces a gap.
     pub(super) gap_wanted: bool,
-    /// The next reference announces a discontinuity of global time.
-    pub(super) discontinuity: bool,
+    /// So many of the next references announce a discontinuity of global time.
+    pub(super) discontinuity: u8,
     /// The application's bytes in front of each reference.
     pub(super) payload: [u8; 8],
     pub(super) attempt: Attempt,
@@ -79,7 +83,7 @@ impl MasterRole {
             offset: 0,
             trim: 0,
             gap_wanted: false,
-            discontinuity: false,
+            discontinuity: 0,
             payload: [0; 8],
             attempt: Attempt::NONE,
             disputed: 0,

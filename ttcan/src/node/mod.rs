@@ -115,7 +115,9 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     ///
     /// Also starts again after S3 or at any other time. Counters, global time
     /// and the bytes of [`Node::set_reference_payload`] stay, everything else
-    /// begins anew.
+    /// begins anew. The global time is the node's own
+    /// ([`ClockState::Own`](crate::ClockState::Own)) until the first references
+    /// tell that of the network, which may have been set meanwhile.
     pub fn start(&mut self, now: Stamp) {
         let abort = !self.transmission.is_idle() || self.agenda.order == Order::Abort;
         self.sync = SyncState::Synchronising;
@@ -132,9 +134,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         self.supervision
             .reset(self.setup.schedule.exclusive_count());
         self.last_received = now;
-        if self.clock.at(now).is_some() {
-            self.clock.carry(now);
-        }
+        self.clock.resume(now);
         self.master.restart(self.setup.initial_offset());
         if MASTER {
             self.agenda.reference = self.setup.rank().map(|_| now.after(self.quiet()));

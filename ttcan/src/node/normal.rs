@@ -18,6 +18,17 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// recognise a state.
     #[must_use]
     pub fn normalised(&self, now: Stamp) -> Self {
+        let mut node = self.renumbered(now);
+        if node.clock.sent_at(Stamp(0)).is_some() {
+            node.clock.restart(Stamp(0), GlobalTime::default());
+        }
+        node.cycle.coarse = None;
+        node
+    }
+
+    /// As [`Node::normalised`], but with its global time. It behaves as before in every respect.
+    #[must_use]
+    pub fn renumbered(&self, now: Stamp) -> Self {
         let mut node = self.clone();
         let moved = |stamp: Stamp| Stamp(stamp.0.wrapping_sub(now.0));
         let agenda = &mut node.agenda;
@@ -57,10 +68,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         if let Pending::Event { place } = &mut node.transmission.pending {
             *place = place_now;
         }
-        if node.clock.at(now).is_some() {
-            node.clock.restart(now, GlobalTime::default());
+        if node.clock.sent_at(now).is_some() {
+            node.clock.renumber(now);
         }
-        node.cycle.coarse = None;
         node.counters = Counters::default();
         node.cycle.count = 0;
         node.supervision

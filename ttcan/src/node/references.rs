@@ -1,6 +1,7 @@
 //! References of other masters, and the beginning of a basic cycle.
 
 use super::counters::bump;
+use super::master_role::ANNOUNCEMENTS;
 use super::{Fault, Node, Reception, SyncState};
 use crate::clock::{ClockState, Correction};
 use crate::features::{GAPS, GLOBAL_TIME, MASTER};
@@ -9,6 +10,11 @@ use crate::length;
 use crate::reference::{Fields, from_coarse, nearest};
 use crate::supervision::Missing;
 use crate::time::{GlobalTime, Stamp};
+
+/// Error of a basic cycle's length up to which the time of its beginning is found from the coarse
+/// time at its end, in microseconds. With the rounding of the coarse time it stays below the 1024 us
+/// of [`nearest`].
+const LARGEST_RATE_ERROR: u32 = 200;
 
 /// What a node does with a reference of another master.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -33,15 +39,27 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let start = end.before(self.setup.bits(length::frame_bits(frame)));
         let judgement = self.judge_reference(rank, fields.cycle, start);
         if judgement == Judgement::Refused {
+            if MASTER {
+                // Its sender may lead nodes that do not hear this master yet.
+                self.announce_again();
+            }
             return Reception::Fault(Fault::UntimelyReference);
+        }
+        if judgement == Judgement::Restart {
+            self.sync = SyncState::Synchronising;
+            if MASTER && GLOBAL_TIME {
+                // If this node leads again before it has the other master's time, it announces its
+                // own.
+                self.master.discontinuity = ANNOUNCEMENTS;
+            }
         }
         let consecutive = judgement == Judgement::Next && self.is_consecutive(start, fields.cycle);
         if GLOBAL_TIME {
             let same = self.cycle.master == Some(rank);
-            self.take_time(&fields, start, consecutive, same);
-        }
-        if judgement == Judgement::Restart {
-            self.sync = SyncState::Synchronising;
+            // The mark is that of the reference before on the sender. For a node that is not in
+            // schedule, another master's may have been another one.
+            let paired = consecutive && (same || self.sync == SyncState::InSchedule);
+            self.take_time(&fields, start, paired, same);
         }
         if self.cycle.master.is_some_and(|master| master != rank) {
             bump(&mut self.counters.master_changes, 1);
@@ -49,6 +67,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         self.begin_cycle(start, fields.cycle, fields.next_is_gap, rank, consecutive);
         if GLOBAL_TIME {
             self.cycle.coarse = fields.coarse;
+            self.cycle.announced = fields.discontinuity;
         }
         if let Some(master) = network.masters.get(usize::from(rank)).copied().flatten()
             && let Some(peer) = self.supervision.peer(master)
@@ -103,16 +122,17 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     /// Takes global time from the coarse time of a reference, and its mark of the
-    /// reference before. `consecutive` tells that this node received the one before, `same` that it
+    /// reference before. `paired` tells that this node received the one before, `same` that it
     /// came from the same master.
-    fn take_time(&mut self, fields: &Fields, start: Stamp, consecutive: bool, same: bool) {
+    fn take_time(&mut self, fields: &Fields, start: Stamp, paired: bool, same: bool) {
         let previous = self.cycle.mark;
         // A node that has not measured its rate does not know how long it was since the reference
         // before, and takes the coarse time that this one carried. Another master, or a time that
-        // was set, has nothing to do with that one.
-        let (coarse, since) = if self.clock.is_rated() {
+        // was set since, has nothing to do with that one.
+        let network = self.setup.network();
+        let (coarse, since) = if self.clock.rate_error(network.basic_cycle) <= LARGEST_RATE_ERROR {
             (fields.coarse, start.ticks_since(previous))
-        } else if same && !fields.discontinuity {
+        } else if same && (!fields.discontinuity || self.cycle.announced) {
             (self.cycle.coarse, 0)
         } else {
             if self.clock.state() != ClockState::Unset {
@@ -120,23 +140,29 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             }
             (None, 0)
         };
-        let (Some(coarse), Some(mark), true) = (coarse, fields.mark, consecutive) else {
+        let (Some(coarse), Some(mark), true) = (coarse, fields.mark, paired) else {
             // Time runs on at the last rate.
             self.clock.carry(previous);
+            self.cycle.discontinuity |= fields.discontinuity;
             return;
         };
         let known = match self.clock.state() {
-            ClockState::Own => None,
+            ClockState::Own if !self.clock.is_agreed() => None,
             _ => self.clock.at(start),
         };
         // The coarse time is rounded down to 1 ms, and the reference may have waited for the bus: it
         // started up to 1 ms and a frame later than the coarse time says. The middle of that leaves
         // the most for the error of `since`.
-        let middle = (1000 + i64::from(self.setup.network().reference_length)) / 2;
+        let middle = (1000 + i64::from(network.reference_length)) / 2;
         let planned = from_coarse(coarse, known).offset(middle << GlobalTime::FRACTION_BITS);
         let time = nearest(planned.offset(-self.clock.duration(since)), mark);
-        match self.clock.correct(previous, time, fields.discontinuity) {
-            Correction::Applied => {}
+        let announced = core::mem::take(&mut self.cycle.discontinuity) || fields.discontinuity;
+        // If this node leads next, it repeats the announcement for nodes that did not receive it,
+        // or announces that its time is not that of the master before.
+        let discontinuity = &mut self.master.discontinuity;
+        *discontinuity = ANNOUNCEMENTS;
+        match self.clock.correct(previous, time, announced) {
+            Correction::Applied => *discontinuity = 0,
             Correction::Stepped => {
                 bump(&mut self.counters.time_steps, 1);
             }

@@ -1,12 +1,15 @@
 //! What a node is made from. It never changes.
 
 use super::config::{ConfigError, NodeConfig};
-use crate::features::{EVENTS, MASTER};
+use crate::features::{EVENTS, GLOBAL_TIME, MASTER};
 use crate::schedule::{Network, ScheduleView};
 
 /// Largest distance of a deadline from now, in ticks. Stamps compare correctly
 /// up to 2^31 ticks; half of that leaves room for late calls.
 pub(super) const LONGEST_TICKS: u32 = 1 << 30;
+
+/// Default difference of the reference trigger offsets of two ranks, in microseconds.
+const OFFSET_OF_A_RANK: u8 = 16;
 
 /// What a node is made from.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -15,6 +18,9 @@ pub(super) struct Setup<'s> {
     pub(super) config: NodeConfig,
     /// Rank among the potential masters.
     rank: Option<u8>,
+    /// Reference trigger offset of a potential master that does not have the time of the network: one
+    /// step behind the last rank, in microseconds.
+    pub(super) untimed_offset: i8,
     /// Length of a bit in 1/256 tick.
     bit: u32,
     /// Basic cycles of this node's event messages: their number ends in these bits (the first number is
@@ -64,8 +70,16 @@ impl<'s> Setup<'s> {
         } else {
             (1, 0)
         };
+        let untimed_offset = if MASTER && GLOBAL_TIME {
+            let masters = network.masters.iter().flatten().count() as u8;
+            let behind = masters.saturating_mul(OFFSET_OF_A_RANK);
+            behind.max(config.reference_offset.unwrap_or(0)).min(127) as i8
+        } else {
+            0
+        };
         Ok(Self {
             schedule,
+            untimed_offset,
             config,
             rank,
             bit: bit as u32,
@@ -91,7 +105,7 @@ impl<'s> Setup<'s> {
     /// Reference trigger offset of a backup behind better-ranked masters, in
     /// microseconds.
     pub(super) fn initial_offset(&self) -> i8 {
-        let by_rank = self.rank().unwrap_or(0).saturating_mul(16);
+        let by_rank = self.rank().unwrap_or(0).saturating_mul(OFFSET_OF_A_RANK);
         self.config.reference_offset.unwrap_or(by_rank).min(127) as i8
     }
 

@@ -10,6 +10,10 @@ use crate::schedule::{Entry, Role};
 use crate::supervision::{Missing, Severe};
 use crate::time::Stamp;
 
+/// Windows in a row in which a message was missed, from which on its sender may have followed another
+/// master with another time before it is seen again. One lost frame does not count.
+const RETURNED: u8 = 2;
+
 impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     /// What is to be done at `now`. Call it again until it returns `None`.
     ///
@@ -169,6 +173,12 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         };
         if self.sync != SyncState::InSchedule {
             return;
+        }
+        if MASTER && seen {
+            let before = self.supervision.window(entry.window).unwrap_or_default();
+            if before.missed >= RETURNED {
+                self.announce_again();
+            }
         }
         self.supervision.note(entry.window, false, seen);
         if !seen {
