@@ -100,9 +100,12 @@ impl BitTiming {
     }
 
     /// The bit rate in bit/s from a peripheral clock of `clock` Hz, rounded
-    /// down.
+    /// down; 0 for a prescaler of 0, which the register cannot hold.
     pub const fn bit_rate(&self, clock: u32) -> u32 {
-        clock / (self.prescaler as u32 * self.quanta())
+        match clock.checked_div(self.prescaler as u32 * self.quanta()) {
+            Some(rate) => rate,
+            None => 0,
+        }
     }
 
     /// Largest error of a node's oscillator, in parts per million, if the others may err as much
@@ -122,11 +125,11 @@ impl BitTiming {
     }
 
     /// The value of CAN_BTR (RM0390) in normal mode, without silent and loop back
-    /// mode.
+    /// mode. A value of 0, which the register cannot hold, counts as 1.
     pub const fn register(&self) -> u32 {
-        (self.jump_width as u32 - 1) << 24
-            | (self.segment_2 as u32 - 1) << 20
-            | (self.segment_1 as u32 - 1) << 16
-            | (self.prescaler as u32 - 1)
+        (self.jump_width as u32).saturating_sub(1) << 24
+            | (self.segment_2 as u32).saturating_sub(1) << 20
+            | (self.segment_1 as u32).saturating_sub(1) << 16
+            | (self.prescaler as u32).saturating_sub(1)
     }
 }

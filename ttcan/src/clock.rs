@@ -355,7 +355,8 @@ impl Clock {
         // The error arose since the last correction. References without a correction moved the
         // anchor meanwhile.
         let span = self.duration(self.since.saturating_add(elapsed.max(0)));
-        let error = global.since(self.extrapolate(stamp));
+        // Its magnitude must be an `i64`, too.
+        let error = global.since(self.extrapolate(stamp)).max(-i64::MAX);
         // Other nodes have the time of a master, too.
         let own = self.state == ClockState::Own;
         let first = self.state == ClockState::Unset || (own && !self.agreed);
@@ -683,6 +684,56 @@ mod tests {
         // The oscillator is off by the limit 50 references after the drift began.
         assert!(worst(errors[..95].iter().copied()) < 150.0);
         assert!(worst(errors[70..95].iter().copied()) < 90.0);
+    }
+
+    /// Calls a clock with everything at and beside the ends of its range: no sum, product or shift
+    /// overflows, and the rate keeps its limit.
+    #[test]
+    fn no_stamp_time_or_rate_overflows() {
+        let edges =
+            |bits: u32| (0..bits).flat_map(|bit| [(1_u64 << bit) - 1, 1 << bit, (1 << bit) + 1]);
+        let stamps: Vec<u32> = edges(32)
+            .map(|edge| edge as u32)
+            .chain([u32::MAX])
+            .collect();
+        let times: Vec<u64> = edges(64).chain([u64::MAX, u64::MAX - 1]).collect();
+        for ticks_per_us in [1, 2, 3, 18, 180, 999, 1000] {
+            for ppm in [0, 1, 200, 9999, 10_000, u16::MAX] {
+                let mut clock = Clock::new(ticks_per_us, ppm);
+                let mut random = 1_u32;
+                let mut draw = |below: usize| {
+                    random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    (random >> 8) as usize % below
+                };
+                for _ in 0..20_000 {
+                    let step = stamps[draw(stamps.len())];
+                    let stamp = clock.anchor.after(step);
+                    let near = clock.extrapolate(stamp);
+                    let time = times[draw(times.len())];
+                    let time = match draw(4) {
+                        // Also within the drift limit, above and below.
+                        0 | 1 => near.offset((time >> 40) as i64 * [1, -1][draw(2)]),
+                        2 => near.offset(time as i64),
+                        _ => GlobalTime::from_raw(time),
+                    };
+                    match draw(12) {
+                        0 => clock.carry(stamp),
+                        1 => clock.lead(stamp),
+                        2 => clock.set(stamp, time),
+                        3 => clock.resume(stamp),
+                        4 => clock.forget_rate(),
+                        5 => clock.set_limit(step as u16),
+                        other => {
+                            clock.correct(stamp, time, other == 6);
+                        }
+                    }
+                    assert!(clock.rate.abs() <= clock.limit);
+                    let _ = clock.at(stamp);
+                    let _ = clock.ticks(step).wrapping_add(clock.rate_error(step));
+                    let _ = clock.micros(step.cast_signed());
+                }
+            }
+        }
     }
 
     proptest! {

@@ -118,7 +118,7 @@ pub(crate) const fn nearest(estimate: GlobalTime, mark: u16) -> GlobalTime {
 
 /// Global time from a coarse time, which wraps every 2^32 ms (49 days). Of the
 /// possible times the one nearest to `known` is taken, up to 4 years after the
-/// epoch; without `known`, the first.
+/// epoch, and some time of this coarse time beyond that; without `known`, the first.
 pub(crate) fn from_coarse(coarse: u32, known: Option<GlobalTime>) -> GlobalTime {
     let time = GlobalTime::from_micros(u64::from(coarse) * 1000);
     let Some(known) = known else {
@@ -127,7 +127,7 @@ pub(crate) fn from_coarse(coarse: u32, known: Option<GlobalTime>) -> GlobalTime 
     // 2^32 ms are 1000 times 2^48 of the time's units; 500 of them are half.
     let ahead = (known.since(time) >> 48) as i32;
     let wraps = (ahead + 500).div_euclid(1000).max(0);
-    time.offset(i64::from(wraps) * (1000 << 48))
+    time.offset(i64::from(wraps).wrapping_mul(1000 << 48))
 }
 
 impl Fields {
@@ -207,6 +207,18 @@ mod tests {
         }
         let week = GlobalTime::from_micros(7 * DAY);
         assert_eq!(from_coarse(week.as_millis(), None), week);
+    }
+
+    /// The application of a master may set any time.
+    #[test]
+    fn the_coarse_time_is_found_beside_any_time() {
+        for coarse in [0, 1, 0x7FFF_FFFF, 0x8000_0000, u32::MAX] {
+            for known in (0..=u64::MAX).step_by(1 << 44).chain([u64::MAX]) {
+                let known = GlobalTime::from_raw(known);
+                let time = from_coarse(coarse, Some(known));
+                assert_eq!(time.since(GlobalTime::default()) & 0xFFFF, 0);
+            }
+        }
     }
 
     #[test]

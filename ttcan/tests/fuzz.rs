@@ -35,6 +35,25 @@ fn operations_reach_the_schedule() {
     assert_eq!(kinds, [true; 6]);
 }
 
+/// Nodes of accepted configurations at the ends of their ranges, with random operations.
+#[test]
+fn no_accepted_configuration_overflows() {
+    let mut random = 1u32;
+    let mut bytes = || {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (random >> 24) as u8
+    };
+    let mut accepted = 0;
+    for _ in 0..ROUNDS {
+        let input: Vec<u8> = (0..700).map(|_| bytes()).collect();
+        accepted += usize::from(fuzz::configurations(&input));
+    }
+    println!("{accepted} of {ROUNDS} accepted");
+    assert!(accepted > ROUNDS / 10);
+}
+
+const ROUNDS: usize = 50_000;
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 

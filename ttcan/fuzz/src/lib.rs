@@ -149,16 +149,63 @@ pub fn operations(bytes: &[u8], origin: u32) -> Vec<Said> {
         silent: true,
         said: Vec::new(),
     };
-    driver.start();
-    // Longer inputs bring nothing new.
-    for _ in 0..512 {
-        if bytes.0.is_empty() {
-            break;
-        }
-        driver.operate(&mut bytes);
-        driver.serve();
-    }
+    driver.run(bytes);
     driver.said
+}
+
+/// The same with a node of any configuration. No arithmetic overflows. Returns whether the
+/// configuration was accepted.
+pub fn configurations(bytes: &[u8]) -> bool {
+    let mut bytes = Bytes(bytes);
+    let mut draw = |edges: &[u32]| {
+        // Mostly an edge, so that most configurations are accepted.
+        let at = usize::from(bytes.next());
+        match edges.get(at % edges.len()) {
+            Some(edge) if at < 250 => *edge,
+            _ => bytes.word(),
+        }
+    };
+    let most = u32::MAX;
+    let ticks_per_us = draw(&[1, 2, 18, 180, 999, 1000, 1001]);
+    let latency = StampLatency {
+        receive: draw(&[0, 1, 4000, most]).cast_signed(),
+        transmit: draw(&[0, 1, 4000, most]).cast_signed(),
+    };
+    let config = NodeConfig {
+        latency,
+        transmit_lead: draw(&[0, 54, 4000, 4_000_000]),
+        reference_offset: Some(draw(&[0, 16, 127, 200]) as u8).filter(|offset| *offset < 200),
+        watch: draw(&[1, 2, 4, 255]) as u8,
+        longest_gap: Micros::micros(draw(&[
+            7999,
+            8000,
+            30_000,
+            1_000_000,
+            1_000_000_000,
+            1 << 30,
+        ])),
+        application_watchdog: Some(Micros::micros(draw(&[
+            0,
+            1,
+            8000,
+            1_000_000,
+            1_000_000_000,
+        ]))),
+        drift_limit_ppm: draw(&[0, 200, 9999, 10_000, 10_001]) as u16,
+        ..NodeConfig::new(NodeId(draw(&[0, 1, 2, 3]) as u16), ticks_per_us)
+    };
+    let Ok(node) = Stack::new(SCHEDULE.view(), config) else {
+        return false;
+    };
+    let mut driver = Driver {
+        node,
+        now: Stamp(draw(&[0, 1 << 31, most])),
+        open: false,
+        silent: true,
+        said: Vec::new(),
+    };
+    driver.run(bytes);
+    true
 }
 
 struct Driver {
@@ -171,6 +218,18 @@ struct Driver {
 }
 
 impl Driver {
+    fn run(&mut self, mut bytes: Bytes) {
+        self.start();
+        // Longer inputs bring nothing new.
+        for _ in 0..512 {
+            if bytes.0.is_empty() {
+                break;
+            }
+            self.operate(&mut bytes);
+            self.serve();
+        }
+    }
+
     fn start(&mut self) {
         self.node.start(self.now);
         self.silent = false;
@@ -200,7 +259,7 @@ impl Driver {
             5 | 6 => {
                 let rank = bytes.next() % 4;
                 let mut data = bytes.data();
-                data[5] &= 0x83;
+                data[5] &= 0xC3;
                 let id = Id::standard(8 + u16::from(rank)).expect("small");
                 let len = if bytes.next().is_multiple_of(8) { 5 } else { 8 };
                 self.receive(Frame::from_parts(id, len, data), self.now);
@@ -229,7 +288,7 @@ impl Driver {
                 0 => _ = self.node.request_gap(),
                 1 => _ = self.node.end_gap(self.now),
                 2 => {
-                    let time = GlobalTime::from_raw(u64::from(bytes.word()) << 20);
+                    let time = GlobalTime::from_raw(u64::from(bytes.word()) << (bytes.next() % 33));
                     _ = self.node.set_global_time(self.now, time);
                 }
                 3 => self.node.clear_errors(),

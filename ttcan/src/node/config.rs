@@ -53,8 +53,8 @@ pub struct NodeConfig {
     /// Missing references in a row that lead to the watch trigger (Watch_Trigger)
     /// and S3, at least 1. Actuators stop at two (thesis 6.2.4.4).
     pub watch: u8,
-    /// Longest gap, counted from the reference that announces it. After it a time
-    /// master starts the next basic cycle without the event.
+    /// Longest gap, counted from the reference that announces it, at least a basic cycle.
+    /// After it a time master starts the next basic cycle without the event.
     pub longest_gap: Micros,
     /// Longest time between two calls of
     /// [`Node::feed_watchdog`](crate::Node::feed_watchdog); `None` without an
@@ -100,7 +100,7 @@ impl NodeConfig {
 pub enum ConfigError {
     /// The node's type has less room than the schedule needs.
     Size,
-    /// `ticks_per_us` is not within 1 to 1000.
+    /// `ticks_per_us` is not within 1 to 1000, or so large that a frame takes 2^24 ticks or more.
     Ticks,
     /// The watch, gap or watchdog time is longer than 2^30 ticks, so that the
     /// counter could wrap within it.
@@ -111,6 +111,10 @@ pub enum ConfigError {
     ReferenceOffset,
     /// `watch` is 0.
     Watch,
+    /// `longest_gap` is shorter than a basic cycle.
+    Gap,
+    /// `drift_limit_ppm` is above 10 000.
+    Drift,
     /// The matrix makes the node a potential master, and the crate is built
     /// without its feature `master`.
     Master,
@@ -120,11 +124,15 @@ impl core::fmt::Display for ConfigError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::Size => "the node has no room for all windows or nodes of its schedule",
-            Self::Ticks => "the counter must run at 1 to 1000 ticks per microsecond",
+            Self::Ticks => {
+                "the counter must run at 1 to 1000 ticks per microsecond, and a frame take less than 2^24 ticks"
+            }
             Self::TooLong => "the watch, gap or watchdog time is too long for the counter",
             Self::Latency => "a latency or lead is longer than a basic cycle",
             Self::ReferenceOffset => "the reference trigger offset must be 0 to 127 us",
             Self::Watch => "the watch needs at least one missing reference",
+            Self::Gap => "the longest gap must not be shorter than a basic cycle",
+            Self::Drift => "the drift limit must be 0 to 10 000 ppm",
             Self::Master => "a potential master needs the feature `master` of the crate",
         })
     }

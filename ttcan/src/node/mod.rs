@@ -304,6 +304,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
 
     fn windows_in_two_cycles(&self, node: NodeId) -> u16 {
         let windows = u32::from(self.setup.schedule.windows_of(node)) * 2;
-        windows.div_ceil(u32::from(self.setup.network().cycles.max(1))) as u16
+        let windows = windows.div_ceil(u32::from(self.setup.network().cycles.max(1)));
+        windows.min(u32::from(u16::MAX)) as u16
     }
 }

@@ -1,12 +1,15 @@
 //! What a node is made from. It never changes.
 
 use super::config::{ConfigError, NodeConfig};
-use crate::features::{EVENTS, GLOBAL_TIME, MASTER};
+use crate::features::{EVENTS, GAPS, GLOBAL_TIME, MASTER};
 use crate::schedule::{Network, ScheduleView};
 
 /// Largest distance of a deadline from now, in ticks. Stamps compare correctly
 /// up to 2^31 ticks; half of that leaves room for late calls.
 pub(super) const LONGEST_TICKS: u32 = 1 << 30;
+
+/// More bit times than any frame with its interframe space takes.
+pub(super) const LONGEST_BITS: u32 = 255;
 
 /// Default difference of the reference trigger offsets of two ranks, in microseconds.
 const OFFSET_OF_A_RANK: u8 = 16;
@@ -64,7 +67,17 @@ impl<'s> Setup<'s> {
         if rank.is_some() && !MASTER {
             return Err(ConfigError::Master);
         }
+        if config.drift_limit_ppm > 10_000 {
+            return Err(ConfigError::Drift);
+        }
+        if GAPS && config.longest_gap.ticks() < network.basic_cycle {
+            return Err(ConfigError::Gap);
+        }
         let bit = (u64::from(network.bit) * u64::from(config.ticks_per_us)) >> 8;
+        // So that `bits` does not overflow for any frame.
+        if bit > u64::from(u32::MAX / LONGEST_BITS) {
+            return Err(ConfigError::Ticks);
+        }
         let (repeat, offset) = if EVENTS {
             schedule.event_cycles(config.node)
         } else {
@@ -109,7 +122,7 @@ impl<'s> Setup<'s> {
         self.config.reference_offset.unwrap_or(by_rank).min(127) as i8
     }
 
-    /// Ticks that `bits` bit times take.
+    /// Ticks that up to [`LONGEST_BITS`] bit times take.
     pub(super) fn bits(&self, bits: u32) -> u32 {
         self.bit.wrapping_mul(bits) >> 8
     }

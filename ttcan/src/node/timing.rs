@@ -3,6 +3,7 @@
 use super::agenda::{Due, Order, is_due};
 use super::counters::bump;
 use super::position::{CurrentWindow, Position};
+use super::setup::LONGEST_BITS;
 use super::transmission::{OwnMessage, Pending};
 use super::{Action, Node, SyncState};
 use crate::features::{EVENTS, MASTER};
@@ -249,7 +250,7 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     #[cfg_attr(feature = "global-time", inline(never))]
     fn pass_late(&mut self, start: Stamp) {
         // Late by more than the longest frame: nothing can be sent any more.
-        let late = start.after(self.setup.bits(u32::from(u8::MAX)));
+        let late = start.after(self.setup.bits(LONGEST_BITS));
         if self.step(late).is_some() {
             self.transmission.pending = Pending::None;
             self.agenda.withdrawal = None;
