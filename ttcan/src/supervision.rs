@@ -55,11 +55,16 @@ pub enum Health {
     Healthy,
     /// All its windows of two basic cycles stayed empty.
     Dead,
-    /// Its messages are outside their windows.
+    /// Its messages are outside their windows, and its last window was empty.
     Lost,
-    /// In one basic cycle, more of its messages are outside their windows than it
-    /// has windows in two.
+    /// Its last window was empty, and in the current basic cycle or the one before,
+    /// more of its messages were outside their windows than it has windows in two.
     Babbling,
+    /// Its message came in its last window, but others with its identifiers are
+    /// outside. It babbles, or another node sends under its name (masquerade, ISO
+    /// 26262-6 annex D). Only the node itself can tell:
+    /// [`Fault::Impostor`](crate::Fault::Impostor).
+    Masquerade,
 }
 
 /// Highest message status count.
@@ -163,6 +168,8 @@ impl<const W: usize> Counts<W> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub(crate) struct Peer {
     heard: bool,
+    /// Whether a message was in its window since the start.
+    in_window: bool,
     /// Empty windows of the node in a row.
     empty: u16,
     /// Goes up by two for each message outside its window, down by one for each
@@ -170,6 +177,8 @@ pub(crate) struct Peer {
     misplaced: u8,
     /// Messages outside their windows in basic cycle `cycle`.
     in_cycle: u16,
+    /// The same of the basic cycle before that.
+    in_last: u16,
     /// Running number of the basic cycle with the last such message.
     cycle: u32,
 }
@@ -185,6 +194,7 @@ const FORGIVEN: u16 = 4;
 impl Peer {
     pub(crate) fn seen(&mut self) {
         self.heard = true;
+        self.in_window = true;
         self.empty = 0;
         self.misplaced = self.misplaced.saturating_sub(1);
     }
@@ -195,6 +205,8 @@ impl Peer {
 
     pub(crate) fn misplaced(&mut self, cycle: u32) {
         if self.cycle != cycle {
+            let next = self.cycle.wrapping_add(1) == cycle;
+            self.in_last = if next { self.in_cycle } else { 0 };
             self.cycle = cycle;
             self.in_cycle = 0;
         }
@@ -209,11 +221,13 @@ impl Peer {
     pub(crate) fn normalise(&mut self, cycle: u32, in_two_cycles: u16) {
         self.empty = self.empty.min(in_two_cycles.max(2));
         let age = cycle.wrapping_sub(self.cycle);
+        let most = in_two_cycles.max(FORGIVEN).saturating_add(1);
+        self.in_last = if age == 0 { self.in_last.min(most) } else { 0 };
         if age > 1 || self.in_cycle == 0 {
             self.in_cycle = 0;
             self.cycle = 0;
         } else {
-            self.in_cycle = self.in_cycle.min(in_two_cycles.max(FORGIVEN) + 1);
+            self.in_cycle = self.in_cycle.min(most);
             self.cycle = age.wrapping_neg();
         }
     }
@@ -221,10 +235,20 @@ impl Peer {
     /// `cycle` is the running number of the current basic cycle, `in_two_cycles`
     /// the number of windows that the node has in two of them.
     pub(crate) fn health(&self, cycle: u32, in_two_cycles: u16) -> Health {
-        let recent = self.cycle == cycle || self.cycle.wrapping_add(1) == cycle;
+        // A current basic cycle is not over, so the one before counts, too.
+        let outside = if self.cycle == cycle {
+            self.in_cycle.max(self.in_last)
+        } else if self.cycle.wrapping_add(1) == cycle {
+            self.in_cycle
+        } else {
+            0
+        };
+        let babbles = outside > in_two_cycles.max(FORGIVEN);
         if !self.heard && self.empty == 0 {
             Health::Unknown
-        } else if recent && self.in_cycle > in_two_cycles.max(FORGIVEN) {
+        } else if (babbles || self.misplaced >= LOST) && self.empty == 0 && self.in_window {
+            Health::Masquerade
+        } else if babbles {
             Health::Babbling
         } else if self.misplaced >= LOST {
             Health::Lost

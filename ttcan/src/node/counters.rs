@@ -21,8 +21,10 @@ pub struct Counters {
     pub repeated_references: u32,
     /// References without the required fields.
     pub malformed_references: u32,
-    /// References with a rank that no master has, or with this node's own.
+    /// References with a rank that no master has.
     pub unknown_masters: u32,
+    /// Frames of other nodes with identifiers that only this node sends.
+    pub impostors: u32,
     /// References in the middle of a better-ranked master's basic cycle.
     pub untimely_references: u32,
     /// References whose cycle count does not follow that of the one before.

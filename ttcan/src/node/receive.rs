@@ -35,10 +35,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
         let end = stamp.offset(self.setup.config.latency.receive.wrapping_neg());
         match self.setup.schedule.reference_rank(frame.id()) {
-            Some(Some(rank)) if Some(rank) != self.setup.rank() => {
-                self.take_reference(frame, rank, end)
-            }
-            Some(_) => Reception::Fault(Fault::UnknownMaster),
+            Some(Some(rank)) if self.setup.is_own_rank(rank) => Reception::Fault(Fault::Impostor),
+            Some(Some(rank)) => self.take_reference(frame, rank, end),
+            Some(None) => Reception::Fault(Fault::UnknownMaster),
             None => {
                 if MASTER {
                     self.note_message(stamp);
@@ -68,6 +67,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             Fault::Length => &mut counters.wrong_length,
             Fault::MalformedReference => &mut counters.malformed_references,
             Fault::UnknownMaster => &mut counters.unknown_masters,
+            Fault::Impostor => &mut counters.impostors,
             Fault::UntimelyReference => &mut counters.untimely_references,
             Fault::StampBackwards => &mut counters.stamps_backwards,
         };
@@ -79,12 +79,12 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             if MASTER && self.cycle.has_begun() && self.master.state == MasterState::Current {
                 self.master.attempt.contradicted |= !self.fits(frame, end);
             }
-            return Reception::Fault(Fault::NotInSchedule);
+            return self.take_unscheduled(frame);
         }
         if self.is_overdue(end) {
             // The next reference was missed. The frame may be in its window of
             // the basic cycle that this node does not know.
-            return Reception::Fault(Fault::NotInSchedule);
+            return self.take_unscheduled(frame);
         }
         let (start, entry) = self.locate(frame, end);
         if let Some(entry) = entry {
@@ -145,9 +145,11 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         end.ticks_since(self.cycle.mark) > expected.cast_signed()
     }
 
-    /// The last entry for a message of another node, if that was not seen.
+    /// The last entry that ended, if it was for a message of another node that was not seen.
     fn missed_entry(&self) -> Option<Entry> {
-        self.setup.schedule.entry(self.position.missed?).copied()
+        let missed = self.position.missed?;
+        let last = self.position.cursor.wrapping_sub(1);
+        (missed == last).then_some(*self.setup.schedule.entry(missed)?)
     }
 
     /// Whether a frame began after the end of the last window.
@@ -184,7 +186,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let Some(known) = self.setup.schedule.known(frame.id()).copied() else {
             return Reception::Fault(Fault::Foreign);
         };
-        if known.sender == self.setup.config.node || !(known.is_event || known.retry_late) {
+        if self.is_own(&known) || !(known.is_event || known.retry_late) {
             return self.misplaced(&known);
         }
         if frame.len() > known.len || (!known.is_event && frame.len() != known.len) {
@@ -216,6 +218,20 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
     }
 
+    /// A frame while this node is not in schedule.
+    fn take_unscheduled(&self, frame: &Frame) -> Reception {
+        let known = self.setup.schedule.known(frame.id());
+        Reception::Fault(match known {
+            Some(known) if self.is_own(known) => Fault::Impostor,
+            _ => Fault::NotInSchedule,
+        })
+    }
+
+    /// Whether only this node sends a message.
+    fn is_own(&self, known: &Known) -> bool {
+        known.sender == self.setup.config.node
+    }
+
     /// A frame that is not in a window of its own.
     fn take_misplaced(&mut self, frame: &Frame) -> Reception {
         let Some(known) = self.setup.schedule.known(frame.id()).copied() else {
@@ -225,6 +241,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     fn misplaced(&mut self, known: &Known) -> Reception {
+        if self.is_own(known) {
+            return Reception::Fault(Fault::Impostor);
+        }
         let cycle = self.cycle.count;
         if let Some(peer) = self.supervision.peer(known.sender) {
             peer.misplaced(cycle);

@@ -21,6 +21,8 @@ pub(super) struct Setup<'s> {
     pub(super) config: NodeConfig,
     /// Rank among the potential masters.
     rank: Option<u8>,
+    /// The same of a node that may not lead, too.
+    listed: Option<u8>,
     /// Reference trigger offset of a potential master that does not have the time of the network: one
     /// step behind the last rank, in microseconds.
     pub(super) untimed_offset: i8,
@@ -63,7 +65,8 @@ impl<'s> Setup<'s> {
         if config.watch == 0 {
             return Err(ConfigError::Watch);
         }
-        let rank = schedule.rank_of(config.node).filter(|_| config.may_lead);
+        let listed = schedule.rank_of(config.node);
+        let rank = listed.filter(|_| config.may_lead);
         if rank.is_some() && !MASTER {
             return Err(ConfigError::Master);
         }
@@ -95,6 +98,7 @@ impl<'s> Setup<'s> {
             untimed_offset,
             config,
             rank,
+            listed,
             bit: bit as u32,
             event_cycles: (repeat.wrapping_sub(1), offset),
         })
@@ -113,6 +117,11 @@ impl<'s> Setup<'s> {
     /// Rank of this node as a potential master.
     pub(super) fn rank(&self) -> Option<u8> {
         if MASTER { self.rank } else { None }
+    }
+
+    /// Whether references with this rank are for this node to send, although it may not lead.
+    pub(super) fn is_own_rank(&self, rank: u8) -> bool {
+        MASTER && self.listed == Some(rank)
     }
 
     /// Reference trigger offset of a backup behind better-ranked masters, in

@@ -97,8 +97,11 @@ pub enum Fault {
     /// A reference without the required fields, or with a cycle count that the
     /// matrix does not have.
     MalformedReference,
-    /// A reference with a rank that no master has, or with this node's own rank.
+    /// A reference with a rank that no master has.
     UnknownMaster,
+    /// A frame with an identifier that only this node sends: another node sends under its
+    /// name.
+    Impostor,
     /// A reference in the middle of a basic cycle of a better-ranked master.
     UntimelyReference,
     /// The stamp is before that of the last received frame.
