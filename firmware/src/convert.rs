@@ -19,8 +19,11 @@ pub fn rounded(value: f32) -> i32 {
     }) as i32
 }
 
+/// Like [`rounded`]. Not by `clamp`: the compiler would move it before the conversion, where the
+/// core has no instruction for it, and call a function.
 fn rounded_i16(value: f32) -> i16 {
-    rounded(value).clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16
+    let whole = rounded(value);
+    i16::try_from(whole).unwrap_or(if whole < 0 { i16::MIN } else { i16::MAX })
 }
 
 /// Rate, rad/s, in hundredths of a degree a second.

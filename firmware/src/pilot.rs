@@ -153,6 +153,7 @@ pub struct Pilot<M: Machine> {
     controller: Law,
     rows: M::Rows,
     applied: safety::Command<f32>,
+    control_input: f32,
     tracking: Tracking<f32>,
     position: Position,
     pot: u16,
@@ -188,6 +189,7 @@ impl<M: Machine> Pilot<M> {
             controller,
             rows: M::Rows::new(&M::ROWS, &M::SETTINGS).map_err(DesignError::Rows)?,
             applied: safety::Command::still(),
+            control_input: 0.0,
             tracking: AT_REST,
             position: Position::new(0, 0),
             pot: 0,
@@ -302,16 +304,22 @@ impl<M: Machine> Pilot<M> {
             Source::Joystick => joystick_command::<M>(inputs.joystick),
             Source::Still => safety::Command::still(),
         };
-        let decision = Decision {
+        self.control_input = outcome.proposed.map_or(0.0, |own| own.steering_rate);
+        (self.decision(), change)
+    }
+
+    /// What the last step decided.
+    pub fn decision(&self) -> Decision {
+        let mode = self.modes.mode();
+        Decision {
             mode,
             moving: mode.source() != Source::Still,
             command: self.applied,
-            control_input: outcome.proposed.map_or(0.0, |own| own.steering_rate),
+            control_input: self.control_input,
             tracking: self.tracking,
             position: self.position,
             pot: self.pot,
-        };
-        (decision, change)
+        }
     }
 
     fn change_mode(&mut self, inputs: &Inputs, buttons: &Buttons, guide: Guide) -> Option<Change> {

@@ -8,7 +8,8 @@
 //! | `can_error` | status change | 6 | bus-off |
 //! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 releases `control` |
 //! | `display_rx` | USART3 | 6 | the display's answers |
-//! | `control` | EXTI1, pended by software | 5 | one step for each basic cycle: messages 300, 450-453 |
+//! | `control` | EXTI1, pended by software | 5 | one step for each basic cycle: message 300 |
+//! | `record` | EXTI4, pended by software | 4 | logs the step: messages 450-453; changes of mode |
 //! | `scan` | DMA2 stream 0 | 4 | 200 Hz: joystick, buttons |
 //! | `console_dma` | DMA1 stream 6 | 3 | next console line |
 //! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
@@ -38,6 +39,7 @@ mod app {
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
+    use firmware::pilot::Change;
     use firmware::selftest::{Motor, Report};
     use firmware::text::Text;
     use firmware::{design, e2e, fault};
@@ -46,17 +48,24 @@ mod app {
     use uagv::design::{CONTROL_RELEASE, REMOTE};
     use uagv::matrix::{BASIC_CYCLE, CONTROLLER, window};
     use uagv::messages::{ButtonEvent, ControllerStatus, ModeChange};
-    use uagv::wire::{self, Frames};
+    use uagv::wire::{self, Record};
     use uagv::{Link, Pilot, Stack, identity, rows};
+
+    /// What the control step works on. One resource, because each lock costs the step time.
+    pub struct Driving {
+        pilot: Pilot,
+        buttons: Buttons,
+        /// Latest samples of the joystick, x and y.
+        axes: (u16, u16),
+        /// A change of mode that `record` has not sent yet.
+        change: Option<Change>,
+    }
 
     #[shared]
     struct Shared {
         clock: Clock,
         link: Link,
-        pilot: Pilot,
-        buttons: Buttons,
-        /// Latest samples of the joystick, x and y.
-        axes: (u16, u16),
+        driving: Driving,
         lcd: Lcd,
         supervision: Supervision,
         console: board::console::Console,
@@ -106,9 +115,12 @@ mod app {
             Shared {
                 clock: sled.clock,
                 link,
-                pilot,
-                buttons: Buttons::default(),
-                axes: (design::JOYSTICK_CENTRE, design::JOYSTICK_CENTRE),
+                driving: Driving {
+                    pilot,
+                    buttons: Buttons::default(),
+                    axes: (design::JOYSTICK_CENTRE, design::JOYSTICK_CENTRE),
+                    change: None,
+                },
                 lcd: operator.lcd,
                 supervision: Supervision::default(),
                 console: sled.console,
@@ -181,53 +193,72 @@ mod app {
 
     /// Deadline: the beginning of the command's window, 600 us after the release. A step that
     /// misses it leaves the window empty; after two empty windows the actuators stop.
-    #[task(binds = EXTI1, priority = 5, shared = [link, pilot, buttons, axes], local = [mode_events, sender])]
+    #[task(binds = EXTI1, priority = 5, shared = [link, driving], local = [sender])]
     fn control(cx: control::Context) {
-        let mut link = cx.shared.link;
+        let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
         let (mut inputs, frame, time) =
             link.lock(|link| (wire::inputs(link), rows::take(link), link.cycle_began()));
-        (cx.shared.pilot, cx.shared.buttons, cx.shared.axes).lock(|pilot, buttons, axes| {
-            inputs.joystick = *axes;
-            rows::see(pilot, frame, time);
-            let (decision, change) = pilot.step(&inputs, buttons);
-            let frames = Frames::of(&decision, cx.local.sender, time);
-            link.lock(|link| {
-                link.put(window::COMMAND, frames.command);
-                link.put(window::LOG_POSITION, frames.position);
-                link.put(window::LOG_MOTION, frames.motion);
-                link.put(window::LOG_GUIDANCE, frames.guidance);
-                link.put(window::LOG_CONTROL, frames.control);
-                rows::tell(link, pilot);
-            });
-            if let Some(change) = change {
-                *cx.local.mode_events = cx.local.mode_events.wrapping_add(1);
-                let count = *cx.local.mode_events;
-                link.lock(|link| {
-                    let data = wire::mode_change(&change, count, link.system_time()).encode();
-                    // The stack counts the events that a full queue refuses; message 300 has
-                    // the mode, too.
-                    let _ = link.queue_event(ModeChange::ID, &data, design::EVENT_LIFETIME);
-                });
+        let command = driving.lock(|driving| {
+            inputs.joystick = driving.axes;
+            rows::see(&mut driving.pilot, frame, time);
+            let (decision, change) = driving.pilot.step(&inputs, &driving.buttons);
+            if change.is_some() {
+                driving.change = change;
             }
+            wire::command(&decision, cx.local.sender, time)
         });
+        link.lock(|link| link.put(window::COMMAND, command));
+        rtic::pend(Interrupt::EXTI4);
     }
 
-    #[task(binds = DMA2_STREAM0, priority = 4, shared = [link, pilot, buttons, axes], local = [joystick, inputs, button_events])]
+    /// What may wait until the command is in its window. Deadline: the beginning of the window of
+    /// message 450, 1000 us after the command's; and the next step, which may change the mode again.
+    #[task(binds = EXTI4, priority = 4, shared = [link, driving], local = [mode_events])]
+    fn record(cx: record::Context) {
+        let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
+        let (decision, change, guide) = driving.lock(|driving| {
+            let pilot = &driving.pilot;
+            (pilot.decision(), driving.change.take(), rows::log(pilot))
+        });
+        let record = Record::of(&decision);
+        link.lock(|link| {
+            link.put(window::LOG_POSITION, record.position);
+            link.put(window::LOG_MOTION, record.motion);
+            link.put(window::LOG_GUIDANCE, record.guidance);
+            link.put(window::LOG_CONTROL, record.control);
+            rows::put(link, guide);
+        });
+        if let Some(change) = change {
+            *cx.local.mode_events = cx.local.mode_events.wrapping_add(1);
+            let count = *cx.local.mode_events;
+            link.lock(|link| {
+                let data = wire::mode_change(&change, count, link.system_time()).encode();
+                // The stack counts the events that a full queue refuses; message 300 has
+                // the mode, too.
+                let _ = link.queue_event(ModeChange::ID, &data, design::EVENT_LIFETIME);
+            });
+        }
+    }
+
+    #[task(binds = DMA2_STREAM0, priority = 4, shared = [link, driving], local = [joystick, inputs, button_events])]
     fn scan(cx: scan::Context) {
         cx.local.joystick.acknowledge();
         let counts = cx.local.joystick.counts();
         let levels = cx.local.inputs.levels();
-        let mut axes = cx.shared.axes;
-        axes.lock(|axes| *axes = counts);
+        let mut driving = cx.shared.driving;
         let mut changes = [None; Button::ALL.len()];
-        (cx.shared.buttons, cx.shared.pilot).lock(|buttons, pilot| {
+        driving.lock(|driving| {
+            driving.axes = counts;
+            let pilot = &mut driving.pilot;
             let mut free = changes.iter_mut();
-            buttons.sample(REMOTE, levels.as_array(), |button, edge| {
-                pilot.button(button, edge);
-                if let Some(change) = free.next() {
-                    *change = Some((button, edge));
-                }
-            });
+            driving
+                .buttons
+                .sample(REMOTE, levels.as_array(), |button, edge| {
+                    pilot.button(button, edge);
+                    if let Some(change) = free.next() {
+                        *change = Some((button, edge));
+                    }
+                });
         });
         // Not inside the lock, which would block the control step.
         let mut link = cx.shared.link;
@@ -265,13 +296,13 @@ mod app {
 
     /// Deadline: the next tick, 200 ms later. If the last string is still being sent then, the
     /// tick sends none.
-    #[task(binds = TIM4, priority = 2, shared = [link, pilot, lcd, supervision], local = [tick, screen])]
+    #[task(binds = TIM4, priority = 2, shared = [link, driving, lcd, supervision], local = [tick, screen])]
     fn display_tick(cx: display_tick::Context) {
         cx.local.tick.acknowledge();
         let mut link = cx.shared.link;
-        let mut pilot = cx.shared.pilot;
+        let mut driving = cx.shared.driving;
         let (time, bus) = link.lock(|link| (link.system_time(), link.node().is_alive()));
-        let view = pilot.lock(|pilot| pilot.view(time, bus));
+        let view = driving.lock(|driving| driving.pilot.view(time, bus));
         let screen = cx.local.screen;
         screen.clear();
         display::write::<Lk204>(screen, &view);
@@ -284,7 +315,7 @@ mod app {
         });
     }
 
-    #[task(priority = 2, shared = [link, pilot, test], local = [keeper])]
+    #[task(priority = 2, shared = [link, driving, test], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -305,8 +336,8 @@ mod app {
             BusView::of(link)
         });
         let (steps, idle) = shared
-            .pilot
-            .lock(|pilot| (pilot.steps(), pilot.may_restart()));
+            .driving
+            .lock(|driving| (driving.pilot.steps(), driving.pilot.may_restart()));
         keeper.step::<ControllerStatus>(&mut shared.link, &bus, steps, Motor::none(idle));
         shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
@@ -314,13 +345,16 @@ mod app {
         }
     }
 
-    #[task(binds = EXTI3, priority = 1, shared = [link, pilot, supervision, console, test], local = [log])]
+    #[task(binds = EXTI3, priority = 1, shared = [link, driving, supervision, console, test], local = [log])]
     fn console(mut cx: console::Context) {
         let present = cx
             .shared
             .supervision
             .lock(|supervision| supervision.is_present());
-        let view = cx.shared.pilot.lock(|pilot| pilot.line(present));
+        let view = cx
+            .shared
+            .driving
+            .lock(|driving| driving.pilot.line(present));
         let test = cx.shared.test.lock(|test| *test);
         node::report(
             &mut cx.shared.link,

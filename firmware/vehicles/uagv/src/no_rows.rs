@@ -13,9 +13,12 @@ pub const fn take<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: us
 /// Nothing to see.
 pub const fn see(_: &mut Pilot, (): (), _: u32) {}
 
-/// Nothing to tell.
-pub const fn tell<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
+/// No message.
+pub const fn log(_: &Pilot) {}
+
+/// Nothing to put.
+pub const fn put<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
     _: &mut Link<P, T, WINDOWS, NODES>,
-    _: &Pilot,
+    (): (),
 ) {
 }

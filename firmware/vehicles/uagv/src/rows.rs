@@ -94,14 +94,11 @@ pub fn see(pilot: &mut Pilot, frame: Option<Frame>, time: u32) {
     });
 }
 
-/// Tells on the bus what guides the run.
-pub fn tell<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
-    link: &mut Link<P, T, WINDOWS, NODES>,
-    pilot: &Pilot,
-) {
+/// The message that says what guides the run.
+pub fn log(pilot: &Pilot) -> [u8; 8] {
     let takeover = pilot.rows().takeover();
     let (place, rest) = takeover.place();
-    let data = RowGuidance {
+    RowGuidance {
         guide: match takeover.guide() {
             takeover::Guide::Satellites => Guide::Satellites,
             takeover::Guide::Rows => Guide::Rows,
@@ -113,6 +110,13 @@ pub fn tell<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
         handed_over: Millimetres(convert::millimetres(rest.right)),
         way: convert::rounded(takeover.way() * 100.0).clamp(0, 65535) as u16,
     }
-    .encode();
+    .encode()
+}
+
+/// Puts that message into its window.
+pub fn put<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
+    link: &mut Link<P, T, WINDOWS, NODES>,
+    data: [u8; 8],
+) {
     link.put(window::ROW_GUIDANCE, data);
 }

@@ -79,11 +79,33 @@ pub fn inputs<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>
     }
 }
 
-/// Data for the controller's windows after a step.
+/// Data of message 300 after a step in the basic cycle that began at system time `time` (ms);
+/// `sender` protects it.
+pub fn command(decision: &Decision, sender: &mut e2e::Sender, time: u32) -> [u8; 8] {
+    let Decision {
+        mode,
+        moving,
+        command,
+        ..
+    } = decision;
+    let mut data = Command {
+        steering_rate: steering_rate(command.steering_rate),
+        speed: speed(command.speed),
+        mode: mode_of(*mode),
+        steering_enabled: *moving,
+        drive_enabled: *moving,
+        emergency_stop: *mode == Mode::EmergencyStop,
+        counter: 0,
+        check: 0,
+    }
+    .encode();
+    sender.seal(Command::ID, time, &mut data);
+    data
+}
+
+/// Data of the messages that log a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Frames {
-    /// Message 300.
-    pub command: [u8; 8],
+pub struct Record {
     /// Message 450.
     pub position: [u8; 8],
     /// Message 451.
@@ -94,34 +116,13 @@ pub struct Frames {
     pub control: [u8; 8],
 }
 
-impl Frames {
-    /// The messages of a step in the basic cycle that began at system time `time` (ms);
-    /// `sender` protects the command.
-    pub fn of(decision: &Decision, sender: &mut e2e::Sender, time: u32) -> Self {
+impl Record {
+    /// The messages of the step that decided so.
+    pub fn of(decision: &Decision) -> Self {
         let Decision {
-            mode,
-            moving,
-            command: applied,
-            tracking,
-            ..
+            command, tracking, ..
         } = decision;
-        let steering_rate =
-            CentidegreesPerSecond(convert::centidegrees_per_second(applied.steering_rate));
-        let speed = |speed| CentimetresPerSecond(convert::centimetres_per_second(speed));
-        let mut command = Command {
-            steering_rate,
-            speed: speed(applied.speed),
-            mode: mode_of(*mode),
-            steering_enabled: *moving,
-            drive_enabled: *moving,
-            emergency_stop: *mode == Mode::EmergencyStop,
-            counter: 0,
-            check: 0,
-        }
-        .encode();
-        sender.seal(Command::ID, time, &mut command);
         Self {
-            command,
             position: LogPosition {
                 x: Millimetres(decision.position.north),
                 y: Millimetres(decision.position.east),
@@ -136,8 +137,8 @@ impl Frames {
             guidance: LogGuidance {
                 cross_track_error: Millimetres(convert::millimetres(tracking.cross_track)),
                 steering_angle: Millidegrees(convert::millidegrees(tracking.steering_angle)),
-                steering_rate_command: steering_rate,
-                speed_command: speed(applied.speed),
+                steering_rate_command: steering_rate(command.steering_rate),
+                speed_command: speed(command.speed),
             }
             .encode(),
             control: LogControl {
@@ -147,6 +148,14 @@ impl Frames {
             .encode(),
         }
     }
+}
+
+fn steering_rate(rate: f32) -> CentidegreesPerSecond {
+    CentidegreesPerSecond(convert::centidegrees_per_second(rate))
+}
+
+fn speed(speed: f32) -> CentimetresPerSecond {
+    CentimetresPerSecond(convert::centimetres_per_second(speed))
 }
 
 /// The gps node's window for an update, and the data for it; `None` removes what was enqueued.

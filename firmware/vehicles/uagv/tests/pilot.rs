@@ -9,7 +9,7 @@ use firmware::pilot::{Change, Inputs, Reason};
 use network::Message as _;
 use uagv::Pilot;
 use uagv::messages::{Command, LogControl, LogGuidance, Mode as Named};
-use uagv::wire::Frames;
+use uagv::wire::{self, Record};
 
 fn inputs(fixed: bool) -> Inputs {
     Inputs {
@@ -30,8 +30,8 @@ fn press(pilot: &mut Pilot, button: Button) {
 
 fn step(pilot: &mut Pilot, inputs: &Inputs) -> (Command, Option<Change>) {
     let (decision, change) = pilot.step(inputs, &Buttons::default());
-    let frames = Frames::of(&decision, &mut e2e::Sender::default(), 7);
-    (Command::decode(&frames.command).unwrap(), change)
+    let command = wire::command(&decision, &mut e2e::Sender::default(), 7);
+    (Command::decode(&command).unwrap(), change)
 }
 
 #[test]
@@ -74,9 +74,9 @@ fn the_control_input_is_logged_before_limits() {
             ..inputs(true)
         };
         let (decision, _) = pilot.step(&inputs, &Buttons::default());
-        let frames = Frames::of(&decision, &mut sender, 7);
-        let input = LogControl::decode(&frames.control).unwrap().control_input.0;
-        let command = LogGuidance::decode(&frames.guidance).unwrap();
+        let record = Record::of(&decision);
+        let input = LogControl::decode(&record.control).unwrap().control_input.0;
+        let command = LogGuidance::decode(&record.guidance).unwrap();
         let command = i32::from(command.steering_rate_command.0);
         if input.abs() > i32::abs(largest.0) {
             largest = (input, command);
@@ -99,10 +99,10 @@ fn the_control_input_is_logged_before_limits() {
         ..inputs(true)
     };
     let (decision, _) = pilot.step(&by_hand, &Buttons::default());
-    let frames = Frames::of(&decision, &mut sender, 7);
-    let logged = LogControl::decode(&frames.control).unwrap();
+    let logged = LogControl::decode(&Record::of(&decision).control).unwrap();
     assert_eq!(logged.control_input.0, 0);
-    assert!(Command::decode(&frames.command).unwrap().steering_rate.0 > 2000);
+    let command = wire::command(&decision, &mut sender, 7);
+    assert!(Command::decode(&command).unwrap().steering_rate.0 > 2000);
 }
 
 /// The gps node keeps its position window empty as soon as the fix is gone, and says so in
@@ -311,7 +311,7 @@ fn every_command_passes_the_actuators_judgement() {
     let mut hold = CommandHold::<Command>::new();
     let mut command = |pilot: &mut Pilot, inputs: &Inputs| {
         let (decision, _) = pilot.step(inputs, &Buttons::default());
-        Frames::of(&decision, &mut sender, 7).command
+        wire::command(&decision, &mut sender, 7)
     };
     let _ = hold.receive(&command(&mut pilot, &inputs(true)), 7);
     for (index, button) in [
