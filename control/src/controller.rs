@@ -315,6 +315,17 @@ impl<T: Scalar> Controller<T> {
     }
 }
 
+fn observation<T: Scalar>(sample: &Sample<T>) -> Observation<T> {
+    Observation {
+        position: sample.position,
+        velocity: sample.velocity,
+        steering_angle: sample.steering_angle,
+        steering_rate: sample.applied.steering_rate,
+        speed: sample.applied.speed,
+        dt: sample.dt,
+    }
+}
+
 impl<T: Scalar, R: Route<T>> Controller<T, R> {
     /// A controller that follows `route` and stops the vehicle at its end.
     ///
@@ -385,15 +396,26 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
     /// One control step. Call it once in each basic cycle and in every mode, so
     /// that the estimator keeps running while the operator drives.
     pub fn step(&mut self, sample: &Sample<T>) -> Outcome<T> {
-        let update = self.estimator.step(&Observation {
-            position: sample.position,
-            velocity: sample.velocity,
-            steering_angle: sample.steering_angle,
-            steering_rate: sample.applied.steering_rate,
-            speed: sample.applied.speed,
-            dt: sample.dt,
-        });
-        if sample.position.is_some() {
+        let update = self.estimator.step(&observation(sample));
+        self.respond(sample, update)
+    }
+
+    /// The part of a step that needs no measurement: predicts the vehicle's motion under the command
+    /// `applied`, over `dt` (s). To answer measurements sooner, call this once between two steps, as
+    /// soon as the command has left, and [`Self::update`] in place of [`Self::step`].
+    pub fn predict(&mut self, applied: Command<T>, dt: T) {
+        self.estimator.predict(applied, dt);
+    }
+
+    /// The rest of a step after [`Self::predict`]. A position without a prediction does not count as
+    /// one: the vehicle stops as without positions.
+    pub fn update(&mut self, sample: &Sample<T>) -> Outcome<T> {
+        let update = self.estimator.update(&observation(sample));
+        self.respond(sample, update)
+    }
+
+    fn respond(&mut self, sample: &Sample<T>, update: Update) -> Outcome<T> {
+        if sample.position.is_some() && update != Update::BadInput {
             self.position_age = T::zero();
         } else {
             self.position_age += sample.dt;

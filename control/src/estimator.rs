@@ -28,6 +28,7 @@ use crate::covariance::{
 };
 use crate::model::{Antenna, Geometry, GeometryError};
 use crate::position::{Position, Velocity};
+use crate::safety::Command;
 use crate::scalar::{Scalar, clamp_symmetric, wrap_angle};
 use nalgebra::SMatrix;
 
@@ -196,6 +197,19 @@ pub struct Observation<T> {
     pub dt: T,
 }
 
+impl<T: Scalar> Observation<T> {
+    fn is_usable(&self) -> bool {
+        is_period(self.dt)
+            && self.steering_rate.is_finite()
+            && self.speed.is_finite()
+            && self.steering_angle.is_none_or(|angle| angle.is_finite())
+    }
+}
+
+fn is_period<T: Scalar>(dt: T) -> bool {
+    dt.is_finite() && dt > T::zero()
+}
+
 /// How an estimator step used its inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Update {
@@ -209,7 +223,8 @@ pub enum Update {
     /// The GPS data contradicted the estimate for several steps. It was started
     /// again from them.
     Restarted,
-    /// An input was not finite or the period not positive. Nothing was changed.
+    /// An input was not finite or the period not positive, or an update had no prediction. Nothing
+    /// was changed.
     BadInput,
 }
 
@@ -284,6 +299,8 @@ pub struct Estimator<T> {
     effectiveness_variance: T,
     heading_known: bool,
     outliers: u8,
+    /// Angles of the prediction that no update has used yet.
+    predicted: Option<Angles<T>>,
 }
 
 impl<T: Scalar> Estimator<T> {
@@ -306,6 +323,7 @@ impl<T: Scalar> Estimator<T> {
             effectiveness_variance: T::lit(0.09),
             heading_known: false,
             outliers: 0,
+            predicted: Some(Angles::zero()),
         };
         filter.forget_angles();
         Ok(filter)
@@ -385,18 +403,40 @@ impl<T: Scalar> Estimator<T> {
         variances[NORTH] + variances[EAST]
     }
 
-    /// One step: advances the estimate by `dt`, then corrects it with the
-    /// measurements that arrived.
+    /// One step: [`Self::predict`] over `dt`, then [`Self::update`] with the measurements that
+    /// arrived.
     pub fn step(&mut self, seen: &Observation<T>) -> Update {
-        let finite = seen.dt.is_finite()
-            && seen.dt > T::zero()
-            && seen.steering_rate.is_finite()
-            && seen.speed.is_finite()
-            && seen.steering_angle.is_none_or(|angle| angle.is_finite());
-        if !finite {
+        if !seen.is_usable() {
             return Update::BadInput;
         }
-        let mut angles = self.predict(seen);
+        let command = Command {
+            steering_rate: seen.steering_rate,
+            speed: seen.speed,
+        };
+        self.predicted = Some(self.advance(command, seen.dt));
+        self.update(seen)
+    }
+
+    /// The time update: moves the estimate on by `dt` (s) under `command`. It needs no measurement,
+    /// so it may run as soon as the command is known. The measurements of that time then have less to
+    /// wait for. Call it once before each [`Self::update`]. Does nothing if an argument is not finite or
+    /// `dt` not positive.
+    pub fn predict(&mut self, command: Command<T>, dt: T) {
+        if command.steering_rate.is_finite() && command.speed.is_finite() && is_period(dt) {
+            self.predicted = Some(self.advance(command, dt));
+        }
+    }
+
+    /// The measurement update: corrects the predicted estimate with the measurements that arrived.
+    /// Command and period of `seen` are those of the prediction. A new filter needs none for its first
+    /// update; any other one without a prediction changes nothing.
+    pub fn update(&mut self, seen: &Observation<T>) -> Update {
+        if !seen.is_usable() {
+            return Update::BadInput;
+        }
+        let Some(mut angles) = self.predicted.take() else {
+            return Update::BadInput;
+        };
         if let Some(angle) = seen.steering_angle {
             self.see_steering(angle, seen.steering_rate * seen.dt);
         }
@@ -441,16 +481,15 @@ impl<T: Scalar> Estimator<T> {
     }
 
     /// Advances the estimate. Returns heading and steering angle in the middle of the step.
-    fn predict(&mut self, seen: &Observation<T>) -> Angles<T> {
-        let dt = seen.dt;
+    fn advance(&mut self, command: Command<T>, dt: T) -> Angles<T> {
         let half = T::lit(0.5);
 
         let share = dt / (dt + self.settings.drive_lag);
         let before = self.speed;
-        self.speed += (seen.speed - self.speed) * share;
+        self.speed += (command.speed - self.speed) * share;
         let way = (before + self.speed) * half * dt;
 
-        let turned = seen.steering_rate * self.effectiveness * dt;
+        let turned = command.steering_rate * self.effectiveness * dt;
         let wheels = Wheels::at(self.state[STEERING] + turned * half);
         let (turn, gain) = self.arc(way, &wheels, turned);
         let heading = Direction::of(self.state[HEADING] + turn * half);
@@ -811,12 +850,29 @@ fn seen_by<T: Scalar>(cross: &[T; STATES], own: usize, [heading, steering]: [T; 
 }
 
 /// Angles close to the estimated heading and steering angle.
+#[derive(Clone, Copy, Debug)]
 struct Angles<T> {
     heading: Direction<T>,
     wheels: Wheels<T>,
 }
 
 impl<T: Scalar> Angles<T> {
+    /// A heading of north, and straight wheels.
+    fn zero() -> Self {
+        let zero = T::zero();
+        Self {
+            heading: Direction {
+                angle: zero,
+                sine: zero,
+                cosine: T::one(),
+            },
+            wheels: Wheels {
+                angle: zero,
+                tangent: zero,
+            },
+        }
+    }
+
     #[cold]
     #[inline(never)]
     fn of(heading: T, steering: T) -> Self {

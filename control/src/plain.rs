@@ -71,6 +71,14 @@ impl<T: Scalar> PlainController<T> {
         self.safety.resume(last);
     }
 
+    /// Does nothing: this law predicts no motion.
+    pub fn predict(&mut self, _: Command<T>, _: T) {}
+
+    /// The same as [`Self::step`].
+    pub fn update(&mut self, sample: &Sample<T>) -> Outcome<T> {
+        self.step(sample)
+    }
+
     /// One control step, like [`crate::controller::Controller::step`].
     pub fn step(&mut self, sample: &Sample<T>) -> Outcome<T> {
         match sample.position {

@@ -10,6 +10,7 @@ mod common;
 use common::{Conditions, Heard, L1, LIMIT, Plant, Run, run, tightest};
 use control::controller::{Controller, Outcome, Sample, Settings};
 use control::dubins::{Pose, shortest_to_line};
+use control::estimator::Update;
 use control::feedback::state_feedback;
 use control::line::Line;
 use control::path::Path;
@@ -551,6 +552,72 @@ fn the_hitch_can_be_held_instead_of_the_antenna() {
     );
     assert!(antenna.abs() > 0.02);
     assert!(held.abs() < 0.005);
+}
+
+/// A step gives the same in two parts, of which the first comes before the measurements.
+#[test]
+fn a_step_is_a_prediction_and_an_update() {
+    let conditions = Conditions {
+        offset: 4.0,
+        heading: 1.0,
+        ..Conditions::loaded()
+    };
+    let settings = common::example::settings::<f32>();
+    let mut whole = Controller::following(settings, line()).unwrap();
+    let mut parts = Controller::following(settings, line()).unwrap();
+    let mut steps = 0;
+    run(conditions, 3, 60.0, |heard, applied| {
+        let mut seen = sample::<f32>(heard, applied);
+        // Some messages are lost.
+        if steps % 7 == 3 {
+            seen.position = None;
+        }
+        if steps % 11 == 5 {
+            seen.velocity = None;
+        }
+        steps += 1;
+        let expected = whole.step(&seen);
+        parts.predict(seen.applied, seen.dt);
+        let found = parts.update(&seen);
+        assert_eq!(found, expected);
+        assert_eq!(
+            parts.estimator().covariance(),
+            whole.estimator().covariance()
+        );
+        cast(found.command)
+    });
+    assert!(steps > 500, "{steps}");
+}
+
+/// Without predictions the estimate stays, positions count for nothing, and the vehicle stops.
+#[test]
+fn updates_without_predictions_stop_the_vehicle() {
+    let settings = common::example::settings::<f32>();
+    let mut controller = Controller::following(settings, line()).unwrap();
+    let mut steps = 0;
+    let mut still = 0;
+    run(Conditions::default(), 3, 30.0, |heard, applied| {
+        let seen = sample::<f32>(heard, applied);
+        steps += 1;
+        if steps <= 200 {
+            let command = controller.step(&seen).command;
+            assert!(command.speed > 0.0);
+            return cast(command);
+        }
+        let before = controller.estimator().estimate();
+        let outcome = controller.update(&seen);
+        assert_eq!(outcome.update, Update::BadInput);
+        assert_eq!(controller.estimator().estimate(), before);
+        if outcome.command == Command::still() {
+            still += 1;
+            assert_eq!(outcome.verdict, Verdict::Stale);
+        } else {
+            assert_eq!(still, 0, "it drives again");
+            assert!(steps < 210, "it drives blind");
+        }
+        cast(outcome.command)
+    });
+    assert!(still > 50, "{still}");
 }
 
 /// A controller built for a line drives as one that could follow any path.

@@ -242,7 +242,8 @@ impl<M: Machine> Pilot<M> {
         self.twice = self.selected && button == Button::C && self.confirm > 0;
     }
 
-    /// One step, once in each basic cycle.
+    /// One step, once in each basic cycle. Each step needs a [`Self::predict`] behind the one before: without
+    /// it, the positions of this step are not used, and the vehicle stops when there are none for too long.
     pub fn step(&mut self, inputs: &Inputs, buttons: &Buttons) -> (Decision, Option<Change>) {
         self.steps = self.steps.wrapping_add(1);
         match inputs.pot {
@@ -272,7 +273,7 @@ impl<M: Machine> Pilot<M> {
             .pot
             .and_then(|count| M::POTENTIOMETER.angle(count).ok());
 
-        let outcome = self.controller.step(&Sample {
+        let outcome = self.controller.update(&Sample {
             position: inputs.position,
             velocity: inputs.velocity,
             steering_angle,
@@ -306,6 +307,12 @@ impl<M: Machine> Pilot<M> {
         };
         self.control_input = outcome.proposed.map_or(0.0, |own| own.steering_rate);
         (self.decision(), change)
+    }
+
+    /// Predicts the vehicle's motion until the next step. It follows from the command alone, so that
+    /// step need not do it between the measurements and its own command.
+    pub fn predict(&mut self) {
+        self.controller.predict(self.applied, M::PERIOD);
     }
 
     /// What the last step decided.

@@ -9,7 +9,7 @@
 //! | `window_timer` | TIM2 | 6 | channel 1 loads the mailbox, channel 2 releases `control` |
 //! | `display_rx` | USART3 | 6 | the display's answers |
 //! | `control` | EXTI1, pended by software | 5 | one step for each basic cycle: message 300 |
-//! | `record` | EXTI4, pended by software | 4 | logs the step: messages 450-453; changes of mode |
+//! | `record` | EXTI4, pended by software | 4 | behind `control`: messages 450-453, changes of mode, prediction |
 //! | `scan` | DMA2 stream 0 | 4 | 200 Hz: joystick, buttons |
 //! | `console_dma` | DMA1 stream 6 | 3 | next console line |
 //! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
@@ -211,8 +211,9 @@ mod app {
         rtic::pend(Interrupt::EXTI4);
     }
 
-    /// What may wait until the command is in its window. Deadline: the beginning of the window of
-    /// message 450, 1000 us after the command's; and the next step, which may change the mode again.
+    /// What may wait until the command is enqueued: messages, and the estimator's prediction for the
+    /// next step. Deadline: the beginning of the window of message 450, 1000 us after the command's; and
+    /// the next step, which needs the prediction and may change the mode again.
     #[task(binds = EXTI4, priority = 4, shared = [link, driving], local = [mode_events])]
     fn record(cx: record::Context) {
         let (mut link, mut driving) = (cx.shared.link, cx.shared.driving);
@@ -238,6 +239,7 @@ mod app {
                 let _ = link.queue_event(ModeChange::ID, &data, design::EVENT_LIFETIME);
             });
         }
+        driving.lock(|driving| driving.pilot.predict());
     }
 
     #[task(binds = DMA2_STREAM0, priority = 4, shared = [link, driving], local = [joystick, inputs, button_events])]

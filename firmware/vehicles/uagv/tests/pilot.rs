@@ -30,6 +30,7 @@ fn press(pilot: &mut Pilot, button: Button) {
 
 fn step(pilot: &mut Pilot, inputs: &Inputs) -> (Command, Option<Change>) {
     let (decision, change) = pilot.step(inputs, &Buttons::default());
+    pilot.predict();
     let command = wire::command(&decision, &mut e2e::Sender::default(), 7);
     (Command::decode(&command).unwrap(), change)
 }
@@ -74,6 +75,7 @@ fn the_control_input_is_logged_before_limits() {
             ..inputs(true)
         };
         let (decision, _) = pilot.step(&inputs, &Buttons::default());
+        pilot.predict();
         let record = Record::of(&decision);
         let input = LogControl::decode(&record.control).unwrap().control_input.0;
         let command = LogGuidance::decode(&record.guidance).unwrap();
@@ -99,6 +101,7 @@ fn the_control_input_is_logged_before_limits() {
         ..inputs(true)
     };
     let (decision, _) = pilot.step(&by_hand, &Buttons::default());
+    pilot.predict();
     let logged = LogControl::decode(&Record::of(&decision).control).unwrap();
     assert_eq!(logged.control_input.0, 0);
     let command = wire::command(&decision, &mut sender, 7);
@@ -311,6 +314,7 @@ fn every_command_passes_the_actuators_judgement() {
     let mut hold = CommandHold::<Command>::new();
     let mut command = |pilot: &mut Pilot, inputs: &Inputs| {
         let (decision, _) = pilot.step(inputs, &Buttons::default());
+        pilot.predict();
         wire::command(&decision, &mut sender, 7)
     };
     let _ = hold.receive(&command(&mut pilot, &inputs(true)), 7);

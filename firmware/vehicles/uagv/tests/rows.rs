@@ -134,6 +134,7 @@ impl Drive {
             ..Inputs::default()
         };
         let (decision, change) = self.pilot.step(&inputs, &self.buttons);
+        self.pilot.predict();
         self.speed = decision.command.speed;
         (decision, change.map(|change| change.reason))
     }
