@@ -491,7 +491,7 @@ impl<T: Scalar> Estimator<T> {
 
         let turned = command.steering_rate * self.effectiveness * dt;
         let wheels = Wheels::at(self.state[STEERING] + turned * half);
-        let (turn, gain) = self.arc(way, &wheels, turned);
+        let (turn, gain) = self.curve(way, turned).arc(&wheels);
         let heading = Direction::of(self.state[HEADING] + turn * half);
         let (north, east) = (way * heading.cosine, way * heading.sine);
         self.state[NORTH] += north;
@@ -520,17 +520,14 @@ impl<T: Scalar> Estimator<T> {
         }
     }
 
-    /// The turn (rad) over `way` metres while the steering turns by `turned` (rad) about
-    /// `wheels`, and its derivative with respect to the steering angle.
-    fn arc(&self, way: T, wheels: &Wheels<T>, turned: T) -> (T, T) {
-        let tangent = wheels.tangent;
-        let derivative = (T::one() + tangent * tangent) * self.derived.per_wheelbase;
-        // The rear axle's slip angle follows the curvature.
-        let slip = self.settings.rear_slip * self.speed * self.speed.abs() * derivative * turned;
-        (
-            way * tangent * self.derived.per_wheelbase - slip,
-            way * derivative,
-        )
+    /// A way (m) on which the steering turns by `turned` (rad).
+    fn curve(&self, way: T, turned: T) -> Curve<T> {
+        let scale = self.derived.per_wheelbase;
+        Curve {
+            bends: way * scale,
+            // The rear axle's slip angle follows the curvature.
+            slips: self.settings.rear_slip * self.speed * self.speed.abs() * turned * scale,
+        }
     }
 
     /// Updates the effectiveness from the `innovation` (rad) of the measured
@@ -572,8 +569,9 @@ impl<T: Scalar> Estimator<T> {
         if !self.heading_known {
             return self.start_from(seen, angles, course, Update::Corrected);
         }
+        let since = self.since(seen);
         let fits = match seen.position {
-            Some(position) => self.see_position(position, seen, angles),
+            Some(position) => self.see_position(position, &since, angles),
             None => false,
         };
         if seen.position.is_some() && !fits {
@@ -588,7 +586,7 @@ impl<T: Scalar> Estimator<T> {
         }
         if let Some(course) = course {
             self.follow(angles);
-            self.see_course(course, seen, angles);
+            self.see_course(course, &since, angles);
         }
         if fits || course.is_some() {
             Update::Corrected
@@ -660,22 +658,30 @@ impl<T: Scalar> Estimator<T> {
         )
     }
 
-    /// The pose at the time when the GPS data were measured, computed back from
-    /// the current state.
-    fn delayed(&self, seen: &Observation<T>, wheels: &Wheels<T>) -> Delayed<T> {
-        let half = T::lit(0.5);
+    /// How the vehicle has moved since the GPS data were measured. Corrections of position and angles
+    /// change none of it.
+    fn since(&self, seen: &Observation<T>) -> Since<T> {
         let delay = self.settings.gps_delay;
         let way = self.speed * delay;
         let turned = seen.steering_rate * self.effectiveness * delay;
-        let wheels = wheels.near(self.state[STEERING] - turned * half);
-        let (turn, gain) = self.arc(way, &wheels, turned);
+        Since {
+            way,
+            half_turned: turned * T::lit(0.5),
+            curve: self.curve(way, turned),
+        }
+    }
+
+    /// The pose at the time when the GPS data were measured, computed back from
+    /// the current state.
+    fn delayed(&self, since: &Since<T>, wheels: &Wheels<T>) -> Delayed<T> {
+        let middle = wheels.near(self.state[STEERING] - since.half_turned);
+        let (turn, gain) = since.curve.arc(&middle);
         let heading = self.state[HEADING] - turn;
         Delayed {
-            way,
             gain,
             heading,
-            middle: heading + turn * half,
-            steering_angle: self.state[STEERING] - turned,
+            middle: heading + turn * T::lit(0.5),
+            steering_angle: middle.angle - since.half_turned,
         }
     }
 
@@ -686,7 +692,8 @@ impl<T: Scalar> Estimator<T> {
         seen: &Observation<T>,
         angles: &Angles<T>,
     ) {
-        let then = self.delayed(seen, &angles.wheels);
+        let since = self.since(seen);
+        let then = self.delayed(&since, &angles.wheels);
         let turn = self.state[HEADING] - then.heading;
         let (forward, sideways) = self.lever(&angles.wheels.near(then.steering_angle));
         let lead = sideways.angle_of(forward);
@@ -697,13 +704,13 @@ impl<T: Scalar> Estimator<T> {
         let (north, east) = position.metres_from::<T>(self.origin);
         let l1 = self.settings.geometry.l1;
         let right = self.settings.antenna.right;
-        self.state[NORTH] = north - (l1 * cosine - right * sine) + then.way * cosine_way;
-        self.state[EAST] = east - (l1 * sine + right * cosine) + then.way * sine_way;
+        self.state[NORTH] = north - (l1 * cosine - right * sine) + since.way * cosine_way;
+        self.state[EAST] = east - (l1 * sine + right * cosine) + since.way * sine_way;
         self.state[HEADING] = heading + turn;
 
         let course_variance = self.course_variance(course);
         let bias = self.covariance.variances()[HEADING_BIAS];
-        let lever = l1.abs() + right.abs() + then.way.abs();
+        let lever = l1.abs() + right.abs() + since.way.abs();
         self.covariance.restart(
             self.derived.position + lever * lever * (course_variance + bias),
             course_variance,
@@ -719,23 +726,18 @@ impl<T: Scalar> Estimator<T> {
 
     /// Corrects the estimate by an antenna position. Returns false if the
     /// position is an outlier; the estimate is then unchanged.
-    fn see_position(
-        &mut self,
-        position: Position,
-        seen: &Observation<T>,
-        angles: &Angles<T>,
-    ) -> bool {
+    fn see_position(&mut self, position: Position, since: &Since<T>, angles: &Angles<T>) -> bool {
         let (north, east) = position.metres_from::<T>(self.origin);
         let variance = self.derived.position;
         let l1 = self.settings.geometry.l1;
         let right = self.settings.antenna.right;
 
-        let then = self.delayed(seen, &angles.wheels);
+        let then = self.delayed(since, &angles.wheels);
         let Direction { sine, cosine, .. } = angles.heading.near(then.heading);
         let lever_north = l1 * cosine - right * sine;
         let lever_east = l1 * sine + right * cosine;
         let back = angles.heading.near(then.middle);
-        let (way_north, way_east) = (then.way * back.cosine, then.way * back.sine);
+        let (way_north, way_east) = (since.way * back.cosine, since.way * back.sine);
         let half = T::lit(0.5);
         // Derivatives of the antenna's northing and easting then with respect to heading and
         // steering angle now.
@@ -762,20 +764,21 @@ impl<T: Scalar> Estimator<T> {
         {
             return false;
         }
-        let change = self.correct(&north_cross, north_spread, north_innovation);
-        // By how much the first correction changes what the second one expects.
-        let moved = seen_by(&north_cross, EAST, east_row) * change;
-        let columns = self.covariance.columns();
-        let east_cross = shown(&columns[EAST], east_row, &columns);
-        let east_spread = seen_by(&east_cross, EAST, east_row) + variance;
-        self.correct(&east_cross, east_spread, east_innovation - moved);
+        let (inverse, change) = self.correct(&north_cross, north_spread, north_innovation);
+        // The first correction changes what the second one sees. All of that follows from the
+        // covariance of the two measurements, without the corrected matrix.
+        let both = seen_by(&north_cross, EAST, east_row);
+        let share = both * inverse;
+        let east_cross = combined(&east_cross, -share, &north_cross);
+        let east_spread = east_spread - share * both;
+        self.correct(&east_cross, east_spread, east_innovation - both * change);
         true
     }
 
     /// Corrects the estimate by the direction of the antenna's velocity `north`, `east` (m/s),
     /// unless it is an outlier.
-    fn see_course(&mut self, (north, east): (T, T), seen: &Observation<T>, angles: &Angles<T>) {
-        let then = self.delayed(seen, &angles.wheels);
+    fn see_course(&mut self, (north, east): (T, T), since: &Since<T>, angles: &Angles<T>) {
+        let then = self.delayed(since, &angles.wheels);
         let (forward, sideways) = self.lever(&angles.wheels.near(then.steering_angle));
         // Turned back by the expected heading and by the lead of the antenna, the velocity shows
         // the bias and the error of both.
@@ -802,11 +805,12 @@ impl<T: Scalar> Estimator<T> {
     /// Measurement update for one scalar measurement. `cross` are the covariances of the states
     /// with what it shows, `spread` is the variance of the `innovation`. At standstill the biases
     /// are frozen by a Schmidt-Kalman update: their gain is zero, but their
-    /// uncertainty still counts. Returns by how much each state changes per covariance.
+    /// uncertainty still counts. Returns one over the variance, and by how much each state changes per
+    /// covariance.
     #[inline(never)]
-    fn correct(&mut self, cross: &[T; STATES], spread: T, innovation: T) -> T {
+    fn correct(&mut self, cross: &[T; STATES], spread: T, innovation: T) -> (T, T) {
         if !(spread > T::zero()) {
-            return T::zero();
+            return (T::zero(), T::zero());
         }
         let inverse = T::one() / spread;
         let change = inverse * innovation;
@@ -820,7 +824,7 @@ impl<T: Scalar> Estimator<T> {
             self.state[STEERING_BIAS] += cross[STEERING_BIAS] * change;
         }
         self.covariance.correct(cross, inverse, moving);
-        change
+        (inverse, change)
     }
 }
 
@@ -883,10 +887,40 @@ impl<T: Scalar> Angles<T> {
     }
 }
 
+/// A way on which the steering turns.
+struct Curve<T> {
+    /// Its length over the wheelbase.
+    bends: T,
+    /// The turn by which the rear axle's slip angle changes on it, over the square of the cosine of
+    /// the steering angle, rad.
+    slips: T,
+}
+
+impl<T: Scalar> Curve<T> {
+    /// The turn (rad) on it with `wheels` at its middle, and its derivative with respect to the
+    /// steering angle.
+    #[inline(always)]
+    fn arc(&self, wheels: &Wheels<T>) -> (T, T) {
+        let tangent = wheels.tangent;
+        let derivative = T::one() + tangent * tangent;
+        (
+            self.bends * tangent - self.slips * derivative,
+            self.bends * derivative,
+        )
+    }
+}
+
+/// The motion since the GPS data were measured.
+struct Since<T> {
+    /// Distance driven, m.
+    way: T,
+    /// Half of the angle by which the steering turned, rad.
+    half_turned: T,
+    curve: Curve<T>,
+}
+
 /// The pose at the time when the GPS data were measured.
 struct Delayed<T> {
-    /// Distance driven since then, m.
-    way: T,
     /// Derivative of the turn since then with respect to the steering angle.
     gain: T,
     /// Heading then, rad.

@@ -65,14 +65,15 @@ impl<T: Scalar> Limits<T> {
     #[must_use]
     pub fn steering_rate(&self, rate: T, angle: T, period: T) -> T {
         let rate = clamp_symmetric(rate, self.steering_rate);
-        let up = (self.steering_angle - angle) / period;
-        let down = (-self.steering_angle - angle) / period;
-        let up = if up > T::zero() { up } else { T::zero() };
-        let down = if down < T::zero() { down } else { T::zero() };
-        if rate > up {
-            up
-        } else if rate < down {
-            down
+        // Only the limit that the steering turns towards can act.
+        let right = rate > T::zero();
+        let outward = if right { angle } else { -angle };
+        let room = (self.steering_angle - outward) / period;
+        let largest = if room > T::zero() { room } else { T::zero() };
+        if right && rate > largest {
+            largest
+        } else if rate < -largest {
+            -largest
         } else {
             rate
         }

@@ -25,6 +25,7 @@
 //! Two regulators are blended. The firm one brings the vehicle onto the path.
 //! The gentle one keeps it there with little steering movement from noise.
 
+use crate::angle::{Direction, is_near};
 use crate::feedback::{LimitError, Limits};
 use crate::scalar::{Scalar, clamp_symmetric, wrap_angle};
 
@@ -232,6 +233,15 @@ fn clamp_share<T: Scalar>(value: T) -> T {
     }
 }
 
+/// Sine of an angle (rad), from a direction that is close to it as a rule.
+fn sine_near<T: Scalar>(direction: &Direction<T>, angle: T) -> T {
+    if is_near(direction.angle, angle) {
+        direction.near(angle).sine
+    } else {
+        angle.sine_cosine().0
+    }
+}
+
 /// Heading error from which on the direction of a turn is kept once chosen, rad
 /// (150 degrees). If the vehicle faces away from the path, both directions are
 /// equally long, and noise must not change the choice in every step.
@@ -298,7 +308,8 @@ impl<T: Scalar> Guidance<T> {
         let way = at.speed * self.settings.lead * slowness;
         let turn = (at.steering_angle.tangent() * self.derived.per_wheelbase - at.curvature) * way;
         let heading_soon = at.heading + turn;
-        let cross_soon = cross + way * (at.heading + turn * T::lit(0.5)).sine_cosine().0;
+        let middle = Direction::of(at.heading + turn * T::lit(0.5));
+        let cross_soon = cross + way * middle.sine;
         let steering_way = at.speed * self.derived.travel * slowness;
         let swing = self.swing(cross_soon.abs(), steering_way);
 
@@ -317,7 +328,7 @@ impl<T: Scalar> Guidance<T> {
             };
             (
                 // With the swing's own curvature.
-                at.curvature_ahead - swing.bend * heading_soon.sine_cosine().0,
+                at.curvature_ahead - swing.bend * sine_near(&middle, heading_soon),
                 heading_soon - wanted,
                 self.settings.brake.approaching,
             )
@@ -335,15 +346,20 @@ impl<T: Scalar> Guidance<T> {
         let hold = self.angle_for(curvature);
         let error = self.turn_towards(error);
         let wanted = error * k_heading / k_steering;
-        let allowed = self.brake(error, at, brake);
-        let angle = hold - clamp_symmetric(wanted, allowed);
+        let square = self.brake(error, at, brake);
+        // Written so that a square of NaN takes the root.
+        let within = wanted * wanted <= square;
+        let change = if within {
+            wanted
+        } else {
+            clamp_symmetric(wanted, square.root())
+        };
+        let angle = hold - change;
         let limits = &self.settings.limits;
         let limited = clamp_symmetric(angle, limits.steering_angle);
         let rate = k_steering * (limited - at.steering_angle);
-        self.saturated = approaching
-            || limited != angle
-            || wanted.abs() > allowed
-            || rate.abs() > limits.steering_rate;
+        self.saturated =
+            approaching || limited != angle || !within || rate.abs() > limits.steering_rate;
         Target {
             angle: limited,
             follow: k_steering,
@@ -394,7 +410,7 @@ impl<T: Scalar> Guidance<T> {
         (curvature * self.settings.wheelbase).angle_of(T::one())
     }
 
-    /// Largest steering angle that can be taken back at a `share` of the rate
+    /// Square of the largest steering angle that can be taken back at a `share` of the rate
     /// limit before the heading has turned by `error` (rad). Taking back an angle
     /// d at the rate r takes d / r, and meanwhile the vehicle turns by
     /// V d^2 / (2 r L).
@@ -404,7 +420,7 @@ impl<T: Scalar> Guidance<T> {
         // Near standstill the heading hardly changes. The offset avoids a
         // division by zero.
         let speed = at.speed + T::lit(0.05);
-        (T::lit(2.0) * rate * settings.wheelbase * error.abs() / speed).root()
+        T::lit(2.0) * rate * settings.wheelbase * error.abs() / speed
     }
 
     /// The turn that removes the heading error `error` (rad). If it is nearly half

@@ -140,7 +140,12 @@ impl Scalar for f32 {
     // memory, code that is in the cache already is faster than a copy of its own.
     #[inline(never)]
     fn tangent(self) -> Self {
-        let (quadrant, r) = quadrant_and_rest(self);
+        // As a rule the angle is one of the wheels. It is the rest itself, then.
+        let (quadrant, r) = if self.abs() < core::f32::consts::FRAC_PI_4 {
+            (0, self)
+        } else {
+            quadrant_and_rest(self)
+        };
         let z = r * r;
         // Minimax polynomial on [-pi/4, pi/4] (S. L. Moshier, Cephes, tanf.c).
         let tangent =
