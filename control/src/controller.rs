@@ -8,7 +8,7 @@ use crate::estimator::{
     Estimate, Estimator, EstimatorError, EstimatorSettings, Noise, Observation, Update,
 };
 use crate::feedback::{LimitError, Limits};
-use crate::guidance::{Brake, Deviation, Guidance, GuidanceError, GuidanceSettings};
+use crate::guidance::{Brake, Deviation, Guidance, GuidanceError, GuidanceSettings, blended};
 use crate::hold::{Hold, HoldSettings};
 use crate::line::Line;
 use crate::model::{Antenna, Geometry};
@@ -483,7 +483,7 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
             });
         }
         let lost = self.settings.lost;
-        if !(self.estimator.position_variance() <= lost * lost) {
+        if !(self.estimator.largest_position_variance() <= lost * lost) {
             return None;
         }
         if self.progress.finished {
@@ -491,12 +491,17 @@ impl<T: Scalar, R: Route<T>> Controller<T, R> {
         }
         let effectiveness = self.estimator.effectiveness();
         let deviation = self.deviation(tracking, sine, effectiveness);
-        let target = self.guidance.target(
-            &deviation,
-            &self.settings.firm.at(tracking.speed),
-            &self.settings.gentle.at(tracking.speed),
-            dt,
-        );
+        let share = self.guidance.firm_share(&deviation);
+        let (firm, gentle) = (&self.settings.firm, &self.settings.gentle);
+        // As a rule one regulator acts alone, and only its gains are looked up.
+        let gains = if share >= T::one() {
+            firm.at(tracking.speed)
+        } else if share > T::zero() {
+            blended(&firm.at(tracking.speed), &gentle.at(tracking.speed), share)
+        } else {
+            gentle.at(tracking.speed)
+        };
+        let target = self.guidance.steer(&deviation, share, &gains, dt);
         let error = target.angle - tracking.steering_angle;
         let rate = self
             .hold

@@ -301,6 +301,9 @@ pub struct Estimator<T> {
     outliers: u8,
     /// Angles of the prediction that no update has used yet.
     predicted: Option<Angles<T>>,
+    /// What the last measurement of an update tells about the covariance. No other measurement of that
+    /// update depends on it, so the next prediction carries it out.
+    pending: Option<Correction<T>>,
 }
 
 impl<T: Scalar> Estimator<T> {
@@ -324,6 +327,7 @@ impl<T: Scalar> Estimator<T> {
             heading_known: false,
             outliers: 0,
             predicted: Some(Angles::zero()),
+            pending: None,
         };
         filter.forget_angles();
         Ok(filter)
@@ -378,7 +382,7 @@ impl<T: Scalar> Estimator<T> {
     /// units.
     #[must_use]
     pub fn deviations(&self) -> [T; STATES] {
-        self.covariance.variances().map(Scalar::root)
+        self.settled().variances().map(Scalar::root)
     }
 
     /// Real steering rate as a share of the commanded one, in [0.3, 1.5],
@@ -393,14 +397,29 @@ impl<T: Scalar> Estimator<T> {
     /// and steering bias.
     #[must_use]
     pub fn covariance(&self) -> SMatrix<T, STATES, STATES> {
-        self.covariance.matrix()
+        self.settled().matrix()
     }
 
     /// Variance of the position, north plus east, m^2.
     #[must_use]
     pub fn position_variance(&self) -> T {
+        let variances = self.settled().variances();
+        variances[NORTH] + variances[EAST]
+    }
+
+    /// The same before the last course has lowered it, which takes less time.
+    pub(crate) fn largest_position_variance(&self) -> T {
         let variances = self.covariance.variances();
         variances[NORTH] + variances[EAST]
+    }
+
+    /// The covariance with all that is known.
+    fn settled(&self) -> Covariance<T> {
+        let mut covariance = self.covariance;
+        if let Some(last) = &self.pending {
+            covariance.correct(&last.cross, last.inverse, last.biases);
+        }
+        covariance
     }
 
     /// One step: [`Self::predict`] over `dt`, then [`Self::update`] with the measurements that
@@ -447,6 +466,7 @@ impl<T: Scalar> Estimator<T> {
             self.state = [T::zero(); STATES];
             self.speed = T::zero();
             self.covariance = Covariance::zero();
+            self.pending = None;
             self.forget_angles();
             return Update::NoHeading;
         }
@@ -482,6 +502,10 @@ impl<T: Scalar> Estimator<T> {
 
     /// Advances the estimate. Returns heading and steering angle in the middle of the step.
     fn advance(&mut self, command: Command<T>, dt: T) -> Angles<T> {
+        if let Some(last) = self.pending.take() {
+            self.covariance
+                .correct(&last.cross, last.inverse, last.biases);
+        }
         let half = T::lit(0.5);
 
         let share = dt / (dt + self.settings.drive_lag);
@@ -798,34 +822,66 @@ impl<T: Scalar> Estimator<T> {
             + steering_gain * cross[STEERING]
             + self.course_variance((north, east));
         if innovation * innovation <= T::lit(GATE) * spread {
-            self.correct(&cross, spread, innovation);
+            self.pending = self.shift(&cross, spread, innovation).map(|(it, _)| it);
         }
     }
 
     /// Measurement update for one scalar measurement. `cross` are the covariances of the states
-    /// with what it shows, `spread` is the variance of the `innovation`. At standstill the biases
-    /// are frozen by a Schmidt-Kalman update: their gain is zero, but their
-    /// uncertainty still counts. Returns one over the variance, and by how much each state changes per
-    /// covariance.
+    /// with what it shows, `spread` is the variance of the `innovation`. Returns one over the variance,
+    /// and by how much each state changes per covariance.
     #[inline(never)]
     fn correct(&mut self, cross: &[T; STATES], spread: T, innovation: T) -> (T, T) {
-        if !(spread > T::zero()) {
+        let Some((correction, change)) = self.shift(cross, spread, innovation) else {
             return (T::zero(), T::zero());
+        };
+        self.covariance
+            .correct(cross, correction.inverse, correction.biases);
+        (correction.inverse, change)
+    }
+
+    /// The part of such an update that corrects the states. Returns that of the covariance, and by how
+    /// much each state changes per covariance. At standstill the biases
+    /// are frozen by a Schmidt-Kalman update: their gain is zero, but their
+    /// uncertainty still counts.
+    #[inline(always)]
+    fn shift(
+        &mut self,
+        cross: &[T; STATES],
+        spread: T,
+        innovation: T,
+    ) -> Option<(Correction<T>, T)> {
+        if !(spread > T::zero()) {
+            return None;
         }
         let inverse = T::one() / spread;
         let change = inverse * innovation;
-        let moving = self.is_moving();
+        let biases = self.is_moving();
         self.state[NORTH] += cross[NORTH] * change;
         self.state[EAST] += cross[EAST] * change;
         self.state[HEADING] += cross[HEADING] * change;
         self.state[STEERING] += cross[STEERING] * change;
-        if moving {
+        if biases {
             self.state[HEADING_BIAS] += cross[HEADING_BIAS] * change;
             self.state[STEERING_BIAS] += cross[STEERING_BIAS] * change;
         }
-        self.covariance.correct(cross, inverse, moving);
-        (inverse, change)
+        let correction = Correction {
+            cross: *cross,
+            inverse,
+            biases,
+        };
+        Some((correction, change))
     }
+}
+
+/// A correction of the covariance.
+#[derive(Clone, Copy, Debug)]
+struct Correction<T> {
+    /// Covariances of the states with what a measurement shows.
+    cross: [T; STATES],
+    /// One over the variance of its innovation.
+    inverse: T,
+    /// Whether it corrects the biases, too.
+    biases: bool,
 }
 
 /// `first` + `factor` `second`.

@@ -233,6 +233,11 @@ fn clamp_share<T: Scalar>(value: T) -> T {
     }
 }
 
+/// Gains of which the firm regulator has this share.
+pub(crate) fn blended<T: Scalar>(firm: &Gains<T>, gentle: &Gains<T>, share: T) -> Gains<T> {
+    core::array::from_fn(|gain| gentle[gain] + (firm[gain] - gentle[gain]) * share)
+}
+
 /// Sine of an angle (rad), from a direction that is close to it as a rule.
 fn sine_near<T: Scalar>(direction: &Direction<T>, angle: T) -> T {
     if is_near(direction.angle, angle) {
@@ -295,11 +300,18 @@ impl<T: Scalar> Guidance<T> {
         dt: T,
     ) -> Target<T> {
         let share = self.firm_share(at);
-        let mut gains = *gentle;
-        for (gain, &firm) in gains.iter_mut().zip(firm) {
-            *gain += (firm - *gain) * share;
-        }
-        let [k_integral, k_cross, k_heading, k_steering] = gains;
+        self.steer(at, share, &blended(firm, gentle, share), dt)
+    }
+
+    /// The same with the gains of both regulators blended by [`Self::firm_share`].
+    pub(crate) fn steer(
+        &mut self,
+        at: &Deviation<T>,
+        share: T,
+        gains: &Gains<T>,
+        dt: T,
+    ) -> Target<T> {
+        let &[k_integral, k_cross, k_heading, k_steering] = gains;
         self.integrate(at.cross_track, k_integral, k_cross, dt);
         let cross = at.cross_track + self.integral;
 
@@ -368,7 +380,7 @@ impl<T: Scalar> Guidance<T> {
 
     /// Share of the firm regulator: 0 near the path, 1 away from it, a value in
     /// between in the transition.
-    fn firm_share(&self, at: &Deviation<T>) -> T {
+    pub(crate) fn firm_share(&self, at: &Deviation<T>) -> T {
         let off = at.cross_track.abs() * self.derived.per_near;
         let askew = at.heading.abs() * self.derived.per_aligned;
         clamp_share(if off > askew { off } else { askew } - T::one())

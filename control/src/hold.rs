@@ -63,9 +63,8 @@ impl Hold {
         if rate < settings.slowest {
             rate = settings.slowest;
         }
-        let arrive = size / dt;
-        if rate > arrive {
-            rate = arrive;
+        if rate * dt > size {
+            rate = size / dt;
         }
         if forward { rate } else { -rate }
     }
