@@ -131,6 +131,14 @@ fn a_run_that_refutes_the_table_or_an_annotation_is_told() {
     );
 }
 
+/// On a Cortex-M0+ a priority is set by a read and a write of the word that has it.
+#[test]
+fn a_store_to_an_unknown_address_leaves_the_priorities() {
+    let part = ["--part", "stm32g0", "--core-hz", "48000000"];
+    let said = with_table("stores", Target::V6, "compare", &part);
+    assert_eq!(said.code, 0, "{said:?}");
+}
+
 /// A Cortex-M3 has no floating-point unit, and no part has more priorities than its bits say.
 #[test]
 fn an_image_must_fit_its_part() {

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 pub(crate) type Change = (&'static str, &'static str);
 
 /// Applications that are others with a change: name, that of the other, changes.
-const CHANGED: [(&str, &str, &[Change]); 14] = [
+const CHANGED: [(&str, &str, &[Change]); 15] = [
     (
         "logs",
         "blink",
@@ -50,6 +50,19 @@ const CHANGED: [(&str, &str, &[Change]); 14] = [
             "let mut left = input();\n        // loop-bound: 2. So it says.\n        \
              while left != 0 {\n            left &= left - 1;\n            output(left | 1);\n        }",
         )],
+    ),
+    // A store to an unknown address before a priority is set by a read and a write.
+    (
+        "stores",
+        "compare",
+        &[
+            ("output(input() / 3);", "output(input() >> 3);"),
+            (
+                "Mono::start(&mut cx.core.NVIC);",
+                "unsafe { core::ptr::with_exposed_provenance_mut::<u32>(input() as usize).write_volatile(1) };\n        \
+             Mono::start(&mut cx.core.NVIC);",
+            ),
+        ],
     ),
     (
         "handler",
