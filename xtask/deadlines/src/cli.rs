@@ -478,7 +478,7 @@ fn in_repository(binary: &Binary, file: &str) -> String {
 /// Writes a first table.
 fn write_table(of: &Of) -> Result<(), Error> {
     let binary = Binary::find(&of.choice())?;
-    let path = of.table(&binary);
+    let path = of.table.clone().unwrap_or_else(|| binary.new_table());
     if path.exists() {
         return Err(Error::input(format!(
             "{} exists, and is not overwritten: remove it, or name another file by --table",

@@ -8,6 +8,9 @@ use serde::Deserialize;
 
 use crate::error::Error;
 
+/// The task table of a package with one binary.
+const TABLE: &str = "deadlines.toml";
+
 /// Which binary of which package.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Choice {
@@ -40,6 +43,8 @@ pub struct Binary {
     pub root: PathBuf,
     /// Whether it is an example.
     pub is_example: bool,
+    /// Whether other binaries of the package need tables, too.
+    pub has_siblings: bool,
     manifest: PathBuf,
     package: String,
 }
@@ -171,6 +176,7 @@ impl Binary {
                     .to_owned(),
                 root: metadata.workspace_root.clone(),
                 is_example: choice.example.is_some(),
+                has_siblings: choice.example.is_some() || all.len() > 1,
                 manifest: package.manifest_path.clone(),
                 package: package.name.clone(),
             }),
@@ -243,12 +249,26 @@ impl Binary {
     /// The task table: `deadlines-NAME.toml` beside the manifest if there is one, else `deadlines.toml`.
     #[must_use]
     pub fn table(&self) -> PathBuf {
-        let own = self.folder.join(format!("deadlines-{}.toml", self.name));
+        let own = self.own_table();
         if own.is_file() {
             own
         } else {
-            self.folder.join("deadlines.toml")
+            self.folder.join(TABLE)
         }
+    }
+
+    /// Where a new task table goes: `deadlines-NAME.toml` for an example, or one of several binaries.
+    #[must_use]
+    pub fn new_table(&self) -> PathBuf {
+        if self.has_siblings {
+            self.own_table()
+        } else {
+            self.folder.join(TABLE)
+        }
+    }
+
+    fn own_table(&self) -> PathBuf {
+        self.folder.join(format!("deadlines-{}.toml", self.name))
     }
 }
 

@@ -131,6 +131,20 @@ fn a_run_that_refutes_the_table_or_an_annotation_is_told() {
     );
 }
 
+/// The package has several binaries, so a table is of one of them.
+#[test]
+fn a_first_table_is_named_after_its_binary() {
+    let path = package().join("deadlines-masks.toml");
+    let _ = fs::remove_file(&path);
+    let said = deadlines("masks", Target::V7, &["init"]);
+    assert_eq!(said.code, 0, "{said:?}");
+    assert!(
+        said.out.starts_with("Wrote deadlines-masks.toml with "),
+        "{said:?}"
+    );
+    fs::remove_file(&path).unwrap();
+}
+
 /// On a Cortex-M0+ a priority is set by a read and a write of the word that has it.
 #[test]
 fn a_store_to_an_unknown_address_leaves_the_priorities() {
