@@ -1223,6 +1223,7 @@ mod tests {
         masters: &[SENSORS],
         transmit_enable_bits: 16,
         sync_uncertainty: Micros::micros(20),
+        longest_gap: Micros::micros(0),
         windows: &[
             window(1000, Id::constant::<200>(), 2, SENSORS),
             window(1500, Id::constant::<201>(), 2, SENSORS),

@@ -1062,6 +1062,7 @@ mod tests {
         masters: &[MASTER],
         transmit_enable_bits: 16,
         sync_uncertainty: Micros::micros(20),
+        longest_gap: Micros::micros(0),
         windows: &[Window::exclusive(
             "steering_pot",
             Micros::millis(6),

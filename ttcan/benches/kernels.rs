@@ -65,6 +65,7 @@ const fn matrix(windows: &'static [Window<'static>]) -> SystemMatrix<'static> {
         masters: &[MASTER],
         transmit_enable_bits: 16,
         sync_uncertainty: Micros::micros(20),
+        longest_gap: Micros::micros(0),
         windows,
         events: &[],
     })

@@ -17,6 +17,7 @@ const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
     masters: &[MASTER],
     transmit_enable_bits: 16,
     sync_uncertainty: Micros::micros(20),
+    longest_gap: Micros::micros(0),
     windows: &[Window::exclusive("speed", MS, MS, SPEED, 2, MOTOR)],
     events: &[],
 });

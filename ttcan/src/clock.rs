@@ -40,6 +40,36 @@ pub(crate) enum Correction {
     Applied,
     /// It required more drift than the limit and was not made.
     Suspended,
+    /// The same, and it was announced for the first time.
+    Postponed,
+}
+
+/// Facts about a clock, a bit for each: as `bool`s they would take more room.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Flags(u8);
+
+impl Flags {
+    /// The rate was measured. Without that it is 0.
+    pub(crate) const RATED: u8 = 1;
+    /// The time was only assumed for the first reference of this node, which was not sent yet. The
+    /// application does not see it.
+    pub(crate) const ASSUMED: u8 = 2;
+    /// The time is that of the network: taken from references since the start, or sent in references
+    /// of this node.
+    pub(crate) const AGREED: u8 = 4;
+    /// A reference announced a discontinuity, and the time was not corrected since: the next reference
+    /// is believed.
+    pub(crate) const ANNOUNCED: u8 = 8;
+    /// The last reference announced a discontinuity.
+    pub(crate) const LAST_ANNOUNCES: u8 = 16;
+
+    const fn has(self, flag: u8) -> bool {
+        self.0 & flag != 0
+    }
+
+    const fn put(&mut self, flag: u8, on: bool) {
+        self.0 = if on { self.0 | flag } else { self.0 & !flag };
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -58,14 +88,7 @@ pub(crate) struct Clock {
     anchor: Stamp,
     global: GlobalTime,
     state: ClockState,
-    /// Whether the rate was measured. Without that it is 0.
-    rated: bool,
-    /// Whether the time was only assumed for the first reference of this node, which was not sent
-    /// yet. The application does not see it.
-    assumed: bool,
-    /// Whether the time is that of the network: taken from references since the start, or sent in
-    /// references of this node.
-    agreed: bool,
+    flags: Flags,
     /// Ticks from the last correction to the anchor.
     since: i32,
     /// Corrections refused in a row.
@@ -142,13 +165,11 @@ impl Clock {
             nominal,
             gain: nominal,
             rate: 0,
-            limit: limit_of(limit_ppm),
+            limit: if GLOBAL_TIME { limit_of(limit_ppm) } else { 0 },
             anchor: Stamp(0),
             global: GlobalTime::default(),
             state: ClockState::Unset,
-            rated: false,
-            assumed: false,
-            agreed: false,
+            flags: Flags(0),
             since: 0,
             refused: 0,
             settled: 0,
@@ -173,7 +194,7 @@ impl Clock {
     /// The rate is unknown. It counts as 0.
     fn unrate(&mut self) {
         self.set_rate(0);
-        self.rated = false;
+        self.flags.put(Flags::RATED, false);
         self.settled = 0;
         self.exact();
     }
@@ -191,17 +212,27 @@ impl Clock {
     }
 
     pub(crate) fn state(&self) -> ClockState {
-        if self.assumed {
+        if self.has(Flags::ASSUMED) {
             ClockState::Unset
         } else {
             self.state
         }
     }
 
+    /// Whether a flag is set.
+    pub(crate) fn has(&self, flag: u8) -> bool {
+        self.flags.has(flag)
+    }
+
+    /// Sets a flag, or takes it back.
+    pub(crate) fn put(&mut self, flag: u8, on: bool) {
+        self.flags.put(flag, on);
+    }
+
     /// Whether the time is that of the network. A master that leads with another time must announce
     /// it.
     pub(crate) fn is_agreed(&self) -> bool {
-        self.agreed
+        self.has(Flags::AGREED)
     }
 
     /// Rate against the counter less 1, in 2^-32.
@@ -211,7 +242,7 @@ impl Clock {
 
     /// Global time for the application.
     pub(crate) fn at(&self, stamp: Stamp) -> Option<GlobalTime> {
-        self.sent_at(stamp).filter(|_| !self.assumed)
+        self.sent_at(stamp).filter(|_| !self.has(Flags::ASSUMED))
     }
 
     /// Global time for references of this node.
@@ -247,7 +278,7 @@ impl Clock {
     /// Largest error of a time of the schedule on this node's counter, in
     /// microseconds: what the drift limit allows until the rate is measured.
     pub(crate) fn rate_error(&self, micros: u32) -> u32 {
-        if self.rated {
+        if self.has(Flags::RATED) {
             return 0;
         }
         ((u64::from(micros) * u64::from(self.limit.unsigned_abs())) >> 32) as u32
@@ -278,11 +309,10 @@ impl Clock {
         if !GLOBAL_TIME {
             return;
         }
-        self.agreed = false;
-        if self.assumed {
-            self.assumed = false;
+        if self.has(Flags::ASSUMED) {
             self.state = ClockState::Unset;
         }
+        self.flags = Flags(self.flags.0 & Flags::RATED);
         if self.at(stamp).is_some() {
             self.carry(stamp);
             self.state = ClockState::Own;
@@ -291,8 +321,7 @@ impl Clock {
 
     /// Moves the anchor to a reference of this node's own. It leads by its time, which is right.
     pub(crate) fn lead(&mut self, stamp: Stamp) {
-        self.agreed = true;
-        self.assumed = false;
+        self.flags = Flags(self.flags.0 & Flags::RATED | Flags::AGREED);
         self.carry(stamp);
         self.since = 0;
         self.exact();
@@ -316,7 +345,7 @@ impl Clock {
     /// Assumes this time at `stamp` until a reference is sent or received.
     pub(crate) fn assume(&mut self, stamp: Stamp, global: GlobalTime) {
         self.set(stamp, global);
-        self.assumed = true;
+        self.flags.put(Flags::ASSUMED, true);
     }
 
     /// Sets the time at `stamp`.
@@ -324,33 +353,43 @@ impl Clock {
         self.anchor = stamp;
         self.since = 0;
         self.global = global;
-        self.rated = false;
+        self.flags.put(Flags::RATED, false);
         self.state = ClockState::Own;
         self.refused = 0;
-        self.assumed = false;
+        self.flags.put(Flags::ASSUMED, false);
     }
 
     /// Corrects the clock: the master's time was `global` at `stamp`.
-    /// `discontinuity` tells that the master's time may have been set.
+    /// `announced` tells whether a reference before announced that the master's time was set, and
+    /// whether this one does. A master announces a step in several references: a single one may
+    /// be from another node that sends under its name.
     pub(crate) fn correct(
         &mut self,
         stamp: Stamp,
         global: GlobalTime,
-        discontinuity: bool,
+        announced: (bool, bool),
     ) -> Correction {
-        let correction = self.approach(stamp, global, discontinuity);
-        self.assumed = false;
-        self.agreed = match correction {
+        let correction = self.approach(stamp, global, announced);
+        self.flags.put(Flags::ASSUMED, false);
+        let agreed = match correction {
             Correction::Applied => true,
             // Without the rate, the time is soon wrong again.
-            Correction::Stepped => self.rated,
+            Correction::Stepped => self.has(Flags::RATED),
             // The time of an oscillator beyond the limit was set, which is all that can be done.
-            Correction::Suspended => !self.rated,
+            Correction::Suspended => !self.has(Flags::RATED),
+            Correction::Postponed => self.is_agreed(),
         };
+        self.flags.put(Flags::AGREED, agreed);
         correction
     }
 
-    fn approach(&mut self, stamp: Stamp, global: GlobalTime, discontinuity: bool) -> Correction {
+    fn approach(
+        &mut self,
+        stamp: Stamp,
+        global: GlobalTime,
+        announced: (bool, bool),
+    ) -> Correction {
+        let (discontinuity, announced) = announced;
         let elapsed = stamp.ticks_since(self.anchor);
         // The error arose since the last correction. References without a correction moved the
         // anchor meanwhile.
@@ -359,12 +398,12 @@ impl Clock {
         let error = global.since(self.extrapolate(stamp)).max(-i64::MAX);
         // Other nodes have the time of a master, too.
         let own = self.state == ClockState::Own;
-        let first = self.state == ClockState::Unset || (own && !self.agreed);
+        let first = self.state == ClockState::Unset || (own && !self.has(Flags::AGREED));
         let error_limit = self.error_limit(span);
         // A master announces a step to all nodes, also to those that have its time already.
         if first || (discontinuity && error.abs() > error_limit) {
-            self.leap(stamp, global, !self.rated);
-            if self.rated {
+            self.leap(stamp, global, !self.has(Flags::RATED));
+            if self.has(Flags::RATED) {
                 self.state = ClockState::Locked;
             }
             return Correction::Stepped;
@@ -382,9 +421,15 @@ impl Clock {
             }
         }
         // More than 32 ms tell no rate.
-        if error.abs() > error_limit || (!self.rated && error.abs() > i64::from(i32::MAX)) {
+        if error.abs() > error_limit
+            || (!self.has(Flags::RATED) && error.abs() > i64::from(i32::MAX))
+        {
+            if announced && (self.has(Flags::RATED) || own) {
+                self.carry(stamp);
+                return Correction::Postponed;
+            }
             self.refused = self.refused.saturating_add(1);
-            if !self.rated && !own {
+            if !self.has(Flags::RATED) && !own {
                 // One of the two pairs is wrong, and without a rate this node cannot tell which.
                 let refused = self.refused;
                 self.leap(stamp, global, true);
@@ -399,7 +444,7 @@ impl Clock {
                 self.leap(stamp, global, true);
                 return Correction::Stepped;
             }
-            if self.rated {
+            if self.has(Flags::RATED) {
                 self.state = ClockState::Suspended;
             }
             self.carry(stamp);
@@ -408,39 +453,44 @@ impl Clock {
             self.rest = saturated(error);
             return Correction::Suspended;
         }
-        if self.rated && error.abs() > self.error_limit(self.duration(elapsed)) {
+        if self.has(Flags::RATED) && error.abs() > self.error_limit(self.duration(elapsed)) {
             // It added up while references were lost.
             self.leap(stamp, global, false);
-        } else if !self.rated {
+        } else if !self.has(Flags::RATED) {
             self.set_rate(rate_of(error, span));
             self.global = global;
         } else {
-            // A large error means that a crystal's rate or the master changed.
-            self.settled = if error.abs() < LARGEST_STEP {
-                (self.settled + 1).min(SETTLED)
-            } else {
-                self.settled
-                    .saturating_sub(UNSETTLED)
-                    .max(self.settled.min(UNSURE))
-            };
-            let step = within_noise(error);
-            let offset_error = common(&mut self.excess, error);
-            let rate_error = common(&mut self.arisen, error - i64::from(self.rest));
-            let gains = GAINS.get(usize::from(self.settled)).copied();
-            let (offset, rate) = gains.unwrap_or_default();
-            let correction = ((step * offset) >> GAIN_SHIFT) + (offset_error >> LASTING);
-            self.global = self.extrapolate(stamp).offset(correction);
-            self.rest = saturated(error - correction);
-            let slow = within_noise(offset_error) >> SLOW;
-            let correction = ((step * rate) >> GAIN_SHIFT) + slow + rate_error;
-            self.set_rate(self.rate.saturating_add(rate_of(correction, span)));
+            self.filter(stamp, error, span);
         }
         self.anchor = stamp;
         self.since = 0;
-        self.rated = true;
+        self.flags.put(Flags::RATED, true);
         self.state = ClockState::Locked;
         self.refused = 0;
         Correction::Applied
+    }
+
+    /// Corrects offset and rate by a part of the error, which arose in this span of time.
+    fn filter(&mut self, stamp: Stamp, error: i64, span: i64) {
+        // A large error means that a crystal's rate or the master changed.
+        self.settled = if error.abs() < LARGEST_STEP {
+            (self.settled + 1).min(SETTLED)
+        } else {
+            self.settled
+                .saturating_sub(UNSETTLED)
+                .max(self.settled.min(UNSURE))
+        };
+        let step = within_noise(error);
+        let offset_error = common(&mut self.excess, error);
+        let rate_error = common(&mut self.arisen, error - i64::from(self.rest));
+        let gains = GAINS.get(usize::from(self.settled)).copied();
+        let (offset, rate) = gains.unwrap_or_default();
+        let correction = ((step * offset) >> GAIN_SHIFT) + (offset_error >> LASTING);
+        self.global = self.extrapolate(stamp).offset(correction);
+        self.rest = saturated(error - correction);
+        let slow = within_noise(offset_error) >> SLOW;
+        let correction = ((step * rate) >> GAIN_SHIFT) + slow + rate_error;
+        self.set_rate(self.rate.saturating_add(rate_of(correction, span)));
     }
 
     /// Largest error that the drift limit allows for a time between two stamps, and 2 us for their
@@ -544,6 +594,8 @@ mod tests {
 
     const TICKS_PER_US: u32 = 16;
     const REFERENCES: usize = 200;
+    /// No reference announces a discontinuity.
+    const NOT_SET: (bool, bool) = (false, false);
 
     /// The errors of a clock, us: what it makes of the second reference after each one. Its
     /// oscillator drifts by `slope` ppm/s after the first 50 references, which come every 100 ms.
@@ -563,7 +615,7 @@ mod tests {
             clock.correct(
                 stamp(ticks(k) + noise * f64::from(TICKS_PER_US)),
                 time(k),
-                false,
+                NOT_SET,
             );
             let seen = clock.at(stamp(ticks(k + 2))).expect("it has a time");
             seen.since(time(k + 2)) as f64 / 65536.0
@@ -610,7 +662,7 @@ mod tests {
         for k in references {
             let ticks = k as f64 * 1e5 * f64::from(TICKS_PER_US) * tick;
             let time = GlobalTime::from_micros(epoch + k * 100_000);
-            clock.correct(Stamp(ticks as u64 as u32), time, false);
+            clock.correct(Stamp(ticks as u64 as u32), time, NOT_SET);
         }
     }
 
@@ -661,7 +713,7 @@ mod tests {
                 let ticks = heard as f64 * 1e5 * f64::from(TICKS_PER_US) * tick;
                 let stamp = Stamp(ticks as u64 as u32);
                 if k == heard + 1 {
-                    clock.correct(stamp, GlobalTime::from_micros(heard * 100_000), false);
+                    clock.correct(stamp, GlobalTime::from_micros(heard * 100_000), NOT_SET);
                 } else {
                     clock.carry(stamp);
                 }
@@ -716,7 +768,7 @@ mod tests {
                         2 => near.offset(time as i64),
                         _ => GlobalTime::from_raw(time),
                     };
-                    match draw(12) {
+                    match draw(13) {
                         0 => clock.carry(stamp),
                         1 => clock.lead(stamp),
                         2 => clock.set(stamp, time),
@@ -724,7 +776,7 @@ mod tests {
                         4 => clock.forget_rate(),
                         5 => clock.set_limit(step as u16),
                         other => {
-                            clock.correct(stamp, time, other == 6);
+                            clock.correct(stamp, time, (other == 6, other == 7));
                         }
                     }
                     assert!(clock.rate.abs() <= clock.limit);

@@ -164,12 +164,20 @@ impl<const W: usize> Counts<W> {
     }
 }
 
+/// Which messages of a node were received since the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Heard {
+    Nothing,
+    /// Only messages outside their windows.
+    Outside,
+    /// A message in its window, or a reference.
+    InWindow,
+}
+
 /// What a node knows about another one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Peer {
-    heard: bool,
-    /// Whether a message was in its window since the start.
-    in_window: bool,
+    heard: Heard,
     /// Empty windows of the node in a row.
     empty: u16,
     /// Goes up by two for each message outside its window, down by one for each
@@ -192,9 +200,18 @@ const MOST_MISPLACED: u8 = 16;
 const FORGIVEN: u16 = 4;
 
 impl Peer {
+    /// Nothing is known.
+    const NEW: Self = Self {
+        heard: Heard::Nothing,
+        empty: 0,
+        misplaced: 0,
+        in_cycle: 0,
+        in_last: 0,
+        cycle: 0,
+    };
+
     pub(crate) fn seen(&mut self) {
-        self.heard = true;
-        self.in_window = true;
+        self.heard = Heard::InWindow;
         self.empty = 0;
         self.misplaced = self.misplaced.saturating_sub(1);
     }
@@ -210,7 +227,9 @@ impl Peer {
             self.cycle = cycle;
             self.in_cycle = 0;
         }
-        self.heard = true;
+        if self.heard == Heard::Nothing {
+            self.heard = Heard::Outside;
+        }
         self.in_cycle = self.in_cycle.saturating_add(1);
         self.misplaced = (self.misplaced + 2).min(MOST_MISPLACED);
     }
@@ -244,9 +263,12 @@ impl Peer {
             0
         };
         let babbles = outside > in_two_cycles.max(FORGIVEN);
-        if !self.heard && self.empty == 0 {
+        if self.heard == Heard::Nothing && self.empty == 0 {
             Health::Unknown
-        } else if (babbles || self.misplaced >= LOST) && self.empty == 0 && self.in_window {
+        } else if (babbles || self.misplaced >= LOST)
+            && self.empty == 0
+            && self.heard == Heard::InWindow
+        {
             Health::Masquerade
         } else if babbles {
             Health::Babbling
@@ -254,7 +276,7 @@ impl Peer {
             Health::Lost
         } else if self.empty >= in_two_cycles.max(2) {
             Health::Dead
-        } else if self.heard {
+        } else if self.heard != Heard::Nothing {
             Health::Healthy
         } else {
             Health::Unknown
@@ -315,7 +337,7 @@ impl<const W: usize, const P: usize> Supervision<W, P> {
     pub(crate) fn new(exclusive: u16) -> Self {
         Self {
             counts: Counts::new(exclusive),
-            peers: [Peer::default(); P],
+            peers: [Peer::NEW; P],
             budget: Budget::NEW,
             missing: Missing::InRow(0),
             level: ErrorLevel::None,
@@ -325,7 +347,7 @@ impl<const W: usize, const P: usize> Supervision<W, P> {
     /// Begins everything anew.
     pub(crate) fn reset(&mut self, exclusive: u16) {
         // Part by part: as a whole it would take its size on the stack once more.
-        self.peers = [Peer::default(); P];
+        self.peers = [Peer::NEW; P];
         self.missing = Missing::InRow(0);
         self.level = ErrorLevel::None;
         self.clear(exclusive);
@@ -378,6 +400,8 @@ impl<const W: usize, const P: usize> Supervision<W, P> {
 
     /// Takes back that the message of another node's window was noted as
     /// missing: once for the miss, and once because it was seen.
+    // The smallest images have no room for it in the place that calls it.
+    #[cfg_attr(not(feature = "global-time"), inline(never))]
     pub(crate) fn take_back(&mut self, window: u16) {
         self.note(window, false, true);
         self.note(window, false, true);

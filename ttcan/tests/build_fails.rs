@@ -18,6 +18,7 @@ const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
     masters: &[NodeId(0), NodeId(1)],
     transmit_enable_bits: 16,
     sync_uncertainty: Micros::micros(20),
+    longest_gap: Micros::micros(0),
     windows: &[
         Window::exclusive("speed", Micros::millis(1), Micros::millis(1), Id::constant::<200>(), 8, NodeId(0)),
         Window::exclusive("angle", Micros::millis(2), Micros::millis(1), Id::constant::<201>(), 8, NodeId(1)),

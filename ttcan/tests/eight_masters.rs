@@ -36,6 +36,7 @@ const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
     masters: &MASTERS,
     transmit_enable_bits: 16,
     sync_uncertainty: Micros::micros(20),
+    longest_gap: Micros::micros(0),
     windows: &[
         window(0, Id::constant::<100>()),
         window(1, Id::constant::<101>()),

@@ -28,6 +28,7 @@ fn config<'a>(windows: &'a [Window<'a>]) -> MatrixConfig<'a> {
         masters: &[A, B],
         transmit_enable_bits: 16,
         sync_uncertainty: micros(20),
+        longest_gap: micros(0),
         windows,
         events: &[],
     }

@@ -73,6 +73,7 @@ const fn matrix<'a>(
         masters: &[NodeId(0), NodeId(1)],
         transmit_enable_bits: 16,
         sync_uncertainty: micros(UNCERTAINTY),
+        longest_gap: micros(0),
         windows,
         events: &[],
     })

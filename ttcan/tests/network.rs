@@ -1002,6 +1002,7 @@ const FOUR_CYCLES: SystemMatrix = SystemMatrix::constant(MatrixConfig {
     masters: &[NodeId(0)],
     transmit_enable_bits: 16,
     sync_uncertainty: Micros::micros(20),
+    longest_gap: Micros::micros(0),
     windows: &[Window::arbitrating(
         "events",
         Micros::millis(3),

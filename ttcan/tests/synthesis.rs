@@ -13,6 +13,7 @@ const NETWORK: MatrixConfig = MatrixConfig {
     masters: &[NodeId(0), NodeId(1)],
     transmit_enable_bits: 16,
     sync_uncertainty: Micros::micros(20),
+    longest_gap: Micros::micros(0),
     windows: &[],
     events: &[],
 };

@@ -16,6 +16,7 @@ const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
     masters: &[NodeId(0), NodeId(1), NodeId(2)],
     transmit_enable_bits: 16,
     sync_uncertainty: Micros::micros(20),
+    longest_gap: Micros::millis(30),
     windows: &[
         Window::exclusive(
             "a",
@@ -137,7 +138,6 @@ pub fn operations(bytes: &[u8], origin: u32) -> Vec<Said> {
         latency: StampLatency::bxcan(36, 10),
         transmit_lead: 20,
         application_watchdog: (bytes.next() & 1 == 1).then_some(Micros::millis(50)),
-        longest_gap: Micros::millis(30),
         // A crystal, or an RC oscillator.
         drift_limit_ppm: if bytes.next() & 1 == 1 { 10_000 } else { 200 },
         ..NodeConfig::new(NodeId(u16::from(bytes.next() % 4)), 18)
@@ -176,14 +176,6 @@ pub fn configurations(bytes: &[u8]) -> bool {
         transmit_lead: draw(&[0, 54, 4000, 4_000_000]),
         reference_offset: Some(draw(&[0, 16, 127, 200]) as u8).filter(|offset| *offset < 200),
         watch: draw(&[1, 2, 4, 255]) as u8,
-        longest_gap: Micros::micros(draw(&[
-            7999,
-            8000,
-            30_000,
-            1_000_000,
-            1_000_000_000,
-            1 << 30,
-        ])),
         application_watchdog: Some(Micros::micros(draw(&[
             0,
             1,

@@ -19,6 +19,11 @@ pub enum Problem {
         /// Its length.
         micros: u32,
     },
+    /// The longest gap is neither 0 nor at least a basic cycle.
+    Gap {
+        /// Its length.
+        micros: u32,
+    },
     /// The transmit enable window is not 1 to [`LONGEST_TRANSMIT_ENABLE`](super::LONGEST_TRANSMIT_ENABLE)
     /// bit times.
     TransmitEnable {
@@ -135,6 +140,11 @@ impl Message {
         self
     }
 
+    /// A number between two texts.
+    const fn phrase(&mut self, before: &str, number: u32, after: &str) -> &mut Self {
+        self.text(before).number(number).text(after)
+    }
+
     const fn number(&mut self, number: u32) -> &mut Self {
         let mut unit = 1;
         while number / unit >= 10 {
@@ -178,14 +188,17 @@ impl Problem {
             Problem::CycleCount { cycles } => message
                 .number(cycles)
                 .text(" basic cycles, but the count must be 1, 2, 4, 8, 16, 32 or 64"),
-            Problem::BitRate { bit_rate } => message
-                .text("bit rate ")
-                .number(bit_rate)
-                .text(" bit/s, but it must be 1 to 1000000"),
+            Problem::BitRate { bit_rate } => {
+                message.phrase("bit rate ", bit_rate, " bit/s, but it must be 1 to 1000000")
+            }
             Problem::BasicCycle { micros } => message
                 .text("a basic cycle of ")
                 .number(micros)
                 .text(" us, but it must hold two reference messages and last at most 10 s"),
+            Problem::Gap { micros } => message
+                .text("a longest gap of ")
+                .number(micros)
+                .text(" us, but it must be 0 or at least a basic cycle"),
             Problem::TransmitEnable { bits } => message
                 .text("a transmit enable window of ")
                 .number(bits)

@@ -227,6 +227,11 @@ pub struct MatrixConfig<'a> {
     pub transmit_enable_bits: u8,
     /// Largest difference between the cycle times of two nodes in schedule.
     pub sync_uncertainty: Micros,
+    /// Longest gap (event-synchronised cycle, ISO 11898-4), counted from the reference that
+    /// announces it: 0 if the network has none, otherwise at least a basic cycle. After it a
+    /// potential master starts the next basic cycle without the event. In a network without
+    /// gaps a reference that announces one is not valid.
+    pub longest_gap: Micros,
     /// The windows, sorted by start. Windows of the same basic cycle must not
     /// overlap.
     pub windows: &'a [Window<'a>],
@@ -248,6 +253,7 @@ pub struct MatrixConfig<'a> {
 ///     masters: &[NodeId(0)],
 ///     transmit_enable_bits: 16,
 ///     sync_uncertainty: Micros::micros(20),
+///     longest_gap: Micros::micros(0),
 ///     windows: &[Window::exclusive(
 ///         "speed",
 ///         Micros::millis(1),
@@ -291,6 +297,7 @@ impl<'a> SystemMatrix<'a> {
     /// #   masters: &[NodeId(0)],
     /// #   transmit_enable_bits: 16,
     /// #   sync_uncertainty: Micros::micros(20),
+    /// #   longest_gap: Micros::micros(0),
     ///     // 8 bytes take up to 540 us; with all margins it takes 624 us.
     ///     windows: &[Window::exclusive(
     ///         "speed",

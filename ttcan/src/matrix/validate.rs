@@ -88,6 +88,10 @@ const fn check_network<'a>(config: &MatrixConfig<'a>) -> Checked<'a> {
     {
         return network(Problem::BasicCycle { micros });
     }
+    let gap = config.longest_gap.ticks();
+    if gap != 0 && gap < micros {
+        return network(Problem::Gap { micros: gap });
+    }
     if config.windows.len() >= u16::MAX as usize || config.events.len() >= u16::MAX as usize {
         return network(Problem::TooLarge);
     }

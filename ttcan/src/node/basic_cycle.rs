@@ -18,11 +18,6 @@ pub(super) struct BasicCycle {
     pub(super) count: u32,
     /// Coarse time in the reference of another master, ms.
     pub(super) coarse: Option<u32>,
-    /// Whether that reference announced a discontinuity of global time.
-    pub(super) announced: bool,
-    /// A reference announced a discontinuity of global time, and this node has not corrected its
-    /// time since. It stays over basic cycles.
-    pub(super) discontinuity: bool,
     next_is_gap: bool,
 }
 
@@ -35,8 +30,6 @@ impl BasicCycle {
             number: 0,
             count: 0,
             coarse: None,
-            announced: false,
-            discontinuity: false,
             next_is_gap: false,
         }
     }
@@ -55,7 +48,6 @@ impl BasicCycle {
         self.count = self.count.wrapping_add(1);
         if GLOBAL_TIME {
             self.coarse = None;
-            self.announced = false;
         }
         self.next_is_gap = next_is_gap;
         self.master.replace(master)

@@ -53,9 +53,6 @@ pub struct NodeConfig {
     /// Missing references in a row that lead to the watch trigger (Watch_Trigger)
     /// and S3, at least 1. Actuators stop at two (thesis 6.2.4.4).
     pub watch: u8,
-    /// Longest gap, counted from the reference that announces it, at least a basic cycle.
-    /// After it a time master starts the next basic cycle without the event.
-    pub longest_gap: Micros,
     /// Longest time between two calls of
     /// [`Node::feed_watchdog`](crate::Node::feed_watchdog); `None` without an
     /// application watchdog.
@@ -77,8 +74,7 @@ impl core::hash::Hash for NodeConfig {
 
 impl NodeConfig {
     /// The default configuration: no latency, reference trigger offset by rank,
-    /// watch trigger at four missing references, gaps of up to ten seconds, no
-    /// application watchdog, drift up to 200 ppm.
+    /// watch trigger at four missing references, no application watchdog, drift up to 200 ppm.
     pub const fn new(node: NodeId, ticks_per_us: u32) -> Self {
         Self {
             node,
@@ -87,7 +83,6 @@ impl NodeConfig {
             transmit_lead: 0,
             reference_offset: None,
             watch: 4,
-            longest_gap: Micros::secs(10),
             application_watchdog: None,
             drift_limit_ppm: 200,
             may_lead: true,
@@ -100,7 +95,7 @@ impl NodeConfig {
 pub enum ConfigError {
     /// The node's type has less room than the schedule needs.
     Size,
-    /// `ticks_per_us` is not within 1 to 1000, or so large that a frame takes 2^24 ticks or more.
+    /// `ticks_per_us` is not within 1 to 1000, or so large that a bit takes 2^16 ticks or more.
     Ticks,
     /// The watch, gap or watchdog time is longer than 2^30 ticks, so that the
     /// counter could wrap within it.
@@ -111,8 +106,6 @@ pub enum ConfigError {
     ReferenceOffset,
     /// `watch` is 0.
     Watch,
-    /// `longest_gap` is shorter than a basic cycle.
-    Gap,
     /// `drift_limit_ppm` is above 10 000.
     Drift,
     /// The matrix makes the node a potential master, and the crate is built
@@ -125,13 +118,12 @@ impl core::fmt::Display for ConfigError {
         f.write_str(match self {
             Self::Size => "the node has no room for all windows or nodes of its schedule",
             Self::Ticks => {
-                "the counter must run at 1 to 1000 ticks per microsecond, and a frame take less than 2^24 ticks"
+                "the counter must run at 1 to 1000 ticks per microsecond, and a bit take less than 2^16 ticks"
             }
             Self::TooLong => "the watch, gap or watchdog time is too long for the counter",
             Self::Latency => "a latency or lead is longer than a basic cycle",
             Self::ReferenceOffset => "the reference trigger offset must be 0 to 127 us",
             Self::Watch => "the watch needs at least one missing reference",
-            Self::Gap => "the longest gap must not be shorter than a basic cycle",
             Self::Drift => "the drift limit must be 0 to 10 000 ppm",
             Self::Master => "a potential master needs the feature `master` of the crate",
         })

@@ -85,3 +85,43 @@ pub struct Counters {
     /// Corrections of global time refused because of the drift limit.
     pub drift_refused: u32,
 }
+
+impl Counters {
+    /// Nothing has happened. A constant, because the default value is built on the stack first.
+    pub(super) const NONE: Self = Self {
+        references: 0,
+        missed_references: 0,
+        repeated_references: 0,
+        malformed_references: 0,
+        unknown_masters: 0,
+        impostors: 0,
+        untimely_references: 0,
+        cycle_count_errors: 0,
+        master_changes: 0,
+        scheduled: 0,
+        missed_messages: 0,
+        events: 0,
+        misplaced: 0,
+        foreign: 0,
+        wrong_length: 0,
+        not_in_schedule: 0,
+        stamps_backwards: 0,
+        overruns: 0,
+        sent: 0,
+        left_empty: 0,
+        skipped: 0,
+        suppressed: 0,
+        unmeasured: 0,
+        arbitration_lost: 0,
+        transmit_errors: 0,
+        aborted: 0,
+        events_sent: 0,
+        events_expired: 0,
+        events_refused: 0,
+        stray_reports: 0,
+        transmit_overflows: 0,
+        transmit_underflows: 0,
+        time_steps: 0,
+        drift_refused: 0,
+    };
+}

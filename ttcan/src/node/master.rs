@@ -31,10 +31,14 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// stops at the end of that basic cycle until [`Node::end_gap`].
     ///
     /// # Errors
-    /// This node is not the current time master.
+    /// This node is not the current time master, or the network has no gaps
+    /// ([`MatrixConfig::longest_gap`](crate::MatrixConfig::longest_gap)).
     #[cfg(feature = "gaps")]
     pub fn request_gap(&mut self) -> Result<(), NotInCharge> {
         self.in_charge()?;
+        if !self.setup.has_gaps() {
+            return Err(NotInCharge);
+        }
         self.master.gap_wanted = true;
         Ok(())
     }
@@ -242,7 +246,6 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let disputed = self.master.is_disputed(self.setup.config.watch);
         let consecutive = self.is_consecutive(start, own.cycle) && !disputed;
         self.clock.lead(start);
-        self.cycle.discontinuity = false;
         // A late start means that the bus was taken when it should have been
         // idle, perhaps by the reference of another master that only this node
         // did not receive. The other nodes are then in another basic cycle. The
@@ -275,11 +278,12 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let initial = self.setup.initial_offset();
         self.master.follow(own, sender, before, initial);
         if self.must_wait_for_time() {
-            self.master.offset = self.setup.untimed_offset;
+            self.master.offset = self.setup.untimed_offset();
         }
         let offset = self.master.offset;
-        self.agenda.reference = Some(if self.cycle.next_is_gap() {
-            let gap = self.setup.config.longest_gap.ticks();
+        // A better-ranked master does not wait for the end of a gap.
+        self.agenda.reference = Some(if self.cycle.next_is_gap() && sender <= own {
+            let gap = self.setup.network().longest_gap;
             self.instant(gap.wrapping_add_signed(i32::from(offset)))
         } else {
             let instant = self.reference_instant(offset);

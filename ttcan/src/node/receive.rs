@@ -3,7 +3,7 @@
 use super::counters::bump;
 use super::position::CurrentWindow;
 use super::{Fault, MasterState, Node, Reception, SyncState};
-use crate::features::MASTER;
+use crate::features::{MASTER, PEERS};
 use crate::frame::Frame;
 use crate::length;
 use crate::matrix::NodeId;
@@ -220,8 +220,8 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
     /// A frame while this node is not in schedule.
     fn take_unscheduled(&self, frame: &Frame) -> Reception {
-        let known = self.setup.schedule.known(frame.id());
-        Reception::Fault(match known {
+        let known = PEERS.then(|| self.setup.schedule.known(frame.id()));
+        Reception::Fault(match known.flatten() {
             Some(known) if self.is_own(known) => Fault::Impostor,
             _ => Fault::NotInSchedule,
         })
@@ -241,7 +241,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     fn misplaced(&mut self, known: &Known) -> Reception {
-        if self.is_own(known) {
+        if PEERS && self.is_own(known) {
             return Reception::Fault(Fault::Impostor);
         }
         let cycle = self.cycle.count;

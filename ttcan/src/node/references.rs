@@ -3,7 +3,7 @@
 use super::counters::bump;
 use super::master_role::ANNOUNCEMENTS;
 use super::{Fault, Node, Reception, SyncState};
-use crate::clock::{ClockState, Correction};
+use crate::clock::{ClockState, Correction, Flags};
 use crate::features::{GAPS, GLOBAL_TIME, MASTER};
 use crate::frame::Frame;
 use crate::length;
@@ -36,6 +36,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let Some(fields) = Fields::decode(format, frame, network.cycles) else {
             return Reception::Fault(Fault::MalformedReference);
         };
+        if GAPS && fields.next_is_gap && !self.setup.has_gaps() {
+            return Reception::Fault(Fault::MalformedReference);
+        }
         let start = end.before(self.setup.bits(length::frame_bits(frame)));
         let judgement = self.judge_reference(rank, fields.cycle, start);
         if judgement == Judgement::Refused {
@@ -67,7 +70,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         self.begin_cycle(start, fields.cycle, fields.next_is_gap, rank, consecutive);
         if GLOBAL_TIME {
             self.cycle.coarse = fields.coarse;
-            self.cycle.announced = fields.discontinuity;
+            self.clock.put(Flags::LAST_ANNOUNCES, fields.discontinuity);
         }
         if let Some(master) = network.masters.get(usize::from(rank)).copied().flatten()
             && let Some(peer) = self.supervision.peer(master)
@@ -132,7 +135,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let network = self.setup.network();
         let (coarse, since) = if self.clock.rate_error(network.basic_cycle) <= LARGEST_RATE_ERROR {
             (fields.coarse, start.ticks_since(previous))
-        } else if same && (!fields.discontinuity || self.cycle.announced) {
+        } else if same && (!fields.discontinuity || self.clock.has(Flags::LAST_ANNOUNCES)) {
             (self.cycle.coarse, 0)
         } else {
             if self.clock.state() != ClockState::Unset {
@@ -143,7 +146,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let (Some(coarse), Some(mark), true) = (coarse, fields.mark, paired) else {
             // Time runs on at the last rate.
             self.clock.carry(previous);
-            self.cycle.discontinuity |= fields.discontinuity;
+            if fields.discontinuity && self.sync == SyncState::InSchedule {
+                self.clock.put(Flags::ANNOUNCED, true);
+            }
             return;
         };
         let known = match self.clock.state() {
@@ -156,7 +161,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let middle = (1000 + i64::from(network.reference_length)) / 2;
         let planned = from_coarse(coarse, known).offset(middle << GlobalTime::FRACTION_BITS);
         let time = nearest(planned.offset(-self.clock.duration(since)), mark);
-        let announced = core::mem::take(&mut self.cycle.discontinuity) || fields.discontinuity;
+        let before = self.clock.has(Flags::ANNOUNCED);
+        self.clock.put(Flags::ANNOUNCED, false);
+        let announced = (before, fields.discontinuity);
         // If this node leads next, it repeats the announcement for nodes that did not receive it,
         // or announces that its time is not that of the master before.
         let discontinuity = &mut self.master.discontinuity;
@@ -166,6 +173,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             Correction::Stepped => {
                 bump(&mut self.counters.time_steps, 1);
             }
+            Correction::Postponed => self.clock.put(Flags::ANNOUNCED, true),
             Correction::Suspended => {
                 bump(&mut self.counters.drift_refused, 1);
             }
@@ -201,8 +209,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
         self.begin_entries();
         self.choose_role(before);
+        let network = self.setup.network();
         let wait = if GAPS && next_is_gap {
-            let gap = self.setup.config.longest_gap.ticks();
+            let gap = network.longest_gap;
             self.clock.ticks(gap).wrapping_add(self.missing_after(0))
         } else {
             self.missing_after(1)

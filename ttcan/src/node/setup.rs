@@ -21,11 +21,6 @@ pub(super) struct Setup<'s> {
     pub(super) config: NodeConfig,
     /// Rank among the potential masters.
     rank: Option<u8>,
-    /// The same of a node that may not lead, too.
-    listed: Option<u8>,
-    /// Reference trigger offset of a potential master that does not have the time of the network: one
-    /// step behind the last rank, in microseconds.
-    pub(super) untimed_offset: i8,
     /// Length of a bit in 1/256 tick.
     bit: u32,
     /// Basic cycles of this node's event messages: their number ends in these bits (the first number is
@@ -44,9 +39,7 @@ impl<'s> Setup<'s> {
         let cycle = ticks(network.basic_cycle);
         let watchdog = config.application_watchdog.map_or(0, |time| time.ticks());
         let watch = cycle.saturating_mul(u32::from(config.watch) + 2);
-        let longest = watch
-            .max(ticks(config.longest_gap.ticks()))
-            .max(ticks(watchdog));
+        let longest = watch.max(ticks(network.longest_gap)).max(ticks(watchdog));
         if longest > LONGEST_TICKS {
             return Err(ConfigError::TooLong);
         }
@@ -59,26 +52,22 @@ impl<'s> Setup<'s> {
         if longest > cycle / 2 {
             return Err(ConfigError::Latency);
         }
-        if config.reference_offset.is_some_and(|offset| offset > 127) {
+        if MASTER && config.reference_offset.is_some_and(|offset| offset > 127) {
             return Err(ConfigError::ReferenceOffset);
         }
         if config.watch == 0 {
             return Err(ConfigError::Watch);
         }
-        let listed = schedule.rank_of(config.node);
-        let rank = listed.filter(|_| config.may_lead);
+        let rank = schedule.rank_of(config.node).filter(|_| config.may_lead);
         if rank.is_some() && !MASTER {
             return Err(ConfigError::Master);
         }
-        if config.drift_limit_ppm > 10_000 {
+        if GLOBAL_TIME && config.drift_limit_ppm > 10_000 {
             return Err(ConfigError::Drift);
-        }
-        if GAPS && config.longest_gap.ticks() < network.basic_cycle {
-            return Err(ConfigError::Gap);
         }
         let bit = (u64::from(network.bit) * u64::from(config.ticks_per_us)) >> 8;
         // So that `bits` does not overflow for any frame.
-        if bit > u64::from(u32::MAX / LONGEST_BITS) {
+        if bit >> 24 != 0 {
             return Err(ConfigError::Ticks);
         }
         let (repeat, offset) = if EVENTS {
@@ -86,19 +75,10 @@ impl<'s> Setup<'s> {
         } else {
             (1, 0)
         };
-        let untimed_offset = if MASTER && GLOBAL_TIME {
-            let masters = network.masters.iter().flatten().count() as u8;
-            let behind = masters.saturating_mul(OFFSET_OF_A_RANK);
-            behind.max(config.reference_offset.unwrap_or(0)).min(127) as i8
-        } else {
-            0
-        };
         Ok(Self {
             schedule,
-            untimed_offset,
             config,
             rank,
-            listed,
             bit: bit as u32,
             event_cycles: (repeat.wrapping_sub(1), offset),
         })
@@ -121,7 +101,8 @@ impl<'s> Setup<'s> {
 
     /// Whether references with this rank are for this node to send, although it may not lead.
     pub(super) fn is_own_rank(&self, rank: u8) -> bool {
-        MASTER && self.listed == Some(rank)
+        let master = self.network().masters.get(usize::from(rank));
+        MASTER && master.copied().flatten() == Some(self.config.node)
     }
 
     /// Reference trigger offset of a backup behind better-ranked masters, in
@@ -129,6 +110,19 @@ impl<'s> Setup<'s> {
     pub(super) fn initial_offset(&self) -> i8 {
         let by_rank = self.rank().unwrap_or(0).saturating_mul(OFFSET_OF_A_RANK);
         self.config.reference_offset.unwrap_or(by_rank).min(127) as i8
+    }
+
+    /// Reference trigger offset of a potential master that does not have the time of the network: one
+    /// step behind the last rank, in microseconds.
+    pub(super) fn untimed_offset(&self) -> i8 {
+        let behind = self.network().master_count.saturating_mul(OFFSET_OF_A_RANK);
+        let own = self.config.reference_offset.unwrap_or(0);
+        behind.max(own).min(127) as i8
+    }
+
+    /// Whether a reference may announce a gap.
+    pub(super) fn has_gaps(&self) -> bool {
+        GAPS && self.network().longest_gap > 0
     }
 
     /// Ticks that up to [`LONGEST_BITS`] bit times take.

@@ -94,13 +94,13 @@ pub enum Fault {
     Foreign,
     /// The message has another length in the matrix.
     Length,
-    /// A reference without the required fields, or with a cycle count that the
+    /// A reference without the required fields, or with a cycle count or a gap that the
     /// matrix does not have.
     MalformedReference,
     /// A reference with a rank that no master has.
     UnknownMaster,
     /// A frame with an identifier that only this node sends: another node sends under its
-    /// name.
+    /// name. Messages are found so with the feature `peers` of the crate.
     Impostor,
     /// A reference in the middle of a basic cycle of a better-ranked master.
     UntimelyReference,

@@ -64,8 +64,11 @@ pub(crate) struct Network {
     pub reference: Id,
     pub reference_format: ReferenceFormat,
     pub masters: [Option<NodeId>; 8],
+    pub master_count: u8,
     pub transmit_enable: u32,
     pub uncertainty: u32,
+    /// 0 if the network has no gaps.
+    pub longest_gap: u32,
     /// Longest reference message with its interframe space.
     pub reference_length: u32,
     pub window_count: usize,
@@ -293,7 +296,7 @@ impl<'s> ScheduleView<'s> {
 /// # const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
 /// #     bit_rate: 250_000, basic_cycle: Micros::millis(100), cycles: 1,
 /// #     reference: Id::constant::<100>(), reference_format: ReferenceFormat::LEVEL_1,
-/// #     masters: &[NodeId(0)], transmit_enable_bits: 16, sync_uncertainty: Micros::micros(20),
+/// #     masters: &[NodeId(0)], transmit_enable_bits: 16, sync_uncertainty: Micros::micros(20), longest_gap: Micros::micros(0),
 /// #     windows: &[], events: &[],
 /// # });
 /// ttcan::schedule!(pub static SCHEDULE = MATRIX);

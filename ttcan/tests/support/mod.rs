@@ -32,6 +32,7 @@ pub(crate) const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
     masters: &[GPS, CONTROLLER],
     transmit_enable_bits: 16,
     sync_uncertainty: Micros::micros(20),
+    longest_gap: Micros::secs(10),
     windows: &[
         Window::exclusive(
             "latitude",

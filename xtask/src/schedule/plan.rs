@@ -338,6 +338,7 @@ fn config<'a>(
         masters,
         transmit_enable_bits: network.transmit_enable_bits,
         sync_uncertainty: Micros::from_ticks(network.sync_uncertainty_us),
+        longest_gap: Micros::micros(0),
         windows,
         events,
     }

@@ -253,6 +253,7 @@ fn write_matrix(out: &mut String, network: &Network) -> std::fmt::Result {
         "    sync_uncertainty: Micros::micros({}),",
         network.sync_uncertainty_us
     )?;
+    writeln!(out, "    longest_gap: Micros::micros(0),")?;
     write_matrix_windows(out, network)?;
     write_matrix_events(out, network)?;
     writeln!(out, "}});\n")?;

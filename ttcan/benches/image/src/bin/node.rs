@@ -32,6 +32,7 @@ const MATRIX: SystemMatrix<'static> = SystemMatrix::constant(MatrixConfig {
     masters: &[NodeId(0), NodeId(1)],
     transmit_enable_bits: 16,
     sync_uncertainty: Micros::micros(20),
+    longest_gap: Micros::secs(10),
     windows: &[
         window(0, Id::constant::<16>(), 0),
         window(1, Id::constant::<17>(), 1),
