@@ -122,6 +122,8 @@ struct Seen {
     /// Commands that came, and cycles in which one was due.
     commands: usize,
     cycles: usize,
+    /// Length of a cycle, us.
+    cycle_us: f64,
     /// Foreign frames that were put, and their bits on the bus that came.
     offered: usize,
     foreign_frames: usize,
@@ -334,7 +336,7 @@ impl Job<'_> {
         load.run(&mut twin, end).map_err(failed)?;
         let foreign = load.nodes();
         let mut seen = Seen {
-            cycles: (SPAN * 1e6 / f64::from(network.basic_cycle_us)).round() as usize,
+            cycle_us: f64::from(network.basic_cycle_us),
             offered: load.offered,
             ..Seen::default()
         };
@@ -349,6 +351,8 @@ impl Job<'_> {
         let commands: Vec<SimTime> = chain.commands.iter().map(|frame| frame.end).collect();
         let commands = &commands[commands.partition_point(|end| *end < from)..];
         seen.commands = commands.len();
+        let times: Vec<f64> = commands.iter().map(|time| us(*time, from)).collect();
+        seen.cycles = seen.commands + missed(&times, SPAN * 1e6, seen.cycle_us);
         let pairs = commands.windows(2);
         seen.between_commands = pairs.map(|pair| us(pair[1], pair[0])).collect();
         let bit = f64::from(network.bit_time_ns()) * 1e-9;
@@ -368,6 +372,23 @@ impl Job<'_> {
     }
 }
 
+/// Commands that did not come in a span of `span` us, by the times (us) of those that did. A span of whole cycles
+/// has one more or one less of them, as it begins before or behind one.
+fn missed(commands: &[f64], span: f64, cycle: f64) -> usize {
+    // How late a command may be without another one missing, as a share of the cycle.
+    const LATE: f64 = 0.25;
+    let (Some(first), Some(last)) = (commands.first(), commands.last()) else {
+        return (span / cycle).round() as usize;
+    };
+    let pairs = commands.windows(2);
+    let between = pairs.map(|pair| ((pair[1] - pair[0]) / cycle - LATE).floor());
+    let edges = [*first, span - last].map(|time| (time / cycle - LATE).floor());
+    between
+        .chain(edges)
+        .map(|count| count.max(0.0) as usize)
+        .sum()
+}
+
 impl Figures {
     /// Puts the runs of a case together.
     fn of(case: Case, runs: &[&Seen], bound: Option<f64>) -> Self {
@@ -377,7 +398,7 @@ impl Figures {
         let latencies = || runs.iter().flat_map(|run| run.latencies.iter().copied());
         let (least, largest) = (latencies().reduce(f64::min), latencies().reduce(f64::max));
         let number = latencies().count();
-        let cycle = SPAN * 1e6 / runs.first().map_or(1, |run| run.cycles.max(1)) as f64;
+        let cycle = runs.first().map_or(0.0, |run| run.cycle_us);
         let between = runs.iter().flat_map(|run| &run.between_commands);
         let late = between.map(|time| (time - cycle).abs());
         Self {
@@ -421,11 +442,34 @@ mod tests {
             between_commands: between_commands.to_vec(),
             commands,
             cycles: 400,
+            cycle_us: 5000.0,
             offered: 100,
             foreign_frames: 50,
             foreign_share: 0.1,
             share: 0.3,
         }
+    }
+
+    /// By where the span begins in a cycle, it has one command more or less; that is none that was missed.
+    #[test]
+    fn a_command_is_missed_where_a_cycle_has_none() {
+        let every = |from: f64, cycle: f64| -> Vec<f64> {
+            let times = (0..).map(|k| from + cycle * f64::from(k));
+            times.take_while(|time| *time <= 1000.0).collect()
+        };
+        for begin in [0.0, 1.0, 50.0, 99.9] {
+            for cycle in [99.99, 100.0, 100.01] {
+                assert_eq!(
+                    missed(&every(begin, cycle), 1000.0, 100.0),
+                    0,
+                    "{begin} {cycle}"
+                );
+            }
+        }
+        let mut some = every(30.0, 100.0);
+        some.retain(|time| ![30.0, 430.0, 530.0, 930.0].contains(time));
+        assert_eq!(missed(&some, 1000.0, 100.0), 4);
+        assert_eq!(missed(&[], 1000.0, 100.0), 10);
     }
 
     #[test]
