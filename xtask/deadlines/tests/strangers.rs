@@ -127,8 +127,12 @@ fn digest(image: &Path) -> String {
 #[test]
 #[ignore = "needs checkouts: STRANGERS=FOLDER"]
 fn strangers_have_their_reports() {
-    let strangers = PathBuf::from(std::env::var("STRANGERS").expect("STRANGERS names no folder"));
-    let strangers = strangers.canonicalize().unwrap();
+    let Some(strangers) = std::env::var_os("STRANGERS") else {
+        // A run of all tests, the slow ones included, does not have them.
+        eprintln!("left out: STRANGERS names no folder");
+        return;
+    };
+    let strangers = PathBuf::from(strangers).canonicalize().unwrap();
     let list = list();
     for (name, repository) in &list.repository {
         let output = clean("git", &strangers.join(name))
