@@ -347,7 +347,7 @@ pub static SLED_F303: Sled = Sled {
         dma: false,
     },
     budget: Budget {
-        flash: 60 * KIB,
+        flash: 62 * KIB,
         statics: 8 * KIB,
         stack: 2 * KIB,
     },
