@@ -71,8 +71,8 @@ const WAKER_FUNCTIONS: usize = 4;
 /// A program obtains a function pointer only from a constant, so the target is a function whose address
 /// stands in the image. Two kinds of calls reach fewer:
 ///
-/// - A call of [`WAKE_SOURCE`] is that of a waker's function. Wakers have their functions in a constant
-///   table of [`WAKER_FUNCTIONS`] pointers, and each takes one parameter.
+/// - A call in `core::task::wake` is that of a waker's function. Wakers have their functions in a constant
+///   table of four pointers, and each takes one parameter.
 /// - RTIC's waker calls the `fn()` that the generated code gave to it. That has no parameter, and is
 ///   neither one of the waker's own functions nor code that was built with the compiler.
 #[must_use]
