@@ -192,7 +192,7 @@ impl Step<'_, '_> {
         let touched = self.state.memory.range(near.clone()).next().is_some();
         if touched || word.is_some() {
             let memory = Rc::make_mut(&mut self.state.memory);
-            // A pointer of which nothing is known does not lead to the interrupt controller.
+            // It is assumed that no store through an unknown pointer writes to the interrupt controller.
             let anywhere = reached == Extent::EVERYWHERE;
             memory.retain(|at, _| !near.contains(at) || anywhere && is_priorities(*at));
             memory.extend(word.map(|word| (first, word)));
