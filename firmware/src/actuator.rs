@@ -11,6 +11,7 @@ use control::feedback::Limits;
 use network::Message;
 use ttcan::Micros;
 
+use crate::e2e::Secret;
 use crate::link::Arrival;
 use crate::machine::{Machine, MotionCommand};
 use crate::{convert, design, e2e};
@@ -29,8 +30,8 @@ pub enum Refusal {
     Mode,
 }
 
-/// A message that commands actuators: eight bytes, of which the last two are the sequence
-/// counter and the check value of [`e2e`].
+/// A message that commands actuators: eight bytes, of which the last two are for the protection of
+/// [`e2e`].
 pub trait Command: Message {
     /// Whether a command that makes no sense, although its end-to-end protection holds, ends the one in
     /// force at once: its sender computes wrongly, so its last command deserves no trust either. Else
@@ -75,17 +76,11 @@ pub struct CommandHold<C> {
     refusal: Option<Refusal>,
 }
 
-impl<C: Command> Default for CommandHold<C> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl<C: Command> CommandHold<C> {
-    /// No command.
-    pub const fn new() -> Self {
+    /// No command. `secret` is that of the node.
+    pub const fn new(secret: Secret) -> Self {
         Self {
-            protection: e2e::Receiver::new(),
+            protection: e2e::Receiver::new(secret),
             command: None,
             refused: 0,
             refusal: None,
@@ -117,7 +112,7 @@ impl<C: Command> CommandHold<C> {
     fn judge(&mut self, data: &[u8], time: u32) -> Result<C, Refusal> {
         let bytes: &[u8; 8] = data.try_into().map_err(|_| Refusal::Malformed)?;
         self.protection
-            .judge(C::ID, time, bytes)
+            .judge::<C>(time, bytes)
             .map_err(Refusal::Protection)?;
         let command = C::decode(data).map_err(|_| Refusal::Malformed)?;
         command.check()?;
@@ -276,10 +271,10 @@ pub struct Supervised<C> {
 }
 
 impl<C: Command> Supervised<C> {
-    /// A supervisor without a command.
-    pub const fn new(times: Times) -> Self {
+    /// A supervisor without a command. `secret` is that of the node.
+    pub const fn new(times: Times, secret: Secret) -> Self {
         Self {
-            hold: CommandHold::new(),
+            hold: CommandHold::new(secret),
             accepted_at: 0,
             times,
         }
@@ -347,10 +342,10 @@ pub struct Steering<M, C> {
 }
 
 impl<M: Machine, C: MotionCommand> Steering<M, C> {
-    /// A steering node that stands still.
-    pub const fn new(times: Times) -> Self {
+    /// A steering node that stands still. `secret` is that of the node.
+    pub const fn new(times: Times, secret: Secret) -> Self {
         Self {
-            supervised: Supervised::new(times),
+            supervised: Supervised::new(times, secret),
             sample: None,
             machine: PhantomData,
         }
@@ -405,10 +400,10 @@ pub struct Driving<M, C> {
 }
 
 impl<M: Machine, C: MotionCommand> Driving<M, C> {
-    /// A drive node that stands still.
-    pub const fn new(times: Times) -> Self {
+    /// A drive node that stands still. `secret` is that of the node.
+    pub const fn new(times: Times, secret: Secret) -> Self {
         Self {
-            supervised: Supervised::new(times),
+            supervised: Supervised::new(times, secret),
             drive: Drive::new(),
             stepped_at: 0,
         }

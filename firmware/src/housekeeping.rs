@@ -12,6 +12,7 @@ use ttcan::{ErrorLevel, Micros, SyncState};
 
 use crate::console::BusView;
 use crate::design;
+use crate::e2e::Secret;
 use crate::link::Silence;
 use crate::selftest::{self, Check, Motor, Report, ReportMessage, Request, RequestMessage};
 
@@ -96,6 +97,8 @@ pub struct Start {
     pub record: Option<Fault>,
     /// The clocks that it runs on.
     pub clocks: Clocks,
+    /// What it found in the place of its key.
+    pub secret: Secret,
 }
 
 impl Start {
@@ -444,6 +447,7 @@ mod tests {
             cause,
             record,
             clocks,
+            secret: Secret::None,
         }
     }
 

@@ -11,6 +11,7 @@ use ttcan::{ErrorLevel, MasterState, SyncState};
 
 use crate::actuator::Refusal;
 use crate::console::{ActuatorView, BusView, PilotView};
+use crate::e2e::Secret;
 use crate::housekeeping::{BusState, NodeFault, Start};
 use crate::navigation::Navigation;
 use crate::pilot::Reason;
@@ -30,6 +31,8 @@ pub enum Entry {
         /// Core clock, kHz.
         core_khz: u32,
     },
+    /// The key of the network.
+    Key(KeyState),
     /// What went wrong before the start or at it.
     Fault(NodeFault),
     /// The operation mode.
@@ -48,6 +51,28 @@ pub enum Entry {
     SelfTest(Option<Check>),
     /// A check of the self-test that was not done, once for each.
     NotDone(Check),
+}
+
+/// What a node knows of the key of its network. A key itself is never logged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
+pub enum KeyState {
+    /// It has none: whoever reaches the bus can command the vehicle.
+    None,
+    /// It has the key of this [number](crate::e2e::Key::number).
+    Known(u32),
+    /// Its key is damaged, and it obeys no command.
+    Damaged,
+}
+
+impl From<&Secret> for KeyState {
+    fn from(secret: &Secret) -> Self {
+        match secret {
+            Secret::None => Self::None,
+            Secret::Key(key) => Self::Known(key.number()),
+            Secret::Damaged => Self::Damaged,
+        }
+    }
 }
 
 /// State of the CAN controller.
@@ -132,6 +157,7 @@ impl From<&ActuatorView> for Own {
 pub struct Changes {
     start: Option<ResetCause>,
     clocks: Option<(Oscillator, u32)>,
+    key: Option<KeyState>,
     fault: Option<NodeFault>,
     own: Own,
     bus: Option<Bus>,
@@ -143,9 +169,10 @@ pub struct Changes {
 
 impl Changes {
     /// A log in which nothing has been written yet.
-    pub const fn new(start: &Start) -> Self {
+    pub fn new(start: &Start) -> Self {
         Self {
             start: Some(start.cause),
+            key: Some(KeyState::from(&start.secret)),
             clocks: Some((start.clocks.oscillator, start.clocks.core / 1000)),
             fault: start.fault(),
             own: Own {
@@ -183,6 +210,7 @@ impl Changes {
                     core_khz,
                 })
             })
+            .or_else(|| self.key.take().map(Entry::Key))
             .or_else(|| self.fault.take().map(Entry::Fault))
             .or_else(|| {
                 let failed = test.map(|report| report.failed().next());
@@ -229,6 +257,7 @@ mod tests {
             cause,
             record,
             clocks: CLOCKS,
+            secret: Secret::None,
         }
     }
 
@@ -280,6 +309,7 @@ mod tests {
                     oscillator: Oscillator::External,
                     core_khz: CLOCKS.core / 1000,
                 },
+                Entry::Key(KeyState::None),
                 Entry::Fault(NodeFault::Panic),
                 quiet,
                 schedule(SyncState::Synchronising, None),

@@ -253,7 +253,7 @@ pub struct Log {
 
 impl Log {
     /// A log that begins with the node's start.
-    pub const fn new(start: &Start) -> Self {
+    pub fn new(start: &Start) -> Self {
         Self {
             changes: Changes::new(start),
             test: selftest::Repeat::new(),

@@ -357,6 +357,7 @@ pub fn code(check: Check, step: u32) -> bool {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::e2e::Secret;
     use sled_common::clock::{Clocks, ResetCause};
     use sled_common::selftest::Reference;
     use std::vec::Vec;
@@ -377,6 +378,7 @@ mod tests {
             cause,
             record,
             clocks: Clocks::of(parts::Sled::F303, Oscillator::External),
+            secret: Secret::None,
         }
     }
 

@@ -8,7 +8,9 @@ use control::mode::Mode;
 use control::safety::Command;
 use control::takeover::{Guide, RowSighting, Situation, Takeover, TakeoverError, TakeoverSettings};
 
-use crate::e2e;
+use network::Message;
+
+use crate::e2e::{self, Secret};
 
 /// What a step of the pilot knows.
 #[derive(Clone, Copy, Debug)]
@@ -93,17 +95,21 @@ impl ByRows {
     /// Takes a frame of the node that measures the rows, in the basic cycle that began at system time
     /// `time` (ms). The frame came in the cycle before, of which its check value is. `read` gives what
     /// its data say. A frame whose protection does not hold is none.
-    pub fn see(
+    pub fn see<M: Message>(
         &mut self,
-        id: u16,
         data: Option<&[u8]>,
         time: u32,
         read: impl FnOnce(&[u8; 8]) -> Option<RowSighting<f32>>,
     ) {
         let sent = core::mem::replace(&mut self.time, time);
         let data = data.and_then(|data| <&[u8; 8]>::try_from(data).ok());
-        let sound = data.filter(|data| self.protection.judge(id, sent, data).is_ok());
+        let sound = data.filter(|data| self.protection.judge::<M>(sent, data).is_ok());
         self.sighting = sound.and_then(read);
+    }
+
+    /// The secret of the node, by which it knows true frames. [`Secret::None`] at first.
+    pub fn set_secret(&mut self, secret: Secret) {
+        self.protection = e2e::Receiver::new(secret);
     }
 
     /// The takeover, for messages.
@@ -121,7 +127,7 @@ impl Guidance for ByRows {
     ) -> Result<Self, TakeoverError> {
         Ok(Self {
             takeover: Takeover::new(*settings, *controller)?,
-            protection: e2e::Receiver::new(),
+            protection: e2e::Receiver::new(Secret::None),
             time: 0,
             sighting: None,
         })

@@ -131,6 +131,8 @@ impl<const N: usize> Text<N> {
     }
 
     /// Appends a number with at least `least` digits, at most ten.
+    // Not inlined, like `str`.
+    #[inline(never)]
     fn digits(&mut self, number: u32, least: u8) -> &mut Self {
         let needed = POWERS.iter().filter(|&&power| number >= power).count();
         let begin = self.length;

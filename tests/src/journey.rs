@@ -87,7 +87,8 @@ impl Journey {
     /// The mode's code in the last command; see the network file.
     #[must_use]
     pub fn mode(&self) -> Option<u8> {
-        self.command(self.vehicle.now()).map(|data| data[4])
+        let data = self.command(self.vehicle.now())?;
+        Some(data[4] & 7)
     }
 
     /// Effort of a node's motor driver at an instant, -1 to 1.

@@ -51,6 +51,8 @@ pub enum Command {
     Sim(Sim),
     /// Ask the nodes on a bus for their self-test and show the results.
     Selftest(Selftest),
+    /// Make the key of a network, and write it to the nodes.
+    Keys(Keys),
     /// Write the folder of a new vehicle.
     New(New),
     /// Compute the steering's calibration from a recorded drive.
@@ -172,6 +174,72 @@ pub struct OnBoard {
     /// Values in place of the manifest's.
     #[command(flatten)]
     pub changes: Changes,
+    /// Serial number of the board's debug probe, when several are connected
+    #[arg(long, value_name = "SERIAL")]
+    pub probe: Option<String>,
+    /// Print the commands instead of running them
+    #[arg(long)]
+    pub dry_run: bool,
+}
+
+/// Options of `keys`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask keys new                   make a key for the UAGV, in .furrow/uagv.key of your home\n  \
+    cargo xtask keys flash drive           write it to the connected board, whose image stays\n  \
+    cargo xtask keys flash motor --vehicle two-boards --probe 066EFF57\n  \
+    cargo xtask keys rotate                another key in its place; then flash every node again\n  \
+    cargo xtask keys show --json           the key's number and file as JSON\n  \
+    cargo xtask keys erase drive           a node without a key again\n\n\
+    With a key the nodes obey only commands of a node that has the same one. A node without a key\n\
+    beside nodes with one neither commands nor obeys. No command shows a key.")]
+pub struct Keys {
+    /// What to do.
+    #[command(subcommand)]
+    pub action: KeyAction,
+}
+
+/// What `keys` does.
+#[derive(Debug, Subcommand)]
+pub enum KeyAction {
+    /// Make a key from the system's random numbers.
+    New(KeyFile),
+    /// Replace the key by another one.
+    Rotate(KeyFile),
+    /// Show the number of the key and its file, not the key.
+    Show(KeyFile),
+    /// Write the key to a node's board with probe-rs.
+    Flash(KeyNode),
+    /// Erase the key on a node's board with probe-rs.
+    Erase(KeyNode),
+}
+
+/// The file of a key.
+#[derive(Debug, Args)]
+pub struct KeyFile {
+    /// Vehicle, a folder below firmware/vehicles
+    #[arg(long, value_name = "NAME", default_value = DEFAULT)]
+    pub vehicle: String,
+    /// File of the key, outside the workspace [default: .furrow/VEHICLE.key in your home directory]
+    #[arg(long, value_name = "FILE")]
+    pub file: Option<PathBuf>,
+    /// Print number and file as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The board whose key is written.
+#[derive(Debug, Args)]
+pub struct KeyNode {
+    /// Node on the board
+    #[arg(value_name = "NODE")]
+    pub node: String,
+    /// Vehicle, when several have a node of that name
+    #[arg(long, value_name = "NAME")]
+    pub vehicle: Option<String>,
+    /// File of the key [default: .furrow/VEHICLE.key in your home directory]
+    #[arg(long, value_name = "FILE")]
+    pub file: Option<PathBuf>,
     /// Serial number of the board's debug probe, when several are connected
     #[arg(long, value_name = "SERIAL")]
     pub probe: Option<String>,

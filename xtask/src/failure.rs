@@ -3,8 +3,8 @@
 use std::{io, path::PathBuf};
 
 use crate::{
-    audit, bench, board, build, cli, experiment, file, new, probe, schedulability, selftest, sim,
-    size, target, test, vehicle, workspace,
+    audit, bench, board, build, cli, experiment, file, keys, new, probe, schedulability, selftest,
+    sim, size, target, test, vehicle, workspace,
 };
 
 /// Why a command ends without success; displays as one sentence.
@@ -28,6 +28,9 @@ pub enum Failure {
     /// A file of a vehicle.
     #[error(transparent)]
     File(#[from] file::Error),
+    /// `keys`.
+    #[error(transparent)]
+    Keys(#[from] keys::Error),
     /// `new`.
     #[error(transparent)]
     New(#[from] new::Error),
@@ -79,6 +82,7 @@ impl Failure {
             Failure::Usage(_) => true,
             Failure::Cli(_) | Failure::File(_) | Failure::Vehicle(_) => true,
             Failure::Bench(error) => error.is_usage(),
+            Failure::Keys(error) => error.is_usage(),
             Failure::New(error) => error.is_usage(),
             Failure::Experiment(error) => error.is_usage(),
             Failure::Probe(error) => error.is_usage(),

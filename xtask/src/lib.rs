@@ -11,6 +11,7 @@ pub mod build;
 pub mod calibrate;
 pub mod cli;
 pub mod experiment;
+pub mod keys;
 pub mod new;
 pub mod probe;
 pub mod schedulability;
@@ -69,6 +70,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
             probe::run(&workspace, probe::Action::Attach, &options.board)
         }
         cli::Command::Run(options) => probe::run(&workspace, probe::Action::Run, &options.board),
+        cli::Command::Keys(options) => keys::run(&workspace, &options),
         cli::Command::New(options) => new::run(&workspace, &options),
         cli::Command::Schedule(options) => schedule::run(&workspace, &options),
         cli::Command::Schedulability(options) => schedulability::run(&workspace, &options),

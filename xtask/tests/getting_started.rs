@@ -306,6 +306,7 @@ fn pattern(view: &BusView) -> (usize, usize) {
         cause: ResetCause::Power,
         record: None,
         clocks: Clocks::of(Sled::F446, Oscillator::External),
+        secret: firmware::e2e::Secret::None,
     };
     let findings = Findings {
         memory_defect: None,

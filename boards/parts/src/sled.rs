@@ -185,6 +185,9 @@ pub struct Sled {
     /// The stack. Below it lies no memory: an overflow is a bus fault at once, and never a
     /// silent change of a variable.
     pub stack: Memory,
+    /// The last erase unit of the flash, which is for the key of the network and holds no part of an
+    /// image: so a new image leaves the key, and a new key the image.
+    pub secret: Memory,
     /// What an image may use.
     pub budget: Budget,
     /// Ticks of the time base from an interrupt of the bus to the time stamp that its task
@@ -243,6 +246,12 @@ pub static SLED_F446: Sled = Sled {
         name: "STACK",
         base: 0x2000_0000,
         size: 16 * KIB,
+        dma: true,
+    },
+    secret: Memory {
+        name: "SECRET",
+        base: 0x0806_0000,
+        size: 128 * KIB,
         dma: true,
     },
     budget: Budget {
@@ -346,8 +355,14 @@ pub static SLED_F303: Sled = Sled {
         size: 4 * KIB,
         dma: false,
     },
+    secret: Memory {
+        name: "SECRET",
+        base: 0x0800_F800,
+        size: 2 * KIB,
+        dma: true,
+    },
     budget: Budget {
-        flash: 62 * KIB,
+        flash: 60 * KIB,
         statics: 8 * KIB,
         stack: 2 * KIB,
     },
@@ -506,6 +521,16 @@ impl Sled {
         }
     }
 
+    /// The part of the flash that images are placed in: all below the key.
+    #[must_use]
+    pub const fn program(&self) -> Memory {
+        let flash = self.part.flash;
+        Memory {
+            size: self.secret.base - flash.base,
+            ..flash
+        }
+    }
+
     /// The memory layout for the linker, `memory.x`.
     #[must_use]
     pub const fn linker_script(&self) -> LinkerScript<'_> {
@@ -520,7 +545,7 @@ pub struct LinkerScript<'a>(&'a Sled);
 impl fmt::Display for LinkerScript<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "MEMORY\n{{")?;
-        for memory in [self.0.part.flash, self.0.stack, self.0.variables()] {
+        for memory in [self.0.program(), self.0.stack, self.0.variables()] {
             writeln!(
                 f,
                 "  {:<5} : ORIGIN = {:#010x}, LENGTH = {}",
@@ -579,6 +604,10 @@ const _: () = {
     while index < Sled::ALL.len() {
         let sled = Sled::ALL[index];
         assert!(sound(sled.part, &sled.external) && sound(sled.part, &sled.internal));
+        assert!(
+            sled.part.flash.contains(sled.secret.base)
+                && sled.secret.end() == sled.part.flash.end()
+        );
         assert!(stack_is_guarded(sled) && sled.budget.stack <= sled.stack.size);
         index += 1;
     }
@@ -646,7 +675,7 @@ mod tests {
         assert_eq!(
             Sled::F446.linker_script().to_string(),
             "MEMORY\n{\n  \
-             FLASH : ORIGIN = 0x08000000, LENGTH = 524288\n  \
+             FLASH : ORIGIN = 0x08000000, LENGTH = 393216\n  \
              STACK : ORIGIN = 0x20000000, LENGTH = 16384\n  \
              RAM   : ORIGIN = 0x20004000, LENGTH = 114688\n}\n\n\
              _stack_start = ORIGIN(STACK) + LENGTH(STACK);\n_stack_end = ORIGIN(STACK);\n\

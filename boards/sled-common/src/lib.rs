@@ -25,6 +25,7 @@ pub mod image;
 pub mod lines;
 pub mod memory;
 pub mod pulse;
+pub mod secret;
 pub mod selftest;
 pub mod stack;
 #[cfg(target_os = "none")]

@@ -117,6 +117,8 @@ pub struct Sled {
     pub console: console::Console,
     /// The motor driver, its relay open.
     pub motor: motor::MotorOutput,
+    /// The words in the place of the network's key.
+    pub secret: [u32; sled_common::secret::WORDS],
     /// What the board found out about itself.
     pub findings: Findings,
     /// The LED.
@@ -228,6 +230,7 @@ impl Sled {
             clock,
             alarms,
             can,
+            secret: sled_common::secret::record(&FACTS.secret),
             findings,
             console,
             motor: motor::MotorOutput::new(motor, motor::Relay::new(relay, sense)),

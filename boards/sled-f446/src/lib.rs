@@ -98,6 +98,8 @@ pub struct Sled {
     pub can: CanPort,
     /// The console.
     pub console: console::Console,
+    /// The words in the place of the network's key.
+    pub secret: [u32; sled_common::secret::WORDS],
     /// What the board found out about itself.
     pub findings: Findings,
     /// The LED.
@@ -182,6 +184,7 @@ impl Sled {
             clock,
             alarms,
             can,
+            secret: sled_common::secret::record(&FACTS.secret),
             findings,
             console,
             led: led::Led::new(port_a.pa5),

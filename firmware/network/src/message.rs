@@ -18,6 +18,8 @@ pub trait Message: Sized + Copy {
     /// Fewest data bytes that [`decode`](Self::decode) accepts. Missing bytes, up to
     /// [`LENGTH`](Self::LENGTH), read as zero.
     const SHORTEST: u8;
+    /// The bits of the data that belong to no signal, D0 least significant.
+    const FREE: u64;
     /// The type that names the nodes of the network.
     type Node: Copy + fmt::Debug;
     /// The one node that sends it.

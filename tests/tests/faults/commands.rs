@@ -1,6 +1,7 @@
 //! A foreign node sends commands: they never move the motors.
 
 use can_bus::{Frame, NodeId, Retry, Tester};
+use firmware::e2e;
 use furrow_tests::Journey;
 use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
@@ -149,6 +150,81 @@ fn foreign_commands_during_a_run_change_no_motor_beyond_it() {
         .map(|change| change.effort)
         .fold(0.0, f64::max);
     assert!(most < 0.7, "{most}");
+}
+
+/// System time of the basic cycle whose reference began at this instant.
+fn system_time(journey: &Journey, begin: SimTime) -> u32 {
+    let traffic = journey.traffic();
+    let mut references = traffic.genuine(100);
+    let reference = references.find(|frame| frame.start == begin);
+    let bytes = reference.expect("a reference").bytes();
+    u32::from_be_bytes([bytes[1], bytes[2], bytes[3], bytes[4]])
+}
+
+/// Sends full commands with the right check value for two seconds, each in its basic cycle, with the
+/// controller gone: all that a node on the bus can know that has these sources but no key.
+fn forge(journey: &mut Journey) -> SimTime {
+    let attacker = Attacker::on(journey);
+    journey.vehicle.node_mut(nodes::CONTROLLER).hold_reset();
+    journey.run_until(journey.vehicle.now() + span(1.0));
+    let since = journey.vehicle.now();
+    for counter in 0..20 {
+        let begin = next_cycle(journey);
+        let mut data = [0xC4, 0x09, 200, 0, mode::MANUAL, 3, counter, 0];
+        data[7] = e2e::check_value(300, system_time(journey, begin), &data);
+        attacker.send(journey, begin + span(WINDOW + 0.000_01), data);
+    }
+    journey.run_until(journey.vehicle.now() + span(0.2));
+    assert!(foreign(journey) >= 19, "{}", foreign(journey));
+    since
+}
+
+/// Without a key the check value is all that protects a command, and it needs no secret.
+#[test]
+fn without_a_key_who_knows_the_sources_drives_the_vehicle() {
+    let mut journey = running("");
+    let since = forge(&mut journey);
+    assert!(journey.last_moved(nodes::DRIVE) > Some(since));
+    assert!(journey.last_moved(nodes::STEERING) > Some(since));
+}
+
+#[test]
+fn with_a_key_who_knows_the_sources_moves_nothing() {
+    let mut journey = running("key = true");
+    let since = forge(&mut journey);
+    assert_still(&journey, since);
+    assert_never_reset(&journey);
+}
+
+/// Forged commands in the place of every second true one stop the actuators, although one lost
+/// command does not. When they cease, the vehicle can be used again.
+#[test]
+fn a_burst_of_forged_commands_is_a_safe_stop() {
+    let mut journey = running("key = true");
+    let attacker = Attacker::on(&mut journey);
+    for counter in 0..10 {
+        let begin = next_cycle(&mut journey);
+        let mut data = [0xC4, 0x09, 200, 0, mode::MANUAL, 3, counter, 0];
+        data[7] = e2e::check_value(300, system_time(&journey, begin), &data);
+        // Some bits before the controller, which then leaves its window empty.
+        attacker.send(&mut journey, begin + span(WINDOW - 0.000_01), data);
+        next_cycle(&mut journey);
+    }
+    let end = journey.vehicle.now();
+    let stopped = journey.stopped(at(3.0)).expect("a stop");
+    assert!(stopped < at(3.5), "{}", seconds(stopped));
+    let console = journey.console(nodes::DRIVE);
+    assert!(console.contains(" refused 1"), "{console}");
+    journey.run_until(end + span(1.0));
+    let refused = |journey: &Journey| {
+        let console = journey.console(nodes::DRIVE);
+        let (_, last) = console.rsplit_once(" refused ").expect("a line");
+        last.lines().next().map(str::to_owned)
+    };
+    let after = refused(&journey);
+    journey.run_until(end + span(2.0));
+    assert_eq!(refused(&journey), after, "the true commands pass again");
+    assert_never_reset(&journey);
 }
 
 /// Noise that a motor driver reads as full reverse stays no longer than until the next sample of an

@@ -91,6 +91,14 @@ impl Image {
         }
     }
 
+    /// Programs bytes into the flash after the program, as a debug probe does.
+    ///
+    /// # Errors
+    /// When they do not fit into the flash.
+    pub fn program(&mut self, address: u32, bytes: &[u8]) -> Result<(), ImageError> {
+        self.place(address, bytes)
+    }
+
     fn place(&mut self, address: u32, bytes: &[u8]) -> Result<(), ImageError> {
         let outside = ImageError::Outside {
             address: u64::from(address),

@@ -14,6 +14,7 @@ use can_bus::{
     SimTime, Tester,
 };
 use embedded_can::{Id, StandardId};
+use firmware::e2e::Key;
 use parts::Sled;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -154,6 +155,14 @@ fn steps(vehicle: &Vehicle) -> (Option<u16>, Vec<u16>) {
     (Some(command.id), first.map(|message| message.id).collect())
 }
 
+/// The record of a key that is made from a seed. It protects nothing but a simulation.
+fn secret(seed: u64) -> Vec<u8> {
+    let mut bytes = *b"simulated \0\0\0\0\0\0";
+    bytes[8..].copy_from_slice(&seed.to_le_bytes());
+    let record = Key::new(bytes).record();
+    record.into_iter().flat_map(u32::to_le_bytes).collect()
+}
+
 impl Twin {
     /// Builds the vehicle at time zero.
     ///
@@ -192,11 +201,15 @@ impl Twin {
             };
             let wiring = Wiring::new(vehicle, index).map_err(miswired)?;
             let part = wiring.sled().part;
-            let image =
-                Image::from_elf(part, images.of(index)).map_err(|error| TwinError::Image {
-                    node: name.clone(),
-                    error,
-                })?;
+            let unfit = |error| TwinError::Image {
+                node: name.clone(),
+                error,
+            };
+            let mut image = Image::from_elf(part, images.of(index)).map_err(unfit)?;
+            if scenario.key {
+                let place = wiring.sled().secret.base;
+                image.program(place, &secret(seed)).map_err(unfit)?;
+            }
             let external = world.external_clock(index);
             let board = Board {
                 external_clock: external.then_some(wiring.sled().external_hz),

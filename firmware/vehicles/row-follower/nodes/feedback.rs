@@ -28,12 +28,13 @@ mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, pac::Interrupt, remote::Remote, time::Clock};
     use firmware::console::BusView;
+    use firmware::e2e::{self, Secret};
+    use firmware::fault;
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
     use firmware::rows::{RunSwitch, Spacing, State, Step};
     use firmware::selftest::{Motor, Report};
-    use firmware::{e2e, fault};
     use row_follower::design::{LAW, Law};
     use row_follower::matrix::{BASIC_CYCLE, FEEDBACK, release, window};
     use row_follower::messages::{DistanceLeft, DistanceRight, FeedbackStatus};
@@ -77,6 +78,7 @@ mod app {
             cause: sled.reset_cause,
             record,
             clocks: sled.clocks,
+            secret: Secret::read(&sled.secret),
         };
         let Ok(mut link) = node::link(
             cx.local.stack,
@@ -109,7 +111,7 @@ mod app {
                 spacing: Spacing::of(BASIC_CYCLE.ticks() * start.clocks.ticks_per_us),
                 remote,
                 switch: RunSwitch::new(),
-                sender: e2e::Sender::default(),
+                sender: e2e::Sender::new(start.secret),
                 keeper: Keeper::start(
                     cx.core.SYST,
                     &mut cx.core.SCB,
@@ -230,10 +232,9 @@ mod app {
 
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
-        let bus = shared.link.lock(|link| {
-            link.keep();
-            BusView::of(link)
-        });
+        // Two sections, because each blocks the interrupts of the bus.
+        shared.link.lock(|link| link.keep());
+        let bus = shared.link.lock(|link| BusView::of(link));
         // No motor turns by this node's hand, but without it the motors stop.
         let state = shared.last.lock(|last| last.map(|step| step.state));
         let still = state != Some(State::Following);

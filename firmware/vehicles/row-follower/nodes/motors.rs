@@ -31,6 +31,7 @@ mod app {
     use firmware::board::servos::Servos;
     use firmware::board::{self, pac::Interrupt, time::Clock};
     use firmware::console::{ActuatorView, BusView};
+    use firmware::e2e::Secret;
     use firmware::fault;
     use firmware::housekeeping::Start;
     use firmware::log::Own;
@@ -87,6 +88,7 @@ mod app {
             cause: sled.reset_cause,
             record,
             clocks: sled.clocks,
+            secret: Secret::read(&sled.secret),
         };
         let Ok(mut link) = node::link(
             cx.local.stack,
@@ -105,7 +107,10 @@ mod app {
             Shared {
                 clock: sled.clock,
                 link,
-                obeyed: Obeyed::new(Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us)),
+                obeyed: Obeyed::new(
+                    Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us),
+                    start.secret,
+                ),
                 servos,
                 leave: Leave {
                     drive: pulse_clock.is_known(),
@@ -244,10 +249,11 @@ mod app {
         keeper: &mut Keeper,
         pulse_clock: &mut PulseClock,
     ) {
-        let (bus, rate) = shared.link.lock(|link| {
-            link.keep();
-            (BusView::of(link), link.true_rate())
-        });
+        // Two sections, because each blocks the interrupts of the bus.
+        shared.link.lock(|link| link.keep());
+        let (bus, rate) = shared
+            .link
+            .lock(|link| (BusView::of(link), link.true_rate()));
         let (commanded, efforts) = shared
             .obeyed
             .lock(|obeyed| (obeyed.command().is_some(), efforts(obeyed.command())));

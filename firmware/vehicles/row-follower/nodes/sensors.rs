@@ -26,6 +26,7 @@ mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, pac::Interrupt, time::Clock};
     use firmware::console::BusView;
+    use firmware::e2e::Secret;
     use firmware::fault;
     use firmware::housekeeping::Start;
     use firmware::link::padded;
@@ -79,6 +80,7 @@ mod app {
             cause: sled.reset_cause,
             record,
             clocks: sled.clocks,
+            secret: Secret::read(&sled.secret),
         };
         let Ok(mut link) = node::link(
             cx.local.stack,
@@ -215,10 +217,9 @@ mod app {
 
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
-        let bus = shared.link.lock(|link| {
-            link.keep();
-            BusView::of(link)
-        });
+        // Two sections, because each blocks the interrupts of the bus.
+        shared.link.lock(|link| link.keep());
+        let bus = shared.link.lock(|link| BusView::of(link));
         // A burst that the timer began, and that does not end, is given up.
         if EVENT_TRIGGERED && shared.distances.lock(Distances::watch).is_err() {
             let seen = &mut shared.seen;

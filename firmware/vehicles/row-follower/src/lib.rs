@@ -55,7 +55,7 @@ pub fn command(step: &Step, sender: &mut e2e::Sender, time: u32) -> [u8; 8] {
         check: 0,
     }
     .encode();
-    sender.seal(Command::ID, time, &mut data);
+    sender.seal::<Command>(time, &mut data);
     data
 }
 
@@ -206,6 +206,7 @@ const fn fault(fault: Option<NodeFault>) -> named::Fault {
 mod tests {
     use super::*;
     use firmware::actuator::{Command as _, Times};
+    use firmware::e2e::Secret;
     use firmware::rows::{Follower, LARGEST_DISTANCE};
     use proptest::prelude::*;
 
@@ -249,7 +250,7 @@ mod tests {
     /// The next command of `sender`, 5 ms after the last one.
     fn sealed(command: &Command, sender: &mut e2e::Sender) -> [u8; 8] {
         let mut data = command.encode();
-        sender.seal(Command::ID, 0, &mut data);
+        sender.seal::<Command>(0, &mut data);
         data
     }
 
@@ -263,7 +264,7 @@ mod tests {
                 ..following(100, 90)
             },
         ] {
-            let mut obeyed = Obeyed::new(Times::new(COMMAND_TIMEOUT, 18));
+            let mut obeyed = Obeyed::new(Times::new(COMMAND_TIMEOUT, 18), Secret::None);
             let sender = &mut e2e::Sender::default();
             let receive = |obeyed: &mut Obeyed, command: &Command, sender: &mut e2e::Sender| {
                 obeyed.receive(&sealed(command, sender), 0, 0).is_ok()

@@ -22,11 +22,12 @@ mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, pac::Interrupt, time::Clock};
     use firmware::console::BusView;
+    use firmware::e2e::{self, Secret};
+    use firmware::fault;
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
     use firmware::selftest::{Motor, Report};
-    use firmware::{e2e, fault};
     use rtic::Mutex as _;
     use two_boards::matrix::{MASTER, release, window};
     use two_boards::messages::{Knob, MasterStatus};
@@ -58,6 +59,7 @@ mod app {
             cause: sled.reset_cause,
             record,
             clocks: sled.clocks,
+            secret: Secret::read(&sled.secret),
         };
         let Ok(mut link) = node::link(
             cx.local.stack,
@@ -80,7 +82,7 @@ mod app {
                 knob: (0, 0),
             },
             Local {
-                sender: e2e::Sender::default(),
+                sender: e2e::Sender::new(start.secret),
                 keeper: Keeper::start(
                     cx.core.SYST,
                     &mut cx.core.SCB,
@@ -169,10 +171,9 @@ mod app {
 
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
-        let bus = shared.link.lock(|link| {
-            link.keep();
-            BusView::of(link)
-        });
+        // Two sections, because each blocks the interrupts of the bus.
+        shared.link.lock(|link| link.keep());
+        let bus = shared.link.lock(|link| BusView::of(link));
         // No motor turns by this node's hand, but without it the motor stops.
         let (knob, _) = shared.knob.lock(|knob| *knob);
         let still = two_boards::is_stop(knob);

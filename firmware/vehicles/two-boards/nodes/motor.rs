@@ -25,6 +25,7 @@ mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
+    use firmware::e2e::Secret;
     use firmware::fault;
     use firmware::housekeeping::Start;
     use firmware::link::padded;
@@ -64,6 +65,7 @@ mod app {
             cause: sled.reset_cause,
             record,
             clocks: sled.clocks,
+            secret: Secret::read(&sled.secret),
         };
         let Ok(mut link) = node::link(
             cx.local.stack,
@@ -84,7 +86,10 @@ mod app {
             Shared {
                 clock: sled.clock,
                 link,
-                obeyed: Obeyed::new(Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us)),
+                obeyed: Obeyed::new(
+                    Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us),
+                    start.secret,
+                ),
                 output: sled.motor,
                 console: sled.console,
                 test: None,
@@ -187,10 +192,9 @@ mod app {
 
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
-        let bus = shared.link.lock(|link| {
-            link.keep();
-            BusView::of(link)
-        });
+        // Two sections, because each blocks the interrupts of the bus.
+        shared.link.lock(|link| link.keep());
+        let bus = shared.link.lock(|link| BusView::of(link));
         // A command sets the LED. Without one the LED shows the state of the node.
         let led = shared
             .obeyed

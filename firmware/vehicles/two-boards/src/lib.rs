@@ -34,7 +34,7 @@ pub fn command(knob: u16, sender: &mut e2e::Sender, time: u32) -> [u8; 8] {
         check: 0,
     }
     .encode();
-    sender.seal(Command::ID, time, &mut data);
+    sender.seal::<Command>(time, &mut data);
     data
 }
 

@@ -36,13 +36,14 @@ mod app {
     use firmware::buttons::{Button, Buttons};
     use firmware::console::{self as lines, BusView};
     use firmware::display::{self, Lk204, Supervision};
+    use firmware::e2e::{self, Secret};
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
     use firmware::pilot::Change;
     use firmware::selftest::{Motor, Report};
     use firmware::text::Text;
-    use firmware::{design, e2e, fault};
+    use firmware::{design, fault};
     use network::Message as _;
     use rtic::Mutex as _;
     use uagv::design::{CONTROL_RELEASE, REMOTE};
@@ -95,6 +96,7 @@ mod app {
             cause: sled.reset_cause,
             record,
             clocks: sled.clocks,
+            secret: Secret::read(&sled.secret),
         };
         let Ok(mut link) = node::link(
             cx.local.stack,
@@ -106,9 +108,10 @@ mod app {
         ) else {
             fault::stop(Fault::Start)
         };
-        let (Some(operator), Ok(pilot)) = (sled.rest.operator(), Pilot::new()) else {
+        let (Some(operator), Ok(mut pilot)) = (sled.rest.operator(), Pilot::new()) else {
             fault::stop(Fault::Start)
         };
+        rows::set_secret(&mut pilot, start.secret);
         link.release_in(BASIC_CYCLE);
         let _ = housekeeping::spawn();
         (
@@ -131,7 +134,7 @@ mod app {
                 inputs: operator.buttons,
                 button_events: 0,
                 mode_events: 0,
-                sender: e2e::Sender::default(),
+                sender: e2e::Sender::new(start.secret),
                 replies: operator.replies,
                 tick: operator.tick,
                 screen: Text::new(),
@@ -330,13 +333,14 @@ mod app {
 
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
-        let bus = shared.link.lock(|link| {
+        // Two sections, because each blocks the interrupts of the bus.
+        shared.link.lock(|link| {
             link.keep();
             if !link.is_started() && keeper.uptime() >= design::MASTER_PATIENCE {
                 link.start();
             }
-            BusView::of(link)
         });
+        let bus = shared.link.lock(|link| BusView::of(link));
         let (steps, idle) = shared
             .driving
             .lock(|driving| (driving.pilot.steps(), driving.pilot.may_restart()));

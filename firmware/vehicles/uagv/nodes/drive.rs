@@ -23,6 +23,7 @@ mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, motor::MotorOutput, pac::Interrupt, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
+    use firmware::e2e::Secret;
     use firmware::fault;
     use firmware::housekeeping::Start;
     use firmware::log::Own;
@@ -59,6 +60,7 @@ mod app {
             cause: sled.reset_cause,
             record,
             clocks: sled.clocks,
+            secret: Secret::read(&sled.secret),
         };
         let Ok(mut link) = node::link(
             cx.local.stack,
@@ -76,7 +78,10 @@ mod app {
             Shared {
                 clock: sled.clock,
                 link,
-                driving: Driving::new(Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us)),
+                driving: Driving::new(
+                    Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us),
+                    start.secret,
+                ),
                 output: sled.motor,
                 console: sled.console,
                 test: None,
@@ -169,10 +174,9 @@ mod app {
 
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
-        let bus = shared.link.lock(|link| {
-            link.keep();
-            BusView::of(link)
-        });
+        // Two sections, because each blocks the interrupts of the bus.
+        shared.link.lock(|link| link.keep());
+        let bus = shared.link.lock(|link| BusView::of(link));
         // Also advances the slew.
         rtic::pend(Interrupt::EXTI1);
         let motor = node::motor(&mut shared.output, keeper);

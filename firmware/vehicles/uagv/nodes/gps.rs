@@ -24,6 +24,7 @@ mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, pac::Interrupt, receiver::Receiver, time::Clock};
     use firmware::console::{self as lines, BusView};
+    use firmware::e2e::Secret;
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::navigation::{Pause, Station, Step, trim};
@@ -62,6 +63,7 @@ mod app {
             cause: sled.reset_cause,
             record,
             clocks: sled.clocks,
+            secret: Secret::read(&sled.secret),
         };
         let Ok(link) = node::link(
             cx.local.stack,
@@ -232,7 +234,8 @@ mod app {
         let silent = shared
             .station
             .lock(|station| station.navigation_mut().lapse(clock.now(), timeout));
-        let (bus, command) = shared.link.lock(|link| {
+        // Several sections, because each blocks the interrupts of the bus.
+        shared.link.lock(|link| {
             link.keep();
             if silent {
                 link.set_reference_byte(0);
@@ -242,9 +245,11 @@ mod app {
             if !link.is_started() && keeper.uptime() >= design::receiver_patience(RECEIVER_PERIOD) {
                 link.start();
             }
-            let command = link.message::<Command>(window::COMMAND);
-            (BusView::of(link), command)
         });
+        let command = shared
+            .link
+            .lock(|link| link.message::<Command>(window::COMMAND));
+        let bus = shared.link.lock(|link| BusView::of(link));
         // No motor turns by this node's hand, but without it every motor stops.
         if let Some(command) = command {
             *moving = command.steering_enabled || command.drive_enabled;

@@ -28,12 +28,13 @@ mod app {
     use firmware::board::{self, pac::Interrupt, time::Clock};
     use firmware::console::BusView;
     use firmware::convert::rounded;
+    use firmware::e2e::{self, Secret};
+    use firmware::fault;
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
     use firmware::rows::{self, Watcher};
     use firmware::selftest::{Motor, Report};
-    use firmware::{e2e, fault};
     use rtic::Mutex as _;
     use uagv::design::{ROW_RELEASE, ROW_WATCH, WHEELBASE};
     use uagv::matrix::{ROWS, window};
@@ -72,6 +73,7 @@ mod app {
             cause: sled.reset_cause,
             record,
             clocks: sled.clocks,
+            secret: Secret::read(&sled.secret),
         };
         let Ok(mut link) = node::link(
             cx.local.stack,
@@ -100,7 +102,7 @@ mod app {
                 failed: 0,
             },
             Local {
-                sender: e2e::Sender::default(),
+                sender: e2e::Sender::new(start.secret),
                 keeper: Keeper::start(
                     cx.core.SYST,
                     &mut cx.core.SCB,
@@ -199,10 +201,9 @@ mod app {
 
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
-        let bus = shared.link.lock(|link| {
-            link.keep();
-            BusView::of(link)
-        });
+        // Two sections, because each blocks the interrupts of the bus.
+        shared.link.lock(|link| link.keep());
+        let bus = shared.link.lock(|link| BusView::of(link));
         // A burst that does not end is given up.
         if shared.distances.lock(Distances::watch).is_err() {
             let failed = &mut shared.failed;

@@ -25,6 +25,7 @@ mod app {
     use firmware::board::fault::Fault;
     use firmware::board::{self, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
     use firmware::console::{self as lines, ActuatorView, BusView};
+    use firmware::e2e::Secret;
     use firmware::fault;
     use firmware::housekeeping::Start;
     use firmware::link::padded;
@@ -64,6 +65,7 @@ mod app {
             cause: sled.reset_cause,
             record,
             clocks: sled.clocks,
+            secret: Secret::read(&sled.secret),
         };
         let Ok(mut link) = node::link(
             cx.local.stack,
@@ -84,7 +86,10 @@ mod app {
             Shared {
                 clock: sled.clock,
                 link,
-                steering: Steering::new(Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us)),
+                steering: Steering::new(
+                    Times::new(COMMAND_TIMEOUT, start.clocks.ticks_per_us),
+                    start.secret,
+                ),
                 output: sled.motor,
                 console: sled.console,
                 test: None,
@@ -200,10 +205,9 @@ mod app {
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
         let clock = shared.clock;
-        let bus = shared.link.lock(|link| {
-            link.keep();
-            BusView::of(link)
-        });
+        // Two sections, because each blocks the interrupts of the bus.
+        shared.link.lock(|link| link.keep());
+        let bus = shared.link.lock(|link| BusView::of(link));
         // The potentiometer's task counts as making progress while its samples are fresh.
         let fresh = shared
             .steering

@@ -1,5 +1,6 @@
 //! No rows guide a run: what the controller does for them is nothing.
 
+use firmware::e2e::Secret;
 use firmware::link::{Link, Port, WindowTimer};
 
 use crate::Pilot;
@@ -9,6 +10,9 @@ pub const fn take<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: us
     _: &mut Link<P, T, WINDOWS, NODES>,
 ) {
 }
+
+/// Nothing to believe.
+pub const fn set_secret(_: &mut Pilot, _: Secret) {}
 
 /// Nothing to see.
 pub const fn see(_: &mut Pilot, (): (), _: u32) {}

@@ -42,7 +42,7 @@ pub fn offset(sighting: &RowSighting<f32>, sender: &mut e2e::Sender, time: u32) 
         check: 0,
     }
     .encode();
-    sender.seal(RowOffset::ID, time, &mut data);
+    sender.seal::<RowOffset>(time, &mut data);
     data
 }
 
@@ -84,10 +84,15 @@ pub fn take<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
     link.take(window::ROW_OFFSET)
 }
 
+/// Gives the pilot the secret of the node, by which it knows true frames.
+pub fn set_secret(pilot: &mut Pilot, secret: Secret) {
+    pilot.rows_mut().set_secret(secret);
+}
+
 /// Shows it to the pilot, in the basic cycle that began at system time `time` (ms).
 pub fn see(pilot: &mut Pilot, frame: Option<Frame>, time: u32) {
     let data = frame.as_ref().map(Frame::data);
-    pilot.rows_mut().see(RowOffset::ID, data, time, |data| {
+    pilot.rows_mut().see::<RowOffset>(data, time, |data| {
         RowOffset::decode(data)
             .ok()
             .map(|message| sighting(&message))

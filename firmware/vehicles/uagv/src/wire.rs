@@ -99,7 +99,7 @@ pub fn command(decision: &Decision, sender: &mut e2e::Sender, time: u32) -> [u8;
         check: 0,
     }
     .encode();
-    sender.seal(Command::ID, time, &mut data);
+    sender.seal::<Command>(time, &mut data);
     data
 }
 

@@ -1,7 +1,7 @@
 //! How the actuator nodes act on commands.
 
 use firmware::actuator::{CommandHold, Drive, Refusal, Times, steering_effort};
-use firmware::e2e;
+use firmware::e2e::{self, Secret};
 use network::Message as _;
 use proptest::prelude::*;
 use uagv::messages::{CentidegreesPerSecond, CentimetresPerSecond, Command, Mode};
@@ -22,14 +22,14 @@ fn command(rate: i16, speed: i16) -> Command {
 
 fn sealed(sender: &mut e2e::Sender, command: &Command) -> [u8; 8] {
     let mut data = command.encode();
-    sender.seal(Command::ID, 7, &mut data);
+    sender.seal::<Command>(7, &mut data);
     data
 }
 
 #[test]
 fn an_old_sample_stays_old_when_the_counter_comes_round() {
     let times = Times::new(design::COMMAND_TIMEOUT, 18);
-    let mut steering = Steering::new(times);
+    let mut steering = Steering::new(times, Secret::None);
     steering.sample(2048, 0);
     assert!(steering.has_sample(times.sample));
     assert!(!steering.has_sample(times.sample + 1));
@@ -39,7 +39,7 @@ fn an_old_sample_stays_old_when_the_counter_comes_round() {
 #[test]
 fn nothing_moves_before_the_second_good_frame() {
     let mut sender = e2e::Sender::default();
-    let mut hold = CommandHold::<Command>::new();
+    let mut hold = CommandHold::<Command>::new(Secret::None);
     assert!(hold.command().is_none());
     assert!(
         hold.receive(&sealed(&mut sender, &command(100, 50)), 7)
@@ -62,7 +62,7 @@ fn nothing_moves_before_the_second_good_frame() {
 #[test]
 fn impossible_commands_are_refused() {
     let mut sender = e2e::Sender::default();
-    let mut hold = CommandHold::<Command>::new();
+    let mut hold = CommandHold::<Command>::new(Secret::None);
     let _ = hold.receive(&sealed(&mut sender, &command(0, 0)), 7);
     let mut refuse =
         |command: &Command| hold.receive(&sealed(&mut sender, command), 7).unwrap_err();
@@ -89,10 +89,10 @@ proptest! {
         frames in proptest::collection::vec(any::<[u8; 8]>(), 1..20), seal: bool,
     ) {
         let mut sender = e2e::Sender::default();
-        let mut hold = CommandHold::<Command>::new();
+        let mut hold = CommandHold::<Command>::new(Secret::None);
         for mut frame in frames {
             if seal {
-                sender.seal(Command::ID, 7, &mut frame);
+                sender.seal::<Command>(7, &mut frame);
             }
             let _ = hold.receive(&frame, 7);
             if let Some(command) = hold.command() {

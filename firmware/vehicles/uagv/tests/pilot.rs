@@ -311,7 +311,7 @@ fn without_its_time_master_the_vehicle_stops_and_waits_for_the_operator() {
 fn every_command_passes_the_actuators_judgement() {
     let mut pilot = Pilot::new().unwrap();
     let mut sender = e2e::Sender::default();
-    let mut hold = CommandHold::<Command>::new();
+    let mut hold = CommandHold::<Command>::new(firmware::e2e::Secret::None);
     let mut command = |pilot: &mut Pilot, inputs: &Inputs| {
         let (decision, _) = pilot.step(inputs, &Buttons::default());
         pilot.predict();

@@ -28,6 +28,7 @@ pub(super) struct File {
     vehicle: Option<vehicle::Changes>,
     ground: vehicle::Ground,
     receiver: Option<receiver::Changes>,
+    key: bool,
     lcd: Lcd,
     remote: Receiver,
     nodes: BTreeMap<String, Clock>,
@@ -60,6 +61,7 @@ impl Default for File {
             vehicle: None,
             ground: vehicle::Ground::default(),
             receiver: None,
+            key: false,
             lcd: Lcd::default(),
             remote: Receiver::default(),
             nodes: BTreeMap::new(),
@@ -139,15 +141,19 @@ struct Stuck {
     at: Time,
 }
 
+/// The nodes' clocks, in the order of the manifest's nodes.
+fn clocks(vehicle: &Vehicle, named: BTreeMap<String, Clock>) -> Result<Vec<Clock>, String> {
+    let mut clocks = vec![Clock::default(); vehicle.manifest().nodes.len()];
+    for (name, clock) in named {
+        clocks[find(vehicle, "nodes", &name)?.0] = clock;
+    }
+    Ok(clocks)
+}
+
 impl File {
     /// The scenario, completed with the manifest's values.
     pub(super) fn complete(self, vehicle: &Vehicle, name: &str) -> Result<Scenario, String> {
-        let manifest = vehicle.manifest();
         let node = |field: String, name: &str| find(vehicle, &field, name);
-        let mut nodes = vec![Clock::default(); manifest.nodes.len()];
-        for (name, clock) in self.nodes {
-            nodes[node("nodes".into(), &name)?.0] = clock;
-        }
         let reset = self.reset.into_iter().enumerate().map(|(i, reset)| {
             Ok(ResetEvent {
                 node: node(format!("reset[{i}].node"), &reset.node)?,
@@ -202,9 +208,10 @@ impl File {
             vehicle: machine(vehicle, self.vehicle)?,
             ground: self.ground,
             receiver: receiver(vehicle, self.receiver)?,
+            key: self.key,
             lcd: self.lcd,
             remote: self.remote,
-            nodes,
+            nodes: clocks(vehicle, self.nodes)?,
             fix: self.fix,
             stream: self.stream,
             press: self.press,

@@ -59,6 +59,8 @@ pub struct Scenario {
     pub ground: vehicle::Ground,
     /// The receiver; `None` when none is wired.
     pub receiver: Option<receiver::Parameters>,
+    /// Whether all nodes have a key, the same one, which is made from the seed. Default false.
+    pub key: bool,
     /// The display.
     pub lcd: Lcd,
     /// The remote control's receiver.
