@@ -3,6 +3,7 @@
 
 #![cfg(unix)]
 
+use firmware::e2e::{RECORD, Secret};
 use parts::Sled;
 use serde_json::Value;
 use std::{
@@ -36,6 +37,8 @@ impl StandIn {
             --version) cat \"$here/version\";;\n\
             *) echo \"$@\" >> \"$here/calls\";;\n\
             esac\n\
+            case \"$*\" in *--binary-format*) \
+            for last; do :; done; cat \"$last\" >> \"$here/written\";; esac\n\
             if [ \"$1\" = run ] && [ -f \"$here/report\" ]; then\n\
             cat \"$here/report\"; ! grep -q FAILED \"$here/report\"; fi\n";
         fs::write(&program, script).unwrap();
@@ -243,6 +246,98 @@ fn the_chosen_probe_gets_the_image_of_the_node() {
             "{image}"
         );
     }
+}
+
+/// From a new key to the record in its place on a board, and back.
+#[test]
+fn a_key_gets_onto_a_board_and_is_shown_nowhere() {
+    let one = StandIn::listing(TWO.rsplit_once("[1]").unwrap().0);
+    let file = one.0.path().join("keys").join("two-boards.key");
+    let file = file.to_str().unwrap();
+    let keys = |arguments: &[&str], place: &[&str]| {
+        one.xtask(&[&["keys"], arguments, place, &["--file", file]].concat())
+    };
+    let vehicle = ["--vehicle", "two-boards"];
+    let missing = keys(&["flash", "motor"], &vehicle);
+    assert_eq!(missing.status.code(), Some(2));
+    let told = String::from_utf8(missing.stderr).unwrap();
+    assert!(
+        told.contains("`cargo xtask keys new` makes a key"),
+        "{told}"
+    );
+    let made = keys(&["new"], &vehicle);
+    assert!(made.status.success(), "{made:?}");
+    let again = keys(&["new"], &vehicle);
+    assert_eq!(again.status.code(), Some(2));
+    let secret = fs::read_to_string(file).unwrap();
+    let secret = secret.trim_end().rsplit_once(' ').unwrap().1.to_owned();
+    let number = |output: &Output| {
+        let shown: Value = serde_json::from_slice(&output.stdout).unwrap();
+        shown["key"].as_str().unwrap().to_owned()
+    };
+    let shown = keys(&["show", "--json"], &vehicle);
+    let flashed = keys(&["flash", "motor"], &vehicle);
+    let erased = keys(&["erase", "motor"], &vehicle);
+    assert!(flashed.status.success() && erased.status.success());
+    let written = fs::read(one.0.path().join("written")).unwrap();
+    let words: Vec<u32> = written
+        .chunks_exact(4)
+        .map(|word| u32::from_le_bytes(word.try_into().unwrap()))
+        .collect();
+    let (record, rest) = words.split_at(RECORD);
+    let Secret::Key(key) = Secret::read(record.try_into().unwrap()) else {
+        panic!("a key: {record:08X?}");
+    };
+    assert_eq!(number(&shown), format!("{:08X}", key.number()));
+    assert_eq!(Secret::read(rest.try_into().unwrap()), Secret::None);
+    let rotated = keys(&["rotate"], &vehicle);
+    assert!(rotated.status.success());
+    assert_ne!(number(&keys(&["show", "--json"], &vehicle)), number(&shown));
+    assert!(!fs::read_to_string(file).unwrap().contains(&secret));
+    for output in [made, shown, flashed, erased, rotated] {
+        let text = [output.stdout, output.stderr].concat();
+        assert!(!String::from_utf8(text).unwrap().contains(&secret));
+    }
+    let calls = one.calls();
+    let verbs: Vec<&str> = calls
+        .iter()
+        .filter_map(|call| call.split(' ').next())
+        .collect();
+    assert_eq!(verbs, ["download", "reset", "download", "reset"]);
+    // The record is gone when the command is.
+    let record = calls[0].rsplit(' ').next().unwrap();
+    assert!(!fs::exists(record).unwrap(), "{record}");
+}
+
+#[test]
+fn a_file_of_a_key_is_refused_in_one_sentence() {
+    let one = StandIn::listing("");
+    let folder = one.0.path();
+    fs::write(folder.join("text.key"), "password").unwrap();
+    let private = fs::Permissions::from_mode(0o600);
+    fs::set_permissions(folder.join("text.key"), private).unwrap();
+    let refused = |arguments: &[&str]| {
+        let (code, told) = one.refused(&[&["keys"], arguments].concat());
+        assert_eq!((code, told.lines().count()), (Some(2), 1), "{told}");
+        told
+    };
+    let text = folder.join("text.key");
+    let text = text.to_str().unwrap();
+    assert!(refused(&["show", "--file", text]).contains("is no key"));
+    assert!(refused(&["rotate", "--file", text]).contains("is no key"));
+    assert_eq!(fs::read_to_string(text).unwrap(), "password");
+    let folder = folder.to_str().unwrap();
+    refused(&["show", "--file", folder]);
+    refused(&["new", "--file", folder]);
+    refused(&[
+        "new",
+        "--file",
+        concat!(env!("CARGO_MANIFEST_DIR"), "/a.key"),
+    ]);
+    refused(&["new", "--file", "/dev/full"]);
+    refused(&["new", "--vehicle", "tank"]);
+    refused(&["flash", "cannon", "--file", text]);
+    refused(&["flash", "drive", "--file", text]);
 }
 
 const MOTOR: [&str; 6] = [

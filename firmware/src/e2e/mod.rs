@@ -115,6 +115,8 @@ pub enum Refusal {
     Forged,
     /// The frame is true, but too many before it were forged.
     Suspicion,
+    /// There is no system time, so a recorded frame would pass: the bus is event-triggered.
+    NoTime,
     /// The receiver's own key is damaged.
     KeyDamaged,
 }
@@ -181,6 +183,9 @@ impl Receiver {
         if forged {
             self.suspicion = (self.suspicion + SUSPICION).min(2 * SUSPICION_LIMIT);
             return Err(Refusal::Forged);
+        }
+        if time == 0 {
+            return Err(Refusal::NoTime);
         }
         match self
             .last_time
@@ -458,6 +463,20 @@ mod tests {
         for index in 30..30 + 2 * limit {
             let judged = judge(index, false);
             assert!(judged.is_ok() || index < 30 + limit, "{index}: {judged:?}");
+        }
+    }
+
+    /// There a recorded frame would pass after every gap.
+    #[test]
+    fn without_a_system_time_nothing_passes_with_a_key() {
+        let mut sender = Sender::new(SECRET);
+        let mut receiver = Receiver::new(SECRET);
+        for _ in 0..5 {
+            let mut data = [0; 8];
+            sender.seal::<Command>(0, &mut data);
+            receiver.forget();
+            let judged = receiver.judge::<Command>(0, &data);
+            assert_eq!(judged, Err(Refusal::NoTime));
         }
     }
 

@@ -47,15 +47,8 @@ impl Key {
     // Not inlined: once in an image is enough.
     #[inline(never)]
     pub(super) fn code(&self, data: u64, time: u32, id: u16) -> u64 {
-        let mut text = [0; 14];
-        let parts = [
-            &data.to_le_bytes()[..],
-            &time.to_le_bytes(),
-            &id.to_le_bytes(),
-        ];
-        for (to, from) in text.iter_mut().zip(parts.into_iter().flatten()) {
-            *to = *from;
-        }
+        let text = u128::from(data) | u128::from(time) << 64 | u128::from(id) << 96;
+        let [text @ .., _, _] = text.to_le_bytes();
         SipHasher24::new_with_keys(self.low, self.high).hash(&text)
     }
 

@@ -3,6 +3,7 @@
 mod uagv;
 
 use proptest::prelude::*;
+use vehicle_model::Protocol;
 use world::time::{at, from_seconds};
 use world::vehicle::Parameters;
 use world::{Analog, Device, Scenario, World};
@@ -337,6 +338,23 @@ fn a_table_for_what_the_vehicle_lacks_is_refused() {
     }
     let scenario = Scenario::parse(&boards(), "t", "t", "").unwrap();
     assert_eq!((scenario.line, scenario.vehicle), (None, None));
+}
+
+#[test]
+fn a_key_on_a_bus_without_a_system_time_is_refused() {
+    let folder = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../firmware/vehicles/two-boards"
+    );
+    let vehicle = |protocol| {
+        let overrides = vehicle_model::Overrides::default().on(protocol);
+        vehicle_model::Vehicle::read_with(folder.as_ref(), &overrides).unwrap()
+    };
+    let [timed, at_once] =
+        ["time-triggered", "event-triggered"].map(|name| Protocol::named(name).unwrap());
+    assert!(Scenario::parse(&vehicle(timed), "t", "t", "key = true").is_ok());
+    let refused = Scenario::parse(&vehicle(at_once), "t", "t", "key = true").unwrap_err();
+    assert!(refused.to_string().contains("key: "), "{refused}");
 }
 
 #[test]

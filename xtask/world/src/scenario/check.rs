@@ -89,6 +89,13 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
         scenario.duration,
         between(Time::new(*DURATIONS.start()), Time::new(*DURATIONS.end())),
     )?;
+    if scenario.key && vehicle.is_event_triggered() {
+        return Err(
+            "key: the nodes are event-triggered and have no system time, so with a key they would obey no \
+             command; false is accepted"
+                .into(),
+        );
+    }
     if let Some(machine) = &scenario.vehicle {
         self::machine(machine)?;
         start(scenario, machine)?;
