@@ -95,7 +95,7 @@ pub(crate) struct Clock {
     since: i32,
     /// Corrections refused in a row.
     refused: u8,
-    /// How long the filter has followed without a large error; see [`GAINS`].
+    /// How long the filter has followed without a large error; see [`gains`].
     settled: u8,
     /// What the last correction left of the error, in 2^-16 us.
     rest: i32,
@@ -109,27 +109,20 @@ const GAIN_BITS: u32 = 15;
 /// exceeds it is corrected once the next reference shows it, too, because a single
 /// stamp may be disturbed by more.
 const LARGEST_STEP: i32 = 2 << GlobalTime::FRACTION_BITS;
-/// In 2^-16 us.
-const ONE_SECOND: i64 = 1_000_000 << GlobalTime::FRACTION_BITS;
+/// In microseconds.
+const ONE_SECOND: u32 = 1_000_000;
 /// Gains of the filter for offset and rate, in 2^-10, after so many good corrections. They are those of
 /// the least squares line through all stamps so far, so that noise of the first two stamps is soon
 /// forgotten, and stay what they are when there are enough of them: 2 (2n - 1) / (n (n + 1)) and
 /// 6 / (n (n + 1)) with n stamps (Brookner, Tracking and Kalman Filtering Made Easy, 1.2.10).
-const GAINS: [(i32, i32); SETTLED as usize + 1] = {
-    let mut gains = [(0, 0); SETTLED as usize + 1];
-    let mut settled = 0;
-    while settled < gains.len() {
-        // Two stamps made the first rate.
-        let stamps = settled as i32 + 2;
-        let pairs = stamps * (stamps + 1);
-        gains[settled] = (
-            ((2 * (2 * stamps - 1)) << GAIN_SHIFT) / pairs,
-            (6 << GAIN_SHIFT) / pairs,
-        );
-        settled += 1;
-    }
-    gains
-};
+fn gains(settled: u8) -> (i32, i32) {
+    // Two stamps made the first rate.
+    let stamps = u32::from(settled) + 2;
+    let pairs = stamps * (stamps + 1);
+    let offset = ((2 * (2 * stamps - 1)) << GAIN_SHIFT) / pairs;
+    let rate = (6 << GAIN_SHIFT) / pairs;
+    (offset.cast_signed(), rate.cast_signed())
+}
 const GAIN_SHIFT: u32 = 10;
 /// Largest count of good corrections, how many of them a bad one undoes, and the count below which it
 /// undoes none: the first gains are for a clock that has nothing but two stamps.
@@ -278,7 +271,9 @@ impl Clock {
 
     /// Ticks in whole microseconds of global time; 0 for negative ticks.
     pub(crate) fn micros(&self, ticks: i32) -> u32 {
-        (self.duration(ticks).max(0) >> GlobalTime::FRACTION_BITS) as u32
+        let gain = if GLOBAL_TIME { self.gain } else { self.nominal };
+        let ticks = ticks.max(0).unsigned_abs();
+        ((u64::from(ticks) * u64::from(gain)) >> (GlobalTime::FRACTION_BITS + GAIN_BITS)) as u32
     }
 
     /// Moves the anchor to `stamp` without changing the time. The counter must not
@@ -385,15 +380,15 @@ impl Clock {
         let elapsed = stamp.ticks_since(self.anchor);
         // The error arose since the last correction. References without a correction moved the
         // anchor meanwhile.
-        let span = self.duration(self.since.saturating_add(elapsed.max(0)));
-        // Its magnitude must be an `i64`, too.
-        let error = global.since(self.extrapolate(stamp)).max(-i64::MAX);
+        let span = self.micros(self.since.saturating_add(elapsed.max(0)));
+        let error = global.since(self.extrapolate(stamp));
+        let size = error.unsigned_abs();
         // Other nodes have the time of a master, too.
         let own = self.state == ClockState::Own;
         let first = self.state == ClockState::Unset || (own && !self.has(Flags::AGREED));
         let error_limit = self.error_limit(span);
         // A master announces a step to all nodes, also to those that have its time already.
-        if first || (discontinuity && error.abs() > error_limit) {
+        if first || (discontinuity && size > error_limit) {
             self.leap(stamp, global, !self.has(Flags::RATED));
             if self.has(Flags::RATED) {
                 self.state = ClockState::Locked;
@@ -402,20 +397,20 @@ impl Clock {
         }
         if elapsed <= 0 {
             // This node sent the reference itself, so the pair has no rate.
-            if error.abs() <= i64::from(LARGEST_STEP) {
+            if size <= u64::from(LARGEST_STEP.unsigned_abs()) {
                 self.since = 0;
                 self.exact();
                 return Correction::Applied;
             }
-            if error.abs() <= self.error_limit(ONE_SECOND) {
+            if size <= self.error_limit(ONE_SECOND) {
                 self.leap(stamp, global, true);
                 return Correction::Stepped;
             }
         }
         // An error that was seen before waits for a second reference that agrees, and counts once.
-        let arisen = error.saturating_sub(i64::from(self.rest)).saturating_abs();
+        let arisen = error.wrapping_sub(i64::from(self.rest)).unsigned_abs();
         // More than 32 ms tell no rate.
-        if arisen > error_limit || (!self.has(Flags::RATED) && error.abs() > i64::from(i32::MAX)) {
+        if arisen > error_limit || (!self.has(Flags::RATED) && size > i32::MAX as u64) {
             if announced && (self.has(Flags::RATED) || own) {
                 self.carry(stamp);
                 return Correction::Postponed;
@@ -444,14 +439,14 @@ impl Clock {
             self.exact();
             return Correction::Suspended;
         }
-        if self.has(Flags::RATED) && arisen > self.error_limit(self.duration(elapsed)) {
+        if !self.has(Flags::RATED) {
+            self.set_rate(rate_of(saturated(error), span));
+            self.global = global;
+        } else if self.since > 0 && arisen > self.error_limit(self.micros(elapsed)) {
             // It added up while references were lost.
             self.leap(stamp, global, false);
-        } else if !self.has(Flags::RATED) {
-            self.set_rate(rate_of(error, span));
-            self.global = global;
         } else {
-            self.filter(stamp, error, span);
+            self.filter(stamp, saturated(error), span);
         }
         self.anchor = stamp;
         self.since = 0;
@@ -462,8 +457,7 @@ impl Clock {
     }
 
     /// Corrects offset and rate by a part of the error, which arose in this span of time.
-    fn filter(&mut self, stamp: Stamp, error: i64, span: i64) {
-        let error = saturated(error);
+    fn filter(&mut self, stamp: Stamp, error: i32, span: u32) {
         let arisen = error.saturating_sub(self.rest);
         // What is left is compared, not the error before, so that no offset is corrected twice.
         let offset = beyond_noise(common(self.rest, error));
@@ -485,8 +479,7 @@ impl Clock {
                 .saturating_sub(UNSETTLED)
                 .max(self.settled.min(UNSURE))
         };
-        let gains = GAINS.get(usize::from(self.settled)).copied();
-        let (alpha, beta) = gains.unwrap_or_default();
+        let (alpha, beta) = gains(self.settled);
         let step = within_noise(error.saturating_sub(offset));
         let offset = offset.saturating_add((step * alpha) >> GAIN_SHIFT);
         let rate = if rate == 0 {
@@ -497,14 +490,14 @@ impl Clock {
         self.global = self.extrapolate(stamp).offset(i64::from(offset));
         self.rest = error.saturating_sub(offset);
         self.arisen = arisen;
-        self.set_rate(self.rate.saturating_add(rate_of(i64::from(rate), span)));
+        self.set_rate(self.rate.saturating_add(rate_of(rate, span)));
     }
 
-    /// Largest error that the drift limit allows for a time between two stamps, and 2 us for their
-    /// noise. From 268 s on it does not grow.
-    fn error_limit(&self, span: i64) -> i64 {
-        let span = span.min(1 << 44);
-        (((span >> 8) * i64::from(self.limit)) >> 24) + i64::from(LARGEST_STEP)
+    /// Largest error that the drift limit allows for a time between two stamps, in 2^-16 us, and
+    /// 2 us for their noise. `span` is in microseconds. From 268 s on it does not grow.
+    fn error_limit(&self, span: u32) -> u64 {
+        let allowed = u64::from(span.min(1 << 28)) * u64::from(self.limit.unsigned_abs());
+        (allowed >> GlobalTime::FRACTION_BITS) + u64::from(LARGEST_STEP.unsigned_abs())
     }
 
     /// The time has no known error.
@@ -562,12 +555,11 @@ fn beyond_noise(error: i32) -> i32 {
     }
 }
 
-/// `error` over `span` in 2^-32, both in 2^-16 us, by long division in steps of
-/// 32 bits. Larger errors count as 32 ms.
-#[inline(never)]
-fn rate_of(error: i64, span: i64) -> i32 {
-    let span = (span >> GlobalTime::FRACTION_BITS).clamp(1, 1 << 27) as u32;
-    let mut rest = error.unsigned_abs().min(i32::MAX as u64) as u32;
+/// `error` over `span` in 2^-32, in 2^-16 us and in us, by long division in steps of 4 bits.
+fn rate_of(error: i32, span: u32) -> i32 {
+    // Four bits more of the rest fit, too.
+    let span = span.clamp(1, 1 << 27);
+    let mut rest = error.unsigned_abs();
     let mut rate = rest / span;
     rest %= span;
     for _ in 0..4 {
@@ -591,15 +583,15 @@ mod tests {
     #[test]
     fn rates_are_quotients() {
         for (error, span) in [
-            (0, 1 << 33),
-            (655, 100_000 << 16),
-            (-655_360, 100_000 << 16),
-            (1_310_720, 100_000 << 16),
-            (131_072, 500 << 16),
-            (6_553_600, 10_000_000 << 16),
+            (0, 1 << 17),
+            (655, 100_000),
+            (-655_360, 100_000),
+            (1_310_720, 100_000),
+            (131_072, 500),
+            (6_553_600, 10_000_000),
         ] {
-            let exact = (i128::from(error) << 32) / i128::from(span);
-            assert_eq!(i128::from(rate_of(error, span)), exact, "{error} / {span}");
+            let exact = (i64::from(error) << 16) / i64::from(span);
+            assert_eq!(i64::from(rate_of(error, span)), exact, "{error} / {span}");
         }
     }
 
