@@ -11,7 +11,7 @@ use crate::schedule::{Entry, Known, Role};
 use crate::supervision::Missing;
 use crate::time::Stamp;
 
-impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
+impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     /// A data frame of another node was received; `stamp` was taken at its end.
     /// Call [`Node::poll`] afterwards.
     #[must_use]
@@ -88,7 +88,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
         let (start, entry) = self.locate(frame, end);
         if let Some(entry) = entry {
-            return self.take_in_entry(frame, &entry);
+            return self.take_in_entry(frame, entry);
         }
         if let Some(entry) = self.missed_entry()
             && let Role::Exclusive {
@@ -110,13 +110,13 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// schedule in which it lies then. Up to 24 stuff bits may have made the frame
     /// longer, so that it began earlier. They are not counted, because they are
     /// not needed to tell windows apart.
-    fn locate(&mut self, frame: &Frame, end: Stamp) -> (Stamp, Option<Entry>) {
+    fn locate(&mut self, frame: &Frame, end: Stamp) -> (Stamp, Option<&'s Entry>) {
         let shortest = self
             .setup
             .bits(length::shortest_bits(frame.id(), frame.len()));
         let start = end.before(shortest);
         self.catch_up(start);
-        let entry = self.entry().filter(|_| self.position.in_window()).copied();
+        let entry = self.entry().filter(|_| self.position.in_window());
         let uncertainty = self.setup.network().uncertainty;
         let entry = entry
             .filter(|entry| start.reached(self.instant(entry.start.saturating_sub(uncertainty))));
@@ -146,10 +146,14 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     /// The last entry that ended, if it was for a message of another node that was not seen.
-    fn missed_entry(&self) -> Option<Entry> {
+    fn missed_entry(&self) -> Option<&'s Entry> {
         let missed = self.position.missed?;
         let last = self.position.cursor.wrapping_sub(1);
-        (missed == last).then_some(*self.setup.schedule.entry(missed)?)
+        if missed == last {
+            self.setup.schedule.entry(missed)
+        } else {
+            None
+        }
     }
 
     /// Whether a frame began after the end of the last window.
