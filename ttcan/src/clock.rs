@@ -239,6 +239,7 @@ impl Clock {
         }
     }
 
+    #[inline(never)]
     fn extrapolate(&self, stamp: Stamp) -> GlobalTime {
         self.global
             .offset(self.duration(stamp.ticks_since(self.anchor)))
@@ -506,6 +507,7 @@ impl Clock {
         self.arisen = 0;
     }
 
+    #[inline(never)]
     fn leap(&mut self, stamp: Stamp, global: GlobalTime, forget_rate: bool) {
         self.anchor = stamp;
         self.since = 0;
@@ -518,6 +520,7 @@ impl Clock {
         }
     }
 
+    #[inline(never)]
     fn set_rate(&mut self, rate: i32) {
         // Not `clamp`, which panics if its limits are out of order.
         self.rate = rate.min(self.limit).max(self.limit.wrapping_neg());
@@ -555,19 +558,23 @@ fn beyond_noise(error: i32) -> i32 {
     }
 }
 
-/// `error` over `span` in 2^-32, in 2^-16 us and in us, by long division in steps of 4 bits.
+/// `error` over `span` in 2^-32, in 2^-16 us and in us up to 2^28, by long division in steps of 8 bits.
 fn rate_of(error: i32, span: u32) -> i32 {
-    // Four bits more of the rest fit, too.
-    let span = span.clamp(1, 1 << 27);
-    let mut rest = error.unsigned_abs();
-    let mut rate = rest / span;
-    rest %= span;
-    for _ in 0..4 {
-        rest <<= 4;
-        rate = (rate << 4).wrapping_add(rest / span);
+    // Eight bits more must fit behind a rest. Spans above 16 s are cut off by less than a millionth.
+    let (size, span) = if span >> 24 == 0 {
+        (error.unsigned_abs(), span.max(1))
+    } else {
+        (error.unsigned_abs() >> 4, (span >> 4).min((1 << 24) - 1))
+    };
+    // At most 1/2, which is above each limit.
+    let mut rate = (size / span).min(0x7FFF);
+    let mut rest = size % span;
+    for _ in 0..2 {
+        rest <<= 8;
+        rate = rate << 8 | rest / span;
         rest %= span;
     }
-    let rate = rate.min(i32::MAX as u32).cast_signed();
+    let rate = rate.cast_signed();
     if error < 0 { -rate } else { rate }
 }
 
@@ -589,6 +596,7 @@ mod tests {
             (1_310_720, 100_000),
             (131_072, 500),
             (6_553_600, 10_000_000),
+            (65_536_000, (1 << 24) - 1),
         ] {
             let exact = (i64::from(error) << 16) / i64::from(span);
             assert_eq!(i64::from(rate_of(error, span)), exact, "{error} / {span}");
