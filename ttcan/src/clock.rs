@@ -571,7 +571,7 @@ fn rate_of(error: i32, span: u32) -> i32 {
     let mut rest = size % span;
     for _ in 0..2 {
         rest <<= 8;
-        rate = rate << 8 | rest / span;
+        rate = (rate << 8) | (rest / span);
         rest %= span;
     }
     let rate = rate.cast_signed();
