@@ -6,9 +6,11 @@
 //! offset. The second sets the rate (ISO 11898-4: change of the master's mark
 //! over change of the local mark). After that an alpha-beta filter corrects both,
 //! because stamps that are taken in an interrupt carry its latency as noise.
-//! An error beyond that noise is corrected in proportion once it has lasted for two
-//! references. So the clock follows an RC oscillator whose frequency drifts while
-//! the part warms up, and a single disturbed stamp hardly moves it.
+//! An error beyond that noise is corrected as soon as two references in a row agree
+//! on it: the offset by what they have in common, and the rate by what the errors of two
+//! basic cycles in a row have in common. So a step of the rate is gone within five basic
+//! cycles, the clock follows an RC oscillator whose frequency drifts while the part
+//! warms up, and a single disturbed stamp hardly moves it.
 //! Between references, and when they cease, time runs on at the last rate
 //! (holdover).
 
@@ -93,58 +95,42 @@ pub(crate) struct Clock {
     since: i32,
     /// Corrections refused in a row.
     refused: u8,
-    /// How long the filter has followed without a large error; see [`GAINS`].
+    /// How long the filter has followed without a large error; see [`gains`].
     settled: u8,
     /// What the last correction left of the error, in 2^-16 us.
     rest: i32,
-    /// By how much the last error exceeded [`LARGEST_STEP`], in 2^-16 us.
-    excess: i32,
-    /// The same of the part of the error that arose since the correction before.
+    /// The part of the last error that arose since the correction before, in 2^-16 us.
     arisen: i32,
 }
 
 /// Fractional bits of the gain. Its product with 32 bits of ticks fits in 64.
 const GAIN_BITS: u32 = 15;
 /// Largest error that can be the noise of an interrupt: 2 us in 2^-16 us. What
-/// exceeds it is not corrected in the first cycle, because a single stamp may be
-/// disturbed by more.
-const LARGEST_STEP: i64 = 2 << GlobalTime::FRACTION_BITS;
-/// In 2^-16 us.
-const ONE_SECOND: i64 = 1_000_000 << GlobalTime::FRACTION_BITS;
+/// exceeds it is corrected once the next reference shows it, too, because a single
+/// stamp may be disturbed by more.
+const LARGEST_STEP: i32 = 2 << GlobalTime::FRACTION_BITS;
+/// In microseconds.
+const ONE_SECOND: u32 = 1_000_000;
 /// Gains of the filter for offset and rate, in 2^-10, after so many good corrections. They are those of
 /// the least squares line through all stamps so far, so that noise of the first two stamps is soon
 /// forgotten, and stay what they are when there are enough of them: 2 (2n - 1) / (n (n + 1)) and
 /// 6 / (n (n + 1)) with n stamps (Brookner, Tracking and Kalman Filtering Made Easy, 1.2.10).
-const GAINS: [(i64, i64); SETTLED as usize + 1] = {
-    let mut gains = [(0, 0); SETTLED as usize + 1];
-    let mut settled = 0;
-    while settled < gains.len() {
-        // Two stamps made the first rate.
-        let stamps = settled as i64 + 2;
-        let pairs = stamps * (stamps + 1);
-        gains[settled] = (
-            ((2 * (2 * stamps - 1)) << GAIN_SHIFT) / pairs,
-            (6 << GAIN_SHIFT) / pairs,
-        );
-        settled += 1;
-    }
-    gains
-};
+fn gains(settled: u8) -> (i32, i32) {
+    // Two stamps made the first rate.
+    let stamps = u32::from(settled) + 2;
+    let pairs = stamps * (stamps + 1);
+    let offset = ((2 * (2 * stamps - 1)) << GAIN_SHIFT) / pairs;
+    let rate = (6 << GAIN_SHIFT) / pairs;
+    (offset.cast_signed(), rate.cast_signed())
+}
 const GAIN_SHIFT: u32 = 10;
-/// Shift for the part of an offset above [`LARGEST_STEP`] that two errors in a row have in common.
-/// What arose since the correction before tells the error of the rate, and an old offset does not.
-/// The part of it above [`LARGEST_STEP`] that two errors in a row have in common corrects the rate
-/// wholly. A constant drift then leaves an error of the rate of about its change in a cycle, and an
-/// offset that takes some cycles to correct leaves the rate alone.
-const LASTING: u32 = 1;
-/// Shift for the same part of an offset, up to [`LARGEST_STEP`], that corrects the rate: by up to
-/// 5 ppm in a cycle of 100 ms. A drift too slow to stand out between two references shows here.
-const SLOW: u32 = 2;
 /// Largest count of good corrections, how many of them a bad one undoes, and the count below which it
 /// undoes none: the first gains are for a clock that has nothing but two stamps.
 const SETTLED: u8 = 24;
 const UNSETTLED: u8 = 4;
 const UNSURE: u8 = 4;
+/// The count after an error that two references agreed on: the line through the stamps begins anew.
+const RESTARTED: u8 = 1;
 /// After this many refused corrections in a row the time of the master is taken:
 /// another master may have another time.
 const REFUSALS: u8 = 3;
@@ -174,7 +160,6 @@ impl Clock {
             refused: 0,
             settled: 0,
             rest: 0,
-            excess: 0,
             arisen: 0,
         }
     }
@@ -254,6 +239,7 @@ impl Clock {
         }
     }
 
+    #[inline(never)]
     fn extrapolate(&self, stamp: Stamp) -> GlobalTime {
         self.global
             .offset(self.duration(stamp.ticks_since(self.anchor)))
@@ -286,7 +272,9 @@ impl Clock {
 
     /// Ticks in whole microseconds of global time; 0 for negative ticks.
     pub(crate) fn micros(&self, ticks: i32) -> u32 {
-        (self.duration(ticks).max(0) >> GlobalTime::FRACTION_BITS) as u32
+        let gain = if GLOBAL_TIME { self.gain } else { self.nominal };
+        let ticks = ticks.max(0).unsigned_abs();
+        ((u64::from(ticks) * u64::from(gain)) >> (GlobalTime::FRACTION_BITS + GAIN_BITS)) as u32
     }
 
     /// Moves the anchor to `stamp` without changing the time. The counter must not
@@ -393,15 +381,15 @@ impl Clock {
         let elapsed = stamp.ticks_since(self.anchor);
         // The error arose since the last correction. References without a correction moved the
         // anchor meanwhile.
-        let span = self.duration(self.since.saturating_add(elapsed.max(0)));
-        // Its magnitude must be an `i64`, too.
-        let error = global.since(self.extrapolate(stamp)).max(-i64::MAX);
+        let span = self.micros(self.since.saturating_add(elapsed.max(0)));
+        let error = global.since(self.extrapolate(stamp));
+        let size = error.unsigned_abs();
         // Other nodes have the time of a master, too.
         let own = self.state == ClockState::Own;
         let first = self.state == ClockState::Unset || (own && !self.has(Flags::AGREED));
         let error_limit = self.error_limit(span);
         // A master announces a step to all nodes, also to those that have its time already.
-        if first || (discontinuity && error.abs() > error_limit) {
+        if first || (discontinuity && size > error_limit) {
             self.leap(stamp, global, !self.has(Flags::RATED));
             if self.has(Flags::RATED) {
                 self.state = ClockState::Locked;
@@ -410,20 +398,20 @@ impl Clock {
         }
         if elapsed <= 0 {
             // This node sent the reference itself, so the pair has no rate.
-            if error.abs() <= LARGEST_STEP {
+            if size <= u64::from(LARGEST_STEP.unsigned_abs()) {
                 self.since = 0;
                 self.exact();
                 return Correction::Applied;
             }
-            if error.abs() <= self.error_limit(ONE_SECOND) {
+            if size <= self.error_limit(ONE_SECOND) {
                 self.leap(stamp, global, true);
                 return Correction::Stepped;
             }
         }
+        // An error that was seen before waits for a second reference that agrees, and counts once.
+        let arisen = error.wrapping_sub(i64::from(self.rest)).unsigned_abs();
         // More than 32 ms tell no rate.
-        if error.abs() > error_limit
-            || (!self.has(Flags::RATED) && error.abs() > i64::from(i32::MAX))
-        {
+        if arisen > error_limit || (!self.has(Flags::RATED) && size > i32::MAX as u64) {
             if announced && (self.has(Flags::RATED) || own) {
                 self.carry(stamp);
                 return Correction::Postponed;
@@ -450,17 +438,16 @@ impl Clock {
             self.carry(stamp);
             self.since = 0;
             self.exact();
-            self.rest = saturated(error);
             return Correction::Suspended;
         }
-        if self.has(Flags::RATED) && error.abs() > self.error_limit(self.duration(elapsed)) {
+        if !self.has(Flags::RATED) {
+            self.set_rate(rate_of(saturated(error), span));
+            self.global = global;
+        } else if self.since > 0 && arisen > self.error_limit(self.micros(elapsed)) {
             // It added up while references were lost.
             self.leap(stamp, global, false);
-        } else if !self.has(Flags::RATED) {
-            self.set_rate(rate_of(error, span));
-            self.global = global;
         } else {
-            self.filter(stamp, error, span);
+            self.filter(stamp, saturated(error), span);
         }
         self.anchor = stamp;
         self.since = 0;
@@ -471,42 +458,56 @@ impl Clock {
     }
 
     /// Corrects offset and rate by a part of the error, which arose in this span of time.
-    fn filter(&mut self, stamp: Stamp, error: i64, span: i64) {
-        // A large error means that a crystal's rate or the master changed.
-        self.settled = if error.abs() < LARGEST_STEP {
+    fn filter(&mut self, stamp: Stamp, error: i32, span: u32) {
+        let arisen = error.saturating_sub(self.rest);
+        // What is left is compared, not the error before, so that no offset is corrected twice.
+        let offset = beyond_noise(common(self.rest, error));
+        // The error of a wrong rate arises in each basic cycle, and that of an old offset does not. A
+        // rate that is wrong by little does not stand out in one of them, but the offset that it
+        // leaves does.
+        let rate = common(self.arisen, arisen);
+        let rate = if offset == 0 {
+            beyond_noise(rate)
+        } else {
+            rate
+        };
+        self.settled = if offset != 0 || rate != 0 {
+            RESTARTED
+        } else if within_noise(error) == error {
             (self.settled + 1).min(SETTLED)
         } else {
             self.settled
                 .saturating_sub(UNSETTLED)
                 .max(self.settled.min(UNSURE))
         };
-        let step = within_noise(error);
-        let offset_error = common(&mut self.excess, error);
-        let rate_error = common(&mut self.arisen, error - i64::from(self.rest));
-        let gains = GAINS.get(usize::from(self.settled)).copied();
-        let (offset, rate) = gains.unwrap_or_default();
-        let correction = ((step * offset) >> GAIN_SHIFT) + (offset_error >> LASTING);
-        self.global = self.extrapolate(stamp).offset(correction);
-        self.rest = saturated(error - correction);
-        let slow = within_noise(offset_error) >> SLOW;
-        let correction = ((step * rate) >> GAIN_SHIFT) + slow + rate_error;
-        self.set_rate(self.rate.saturating_add(rate_of(correction, span)));
+        let (alpha, beta) = gains(self.settled);
+        let step = within_noise(error.saturating_sub(offset));
+        let offset = offset.saturating_add((step * alpha) >> GAIN_SHIFT);
+        let rate = if rate == 0 {
+            (step * beta) >> GAIN_SHIFT
+        } else {
+            rate
+        };
+        self.global = self.extrapolate(stamp).offset(i64::from(offset));
+        self.rest = error.saturating_sub(offset);
+        self.arisen = arisen;
+        self.set_rate(self.rate.saturating_add(rate_of(rate, span)));
     }
 
-    /// Largest error that the drift limit allows for a time between two stamps, and 2 us for their
-    /// noise. From 268 s on it does not grow.
-    fn error_limit(&self, span: i64) -> i64 {
-        let span = span.min(1 << 44);
-        (((span >> 8) * i64::from(self.limit)) >> 24) + LARGEST_STEP
+    /// Largest error that the drift limit allows for a time between two stamps, in 2^-16 us, and
+    /// 2 us for their noise. `span` is in microseconds. From 268 s on it does not grow.
+    fn error_limit(&self, span: u32) -> u64 {
+        let allowed = u64::from(span.min(1 << 28)) * u64::from(self.limit.unsigned_abs());
+        (allowed >> GlobalTime::FRACTION_BITS) + u64::from(LARGEST_STEP.unsigned_abs())
     }
 
     /// The time has no known error.
     fn exact(&mut self) {
         self.rest = 0;
-        self.excess = 0;
         self.arisen = 0;
     }
 
+    #[inline(never)]
     fn leap(&mut self, stamp: Stamp, global: GlobalTime, forget_rate: bool) {
         self.anchor = stamp;
         self.since = 0;
@@ -519,6 +520,7 @@ impl Clock {
         }
     }
 
+    #[inline(never)]
     fn set_rate(&mut self, rate: i32) {
         // Not `clamp`, which panics if its limits are out of order.
         self.rate = rate.min(self.limit).max(self.limit.wrapping_neg());
@@ -528,7 +530,7 @@ impl Clock {
 }
 
 /// `error`, or the largest that can be noise.
-fn within_noise(error: i64) -> i64 {
+fn within_noise(error: i32) -> i32 {
     error.clamp(-LARGEST_STEP, LARGEST_STEP)
 }
 
@@ -538,33 +540,41 @@ fn saturated(time: i64) -> i32 {
     time.min(most).max(-most) as i32
 }
 
-/// The part of an error's excess over [`LARGEST_STEP`] that the error before had too. It is 0 after a
-/// single disturbed stamp, and for errors of opposite signs. `before` is the excess of the error
-/// before, and becomes that of this one.
-fn common(before: &mut i32, error: i64) -> i64 {
-    let excess = saturated(error - within_noise(error));
-    let before = core::mem::replace(before, excess);
-    i64::from(if excess >= 0 {
-        before.min(excess).max(0)
+/// What two errors in a row have in common: the smaller one, or 0 if their signs differ.
+fn common(before: i32, error: i32) -> i32 {
+    if error >= 0 {
+        before.min(error).max(0)
     } else {
-        before.max(excess).min(0)
-    })
+        before.max(error).min(0)
+    }
 }
 
-/// `error` over `span` in 2^-32, both in 2^-16 us, by long division in steps of
-/// 32 bits. Larger errors count as 32 ms.
-#[inline(never)]
-fn rate_of(error: i64, span: i64) -> i32 {
-    let span = (span >> GlobalTime::FRACTION_BITS).clamp(1, 1 << 27) as u32;
-    let mut rest = error.unsigned_abs().min(i32::MAX as u64) as u32;
-    let mut rate = rest / span;
-    rest %= span;
-    for _ in 0..4 {
-        rest <<= 4;
-        rate = (rate << 4).wrapping_add(rest / span);
+/// `error`, or 0 if it can be noise.
+fn beyond_noise(error: i32) -> i32 {
+    if within_noise(error) == error {
+        0
+    } else {
+        error
+    }
+}
+
+/// `error` over `span` in 2^-32, in 2^-16 us and in us up to 2^28, by long division in steps of 8 bits.
+fn rate_of(error: i32, span: u32) -> i32 {
+    // Eight bits more must fit behind a rest. Spans above 16 s are cut off by less than a millionth.
+    let (size, span) = if span >> 24 == 0 {
+        (error.unsigned_abs(), span.max(1))
+    } else {
+        (error.unsigned_abs() >> 4, (span >> 4).min((1 << 24) - 1))
+    };
+    // At most 1/2, which is above each limit.
+    let mut rate = (size / span).min(0x7FFF);
+    let mut rest = size % span;
+    for _ in 0..2 {
+        rest <<= 8;
+        rate = (rate << 8) | (rest / span);
         rest %= span;
     }
-    let rate = rate.min(i32::MAX as u32).cast_signed();
+    let rate = rate.cast_signed();
     if error < 0 { -rate } else { rate }
 }
 
@@ -580,15 +590,16 @@ mod tests {
     #[test]
     fn rates_are_quotients() {
         for (error, span) in [
-            (0, 1 << 33),
-            (655, 100_000 << 16),
-            (-655_360, 100_000 << 16),
-            (1_310_720, 100_000 << 16),
-            (131_072, 500 << 16),
-            (6_553_600, 10_000_000 << 16),
+            (0, 1 << 17),
+            (655, 100_000),
+            (-655_360, 100_000),
+            (1_310_720, 100_000),
+            (131_072, 500),
+            (6_553_600, 10_000_000),
+            (65_536_000, (1 << 24) - 1),
         ] {
-            let exact = (i128::from(error) << 32) / i128::from(span);
-            assert_eq!(i128::from(rate_of(error, span)), exact, "{error} / {span}");
+            let exact = (i64::from(error) << 16) / i64::from(span);
+            assert_eq!(i64::from(rate_of(error, span)), exact, "{error} / {span}");
         }
     }
 
@@ -642,6 +653,66 @@ mod tests {
         let beyond = worst(errors.iter().map(|error| (error + 400.0).min(0.0)));
         assert!(beyond < 5.0, "{beyond} us");
         assert!(worst(errors[112..].iter().map(|error| error + 400.0)) < 5.0);
+    }
+
+    /// The errors of a clock after each of its references, us: the larger of those at that reference and
+    /// right before the next one. References come every 100 ms. The oscillator of this node changes its
+    /// rate from `before` to `after` ppm at reference `at`, which may be a fraction. `noise` is on the
+    /// stamps, us.
+    fn errors_of_a_step(before: f64, after: f64, at: f64, limit: u16, noise: &[f64]) -> Vec<f64> {
+        let mut clock = Clock::new(TICKS_PER_US, limit);
+        let ticks = |k: f64| {
+            let rated = k + k.min(at) * before / 1e6 + (k - at).max(0.0) * after / 1e6;
+            rated * 1e5 * f64::from(TICKS_PER_US)
+        };
+        let stamp = |ticks: f64| Stamp(0xffff_0000_u32.wrapping_add(ticks.round() as i64 as u32));
+        let errors = noise.iter().enumerate().map(|(k, noise)| {
+            let now = ticks(k as f64);
+            let time = |k: usize| GlobalTime::from_micros(k as u64 * 100_000);
+            let noisy = stamp(now + noise * f64::from(TICKS_PER_US));
+            clock.correct(noisy, time(k), NOT_SET);
+            let error = |ticks: f64, k: usize| {
+                let seen = clock.at(stamp(ticks)).expect("it has a time");
+                (seen.since(time(k)) as f64 / 65536.0).abs()
+            };
+            error(now, k).max(error(ticks((k + 1) as f64), k + 1))
+        });
+        errors.collect()
+    }
+
+    /// The largest error of a clock from five basic cycles after a step of the rate on, us. A step at
+    /// reference 40.3 is 4.7 basic cycles old at reference 45.
+    fn after_five_cycles(errors: &[f64], at: f64) -> f64 {
+        worst(errors[(at + 5.0) as usize..].iter().copied())
+    }
+
+    #[test]
+    fn a_step_of_the_rate_is_gone_within_five_basic_cycles() {
+        let mut bad = Vec::new();
+        for ppm in [
+            20.0, 50.0, 100.0, 200.0, 500.0, -20.0, -50.0, -100.0, -200.0, -500.0,
+        ] {
+            // Before and behind the time at which the filter has settled.
+            for settled in [3.0, 5.0, 10.0, 100.0] {
+                for fraction in [0.0, 0.1, 0.3, 0.5, 0.7, 0.9] {
+                    for (before, after) in [(0.0, ppm), (ppm, 0.0), (-ppm / 2.0, ppm / 2.0)] {
+                        let at = settled + fraction;
+                        let errors = errors_of_a_step(before, after, at, 600, &[0.0; REFERENCES]);
+                        let worst = after_five_cycles(&errors, at);
+                        if worst > 2.0 {
+                            bad.push((before, after, at, worst));
+                        }
+                    }
+                }
+            }
+        }
+        let most = worst(bad.iter().map(|bad| bad.3));
+        assert!(
+            bad.is_empty(),
+            "{} bad, up to {most} us: {:?}",
+            bad.len(),
+            bad[0]
+        );
     }
 
     /// The rate that the first two stamps make is wrong by 15 ppm.
@@ -789,6 +860,30 @@ mod tests {
     }
 
     proptest! {
+        /// From 30 ppm on, a step stands out from interrupt latency that varies by 1 us. A smaller one
+        /// takes longer, and moves the time by less meanwhile.
+        #[test]
+        fn a_step_of_the_rate_is_gone_in_spite_of_noise(
+            before in -300.0..300.0,
+            step in -500.0..500.0_f64,
+            at in 3.0..100.0,
+            amplitude in 0.0..2.0,
+            noise in noises(),
+        ) {
+            // Centred, because a clock follows the mean latency.
+            let noise: Vec<f64> = noise.iter().map(|noise| (2.0 * noise - 1.0) * amplitude).collect();
+            let errors = errors_of_a_step(before, before + step, at, 1000, &noise);
+            let left = after_five_cycles(&errors, at);
+            let most = if amplitude > 0.5 || step.abs() < 30.0 {
+                3.0 + 3.0 * amplitude
+            } else {
+                2.3
+            };
+            prop_assert!(left <= most, "{left} us");
+            let late = worst(errors[at as usize + 30..].iter().copied());
+            prop_assert!(late <= 1.0 + 2.0 * amplitude, "{late} us");
+        }
+
         #[test]
         fn an_oscillator_that_drifts_is_followed(slope in -500.0..500.0, noise in noises()) {
             let errors = errors(slope, &noise);
@@ -796,7 +891,7 @@ mod tests {
             prop_assert!(worst(errors.iter().copied().skip(100)) < 8.0 + 0.06 * slope.abs());
         }
 
-        /// The filter moves by an eighth of [`LARGEST_STEP`], however much a stamp is disturbed.
+        /// The filter moves by less than a third of [`LARGEST_STEP`], however much a stamp is disturbed.
         #[test]
         fn one_disturbed_stamp_does_not_move_a_clock_that_has_settled(
             noise in noises(),
@@ -808,8 +903,8 @@ mod tests {
             noise[at] += disturbance;
             let bad = errors(0.0, &noise);
             let moved = worst(good.iter().zip(&bad).map(|(good, bad)| good - bad));
-            let step = LARGEST_STEP as f64 / 65536.0;
-            prop_assert!(moved <= 0.25 * step, "{moved} us");
+            let step = f64::from(LARGEST_STEP) / 65536.0;
+            prop_assert!(moved <= 0.3 * step, "{moved} us");
         }
 
         #[test]

@@ -80,6 +80,17 @@ impl Id {
         }
     }
 
+    /// Whether only the three lowest bits differ, in which references carry their rank.
+    pub(crate) const fn is_ranked_as(self, other: Self) -> bool {
+        let differ = self.0 ^ other.0;
+        let ranks = if other.is_extended() {
+            0b111 << 1
+        } else {
+            0b111 << 19
+        };
+        differ & !ranks == 0
+    }
+
     pub(crate) const fn equals(self, other: Self) -> bool {
         self.0 == other.0
     }

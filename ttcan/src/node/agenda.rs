@@ -69,10 +69,12 @@ impl Agenda {
     /// What is due at `now`. `mailbox_free` tells whether no transmission is
     /// pending.
     pub(super) fn due(&self, now: Stamp, mailbox_free: bool) -> Option<Due> {
-        if self.order == Order::Silence {
-            Some(Due::Silence)
-        } else if self.order == Order::Abort {
-            Some(Due::Abort)
+        if self.order != Order::Nothing {
+            Some(if self.order == Order::Silence {
+                Due::Silence
+            } else {
+                Due::Abort
+            })
         } else if is_due(self.watchdog, now) {
             Some(Due::Watchdog)
         } else if is_due(self.withdrawal, now) {

@@ -11,33 +11,25 @@ use crate::schedule::{Entry, Known, Role};
 use crate::supervision::Missing;
 use crate::time::Stamp;
 
-impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
+impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     /// A data frame of another node was received; `stamp` was taken at its end.
     /// Call [`Node::poll`] afterwards.
     #[must_use]
     pub fn handle_receive(&mut self, frame: &Frame, stamp: Stamp) -> Reception {
-        let reception = self.take(frame, stamp);
-        if let Reception::Fault(fault) = reception {
-            self.count_fault(fault);
-        }
-        reception
-    }
-
-    fn take(&mut self, frame: &Frame, stamp: Stamp) -> Reception {
         if self.sync == SyncState::Off {
-            return Reception::Fault(Fault::NotInSchedule);
+            return self.refuse(Fault::NotInSchedule);
         }
         // One of the two stamps is wrong. The next frame is judged by this one.
         let backwards = !stamp.reached(self.last_received);
         self.last_received = stamp;
         if backwards {
-            return Reception::Fault(Fault::StampBackwards);
+            return self.refuse(Fault::StampBackwards);
         }
         let end = stamp.offset(self.setup.config.latency.receive.wrapping_neg());
         match self.setup.schedule.reference_rank(frame.id()) {
-            Some(Some(rank)) if self.setup.is_own_rank(rank) => Reception::Fault(Fault::Impostor),
+            Some(Some(rank)) if self.setup.is_own_rank(rank) => self.refuse(Fault::Impostor),
             Some(Some(rank)) => self.take_reference(frame, rank, end),
-            Some(None) => Reception::Fault(Fault::UnknownMaster),
+            Some(None) => self.refuse(Fault::UnknownMaster),
             None => {
                 if MASTER {
                     self.note_message(stamp);
@@ -58,7 +50,9 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
     }
 
-    fn count_fault(&mut self, fault: Fault) {
+    /// Counts a frame that is not used.
+    #[inline(never)]
+    pub(super) fn refuse(&mut self, fault: Fault) -> Reception {
         let counters = &mut self.counters;
         let counter = match fault {
             Fault::NotInSchedule => &mut counters.not_in_schedule,
@@ -72,6 +66,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
             Fault::StampBackwards => &mut counters.stamps_backwards,
         };
         bump(counter, 1);
+        Reception::Fault(fault)
     }
 
     fn take_message(&mut self, frame: &Frame, end: Stamp) -> Reception {
@@ -88,7 +83,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         }
         let (start, entry) = self.locate(frame, end);
         if let Some(entry) = entry {
-            return self.take_in_entry(frame, &entry);
+            return self.take_in_entry(frame, entry);
         }
         if let Some(entry) = self.missed_entry()
             && let Role::Exclusive {
@@ -99,7 +94,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         {
             // The window was closed before this frame was reported.
             if frame.len() != len {
-                return Reception::Fault(Fault::Length);
+                return self.refuse(Fault::Length);
             }
             return self.take_back(entry.window, sender);
         }
@@ -110,13 +105,13 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// schedule in which it lies then. Up to 24 stuff bits may have made the frame
     /// longer, so that it began earlier. They are not counted, because they are
     /// not needed to tell windows apart.
-    fn locate(&mut self, frame: &Frame, end: Stamp) -> (Stamp, Option<Entry>) {
+    fn locate(&mut self, frame: &Frame, end: Stamp) -> (Stamp, Option<&'s Entry>) {
         let shortest = self
             .setup
             .bits(length::shortest_bits(frame.id(), frame.len()));
         let start = end.before(shortest);
         self.catch_up(start);
-        let entry = self.entry().filter(|_| self.position.in_window()).copied();
+        let entry = self.entry().filter(|_| self.position.in_window());
         let uncertainty = self.setup.network().uncertainty;
         let entry = entry
             .filter(|entry| start.reached(self.instant(entry.start.saturating_sub(uncertainty))));
@@ -146,10 +141,14 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     /// The last entry that ended, if it was for a message of another node that was not seen.
-    fn missed_entry(&self) -> Option<Entry> {
+    fn missed_entry(&self) -> Option<&'s Entry> {
         let missed = self.position.missed?;
         let last = self.position.cursor.wrapping_sub(1);
-        (missed == last).then_some(*self.setup.schedule.entry(missed)?)
+        if missed == last {
+            self.setup.schedule.entry(missed)
+        } else {
+            None
+        }
     }
 
     /// Whether a frame began after the end of the last window.
@@ -170,7 +169,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                     return self.take_misplaced(frame);
                 }
                 if frame.len() != len {
-                    return Reception::Fault(Fault::Length);
+                    return self.refuse(Fault::Length);
                 }
                 self.position.window = CurrentWindow::ExclusiveSeen;
                 self.hear(sender);
@@ -184,13 +183,13 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
 
     fn take_arbitrated(&mut self, frame: &Frame) -> Reception {
         let Some(known) = self.setup.schedule.known(frame.id()).copied() else {
-            return Reception::Fault(Fault::Foreign);
+            return self.refuse(Fault::Foreign);
         };
         if self.is_own(&known) || !(known.is_event || known.retry_late) {
             return self.misplaced(&known);
         }
         if frame.len() > known.len || (!known.is_event && frame.len() != known.len) {
-            return Reception::Fault(Fault::Length);
+            return self.refuse(Fault::Length);
         }
         bump(&mut self.counters.events, 1);
         if known.is_event {
@@ -219,12 +218,13 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     }
 
     /// A frame while this node is not in schedule.
-    fn take_unscheduled(&self, frame: &Frame) -> Reception {
+    fn take_unscheduled(&mut self, frame: &Frame) -> Reception {
         let known = PEERS.then(|| self.setup.schedule.known(frame.id()));
-        Reception::Fault(match known.flatten() {
+        let fault = match known.flatten() {
             Some(known) if self.is_own(known) => Fault::Impostor,
             _ => Fault::NotInSchedule,
-        })
+        };
+        self.refuse(fault)
     }
 
     /// Whether only this node sends a message.
@@ -235,19 +235,19 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
     /// A frame that is not in a window of its own.
     fn take_misplaced(&mut self, frame: &Frame) -> Reception {
         let Some(known) = self.setup.schedule.known(frame.id()).copied() else {
-            return Reception::Fault(Fault::Foreign);
+            return self.refuse(Fault::Foreign);
         };
         self.misplaced(&known)
     }
 
     fn misplaced(&mut self, known: &Known) -> Reception {
         if PEERS && self.is_own(known) {
-            return Reception::Fault(Fault::Impostor);
+            return self.refuse(Fault::Impostor);
         }
         let cycle = self.cycle.count;
         if let Some(peer) = self.supervision.peer(known.sender) {
             peer.misplaced(cycle);
         }
-        Reception::Fault(Fault::Misplaced)
+        self.refuse(Fault::Misplaced)
     }
 }

@@ -34,10 +34,10 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         let network = self.setup.network();
         let format = &network.reference_format;
         let Some(fields) = Fields::decode(format, frame, network.cycles) else {
-            return Reception::Fault(Fault::MalformedReference);
+            return self.refuse(Fault::MalformedReference);
         };
         if GAPS && fields.next_is_gap && !self.setup.has_gaps() {
-            return Reception::Fault(Fault::MalformedReference);
+            return self.refuse(Fault::MalformedReference);
         }
         let start = end.before(self.setup.bits(length::frame_bits(frame)));
         let judgement = self.judge_reference(rank, fields.cycle, start);
@@ -46,7 +46,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
                 // Its sender may lead nodes that do not hear this master yet.
                 self.announce_again();
             }
-            return Reception::Fault(Fault::UntimelyReference);
+            return self.refuse(Fault::UntimelyReference);
         }
         if judgement == Judgement::Restart {
             self.sync = SyncState::Synchronising;

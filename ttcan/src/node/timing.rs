@@ -24,8 +24,9 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     #[must_use]
     pub fn poll(&mut self, now: Stamp) -> Option<Action> {
         loop {
-            let action = self.advance(now);
-            if action.is_some() || !is_due(self.next_deadline(), now) {
+            let due = self.due(now)?;
+            let action = self.carry_out(due, now);
+            if action.is_some() {
                 return action;
             }
         }
@@ -41,8 +42,19 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     // for that.
     #[cfg_attr(feature = "global-time", inline(never))]
     pub fn advance(&mut self, now: Stamp) -> Option<Action> {
+        let due = self.due(now)?;
+        self.carry_out(due, now)
+    }
+
+    fn due(&mut self, now: Stamp) -> Option<Due> {
         self.agenda.polled = now;
-        match self.agenda.due(now, self.transmission.is_idle())? {
+        self.agenda.due(now, self.transmission.is_idle())
+    }
+
+    // Not inlined: it would be twice in images that call both of the above.
+    #[inline(never)]
+    fn carry_out(&mut self, due: Due, now: Stamp) -> Option<Action> {
+        match due {
             Due::Silence => {
                 self.agenda.order = Order::Nothing;
                 Some(Action::Silence)

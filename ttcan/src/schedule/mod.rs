@@ -270,7 +270,7 @@ impl<'s> ScheduleView<'s> {
     /// one of a reference, `Some(None)` if no potential master has the rank.
     pub(crate) fn reference_rank(&self, id: Id) -> Option<Option<u8>> {
         let reference = self.network.reference;
-        if id.is_extended() != reference.is_extended() || id.raw() >> 3 != reference.raw() >> 3 {
+        if !id.is_ranked_as(reference) {
             return None;
         }
         let rank = id.raw().checked_sub(reference.raw());
