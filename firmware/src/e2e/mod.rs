@@ -34,9 +34,9 @@
 //!
 //! Whoever does not know the key can only guess. A wrong guess counts as suspicion, and a receiver
 //! under suspicion refuses true commands too, so that the actuator stops and the operator sees
-//! why. Suspicion falls with every true command. So of all guesses at most two in a second can
-//! move anything, and a right one does so for two basic cycles: with 26 bits, one hour of guessing
-//! succeeds with a probability of 1e-4.
+//! why. Suspicion falls with every true command. So of all guesses one in six periods can
+//! move anything, and a right one does so for two periods: with 26 bits and a period of 100 ms, an hour
+//! of guessing succeeds once in 11 000 times.
 //!
 //! What this does not stop: somebody who gives all nodes a time that was before, by forged
 //! references, and sends the commands that were recorded then. References are not authenticated.

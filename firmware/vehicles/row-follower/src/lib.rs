@@ -223,6 +223,12 @@ mod tests {
         }
     }
 
+    /// `boards/GETTING_STARTED.md` says how long guesses take with so many.
+    #[test]
+    fn a_command_has_room_for_a_code_of_25_bits() {
+        assert_eq!(e2e::mask::<Command>().count_ones(), 25);
+    }
+
     #[test]
     fn pairs_that_no_law_makes_are_refused() {
         assert_eq!(following(120, 110).check(), Ok(()));

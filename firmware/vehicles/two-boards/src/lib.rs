@@ -192,6 +192,12 @@ mod tests {
         }
     }
 
+    /// `boards/GETTING_STARTED.md` says how long guesses take with so many.
+    #[test]
+    fn a_command_has_room_for_a_code_of_55_bits() {
+        assert_eq!(firmware::e2e::mask::<Command>().count_ones(), 55);
+    }
+
     #[test]
     fn the_circuit_is_closed_by_turning_and_opens_after_the_hold() {
         let (turn, stop) = (command(200), command(STOP));

@@ -36,6 +36,12 @@ fn an_old_sample_stays_old_when_the_counter_comes_round() {
     assert!(!steering.has_sample(0));
 }
 
+/// `boards/GETTING_STARTED.md` says how long guesses take with so many.
+#[test]
+fn a_command_has_room_for_a_code_of_26_bits() {
+    assert_eq!(e2e::mask::<Command>().count_ones(), 26);
+}
+
 #[test]
 fn nothing_moves_before_the_second_good_frame() {
     let mut sender = e2e::Sender::default();
