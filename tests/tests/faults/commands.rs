@@ -196,6 +196,78 @@ fn with_a_key_who_knows_the_sources_moves_nothing() {
     assert_never_reset(&journey);
 }
 
+/// Numbers without a pattern (Steele, Lea and Flood, Fast Splittable Pseudorandom Number Generators,
+/// 2014).
+struct SplitMix(u64);
+
+impl SplitMix {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ z >> 31
+    }
+
+    fn below(&mut self, limit: usize) -> usize {
+        (self.next() % limit as u64) as usize
+    }
+}
+
+/// Forged and replayed commands at any time of the basic cycle, many of them in the command's window.
+/// With the environment variable `ATTEMPTS` there are more.
+#[test]
+fn no_forged_or_replayed_command_moves_a_motor() {
+    const IN_A_CYCLE: usize = 20;
+    let attempts = std::env::var("ATTEMPTS").map_or(1000, |text| text.parse().expect("a number"));
+    let mut journey = running("key = true\n[[press]]\nat = \"3.05 s\"\nbutton = \"A\"");
+    let traffic = journey.traffic();
+    let run: Vec<[u8; 8]> = traffic.genuine(300).map(|frame| frame.bytes()).collect();
+    journey.to(3.5);
+    let attacker = Attacker::on(&mut journey);
+    let since = journey.vehicle.now();
+    let mut random = SplitMix(300);
+    let mut counter = 0_u8;
+    for cycle in 0..attempts / IN_A_CYCLE {
+        // Every other stretch without the controller, whose frames hold the window.
+        let controller = journey.vehicle.node_mut(nodes::CONTROLLER);
+        match cycle % 40 {
+            20 => controller.hold_reset(),
+            0 if cycle > 0 => controller.release_reset(),
+            _ => {}
+        }
+        let begin = next_cycle(&mut journey);
+        let time = system_time(&journey, begin);
+        let genuine = journey.command(begin).expect("a command");
+        for index in 0..IN_A_CYCLE {
+            let mut data = match random.below(4) {
+                0 => run[random.below(run.len())],
+                1 => genuine,
+                _ => [0xC4, 0x09, 200, 0, mode::MANUAL, 3, random.next() as u8, 0],
+            };
+            // One in each cycle takes the command's window, the others come at any other time.
+            let aimed = index == 0;
+            let sealed = aimed && random.below(4) > 0;
+            if sealed {
+                counter = counter.wrapping_add(1);
+                (data[5], data[6]) = (3, counter);
+                data[7] = e2e::check_value(300, time, &data);
+            } else if random.below(2) == 0 {
+                data[random.below(8)] ^= 1 << random.below(8);
+            }
+            let at = if aimed {
+                WINDOW + 0.000_01
+            } else {
+                0.008 + 1e-6 * random.below(91_000) as f64
+            };
+            attacker.send(&mut journey, begin + span(at), data);
+        }
+    }
+    let end = journey.vehicle.now() + span(0.3);
+    journey.run_until(end);
+    assert!(foreign(&journey) >= attempts / 2, "{}", foreign(&journey));
+    assert_still(&journey, since);
+}
+
 /// Forged commands in the place of every second true one stop the actuators, although one lost
 /// command does not. When they cease, the vehicle can be used again.
 #[test]
