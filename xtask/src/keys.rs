@@ -16,7 +16,8 @@ use serde_json::json;
 use crate::{
     Failure, Workspace,
     cli::{KeyAction, KeyFile, KeyNode, Keys},
-    probe, vehicle,
+    probe,
+    vehicle::{self, DEFAULT},
     workspace::{succeed, typed},
 };
 
@@ -49,7 +50,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// There is no key.
-    #[error("{} is not there: `cargo xtask keys new` makes a key", path.display())]
+    #[error("{} is not there: `cargo xtask keys new`, with --vehicle for another one than {DEFAULT}, makes a key", path.display())]
     Missing {
         /// The file.
         path: PathBuf,
