@@ -408,7 +408,8 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
     fn arbitrate(&mut self) {
         let now = self.now;
         if now < self.idle_at {
-            self.push(self.idle_at, Event::Start);
+            // `occupy` has put a start in the queue for that instant. Another one for each of these
+            // would stay there as long as the bus does not rest.
             return;
         }
         let contenders = self.contenders();
