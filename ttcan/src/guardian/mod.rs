@@ -271,18 +271,11 @@ impl<'s, const P: usize> Guardian<'s, P> {
         }
         let behind = line.is_behind_own(stamp, &limits);
         line.begin(stamp, until, permit);
-        if line.is_short() {
-            if !provoked && !behind {
-                line.pulse(&limits, stamp);
-            }
-            self.answer(sender);
+        if line.is_short() && !provoked && !behind {
+            line.pulse(&limits, stamp);
         }
-    }
-
-    /// A sender acknowledges or disturbs what others send.
-    fn answer(&mut self, sender: usize) {
+        // A sender that drives may have acknowledged or disturbed what others send.
         for (at, other) in self.senders.iter_mut().enumerate() {
-            // One that guards a single sender does not see the others.
             other.answered |= at != sender;
         }
     }
@@ -467,6 +460,8 @@ impl<'s, const P: usize> Guardian<'s, P> {
             return match window {
                 // A master that the guardian does not follow may have the right time.
                 None => reference(known.consecutive),
+                // It may be a reference beside its time, which is counted when it was received.
+                Some((permit, length)) if sender.rank.is_some() => Some((permit, length.max(bits))),
                 window => window,
             };
         }
@@ -572,18 +567,19 @@ impl<'s, const P: usize> Guardian<'s, P> {
         }
     }
 
-    /// The same guardian with stamps renumbered so that `now` becomes 0, for searches that compare
-    /// states.
+    /// The same guardian with all stamps moved so that `now` is stamp 0. It behaves as before. A model
+    /// checker needs this to recognise a state.
     #[cfg(feature = "std")]
     #[must_use]
     pub fn renumbered(mut self, now: Stamp) -> Self {
+        self.periods %= UNTIMELY_EVERY;
         let renumber = |stamp: &mut Stamp| *stamp = stamp.before(now.0);
         if let Some(known) = &mut self.known {
             renumber(&mut known.mark);
         }
         renumber(&mut self.period);
         for sender in &mut self.senders {
-            sender.renumber(now);
+            sender.renumber(now, &self.times);
         }
         self
     }

@@ -166,24 +166,34 @@ impl Sender {
         self.attempts = 0;
     }
 
+    /// Counts a reference beside its time. Returns whether the sender may send it.
+    fn count_untimely(&mut self, times: &Times) -> bool {
+        let granted = self.untimely < times.config.untimely;
+        if granted {
+            self.untimely = self.untimely.saturating_add(1);
+        }
+        granted
+    }
+
     /// Counts the spell as an attempt to send a reference. Returns whether the sender may make it.
     fn charge(&mut self, times: &Times) -> bool {
         let Permit::Reference { untimely } = self.permit else {
             return false;
         };
-        let (count, limit) = if untimely {
-            (&mut self.untimely, times.config.untimely)
-        } else {
-            (&mut self.attempts, times.config.attempts)
-        };
-        if self.charged || *count >= limit {
+        if self.charged {
             return false;
         }
-        self.charged = true;
-        if untimely || (self.answered && self.cut.is_none()) {
-            *count = count.saturating_add(1);
-            self.answered = false;
+        if untimely {
+            if !self.count_untimely(times) {
+                return false;
+            }
+        } else if self.attempts >= times.config.attempts {
+            return false;
+        } else if self.answered && self.cut.is_none() {
+            self.attempts = self.attempts.saturating_add(1);
         }
+        self.answered = false;
+        self.charged = true;
         self.until = self.began.after(times.reference);
         self.take_back();
         true
@@ -308,8 +318,7 @@ impl Sender {
         if forget {
             self.untimely = self.untimely.saturating_sub(1);
         }
-        // Longer than any frame ago: its frame was received, or never will be.
-        let old = now.ticks_since(self.began) >= times.bits(255).cast_signed();
+        let old = self.is_old(now, times);
         if self.spell == Spell::Over && old {
             self.spell = Spell::Never;
         }
@@ -318,6 +327,11 @@ impl Sender {
             self.until = now;
             self.began = now;
         }
+    }
+
+    /// Whether the last spell began longer ago than any frame: it was received, or never will be.
+    fn is_old(&self, now: Stamp, times: &Times) -> bool {
+        now.ticks_since(self.began) >= times.bits(255).cast_signed()
     }
 
     /// When time alone changes something.
@@ -376,7 +390,9 @@ impl Sender {
             Permit::Reference { .. } => reference,
             Permit::Short | Permit::Own => reference || message.is_some(),
         };
-        if fits {
+        // A reference beside its time may begin where a window of its sender begins, too.
+        let beside = matches!(self.permit, Permit::Window(_) | Permit::Arbitrating) && reference;
+        if fits || (beside && self.count_untimely(times)) {
             return;
         }
         // Its own message in another one's place: the guardian may have missed a reference.
@@ -395,7 +411,15 @@ impl Sender {
     }
 
     #[cfg(feature = "std")]
-    pub(super) fn renumber(&mut self, now: Stamp) {
+    pub(super) fn renumber(&mut self, now: Stamp, times: &Times) {
+        if self.spell == Spell::Over && self.is_old(now, times) {
+            self.spell = Spell::Never;
+        }
+        if self.spell == Spell::Never {
+            self.permit = Permit::Short;
+            (self.clipped, self.struck) = (false, false);
+            (self.counted, self.charged) = (false, false);
+        }
         let fields = [&mut self.began, &mut self.until, &mut self.released];
         for stamp in fields {
             *stamp = match self.spell {
