@@ -614,6 +614,19 @@ fn a_guardian_of_one_node_stops_it_outside_its_windows() {
     assert_eq!(rig.open, 1);
 }
 
+/// It sees no other line, so each attempt without success counts while the time is known.
+#[test]
+fn a_guardian_of_one_master_stops_endless_attempts() {
+    let mut rig = Rig::new([GPS]);
+    rig.synchronise(99_900);
+    let begun = rig.now;
+    while rig.guardian.trips(0).0 == 0 {
+        rig.frame(0, &reference(), false);
+        assert!(rig.now - begun < 25_000, "within a basic cycle");
+    }
+    assert_eq!(rig.guardian.trips(0), (1, Some(Trip::Misplaced)));
+}
+
 #[test]
 fn configurations_are_checked() {
     let sound = GuardianConfig::new(TICKS_PER_US);

@@ -4,8 +4,8 @@
 //! it of each frame that is received from the bus and of each edge on the TX line of each sender
 //! (between the sender's CAN controller and its gate), with stamps of the guardian's own counter.
 //! It hands back a [`Decision`]: whose gates are open, and when it must be asked again. A gate is
-//! what connects a TX line to its transceiver: an OR gate, or the transceiver's silent-mode pin. The guardian never sends
-//! a frame. It has its own crystal and its own copy of the schedule, and learns the time from the
+//! what connects a TX line to its transceiver: an OR gate, or the transceiver's silent-mode pin (its
+//! standby pin would also stop reception). The guardian never sends a frame. It has its own crystal and its own copy of the schedule, and learns the time from the
 //! references that it receives.
 //!
 //! # Why the gates are open between windows
@@ -19,7 +19,7 @@
 //! * A *spell* is a stretch of dominant bits on a TX line with fewer than 7 recessive bits between
 //!   them. Bit stuffing holds the whole of a frame, up to its CRC, together in one spell.
 //! * A spell that begins when its sender may begin a frame may take as long as the longest frame
-//!   that is allowed there.
+//!   that is allowed there, and in windows of a potential master as long as a reference.
 //! * Any other spell may take 16 bit times ([`GuardianConfig::spell_bits`]), and then the gate is closed
 //!   until the spell is over. An acknowledge bit is 1 bit, an error or overload flag is 6, and an
 //!   acknowledge bit with a flag behind it at most 14. A frame takes at least 34 bits up to its CRC, so none gets
@@ -28,10 +28,11 @@
 //! # What trips a gate
 //!
 //! A sender that drives on after its limit is cut: its gate stays closed until the sender has not
-//! done it again for [`GuardianConfig::penalty`] basic cycles. Frames in its own windows, flags and
+//! done so again for [`GuardianConfig::penalty`] basic cycles. Frames in its own windows, flags and
 //! acknowledge bits are good conduct meanwhile. [`Trip`] lists what else cuts a sender.
 //! While the guardian cannot be sure of the time of the network ([`GuardianState`]), it closes the
 //! gate as always, and cuts a sender only after [`GuardianConfig::strikes`] such spells in a basic cycle.
+//! Counts begin anew after each basic cycle of the guardian's own, so a babbler may use them up twice.
 //!
 //! # When a sender may begin a frame
 //!
@@ -48,12 +49,11 @@
 //!
 //! # Sources
 //!
-//! The fault model is that of the literature: G. Buja, J. R. Pimentel, A. Zuccollo, "Overcoming
-//! babbling-idiot failures in CAN networks: a simple and effective bus guardian for the FlexCAN architecture", IEEE Transactions on
-//! Industrial Informatics 3(3), 2007; I. Broster, A. Burns, "An analysable bus-guardian for
-//! event-triggered communication", RTSS 2003. Both close the gate of a sender that sends when it may not; the second
-//! bounds event-triggered senders by their periods, which this guardian does not do. In FlexRay, too, the
-//! guardian can only open or close the dynamic segment as a whole.
+//! Babbling idiots and guardians against them on CAN: G. Buja, A. Zuccollo, "Overcoming babbling-idiot
+//! failures in the FlexCAN architecture: a simple bus-guardian"; I. Broster, A. Burns, "An analysable
+//! bus-guardian for event-triggered communication", RTSS 2003. That a guardian needs a time base of its
+//! own and the schedule, and that it can only open or close FlexRay's dynamic segment as a whole, is in
+//! Vector's description of FlexRay.
 
 mod config;
 mod sender;
@@ -274,9 +274,11 @@ impl<'s, const P: usize> Guardian<'s, P> {
         if line.is_short() && !provoked && !behind {
             line.pulse(&limits, stamp);
         }
-        // A sender that drives may have acknowledged or disturbed what others send.
+        // A sender that drives may have acknowledged or disturbed what others send. The guardian of one
+        // node sees no other line, and takes it for granted while there are references.
+        let unseen = P == 1 && self.known.is_some();
         for (at, other) in self.senders.iter_mut().enumerate() {
-            other.answered |= at != sender;
+            other.answered |= at != sender || unseen;
         }
     }
 
@@ -374,7 +376,7 @@ impl<'s, const P: usize> Guardian<'s, P> {
                 sender.take_back();
             } else if sender.began_at(start, times.tolerance) && sender.drove_after(body) {
                 sender.sent(schedule, frame, end, trusted, &times);
-                genuine = sender.is_open();
+                genuine &= sender.is_open();
             }
         }
         genuine
