@@ -23,6 +23,8 @@ struct Watched {
     guarded: Guarded<NODES>,
     /// Which nodes have power and acknowledge.
     alive: [bool; NODES],
+    /// When nobody was there to acknowledge a node's frame for the last time.
+    alone: [Option<SimTime>; NODES],
     /// One of this many frames is destroyed, and one is missed by one node; 0 for none.
     noise: u64,
 }
@@ -45,6 +47,7 @@ impl Application for Watched {
             }
         }
         if !heard {
+            self.alone[sender] = Some(now);
             fate = Fate::Destroyed;
         }
         guarded.transmit(sender, frame, now.ticks(), fate, &self.alive)
@@ -61,6 +64,7 @@ fn network(seed: u64, noise: u64, ppm: i64) -> UagvBus<Watched> {
     let watched = Watched {
         guarded,
         alive: [false; NODES],
+        alone: [None; NODES],
         noise,
     };
     let mut bus = Bus::new(250_000, watched, seed);
@@ -81,11 +85,29 @@ fn stop(bus: &mut UagvBus<Watched>, node: usize) {
     bus.crash(node, uagv(NodeId(node as u16)));
 }
 
+/// The guardian of a single node cuts it only if nobody was there to acknowledge its references.
+fn check_singly(bus: &UagvBus<Watched>, before: &mut Vec<u16>) {
+    let now = bus.application.guarded.singly();
+    for (node, (before, now)) in before.iter().zip(&now).enumerate() {
+        let alone = bus.application.alone[node];
+        let lately = alone
+            .is_some_and(|alone| alone.ticks() + 2 * CYCLE_MS * 1_000_000 >= bus.now().ticks());
+        assert!(
+            before == now || lately,
+            "the guardian of node {node} cut it at {}, {}",
+            bus.now(),
+            bus.application.guarded.history()
+        );
+    }
+    *before = now;
+}
+
 /// Lets `cycles` basic cycles pass with deaths and returns, events and gaps. Returns how many
 /// frames were on the bus.
 fn live(bus: &mut UagvBus<Watched>, cycles: u64) -> usize {
     let mut frames = 0;
     let mut changes = [0; 3];
+    let mut singly = vec![0; NODES];
     for _ in 0..cycles {
         let now = bus.now().ticks() / 1_000_000;
         let until = now + CYCLE_MS;
@@ -139,6 +161,7 @@ fn live(bus: &mut UagvBus<Watched>, cycles: u64) -> usize {
         }
         frames += bus.traffic.len();
         bus.traffic.clear();
+        check_singly(bus, &mut singly);
         let guarded = &bus.application.guarded;
         for sender in 0..NODES {
             assert_eq!(

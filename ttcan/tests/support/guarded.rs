@@ -57,6 +57,8 @@ enum Event {
 /// A guardian of `P` senders, and what happens around it.
 pub(crate) struct Guarded<const P: usize> {
     pub(crate) guardian: Guardian<'static, P>,
+    /// A guardian of each node alone, which only watches, and when it must be asked.
+    singles: Vec<(Guardian<'static, 1>, Stamp)>,
     crystal: Crystal,
     decision: Decision,
     /// Events that are still to come, by their time.
@@ -94,9 +96,14 @@ impl<const P: usize> Guarded<P> {
         };
         let now = crystal.stamp(SimTime::from_ticks(0));
         let mut guardian = Guardian::new(schedule, config, senders, now).expect("it is sound");
+        let singles = senders
+            .map(|node| Guardian::new(schedule, config, [node], now).expect("it is sound"))
+            .map(|single| (single, now))
+            .into();
         let decision = guardian.poll(now);
         let mut guarded = Self {
             guardian,
+            singles,
             crystal,
             decision,
             pending: Vec::new(),
@@ -122,6 +129,14 @@ impl<const P: usize> Guarded<P> {
         if end == 0 { 0 } else { mixed % end }
     }
 
+    /// How often each node was cut by the guardian that sees only this one.
+    pub(crate) fn singly(&self) -> Vec<u16> {
+        self.singles
+            .iter()
+            .map(|(single, _)| single.trips(0).0)
+            .collect()
+    }
+
     pub(crate) fn is_open(&self, sender: usize) -> bool {
         self.decision.open.is_open(sender)
     }
@@ -139,8 +154,21 @@ impl<const P: usize> Guarded<P> {
             let stamp = self.stamp(time);
             self.ask(stamp);
             match event {
-                Event::Edge(sender, level) => self.guardian.handle_edge(sender, level, stamp),
-                Event::Frame(frame) => self.guardian.handle_frame(&frame, stamp),
+                Event::Edge(sender, level) => {
+                    self.guardian.handle_edge(sender, level, stamp);
+                    if let Some((single, _)) = self.singles.get_mut(sender) {
+                        single.handle_edge(0, level, stamp);
+                    }
+                }
+                Event::Frame(frame) => {
+                    self.guardian.handle_frame(&frame, stamp);
+                    for (single, _) in &mut self.singles {
+                        single.handle_frame(&frame, stamp);
+                    }
+                }
+            }
+            for (single, ask) in &mut self.singles {
+                *ask = single.poll(stamp).ask;
             }
             self.decision = self.guardian.poll(stamp);
         }
@@ -149,6 +177,11 @@ impl<const P: usize> Guarded<P> {
 
     /// Asks the guardian whenever it wants to be asked up to `now`.
     fn ask(&mut self, now: Stamp) {
+        for (single, ask) in &mut self.singles {
+            while now.reached(*ask) {
+                *ask = single.poll(*ask).ask;
+            }
+        }
         let mut rounds = 0;
         while now.reached(self.decision.ask) {
             self.decision = self.guardian.poll(self.decision.ask);
