@@ -43,12 +43,14 @@ pub struct GuardianConfig {
     /// not sure of the time, beside one for each window that the sender has in two basic cycles,
     /// and those that it could begin in an arbitrating window.
     pub strikes: u8,
-    /// Short spells in a basic cycle that nothing explains, without being cut. The acknowledge bits of frames that the guardian
-    /// received do not count, nor does what answers another sender's flag.
+    /// Short spells in a basic cycle that nothing explains, without being cut. The acknowledge bits
+    /// of frames that the guardian received do not count, nor does what answers another sender's
+    /// flag.
     pub pulses: u8,
-    /// Attempts to send a reference in a basic cycle, none of which is received, without being cut. A CAN controller is bus-off
-    /// after 32 (ISO 11898-1, transmit error count). Attempts that no other guarded sender
-    /// acknowledges or disturbs do not count: they are those of a master that is alone.
+    /// Attempts to send a reference in a basic cycle, none of which is received, without being cut.
+    /// A CAN controller is bus-off after 32 (ISO 11898-1, transmit error count). Attempts that no
+    /// other guarded sender acknowledges or disturbs do not count: they are those of a master that
+    /// is alone. The guardian of one node sees no others, and counts while it knows the time.
     pub attempts: u8,
     /// References of a potential master in the middle of a basic cycle, without being cut: a backup's,
     /// or those that the master repeats. One more is granted every eight basic cycles.
@@ -63,8 +65,9 @@ impl core::hash::Hash for GuardianConfig {
 }
 
 impl GuardianConfig {
-    /// The default configuration: no latency, 2 us of jitter, crystals within 100 ppm (200 ppm of drift), 16 bits, return after
-    /// 10 basic cycles, time lost after 4, 4 strikes, 64 pulses, 32 attempts, 4 untimely references.
+    /// The default configuration: no latency, 2 us of jitter, crystals within 100 ppm (200 ppm of
+    /// drift), 16 bits, return after 10 basic cycles, time lost after 4, 4 strikes, 64 pulses, 32
+    /// attempts, 4 untimely references.
     pub const fn new(ticks_per_us: u32) -> Self {
         Self {
             ticks_per_us,

@@ -4,9 +4,10 @@
 //! it of each frame that is received from the bus and of each edge on the TX line of each sender
 //! (between the sender's CAN controller and its gate), with stamps of the guardian's own counter.
 //! It hands back a [`Decision`]: whose gates are open, and when it must be asked again. A gate is
-//! what connects a TX line to its transceiver: an OR gate, or the transceiver's silent-mode pin (its
-//! standby pin would also stop reception). The guardian never sends a frame. It has its own crystal and its own copy of the schedule, and learns the time from the
-//! references that it receives.
+//! what connects a TX line to its transceiver: an OR gate, or the transceiver's silent-mode pin
+//! (its standby pin would also stop reception). The guardian never sends a frame. It has its own
+//! crystal and its own copy of the schedule, and learns the time from the references that it
+//! receives.
 //!
 //! # Why the gates are open between windows
 //!
@@ -20,19 +21,21 @@
 //!   them. Bit stuffing holds the whole of a frame, up to its CRC, together in one spell.
 //! * A spell that begins when its sender may begin a frame may take as long as the longest frame
 //!   that is allowed there, and in windows of a potential master as long as a reference.
-//! * Any other spell may take 16 bit times ([`GuardianConfig::spell_bits`]), and then the gate is closed
-//!   until the spell is over. An acknowledge bit is 1 bit, an error or overload flag is 6, and an
-//!   acknowledge bit with a flag behind it at most 14. A frame takes at least 34 bits up to its CRC, so none gets
-//!   through: its receivers see six equal bits, and the bus is idle again some 40 bits after its start.
+//! * Any other spell may take 16 bit times ([`GuardianConfig::spell_bits`]), and then the gate is
+//!   closed until the spell is over. An acknowledge bit is 1 bit, an error or overload flag is 6,
+//!   and an acknowledge bit with a flag behind it at most 14. A frame takes at least 34 bits up to
+//!   its CRC, so none gets through: its receivers see six equal bits, and the bus is idle again
+//!   some 40 bits after its start.
 //!
 //! # What trips a gate
 //!
 //! A sender that drives on after its limit is cut: its gate stays closed until the sender has not
 //! done so again for [`GuardianConfig::penalty`] basic cycles. Frames in its own windows, flags and
-//! acknowledge bits are good conduct meanwhile. [`Trip`] lists what else cuts a sender.
-//! While the guardian cannot be sure of the time of the network ([`GuardianState`]), it closes the
-//! gate as always, and cuts a sender only after [`GuardianConfig::strikes`] such spells in a basic cycle.
-//! Counts begin anew after each basic cycle of the guardian's own, so a babbler may use them up twice.
+//! acknowledge bits are good conduct meanwhile. [`Trip`] lists what else cuts a sender. While the
+//! guardian cannot be sure of the time of the network ([`GuardianState`]), it closes the gate as
+//! always, and cuts a sender only after [`GuardianConfig::strikes`] such spells in a basic cycle.
+//! Counts begin anew after each basic cycle of the guardian's own, so a babbler may use them up
+//! twice.
 //!
 //! # When a sender may begin a frame
 //!
@@ -40,10 +43,11 @@
 //!   widened by the uncertainty of the matrix, the guardian's drift and the jitter of its stamps.
 //! * If it has event messages or messages that may be sent late: in the arbitrating windows of their
 //!   basic cycles, as long as the shortest of them fits.
-//! * A potential master: a reference, from the earliest reference trigger offset before the end of the
-//!   basic cycle until a reference is received; through a gap; and behind its own reference, which it
-//!   repeats if it saw an error that others did not see. A backup that missed a reference may send its own in the middle of
-//!   a basic cycle. This is let through some times ([`GuardianConfig::untimely`]), because it is rare.
+//! * A potential master: a reference, from the earliest reference trigger offset before the end of
+//!   the basic cycle until a reference is received; through a gap; and behind its own reference,
+//!   which it repeats if it saw an error that others did not see. A backup that missed a reference
+//!   may send its own in the middle of a basic cycle. This is let through some times
+//!   ([`GuardianConfig::untimely`]), because it is rare.
 //! * While no reference is known, potential masters may send references at any time, or the
 //!   network could not start. All others may acknowledge and send flags, and nothing else.
 //!
@@ -146,15 +150,15 @@ struct Known {
     missed: bool,
 }
 
-/// A guardian of `P` senders, 1 to 32. It takes some 180 bytes, and 56 for each sender.
+/// A guardian of `P` senders, 1 to 32. It takes some 150 bytes, and 56 for each sender.
 ///
 /// With one sender it is the guardian of a node, with its own timer on the node's TX line. With all
 /// senders it is a central guardian in a star.
 ///
 /// After each `handle_` call and when [`Decision::ask`] is reached, call [`Guardian::poll`], set
 /// the gates, and set the timer. All stamps must come in the order of their events up to
-/// [`GuardianConfig::jitter`]. Each call goes through the senders once, and [`Guardian::handle_edge`] also through the windows
-/// that have passed since the last one.
+/// [`GuardianConfig::jitter`]. Each call goes through the senders once, and
+/// [`Guardian::handle_edge`] also through the windows that have passed since the last one.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Guardian<'s, const P: usize> {
     schedule: ScheduleView<'s>,

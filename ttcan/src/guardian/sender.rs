@@ -35,8 +35,8 @@ pub(super) enum Permit {
     Window(Id),
     /// An event message or a late one.
     Arbitrating,
-    /// A reference, beside the time of references if `untimely`. It is an acknowledge bit or a flag until
-    /// it is longer than those.
+    /// A reference, beside the time of references if `untimely`. It is an acknowledge bit or a flag
+    /// until it is longer than those.
     Reference { untimely: bool },
     /// Any message or reference of this sender.
     Own,
