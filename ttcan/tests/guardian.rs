@@ -199,6 +199,8 @@ fn good_nodes_are_never_cut() {
     for seed in 0..100 {
         good(seed, 1000);
     }
+    // A master returns, and neither the guardian nor the master before receive its reference.
+    good(1000, 1300);
 }
 
 /// A million basic cycles: `cargo test -p ttcan --test guardian -- --ignored --nocapture`

@@ -324,9 +324,9 @@ impl<'s, const P: usize> Guardian<'s, P> {
         if let Some(known) = self.known {
             let elapsed = start.ticks_since(known.mark);
             let next = known.number.wrapping_add(1) & self.schedule.network.cycles.wrapping_sub(1);
-            // The nodes follow the reference that the guardian missed, and refuse one of a backup that
-            // missed it, too.
-            let earliest = if known.missed && rank > known.master {
+            // The nodes follow the reference that the guardian missed, and refuse one of a master that
+            // missed it, too: a backup, or the master before.
+            let earliest = if known.missed && rank >= known.master {
                 self.times.earliest.wrapping_add(self.times.cycle)
             } else {
                 self.times.earliest

@@ -239,8 +239,8 @@ impl<const P: usize> Guarded<P> {
                 .enumerate()
                 .any(|(node, alive)| *alive && node != sender)
             {
-                // Nobody acknowledges it. The simulation gives it at least these bits.
-                self.send(sender, frame, from, 28);
+                // Nobody acknowledges it. The simulation may begin the next one after 34 bits.
+                self.send(sender, frame, from, 24);
                 return fate;
             }
             // All see the error in bit 14.
