@@ -9,6 +9,7 @@
 //! * [`SystemMatrix`]: the windows of the network, checked at compile time.
 //! * [`Schedule`]: the matrix compiled to a table, by [`schedule!`].
 //! * [`Node`]: one node that follows the schedule.
+//! * [`guardian`]: what keeps a node that babbles off the bus.
 //! * [`frame_bits`], [`worst_case_bits`], [`BitTiming`]: lengths of frames and bit
 //!   timing of the controller.
 //!
@@ -47,6 +48,7 @@ mod bit_timing;
 mod clock;
 mod features;
 mod frame;
+pub mod guardian;
 mod id;
 mod length;
 mod matrix;

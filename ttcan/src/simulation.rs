@@ -101,6 +101,9 @@ pub trait Application {
     /// A frame was received.
     fn received(&mut self, _node: usize, _frame: &Frame, _reception: Reception, _now: SimTime) {}
 
+    /// A node has silenced its controller: it does not even acknowledge, until it starts again.
+    fn silenced(&mut self, _node: usize, _now: SimTime) {}
+
     /// Decides what happens to a frame that begins now.
     fn fate(&mut self, _sender: usize, _frame: &Frame, _now: SimTime) -> Fate {
         Fate::Delivered
@@ -365,6 +368,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
                 Action::Silence => {
                     self.stations[index].mailbox = None;
                     self.stations[index].silent = true;
+                    self.application.silenced(index, now);
                 }
             }
         }
@@ -408,7 +412,8 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
     fn arbitrate(&mut self) {
         let now = self.now;
         if now < self.idle_at {
-            self.push(self.idle_at, Event::Start);
+            // `occupy` has put a start in the queue for that instant. Another one for each of these
+            // would stay there as long as the bus does not rest.
             return;
         }
         let contenders = self.contenders();

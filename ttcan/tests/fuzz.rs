@@ -52,6 +52,30 @@ fn no_accepted_configuration_overflows() {
     assert!(accepted > ROUNDS / 10);
 }
 
+/// Random operations bring a guardian to open and close its gates.
+#[test]
+fn operations_reach_the_gates() {
+    let mut random = 1u32;
+    let mut bytes = || {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (random >> 24) as u8
+    };
+    let (mut accepted, mut changes) = (0, 0);
+    for _ in 0..3000 {
+        let input: Vec<u8> = (0..1500).map(|_| bytes()).collect();
+        let Some(said) = fuzz::guardian(&input, 0) else {
+            continue;
+        };
+        accepted += 1;
+        changes += said
+            .windows(2)
+            .filter(|pair| pair[0].0 != pair[1].0)
+            .count();
+    }
+    println!("{accepted} of 3000 accepted, {changes} changes of gates");
+    assert!(accepted > 300 && changes > 10_000);
+}
+
 const ROUNDS: usize = 50_000;
 
 proptest! {
@@ -65,6 +89,15 @@ proptest! {
     #[test]
     fn operations(bytes in prop::collection::vec(any::<u8>(), 0..1500)) {
         fuzz::operations(&bytes, 0);
+    }
+
+    /// Guardians of any configuration; their counters may have any value, too.
+    #[test]
+    fn a_guardian_does_not_see_its_counter_wrap(
+        bytes in prop::collection::vec(any::<u8>(), 0..1500),
+        origin: u32,
+    ) {
+        prop_assert_eq!(fuzz::guardian(&bytes, 0), fuzz::guardian(&bytes, origin));
     }
 
     /// The counter may have any value at the start, and wrap at any moment.

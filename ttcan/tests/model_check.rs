@@ -17,6 +17,7 @@ use std::io::Write;
 use std::time::Instant;
 
 use stateright::{Checker, Expectation, Model, Property};
+use ttcan::guardian::{Gates, Guardian, GuardianConfig, Level};
 use ttcan::{
     Action, ClockState, Fault, Frame, INTERFRAME_BITS, Id, MasterState, MatrixConfig, Micros, Node,
     NodeConfig, NodeId, Reception, ReferenceFormat, Stamp, SyncState, SystemMatrix,
@@ -108,6 +109,79 @@ struct Station {
     restarted: bool,
 }
 
+/// A guardian of the three nodes, and a node that babbles.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Guard {
+    guardian: Guardian<'static, 3>,
+    open: Gates,
+    babbler: Option<(usize, Frame)>,
+}
+
+impl Guard {
+    fn new() -> Self {
+        let config = GuardianConfig {
+            jitter: micros(0),
+            // Two nodes at the ends of the drift that the model chooses.
+            drift_ppm: 10_000,
+            // A babbler can use them up twice, at the end of a period and in the next one, and a basic
+            // cycle has only 1000 bits here.
+            attempts: 4,
+            strikes: 0,
+            untimely: 3,
+            ..GuardianConfig::new(1)
+        };
+        let nodes = [NodeId(0), NodeId(1), NodeId(2)];
+        let mut guardian = Guardian::new(SCHEDULE.view(), config, nodes, Stamp(0))
+            .expect("the configuration is sound");
+        let open = guardian.poll(Stamp(0)).open;
+        Self {
+            guardian,
+            open,
+            babbler: None,
+        }
+    }
+
+    fn poll(&mut self) {
+        self.open = self.guardian.poll(Stamp(0)).open;
+    }
+
+    /// Ticks until it must be asked.
+    fn due(&self) -> u32 {
+        let ask = self.guardian.clone().poll(Stamp(0)).ask;
+        ask.ticks_since(Stamp(0)).max(0).unsigned_abs()
+    }
+
+    /// An edge so many bits ago.
+    fn edge(&mut self, node: usize, level: Level, ago: u32) {
+        self.guardian.handle_edge(node, level, Stamp(0).before(ago));
+    }
+
+    fn is_babbler(&self, node: usize) -> bool {
+        self.babbler.is_some_and(|(babbler, _)| babbler == node)
+    }
+
+    /// Whether a node that does not babble was cut.
+    fn is_wrong(&self) -> bool {
+        (0..3).any(|node| !self.is_babbler(node) && self.guardian.trips(node).0 > 0)
+    }
+}
+
+/// What a babbling node sends, by number.
+fn babble(node: usize, class: u8) -> Frame {
+    let node = node as u16;
+    let raw = match class {
+        // References of either master, its own message, another one's, and the weakest.
+        0 | 1 => u16::from(class),
+        2 => 16 + node,
+        3 => 16 + (node + 1) % 3,
+        _ => 0x7FF,
+    };
+    let id = Id::standard(raw).expect("small");
+    Frame::from_parts(id, u8::from(class < 2), [0; 8])
+}
+
+const CLASSES: u8 = 5;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Fate {
     Delivered,
@@ -137,6 +211,8 @@ enum Violation {
     Suspected,
     /// Global time stepped on a node, and no reference announced it.
     Stepped,
+    /// The guardian cut a node that does not babble.
+    Cut,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -156,6 +232,7 @@ struct State {
     timed: bool,
     /// Time since a reference announced a discontinuity of global time, if it was lately.
     announced: Option<u32>,
+    guard: Option<Guard>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -164,6 +241,8 @@ enum Step {
     Next(Fate),
     Crash(usize),
     Start(usize),
+    /// A node sends one frame of this class after the other from now on.
+    Babble(usize, u8),
 }
 
 struct Network {
@@ -175,6 +254,10 @@ struct Network {
     /// Whether the references carry global time. The clocks have no drift then, and the search ends
     /// when no fault was for the time of recovery.
     timed: bool,
+    /// Whether a guardian watches. The search then ends when no fault was for the time of recovery.
+    guarded: bool,
+    /// Whether a node begins to babble.
+    babble: bool,
 }
 
 impl State {
@@ -265,6 +348,10 @@ impl State {
                 station.node.normalised(Stamp(time))
             };
         }
+        if let Some(guard) = &mut self.guard {
+            guard.guardian = guard.guardian.clone().renumbered(Stamp(time));
+            guard.poll();
+        }
         self.announced = self
             .announced
             .map(|announced| announced + time)
@@ -294,12 +381,24 @@ impl State {
             .stations
             .iter()
             .any(|station| station.mailbox.is_some());
+        let babbles = self.guard.as_ref().is_some_and(|guard| {
+            guard
+                .babbler
+                .is_some_and(|(node, _)| guard.open.is_open(node))
+        });
+        let waiting = waiting || babbles;
         let idle = (self.on_bus.is_none() && waiting).then_some(self.interframe);
+        let asked = self.guard.as_ref().map(Guard::due);
         // A start can happen in any quarter of a basic cycle, and at three instants in two basic
         // cycles where the states are many.
-        let off = self.stations.iter().any(|station| !station.powered);
+        let off = self.stations.iter().any(|station| !station.powered) && !self.babbles();
         let quarter = off.then_some(if self.timed { CYCLE * 2 / 3 } else { CYCLE / 4 });
-        timers.chain(bus).chain(idle).chain(quarter).min()
+        timers
+            .chain(bus)
+            .chain(idle)
+            .chain(quarter)
+            .chain(asked)
+            .min()
     }
 
     fn end_frame(&mut self) {
@@ -308,6 +407,7 @@ impl State {
         };
         self.on_bus = None;
         self.interframe = INTERFRAME_BITS;
+        self.guard_end(&ended);
         let delivered = ended.fate != Fate::Destroyed;
         let due = self
             .cycle_time
@@ -340,7 +440,7 @@ impl State {
                         let sync = station.node.status().sync;
                         begins_cycle |= sync == SyncState::InSchedule;
                     }
-                    Reception::Fault(Fault::Misplaced) => {
+                    Reception::Fault(Fault::Misplaced) if !self.babbles() => {
                         self.violation.get_or_insert(Violation::Suspected);
                     }
                     _ => {}
@@ -359,18 +459,25 @@ impl State {
         if self.on_bus.is_some() || self.interframe > 0 {
             return false;
         }
-        let contenders: Vec<(usize, Frame)> = (0..3)
+        let mut contenders: Vec<(usize, Frame)> = (0..3)
             .filter_map(|index| Some((index, self.stations[index].mailbox?)))
             .collect();
+        if let Some(guard) = &self.guard
+            && let Some(babbler) = guard.babbler
+            && guard.open.is_open(babbler.0)
+        {
+            contenders.push(babbler);
+        }
         let Some(&(sender, frame)) = contenders.iter().min_by_key(|(_, frame)| frame.id()) else {
             return false;
         };
         let messages = contenders.iter().filter(|(_, frame)| !is_reference(frame));
-        if messages.count() > 1 {
+        if messages.count() > 1 && !self.babbles() {
             self.violation.get_or_insert(Violation::Contention);
         }
         let acknowledged = (0..3).any(|index| index != sender && self.stations[index].powered);
         let fate = if acknowledged { fate } else { Fate::Destroyed };
+        let fate = self.guard_begin(sender, &contenders, fate);
         for &(index, other) in &contenders {
             self.stations[index].mailbox = None;
             if index != sender && other.id() != frame.id() {
@@ -378,7 +485,7 @@ impl State {
                 node.handle_transmit(TransmitOutcome::ArbitrationLost, Stamp(0));
             }
         }
-        if !is_reference(&frame) {
+        if !is_reference(&frame) && !self.babbles() {
             self.check_place(&frame);
         }
         self.on_bus = Some(OnBus {
@@ -393,6 +500,100 @@ impl State {
             age: 0,
         });
         true
+    }
+
+    fn babbles(&self) -> bool {
+        self.guard
+            .as_ref()
+            .is_some_and(|guard| guard.babbler.is_some())
+    }
+
+    /// Shows the beginning of a frame to the guardian. Two frames of one identifier destroy each other.
+    fn guard_begin(&mut self, sender: usize, contenders: &[(usize, Frame)], fate: Fate) -> Fate {
+        let Some(guard) = &mut self.guard else {
+            return fate;
+        };
+        let won = contenders.iter().find(|(index, _)| *index == sender);
+        let mut collides = false;
+        for &(index, other) in contenders {
+            guard.edge(index, Level::Dominant, 0);
+            let equal = won.is_some_and(|(_, frame)| frame.id() == other.id());
+            if !equal {
+                // It loses arbitration after some bits, of which one is enough here.
+                guard.edge(index, Level::Recessive, 0);
+            }
+            collides |= equal && index != sender;
+        }
+        guard.poll();
+        if !guard.open.is_open(sender) || collides {
+            Fate::Destroyed
+        } else {
+            fate
+        }
+    }
+
+    /// Destroys the frame on the bus if the gate of its sender is closed.
+    fn guard_cut(&mut self) {
+        let Some(guard) = &mut self.guard else {
+            return;
+        };
+        if guard.is_wrong() {
+            self.violation.get_or_insert(Violation::Cut);
+        }
+        if let Some(on_bus) = &mut self.on_bus
+            && !guard.open.is_open(on_bus.sender)
+            && on_bus.fate != Fate::Destroyed
+        {
+            on_bus.fate = Fate::Destroyed;
+            on_bus.left = on_bus.left.min(ERROR_BITS + 6);
+        }
+    }
+
+    /// Shows the end of a frame to the guardian: the sender's last bit, acknowledge bits and flags.
+    fn guard_end(&mut self, ended: &OnBus) {
+        let Some(guard) = &mut self.guard else {
+            return;
+        };
+        let destroyed = ended.fate == Fate::Destroyed;
+        for index in 0..3 {
+            guard.edge(index, Level::Recessive, if destroyed { 17 } else { 10 });
+        }
+        for index in 0..3 {
+            let missed = ended.fate == Fate::MissedBy(index);
+            if index != ended.sender && self.stations[index].powered && !missed {
+                let (from, until) = if destroyed { (16, 10) } else { (9, 8) };
+                guard.edge(index, Level::Dominant, from);
+                guard.edge(index, Level::Recessive, until);
+            }
+        }
+        if !destroyed {
+            guard.guardian.handle_frame(&ended.frame, Stamp(0));
+        }
+        guard.poll();
+    }
+
+    /// Whether the babbler was cut, and each message of another node was in its last window.
+    fn is_rid_of_babbler(&self) -> bool {
+        let Some(guard) = &self.guard else {
+            return true;
+        };
+        let Some((babbler, _)) = guard.babbler else {
+            return true;
+        };
+        let windows = MATRIX.config().windows.iter().enumerate();
+        let complete = windows
+            .filter_map(|(at, window)| match window.kind {
+                WindowKind::Exclusive { sender, .. } => Some((at as u16, usize::from(sender.0))),
+                _ => None,
+            })
+            .filter(|(_, sender)| *sender != babbler)
+            .all(|(at, sender)| {
+                self.powered().all(|station| {
+                    let status = station.node.window(at).unwrap_or_default();
+                    usize::from(station.node.id().0) == sender || status.missed == 0
+                })
+            });
+        guard.guardian.trips(babbler).0 > 0 && complete
     }
 
     /// Checks that a message that begins now is in one of its windows.
@@ -426,6 +627,23 @@ impl State {
             let now = if passed { station.drift } else { 0 };
             if !self.timed {
                 station.node = station.node.normalised(Stamp(0).offset(now));
+            }
+        }
+    }
+
+    /// A node loses power, or its software goes astray.
+    fn crash(&mut self, index: usize) {
+        let station = &mut self.stations[index];
+        station.powered = false;
+        station.mailbox = None;
+        station.node = stack(index as u16, self.timed);
+        if let Some(on_bus) = &mut self.on_bus
+            && on_bus.sender == index
+        {
+            on_bus.fate = Fate::Destroyed;
+            on_bus.left = ERROR_BITS;
+            if let Some(guard) = &mut self.guard {
+                guard.edge(index, Level::Recessive, 0);
             }
         }
     }
@@ -485,6 +703,7 @@ impl Model for Network {
             violation: None,
             timed: self.timed,
             announced: None,
+            guard: self.guarded.then(Guard::new),
         });
         if !self.settled {
             return off.collect();
@@ -499,7 +718,7 @@ impl Model for Network {
                 let next = self.next_state(&state, Step::Next(Fate::Delivered));
                 state = next.expect("something is always due");
             }
-            if self.timed {
+            if self.timed || self.guarded {
                 state.calm = 0;
             }
             state
@@ -514,11 +733,22 @@ impl Model for Network {
             actions.extend((0..3).map(|index| Step::Next(Fate::MissedBy(index))));
         }
         for (index, station) in state.stations.iter().enumerate() {
+            let babbles = state
+                .guard
+                .as_ref()
+                .is_some_and(|guard| guard.is_babbler(index));
             if !station.powered {
-                actions.push(Step::Start(index));
+                if !babbles {
+                    actions.push(Step::Start(index));
+                }
             // Of global time, a crash of the third node changes nothing.
             } else if state.crashes > 0 && !(self.timed && index == 2) {
                 actions.push(Step::Crash(index));
+            }
+        }
+        if self.babble && !state.babbles() {
+            for node in 0..3 {
+                actions.extend((0..CLASSES).map(|class| Step::Babble(node, class)));
             }
         }
     }
@@ -531,6 +761,7 @@ impl Model for Network {
                 let time = state.next_event()?;
                 passed = time;
                 state.pass(time);
+                state.guard_cut();
                 state.end_frame();
                 for index in 0..3 {
                     if state.stations[index].powered {
@@ -552,16 +783,13 @@ impl Model for Network {
             Step::Crash(index) => {
                 state.crashes -= 1;
                 state.calm = 0;
-                let station = &mut state.stations[index];
-                station.powered = false;
-                station.mailbox = None;
-                station.node = stack(index as u16, self.timed);
-                if let Some(on_bus) = &mut state.on_bus
-                    && on_bus.sender == index
-                {
-                    on_bus.fate = Fate::Destroyed;
-                    on_bus.left = ERROR_BITS;
-                }
+                state.crash(index);
+            }
+            Step::Babble(index, class) => {
+                state.calm = 0;
+                state.crash(index);
+                let guard = state.guard.as_mut()?;
+                guard.babbler = Some((index, babble(index, class)));
             }
             Step::Start(index) => {
                 state.calm = 0;
@@ -578,7 +806,7 @@ impl Model for Network {
     }
 
     fn within_boundary(&self, state: &State) -> bool {
-        !self.timed || state.calm < RECOVERY * CYCLE
+        !(self.timed || self.guarded) || state.calm < RECOVERY * CYCLE
     }
 
     fn properties(&self) -> Vec<Property<Self>> {
@@ -588,8 +816,19 @@ impl Model for Network {
             }),
             // A master that returns takes the time over before it leads again.
             Property::always("synchronised again", |_, state: &State| {
-                state.timed || state.calm < RECOVERY * CYCLE || state.is_settled()
+                let calm = state.calm < RECOVERY * CYCLE;
+                state.timed || calm || (state.is_settled() && state.is_rid_of_babbler())
             }),
+            Property::always(
+                "a babbler is cut within a basic cycle",
+                |_, state: &State| {
+                    let Some(guard) = &state.guard else {
+                        return true;
+                    };
+                    let cut = |(babbler, _)| guard.guardian.trips(babbler).0 > 0;
+                    state.calm < CYCLE || guard.babbler.is_none_or(cut)
+                },
+            ),
             Property::always("one master", |_, state: &State| {
                 state.calm < CYCLE + 200 || state.masters() <= 1
             }),
@@ -597,7 +836,7 @@ impl Model for Network {
                 state.powered().count() == 3 && state.is_settled()
             }),
         ];
-        if !self.timed && (self.crashes > 0 || !self.settled) {
+        if !self.timed && !self.guarded && (self.crashes > 0 || !self.settled) {
             properties.push(Property::sometimes("failover", |_, state: &State| {
                 let [best, backup, follower] = &state.stations;
                 !best.powered
@@ -608,6 +847,18 @@ impl Model for Network {
         }
         properties
     }
+}
+
+impl Network {
+    const PLAIN: Self = Self {
+        losses: 0,
+        crashes: 0,
+        drifts: Vec::new(),
+        settled: true,
+        timed: false,
+        guarded: false,
+        babble: false,
+    };
 }
 
 fn check(name: &str, model: Network) {
@@ -649,6 +900,7 @@ fn starts_in_any_order() {
             drifts: vec![FAST_AND_SLOW],
             settled: false,
             timed: false,
+            ..Network::PLAIN
         },
     );
 }
@@ -663,6 +915,7 @@ fn a_crash_and_a_loss() {
             drifts: vec![FAST_AND_SLOW, FAST_AND_SLOW.map(|drift| -drift)],
             settled: true,
             timed: false,
+            ..Network::PLAIN
         },
     );
 }
@@ -680,6 +933,7 @@ fn losses() {
             drifts: vec![FAST_AND_SLOW],
             settled: true,
             timed: false,
+            ..Network::PLAIN
         },
     );
 }
@@ -696,7 +950,46 @@ fn global_time() {
                 drifts: vec![[0; 3]],
                 settled: true,
                 timed: true,
+                ..Network::PLAIN
             },
         );
     }
+}
+
+/// With a guardian: a crash, or two losses, and no node is ever cut.
+#[test]
+fn a_guardian_cuts_no_good_node() {
+    for (losses, crashes) in [(0, 1), (2, 0)] {
+        check("guarded", guarded(losses, crashes, true));
+    }
+}
+
+/// `cargo test -p ttcan --test model_check -- --ignored`
+#[test]
+#[ignore = "seven million states"]
+fn a_guardian_cuts_no_good_node_at_the_start_or_after_a_crash_with_a_loss() {
+    check("guarded", guarded(1, 1, true));
+    check("guarded starts", guarded(0, 0, false));
+}
+
+fn guarded(losses: u8, crashes: u8, settled: bool) -> Network {
+    Network {
+        losses,
+        crashes,
+        drifts: vec![FAST_AND_SLOW],
+        settled,
+        guarded: true,
+        ..Network::PLAIN
+    }
+}
+
+/// Any node begins to babble at any event: it is cut within a basic cycle, no other one is, and
+/// within the time of recovery each message of the others is in its windows again.
+#[test]
+fn a_guardian_cuts_a_babbler() {
+    let network = Network {
+        babble: true,
+        ..guarded(0, 0, true)
+    };
+    check("babbler", network);
 }

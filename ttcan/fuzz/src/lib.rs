@@ -1,6 +1,7 @@
 //! The fuzz targets as functions of the fuzzer's bytes. The tests of the crate call
 //! them with random bytes, because a fuzzer needs a nightly toolchain.
 
+use ttcan::guardian::{Guardian, GuardianConfig, Level};
 use ttcan::{
     Action, ErrorLevel, Event, Frame, GlobalTime, Id, MatrixConfig, Micros, Node, NodeConfig,
     NodeId, Reception, ReferenceFormat, Stamp, StampLatency, SyncState, SystemMatrix,
@@ -346,5 +347,120 @@ impl Driver {
     fn ask(&mut self) {
         assert!(!self.open, "two transmissions are open");
         self.open = true;
+    }
+}
+
+/// What a guardian said: whose gates are open, and in how many ticks it must be asked again.
+pub type Watched = (u32, i32);
+
+/// A guardian of any configuration with arbitrary edges and frames at arbitrary times. Its counter
+/// starts at `origin`. `None` if the configuration was refused.
+pub fn guardian(bytes: &[u8], origin: u32) -> Option<Vec<Watched>> {
+    let mut bytes = Bytes(bytes);
+    let mut draw = |edges: &[u32]| {
+        // Mostly an edge, so that most configurations are accepted.
+        let at = usize::from(bytes.next());
+        match edges.get(at % edges.len()) {
+            Some(edge) if at < 250 => *edge,
+            _ => bytes.word(),
+        }
+    };
+    let config = GuardianConfig {
+        receive_latency: draw(&[0, 10, 4000, u32::MAX]).cast_signed(),
+        edge_latency: draw(&[0, 10, 4000, u32::MAX]).cast_signed(),
+        jitter: Micros::micros(draw(&[0, 2, 1000])),
+        drift_ppm: draw(&[0, 200, 10_000]) as u16,
+        spell_bits: draw(&[8, 16, 33]) as u8,
+        penalty: draw(&[1, 10]) as u16,
+        lost: draw(&[1, 4, 100]) as u8,
+        strikes: draw(&[0, 4, 255]) as u8,
+        pulses: draw(&[0, 64, 255]) as u8,
+        attempts: draw(&[0, 32, 255]) as u8,
+        untimely: draw(&[0, 4, 255]) as u8,
+        ..GuardianConfig::new(draw(&[1, 18, 18, 18, 180, 1000]))
+    };
+    let senders = [0, 1, 2, 9].map(NodeId);
+    let mut watch = Watch {
+        guardian: Guardian::new(SCHEDULE.view(), config, senders, Stamp(origin)).ok()?,
+        now: Stamp(origin),
+        said: Vec::new(),
+        bit: 2 * config.ticks_per_us,
+    };
+    watch.poll();
+    // Longer inputs bring nothing new.
+    for _ in 0..512 {
+        if bytes.0.is_empty() {
+            break;
+        }
+        watch.operate(&mut bytes);
+        watch.poll();
+    }
+    Some(watch.said)
+}
+
+struct Watch {
+    guardian: Guardian<'static, 4>,
+    now: Stamp,
+    said: Vec<Watched>,
+    /// Ticks of a bit.
+    bit: u32,
+}
+
+impl Watch {
+    fn poll(&mut self) {
+        let decision = self.guardian.poll(self.now);
+        let ask = decision.ask.ticks_since(self.now);
+        // The edge before may have been stamped ahead of this call by its latency.
+        assert!(ask > -(1 << 20), "it asks for the past");
+        assert_eq!(
+            self.guardian.poll(self.now),
+            decision,
+            "it does not come to rest"
+        );
+        assert!(!decision.open.is_open(4) && !decision.open.is_open(usize::MAX));
+        self.said.push((decision.open.bits(), ask));
+    }
+
+    fn operate(&mut self, bytes: &mut Bytes) {
+        match bytes.next() % 8 {
+            0 | 1 => {
+                let level = if bytes.next() & 1 == 0 {
+                    Level::Dominant
+                } else {
+                    Level::Recessive
+                };
+                let sender = usize::from(bytes.next() % 5);
+                self.guardian.handle_edge(sender, level, self.now);
+            }
+            2 => self.now = self.now.after(u32::from(bytes.next() % 32) * self.bit),
+            3 | 4 => {
+                let decision = self.guardian.poll(self.now);
+                if decision.ask.reached(self.now) {
+                    let late = u32::from(bytes.next() % 4) * 3 * self.bit;
+                    self.now = decision.ask.after(late);
+                }
+            }
+            5 => {
+                let id = Id::standard(u16::from(bytes.next() % 32)).expect("small");
+                let frame = Frame::from_parts(id, bytes.next() % 9, bytes.data());
+                self.now = self.now.after(frame_bits(&frame) * self.bit);
+                self.guardian.handle_frame(&frame, self.now);
+            }
+            6 => {
+                let rank = bytes.next() % 4;
+                let mut data = bytes.data();
+                data[5] &= 0xC3;
+                let id = Id::standard(8 + u16::from(rank)).expect("small");
+                let frame = Frame::from_parts(id, 8, data);
+                self.now = self.now.after(frame_bits(&frame) * self.bit);
+                self.guardian.handle_frame(&frame, self.now);
+            }
+            _ => match bytes.next() % 8 {
+                0 => self.guardian.pardon(usize::from(bytes.next() % 5)),
+                1 => self.now = self.now.after(bytes.word() >> 4),
+                // About a basic cycle.
+                _ => self.now = self.now.after((3800 + u32::from(bytes.next())) * self.bit),
+            },
+        }
     }
 }

@@ -255,8 +255,11 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     /// without an exclusive window is never called dead.
     #[cfg(feature = "peers")]
     pub fn peer(&self, node: NodeId) -> Health {
-        self.supervision
-            .health(node, self.cycle.count, self.windows_in_two_cycles(node))
+        self.supervision.health(
+            node,
+            self.cycle.count,
+            self.setup.schedule.windows_in_two_cycles(node),
+        )
     }
 
     /// What happened so far.
@@ -302,11 +305,5 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
     /// The current entry of the schedule, or the next one.
     fn entry(&self) -> Option<&'s Entry> {
         self.setup.schedule.entry(self.position.cursor)
-    }
-
-    fn windows_in_two_cycles(&self, node: NodeId) -> u16 {
-        let windows = u32::from(self.setup.schedule.windows_of(node)) * 2;
-        let windows = windows.div_ceil(u32::from(self.setup.network().cycles.max(1)));
-        windows.min(u32::from(u16::MAX)) as u16
     }
 }

@@ -75,7 +75,7 @@ impl<const W: usize, const P: usize, const Q: usize> Node<'_, W, P, Q> {
         node.cycle.count = 0;
         node.supervision
             .normalise(MOST_MISSED, self.cycle.count, |node| {
-                self.windows_in_two_cycles(node)
+                self.setup.schedule.windows_in_two_cycles(node)
             });
         node
     }

@@ -223,12 +223,24 @@ impl<'s> ScheduleView<'s> {
         None
     }
 
+    /// All messages, sorted by identifier.
+    pub(crate) fn messages(&self) -> &'s [Known] {
+        self.known
+    }
+
     /// Exclusive windows of `node` in the whole matrix.
     pub(crate) fn windows_of(&self, node: NodeId) -> u16 {
         self.windows_of
             .get(usize::from(node.0))
             .copied()
             .unwrap_or(0)
+    }
+
+    /// Exclusive windows of `node` in two basic cycles, rounded up.
+    pub(crate) fn windows_in_two_cycles(&self, node: NodeId) -> u16 {
+        let windows = u32::from(self.windows_of(node)) * 2;
+        let windows = windows.div_ceil(u32::from(self.network.cycles.max(1)));
+        windows.min(u32::from(u16::MAX)) as u16
     }
 
     /// Number of windows of the matrix.

@@ -1,0 +1,275 @@
+//! The configuration of a guardian, and the times that follow from it.
+
+use super::{FLAG_BITS, REFERENCE_OFFSET_LIMIT};
+use crate::length;
+use crate::schedule::{Role, ScheduleView};
+use crate::time::Micros;
+
+/// Longest distance of two stamps that are compared, as in a node.
+const LONGEST_TICKS: u32 = 1 << 30;
+/// Recessive bits that end a spell. A frame has at most 5 in a row up to its CRC delimiter.
+const SPELL_GAP_BITS: u32 = 7;
+/// Difference of an edge's stamp and the start of frame by a frame's end, in bits: resynchronisation.
+const TOLERANCE_BITS: u32 = 2;
+/// Bits from the closing of a gate until the next frame can begin: a flag of six bits, a delimiter of
+/// eight and the interframe space.
+const ERROR_BITS: u32 = 17;
+/// 2^32 / 10^6, rounded up.
+const PPM: u32 = 4295;
+
+/// Configuration of a guardian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GuardianConfig {
+    /// Ticks of the guardian's counter per microsecond, 1 to 1000.
+    pub ticks_per_us: u32,
+    /// Time from the end of a received frame to its stamp, in ticks; negative if the stamp is
+    /// earlier, as with bxCAN ([`StampLatency::bxcan`](crate::StampLatency::bxcan)).
+    pub receive_latency: i32,
+    /// Time from an edge of a TX line to its stamp, in ticks.
+    pub edge_latency: i32,
+    /// Spread of either latency, up to 1000 us.
+    pub jitter: Micros,
+    /// Largest drift of the guardian's counter against the time of the network, in parts per million,
+    /// up to 10 000: the sum of the deviations of its own crystal and that of the master.
+    pub drift_ppm: u16,
+    /// Bits that a sender may drive where it may not begin a frame, 8 to 33. The smallest that lets an
+    /// acknowledge bit and an error flag behind it through is 14; a frame needs 34.
+    pub spell_bits: u8,
+    /// Basic cycles of good conduct after which a sender that was cut may return, at least 1.
+    pub penalty: u16,
+    /// Basic cycles without a reference after which the guardian has lost the time, 1 to 100.
+    pub lost: u8,
+    /// Spells beyond the limit in a basic cycle that do not cut a sender yet while the guardian is
+    /// not sure of the time, beside one for each window that the sender has in two basic cycles,
+    /// and those that it could begin in an arbitrating window.
+    pub strikes: u8,
+    /// Short spells in a basic cycle that nothing explains, without being cut. The acknowledge bits
+    /// of frames that the guardian received do not count, nor does what answers another sender's
+    /// flag.
+    pub pulses: u8,
+    /// Attempts to send a reference in a basic cycle, none of which is received, without being cut.
+    /// A CAN controller is bus-off after 32 (ISO 11898-1, transmit error count). Attempts that no
+    /// other guarded sender acknowledges or disturbs do not count: they are those of a master that
+    /// is alone. The guardian of one node sees no others, and counts while it knows the time.
+    pub attempts: u8,
+    /// References of a potential master in the middle of a basic cycle, without being cut: a backup's,
+    /// or those that the master repeats. One more is granted every eight basic cycles.
+    pub untimely: u8,
+}
+
+impl core::hash::Hash for GuardianConfig {
+    /// The guardians of a network have one configuration.
+    fn hash<H: core::hash::Hasher>(&self, state: &mut H) {
+        self.ticks_per_us.hash(state);
+    }
+}
+
+impl GuardianConfig {
+    /// The default configuration: no latency, 2 us of jitter, crystals within 100 ppm (200 ppm of
+    /// drift), 16 bits, return after 10 basic cycles, time lost after 4, 4 strikes, 64 pulses, 32
+    /// attempts, 4 untimely references.
+    pub const fn new(ticks_per_us: u32) -> Self {
+        Self {
+            ticks_per_us,
+            receive_latency: 0,
+            edge_latency: 0,
+            jitter: Micros::micros(2),
+            drift_ppm: 200,
+            spell_bits: 16,
+            penalty: 10,
+            lost: 4,
+            strikes: 4,
+            pulses: 64,
+            attempts: 32,
+            untimely: 4,
+        }
+    }
+}
+
+/// Why a guardian cannot be made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GuardianError {
+    /// There are no senders or more than 32, or one is there twice.
+    Senders,
+    /// `ticks_per_us` is not within 1 to 1000, or so large that a bit takes 2^16 ticks or more.
+    Ticks,
+    /// A time is longer than 2^30 ticks: a penalty, or `lost` basic cycles with the longest gap.
+    TooLong,
+    /// A latency is longer than half a basic cycle, or the jitter than 1000 us.
+    Latency,
+    /// The drift is above 10 000 ppm.
+    Drift,
+    /// `spell_bits` is not within 8 to 33.
+    SpellBits,
+    /// `penalty` is 0, or `lost` is not within 1 to 100.
+    Cycles,
+}
+
+impl core::fmt::Display for GuardianError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Senders => "a guardian has 1 to 32 different senders",
+            Self::Ticks => {
+                "the ticks per microsecond are not within 1 to 1000, or a bit is too long"
+            }
+            Self::TooLong => "the penalty or the time without references exceeds 2^30 ticks",
+            Self::Latency => "a latency exceeds half a basic cycle, or the jitter 1000 us",
+            Self::Drift => "the drift exceeds 10 000 ppm",
+            Self::SpellBits => "a short spell has 8 to 33 bits",
+            Self::Cycles => "the penalty is 0 cycles, or the time is not lost after 1 to 100",
+        })
+    }
+}
+
+impl core::error::Error for GuardianError {}
+
+/// Times of the schedule and the configuration in ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Times {
+    pub(super) config: GuardianConfig,
+    /// Length of a bit in 1/256 tick.
+    bit: u32,
+    pub(super) cycle: u32,
+    /// Transmit enable window.
+    pub(super) enable: u32,
+    /// Largest reference trigger offset.
+    pub(super) offset_limit: u32,
+    /// From the mark until a reference counts as the next one.
+    pub(super) earliest: u32,
+    /// How long after the end of the basic cycle a reference may still begin.
+    pub(super) late: u32,
+    /// How long after its reference a master may repeat it.
+    pub(super) repeated: u32,
+    /// Longest gap.
+    pub(super) gap: u32,
+    /// From the mark until the time is lost, without a gap.
+    pub(super) lost: u32,
+    pub(super) penalty: u32,
+    pub(super) spell_gap: u32,
+    /// Largest difference of an edge's stamp and the same instant by a received frame.
+    pub(super) tolerance: u32,
+    /// Longest reference in bits, and with error flags in ticks.
+    pub(super) reference_bits: u32,
+    pub(super) reference: u32,
+    /// So many frames can be begun again, after the gate stopped them, in the arbitrating windows of
+    /// one basic cycle.
+    pub(super) repetitions: u16,
+    /// Uncertainty of the matrix and what the guardian adds to it, without its drift.
+    fixed_margin: u32,
+    /// Drift in 2^-32.
+    drift: u32,
+}
+
+/// How many stretches of `each` ticks are in the arbitrating windows of a basic cycle.
+fn repetitions(schedule: ScheduleView<'_>, ticks_per_us: u32, each: u32) -> u16 {
+    let mut most = 0;
+    // There are up to 64 basic cycles.
+    for cycle in 0..64 {
+        let (first, end) = schedule.entries_of(cycle);
+        let mut time = 0u32;
+        for at in first..end {
+            if let Some(entry) = schedule.entry(at)
+                && entry.role == Role::Arbitrating
+            {
+                time = time.saturating_add(entry.end.saturating_sub(entry.start));
+            }
+        }
+        most = time.max(most);
+    }
+    let count = most.saturating_mul(ticks_per_us).div_ceil(each.max(1));
+    count.min(u32::from(u16::MAX)) as u16
+}
+
+impl Times {
+    /// Checks the configuration.
+    pub(super) fn new(
+        schedule: ScheduleView<'_>,
+        config: GuardianConfig,
+    ) -> Result<Self, GuardianError> {
+        let network = schedule.network;
+        if config.ticks_per_us == 0 || config.ticks_per_us > 1000 {
+            return Err(GuardianError::Ticks);
+        }
+        let bit = (u64::from(network.bit) * u64::from(config.ticks_per_us)) >> 8;
+        if bit >> 24 != 0 {
+            return Err(GuardianError::Ticks);
+        }
+        let bit = bit as u32;
+        if config.penalty == 0 || config.lost == 0 || config.lost > 100 {
+            return Err(GuardianError::Cycles);
+        }
+        if config.drift_ppm > 10_000 {
+            return Err(GuardianError::Drift);
+        }
+        if config.spell_bits < 8 || config.spell_bits > 33 {
+            return Err(GuardianError::SpellBits);
+        }
+        let ticks = |micros: u32| micros.saturating_mul(config.ticks_per_us);
+        let cycle = ticks(network.basic_cycle);
+        let gap = ticks(network.longest_gap);
+        let penalty = cycle.saturating_mul(u32::from(config.penalty));
+        let lost = cycle.saturating_mul(u32::from(config.lost) + 1);
+        // Two more basic cycles, so that a late call does not exceed the counter's range.
+        let longest = lost
+            .saturating_add(gap)
+            .saturating_add(cycle.saturating_mul(2));
+        if longest > LONGEST_TICKS || penalty > LONGEST_TICKS {
+            return Err(GuardianError::TooLong);
+        }
+        let latency = config.receive_latency.unsigned_abs();
+        let latency = latency.max(config.edge_latency.unsigned_abs());
+        if latency > cycle / 2 || config.jitter.ticks() > 1000 {
+            return Err(GuardianError::Latency);
+        }
+        let jitter = ticks(config.jitter.ticks());
+        let reference = network.reference_length;
+        let reference_bits =
+            length::worst_case_bits(network.reference, network.reference_format.longest());
+        // The last backup's offset, and three repetitions behind the first attempt.
+        let late = REFERENCE_OFFSET_LIMIT + network.uncertainty + 4 * reference;
+        let early = schedule.reference_early();
+        let bits = |bits: u32| (bit * bits) >> 8;
+        Ok(Self {
+            config,
+            bit,
+            cycle,
+            enable: ticks(network.transmit_enable),
+            offset_limit: ticks(REFERENCE_OFFSET_LIMIT),
+            earliest: ticks(network.basic_cycle.saturating_sub(early)),
+            late: ticks(late),
+            repeated: ticks(5 * reference),
+            gap,
+            lost,
+            penalty,
+            spell_gap: bits(SPELL_GAP_BITS),
+            tolerance: bits(TOLERANCE_BITS).saturating_add(jitter),
+            reference_bits,
+            reference: bits(reference_bits + FLAG_BITS),
+            repetitions: repetitions(
+                schedule,
+                ticks(1),
+                bits(u32::from(config.spell_bits) + ERROR_BITS),
+            ),
+            fixed_margin: ticks(network.uncertainty)
+                .saturating_add(jitter.saturating_mul(2))
+                .saturating_add(bits(TOLERANCE_BITS)),
+            drift: u32::from(config.drift_ppm) * PPM,
+        })
+    }
+
+    /// Ticks of a time of the schedule, at most two basic cycles in microseconds.
+    pub(super) fn ticks(&self, micros: u32) -> u32 {
+        micros.wrapping_mul(self.config.ticks_per_us)
+    }
+
+    /// Ticks of up to 255 bits. A bit is less than 2^24, see `new`.
+    pub(super) fn bits(&self, bits: u32) -> u32 {
+        self.bit.wrapping_mul(bits) >> 8
+    }
+
+    /// Uncertainty of a cycle time in ticks.
+    pub(super) fn margin(&self, elapsed: u32) -> u32 {
+        let drift = (u64::from(elapsed) * u64::from(self.drift)) >> 32;
+        self.fixed_margin.wrapping_add(drift as u32)
+    }
+}

@@ -1,0 +1,768 @@
+//! The bus guardian beside a network: good nodes are never cut, babbling ones soon.
+
+#[path = "support/guarded.rs"]
+mod guarded;
+mod support;
+
+use guarded::{Guarded, bits_of};
+use proptest::prelude::*;
+use support::{
+    ALARM, BUTTON, CONTROLLER, DRIVE, GPS, MATRIX, SCHEDULE, STEERING, TICKS_PER_US, UagvBus, at,
+    crystal, uagv,
+};
+use ttcan::guardian::{Guardian, GuardianConfig, GuardianError, GuardianState, Level, Trip};
+use ttcan::simulation::{Application, Bus, Fate, SimTime};
+use ttcan::{Frame, Id, Micros, NodeId, Stamp, SyncState, WindowKind};
+
+const NODES: usize = 4;
+const ALL: [NodeId; NODES] = [GPS, CONTROLLER, STEERING, DRIVE];
+const CYCLE_MS: u64 = 100;
+
+/// The application of the guarded network: each frame goes by the guardian.
+struct Watched {
+    guarded: Guarded<NODES>,
+    /// Which nodes have power and acknowledge.
+    alive: [bool; NODES],
+    /// When nobody was there to acknowledge a node's frame for the last time.
+    alone: [Option<SimTime>; NODES],
+    /// One of this many frames is destroyed, and one is missed by one node; 0 for none.
+    noise: u64,
+}
+
+impl Application for Watched {
+    fn silenced(&mut self, node: usize, _: SimTime) {
+        self.alive[node] = false;
+    }
+
+    fn fate(&mut self, sender: usize, frame: &Frame, now: SimTime) -> Fate {
+        let guarded = &mut self.guarded;
+        guarded.run(now.ticks());
+        let heard = (0..NODES).any(|node| node != sender && self.alive[node]);
+        let mut fate = Fate::Delivered;
+        if self.noise > 0 {
+            if guarded.below(self.noise) == 0 {
+                fate = Fate::Destroyed;
+            } else if guarded.below(self.noise) == 0 {
+                fate = Fate::MissedBy(guarded.below(NODES as u64) as usize);
+            }
+        }
+        if !heard {
+            self.alone[sender] = Some(now);
+            fate = Fate::Destroyed;
+        }
+        guarded.transmit(sender, frame, now.ticks(), fate, &self.alive)
+    }
+}
+
+fn network(seed: u64, noise: u64, ppm: i64) -> UagvBus<Watched> {
+    let mut guarded = Guarded::new(SCHEDULE.view(), ALL, seed, ppm);
+    let mut deviation = || {
+        let span = 2 * ppm.unsigned_abs() * 1000;
+        guarded.below(span + 1) as i32 - (ppm * 1000) as i32
+    };
+    let crystals = [deviation(), deviation(), deviation(), deviation()];
+    let watched = Watched {
+        guarded,
+        alive: [false; NODES],
+        alone: [None; NODES],
+        noise,
+    };
+    let mut bus = Bus::new(250_000, watched, seed);
+    for (node, ppb) in crystals.into_iter().enumerate() {
+        let phase = (seed as u32).wrapping_mul(node as u32 + 1);
+        bus.add(uagv(NodeId(node as u16)), crystal(ppb, phase));
+    }
+    bus
+}
+
+fn start(bus: &mut UagvBus<Watched>, node: usize) {
+    bus.application.alive[node] = true;
+    bus.start(node);
+}
+
+fn stop(bus: &mut UagvBus<Watched>, node: usize) {
+    bus.application.alive[node] = false;
+    bus.crash(node, uagv(NodeId(node as u16)));
+}
+
+/// The guardian of a single node cuts it only if nobody was there to acknowledge its references.
+fn check_singly(bus: &UagvBus<Watched>, before: &mut Vec<u16>) {
+    let now = bus.application.guarded.singly();
+    for (node, (before, now)) in before.iter().zip(&now).enumerate() {
+        let alone = bus.application.alone[node];
+        let lately = alone
+            .is_some_and(|alone| alone.ticks() + 2 * CYCLE_MS * 1_000_000 >= bus.now().ticks());
+        assert!(
+            before == now || lately,
+            "the guardian of node {node} cut it at {}, {}",
+            bus.now(),
+            bus.application.guarded.history()
+        );
+    }
+    *before = now;
+}
+
+/// Lets `cycles` basic cycles pass with deaths and returns, events and gaps. Returns how many
+/// frames were on the bus.
+fn live(bus: &mut UagvBus<Watched>, cycles: u64) -> usize {
+    let mut frames = 0;
+    let mut changes = [0; 3];
+    let mut singly = vec![0; NODES];
+    for _ in 0..cycles {
+        let now = bus.now().ticks() / 1_000_000;
+        let until = now + CYCLE_MS;
+        let node = bus.application.guarded.below(NODES as u64) as usize;
+        // In any phase of the basic cycle.
+        let phase = bus.application.guarded.below(CYCLE_MS);
+        bus.run_until(at(now + phase));
+        match bus.application.guarded.below(40) {
+            0 if bus.is_powered(node) => {
+                stop(bus, node);
+                changes[0] += 1;
+            }
+            1 | 2 if !bus.is_powered(node) => start(bus, node),
+            3..=9 if bus.application.alive[3] => {
+                let id = if phase.is_multiple_of(2) {
+                    ALARM
+                } else {
+                    BUTTON
+                };
+                let frame = Frame::new(id, &[phase as u8; 3]).expect("short");
+                bus.with(3, |drive, now| {
+                    _ = drive.queue_event(frame, now, Micros::millis(300));
+                });
+                changes[1] += 1;
+            }
+            10 => {
+                for master in [0, 1] {
+                    if bus.application.alive[master] {
+                        changes[2] +=
+                            usize::from(bus.with(master, |node, _| node.request_gap()).is_ok());
+                    }
+                }
+            }
+            11..=20 => {
+                for master in [0, 1] {
+                    if bus.application.alive[master] {
+                        bus.with(master, |node, now| _ = node.end_gap(now));
+                    }
+                }
+            }
+            _ => {}
+        }
+        bus.run_until(at(until));
+        for node in 0..NODES {
+            if bus.is_powered(node) {
+                if bus.node(node).status().sync == SyncState::Off {
+                    start(bus, node);
+                }
+                bus.with(node, |node, _| node.clear_errors());
+            }
+        }
+        frames += bus.traffic.len();
+        bus.traffic.clear();
+        check_singly(bus, &mut singly);
+        let guarded = &bus.application.guarded;
+        for sender in 0..NODES {
+            assert_eq!(
+                guarded.guardian.trips(sender),
+                (0, None),
+                "node {sender} was cut before {until} ms, {}",
+                guarded.history()
+            );
+        }
+    }
+    println!("{frames} frames, {changes:?} deaths, events and gaps");
+    assert!(changes.iter().all(|count| *count > 0));
+    frames
+}
+
+fn good(seed: u64, cycles: u64) {
+    let mut bus = network(seed, 50, 100);
+    // In any order, and one of them perhaps much later.
+    for _ in 0..NODES {
+        let node = bus.application.guarded.below(NODES as u64) as usize;
+        if !bus.application.alive[node] {
+            start(&mut bus, node);
+        }
+        let pause = bus.application.guarded.below(250);
+        bus.run_millis(pause);
+    }
+    let frames = live(&mut bus, cycles);
+    let clipped = bus.application.guarded.clipped;
+    println!("seed {seed}: {clipped} of {frames} frames stopped in {cycles} basic cycles");
+}
+
+/// A hundred thousand basic cycles: almost three hours of the vehicle's time.
+#[test]
+fn good_nodes_are_never_cut() {
+    for seed in 0..100 {
+        good(seed, 1000);
+    }
+    // A master returns, and neither the guardian nor the master before receive its reference.
+    good(1000, 1300);
+}
+
+/// A million basic cycles: `cargo test -p ttcan --test guardian -- --ignored --nocapture`
+#[test]
+#[ignore = "takes minutes"]
+fn good_nodes_are_never_cut_in_a_million_basic_cycles() {
+    for seed in 1000..1100 {
+        good(seed, 10_000);
+    }
+}
+
+/// What a babbling node sends.
+fn babble(kind: u64, node: usize) -> Frame {
+    let own = |event: bool| {
+        let config = MATRIX.config();
+        let window = config.windows.iter().find_map(|window| match window.kind {
+            WindowKind::Exclusive { id, sender, .. } if usize::from(sender.0) == node => Some(id),
+            _ => None,
+        });
+        if event && node == 3 {
+            ALARM
+        } else {
+            window.expect("each node has one")
+        }
+    };
+    let reference = MATRIX.config().reference;
+    let id = match kind {
+        0 => Id::standard(0).expect("small"),
+        1 => own(false),
+        2 => own(true),
+        // The reference of the best-ranked master, and of the other one.
+        3 => reference,
+        4 => reference.offset(1).expect("small"),
+        // A message of another node, of none, and the weakest ones.
+        5 => Id::standard(if node == 2 { 300 } else { 206 }).expect("small"),
+        6 => Id::standard(0x7FF).expect("the largest"),
+        _ => Id::extended(0x1FFF_FFFF).expect("the largest"),
+    };
+    let len = [8, 7, 3, 8, 6, 2, 0, 8][kind as usize % 8];
+    Frame::from_parts(id, len, [0; 8])
+}
+
+const KINDS: u64 = 8;
+
+/// No other node was cut, and since the cut each of their windows was used in each basic cycle but the
+/// first ones.
+fn check_others(bus: &UagvBus<Watched>, node: usize, cut: u64, seed: u64) {
+    // Another master takes over.
+    let quiet = if node == 0 { 4 } else { 2 };
+    let from = cut + quiet * CYCLE_MS * 1_000_000;
+    for (sender, other) in ALL.iter().enumerate().filter(|(sender, _)| *sender != node) {
+        let trips = bus.application.guarded.guardian.trips(sender);
+        assert_eq!(
+            trips,
+            (0, None),
+            "good node {sender}, seed {seed} {cut} {}",
+            bus.application.guarded.history()
+        );
+        for window in MATRIX.config().windows {
+            if let WindowKind::Exclusive { id, sender, .. } = window.kind
+                && sender == *other
+            {
+                let seen = bus.traffic.iter().filter(|sent| {
+                    sent.frame.id() == id
+                        && sent.fate == Fate::Delivered
+                        && sent.start.ticks() >= from
+                });
+                let seen = seen.count() as u64;
+                assert!(
+                    seen >= 15 - quiet - 1,
+                    "{} was lost after the cut: {seen}, node {node}, seed {seed}",
+                    window.name
+                );
+            }
+        }
+    }
+}
+
+/// A node begins to send one frame after the other, and goes on when it is cut. Returns after how
+/// many microseconds it was cut.
+fn babbler(seed: u64) -> u64 {
+    let mut bus = network(seed, 0, 100);
+    bus.application.guarded.deaf = 0;
+    bus.application.guarded.babbler = Some((seed / KINDS % NODES as u64) as usize);
+    for node in 0..NODES {
+        start(&mut bus, node);
+    }
+    bus.run_millis(1000);
+    let kind = seed % KINDS;
+    let node = (seed / KINDS % NODES as u64) as usize;
+    let frame = babble(kind, node);
+    let begin = at(1000 + seed % 200).ticks() + bus.application.guarded.below(1_000_000);
+    bus.run_until(SimTime::from_ticks(begin));
+    let mut time = begin;
+    while bus.application.guarded.guardian.trips(node).0 == 0 {
+        if bus.application.guarded.is_open(node) {
+            bus.inject(node, frame);
+        }
+        time += 50_000;
+        bus.run_until(SimTime::from_ticks(time));
+        bus.application.guarded.run(time);
+        assert!(
+            time < begin + CYCLE_MS * 1_000_000,
+            "kind {kind} of node {node} is not cut, seed {seed}, {}",
+            bus.application.guarded.history()
+        );
+    }
+    let cut = time;
+    // Nothing of it comes through its gate any more.
+    stop(&mut bus, node);
+    bus.traffic.clear();
+    let until = cut + 15 * CYCLE_MS * 1_000_000;
+    while time < until {
+        let bits = bits_of(&frame).len();
+        bus.application.guarded.send(node, &frame, time, bits);
+        time += 3_000_000;
+        bus.run_until(SimTime::from_ticks(time));
+        bus.application.guarded.run(time);
+        assert!(
+            !bus.application.guarded.is_open(node),
+            "kind {kind} of node {node} is back at {time} after {cut}, {:?}, {}, seed {seed}",
+            bus.application.guarded.guardian.trips(node),
+            bus.application.guarded.history()
+        );
+    }
+    check_others(&bus, node, cut, seed);
+    // After good conduct for ten basic cycles it may return.
+    let mut returned = time;
+    while !bus.application.guarded.is_open(node) {
+        returned += 1_000_000;
+        bus.run_until(SimTime::from_ticks(returned));
+        bus.application.guarded.run(returned);
+        assert!(
+            returned < time + 11 * CYCLE_MS * 1_000_000,
+            "it never returns"
+        );
+    }
+    assert!(returned + 2 * CYCLE_MS * 1_000_000 > time + 10 * CYCLE_MS * 1_000_000);
+    (cut - begin) / 1000
+}
+
+/// Each kind of frame, from each node, begun in any phase of the basic cycle.
+#[test]
+fn a_babbler_is_cut_within_a_basic_cycle_and_no_window_is_lost_after_that() {
+    let mut times: Vec<u64> = (0..1024).map(babbler).collect();
+    times.sort_unstable();
+    println!(
+        "cut after {} us in half of the cases, {} us at most",
+        times[512], times[1023]
+    );
+}
+
+/// One guardian, its clock in bits.
+struct Rig<const P: usize> {
+    guardian: Guardian<'static, P>,
+    /// Where the bus is, in bits since the start.
+    now: u32,
+    ask: Stamp,
+    open: u32,
+}
+
+const BIT_TICKS: u32 = 4 * TICKS_PER_US;
+
+impl<const P: usize> Rig<P> {
+    fn new(senders: [NodeId; P]) -> Self {
+        let config = GuardianConfig::new(TICKS_PER_US);
+        let now = Stamp(u32::MAX - 1_000_000);
+        let mut guardian =
+            Guardian::new(SCHEDULE.view(), config, senders, now).expect("it is sound");
+        let decision = guardian.poll(now);
+        Self {
+            guardian,
+            now: 0,
+            ask: decision.ask,
+            open: decision.open.bits(),
+        }
+    }
+
+    fn stamp(&self) -> Stamp {
+        Stamp(u32::MAX - 1_000_000).after(self.now * BIT_TICKS)
+    }
+
+    fn poll(&mut self, now: Stamp) {
+        let decision = self.guardian.poll(now);
+        self.ask = decision.ask;
+        self.open = decision.open.bits();
+    }
+
+    /// Lets bits pass. Returns after how many of them the gate of sender 0 closed.
+    fn pass(&mut self, bits: u32) -> Option<u32> {
+        let mut closed = None;
+        for bit in 0..bits {
+            self.now += 1;
+            while self.stamp().reached(self.ask) {
+                self.poll(self.ask);
+            }
+            if self.open & 1 == 0 && closed.is_none() {
+                closed = Some(bit + 1);
+            }
+        }
+        closed
+    }
+
+    fn edge(&mut self, sender: usize, level: Level) {
+        let stamp = self.stamp();
+        self.guardian.handle_edge(sender, level, stamp);
+        self.poll(stamp);
+    }
+
+    /// A dominant pulse, and then as many recessive bits. Returns whether gate 0 stayed open.
+    fn pulse(&mut self, sender: usize, dominant: u32, recessive: u32) -> bool {
+        self.edge(sender, Level::Dominant);
+        let first = self.pass(dominant);
+        self.edge(sender, Level::Recessive);
+        let open = self.open & 1 == 1;
+        self.pass(recessive);
+        first.is_none() && open
+    }
+
+    /// A frame on a line; the guardian receives it if `good`. Returns after how many bits gate 0 closed.
+    fn frame(&mut self, sender: usize, frame: &Frame, good: bool) -> Option<u32> {
+        let mut closed = None;
+        let mut last = true;
+        let bits = bits_of(frame);
+        for (at, bit) in bits.iter().copied().chain([true]).enumerate() {
+            if bit != last {
+                self.edge(
+                    sender,
+                    if bit {
+                        Level::Recessive
+                    } else {
+                        Level::Dominant
+                    },
+                );
+            }
+            last = bit;
+            if self.pass(1).is_some() && closed.is_none() {
+                closed = Some(at as u32 + 1);
+            }
+        }
+        // The recessive bit of the chain is the first of the ten behind the CRC.
+        self.pass(9);
+        if good {
+            let stamp = self.stamp();
+            self.guardian.handle_frame(frame, stamp);
+            self.poll(stamp);
+        }
+        self.pass(3);
+        closed
+    }
+
+    /// Two references of sender 0, so that the schedule runs. Time is then `micros` in the basic
+    /// cycle of the second.
+    fn synchronise(&mut self, micros: u32) {
+        let reference = reference();
+        self.pass(50);
+        let begun = self.now;
+        assert_eq!(self.frame(0, &reference, true), None);
+        self.pass(25_000 - (self.now - begun));
+        let begun = self.now;
+        assert_eq!(self.frame(0, &reference, true), None);
+        assert_eq!(self.guardian.state(), GuardianState::InSchedule);
+        self.pass(micros / 4 - (self.now - begun));
+    }
+}
+
+fn reference() -> Frame {
+    Frame::from_parts(MATRIX.config().reference, 8, [0; 8])
+}
+
+fn message(id: u16, len: u8) -> Frame {
+    Frame::from_parts(Id::standard(id).expect("small"), len, [0xA5; 8])
+}
+
+/// Bits of a short spell.
+const SHORT: u32 = 16;
+
+#[test]
+fn acknowledge_bits_and_flags_pass_at_any_time() {
+    let mut rig = Rig::new([STEERING, GPS]);
+    for _ in 0..20 {
+        assert!(rig.pulse(0, 1, 100), "acknowledge bit");
+        assert!(rig.pulse(0, 6, 100), "error flag");
+        assert!(
+            rig.pulse(0, 1, 6) && rig.pulse(0, 6, 100),
+            "an error flag behind it"
+        );
+        // Two overload frames.
+        assert!(rig.pulse(0, 6, 8) && rig.pulse(0, 6, 25_000));
+    }
+    assert_eq!(rig.guardian.trips(0), (0, None));
+}
+
+#[test]
+fn a_frame_outside_its_window_is_stopped_and_cuts_its_sender() {
+    let mut rig = Rig::new([GPS, STEERING]);
+    rig.synchronise(20_000);
+    // The message of the window at 6 ms. Gate 1 is not that of `closed`.
+    rig.frame(1, &message(206, 2), false);
+    assert_eq!(rig.guardian.trips(1), (1, Some(Trip::Misplaced)));
+    assert_eq!(rig.guardian.trips(0), (0, None));
+    assert_eq!(rig.open, 0b01);
+
+    let mut rig = Rig::new([STEERING, GPS]);
+    rig.pass(100);
+    let closed = rig
+        .frame(0, &message(206, 2), false)
+        .expect("it is stopped");
+    assert!((SHORT..=SHORT + 1).contains(&closed), "after {closed} bits");
+    assert_eq!(rig.guardian.trips(0), (0, None), "the time is not known");
+    assert_eq!(rig.open, 0b11, "the spell is over");
+}
+
+#[test]
+fn a_message_in_its_window_passes_once() {
+    for (early, late) in [(0, 0), (20, 0), (0, 80)] {
+        let mut rig = Rig::new([GPS, STEERING]);
+        rig.synchronise(6000 + late - early);
+        rig.frame(1, &message(206, 2), true);
+        assert_eq!(
+            (rig.open, rig.guardian.trips(1).0),
+            (0b11, 0),
+            "-{early} +{late} us"
+        );
+        rig.frame(1, &message(206, 2), false);
+        assert_eq!(rig.guardian.trips(1), (1, Some(Trip::Misplaced)));
+    }
+}
+
+#[test]
+fn another_message_in_the_window_cuts_its_sender() {
+    let mut rig = Rig::new([GPS, STEERING]);
+    rig.synchronise(6000);
+    rig.frame(1, &message(205, 2), true);
+    assert_eq!(rig.guardian.trips(1), (1, Some(Trip::Identifier)));
+}
+
+#[test]
+fn a_line_that_is_stuck_is_closed_until_it_is_released() {
+    let mut rig = Rig::new([STEERING]);
+    rig.edge(0, Level::Dominant);
+    assert_eq!(rig.pass(3_000_000), Some(SHORT), "two minutes");
+    rig.edge(0, Level::Recessive);
+    rig.pass(10);
+    assert_eq!(rig.open, 1);
+    // In schedule it is cut, too, and must behave for ten basic cycles.
+    let mut rig = Rig::new([GPS, STEERING]);
+    rig.synchronise(20_000);
+    rig.edge(1, Level::Dominant);
+    rig.pass(10_000_000);
+    assert_eq!(rig.open, 0b01);
+    rig.edge(1, Level::Recessive);
+    rig.pass(249_000);
+    assert_eq!(rig.open, 0b01);
+    rig.pass(2000);
+    assert_eq!(rig.open, 0b11);
+}
+
+#[test]
+fn flags_without_a_reason_cut_their_sender() {
+    let mut rig = Rig::new([STEERING, DRIVE]);
+    let limit = u32::from(GuardianConfig::new(TICKS_PER_US).pulses);
+    for _ in 0..limit {
+        rig.pulse(0, 6, 80);
+        // The other one answers, and is not to blame.
+        rig.edge(0, Level::Dominant);
+        rig.edge(1, Level::Dominant);
+        rig.pass(6);
+        rig.edge(0, Level::Recessive);
+        rig.edge(1, Level::Recessive);
+        rig.pass(20);
+        if rig.guardian.trips(0).0 > 0 {
+            break;
+        }
+    }
+    assert_eq!(rig.guardian.trips(0), (1, Some(Trip::Pulses)));
+    assert_eq!(rig.guardian.trips(1), (0, None));
+    assert!(rig.now < 25_000, "within a basic cycle");
+    // Ten basic cycles of good conduct.
+    rig.pass(249_000);
+    assert_eq!(rig.open, 0b10);
+    rig.pass(2000);
+    assert_eq!(rig.open, 0b11);
+}
+
+/// It repeats its reference for as long as nobody acknowledges it.
+#[test]
+fn a_master_that_is_alone_is_not_cut() {
+    for behind in [1, 6, 7] {
+        let mut rig = Rig::new([GPS, STEERING]);
+        for _ in 0..1000 {
+            assert_eq!(rig.frame(0, &reference(), false), None);
+            // The flag, 13 bits and more behind the last dominant bit is none of a frame's.
+            rig.now -= 11;
+            rig.pass(behind);
+            assert!(rig.pulse(0, 6, 11));
+        }
+        assert_eq!(rig.guardian.trips(0), (0, None));
+        assert_eq!(rig.guardian.state(), GuardianState::Unsynchronised);
+    }
+}
+
+/// References that others disturb, or that are none.
+#[test]
+fn a_master_without_success_is_cut() {
+    let mut rig = Rig::new([GPS, STEERING]);
+    let begun = rig.now;
+    while rig.guardian.trips(0).0 == 0 {
+        rig.frame(0, &reference(), false);
+        rig.pulse(1, 6, 11);
+        assert!(rig.now - begun < 25_000, "within a basic cycle");
+    }
+    let mut rig = Rig::new([GPS, STEERING]);
+    rig.frame(0, &message(206, 2), true);
+    assert_eq!(rig.guardian.trips(0), (1, Some(Trip::Identifier)));
+}
+
+#[test]
+fn a_guardian_of_one_node_stops_it_outside_its_windows() {
+    let mut rig = Rig::new([STEERING]);
+    let begun = rig.now;
+    let stamp = |rig: &Rig<1>| rig.stamp();
+    for cycle in 0..2 {
+        rig.pass(25_000 * cycle + 200 - (rig.now - begun).min(200));
+        let now = stamp(&rig);
+        rig.guardian.handle_frame(&reference(), now);
+    }
+    assert_eq!(rig.guardian.state(), GuardianState::InSchedule);
+    let bits = bits_of(&reference()).len() as u32 + 10;
+    rig.pass(1500 - bits);
+    assert_eq!(rig.frame(0, &message(206, 2), true), None);
+    assert!(rig.frame(0, &message(206, 2), false).is_some());
+    assert_eq!(rig.guardian.trips(0), (1, Some(Trip::Misplaced)));
+    rig.guardian.pardon(0);
+    rig.poll(rig.stamp());
+    assert_eq!(rig.open, 1);
+}
+
+/// It sees no other line, so each attempt without success counts while the time is known.
+#[test]
+fn a_guardian_of_one_master_stops_endless_attempts() {
+    let mut rig = Rig::new([GPS]);
+    rig.synchronise(99_900);
+    let begun = rig.now;
+    while rig.guardian.trips(0).0 == 0 {
+        rig.frame(0, &reference(), false);
+        assert!(rig.now - begun < 25_000, "within a basic cycle");
+    }
+    assert_eq!(rig.guardian.trips(0), (1, Some(Trip::Misplaced)));
+}
+
+#[test]
+fn configurations_are_checked() {
+    let sound = GuardianConfig::new(TICKS_PER_US);
+    let refused =
+        |config: GuardianConfig| Guardian::new(SCHEDULE.view(), config, ALL, Stamp(0)).err();
+    assert_eq!(refused(sound), None);
+    assert_eq!(
+        Guardian::new(SCHEDULE.view(), sound, [GPS, GPS], Stamp(0)).err(),
+        Some(GuardianError::Senders)
+    );
+    for (config, error) in [
+        (
+            GuardianConfig {
+                ticks_per_us: 0,
+                ..sound
+            },
+            GuardianError::Ticks,
+        ),
+        (
+            GuardianConfig {
+                ticks_per_us: 1000,
+                ..sound
+            },
+            GuardianError::TooLong,
+        ),
+        (
+            GuardianConfig {
+                penalty: 0,
+                ..sound
+            },
+            GuardianError::Cycles,
+        ),
+        (GuardianConfig { lost: 101, ..sound }, GuardianError::Cycles),
+        (
+            GuardianConfig {
+                drift_ppm: 10_001,
+                ..sound
+            },
+            GuardianError::Drift,
+        ),
+        (
+            GuardianConfig {
+                spell_bits: 34,
+                ..sound
+            },
+            GuardianError::SpellBits,
+        ),
+        (
+            GuardianConfig {
+                edge_latency: i32::MIN,
+                ..sound
+            },
+            GuardianError::Latency,
+        ),
+    ] {
+        assert_eq!(refused(config), Some(error));
+    }
+}
+
+#[test]
+fn a_guardian_is_as_large_as_its_documentation_says() {
+    let one = size_of::<Guardian<'static, 1>>();
+    let four = size_of::<Guardian<'static, 4>>();
+    println!(
+        "{one} bytes for one sender, {} for each more",
+        (four - one) / 3
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// Any message with any data, begun anywhere in its transmit enable window.
+    #[test]
+    fn messages_in_their_windows_pass(data: [u8; 8], late in 0u32..16, which in 0usize..6) {
+        let mut rig = Rig::new(ALL);
+        let window = MATRIX.config().windows[which];
+        let WindowKind::Exclusive { id, len, sender, .. } = window.kind else {
+            panic!("the first six are exclusive")
+        };
+        rig.synchronise(window.start.ticks() + 4 * late);
+        rig.frame(usize::from(sender.0), &Frame::from_parts(id, len, data), true);
+        prop_assert_eq!(rig.open, 0b1111);
+        prop_assert_eq!(rig.guardian.trips(usize::from(sender.0)), (0, None));
+    }
+
+    /// Whatever a sender does outside its windows, no spell of it is longer than the limit.
+    #[test]
+    fn no_spell_is_longer_than_the_limit(
+        pulses in prop::collection::vec((1u32..12, 1u32..12), 1..60),
+    ) {
+        let mut rig = Rig::new([STEERING, GPS]);
+        let (mut spell, mut quiet) = (0, 100);
+        for (dominant, recessive) in pulses {
+            for (level, bits) in [(Level::Dominant, dominant), (Level::Recessive, recessive)] {
+                rig.edge(0, level);
+                for _ in 0..bits {
+                    if level == Level::Dominant {
+                        spell = if quiet >= 7 { 0 } else { spell };
+                        quiet = 0;
+                    } else {
+                        quiet += 1;
+                    }
+                    spell += 1;
+                    prop_assert!(
+                        spell <= SHORT || quiet > 0 || rig.open & 1 == 0,
+                        "bit {} of a spell passes", spell
+                    );
+                    rig.pass(1);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,308 @@
+//! A guardian on a simulated bus: TX lines bit by bit, its own crystal, latencies and losses.
+
+use ttcan::guardian::{Decision, Guardian, GuardianConfig, Level};
+use ttcan::simulation::{Crystal, Fate, SimTime};
+use ttcan::{Frame, NodeId, ScheduleView, Stamp, StampLatency};
+
+/// A bit in nanoseconds.
+pub(crate) const BIT: u64 = 4000;
+const TICKS_PER_US: u32 = 18;
+
+/// The bits of a frame from its start to the end of its CRC, stuffed; `false` is dominant.
+pub(crate) fn bits_of(frame: &Frame) -> Vec<bool> {
+    let mut plain = vec![false];
+    let id = frame.id();
+    let mut put = |value: u32, count: u32| {
+        plain.extend((0..count).rev().map(|bit| value >> bit & 1 == 1));
+    };
+    if id.is_extended() {
+        put(id.raw() >> 18, 11);
+        put(0b11, 2);
+        put(id.raw() & 0x3_FFFF, 18);
+        put(0, 3);
+    } else {
+        put(id.raw(), 11);
+        put(0, 3);
+    }
+    put(u32::from(frame.len()), 4);
+    for byte in frame.data() {
+        put(u32::from(*byte), 8);
+    }
+    let mut crc = 0u32;
+    for bit in &plain {
+        let feedback = (crc >> 14 & 1 == 1) != *bit;
+        crc = (crc << 1 & 0x7FFF) ^ if feedback { 0x4599 } else { 0 };
+    }
+    plain.extend((0..15).rev().map(|bit| crc >> bit & 1 == 1));
+    let mut stuffed = Vec::new();
+    let (mut last, mut run) = (true, 0);
+    for bit in plain {
+        run = if bit == last { run + 1 } else { 1 };
+        last = bit;
+        stuffed.push(bit);
+        if run == 5 {
+            stuffed.push(!bit);
+            (last, run) = (!bit, 1);
+        }
+    }
+    stuffed
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Event {
+    Edge(usize, Level),
+    Frame(Frame),
+}
+
+/// A guardian of `P` senders, and what happens around it.
+pub(crate) struct Guarded<const P: usize> {
+    pub(crate) guardian: Guardian<'static, P>,
+    /// A guardian of each node alone, which only watches, and when it must be asked.
+    singles: Vec<(Guardian<'static, 1>, Stamp)>,
+    crystal: Crystal,
+    decision: Decision,
+    /// Events that are still to come, by their time.
+    pending: Vec<(u64, Event)>,
+    random: u64,
+    /// One of this many frames is not received by the guardian; 0 for none.
+    pub(crate) deaf: u64,
+    /// Frames that the gates stopped.
+    pub(crate) clipped: usize,
+    history: Vec<String>,
+    /// The sender that goes on when its gate is closed.
+    pub(crate) babbler: Option<usize>,
+    /// Times that it asked to be asked.
+    pub(crate) asked: u64,
+}
+
+impl<const P: usize> Guarded<P> {
+    pub(crate) fn new(
+        schedule: ScheduleView<'static>,
+        senders: [NodeId; P],
+        seed: u64,
+        ppm: i64,
+    ) -> Self {
+        let crystal = Crystal {
+            ticks_per_us: TICKS_PER_US,
+            ppb: 0,
+            phase: seed as u32,
+            interrupt: (0, 0),
+        };
+        let config = GuardianConfig {
+            // The middle of 0.2 to 0.8 us.
+            receive_latency: StampLatency::bxcan(4 * TICKS_PER_US, 9).receive,
+            edge_latency: 9,
+            ..GuardianConfig::new(TICKS_PER_US)
+        };
+        let now = crystal.stamp(SimTime::from_ticks(0));
+        let mut guardian = Guardian::new(schedule, config, senders, now).expect("it is sound");
+        let singles = senders
+            .map(|node| Guardian::new(schedule, config, [node], now).expect("it is sound"))
+            .map(|single| (single, now))
+            .into();
+        let decision = guardian.poll(now);
+        let mut guarded = Self {
+            guardian,
+            singles,
+            crystal,
+            decision,
+            pending: Vec::new(),
+            random: seed.wrapping_mul(77) + 1,
+            deaf: 200,
+            clipped: 0,
+            history: Vec::new(),
+            babbler: None,
+            asked: 0,
+        };
+        let span = 2 * ppm.unsigned_abs() * 1000;
+        guarded.crystal.ppb = guarded.below(span + 1) as i32 - (ppm * 1000) as i32;
+        guarded
+    }
+
+    /// A number below `end` (SplitMix64, Steele et al. 2014).
+    pub(crate) fn below(&mut self, end: u64) -> u64 {
+        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut mixed = self.random;
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        mixed ^= mixed >> 31;
+        if end == 0 { 0 } else { mixed % end }
+    }
+
+    /// How often each node was cut by the guardian that sees only this one.
+    pub(crate) fn singly(&self) -> Vec<u16> {
+        self.singles
+            .iter()
+            .map(|(single, _)| single.trips(0).0)
+            .collect()
+    }
+
+    pub(crate) fn is_open(&self, sender: usize) -> bool {
+        self.decision.open.is_open(sender)
+    }
+
+    fn stamp(&self, nanos: u64) -> Stamp {
+        self.crystal.stamp(SimTime::from_ticks(nanos))
+    }
+
+    /// Lets time pass up to `nanos`.
+    pub(crate) fn run(&mut self, nanos: u64) {
+        while let Some(&(time, event)) = self.pending.first()
+            && time <= nanos
+        {
+            self.pending.remove(0);
+            let stamp = self.stamp(time);
+            self.ask(stamp);
+            match event {
+                Event::Edge(sender, level) => {
+                    self.guardian.handle_edge(sender, level, stamp);
+                    if let Some((single, _)) = self.singles.get_mut(sender) {
+                        single.handle_edge(0, level, stamp);
+                    }
+                }
+                Event::Frame(frame) => {
+                    self.guardian.handle_frame(&frame, stamp);
+                    for (single, _) in &mut self.singles {
+                        single.handle_frame(&frame, stamp);
+                    }
+                }
+            }
+            for (single, ask) in &mut self.singles {
+                *ask = single.poll(stamp).ask;
+            }
+            self.decision = self.guardian.poll(stamp);
+        }
+        self.ask(self.stamp(nanos));
+    }
+
+    /// Asks the guardian whenever it wants to be asked up to `now`.
+    fn ask(&mut self, now: Stamp) {
+        for (single, ask) in &mut self.singles {
+            while now.reached(*ask) {
+                *ask = single.poll(*ask).ask;
+            }
+        }
+        let mut rounds = 0;
+        while now.reached(self.decision.ask) {
+            self.decision = self.guardian.poll(self.decision.ask);
+            rounds += 1;
+            self.asked += 1;
+            assert!(rounds < 1_000_000, "it asks for ever");
+        }
+    }
+
+    fn push(&mut self, time: u64, event: Event) {
+        let time = time + 200 + self.below(600);
+        let at = self.pending.partition_point(|(other, _)| *other <= time);
+        self.pending.insert(at, (time, event));
+    }
+
+    /// A stretch of dominant bits on a line.
+    pub(crate) fn drive(&mut self, sender: usize, from: u64, bits: u64) {
+        self.push(from, Event::Edge(sender, Level::Dominant));
+        self.push(from + bits * BIT, Event::Edge(sender, Level::Recessive));
+    }
+
+    /// The edges of the first `bits` bits of a frame.
+    pub(crate) fn send(&mut self, sender: usize, frame: &Frame, from: u64, bits: usize) {
+        let mut last = true;
+        let stuffed = bits_of(frame);
+        let bits = bits.min(stuffed.len());
+        for (at, bit) in stuffed.into_iter().take(bits).chain([true]).enumerate() {
+            if bit != last {
+                let level = if bit {
+                    Level::Recessive
+                } else {
+                    Level::Dominant
+                };
+                self.push(from + at as u64 * BIT, Event::Edge(sender, level));
+            }
+            last = bit;
+        }
+    }
+
+    /// A frame begins on the bus, or would without its gate. What becomes of it?
+    pub(crate) fn transmit(
+        &mut self,
+        sender: usize,
+        frame: &Frame,
+        from: u64,
+        fate: Fate,
+        alive: &[bool; P],
+    ) -> Fate {
+        let (id, state) = (frame.id(), self.guardian.state());
+        self.note(format!("{id} of {sender} at {from}, {fate:?}, {state:?}"));
+        let bits = bits_of(frame).len();
+        if fate == Fate::Destroyed {
+            if !alive
+                .iter()
+                .enumerate()
+                .any(|(node, alive)| *alive && node != sender)
+            {
+                // Nobody acknowledges it. The simulation may begin the next one after 34 bits.
+                self.send(sender, frame, from, 24);
+                return fate;
+            }
+            // All see the error in bit 14.
+            self.send(sender, frame, from, 14);
+            for (node, alive) in alive.iter().enumerate() {
+                if *alive && node != sender {
+                    self.drive(node, from + 14 * BIT, 6);
+                }
+            }
+            // Its own flag, in the same spell.
+            self.drive(sender, from + 15 * BIT, 6);
+            return fate;
+        }
+        self.send(sender, frame, from, bits);
+        let mut time = from;
+        while time < from + bits as u64 * BIT {
+            // The guardian is asked at the instants that it names.
+            time += 4 * BIT;
+            self.run(time);
+            if !self.is_open(sender) {
+                let trips: Vec<_> = (0..P).map(|at| self.guardian.trips(at)).collect();
+                self.note(format!("closed after {} ns, {trips:?}", time - from));
+                self.clipped += 1;
+                if self.babbler != Some(sender) {
+                    // It sees that the bus is not what it sends, and sends a flag.
+                    self.pending.retain(|(at, event)| {
+                        *at <= time || !matches!(event, Event::Edge(of, _) if *of == sender)
+                    });
+                    self.push(time, Event::Edge(sender, Level::Recessive));
+                    self.drive(sender, time + BIT, 6);
+                }
+                for (node, alive) in alive.iter().enumerate() {
+                    if *alive && node != sender {
+                        self.drive(node, time + 6 * BIT, 6);
+                    }
+                }
+                return Fate::Destroyed;
+            }
+        }
+        let end = from + (bits as u64 + 10) * BIT;
+        for (node, alive) in alive.iter().enumerate() {
+            if *alive && node != sender && fate != Fate::MissedBy(node) {
+                self.drive(node, end - 9 * BIT, 1);
+            }
+        }
+        if self.deaf == 0 || self.below(self.deaf) > 0 {
+            self.push(end - BIT, Event::Frame(*frame));
+        } else {
+            self.note("not received".to_owned());
+        }
+        fate
+    }
+
+    fn note(&mut self, line: String) {
+        if self.history.len() > 150 {
+            self.history.remove(0);
+        }
+        self.history.push(line);
+    }
+
+    /// What happened lately.
+    pub(crate) fn history(&self) -> String {
+        format!("{:?}\n{}", self.guardian.state(), self.history.join("\n"))
+    }
+}
