@@ -51,8 +51,9 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
         self.agenda.due(now, self.transmission.is_idle())
     }
 
-    // Not inlined: it would be twice in images that call both of the above.
-    #[inline(never)]
+    // Not inlined: it would be twice in images that call both of the above. The smallest images have
+    // no room for that.
+    #[cfg_attr(feature = "global-time", inline(never))]
     fn carry_out(&mut self, due: Due, now: Stamp) -> Option<Action> {
         match due {
             Due::Silence => {
@@ -75,7 +76,8 @@ impl<'s, const W: usize, const P: usize, const Q: usize> Node<'s, W, P, Q> {
                 Some(Action::Abort)
             }
             Due::TimeMark => self.step(now),
-            Due::Reference => Some(self.transmit_reference(now)),
+            // Never due without a master, which the compiler cannot see from here.
+            Due::Reference => MASTER.then(|| self.transmit_reference(now)),
             Due::MissingReference => {
                 self.miss_reference(now);
                 None
