@@ -94,8 +94,9 @@ fn check_singly(bus: &UagvBus<Watched>, before: &mut Vec<u16>) {
             .is_some_and(|alone| alone.ticks() + 2 * CYCLE_MS * 1_000_000 >= bus.now().ticks());
         assert!(
             before == now || lately,
-            "the guardian of node {node} cut it at {}, {}",
+            "the guardian of node {node} cut it at {} for {:?}, {}",
             bus.now(),
+            bus.application.guarded.reason(node),
             bus.application.guarded.history()
         );
     }

@@ -7,6 +7,9 @@ use crate::time::Micros;
 
 /// Longest distance of two stamps that are compared, as in a node.
 const LONGEST_TICKS: u32 = 1 << 30;
+/// Longest frame of a network with an intermission behind it, in bits: 29-bit identifier, 8 bytes, all
+/// stuff bits.
+const LONGEST_FRAME_BITS: u32 = 160;
 /// Recessive bits that end a spell. A frame has at most 5 in a row up to its CRC delimiter.
 const SPELL_GAP_BITS: u32 = 7;
 /// Difference of an edge's stamp and the start of frame by a frame's end, in bits: resynchronisation.
@@ -138,6 +141,9 @@ pub(super) struct Times {
     pub(super) earliest: u32,
     /// How long after the end of the basic cycle a reference may still begin.
     pub(super) late: u32,
+    /// How much later than a basic cycle a backup's first reference begins at most: its offset, and a
+    /// frame that is on the bus.
+    pub(super) takeover: u32,
     /// How long after its reference a master may repeat it.
     pub(super) repeated: u32,
     /// Longest gap.
@@ -237,6 +243,8 @@ impl Times {
             offset_limit: ticks(REFERENCE_OFFSET_LIMIT),
             earliest: ticks(network.basic_cycle.saturating_sub(early)),
             late: ticks(late),
+            takeover: ticks(REFERENCE_OFFSET_LIMIT + network.uncertainty)
+                .saturating_add(bits(LONGEST_FRAME_BITS)),
             repeated: ticks(5 * reference),
             gap,
             lost,

@@ -332,7 +332,14 @@ impl<'s, const P: usize> Guardian<'s, P> {
                 self.times.earliest
             };
             if elapsed >= earliest.cast_signed() {
-                let late = self.times.cycle.wrapping_add(self.times.late);
+                // A worse-ranked master that begins later than behind a frame may have missed a
+                // reference together with the guardian, and the nodes do not follow it.
+                let allowance = if rank > known.master {
+                    self.times.takeover
+                } else {
+                    self.times.late
+                };
+                let late = self.times.cycle.wrapping_add(allowance);
                 let in_time = elapsed <= late.cast_signed() || known.next_is_gap;
                 consecutive = in_time && fields.cycle == next;
             } else if rank > known.master {

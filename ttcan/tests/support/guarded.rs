@@ -1,6 +1,6 @@
 //! A guardian on a simulated bus: TX lines bit by bit, its own crystal, latencies and losses.
 
-use ttcan::guardian::{Decision, Guardian, GuardianConfig, Level};
+use ttcan::guardian::{Decision, Guardian, GuardianConfig, Level, Trip};
 use ttcan::simulation::{Crystal, Fate, SimTime};
 use ttcan::{Frame, NodeId, ScheduleView, Stamp, StampLatency};
 
@@ -135,6 +135,13 @@ impl<const P: usize> Guarded<P> {
             .iter()
             .map(|(single, _)| single.trips(0).0)
             .collect()
+    }
+
+    /// Why the guardian of a node alone has cut it the last time.
+    pub(crate) fn reason(&self, node: usize) -> Option<Trip> {
+        self.singles
+            .get(node)
+            .and_then(|(single, _)| single.trips(0).1)
     }
 
     pub(crate) fn is_open(&self, sender: usize) -> bool {
