@@ -1,7 +1,7 @@
 //! The functions of the fuzz targets with random bytes, and further properties.
 
-#[path = "../fuzz/src/lib.rs"]
-#[expect(unreachable_pub, reason = "a library of its own in `fuzz/`")]
+#[path = "support/fuzzing.rs"]
+#[expect(unreachable_pub, reason = "a library of its own for `fuzz/`")]
 mod fuzz;
 
 use fuzz::Said;
