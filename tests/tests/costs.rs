@@ -33,6 +33,23 @@ fn an_event_costs_as_much_with_512_windows_as_with_8() {
     }
 }
 
+/// Edges of a TX line may come each 4 us, which is 720 cycles at 180 MHz: that is still less than what
+/// an edge costs, as the README of the crate says.
+#[test]
+fn an_edge_costs_a_guardian_less_than_it_did() {
+    let workspace = workspace();
+    let builder = Builder::new(&workspace).unwrap_or_else(|failure| panic!("{failure}"));
+    let costs = bench::cycles::guardian(&builder).unwrap_or_else(|failure| panic!("{failure}"));
+    println!("{costs:?}");
+    let [(_, first), (_, edge), _] = costs[..] else {
+        panic!("three events");
+    };
+    assert!(
+        (50..=1499).contains(&edge) && (edge..=1671).contains(&first),
+        "{costs:?}"
+    );
+}
+
 /// The control step is released 600 us before its window, which is 108 000 cycles at 180 MHz.
 /// Limiting it to a fifteenth of that, as flashed, leaves room for other tasks, and its bound is
 /// close to what it takes.

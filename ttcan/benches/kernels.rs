@@ -5,6 +5,7 @@
 //! A kernel is a node right before the event. [`Kernel::run`] is the event that is
 //! timed.
 
+use ttcan::guardian::{Guardian, GuardianConfig, Level};
 use ttcan::{
     Action, Frame, Id, MatrixConfig, Micros, Node, NodeConfig, NodeId, ReferenceFormat, Schedule,
     ScheduleView, Stamp, SystemMatrix, TransmitOutcome, Window, frame_bits,
@@ -217,5 +218,79 @@ impl<const W: usize> Kernel<Node<'static, W, 2, 4>> {
             }
         };
         good && self.node.poll(self.stamp).is_none() && self.node.next_deadline().is_some()
+    }
+}
+
+/// The event of a guardian that is timed. After each, the guardian is asked for its decision.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Guarded {
+    /// The first dominant edge of a frame, in its sender's window.
+    FirstEdge,
+    /// Another edge of that frame.
+    Edge,
+    /// A reference message, received from the bus.
+    Reference,
+}
+
+/// A guardian of four senders right before an event.
+pub struct Watch {
+    guardian: Guardian<'static, 4>,
+    event: Guarded,
+    frame: Frame,
+    stamp: Stamp,
+}
+
+/// Prepares a guardian of the network with 8 windows. `None` means that the benchmark itself is wrong.
+pub fn watch(event: Guarded) -> Option<Watch> {
+    let senders = [MASTER, OTHER, NodeId(2), NodeId(3)];
+    let config = GuardianConfig::new(TICKS_PER_US);
+    let schedule = FEW_SCHEDULE.view();
+    let mut guardian = Guardian::new(schedule, config, senders, Stamp(0)).ok()?;
+    let mut mark = Stamp(0);
+    let mut frame = reference(0, 0);
+    for cycle in 0..6 {
+        mark = Stamp((u32::from(cycle) + 1) * CYCLE * TICKS_PER_US);
+        frame = reference(cycle, u32::from(cycle) * CYCLE);
+        let end = mark.after(frame_bits(&frame) * BIT);
+        if cycle == 5 && event == Guarded::Reference {
+            let stamp = end;
+            return Some(Watch {
+                guardian,
+                event,
+                frame,
+                stamp,
+            });
+        }
+        guardian.handle_frame(&frame, end);
+        let _ = guardian.poll(end);
+    }
+    let mut stamp = mark.after(1000 * TICKS_PER_US);
+    if event == Guarded::Edge {
+        for level in [Level::Dominant, Level::Recessive] {
+            guardian.handle_edge(1, level, stamp);
+            let _ = guardian.poll(stamp);
+            stamp = stamp.after(4 * BIT);
+        }
+    }
+    Some(Watch {
+        guardian,
+        event,
+        frame,
+        stamp,
+    })
+}
+
+impl Watch {
+    /// Runs the event up to the decision. Returns whether the sender's gate is open, as it should.
+    #[inline(never)]
+    pub fn run(&mut self) -> bool {
+        match self.event {
+            Guarded::FirstEdge | Guarded::Edge => {
+                self.guardian.handle_edge(1, Level::Dominant, self.stamp);
+            }
+            Guarded::Reference => self.guardian.handle_frame(&self.frame, self.stamp),
+        }
+        let decision = self.guardian.poll(self.stamp);
+        decision.open.is_open(1) && decision.ask.ticks_since(self.stamp) > 0
     }
 }

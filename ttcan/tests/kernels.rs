@@ -4,7 +4,7 @@
 #[expect(unreachable_pub, reason = "the benchmark's programs share the file")]
 mod kernels;
 
-use kernels::{Event, few, many};
+use kernels::{Event, Guarded, few, many, watch};
 
 #[test]
 fn every_event_comes_about() {
@@ -15,5 +15,12 @@ fn every_event_comes_about() {
     ] {
         assert!(few(event).unwrap().run(), "8 windows, {event:?}");
         assert!(many(event).unwrap().run(), "512 windows, {event:?}");
+    }
+}
+
+#[test]
+fn every_event_of_a_guardian_comes_about() {
+    for event in [Guarded::FirstEdge, Guarded::Edge, Guarded::Reference] {
+        assert!(watch(event).unwrap().run(), "{event:?}");
     }
 }

@@ -30,6 +30,13 @@ const EVENTS: [(&str, &str); 3] = [
     ("own window begins", "window"),
 ];
 
+/// Events of the bus guardian, each with the end of its function's name.
+const GUARDED: [(&str, &str); 3] = [
+    ("first edge of a frame", "first"),
+    ("another edge", "edge"),
+    ("reference received", "reference"),
+];
+
 /// The program that is measured.
 const PROGRAM: &str = "the program `cycles`";
 /// Address of the node in RAM.
@@ -53,35 +60,55 @@ pub fn measure(builder: &Builder, parts: Parts) -> Result<Vec<Cost>, Failure> {
         error,
     })?;
     let image = Arc::new(image);
-    let cost = |size: &str, event: &str| -> Result<u64, Error> {
-        let mut core = Mcu::new(Arc::clone(&image), &Board::default(), None);
-        if !core.run_to(IDLE, BUDGET) {
-            return Err(Error::NoStart { program: PROGRAM });
-        }
-        call(
-            &mut core,
-            function(&elf, &format!("prepare_{size}_{event}"))?,
-        )?;
-        let cycles = call(&mut core, function(&elf, &format!("run_{size}"))?)?;
-        if core.register(0) == 1 {
-            Ok(cycles)
-        } else {
-            Err(Error::NoEvent {
-                event: event.into(),
-                size: size.into(),
-            })
-        }
-    };
     EVENTS
         .into_iter()
         .map(|(event, name)| {
             Ok(Cost {
                 event,
-                few: cost("few", name)?,
-                many: cost("many", name)?,
+                few: cost(&elf, &image, "few", name)?,
+                many: cost(&elf, &image, "many", name)?,
             })
         })
         .collect()
+}
+
+/// Measures the bus guardian of four senders: events and their cycles, the decision included.
+///
+/// # Errors
+///
+/// The program does not build, or an event did not happen.
+pub fn guardian(builder: &Builder) -> Result<Vec<(&'static str, u64)>, Failure> {
+    let elf = builder.program("cycles", super::EVERYTHING, Profile::Release)?;
+    let image = Image::from_elf(Part::F446, &elf).map_err(|error| Error::Image {
+        program: PROGRAM,
+        error,
+    })?;
+    let image = Arc::new(image);
+    GUARDED
+        .into_iter()
+        .map(|(event, name)| Ok((event, cost(&elf, &image, "guardian", name)?)))
+        .collect()
+}
+
+/// Cycles of an event.
+fn cost(elf: &[u8], image: &Arc<Image>, size: &str, event: &str) -> Result<u64, Error> {
+    let mut core = Mcu::new(Arc::clone(image), &Board::default(), None);
+    if !core.run_to(IDLE, BUDGET) {
+        return Err(Error::NoStart { program: PROGRAM });
+    }
+    call(
+        &mut core,
+        function(elf, &format!("prepare_{size}_{event}"))?,
+    )?;
+    let cycles = call(&mut core, function(elf, &format!("run_{size}"))?)?;
+    if core.register(0) == 1 {
+        Ok(cycles)
+    } else {
+        Err(Error::NoEvent {
+            event: event.into(),
+            size: size.into(),
+        })
+    }
 }
 
 /// Calls a function with the node's address. Returns the cycles from its first instruction to

@@ -291,6 +291,7 @@ pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
         .into_iter()
         .map(|parts| Ok((parts, cycles::measure(&builder, parts)?)))
         .collect::<Result<Vec<_>, Failure>>()?;
+    let guardian = cycles::guardian(&builder)?;
     let sizes = CHOICES
         .into_iter()
         .map(|parts| {
@@ -306,9 +307,10 @@ pub fn run(workspace: &Workspace, options: &Bench) -> Result<(), Failure> {
         None => Vec::new(),
     };
     if options.json {
-        println!("{}", report_json(&cycles, &sizes, &step, &row, &kernels));
+        let report = report_json(&cycles, &guardian, &sizes, &step, &row, &kernels);
+        println!("{report}");
     } else {
-        println!("{}", report(&cycles, &sizes));
+        println!("{}", report(&cycles, &guardian, &sizes));
         if step.is_empty() {
             let name = vehicle.name();
             println!("Vehicle {name:?} has no machine, and no control step.");
@@ -338,16 +340,22 @@ fn settings(vehicle: &Vehicle) -> Result<Option<String>, Failure> {
 }
 
 type Cycles = [(Parts, Vec<cycles::Cost>)];
+type Guarded = [(&'static str, u64)];
 type Sizes = [(Parts, size::Size, size::Size)];
 
-fn report(cycles: &Cycles, sizes: &Sizes) -> String {
+fn report(cycles: &Cycles, guardian: &Guarded, sizes: &Sizes) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
-    let _ = write_report(&mut out, cycles, sizes);
+    let _ = write_report(&mut out, cycles, guardian, sizes);
     out
 }
 
-fn write_report(t: &mut String, cycles: &Cycles, sizes: &Sizes) -> std::fmt::Result {
+fn write_report(
+    t: &mut String,
+    cycles: &Cycles,
+    guardian: &Guarded,
+    sizes: &Sizes,
+) -> std::fmt::Result {
     for (parts, costs) in cycles {
         writeln!(
             t,
@@ -360,9 +368,13 @@ fn write_report(t: &mut String, cycles: &Cycles, sizes: &Sizes) -> std::fmt::Res
         }
         writeln!(t)?;
     }
+    writeln!(t, "Cycles of a bus guardian of four senders, the same")?;
+    for (event, cycles) in guardian {
+        writeln!(t, "  {event:<28}{cycles:>12}")?;
+    }
     writeln!(
         t,
-        "Bytes of code and constants, and of RAM for a node of 7 windows"
+        "\nBytes of code and constants, and of RAM for a node of 7 windows"
     )?;
     writeln!(t, "  {:<48}{:>6}{:>8}{:>8}", "", "opt s", "opt 2", "RAM")?;
     for (parts, small, release) in sizes {
@@ -384,6 +396,7 @@ fn write_report(t: &mut String, cycles: &Cycles, sizes: &Sizes) -> std::fmt::Res
 
 fn report_json(
     cycles: &Cycles,
+    guardian: &Guarded,
     sizes: &Sizes,
     step: &[control::Cost],
     row: &[row::Cost],
@@ -438,6 +451,10 @@ fn report_json(
         "{:#}",
         json!({
             "cycles": cycles,
+            "guardian": guardian.iter().map(|(event, cycles)| json!({
+                "event": event,
+                "cycles": cycles,
+            })).collect::<Vec<_>>(),
             "bytes": sizes,
             "control_step": step,
             "row_step": row,

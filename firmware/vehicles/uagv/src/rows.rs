@@ -2,9 +2,10 @@
 
 use control::row::RowPose;
 use control::takeover::{self, RowSighting};
+use firmware::convert;
+use firmware::e2e::{self, Secret};
 use firmware::link::{Link, Port, WindowTimer};
 use firmware::rows::Motion;
-use firmware::{convert, e2e};
 use network::Message;
 use ttcan::Frame;
 

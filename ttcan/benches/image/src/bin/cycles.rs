@@ -9,7 +9,7 @@ mod kernels;
 
 use core::panic::PanicInfo;
 
-use kernels::{Event, Few, Kernel, Many, few, many};
+use kernels::{Event, Few, Guarded, Kernel, Many, Watch, few, many, watch};
 
 /// Makes a node that is right before an event.
 pub type Prepare<N> = fn(&mut Option<Kernel<N>>);
@@ -46,6 +46,43 @@ fn run_many(place: &mut Option<Kernel<Many>>) -> u32 {
     place.as_mut().is_some_and(Kernel::<Many>::run).into()
 }
 
+macro_rules! prepare_guardian {
+    ($($name:ident = $event:ident;)*) => {
+        $(
+            #[inline(never)]
+            fn $name(place: &mut Option<Watch>) {
+                *place = watch(Guarded::$event);
+            }
+        )*
+    };
+}
+
+prepare_guardian! {
+    prepare_guardian_first = FirstEdge;
+    prepare_guardian_edge = Edge;
+    prepare_guardian_reference = Reference;
+}
+
+#[inline(never)]
+fn run_guardian(place: &mut Option<Watch>) -> u32 {
+    place.as_mut().is_some_and(Watch::run).into()
+}
+
+/// Makes a guardian that is right before an event.
+pub type PrepareGuardian = fn(&mut Option<Watch>);
+/// Runs its event. Returns 1 if the result is as expected.
+pub type RunGuardian = fn(&mut Option<Watch>) -> u32;
+
+/// All functions of the guardian.
+#[used]
+pub static GUARDIAN: ([PrepareGuardian; 3], RunGuardian) = (
+    [
+        prepare_guardian_first,
+        prepare_guardian_edge,
+        prepare_guardian_reference,
+    ],
+    run_guardian,
+);
 /// All functions with 8 windows, so that the linker keeps them.
 #[used]
 pub static FEW: ([Prepare<Few>; 3], Run<Few>) = (
