@@ -23,7 +23,7 @@ fn an_event_costs_as_much_with_512_windows_as_with_8() {
         );
         assert!(cost.few > 50, "an event that costs nothing did not happen");
         let most = if cost.event == "reference received" {
-            1800
+            2330
         } else {
             400
         };

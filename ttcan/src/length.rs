@@ -50,7 +50,7 @@ pub const fn worst_case_bits(id: Id, len: u8) -> u32 {
     stuffable + (stuffable - 1) / 4 + TAIL_BITS
 }
 
-/// CRC-15 of one nibble, indexed by the four leading bits of the register, with a 0 behind it.
+/// CRC-15 of one nibble, indexed by the four leading bits of the register.
 const CRC: [u16; 16] = {
     let mut table = [0; 16];
     let mut nibble = 0;
@@ -65,7 +65,7 @@ const CRC: [u16; 16] = {
             };
             bit += 1;
         }
-        table[nibble] = crc << 1;
+        table[nibble] = crc & 0x7FFF;
         nibble += 1;
     }
     table
@@ -77,8 +77,6 @@ const CRC: [u16; 16] = {
 type Run = u8;
 /// Set in a new state if a stuff bit was inserted.
 const STUFFED: u8 = 8;
-/// Bits of a nibble, below the state in an index of [`STUFF`].
-const NIBBLE: u32 = 4;
 
 const fn stuff_bit(run: Run, bit: u8) -> u8 {
     if run >> 2 != bit {
@@ -91,83 +89,110 @@ const fn stuff_bit(run: Run, bit: u8) -> u8 {
 }
 
 /// New state after four bits, with [`STUFFED`] if a stuff bit was inserted (at most
-/// one is), above [`NIBBLE`] bits of 0. Indexed by state and nibble.
+/// one is). Indexed by state and nibble.
 const STUFF: [u8; 128] = {
     let mut table = [0; 128];
     let mut at = 0;
     while at < 128 {
-        let mut run = (at >> NIBBLE) as u8;
+        let mut run = (at >> 4) as u8;
         let mut stuffed = 0;
-        let mut bit = NIBBLE;
+        let mut bit = 4;
         while bit > 0 {
             bit -= 1;
             let next = stuff_bit(run, (at as u8 >> bit) & 1);
             stuffed |= next & STUFFED;
             run = next & 7;
         }
-        table[at] = (run | stuffed) << NIBBLE;
+        table[at] = run | stuffed;
         at += 1;
     }
     table
 };
 
-/// State before the bit 0 that completes the first nibble in front of a frame. That bit ends a
-/// run of five, so that a recessive bit is left as on the idle bus, and a stuff bit that is not of
-/// the frame. The CRC of a leading 0 is 0.
-const BEFORE: u32 = 3 << NIBBLE;
+/// Goes through the bits of a frame, counts stuff bits and computes the CRC.
+struct Line {
+    crc: u16,
+    run: Run,
+    stuffed: u32,
+}
+
+impl Line {
+    // Not inlined: unrolled in each loop, it would be most of a small image.
+    #[inline(never)]
+    const fn nibble(&mut self, nibble: u8) {
+        let nibble = nibble & 15;
+        self.crc = (self.crc << 4 ^ CRC[((self.crc >> 11) as u8 ^ nibble) as usize & 15]) & 0x7FFF;
+        self.stuff(nibble);
+    }
+
+    const fn stuff(&mut self, nibble: u8) {
+        let next = STUFF[(self.run << 4 | nibble) as usize & 127];
+        self.stuffed += (next >> 3) as u32;
+        self.run = next & 7;
+    }
+
+    /// Goes through the `count` low bits of `bits`. `count` is a multiple of 4.
+    const fn bits(&mut self, bits: u32, count: u32) {
+        let mut left = count;
+        while left >= 4 {
+            left -= 4;
+            self.nibble((bits >> left) as u8);
+        }
+    }
+}
 
 /// Exact length of a data frame from its start of frame to the last bit of its
 /// end of frame, stuff bits included, in bit times.
 pub const fn frame_bits(frame: &Frame) -> u32 {
+    let mut line = Line {
+        crc: 0,
+        // The idle bus is recessive. The dominant start of frame begins a run.
+        run: 4,
+        stuffed: 0,
+    };
     let id = frame.id();
     let raw = id.raw();
     let len = frame.len();
-    // A 0 in front, and the first 19 bits: start of frame, 11 identifier bits, then in base
+    // The first 19 bits: start of frame, 11 identifier bits, then in base
     // format RTR, IDE, a reserved bit and the data length code, in extended
     // format SRR and IDE, both recessive, and the next 5 identifier bits.
-    let (head, rest) = if id.is_extended() {
-        let head = (raw >> 18) << 7 | 0b11 << 5 | (raw >> 13 & 0x1F);
+    let head = if id.is_extended() {
+        (raw >> 18) << 7 | 0b11 << 5 | (raw >> 13 & 0x1F)
+    } else {
+        raw << 7 | len as u32
+    };
+    // The three leading bits go first, so that whole nibbles remain. Three bits
+    // cannot complete a run of five.
+    let mut bit = STANDARD_HEADER_BITS;
+    while bit > STANDARD_HEADER_BITS - 3 {
+        bit -= 1;
+        line.run = stuff_bit(line.run, (head >> bit) as u8 & 1) & 7;
+    }
+    line.crc = CRC[(head >> bit) as usize & 7];
+    line.bits(head, STANDARD_HEADER_BITS - 3);
+    if id.is_extended() {
         // The last 13 identifier bits, RTR, two reserved bits, the data length
         // code.
-        (head, ((raw & 0x1FFF) << 7 | len as u32, 5))
-    } else {
-        (raw << 7 | len as u32, (0, 0))
-    };
-    let [a, b, c, d, e, f, g, h] = frame.buffer();
-    let nibbles = 2 * len as u32;
-    let first = if nibbles < 8 { nibbles } else { 8 };
-    // Bits from the highest one on, and how many nibbles they are.
-    let parts = [
-        (head << 12, 5),
-        (rest.0 << 12, rest.1),
-        (u32::from_be_bytes([a, b, c, d]), first),
-        (u32::from_be_bytes([e, f, g, h]), nibbles - first),
-        // Known when all others are done.
-        (0, 4),
-    ];
-    // The CRC is in the upper 15 bits.
-    let (mut crc, mut run): (u32, u32) = (0, BEFORE);
-    // The stuff bit in front of the frame does not count.
-    let mut count = shortest_bits(id, len).wrapping_sub(1);
-    let mut part = 0;
-    while part < parts.len() {
-        let (mut word, mut left) = parts[part];
-        part += 1;
-        if part == parts.len() {
-            // The CRC sequence is stuffed too, and is 15 bits long. A bit that differs from its
-            // last one completes the nibble, and ends no run of five.
-            word = crc | (!crc >> 1 & 1 << 16);
-        }
-        // loop-bound: 8
-        while left > 0 {
-            left -= 1;
-            let nibble = word >> 28;
-            word <<= 4;
-            crc = crc << 4 ^ (CRC[(crc >> 28 ^ nibble) as usize] as u32) << 16;
-            let next = STUFF[(run | nibble) as usize & 127] as u32;
-            count = count.wrapping_add(next >> 7);
-            run = next & 0x70;
-        }
+        let rest = (raw & 0x1FFF) << 7 | len as u32;
+        line.bits(rest, EXTENDED_HEADER_BITS - STANDARD_HEADER_BITS);
     }
-    count
+    let data = frame.buffer();
+    let mut at = 0;
+    while at < len as usize && at < 8 {
+        line.bits(data[at] as u32, 8);
+        at += 1;
+    }
+    // The CRC sequence is stuffed too, and is 15 bits long.
+    let crc = line.crc;
+    line.stuff((crc >> 11) as u8 & 15);
+    line.stuff((crc >> 7) as u8 & 15);
+    line.stuff((crc >> 3) as u8 & 15);
+    let mut bit = 3;
+    while bit > 0 {
+        bit -= 1;
+        let next = stuff_bit(line.run, (crc >> bit) as u8 & 1);
+        line.stuffed += (next >> 3) as u32;
+        line.run = next & 7;
+    }
+    shortest_bits(id, len) + line.stuffed
 }
