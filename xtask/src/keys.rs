@@ -16,6 +16,7 @@ use serde_json::json;
 use crate::{
     Failure, Workspace,
     cli::{KeyAction, KeyFile, KeyNode, Keys},
+    file::{self, private},
     probe,
     vehicle::{self, DEFAULT},
     workspace::{succeed, typed},
@@ -110,22 +111,22 @@ impl Error {
 pub fn run(workspace: &Workspace, options: &Keys) -> Result<(), Failure> {
     match &options.action {
         KeyAction::New(place) => {
-            let path = file(workspace, place)?;
+            let path = of_vehicle(workspace, place)?;
             let key = random()?;
             create(&path, &key)?;
             say(place, &path, &Key::new(key), "is made");
             advise(place);
         }
         KeyAction::Rotate(place) => {
-            let path = file(workspace, place)?;
+            let path = of_vehicle(workspace, place)?;
             read(&path)?;
             let key = random()?;
-            replace(&path, &key)?;
+            file::replace(&path, &text(&key))?;
             say(place, &path, &Key::new(key), "replaces the one before");
             advise(place);
         }
         KeyAction::Show(place) => {
-            let path = file(workspace, place)?;
+            let path = of_vehicle(workspace, place)?;
             say(place, &path, &Key::new(read(&path)?), "is there");
         }
         KeyAction::Flash(node) => write(workspace, node, true)?,
@@ -135,7 +136,7 @@ pub fn run(workspace: &Workspace, options: &Keys) -> Result<(), Failure> {
 }
 
 /// The file of a vehicle's key.
-fn file(workspace: &Workspace, place: &KeyFile) -> Result<PathBuf, Failure> {
+fn of_vehicle(workspace: &Workspace, place: &KeyFile) -> Result<PathBuf, Failure> {
     let vehicle = vehicle::find(workspace, &place.vehicle)?;
     Ok(path(workspace, vehicle.name(), place.file.as_deref())?)
 }
@@ -172,15 +173,6 @@ fn text(key: &[u8; 16]) -> String {
     format!("{TITLE}{digits}\n")
 }
 
-/// A file that did not exist before, which only its owner can read.
-fn private(path: &Path) -> io::Result<fs::File> {
-    let mut options = fs::OpenOptions::new();
-    options.write(true).create_new(true);
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    options.open(path)
-}
-
 /// Writes a key into a new file.
 fn create(path: &Path, key: &[u8; 16]) -> Result<(), Error> {
     if let Some(folder) = path.parent() {
@@ -197,18 +189,6 @@ fn create(path: &Path, key: &[u8; 16]) -> Result<(), Error> {
         // Half a key is none.
         let _ = fs::remove_file(path);
         Error::of(path)(error)
-    })
-}
-
-/// Puts another key into the file, as a whole.
-fn replace(path: &Path, key: &[u8; 16]) -> Result<(), Error> {
-    let path = fs::canonicalize(path).map_err(Error::of(path))?;
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = path.with_file_name(format!(".{name}.{}", std::process::id()));
-    create(&temporary, key)?;
-    fs::rename(&temporary, &path).map_err(|error| {
-        let _ = fs::remove_file(&temporary);
-        Error::of(&path)(error)
     })
 }
 
@@ -349,7 +329,7 @@ mod tests {
         create(&path, &first).unwrap();
         assert!(matches!(create(&path, &second), Err(Error::Exists { .. })));
         assert_eq!(read(&path).unwrap(), first);
-        replace(&path, &second).unwrap();
+        file::replace(&path, &text(&second)).unwrap();
         assert_eq!(read(&path).unwrap(), second);
         assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
     }

@@ -62,8 +62,8 @@ const CHECK: usize = 7;
 const LARGEST_STEP: u8 = 2;
 
 /// What a frame with a wrong tag adds to the suspicion, and how much suspicion refuses true commands.
-/// A true command takes 1 away. So one wrong frame changes nothing, and two within four
-/// periods stop the actuator, for at most [`SUSPICION_LIMIT`] periods after the last one.
+/// A true command takes 1 away. So one wrong frame changes nothing, and two with at most one true one
+/// between them stop the actuator, for at most [`SUSPICION_LIMIT`] periods after the last one.
 const SUSPICION: u8 = 5;
 const SUSPICION_LIMIT: u8 = 8;
 
@@ -431,6 +431,24 @@ mod tests {
             assert_eq!(judged, Err(Refusal::Forged));
         }
         assert_eq!(passed, 19, "without a key");
+    }
+
+    #[test]
+    fn two_forged_frames_with_one_true_one_between_them_are_suspicious() {
+        let frames = keyed(4);
+        for between in [0, 1, 2] {
+            let mut receiver = Receiver::new(SECRET);
+            let mut forged = frames[0];
+            forged[7] ^= 1;
+            let _ = receiver.judge::<Command>(time(0), &forged);
+            for (index, frame) in frames.iter().enumerate().take(between) {
+                let judged = receiver.judge::<Command>(time(index), frame);
+                assert_eq!(judged, Ok(()));
+            }
+            let _ = receiver.judge::<Command>(time(0), &forged);
+            let judged = receiver.judge::<Command>(time(3), &frames[3]);
+            assert_eq!(judged.is_err(), between < 2, "{between}");
+        }
     }
 
     #[test]

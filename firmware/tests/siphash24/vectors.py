@@ -1,7 +1,7 @@
 """Writes tags computed by the package siphash24 of PyPI: firmware/tests/data/tags.txt.
 
-    python3 -m venv /tmp/siphash24 && /tmp/siphash24/bin/pip install siphash24
-    /tmp/siphash24/bin/python firmware/tests/siphash24/vectors.py > firmware/tests/data/tags.txt
+    pip install siphash24
+    python3 vectors.py > ../data/tags.txt
 
 A line is: key, identifier, system time, data, bits of the tag, tag. Key and data are bytes in their
 order; the others are numbers.

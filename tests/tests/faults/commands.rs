@@ -5,6 +5,8 @@ use firmware::e2e;
 use furrow_tests::Journey;
 use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
 use world::SimTime;
 
 use crate::{assert_never_reset, mode, next_cycle, running};
@@ -196,23 +198,6 @@ fn with_a_key_who_knows_the_sources_moves_nothing() {
     assert_never_reset(&journey);
 }
 
-/// Numbers without a pattern (Steele, Lea and Flood, Fast Splittable Pseudorandom Number Generators,
-/// 2014).
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ z >> 31
-    }
-
-    fn below(&mut self, limit: usize) -> usize {
-        (self.next() % limit as u64) as usize
-    }
-}
-
 /// Forged and replayed commands at any time of the basic cycle, many of them in the command's window.
 /// With the environment variable `ATTEMPTS` there are more.
 #[test]
@@ -225,7 +210,8 @@ fn no_forged_or_replayed_command_moves_a_motor() {
     journey.to(3.5);
     let attacker = Attacker::on(&mut journey);
     let since = journey.vehicle.now();
-    let mut random = SplitMix(300);
+    let mut random = ChaCha8Rng::seed_from_u64(300);
+    let mut below = |limit: usize| random.next_u32() as usize % limit;
     let mut counter = 0_u8;
     for cycle in 0..attempts / IN_A_CYCLE {
         // Every other stretch without the controller, whose frames hold the window.
@@ -239,25 +225,25 @@ fn no_forged_or_replayed_command_moves_a_motor() {
         let time = system_time(&journey, begin);
         let genuine = journey.command(begin).expect("a command");
         for index in 0..IN_A_CYCLE {
-            let mut data = match random.below(4) {
-                0 => run[random.below(run.len())],
+            let mut data = match below(4) {
+                0 => run[below(run.len())],
                 1 => genuine,
-                _ => [0xC4, 0x09, 200, 0, mode::MANUAL, 3, random.next() as u8, 0],
+                _ => [0xC4, 0x09, 200, 0, mode::MANUAL, 3, below(256) as u8, 0],
             };
             // One in each cycle takes the command's window, the others come at any other time.
             let aimed = index == 0;
-            let sealed = aimed && random.below(4) > 0;
+            let sealed = aimed && below(4) > 0;
             if sealed {
                 counter = counter.wrapping_add(1);
                 (data[5], data[6]) = (3, counter);
                 data[7] = e2e::check_value(300, time, &data);
-            } else if random.below(2) == 0 {
-                data[random.below(8)] ^= 1 << random.below(8);
+            } else if below(2) == 0 {
+                data[below(8)] ^= 1 << below(8);
             }
             let at = if aimed {
                 WINDOW + 0.000_01
             } else {
-                0.008 + 1e-6 * random.below(91_000) as f64
+                0.008 + 1e-6 * below(91_000) as f64
             };
             attacker.send(&mut journey, begin + span(at), data);
         }
