@@ -202,7 +202,7 @@ mod tests {
             command(20, 0, true),
             command(30, 3, false),
             command(40, 3, true),
-            command(50, 9, true),
+            command(50, 7, true),
         ];
         let modes = matrix().modes(&frames);
         let seen: Vec<_> = modes
@@ -214,7 +214,7 @@ mod tests {
             [
                 (11, "Idle", false),
                 (41, "AutonomousRun", true),
-                (51, "mode 9", false)
+                (51, "mode 7", false)
             ]
         );
     }
