@@ -119,7 +119,7 @@ mod tests {
                 }
                 if own.window.kind == crate::WindowKind::Arbitrating {
                     // It has room for one more node, and for a disturbed frame.
-                    own.window.length_us = 11_000;
+                    own.window.length_us = 11_500;
                 }
                 assert_eq!(without_lines(message), own);
             }
