@@ -7,6 +7,7 @@ use ttcan::{ErrorLevel, MasterState, Micros, Status, SyncState};
 use crate::actuator::Refusal;
 use crate::link::{self, AnyLink, Silence};
 use crate::navigation::Navigation;
+use crate::peers::Named;
 use crate::pilot::Reason;
 use crate::sbp;
 use crate::text::Text;
@@ -205,6 +206,8 @@ pub struct PilotView {
     pub fixed: bool,
     /// Whether the display answers.
     pub display: bool,
+    /// Another node that does not do its part on the bus.
+    pub trouble: Option<Named>,
 }
 
 /// The line about the vehicle, which is called `name`.
@@ -217,6 +220,10 @@ pub fn pilot(line: &mut Line, name: &str, view: &PilotView) {
     line.str(" psi ").fixed(view.heading_error, 3);
     if !view.display {
         line.str(" lcd?");
+    }
+    if let Some(trouble) = &view.trouble {
+        line.byte(b' ');
+        trouble.write(line);
     }
     line.str("\r\n");
 }
@@ -259,6 +266,14 @@ mod tests {
             heading_error: i32::MIN,
             fixed: false,
             display: false,
+            trouble: Some(Named {
+                trouble: crate::peers::Trouble {
+                    node: 1,
+                    health: ttcan::Health::Masquerade,
+                    others: 255,
+                },
+                name: "controller",
+            }),
         };
         pilot(&mut line, "uagv", &worst);
         assert!(!line.is_cut());

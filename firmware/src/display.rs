@@ -9,6 +9,7 @@ use control::mode::Mode;
 use control::position::Position;
 
 use crate::convert;
+use crate::peers::Named;
 use crate::text::Text;
 
 /// Longest string of commands, bytes: the capacity of the port.
@@ -24,7 +25,7 @@ pub const COLUMNS: usize = 20;
 pub enum Lamp {
     /// The vehicle is not stopped by its operator or by a fault.
     Mode,
-    /// The node keeps the schedule of the bus.
+    /// The node keeps the schedule of the bus, and so do all others.
     Bus,
     /// The receiver's solution is fixed.
     Fix,
@@ -115,6 +116,8 @@ pub struct View {
     pub bus: bool,
     /// Whether the solution is fixed.
     pub fixed: bool,
+    /// Another node that does not do its part on the bus.
+    pub trouble: Option<Named>,
 }
 
 impl View {
@@ -122,7 +125,7 @@ impl View {
     const fn is_good(&self, lamp: Lamp) -> bool {
         match lamp {
             Lamp::Mode => !matches!(self.mode, Mode::EmergencyStop | Mode::Fault),
-            Lamp::Bus => self.bus,
+            Lamp::Bus => self.bus && self.trouble.is_none(),
             Lamp::Fix => self.fixed,
         }
     }
@@ -131,8 +134,11 @@ impl View {
 /// Writes a full screen.
 pub fn write<L: Language>(text: &mut Text<CAPACITY>, view: &View) {
     L::prepare(text);
+    // The row that names a node in trouble comes first: a screen takes 63 ms.
+    let first = if view.trouble.is_some() { ROWS - 1 } else { 0 };
     // loop-bound: 4 rows
-    for row in 0..ROWS {
+    for turn in 0..ROWS {
+        let row = (turn + first) % ROWS;
         L::begin(text, row);
         let content = content(row, view);
         // A row is overwritten to its end; what does not fit is cut.
@@ -151,7 +157,7 @@ pub fn write<L: Language>(text: &mut Text<CAPACITY>, view: &View) {
 /// How long the last row shows the same, ms.
 const PAGE: u32 = 2000;
 
-/// The text of a row. The last one changes its contents.
+/// The text of a row. The last one changes its contents, unless there is trouble to tell.
 fn content(row: u8, view: &View) -> Text<COLUMNS> {
     let mut text = Text::new();
     let tracking = &view.tracking;
@@ -169,25 +175,33 @@ fn content(row: u8, view: &View) -> Text<COLUMNS> {
             text.str(" e").fixed(tenths(tracking.heading_error), 1);
             text.str(" s").fixed(tenths(tracking.steering_angle), 1);
         }
-        _ => match view.time / PAGE % 5 {
-            0 => {
-                let speed = convert::centimetres_per_second(tracking.speed);
-                text.str("V ").fixed(i32::from(speed), 2).str(" m/s t ");
-                text.fixed((view.time / 1000).cast_signed(), 0);
-            }
-            1 => {
-                let state = if view.bus { "in" } else { "no" };
-                text.str("CAN ").str(state).str(" schedule");
-            }
-            2 => {
-                text.str("GPS ")
-                    .str(if view.fixed { "fixed" } else { "no fix" });
-            }
-            3 => point(&mut text, "a", view.from.north, view.from.east),
-            _ => point(&mut text, "b", view.to.north, view.to.east),
+        _ => match &view.trouble {
+            Some(trouble) => trouble.write(&mut text),
+            None => page(&mut text, view),
         },
     }
     text
+}
+
+/// What the last row shows in turn.
+fn page(text: &mut Text<COLUMNS>, view: &View) {
+    match view.time / PAGE % 5 {
+        0 => {
+            let speed = convert::centimetres_per_second(view.tracking.speed);
+            text.str("V ").fixed(i32::from(speed), 2).str(" m/s t ");
+            text.fixed((view.time / 1000).cast_signed(), 0);
+        }
+        1 => {
+            let state = if view.bus { "in" } else { "no" };
+            text.str("CAN ").str(state).str(" schedule");
+        }
+        2 => {
+            text.str("GPS ")
+                .str(if view.fixed { "fixed" } else { "no fix" });
+        }
+        3 => point(text, "a", view.from.north, view.from.east),
+        _ => point(text, "b", view.to.north, view.to.east),
+    }
 }
 
 /// A point, centimetres north and east.
@@ -247,6 +261,7 @@ impl Supervision {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::peers::Trouble;
     use proptest::prelude::*;
     use std::string::String;
     use std::vec::Vec;
@@ -270,6 +285,7 @@ mod tests {
             mode: Mode::AutonomousRun,
             bus: true,
             fixed: false,
+            trouble: None,
         }
     }
 
@@ -326,6 +342,30 @@ mod tests {
                 254, 86, 1, 254, 87, 2, 254, 86, 3, 254, 87, 4, 254, 87, 5, 254, 86, 6, 254, 55
             ]
         );
+    }
+
+    #[test]
+    fn a_node_in_trouble_is_named_at_once_and_makes_the_bus_red() {
+        let names = ["gps", "controller", "steering", "drive"];
+        for (node, health, others, row) in [
+            (2, ttcan::Health::Masquerade, 0, "steering masquerade"),
+            (2, ttcan::Health::Masquerade, 2, "steering masquerade "),
+            (3, ttcan::Health::Dead, 1, "drive dead +1"),
+        ] {
+            let trouble = Trouble {
+                node,
+                health,
+                others,
+            };
+            let view = View {
+                trouble: Some(trouble.named(&names)),
+                ..view()
+            };
+            assert_eq!(shown(&view)[3], row);
+            let sent = commands(&view);
+            assert_eq!(sent[6..10], [254, 71, 1, 4]);
+            assert_eq!(sent[108..114], [254, 87, 3, 254, 86, 4]);
+        }
     }
 
     proptest! {

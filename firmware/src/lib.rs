@@ -41,6 +41,7 @@ pub mod log;
 pub mod machine;
 pub mod navigation;
 pub mod oscillator;
+pub mod peers;
 pub mod pilot;
 pub mod pulses;
 pub mod rows;

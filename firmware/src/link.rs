@@ -849,6 +849,12 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.node
     }
 
+    /// Failure class of another node (thesis 4.3.7).
+    #[cfg(feature = "peers")]
+    pub fn health(&self, node: NodeId) -> ttcan::Health {
+        self.node.peer(node)
+    }
+
     /// The protocol stack, for the application's decisions.
     pub fn node_mut(&mut self) -> &mut Stack<WINDOWS, NODES> {
         self.node

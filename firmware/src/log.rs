@@ -14,6 +14,7 @@ use crate::console::{ActuatorView, BusView, PilotView};
 use crate::e2e::Secret;
 use crate::housekeeping::{BusState, NodeFault, Start};
 use crate::navigation::Navigation;
+use crate::peers::Trouble;
 use crate::pilot::Reason;
 use crate::sbp::Fix;
 use crate::selftest::{Check, Report};
@@ -47,6 +48,8 @@ pub enum Entry {
     Schedule(Schedule),
     /// A command was refused.
     Refused(Refused),
+    /// Another node that does not do its part on the bus, or none.
+    Trouble(Option<Trouble>),
     /// The self-test: the first check that fails, or `None`.
     SelfTest(Option<Check>),
     /// A check of the self-test that was not done, once for each.
@@ -121,12 +124,15 @@ pub struct Own {
     pub command: Option<bool>,
     /// Commands that were refused.
     pub refused: Option<Refused>,
+    /// Another node that does not do its part on the bus.
+    pub trouble: Option<Option<Trouble>>,
 }
 
 impl From<&PilotView> for Own {
     fn from(view: &PilotView) -> Self {
         Self {
             mode: Some((view.mode, view.reason)),
+            trouble: Some(view.trouble.map(|named| named.trouble)),
             ..Self::default()
         }
     }
@@ -180,6 +186,7 @@ impl Changes {
                 fix: None,
                 command: None,
                 refused: None,
+                trouble: None,
             },
             bus: None,
             schedule: None,
@@ -228,6 +235,7 @@ impl Changes {
             .or_else(|| news(&mut said.command, own.command).map(Entry::Command))
             .or_else(|| news(&mut self.bus, Some(controller)).map(Entry::Bus))
             .or_else(|| news(&mut self.schedule, Some(schedule)).map(Entry::Schedule))
+            .or_else(|| news(&mut said.trouble, own.trouble).map(Entry::Trouble))
             .or_else(|| news(&mut said.refused, own.refused).map(Entry::Refused))
     }
 }

@@ -14,6 +14,7 @@ use crate::buttons::{Button, Buttons, Edge};
 use crate::console::PilotView;
 use crate::display::View;
 use crate::machine::Machine;
+use crate::peers::Named;
 use crate::takeover::{Guidance as _, Known, Motion};
 use crate::{convert, design};
 
@@ -401,8 +402,8 @@ impl<M: Machine> Pilot<M> {
     }
 
     /// What the display shows at system time `time` (ms); `bus` says whether the node keeps the
-    /// schedule.
-    pub const fn view(&self, time: u32, bus: bool) -> View {
+    /// schedule, and `trouble` which other node does not.
+    pub const fn view(&self, time: u32, bus: bool, trouble: Option<Named>) -> View {
         View {
             from: M::ROUTE[0],
             to: M::ROUTE[1],
@@ -413,11 +414,13 @@ impl<M: Machine> Pilot<M> {
             mode: self.modes.mode(),
             bus,
             fixed: self.fixed,
+            trouble,
         }
     }
 
-    /// What the console says; `display` says whether the display answers.
-    pub fn line(&self, display: bool) -> PilotView {
+    /// What the console says; `display` says whether the display answers, `trouble` which other node
+    /// does not do its part on the bus.
+    pub fn line(&self, display: bool, trouble: Option<Named>) -> PilotView {
         PilotView {
             mode: self.modes.mode(),
             reason: self.mode_reason,
@@ -427,6 +430,7 @@ impl<M: Machine> Pilot<M> {
             heading_error: convert::millidegrees(self.tracking.heading_error),
             fixed: self.fixed,
             display,
+            trouble,
         }
     }
 

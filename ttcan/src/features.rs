@@ -9,6 +9,8 @@ pub(crate) const EVENTS: bool = cfg!(feature = "events");
 pub(crate) const GAPS: bool = cfg!(feature = "gaps");
 /// Level 2: global time and rate correction.
 pub(crate) const GLOBAL_TIME: bool = cfg!(feature = "global-time");
+/// Event messages with several identifiers.
+pub(crate) const MASKS: bool = cfg!(feature = "masks");
 /// The role of a potential time master.
 pub(crate) const MASTER: bool = cfg!(feature = "master");
 /// Health of the other nodes.

@@ -91,6 +91,22 @@ impl Id {
         differ & !ranks == 0
     }
 
+    /// All bits of an identifier of this format.
+    pub(crate) const fn all_bits(self) -> u32 {
+        if self.is_extended() {
+            Self::MAX_EXTENDED
+        } else {
+            Self::MAX_STANDARD as u32
+        }
+    }
+
+    /// Whether both have the same format and the same bits where `mask` is set. It is of the
+    /// identifier's number, within [`Id::all_bits`].
+    pub(crate) const fn agrees(self, other: Self, mask: u32) -> bool {
+        let place = if self.is_extended() { 1 } else { 19 };
+        (self.0 ^ other.0) & (mask << place | EXTENDED) == 0
+    }
+
     pub(crate) const fn equals(self, other: Self) -> bool {
         self.0 == other.0
     }

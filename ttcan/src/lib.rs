@@ -19,6 +19,9 @@
 //! `peers` (failure classes of other nodes), `counters` (of everything that
 //! happens).
 //!
+//! `masks` is off by default: event messages with several identifiers, so that other protocols can
+//! share arbitrating windows ([`Event::masked`]).
+//!
 //! The feature `std` is for hosts only: `simulation`, an in-memory bus, and
 //! `synthesis`, which makes a matrix from messages.
 //!

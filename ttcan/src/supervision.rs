@@ -47,6 +47,7 @@ pub struct WindowStatus {
 
 /// Failure class of another node (thesis 4.3.7), judged by the schedule alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Health {
     /// None of its messages was seen since the start.
     #[default]

@@ -8,6 +8,7 @@ mod display;
 mod master;
 mod modes;
 mod oscillators;
+mod peers;
 mod receiver;
 mod resets;
 mod selftest;

@@ -161,6 +161,9 @@ pub struct Event<'a> {
     pub name: &'a str,
     /// Identifier, which is also the priority.
     pub id: Id,
+    /// Bits of the identifier that all frames of the message have in common: all of them, if it has
+    /// one identifier.
+    pub mask: u32,
     /// Largest number of data bytes, 0 to 8.
     pub len: u8,
     /// The node that sends it.
@@ -179,11 +182,43 @@ impl<'a> Event<'a> {
         Self {
             name,
             id,
+            mask: id.all_bits(),
             len,
             sender,
             repeat: 1,
             offset: 0,
         }
+    }
+
+    /// All frames of `sender` whose identifiers have the same format as `id`, and its bits where `mask` is
+    /// set. So the messages of another protocol can share the arbitrating windows without a name
+    /// for each:
+    ///
+    /// ```
+    /// use ttcan::{Event, Id, NodeId};
+    ///
+    /// const NODE: NodeId = NodeId(2);
+    /// // SAE J1939: the source address 0x21 is in the lowest eight bits.
+    /// let j1939 = Event::masked("j1939", Id::extended(0x21).unwrap(), 0xFF, 8, NODE);
+    /// // CiA 301 (CANopen): the node's number 5 is in the lowest seven bits.
+    /// let canopen = Event::masked("canopen", Id::standard(5).unwrap(), 0x7F, 8, NODE);
+    /// # assert_ne!(j1939, canopen);
+    /// ```
+    ///
+    /// No other message may have one of these identifiers. A node of the network that is built without the
+    /// feature `masks` takes the frames for foreign ones.
+    #[cfg(feature = "masks")]
+    #[must_use]
+    pub const fn masked(name: &'a str, id: Id, mask: u32, len: u8, sender: NodeId) -> Self {
+        Self {
+            mask: mask & id.all_bits(),
+            ..Self::new(name, id, len, sender)
+        }
+    }
+
+    /// Whether the message has one identifier.
+    pub(crate) const fn has_one_id(&self) -> bool {
+        self.mask == self.id.all_bits()
     }
 
     /// The same message, in the arbitrating windows of one of `repeat` basic cycles, from `offset` on.

@@ -306,7 +306,7 @@ const fn check_event<'a>(config: &MatrixConfig<'a>, at: usize) -> Checked<'a> {
         Some(Problem::Length {
             len: event.len as u32,
         })
-    } else if is_reference(config, event.id) {
+    } else if event.id.agrees(config.reference, event.mask & !0b111) {
         Some(Problem::ReferenceId)
     } else if !event.repeat.is_power_of_two() || event.repeat > config.cycles {
         Some(Problem::RepeatFactor {
@@ -329,7 +329,7 @@ const fn check_event<'a>(config: &MatrixConfig<'a>, at: usize) -> Checked<'a> {
     let mut window = 0;
     while window < config.windows.len() {
         if let WindowKind::Exclusive { id, .. } = config.windows[window].kind
-            && id.equals(event.id)
+            && event.id.agrees(id, event.mask)
         {
             return conflict(event.name, config.windows[window].name, Problem::TwoRoles);
         }
@@ -337,10 +337,10 @@ const fn check_event<'a>(config: &MatrixConfig<'a>, at: usize) -> Checked<'a> {
     }
     let mut before = 0;
     while before < at {
-        if config.events[before].id.equals(event.id) {
-            return conflict(event.name, config.events[before].name, Problem::TwoRoles);
-        }
         let other = &config.events[before];
+        if event.id.agrees(other.id, event.mask & other.mask) {
+            return conflict(event.name, other.name, Problem::TwoRoles);
+        }
         if other.sender.0 == event.sender.0
             && (other.repeat != event.repeat || other.offset != event.offset)
         {

@@ -1,6 +1,7 @@
 //! Compiles a checked matrix to the tables of a schedule.
 
 use super::{Entry, Known, Network, Role};
+use crate::features::MASKS;
 use crate::id::Id;
 use crate::matrix::{NodeId, SystemMatrix, WindowKind};
 
@@ -13,6 +14,8 @@ pub(super) const NO_ENTRY: Entry = Entry {
 
 pub(super) const NO_MESSAGE: Known = Known {
     id: Id::constant::<0>(),
+    #[cfg(feature = "masks")]
+    mask: Id::MAX_STANDARD as u32,
     sender: NodeId(0),
     len: 0,
     is_event: false,
@@ -44,6 +47,8 @@ pub(super) const fn network(matrix: &SystemMatrix) -> Network {
         reference_length: matrix.reference_micros(),
         window_count: config.windows.len(),
         exclusive_count: 0,
+        #[cfg(feature = "masks")]
+        one_id: 0,
         first: [0; 65],
         distinct_mask: matrix.distinct_cycles() - 1,
     }
@@ -141,6 +146,8 @@ pub(super) const fn known(
             *total = total.saturating_add(times);
             let message = Known {
                 id,
+                #[cfg(feature = "masks")]
+                mask: id.all_bits(),
                 sender,
                 len,
                 is_event: false,
@@ -154,20 +161,33 @@ pub(super) const fn known(
         at += 1;
     }
     network.exclusive_count = count as u16;
+    // Those with several identifiers stand behind the others.
+    let mut masked = 0;
     at = 0;
     while at < config.events.len() {
         let event = &config.events[at];
         let message = Known {
             id: event.id,
+            #[cfg(feature = "masks")]
+            mask: event.mask,
             sender: event.sender,
             len: event.len,
             is_event: true,
             cycles: (event.repeat, event.offset),
             ..NO_MESSAGE
         };
-        insert(known, count, message);
-        count += 1;
+        if !MASKS || event.has_one_id() {
+            insert(known, count, message);
+            count += 1;
+        } else {
+            masked += 1;
+            known[known.len() - masked] = message;
+        }
         at += 1;
+    }
+    #[cfg(feature = "masks")]
+    {
+        network.one_id = count;
     }
 }
 

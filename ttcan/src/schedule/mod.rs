@@ -44,6 +44,9 @@ pub(crate) enum Role {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Known {
     pub id: Id,
+    /// Bits of the identifier that the message's frames have.
+    #[cfg(feature = "masks")]
+    pub mask: u32,
     pub sender: NodeId,
     pub len: u8,
     pub is_event: bool,
@@ -78,6 +81,9 @@ pub(crate) struct Network {
     /// entry of the last one.
     pub first: [u16; 65],
     pub distinct_mask: u8,
+    /// Number of messages with one identifier.
+    #[cfg(feature = "masks")]
+    pub one_id: usize,
 }
 
 /// The compiled schedule of a matrix, the same for all its nodes: `N` entries, `I`
@@ -86,7 +92,7 @@ pub(crate) struct Network {
 pub struct Schedule<const N: usize, const I: usize, const P: usize> {
     network: Network,
     entries: [Entry; N],
-    /// Sorted by identifier.
+    /// Sorted by identifier; behind them those with several.
     known: [Known; I],
     /// Exclusive windows of each node in the whole matrix.
     windows_of: [u16; P],
@@ -203,10 +209,11 @@ impl<'s> ScheduleView<'s> {
         event.map_or((1, 0), |event| event.cycles)
     }
 
-    /// Looks up the message with an identifier, by binary search.
+    /// Looks up the message with an identifier, by binary search among those with one, then one by one
+    /// among those with several.
     #[inline(never)]
     pub(crate) fn known(&self, id: Id) -> Option<&Known> {
-        let (mut from, mut to) = (0, self.known.len());
+        let (mut from, mut to) = (0, self.one_id());
         // loop-bound: 6. It halves a table of up to 64 identifiers.
         while from < to {
             let middle = from + (to - from) / 2;
@@ -220,10 +227,33 @@ impl<'s> ScheduleView<'s> {
                 to = middle;
             }
         }
+        self.masked(id)
+    }
+
+    /// Number of messages with one identifier.
+    #[cfg(feature = "masks")]
+    const fn one_id(&self) -> usize {
+        self.network.one_id
+    }
+
+    #[cfg(not(feature = "masks"))]
+    const fn one_id(&self) -> usize {
+        self.known.len()
+    }
+
+    /// The message with several identifiers, of which this is one.
+    #[cfg(feature = "masks")]
+    fn masked(&self, id: Id) -> Option<&Known> {
+        let mut several = self.known.get(self.network.one_id..)?.iter();
+        several.find(|known| known.id.agrees(id, known.mask))
+    }
+
+    #[cfg(not(feature = "masks"))]
+    const fn masked(&self, _: Id) -> Option<&Known> {
         None
     }
 
-    /// All messages, sorted by identifier.
+    /// All messages, those with one identifier sorted by it.
     pub(crate) fn messages(&self) -> &'s [Known] {
         self.known
     }

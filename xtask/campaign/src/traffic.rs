@@ -3,7 +3,7 @@
 use can_bus::wire::WireFrame;
 use can_bus::{NodeId, Record, RecordKind, SimDuration, SimTime};
 use embedded_can::Id;
-use network_model::{Message, Network, WindowKind};
+use network_model::{Message, Network, Window, WindowKind};
 use twin::{Outcome, Twin};
 use vehicle_model::{NodeIndex, Vehicle};
 
@@ -375,10 +375,17 @@ impl Matrix {
         };
         let length = frame.end.as_ticks() - frame.start.as_ticks();
         let tick = |us: u32| i64::from(us) * 1_000_000;
-        let window = message.window;
         // The matrix grants each node the clock error that it was laid out for.
-        most >= tick(window.start_us) - tick(self.network.sync_uncertainty_us)
-            && least + length as i64 <= tick(window.end_us())
+        let fits = |window: &Window| {
+            most >= tick(window.start_us) - tick(self.network.sync_uncertainty_us)
+                && least + length as i64 <= tick(window.end_us())
+        };
+        let late = || {
+            let windows = self.network.windows();
+            let mut windows = windows.iter();
+            windows.any(|window| window.kind == WindowKind::Arbitrating && fits(window))
+        };
+        fits(&message.window) || (message.retry_late && late())
     }
 }
 

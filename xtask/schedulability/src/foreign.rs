@@ -76,6 +76,7 @@ fn message(id: u16, name: String, lengths: (u8, u8), window: Window, cycle_us: u
         window,
         further: Vec::new(),
         after: Vec::new(),
+        retry_late: false,
         instead_of: None,
         preparation_us: 0,
         signals: Vec::new(),

@@ -167,6 +167,7 @@ impl Models {
         foreign::check(&network, foreign).map_err(InputError::Foreign)?;
         if !event_triggered {
             foreign::schedule(&mut network, foreign);
+            network = network.with_late_messages();
         }
         let errors = errors.unwrap_or_else(|| parsed.bus.errors());
         let traffic = Traffic::new(&network, errors, foreign);

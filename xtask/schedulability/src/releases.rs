@@ -311,8 +311,8 @@ impl<'a> Bus<'a> {
     /// The ends of a message of another node; `None` if no other node sends it.
     #[must_use]
     pub fn message(&self, name: &str) -> Option<Timetable> {
-        let mut table = self.frames_of(|message| !self.is_own(message) && message.name == name);
-        let mut named = self.network.messages.iter().filter(|m| m.name == name);
+        let mut table = self.frames_of(|message| !self.is_own(message) && message.is_named(name));
+        let mut named = self.network.messages.iter().filter(|m| m.is_named(name));
         if named.all(|message| message.window.kind == WindowKind::Reference) {
             // Only the receive interrupt has to be soon.
             table.jobs.iter_mut().for_each(|job| job.deadline = None);

@@ -925,6 +925,57 @@ fn every_window_holds_its_message_and_a_short_one_does_not() {
     );
 }
 
+/// The vehicle's network, in which the command may be sent late.
+fn with_a_late_command() -> Network {
+    let mut network = network();
+    for message in &mut network.messages {
+        message.retry_late = message.name == "Command";
+    }
+    network.with_late_messages()
+}
+
+#[test]
+fn a_late_message_competes_with_the_event_messages() {
+    let need = |network: &Network, name: &str| {
+        let all = bus::messages(
+            network,
+            ErrorRate::NONE,
+            &BTreeSet::new(),
+            &Reactions::new(),
+        );
+        let found = all.into_iter().find(|one| one.name == name).unwrap();
+        found.need.unwrap()
+    };
+    let (before, late) = (network(), with_a_late_command());
+    // 135 bits of 4 us: it is more urgent than all of them.
+    let frame = 4 * u64::from(worst_case_bits(8)) * 1_000_000;
+    for name in ["ModeChange", "DriveStatus", "SelfTestRequest"] {
+        assert_eq!(need(&late, name), need(&before, name) + frame, "{name}");
+    }
+    // Itself, one less urgent frame, three bits, and twice the clocks' difference.
+    let own = 4 * (2 * u64::from(worst_case_bits(8)) + 3) + 40;
+    assert_eq!(need(&late, "Command (late)"), own * 1_000_000);
+    assert_eq!(need(&late, "Command"), need(&before, "Command"));
+}
+
+#[test]
+fn a_late_message_releases_its_receivers_and_its_sender_once_more() {
+    let (before, late) = (network(), with_a_late_command());
+    let jobs = |network: &Network, node: &str| {
+        let table = Bus::new(network, node, 0).message("Command").unwrap();
+        let ends = table.jobs.iter().map(|job| job.latest / 1_000_000);
+        ends.collect::<Vec<_>>()
+    };
+    assert_eq!(jobs(&before, "drive").len(), 1);
+    // The second one comes until the end of the arbitrating window.
+    assert_eq!(jobs(&late, "drive")[1..], [18_020]);
+    let attempts = |network: &Network| {
+        let table = Bus::new(network, "controller", 0).attempts().unwrap();
+        table.jobs.len()
+    };
+    assert_eq!(attempts(&late), attempts(&before) + 1);
+}
+
 #[test]
 fn a_message_in_an_arbitrating_window_waits_for_the_requests_of_its_node() {
     let network = network();

@@ -24,7 +24,7 @@ impl Matrix {
     /// The matrix of a vehicle. Messages of nodes that send at once are like those of an arbitrating
     /// window: they come at any time. There is no reference.
     pub(crate) fn new(vehicle: &Vehicle) -> Self {
-        let network = vehicle.network().clone();
+        let network = vehicle.network().clone().with_late_messages();
         let mut all: Vec<Window> = network.messages.iter().flat_map(windows).collect();
         if vehicle.is_event_triggered() {
             all.retain(|window| window.kind != WindowKind::Reference);

@@ -42,6 +42,7 @@ pub(crate) fn check(network: &Network, unscheduled: bool) -> Vec<Problem> {
                 window(network, message, at, &mut problems);
             }
             rate(network, message, &mut problems);
+            lateness(network, message, &mut problems);
         }
     }
     if !unscheduled {
@@ -399,6 +400,35 @@ fn event_cycles(network: &Network, problems: &mut Vec<Problem>) {
                 ),
             });
         }
+    }
+}
+
+/// Checks that a message that may be sent late has an exclusive window, and an arbitrating one of its node to
+/// be sent in.
+fn lateness(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
+    if !message.retry_late {
+        return;
+    }
+    let of = describe(message, message.window);
+    let mut refuse = |what: &str| {
+        problems.push(Problem {
+            line: message.line,
+            what: format!("{of}: {what}"),
+        });
+    };
+    if message.window.kind != WindowKind::Exclusive {
+        refuse("only a message of an exclusive window may have RetryLate");
+        return;
+    }
+    let windows = network.windows();
+    let mut arbitrating = windows
+        .iter()
+        .filter(|window| window.kind == WindowKind::Arbitrating)
+        .peekable();
+    if arbitrating.peek().is_none() {
+        refuse("RetryLate needs an arbitrating window, and there is none");
+    } else if arbitrating.any(|window| window.repeat > 1) {
+        refuse("RetryLate needs arbitrating windows in every basic cycle");
     }
 }
 

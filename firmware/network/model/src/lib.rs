@@ -25,6 +25,7 @@
 //! | `SendCondition` | message | `Always`, or `WhileFixed`: its window stays empty while the reference message says that no fix is there | |
 //! | `Deadline` | message | longest time from when a cyclic message is due until its window is over, for finding windows; none or 0: its period | us |
 //! | `After` | message | messages that its sender needs first, blanks between their names: their windows lie before its own | |
+//! | `RetryLate` | message of an exclusive window | `Yes`: if it could not be sent in its window, because the frame was disturbed, it is sent in the next arbitrating window | `No`, `Yes` |
 //! | `InsteadOf` | event message | event message of the same sender in whose place it is sent: the two together come no more often than that one may | |
 //! | `Preparation` | message with `After` | time that its sender takes from when those messages have arrived until its own can be sent | us |
 //! | `WindowKind` | message | `Reference`, `Exclusive` or `Arbitrating` | |

@@ -67,6 +67,9 @@ pub struct Message {
     /// Names of the messages that its sender needs first: wherever both come in the same
     /// basic cycle, their windows are over before this one's begins.
     pub after: Vec<String>,
+    /// Whether its sender may send it in an arbitrating window, until its own next window, if it could
+    /// not send it in its own: the frame was disturbed, or came too late (thesis 4.3.7).
+    pub retry_late: bool,
     /// Name of the event message of the same sender in whose place it is sent: the two together
     /// come no more often than that one may.
     pub instead_of: Option<String>,
@@ -164,6 +167,9 @@ pub enum WindowKind {
     Arbitrating,
 }
 
+/// Behind the name of a message that is sent late.
+const LATE: &str = " (late)";
+
 /// A named set of values of a signal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ValueTable {
@@ -186,6 +192,12 @@ pub struct Value {
 pub(crate) const NOBODY: &str = "Vector__XXX";
 
 impl Message {
+    /// Whether this is the message of that name, in its own window or late.
+    #[must_use]
+    pub fn is_named(&self, name: &str) -> bool {
+        self.name == name || self.name.strip_suffix(LATE) == Some(name)
+    }
+
     /// All its windows, the first one first.
     pub fn windows(&self) -> impl Iterator<Item = Window> {
         std::iter::once(self.window).chain(self.further.iter().copied())
@@ -202,6 +214,39 @@ impl Message {
 }
 
 impl Network {
+    /// What messages that may be sent late ([`Message::retry_late`]) are in the arbitrating windows: event
+    /// messages with the same identifier, one in each basic cycle and for each of these windows.
+    #[must_use]
+    pub fn late_messages(&self) -> Vec<Message> {
+        let arbitrating = |window: &Window| window.kind == WindowKind::Arbitrating;
+        let windows: Vec<Window> = self.windows().into_iter().filter(arbitrating).collect();
+        let may = self.messages.iter().filter(|message| message.retry_late);
+        let late = |message: &Message, window: Window| Message {
+            name: format!("{}{LATE}", message.name),
+            send_type: SendType::Event {
+                interval_ms: (self.basic_cycle_us / 1000).max(1),
+            },
+            condition: Condition::Always,
+            deadline_us: None,
+            window,
+            further: Vec::new(),
+            after: Vec::new(),
+            retry_late: false,
+            preparation_us: 0,
+            ..message.clone()
+        };
+        may.flat_map(|message| windows.iter().map(|window| late(message, *window)))
+            .collect()
+    }
+
+    /// The same network with its [`late_messages`](Self::late_messages) as messages of their own, for those
+    /// that ask what can be in a window.
+    #[must_use]
+    pub fn with_late_messages(mut self) -> Self {
+        self.messages.extend(self.late_messages());
+        self
+    }
+
     /// How much more or less than their period apart two frames of a message may start, in
     /// microseconds.
     pub const START_JITTER_US: u32 = 100;

@@ -279,6 +279,7 @@ impl Reader<'_> {
         let (window, further) = self.windows(message, kind);
         let after = self.after(message);
         let instead_of = self.instead_of(message);
+        let retry_late = self.word(message, "RetryLate", &["No", "Yes"]) == Some("Yes");
         let mut signals = Vec::new();
         for signal in &message.signals {
             signals.extend(self.signal(message, signal, tables, line));
@@ -304,6 +305,7 @@ impl Reader<'_> {
                 false => self.message_number(message.id, name, "Preparation"),
             },
             after,
+            retry_late,
             instead_of,
             signals,
             line,

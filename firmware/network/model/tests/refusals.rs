@@ -110,6 +110,31 @@ fn a_frame_longer_than_its_window_is_refused() {
     );
 }
 
+const LATE: &str =
+    "BA_DEF_ BO_ \"RetryLate\" ENUM \"No\",\"Yes\";\nBA_DEF_DEF_ \"RetryLate\" \"No\";\n";
+
+#[test]
+fn a_message_without_windows_to_be_late_in_is_refused() {
+    let late = |id: u16| format!("{LATE}BA_ \"RetryLate\" BO_ {id} 1;\nVAL_ 600");
+    assert!(Network::parse(&GOOD.replacen("VAL_ 600", &late(200), 1)).is_ok());
+    for id in [96, 600] {
+        let only = "only a message of an exclusive window may have RetryLate";
+        refused("VAL_ 600", &late(id), &[only, &format!("({id})")]);
+    }
+    let alone = GOOD
+        .replacen("BA_ \"GenMsgSendType\" BO_ 600 1;\n", "", 1)
+        .replacen("BO_ 600 3;", "BO_ 600 2;", 1)
+        .replacen("VAL_ 600", &late(200), 1);
+    let refusal = Network::parse(&alone).unwrap_err().to_string();
+    assert!(
+        refusal.contains("Speed (200)") && refusal.contains("there is none"),
+        "{refusal}"
+    );
+    let rare = "BA_ \"WindowRepeat\" BO_ 600 2;\nVAL_ 600";
+    let rare = late(200).replace("VAL_ 600", rare);
+    refused("VAL_ 600", &rare, &["Speed (200)", "in every basic cycle"]);
+}
+
 #[test]
 fn overlapping_windows_are_refused() {
     refused(

@@ -1,6 +1,6 @@
 //! Facts in the vehicle's own network file.
 
-use network_model::{Condition, Network, SendType, WindowKind};
+use network_model::{Condition, Network, SendType, WindowKind, generate};
 
 fn network() -> Network {
     Network::parse(include_str!("../../../vehicles/uagv/network.dbc")).expect("the file is right")
@@ -32,6 +32,34 @@ fn every_signal_and_message_is_described() {
             );
         }
     }
+}
+
+#[test]
+fn a_message_may_be_sent_late() {
+    let file = include_str!("../../../vehicles/uagv/network.dbc");
+    assert_eq!(network().late_messages(), []);
+    assert!(!generate::matrix(&network()).contains("retry_late"));
+    let file = file.replace("\nVAL_ 300 ", "\nBA_ \"RetryLate\" BO_ 300 1;\nVAL_ 300 ");
+    let network = Network::parse(&file).expect("the file is right");
+    let late = network.late_messages();
+    let [late] = late.as_slice() else {
+        panic!("{late:?}");
+    };
+    assert!(late.is_named("Command") && !late.is_named("Comm"));
+    assert_eq!(
+        (late.id, late.length, late.window.start_us),
+        (300, 8, 12_000)
+    );
+    assert_eq!(late.send_type, SendType::Event { interval_ms: 100 });
+    let rust = generate::matrix(&network);
+    let rust: Vec<&str> = rust
+        .lines()
+        .filter(|line| line.contains("retry_late"))
+        .collect();
+    assert!(
+        matches!(rust[..], [line] if line.contains("\"command\"")),
+        "{rust:?}"
+    );
 }
 
 #[test]

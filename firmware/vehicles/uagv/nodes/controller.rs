@@ -14,7 +14,7 @@
 //! | `console_dma` | DMA1 stream 6 | 3 | next console line |
 //! | `SysTick` | SysTick | 3 | 100 Hz: the tick of `rtic-monotonics`, wakes `housekeeping` |
 //! | `display_dma` | DMA1 stream 3 | 2 | end of the display's string |
-//! | `display_tick` | TIM4 | 2 | 5 Hz: builds and sends the display's string |
+//! | `display_tick` | TIM4 | 2 | 5 Hz, and when a node is in trouble: builds and sends the display's string |
 //! | `housekeeping` | software, by EXTI2 | 2 | 100 Hz: watchdog, status, bus recovery, LED |
 //! | `console` | EXTI3, pended by software | 1 | 10 Hz lines |
 
@@ -40,6 +40,7 @@ mod app {
     use firmware::housekeeping::Start;
     use firmware::log::Own;
     use firmware::node::{self, Keeper, Log, Pace};
+    use firmware::peers::Trouble;
     use firmware::pilot::Change;
     use firmware::selftest::{Motor, Report};
     use firmware::text::Text;
@@ -47,10 +48,10 @@ mod app {
     use network::Message as _;
     use rtic::Mutex as _;
     use uagv::design::{CONTROL_RELEASE, REMOTE};
-    use uagv::matrix::{BASIC_CYCLE, CONTROLLER, window};
+    use uagv::matrix::{BASIC_CYCLE, CONTROLLER, NAMES, window};
     use uagv::messages::{ButtonEvent, ControllerStatus, ModeChange};
     use uagv::wire::{self, Record};
-    use uagv::{Link, Pilot, Stack, identity, rows};
+    use uagv::{Link, Pilot, Stack, identity, peers, rows};
 
     /// What the control step works on. One resource, because each lock costs the step time.
     pub struct Driving {
@@ -60,6 +61,8 @@ mod app {
         axes: (u16, u16),
         /// A change of mode that `record` has not sent yet.
         change: Option<Change>,
+        /// Which of the other nodes does not do its part on the bus.
+        trouble: Option<Trouble>,
     }
 
     #[shared]
@@ -68,6 +71,8 @@ mod app {
         link: Link,
         driving: Driving,
         lcd: Lcd,
+        /// A refresh of the display waits until the string before it is sent.
+        refresh_due: bool,
         supervision: Supervision,
         console: board::console::Console,
         /// The last self-test.
@@ -123,8 +128,10 @@ mod app {
                     buttons: Buttons::default(),
                     axes: (design::JOYSTICK_CENTRE, design::JOYSTICK_CENTRE),
                     change: None,
+                    trouble: None,
                 },
                 lcd: operator.lcd,
+                refresh_due: false,
                 supervision: Supervision::default(),
                 console: sled.console,
                 test: None,
@@ -224,13 +231,15 @@ mod app {
             let pilot = &driving.pilot;
             (pilot.decision(), driving.change.take(), rows::log(pilot))
         });
-        let record = Record::of(&decision);
+        // A section of its own, because it blocks the interrupts of the bus.
+        let peers = link.lock(|link| peers::of(link));
+        let record = Record::of(&decision, &peers);
         link.lock(|link| {
             link.put(window::LOG_POSITION, record.position);
             link.put(window::LOG_MOTION, record.motion);
             link.put(window::LOG_GUIDANCE, record.guidance);
             link.put(window::LOG_CONTROL, record.control);
-            rows::put(link, guide);
+            rows::put(link, guide, &peers);
         });
         if let Some(change) = change {
             *cx.local.mode_events = cx.local.mode_events.wrapping_add(1);
@@ -277,9 +286,13 @@ mod app {
         }
     }
 
-    #[task(binds = DMA1_STREAM3, priority = 2, shared = [lcd])]
-    fn display_dma(mut cx: display_dma::Context) {
-        cx.shared.lcd.lock(|lcd| lcd.on_transfer_complete());
+    #[task(binds = DMA1_STREAM3, priority = 2, shared = [lcd, refresh_due])]
+    fn display_dma(cx: display_dma::Context) {
+        let (mut lcd, mut due) = (cx.shared.lcd, cx.shared.refresh_due);
+        lcd.lock(|lcd| lcd.on_transfer_complete());
+        if due.lock(core::mem::take) {
+            rtic::pend(Interrupt::TIM4);
+        }
     }
 
     /// Deadline: a byte later, 520 us, which would overrun the port's only register.
@@ -299,25 +312,32 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    /// Deadline: the next tick, 200 ms later. If the last string is still being sent then, the
-    /// tick sends none.
-    #[task(binds = TIM4, priority = 2, shared = [link, driving, lcd, supervision], local = [tick, screen])]
+    /// Deadline: the next tick, 200 ms later. If the last string is still being sent then, the end of
+    /// it releases the task again.
+    #[task(binds = TIM4, priority = 2, shared = [link, driving, lcd, refresh_due, supervision], local = [tick, screen])]
     fn display_tick(cx: display_tick::Context) {
         cx.local.tick.acknowledge();
         let mut link = cx.shared.link;
         let mut driving = cx.shared.driving;
         let (time, bus) = link.lock(|link| (link.system_time(), link.node().is_alive()));
-        let view = driving.lock(|driving| driving.pilot.view(time, bus));
+        let view = driving.lock(|driving| {
+            let trouble = driving.trouble.map(|trouble| trouble.named(&NAMES));
+            driving.pilot.view(time, bus, trouble)
+        });
         let screen = cx.local.screen;
         screen.clear();
         display::write::<Lk204>(screen, &view);
         let (mut lcd, mut supervision) = (cx.shared.lcd, cx.shared.supervision);
-        lcd.lock(|lcd| {
-            if !lcd.is_busy() {
+        let sent = lcd.lock(|lcd| {
+            let idle = !lcd.is_busy();
+            if idle {
                 supervision.lock(|supervision| supervision.sent(1));
                 lcd.send(screen.as_bytes());
             }
+            idle
         });
+        let mut due = cx.shared.refresh_due;
+        due.lock(|due| *due = !sent);
     }
 
     #[task(priority = 2, shared = [link, driving, test], local = [keeper])]
@@ -333,7 +353,7 @@ mod app {
 
     /// A step of the housekeeping.
     fn keep(shared: &mut housekeeping::SharedResources<'_>, keeper: &mut Keeper) {
-        // Two sections, because each blocks the interrupts of the bus.
+        // Sections of their own, because each blocks the interrupts of the bus.
         shared.link.lock(|link| {
             link.keep();
             if !link.is_started() && keeper.uptime() >= design::MASTER_PATIENCE {
@@ -341,9 +361,17 @@ mod app {
             }
         });
         let bus = shared.link.lock(|link| BusView::of(link));
-        let (steps, idle) = shared
-            .driving
-            .lock(|driving| (driving.pilot.steps(), driving.pilot.may_restart()));
+        let trouble = Trouble::among(&shared.link.lock(|link| peers::of(link)));
+        let (steps, idle, is_news) = shared.driving.lock(|driving| {
+            let before = core::mem::replace(&mut driving.trouble, trouble);
+            let pilot = &driving.pilot;
+            (pilot.steps(), pilot.may_restart(), before != trouble)
+        });
+        if is_news {
+            // The operator reads it at once.
+            rtic::pend(Interrupt::TIM4);
+            rtic::pend(Interrupt::EXTI3);
+        }
         keeper.step::<ControllerStatus>(&mut shared.link, &bus, steps, Motor::none(idle));
         shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {
@@ -357,10 +385,10 @@ mod app {
             .shared
             .supervision
             .lock(|supervision| supervision.is_present());
-        let view = cx
-            .shared
-            .driving
-            .lock(|driving| driving.pilot.line(present));
+        let view = cx.shared.driving.lock(|driving| {
+            let trouble = driving.trouble.map(|trouble| trouble.named(&NAMES));
+            driving.pilot.line(present, trouble)
+        });
         let test = cx.shared.test.lock(|test| *test);
         node::report(
             &mut cx.shared.link,

@@ -33,7 +33,7 @@ mod app {
     use uagv::design::COMMAND_TIMEOUT;
     use uagv::matrix::{DRIVE, window};
     use uagv::messages::DriveStatus;
-    use uagv::{Driving, Link, Stack, identity};
+    use uagv::{Driving, Link, Stack, identity, wire};
 
     #[shared]
     struct Shared {
@@ -161,7 +161,7 @@ mod app {
             .lock(|console| console.on_transfer_complete());
     }
 
-    #[task(priority = 2, shared = [link, output, test], local = [keeper])]
+    #[task(priority = 2, shared = [link, driving, output, test], local = [keeper])]
     async fn housekeeping(mut cx: housekeeping::Context) {
         let mut pace = Pace::begin();
         // loop-bound: 1. One step per tick; holds while each step meets its deadline.
@@ -180,6 +180,16 @@ mod app {
         // Also advances the slew.
         rtic::pend(Interrupt::EXTI1);
         let motor = node::motor(&mut shared.output, keeper);
+        let command = shared
+            .driving
+            .lock(|driving| driving.supervised.command().map(|command| command.speed));
+        let (byte, barred) = shared
+            .output
+            .lock(|output| (output.last(), output.is_barred()));
+        let state = wire::drive_state(command, byte, barred);
+        shared
+            .link
+            .lock(|link| link.put(window::DRIVE_STATE, state));
         keeper.step::<DriveStatus>(&mut shared.link, &bus, bus.link.services, motor);
         shared.test.lock(|test| *test = keeper.last_test());
         if keeper.is_report_due() {

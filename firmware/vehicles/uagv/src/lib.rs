@@ -25,6 +25,7 @@ firmware::vehicle!();
 #[allow(clippy::approx_constant, reason = "written by a program")]
 pub mod design;
 mod geodetic;
+pub mod peers;
 #[cfg(row_guidance)]
 pub mod rows;
 #[cfg(not(row_guidance))]

@@ -4,6 +4,7 @@ use firmware::e2e::Secret;
 use firmware::link::{Link, Port, WindowTimer};
 
 use crate::Pilot;
+use crate::peers::Peers;
 
 /// No message.
 pub const fn take<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
@@ -24,5 +25,6 @@ pub const fn log(_: &Pilot) {}
 pub const fn put<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
     _: &mut Link<P, T, WINDOWS, NODES>,
     (): (),
+    _: &Peers,
 ) {
 }

@@ -10,10 +10,11 @@ use network::Message;
 use ttcan::Frame;
 
 use crate::Pilot;
-use crate::matrix::window;
+use crate::matrix::{ROWS, window};
 use crate::messages::{
-    Guide, LogGuidance, LogMotion, Millimetres, RowGuidance, RowOffset, RowPresence,
+    Guide, LogGuidance, LogMotion, Millimetres, NodeHealth, RowGuidance, RowOffset, RowPresence,
 };
+use crate::peers::{Peers, health};
 
 /// Tenths of a degree in a radian.
 const TENTHS: f32 = 1800.0 / core::f32::consts::PI;
@@ -101,7 +102,7 @@ pub fn see(pilot: &mut Pilot, frame: Option<Frame>, time: u32) {
 }
 
 /// The message that says what guides the run.
-pub fn log(pilot: &Pilot) -> [u8; 8] {
+pub fn log(pilot: &Pilot) -> RowGuidance {
     let takeover = pilot.rows().takeover();
     let (place, rest) = takeover.place();
     RowGuidance {
@@ -112,17 +113,23 @@ pub fn log(pilot: &Pilot) -> [u8; 8] {
             takeover::Guide::Nothing => Guide::Nothing,
         },
         ready: takeover.is_ready(),
+        rows_health: NodeHealth::Unknown,
         right: Millimetres(convert::millimetres(place.right)),
         handed_over: Millimetres(convert::millimetres(rest.right)),
         way: convert::rounded(takeover.way() * 100.0).clamp(0, 65535) as u16,
     }
-    .encode()
 }
 
-/// Puts that message into its window.
+/// Puts that message into its window, with what the controller sees of the rows node.
 pub fn put<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize>(
     link: &mut Link<P, T, WINDOWS, NODES>,
-    data: [u8; 8],
+    message: RowGuidance,
+    peers: &Peers,
 ) {
-    link.put(window::ROW_GUIDANCE, data);
+    let rows_health = health(peers, ROWS);
+    let message = RowGuidance {
+        rows_health,
+        ..message
+    };
+    link.put(window::ROW_GUIDANCE, message.encode());
 }

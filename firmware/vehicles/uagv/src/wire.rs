@@ -15,15 +15,16 @@ use network::Message;
 use ttcan::ErrorLevel;
 
 use crate::Uagv;
-use crate::matrix::window;
+use crate::matrix::{DRIVE, GPS, STEERING, window};
 use crate::messages::{
     self as named, AdcCount, ButtonEvent, CentidegreesPerSecond, CentimetresPerSecond, Command,
     ControllerSelfTest, ControllerStatus, Degrees, DegreesE10, DegreesPerSecondQ8, DegreesQ8,
-    DriveSelfTest, DriveStatus, GpsSelfTest, GpsStatus, Heading, Latitude, LogControl, LogGuidance,
-    LogMotion, LogPosition, Longitude, Millidegrees, Millimetres, MillimetresPerSecond,
-    Milliseconds, ModeChange, Position, SelfTestRequest, SteeringPot, SteeringSelfTest,
-    SteeringStatus, Velocity,
+    DriveSelfTest, DriveState, DriveStatus, GpsSelfTest, GpsStatus, Heading, Latitude, LogControl,
+    LogGuidance, LogMotion, LogPosition, Longitude, Millidegrees, Millimetres,
+    MillimetresPerSecond, Milliseconds, ModeChange, Position, SelfTestRequest, SteeringPot,
+    SteeringSelfTest, SteeringStatus, Velocity,
 };
+use crate::peers::{Peers, health};
 
 impl actuator::Command for Command {
     fn check(&self) -> Result<(), Refusal> {
@@ -117,8 +118,8 @@ pub struct Record {
 }
 
 impl Record {
-    /// The messages of the step that decided so.
-    pub fn of(decision: &Decision) -> Self {
+    /// The messages of the step that decided so, with what the controller sees of the other nodes.
+    pub fn of(decision: &Decision, peers: &Peers) -> Self {
         let Decision {
             command, tracking, ..
         } = decision;
@@ -143,11 +144,26 @@ impl Record {
             .encode(),
             control: LogControl {
                 control_input: DegreesPerSecondQ8(convert::degrees_q8(decision.control_input)),
+                gps_health: health(peers, GPS),
+                steering_health: health(peers, STEERING),
+                drive_health: health(peers, DRIVE),
                 steering_pot: AdcCount(decision.pot),
             }
             .encode(),
         }
     }
+}
+
+/// Data of the drive node's message: the speed of the command in force, if there is one, the last byte
+/// to the motor driver, and whether the self-test bars the motor.
+pub fn drive_state(command: Option<CentimetresPerSecond>, output: u8, barred: bool) -> [u8; 8] {
+    let state = DriveState {
+        speed: command.unwrap_or(CentimetresPerSecond(0)),
+        commanded: command.is_some(),
+        barred,
+        output,
+    };
+    padded(state.encode())
 }
 
 fn steering_rate(rate: f32) -> CentidegreesPerSecond {

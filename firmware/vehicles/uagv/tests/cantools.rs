@@ -6,9 +6,9 @@ use network::Message;
 use network_model::Network;
 use uagv::messages::{
     AnyMessage, BackupReference, ButtonEvent, Command, ControllerSelfTest, ControllerStatus,
-    DriveSelfTest, DriveStatus, GpsSelfTest, GpsStatus, Heading, Latitude, LogControl, LogGuidance,
-    LogMotion, LogPosition, Longitude, ModeChange, Position, SelfTestRequest, SteeringPot,
-    SteeringSelfTest, SteeringStatus, TimeReference, Velocity,
+    DriveSelfTest, DriveState, DriveStatus, GpsSelfTest, GpsStatus, Heading, Latitude, LogControl,
+    LogGuidance, LogMotion, LogPosition, Longitude, ModeChange, Position, SelfTestRequest,
+    SteeringPot, SteeringSelfTest, SteeringStatus, TimeReference, Velocity,
 };
 
 struct Vector {
@@ -106,6 +106,7 @@ fn the_generated_code_reads_and_writes_what_cantools_does() {
             AnyMessage::Velocity(_) => check::<Velocity>(&vector, any),
             AnyMessage::Heading(_) => check::<Heading>(&vector, any),
             AnyMessage::SteeringPot(_) => check::<SteeringPot>(&vector, any),
+            AnyMessage::DriveState(_) => check::<DriveState>(&vector, any),
             AnyMessage::Command(_) => check::<Command>(&vector, any),
             AnyMessage::LogPosition(_) => check::<LogPosition>(&vector, any),
             AnyMessage::LogMotion(_) => check::<LogMotion>(&vector, any),

@@ -7,7 +7,7 @@ use network_model::Network;
 use proptest::{collection::vec, prelude::*};
 use uagv::messages::{
     AdcCount, AnyMessage, BackupReference, Button, ButtonEvent, CentidegreesPerSecond,
-    CentimetresPerSecond, Command, ControllerSelfTest, ControllerStatus, DriveSelfTest,
+    CentimetresPerSecond, Command, ControllerSelfTest, ControllerStatus, DriveSelfTest, DriveState,
     DriveStatus, GpsSelfTest, GpsStatus, Heading, Latitude, LogControl, LogGuidance, LogMotion,
     LogPosition, Longitude, Millimetres, Mode, ModeChange, Position, SelfTestRequest, SteeringPot,
     SteeringSelfTest, SteeringStatus, TimeReference, Velocity,
@@ -128,6 +128,7 @@ messages! {
     velocity: Velocity,
     heading: Heading,
     steering_pot: SteeringPot,
+    drive_state: DriveState,
     command: Command,
     log_position: LogPosition,
     log_motion: LogMotion,

@@ -7,6 +7,8 @@ use firmware::buttons::{Button, Buttons, Edge};
 use firmware::e2e;
 use firmware::pilot::{Change, Inputs, Reason};
 use network::Message as _;
+use ttcan::Health;
+use uagv::NODES;
 use uagv::Pilot;
 use uagv::messages::{Command, LogControl, LogGuidance, Mode as Named};
 use uagv::wire::{self, Record};
@@ -76,7 +78,7 @@ fn the_control_input_is_logged_before_limits() {
         };
         let (decision, _) = pilot.step(&inputs, &Buttons::default());
         pilot.predict();
-        let record = Record::of(&decision);
+        let record = Record::of(&decision, &[Health::Healthy; NODES]);
         let input = LogControl::decode(&record.control).unwrap().control_input.0;
         let command = LogGuidance::decode(&record.guidance).unwrap();
         let command = i32::from(command.steering_rate_command.0);
@@ -102,7 +104,8 @@ fn the_control_input_is_logged_before_limits() {
     };
     let (decision, _) = pilot.step(&by_hand, &Buttons::default());
     pilot.predict();
-    let logged = LogControl::decode(&Record::of(&decision).control).unwrap();
+    let logged =
+        LogControl::decode(&Record::of(&decision, &[Health::Healthy; NODES]).control).unwrap();
     assert_eq!(logged.control_input.0, 0);
     let command = wire::command(&decision, &mut sender, 7);
     assert!(Command::decode(&command).unwrap().steering_rate.0 > 2000);

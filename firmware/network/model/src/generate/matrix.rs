@@ -25,6 +25,7 @@ fn write_all(out: &mut String, network: &Network) -> std::fmt::Result {
             screaming(&node.name)
         )?;
     }
+    write_names(out, network)?;
     write_constants(out, network)?;
     write_received(out, network)?;
     write_windows(out, network)?;
@@ -35,6 +36,21 @@ fn write_all(out: &mut String, network: &Network) -> std::fmt::Result {
 fn senders(network: &Network) -> Vec<&Node> {
     let sends = |node: &&Node| network.messages.iter().any(|m| m.sender == node.name);
     network.nodes.iter().filter(sends).collect()
+}
+
+fn write_names(out: &mut String, network: &Network) -> std::fmt::Result {
+    let nodes = senders(network);
+    let names: Vec<String> = nodes
+        .iter()
+        .map(|node| format!("{:?}", node.name))
+        .collect();
+    writeln!(out, "/// Names of the nodes that send, by their numbers.")?;
+    writeln!(
+        out,
+        "pub const NAMES: [&str; {}] = [{}];\n",
+        names.len(),
+        names.join(", ")
+    )
 }
 
 fn write_constants(out: &mut String, network: &Network) -> std::fmt::Result {
@@ -289,6 +305,9 @@ fn write_matrix_windows(out: &mut String, network: &Network) -> std::fmt::Result
         };
         if repeat > 1 {
             let _ = write!(window, ".every({repeat}, {offset})");
+        }
+        if named.message.is_some_and(|message| message.retry_late) {
+            window.push_str(".retry_late()");
         }
         writeln!(out, "        {window},")?;
     }
