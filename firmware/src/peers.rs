@@ -20,7 +20,9 @@ pub struct Trouble {
 impl Trouble {
     /// The trouble among the nodes of a network, by the health of each; `None` if there is none.
     pub fn among<const N: usize>(health: &[Health; N]) -> Option<Self> {
+        const { assert!(N <= 8, "the loop is bounded for eight nodes") };
         let mut found: Option<Self> = None;
+        // loop-bound: 8. One turn for each node.
         for (node, health) in health.iter().enumerate() {
             if matches!(health, Health::Unknown | Health::Healthy) {
                 continue;
@@ -29,7 +31,6 @@ impl Trouble {
                 Some(trouble) => trouble.others = trouble.others.saturating_add(1),
                 None => {
                     found = Some(Self {
-                        // A network has fewer nodes than 256.
                         node: node as u8,
                         health: *health,
                         others: 0,
