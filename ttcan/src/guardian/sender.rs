@@ -11,6 +11,7 @@ use crate::time::Stamp;
 
 /// Why a sender was cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Trip {
     /// It drove the bus outside its windows, or longer than its longest frame.
     Misplaced,
