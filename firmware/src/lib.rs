@@ -59,4 +59,6 @@ pub use sled_f446 as board;
 #[cfg(feature = "target")]
 pub mod fault;
 #[cfg(feature = "target")]
+pub mod guard;
+#[cfg(feature = "target")]
 pub mod node;

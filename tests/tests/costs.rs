@@ -33,21 +33,37 @@ fn an_event_costs_as_much_with_512_windows_as_with_8() {
     }
 }
 
-/// Edges of a TX line may come each 4 us, which is 720 cycles at 180 MHz: that is still less than what
-/// an edge costs, as the README of the crate says.
+/// Looks come every two bits, which is 1440 cycles at 180 MHz and 250 kbit/s. Two spells of a line
+/// begin four looks apart at least. So the most that four lines can ask for is that all begin at one
+/// look, at three more all are in a spell, and so on.
 #[test]
-fn an_edge_costs_a_guardian_less_than_it_did() {
+fn a_guardian_of_four_lines_takes_less_than_40_percent_of_its_core() {
     let workspace = workspace();
     let builder = Builder::new(&workspace).unwrap_or_else(|failure| panic!("{failure}"));
     let costs = bench::cycles::guardian(&builder).unwrap_or_else(|failure| panic!("{failure}"));
     println!("{costs:?}");
-    let [(_, first), (_, edge), _] = costs[..] else {
-        panic!("three events");
+    let [
+        (_, rest),
+        ..,
+        (_, begin),
+        (_, due),
+        (_, follow),
+        (_, message),
+        (_, reference),
+    ] = costs[..]
+    else {
+        panic!("six events and more");
     };
     assert!(
-        (50..=1499).contains(&edge) && (edge..=1671).contains(&first),
+        (10..70).contains(&rest) && 4 * rest < follow && follow < begin,
         "{costs:?}"
     );
+    let spell = begin.max(due) + 3 * follow;
+    let share = spell * 100 / (4 * 1440);
+    println!("{spell} cycles for a spell on each line, {share} % of the core");
+    assert!(share < 40, "{costs:?}");
+    // The next frame begins 4 bits after a reception at the earliest.
+    assert!(message.max(reference) + follow < 2 * 1440, "{costs:?}");
 }
 
 /// The control step is released 600 us before its window, which is 108 000 cycles at 180 MHz.

@@ -5,7 +5,7 @@
 //! A kernel is a node right before the event. [`Kernel::run`] is the event that is
 //! timed.
 
-use ttcan::guardian::{Guardian, GuardianConfig, Level};
+use ttcan::guardian::{Guardian, GuardianConfig, Lines};
 use ttcan::{
     Action, Frame, Id, MatrixConfig, Micros, Node, NodeConfig, NodeId, ReferenceFormat, Schedule,
     ScheduleView, Stamp, SystemMatrix, TransmitOutcome, Window, frame_bits,
@@ -221,76 +221,104 @@ impl<const W: usize> Kernel<Node<'static, W, 2, 4>> {
     }
 }
 
-/// The event of a guardian that is timed. After each, the guardian is asked for its decision.
+/// The event of a guardian that is timed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guarded {
-    /// The first dominant edge of a frame, in its sender's window.
-    FirstEdge,
-    /// Another edge of that frame.
-    Edge,
+    /// A look that finds all lines at rest.
+    Rest,
+    /// A look that finds the first bit of a frame, in its sender's window.
+    Begin,
+    /// A look within that frame.
+    Follow,
+    /// A look that finds all lines dominant for the first time.
+    BeginAll,
+    /// The same when the next reference is due, and any window may have begun.
+    BeginDue,
+    /// The next look.
+    FollowAll,
+    /// A message, received from the bus.
+    Message,
     /// A reference message, received from the bus.
     Reference,
 }
+
+/// Two bits from look to look.
+const LOOKS: Micros = Micros::micros(8);
 
 /// A guardian of four senders right before an event.
 pub struct Watch {
     guardian: Guardian<'static, 4>,
     event: Guarded,
     frame: Frame,
+    lines: Lines,
     stamp: Stamp,
 }
 
 /// Prepares a guardian of the network with 8 windows. `None` means that the benchmark itself is wrong.
 pub fn watch(event: Guarded) -> Option<Watch> {
     let senders = [MASTER, OTHER, NodeId(2), NodeId(3)];
-    let config = GuardianConfig::new(TICKS_PER_US);
+    let config = GuardianConfig::new(TICKS_PER_US, LOOKS);
     let schedule = FEW_SCHEDULE.view();
     let mut guardian = Guardian::new(schedule, config, senders, Stamp(0)).ok()?;
     let mut mark = Stamp(0);
     let mut frame = reference(0, 0);
+    let mut stamp = mark;
     for cycle in 0..6 {
         mark = Stamp((u32::from(cycle) + 1) * CYCLE * TICKS_PER_US);
         frame = reference(cycle, u32::from(cycle) * CYCLE);
-        let end = mark.after(frame_bits(&frame) * BIT);
+        stamp = mark.after(frame_bits(&frame) * BIT);
         if cycle == 5 && event == Guarded::Reference {
-            let stamp = end;
-            return Some(Watch {
-                guardian,
-                event,
-                frame,
-                stamp,
-            });
+            break;
         }
-        guardian.handle_frame(&frame, end);
-        let _ = guardian.poll(end);
+        guardian.handle_frame(&frame, stamp);
+        let _ = guardian.look(Lines::default(), stamp);
     }
-    let mut stamp = mark.after(1000 * TICKS_PER_US);
-    if event == Guarded::Edge {
-        for level in [Level::Dominant, Level::Recessive] {
-            guardian.handle_edge(1, level, stamp);
-            let _ = guardian.poll(stamp);
-            stamp = stamp.after(4 * BIT);
-        }
+    let all = matches!(
+        event,
+        Guarded::BeginAll | Guarded::BeginDue | Guarded::FollowAll
+    );
+    let senders = match event {
+        _ if all => 0b1111,
+        Guarded::Rest | Guarded::Reference => 0,
+        _ => 0b10,
+    };
+    let lines = Lines {
+        dominant: senders,
+        fell: senders,
+    };
+    match event {
+        Guarded::Reference => {}
+        Guarded::BeginDue => stamp = mark.after((CYCLE - 100) * TICKS_PER_US),
+        _ => stamp = mark.after(1000 * TICKS_PER_US),
+    }
+    if matches!(
+        event,
+        Guarded::Follow | Guarded::FollowAll | Guarded::Message
+    ) {
+        let _ = guardian.look(lines, stamp);
+        stamp = stamp.after(LOOKS.ticks() * TICKS_PER_US);
+    }
+    if event == Guarded::Message {
+        frame = Frame::from_parts(Id::standard(16)?, 8, [0; 8]);
+        stamp = mark.after(1000 * TICKS_PER_US + frame_bits(&frame) * BIT);
     }
     Some(Watch {
         guardian,
         event,
         frame,
+        lines,
         stamp,
     })
 }
 
 impl Watch {
-    /// Runs the event up to the decision. Returns whether the sender's gate is open, as it should.
+    /// Runs the event. Returns whether the sender's gate is open, as it should.
     #[inline(never)]
     pub fn run(&mut self) -> bool {
-        match self.event {
-            Guarded::FirstEdge | Guarded::Edge => {
-                self.guardian.handle_edge(1, Level::Dominant, self.stamp);
-            }
-            Guarded::Reference => self.guardian.handle_frame(&self.frame, self.stamp),
+        if matches!(self.event, Guarded::Message | Guarded::Reference) {
+            self.guardian.handle_frame(&self.frame, self.stamp);
+            return self.guardian.trips(1).0 == 0;
         }
-        let decision = self.guardian.poll(self.stamp);
-        decision.open.is_open(1) && decision.ask.ticks_since(self.stamp) > 0
+        self.guardian.look(self.lines, self.stamp).is_open(1)
     }
 }

@@ -4,13 +4,13 @@
 mod guarded;
 mod support;
 
-use guarded::{Guarded, bits_of};
+use guarded::{Guarded, Level, bits_of};
 use proptest::prelude::*;
 use support::{
     ALARM, BUTTON, CONTROLLER, DRIVE, GPS, MATRIX, SCHEDULE, STEERING, TICKS_PER_US, UagvBus, at,
     crystal, uagv,
 };
-use ttcan::guardian::{Guardian, GuardianConfig, GuardianError, GuardianState, Level, Trip};
+use ttcan::guardian::{Guardian, GuardianConfig, GuardianError, GuardianState, Lines, Trip};
 use ttcan::simulation::{Application, Bus, Fate, SimTime};
 use ttcan::{Frame, Id, Micros, NodeId, Stamp, SyncState, WindowKind};
 
@@ -359,24 +359,42 @@ struct Rig<const P: usize> {
     guardian: Guardian<'static, P>,
     /// Where the bus is, in bits since the start.
     now: u32,
-    ask: Stamp,
+    lines: Lines,
+    /// Looks are at most this many quarter bits apart, and at least `shortest`. The next one is in
+    /// `next`.
+    longest: u32,
+    shortest: u32,
+    next: u32,
+    random: u32,
     open: u32,
 }
 
 const BIT_TICKS: u32 = 4 * TICKS_PER_US;
 
+/// The longest time from look to look that is allowed, in quarter bits.
+const LONGEST: u32 = 11;
+
 impl<const P: usize> Rig<P> {
+    /// Looks come every two bits.
     fn new(senders: [NodeId; P]) -> Self {
-        let config = GuardianConfig::new(TICKS_PER_US);
+        Self::with_looks(senders, (8, 8), 0)
+    }
+
+    /// Looks come after a random number of quarter bits within these bounds.
+    fn with_looks(senders: [NodeId; P], (shortest, longest): (u32, u32), seed: u32) -> Self {
+        // A bit has 4 us.
+        let config = GuardianConfig::new(TICKS_PER_US, Micros::micros(longest));
         let now = Stamp(u32::MAX - 1_000_000);
-        let mut guardian =
-            Guardian::new(SCHEDULE.view(), config, senders, now).expect("it is sound");
-        let decision = guardian.poll(now);
+        let guardian = Guardian::new(SCHEDULE.view(), config, senders, now).expect("it is sound");
         Self {
             guardian,
             now: 0,
-            ask: decision.ask,
-            open: decision.open.bits(),
+            lines: Lines::default(),
+            longest,
+            shortest,
+            next: seed % longest,
+            random: seed,
+            open: (1 << P) - 1,
         }
     }
 
@@ -384,31 +402,39 @@ impl<const P: usize> Rig<P> {
         Stamp(u32::MAX - 1_000_000).after(self.now * BIT_TICKS)
     }
 
-    fn poll(&mut self, now: Stamp) {
-        let decision = self.guardian.poll(now);
-        self.ask = decision.ask;
-        self.open = decision.open.bits();
+    fn look(&mut self, now: Stamp) {
+        self.open = self.guardian.look(self.lines, now).bits();
+        self.lines.fell = 0;
     }
 
     /// Lets bits pass. Returns after how many of them the gate of sender 0 closed.
     fn pass(&mut self, bits: u32) -> Option<u32> {
         let mut closed = None;
         for bit in 0..bits {
+            while self.next < 4 {
+                self.look(self.stamp().after(self.next * BIT_TICKS / 4));
+                self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1);
+                let span = self.longest - self.shortest + 1;
+                self.next += self.shortest + (self.random >> 16) % span;
+                if self.open & 1 == 0 && closed.is_none() {
+                    closed = Some(bit + 1);
+                }
+            }
+            self.next -= 4;
             self.now += 1;
-            while self.stamp().reached(self.ask) {
-                self.poll(self.ask);
-            }
-            if self.open & 1 == 0 && closed.is_none() {
-                closed = Some(bit + 1);
-            }
         }
         closed
     }
 
+    /// An edge at the present instant.
     fn edge(&mut self, sender: usize, level: Level) {
-        let stamp = self.stamp();
-        self.guardian.handle_edge(sender, level, stamp);
-        self.poll(stamp);
+        match level {
+            Level::Dominant => {
+                self.lines.dominant |= 1 << sender;
+                self.lines.fell |= 1 << sender;
+            }
+            Level::Recessive => self.lines.dominant &= !(1 << sender),
+        }
     }
 
     /// A dominant pulse, and then as many recessive bits. Returns whether gate 0 stayed open.
@@ -447,7 +473,6 @@ impl<const P: usize> Rig<P> {
         if good {
             let stamp = self.stamp();
             self.guardian.handle_frame(frame, stamp);
-            self.poll(stamp);
         }
         self.pass(3);
         closed
@@ -476,23 +501,70 @@ fn message(id: u16, len: u8) -> Frame {
     Frame::from_parts(Id::standard(id).expect("small"), len, [0xA5; 8])
 }
 
-/// Bits of a short spell.
-const SHORT: u32 = 16;
+/// Bits of a short spell. The gate is closed up to two looks later, which are two bits apart.
+const SHORT: u32 = 20;
 
 #[test]
 fn acknowledge_bits_and_flags_pass_at_any_time() {
-    let mut rig = Rig::new([STEERING, GPS]);
-    for _ in 0..20 {
+    for seed in 0..200 {
+        let shortest = 1 + seed % LONGEST;
+        let mut rig = Rig::with_looks([STEERING, GPS], (shortest, LONGEST), seed);
         assert!(rig.pulse(0, 1, 100), "acknowledge bit");
         assert!(rig.pulse(0, 6, 100), "error flag");
-        assert!(
-            rig.pulse(0, 1, 6) && rig.pulse(0, 6, 100),
-            "an error flag behind it"
-        );
+        for behind in 1..=9 {
+            assert!(
+                rig.pulse(0, 1, behind) && rig.pulse(0, 6, 100),
+                "a flag {behind} bits behind it, seed {seed}"
+            );
+        }
         // Two overload frames.
         assert!(rig.pulse(0, 6, 8) && rig.pulse(0, 6, 25_000));
+        assert_eq!(rig.guardian.trips(0), (0, None));
     }
-    assert_eq!(rig.guardian.trips(0), (0, None));
+}
+
+/// The shortest distance of two spells of a good node is 11 bits.
+#[test]
+fn a_frame_right_behind_an_acknowledge_bit_or_a_flag_begins_a_spell() {
+    for seed in 0..2000 {
+        let mut rig = Rig::with_looks(ALL, (1 + seed % LONGEST, LONGEST), seed);
+        let dominant = if seed % 2 == 0 { 1 } else { 6 };
+        let late = seed / 11 % 16;
+        rig.synchronise(6000 + 4 * late - 4 * (dominant + 11));
+        let flag = seed % 4 > 1;
+        if flag {
+            // Behind an acknowledge bit.
+            rig.now -= 4;
+            assert!(rig.pulse(2, 1, 3));
+        }
+        assert!(rig.pulse(2, dominant, 11));
+        rig.frame(2, &message(206, 2), true);
+        let trips = rig.guardian.trips(2);
+        assert_eq!((rig.open, trips), (0b1111, (0, None)), "seed {seed}");
+    }
+}
+
+/// Late and omitted looks may stop a good node, but let nothing through that others would not.
+#[test]
+fn no_frame_passes_beside_late_looks() {
+    for seed in 0..2000 {
+        let mut rig = Rig::with_looks([STEERING, GPS], (1, LONGEST), seed);
+        rig.longest = 8 + seed % 50;
+        rig.pass(100);
+        // Five dominant and five recessive bits in turn are the most that a frame can look like several
+        // spells.
+        let mut passed = 0;
+        for _ in 0..20 {
+            rig.edge(0, Level::Dominant);
+            for _ in 0..5 {
+                passed += u32::from(rig.open & 1 == 1);
+                rig.pass(1);
+            }
+            rig.edge(0, Level::Recessive);
+            rig.pass(5);
+        }
+        assert!(passed <= 30, "{passed} dominant bits pass, seed {seed}");
+    }
 }
 
 #[test]
@@ -510,7 +582,7 @@ fn a_frame_outside_its_window_is_stopped_and_cuts_its_sender() {
     let closed = rig
         .frame(0, &message(206, 2), false)
         .expect("it is stopped");
-    assert!((SHORT..=SHORT + 1).contains(&closed), "after {closed} bits");
+    assert!((SHORT..=SHORT + 4).contains(&closed), "after {closed} bits");
     assert_eq!(rig.guardian.trips(0), (0, None), "the time is not known");
     assert_eq!(rig.open, 0b11, "the spell is over");
 }
@@ -543,7 +615,8 @@ fn another_message_in_the_window_cuts_its_sender() {
 fn a_line_that_is_stuck_is_closed_until_it_is_released() {
     let mut rig = Rig::new([STEERING]);
     rig.edge(0, Level::Dominant);
-    assert_eq!(rig.pass(3_000_000), Some(SHORT), "two minutes");
+    let closed = rig.pass(3_000_000).expect("within two minutes");
+    assert!((SHORT..=SHORT + 4).contains(&closed), "after {closed} bits");
     rig.edge(0, Level::Recessive);
     rig.pass(10);
     assert_eq!(rig.open, 1);
@@ -563,7 +636,7 @@ fn a_line_that_is_stuck_is_closed_until_it_is_released() {
 #[test]
 fn flags_without_a_reason_cut_their_sender() {
     let mut rig = Rig::new([STEERING, DRIVE]);
-    let limit = u32::from(GuardianConfig::new(TICKS_PER_US).pulses);
+    let limit = u32::from(GuardianConfig::new(TICKS_PER_US, Micros::micros(8)).pulses);
     for _ in 0..limit {
         rig.pulse(0, 6, 80);
         // The other one answers, and is not to blame.
@@ -636,7 +709,7 @@ fn a_guardian_of_one_node_stops_it_outside_its_windows() {
     assert!(rig.frame(0, &message(206, 2), false).is_some());
     assert_eq!(rig.guardian.trips(0), (1, Some(Trip::Misplaced)));
     rig.guardian.pardon(0);
-    rig.poll(rig.stamp());
+    rig.pass(3);
     assert_eq!(rig.open, 1);
 }
 
@@ -655,7 +728,7 @@ fn a_guardian_of_one_master_stops_endless_attempts() {
 
 #[test]
 fn configurations_are_checked() {
-    let sound = GuardianConfig::new(TICKS_PER_US);
+    let sound = GuardianConfig::new(TICKS_PER_US, Micros::micros(8));
     let refused =
         |config: GuardianConfig| Guardian::new(SCHEDULE.view(), config, ALL, Stamp(0)).err();
     assert_eq!(refused(sound), None);
@@ -695,17 +768,24 @@ fn configurations_are_checked() {
         ),
         (
             GuardianConfig {
-                spell_bits: 34,
+                spell_bits: 29,
                 ..sound
             },
             GuardianError::SpellBits,
         ),
         (
             GuardianConfig {
-                edge_latency: i32::MIN,
+                receive_latency: i32::MIN,
                 ..sound
             },
             GuardianError::Latency,
+        ),
+        (
+            GuardianConfig {
+                interval: Micros::micros(12),
+                ..sound
+            },
+            GuardianError::Interval,
         ),
     ] {
         assert_eq!(refused(config), Some(error));
@@ -739,31 +819,50 @@ proptest! {
         prop_assert_eq!(rig.guardian.trips(usize::from(sender.0)), (0, None));
     }
 
-    /// Whatever a sender does outside its windows, no spell of it is longer than the limit.
+    /// Whatever a sender does outside its windows, no spell of it is longer than the limit and two
+    /// looks, however often the looks come.
     #[test]
     fn no_spell_is_longer_than_the_limit(
         pulses in prop::collection::vec((1u32..12, 1u32..12), 1..60),
+        shortest in 1..=LONGEST,
+        seed: u32,
     ) {
-        let mut rig = Rig::new([STEERING, GPS]);
+        let mut rig = Rig::with_looks([STEERING, GPS], (shortest, LONGEST), seed);
+        let limit = SHORT + (2 * LONGEST).div_ceil(4);
         let (mut spell, mut quiet) = (0, 100);
         for (dominant, recessive) in pulses {
             for (level, bits) in [(Level::Dominant, dominant), (Level::Recessive, recessive)] {
                 rig.edge(0, level);
                 for _ in 0..bits {
                     if level == Level::Dominant {
-                        spell = if quiet >= 7 { 0 } else { spell };
+                        spell = if quiet > 5 { 0 } else { spell };
                         quiet = 0;
                     } else {
                         quiet += 1;
                     }
                     spell += 1;
                     prop_assert!(
-                        spell <= SHORT || quiet > 0 || rig.open & 1 == 0,
+                        spell <= limit || quiet > 0 || rig.open & 1 == 0,
                         "bit {} of a spell passes", spell
                     );
                     rig.pass(1);
                 }
             }
+        }
+    }
+
+    /// Whatever a sender drives for up to the limit, and then not for 11 bits, passes.
+    #[test]
+    fn short_spells_pass(
+        spells in prop::collection::vec((1u32..7, 1u32..9, 1u32..7, 11u32..30), 1..40),
+        shortest in 1..=LONGEST,
+        seed: u32,
+    ) {
+        let mut rig = Rig::with_looks([STEERING, GPS], (shortest, LONGEST), seed);
+        for (dominant, recessive, again, rest) in spells {
+            prop_assert!(rig.pulse(0, dominant, recessive));
+            prop_assert!(rig.pulse(0, again, rest));
+            prop_assert_eq!(rig.guardian.trips(0), (0, None));
         }
     }
 }

@@ -20,7 +20,16 @@ fn every_event_comes_about() {
 
 #[test]
 fn every_event_of_a_guardian_comes_about() {
-    for event in [Guarded::FirstEdge, Guarded::Edge, Guarded::Reference] {
+    for event in [
+        Guarded::Rest,
+        Guarded::Begin,
+        Guarded::Follow,
+        Guarded::BeginAll,
+        Guarded::BeginDue,
+        Guarded::FollowAll,
+        Guarded::Message,
+        Guarded::Reference,
+    ] {
         assert!(watch(event).unwrap().run(), "{event:?}");
     }
 }

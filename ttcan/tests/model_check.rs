@@ -17,7 +17,7 @@ use std::io::Write;
 use std::time::Instant;
 
 use stateright::{Checker, Expectation, Model, Property};
-use ttcan::guardian::{Gates, Guardian, GuardianConfig, Level};
+use ttcan::guardian::{Gates, Guardian, GuardianConfig, Lines};
 use ttcan::{
     Action, ClockState, Fault, Frame, INTERFRAME_BITS, Id, MasterState, MatrixConfig, Micros, Node,
     NodeConfig, NodeId, Reception, ReferenceFormat, Stamp, SyncState, SystemMatrix,
@@ -109,11 +109,20 @@ struct Station {
     restarted: bool,
 }
 
+/// Level of a TX line.
+#[derive(Clone, Copy, Debug)]
+enum Level {
+    Dominant,
+    Recessive,
+}
+
 /// A guardian of the three nodes, and a node that babbles.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Guard {
     guardian: Guardian<'static, 3>,
     open: Gates,
+    /// The lines that are dominant.
+    dominant: u32,
     babbler: Option<(usize, Frame)>,
 }
 
@@ -128,32 +137,54 @@ impl Guard {
             attempts: 4,
             strikes: 0,
             untimely: 3,
-            ..GuardianConfig::new(1)
+            // Each bit has its look.
+            ..GuardianConfig::new(1, micros(0))
         };
         let nodes = [NodeId(0), NodeId(1), NodeId(2)];
         let mut guardian = Guardian::new(SCHEDULE.view(), config, nodes, Stamp(0))
             .expect("the configuration is sound");
-        let open = guardian.poll(Stamp(0)).open;
+        let open = guardian.look(Lines::default(), Stamp(0));
         Self {
             guardian,
             open,
+            dominant: 0,
             babbler: None,
         }
     }
 
     fn poll(&mut self) {
-        self.open = self.guardian.poll(Stamp(0)).open;
+        self.look(0, Stamp(0));
     }
 
-    /// Ticks until it must be asked.
+    fn look(&mut self, fell: u32, now: Stamp) {
+        let lines = Lines {
+            dominant: self.dominant,
+            fell,
+        };
+        self.open = self.guardian.look(lines, now);
+    }
+
+    /// Ticks until a look changes something.
     fn due(&self) -> u32 {
-        let ask = self.guardian.clone().poll(Stamp(0)).ask;
-        ask.ticks_since(Stamp(0)).max(0).unsigned_abs()
+        let due = self.guardian.due();
+        due.ticks_since(Stamp(0)).max(0).unsigned_abs()
     }
 
     /// An edge so many bits ago.
     fn edge(&mut self, node: usize, level: Level, ago: u32) {
-        self.guardian.handle_edge(node, level, Stamp(0).before(ago));
+        let (bit, now) = (1 << node, Stamp(0).before(ago));
+        // The looks up to the edge.
+        self.look(0, now);
+        match level {
+            Level::Dominant => {
+                self.dominant |= bit;
+                self.look(bit, now);
+            }
+            Level::Recessive => {
+                self.dominant &= !bit;
+                self.look(0, now);
+            }
+        }
     }
 
     fn is_babbler(&self, node: usize) -> bool {

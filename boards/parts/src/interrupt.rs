@@ -7,6 +7,8 @@ use crate::Family;
 
 /// The voltage detector, by line 16 of EXTI.
 pub const PVD: u16 = 1;
+/// Line 0 of EXTI; lines 1 to 4 follow.
+pub const EXTI0: u16 = 6;
 /// DMA1, stream 0 of the F4 or channel 1 of the F3. The next ones follow.
 pub const DMA1_FIRST: u16 = 11;
 /// ADC1.

@@ -64,6 +64,7 @@ pub mod led;
 pub mod panel;
 pub mod receiver;
 mod registers;
+pub mod taps;
 pub mod watchdog;
 
 pub use bus::{CanPort, Timings};
@@ -124,6 +125,8 @@ pub struct Rest {
     receiver_pins: (gpio::PA9, gpio::PA10),
     axes: (gpio::PA0, gpio::PA1),
     port_c: gpio::gpioc::Parts,
+    exti: pac::EXTI,
+    syscfg: pac::SYSCFG,
 }
 
 impl Sled {
@@ -202,6 +205,8 @@ impl Sled {
                 receiver_pins: (port_a.pa9, port_a.pa10),
                 axes: (port_a.pa0, port_a.pa1),
                 port_c,
+                exti: device.EXTI,
+                syscfg: device.SYSCFG,
             },
         })
     }
@@ -232,6 +237,29 @@ impl Rest {
         let (tx, rx) = self.receiver_pins;
         let _: (usart1::Tx, usart1::Rx) = (tx.into(), rx.into());
         receiver::start(&self.receiver, streams.2, self.tick)
+    }
+
+    /// Starts the TX lines of four nodes and their gates, which are open (a guardian).
+    pub fn taps(self) -> taps::Taps {
+        let mut rcc = self.rcc;
+        gate::open::<pac::TIM3>(&mut rcc);
+        gate::open::<pac::SYSCFG>(&mut rcc);
+        let pins = self.port_c;
+        let pins = taps::Pins {
+            lines: (
+                pins.pc0.into_pull_up_input(),
+                pins.pc1.into_pull_up_input(),
+                pins.pc2.into_pull_up_input(),
+                pins.pc3.into_pull_up_input(),
+            ),
+            gates: (
+                pins.pc6.into_push_pull_output(),
+                pins.pc7.into_push_pull_output(),
+                pins.pc8.into_push_pull_output(),
+                pins.pc9.into_push_pull_output(),
+            ),
+        };
+        taps::start(pins, self.exti, &self.syscfg, self.adc_timer)
     }
 
     /// Starts joystick, buttons and display (node controller).

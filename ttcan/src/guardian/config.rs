@@ -1,7 +1,7 @@
 //! The configuration of a guardian, and the times that follow from it.
 
-use super::{FLAG_BITS, REFERENCE_OFFSET_LIMIT};
 use crate::length;
+use crate::matrix::REFERENCE_OFFSET_LIMIT;
 use crate::schedule::{Role, ScheduleView};
 use crate::time::Micros;
 
@@ -10,10 +10,20 @@ const LONGEST_TICKS: u32 = 1 << 30;
 /// Longest frame of a network with an intermission behind it, in bits: 29-bit identifier, 8 bytes, all
 /// stuff bits.
 const LONGEST_FRAME_BITS: u32 = 160;
-/// Recessive bits that end a spell. A frame has at most 5 in a row up to its CRC delimiter.
-const SPELL_GAP_BITS: u32 = 7;
-/// Difference of an edge's stamp and the start of frame by a frame's end, in bits: resynchronisation.
+/// Half bits that a line is recessive from look to look when a spell is over. A frame has at most 5
+/// recessive bits in a row up to its CRC delimiter.
+const SPELL_GAP_HALF_BITS: u32 = 11;
+/// Least recessive bits of a TX line before the next frame: the delimiter of a flag, or the end of a
+/// frame behind an acknowledge bit, and the intermission (ISO 11898-1).
+const FRAME_GAP_BITS: u32 = 11;
+/// Difference of the start of frame on the TX line and by a frame's end, in bits: resynchronisation.
 const TOLERANCE_BITS: u32 = 2;
+/// Largest distance of the end of a frame's spell and an error flag behind it, in bits: up to five
+/// recessive bits at the end of the CRC, and the ten bits from there to the end of the frame.
+const BEHIND_BITS: u32 = 16;
+/// Bits beyond the longest frame that a permitted spell may take: an error flag and one that is
+/// begun anew.
+pub(super) const FLAG_BITS: u32 = 14;
 /// Bits from the closing of a gate until the next frame can begin: a flag of six bits, a delimiter of
 /// eight and the interframe space.
 const ERROR_BITS: u32 = 17;
@@ -28,15 +38,16 @@ pub struct GuardianConfig {
     /// Time from the end of a received frame to its stamp, in ticks; negative if the stamp is
     /// earlier, as with bxCAN ([`StampLatency::bxcan`](crate::StampLatency::bxcan)).
     pub receive_latency: i32,
-    /// Time from an edge of a TX line to its stamp, in ticks.
-    pub edge_latency: i32,
-    /// Spread of either latency, up to 1000 us.
+    /// Spread of that latency, up to 1000 us.
     pub jitter: Micros,
+    /// Longest time from one look at the TX lines to the next one: at most 2.75 bits, which is 11 us
+    /// at 250 kbit/s. All that delays a look counts.
+    pub interval: Micros,
     /// Largest drift of the guardian's counter against the time of the network, in parts per million,
     /// up to 10 000: the sum of the deviations of its own crystal and that of the master.
     pub drift_ppm: u16,
-    /// Bits that a sender may drive where it may not begin a frame, 8 to 33. The smallest that lets an
-    /// acknowledge bit and an error flag behind it through is 14; a frame needs 34.
+    /// Bits that a sender may drive where it may not begin a frame, 8 to 28. Two flags with a delimiter
+    /// between them take 20; a frame needs 34, and the gate is closed up to 5.5 bits late.
     pub spell_bits: u8,
     /// Basic cycles of good conduct after which a sender that was cut may return, at least 1.
     pub penalty: u16,
@@ -68,17 +79,17 @@ impl core::hash::Hash for GuardianConfig {
 }
 
 impl GuardianConfig {
-    /// The default configuration: no latency, 2 us of jitter, crystals within 100 ppm (200 ppm of
-    /// drift), 16 bits, return after 10 basic cycles, time lost after 4, 4 strikes, 64 pulses, 32
-    /// attempts, 4 untimely references.
-    pub const fn new(ticks_per_us: u32) -> Self {
+    /// The default configuration with this longest time from look to look: no latency, 2 us of
+    /// jitter, crystals within 100 ppm (200 ppm of drift), 20 bits, return after 10 basic cycles,
+    /// time lost after 4, 4 strikes, 64 pulses, 32 attempts, 4 untimely references.
+    pub const fn new(ticks_per_us: u32, interval: Micros) -> Self {
         Self {
             ticks_per_us,
             receive_latency: 0,
-            edge_latency: 0,
             jitter: Micros::micros(2),
+            interval,
             drift_ppm: 200,
-            spell_bits: 16,
+            spell_bits: 20,
             penalty: 10,
             lost: 4,
             strikes: 4,
@@ -86,6 +97,23 @@ impl GuardianConfig {
             attempts: 32,
             untimely: 4,
         }
+    }
+
+    /// Checks what does not depend on the schedule.
+    const fn check(&self) -> Result<(), GuardianError> {
+        if self.ticks_per_us == 0 || self.ticks_per_us > 1000 {
+            return Err(GuardianError::Ticks);
+        }
+        if self.penalty == 0 || self.lost == 0 || self.lost > 100 {
+            return Err(GuardianError::Cycles);
+        }
+        if self.drift_ppm > 10_000 {
+            return Err(GuardianError::Drift);
+        }
+        if self.spell_bits < 8 || self.spell_bits > 28 {
+            return Err(GuardianError::SpellBits);
+        }
+        Ok(())
     }
 }
 
@@ -98,11 +126,13 @@ pub enum GuardianError {
     Ticks,
     /// A time is longer than 2^30 ticks: a penalty, or `lost` basic cycles with the longest gap.
     TooLong,
-    /// A latency is longer than half a basic cycle, or the jitter than 1000 us.
+    /// The latency is longer than half a basic cycle, or the jitter than 1000 us.
     Latency,
+    /// The interval is longer than 2.75 bits.
+    Interval,
     /// The drift is above 10 000 ppm.
     Drift,
-    /// `spell_bits` is not within 8 to 33.
+    /// `spell_bits` is not within 8 to 28.
     SpellBits,
     /// `penalty` is 0, or `lost` is not within 1 to 100.
     Cycles,
@@ -116,9 +146,10 @@ impl core::fmt::Display for GuardianError {
                 "the ticks per microsecond are not within 1 to 1000, or a bit is too long"
             }
             Self::TooLong => "the penalty or the time without references exceeds 2^30 ticks",
-            Self::Latency => "a latency exceeds half a basic cycle, or the jitter 1000 us",
+            Self::Latency => "the latency exceeds half a basic cycle, or the jitter 1000 us",
+            Self::Interval => "the time from look to look exceeds 2.75 bits",
             Self::Drift => "the drift exceeds 10 000 ppm",
-            Self::SpellBits => "a short spell has 8 to 33 bits",
+            Self::SpellBits => "a short spell has 8 to 28 bits",
             Self::Cycles => "the penalty is 0 cycles, or the time is not lost after 1 to 100",
         })
     }
@@ -151,9 +182,16 @@ pub(super) struct Times {
     /// From the mark until the time is lost, without a gap.
     pub(super) lost: u32,
     pub(super) penalty: u32,
+    /// A line that is recessive from look to look for so long has ended its spell.
     pub(super) spell_gap: u32,
-    /// Largest difference of an edge's stamp and the same instant by a received frame.
+    /// From the middle of an interval to its end.
+    pub(super) half_interval: u32,
+    /// Largest difference of a spell's stamp and the same instant by a received frame.
     pub(super) tolerance: u32,
+    /// Largest distance of a frame's spell and an error flag behind it, by their stamps.
+    pub(super) behind: u32,
+    /// Cycle time from which the next reference may begin.
+    pub(super) reference_phase: u32,
     /// Longest reference in bits, and with error flags in ticks.
     pub(super) reference_bits: u32,
     pub(super) reference: u32,
@@ -193,23 +231,12 @@ impl Times {
         config: GuardianConfig,
     ) -> Result<Self, GuardianError> {
         let network = schedule.network;
-        if config.ticks_per_us == 0 || config.ticks_per_us > 1000 {
-            return Err(GuardianError::Ticks);
-        }
+        config.check()?;
         let bit = (u64::from(network.bit) * u64::from(config.ticks_per_us)) >> 8;
         if bit >> 24 != 0 {
             return Err(GuardianError::Ticks);
         }
         let bit = bit as u32;
-        if config.penalty == 0 || config.lost == 0 || config.lost > 100 {
-            return Err(GuardianError::Cycles);
-        }
-        if config.drift_ppm > 10_000 {
-            return Err(GuardianError::Drift);
-        }
-        if config.spell_bits < 8 || config.spell_bits > 33 {
-            return Err(GuardianError::SpellBits);
-        }
         let ticks = |micros: u32| micros.saturating_mul(config.ticks_per_us);
         let cycle = ticks(network.basic_cycle);
         let gap = ticks(network.longest_gap);
@@ -223,10 +250,20 @@ impl Times {
             return Err(GuardianError::TooLong);
         }
         let latency = config.receive_latency.unsigned_abs();
-        let latency = latency.max(config.edge_latency.unsigned_abs());
         if latency > cycle / 2 || config.jitter.ticks() > 1000 {
             return Err(GuardianError::Latency);
         }
+        // A bit is less than 2^24 and none of the factors above 255.
+        let bits = |bits: u32| (bit * bits) >> 8;
+        let interval = ticks(config.interval.ticks());
+        let spell_gap = (bit * SPELL_GAP_HALF_BITS).div_ceil(512);
+        // A look finds the line recessive at the latest one interval behind the end of a spell, and the
+        // last one before the next frame is at most another interval ahead of it.
+        let shortest = spell_gap.saturating_add(interval.saturating_mul(2));
+        if shortest > bits(FRAME_GAP_BITS) {
+            return Err(GuardianError::Interval);
+        }
+        let half_interval = interval.div_ceil(2);
         let jitter = ticks(config.jitter.ticks());
         let reference = network.reference_length;
         let reference_bits =
@@ -234,8 +271,7 @@ impl Times {
         // The last backup's offset, and three repetitions behind the first attempt.
         let late = REFERENCE_OFFSET_LIMIT + network.uncertainty + 4 * reference;
         let early = schedule.reference_early();
-        let bits = |bits: u32| (bit * bits) >> 8;
-        Ok(Self {
+        let mut times = Self {
             config,
             bit,
             cycle,
@@ -249,10 +285,15 @@ impl Times {
             gap,
             lost,
             penalty,
-            spell_gap: bits(SPELL_GAP_BITS),
-            tolerance: bits(TOLERANCE_BITS).saturating_add(jitter),
+            spell_gap,
+            half_interval,
+            tolerance: bits(TOLERANCE_BITS)
+                .saturating_add(jitter)
+                .saturating_add(half_interval),
+            behind: bits(BEHIND_BITS).saturating_add(half_interval),
+            reference_phase: 0,
             reference_bits,
-            reference: bits(reference_bits + FLAG_BITS),
+            reference: bits(reference_bits + FLAG_BITS).saturating_add(half_interval),
             repetitions: repetitions(
                 schedule,
                 ticks(1),
@@ -260,9 +301,13 @@ impl Times {
             ),
             fixed_margin: ticks(network.uncertainty)
                 .saturating_add(jitter.saturating_mul(2))
+                .saturating_add(half_interval)
                 .saturating_add(bits(TOLERANCE_BITS)),
             drift: u32::from(config.drift_ppm) * PPM,
-        })
+        };
+        let early = times.offset_limit.saturating_add(times.margin(cycle));
+        times.reference_phase = cycle.saturating_sub(early);
+        Ok(times)
     }
 
     /// Ticks of a time of the schedule, at most two basic cycles in microseconds.

@@ -1,9 +1,9 @@
 //! A bus guardian: it keeps a node that babbles off the bus.
 //!
-//! A [`Guardian`] watches one sender or several, reads no clock and touches no pin. Its owner tells
-//! it of each frame that is received from the bus and of each edge on the TX line of each sender
-//! (between the sender's CAN controller and its gate), with stamps of the guardian's own counter.
-//! It hands back a [`Decision`]: whose gates are open, and when it must be asked again. A gate is
+//! A [`Guardian`] watches one sender or several, reads no clock and touches no pin. Its owner looks at
+//! the TX lines (between each sender's CAN controller and its gate) every two bits or so, and tells it
+//! what they did since the look before, and of each frame that is received from the bus, with stamps
+//! of the guardian's own counter. Each look hands back whose gates are open. A gate is
 //! what connects a TX line to its transceiver: an OR gate, or the transceiver's silent-mode pin
 //! (its standby pin would also stop reception). The guardian never sends a frame. It has its own
 //! crystal and its own copy of the schedule, and learns the time from the references that it
@@ -17,15 +17,35 @@
 //! bus counts errors until it is error passive, and in a network of guarded nodes no frame would be
 //! acknowledged. So a gate stays open, and what is limited is how long a sender drives:
 //!
-//! * A *spell* is a stretch of dominant bits on a TX line with fewer than 7 recessive bits between
-//!   them. Bit stuffing holds the whole of a frame, up to its CRC, together in one spell.
+//! * A *spell* is a stretch of dominant bits on a TX line. It is over when looks have found the line
+//!   recessive for 5.5 bits. Bit stuffing lets a frame have 5 recessive bits in a row at most, and so
+//!   holds the whole of it, up to its CRC, together in one spell.
 //! * A spell that begins when its sender may begin a frame may take as long as the longest frame
 //!   that is allowed there, and in windows of a potential master as long as a reference.
-//! * Any other spell may take 16 bit times ([`GuardianConfig::spell_bits`]), and then the gate is
+//! * Any other spell may take 20 bit times ([`GuardianConfig::spell_bits`]), and then the gate is
 //!   closed until the spell is over. An acknowledge bit is 1 bit, an error or overload flag is 6,
-//!   and an acknowledge bit with a flag behind it at most 14. A frame takes at least 34 bits up to
-//!   its CRC, so none gets through: its receivers see six equal bits, and the bus is idle again
-//!   some 40 bits after its start.
+//!   an acknowledge bit with a flag behind it at most 16, and two flags with a delimiter between them
+//!   are 20. A frame takes at least 34 bits up to its CRC, so none gets through: its receivers see six
+//!   equal bits, and the bus is idle again at most 50 bits after its start.
+//!
+//! # Why looks are enough
+//!
+//! A microcontroller cannot take an interrupt for each edge of a line: at 250 kbit/s they come each
+//! 4 us. A look needs the level of each line, and whether it has become dominant since the look
+//! before, which a latch of the microcontroller tells (the pending register of an external interrupt
+//! that is not enabled). So no dominant bit is missed, and only its time is uncertain, by the time
+//! from look to look, *I* ([`GuardianConfig::interval`]):
+//!
+//! * A spell begins up to *I* before the look that finds it. Its stamp is the middle of that time. Windows
+//!   are widened by half of *I*. The limit of 20 bits is counted from that look, and the gate is closed
+//!   by the first look at the limit: 20 bits of a spell pass, and never more than 20 bits and 2 *I*.
+//!   That is 25.5 bits at most, and less than a frame's 34.
+//! * Looks in a frame cannot find 5.5 recessive bits in a row, whatever the time between them. So
+//!   a frame never counts as two spells, even if looks are late or omitted.
+//! * Between two spells that must be told apart, the line is recessive for 11 bits at least: a flag's
+//!   delimiter of 8, or the end of a frame behind an acknowledge bit, and the intermission of 3. Looks
+//!   find 11 bits less 2 *I* of them, and that is 5.5 as long as *I* is at most 2.75 bits.
+//! * What begins on two lines between two looks has no order. If both are short, both count as pulses.
 //!
 //! # What trips a gate
 //!
@@ -60,6 +80,7 @@
 //! Vector's description of FlexRay.
 
 mod config;
+mod plan;
 mod sender;
 
 pub use config::{GuardianConfig, GuardianError};
@@ -67,12 +88,13 @@ pub use sender::Trip;
 
 use crate::frame::Frame;
 use crate::length;
-use crate::matrix::{NodeId, REFERENCE_OFFSET_LIMIT};
+use crate::matrix::NodeId;
 use crate::reference::Fields;
-use crate::schedule::{Entry, Role, ScheduleView};
+use crate::schedule::ScheduleView;
 use crate::time::Stamp;
 use config::Times;
-use sender::{Permit, Sender};
+use plan::Plan;
+use sender::{AtLimit, Followed, Line, Sender};
 
 /// Basic cycles after which a sender may send one more untimely reference.
 const UNTIMELY_EVERY: u8 = 8;
@@ -83,17 +105,26 @@ const CRC_TO_END: u32 = 10;
 /// The transmitter's last dominant bit is at most so many bits before the end of the CRC: five
 /// recessive bits and a tolerance.
 const LAST_DOMINANT: u32 = 7;
-/// Bits beyond the longest frame that a permitted spell may take: an error flag and one that is
-/// begun anew.
-const FLAG_BITS: u32 = 14;
 
-/// Level of a TX line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Level {
-    /// The sender drives the bus.
-    Dominant,
-    /// The sender does not drive the bus.
-    Recessive,
+/// What a look at the TX lines found. Bit `k` is that of the sender with index `k`; bits without a
+/// sender are ignored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub struct Lines {
+    /// The lines that are dominant now: their senders drive the bus.
+    pub dominant: u32,
+    /// The lines that have become dominant since the look before, if only for a moment. Read and clear
+    /// the latch *before* the levels: then a bit that begins between the two is in `dominant` now, and
+    /// once more in `fell` of the next look, which does no harm.
+    pub fell: u32,
+}
+
+impl Lines {
+    const fn line(self, bit: u32) -> Line {
+        Line {
+            dominant: self.dominant & bit != 0,
+            fell: self.fell & bit != 0,
+        }
+    }
 }
 
 /// How well the guardian knows the time of the network.
@@ -122,57 +153,46 @@ impl Gates {
     pub const fn bits(self) -> u32 {
         self.0
     }
+
+    fn set(&mut self, bit: u32, open: bool) {
+        self.0 = if open { self.0 | bit } else { self.0 & !bit };
+    }
 }
 
-/// What the guardian decided.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[must_use]
-pub struct Decision {
-    /// The gates that are open until the next event or `ask`.
-    pub open: Gates,
-    /// When [`Guardian::poll`] must be called again at the latest. It may be in the past only if
-    /// the call before was late.
-    pub ask: Stamp,
-}
-
-/// The basic cycle that the guardian knows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-struct Known {
-    /// Start of frame of the reference.
-    mark: Stamp,
-    number: u8,
-    master: u8,
-    next_is_gap: bool,
-    /// Whether it followed from the one before.
-    consecutive: bool,
-    /// A message was received when the next reference was due: that one was missed, and its basic
-    /// cycle runs.
-    missed: bool,
-}
-
-/// A guardian of `P` senders, 1 to 32. It takes some 150 bytes, and 56 for each sender.
+/// A guardian of `P` senders, 1 to 32. It takes 180 bytes, and 52 for each sender.
 ///
-/// With one sender it is the guardian of a node, with its own timer on the node's TX line. With all
-/// senders it is a central guardian in a star.
+/// With one sender it is the guardian of a node, beside the node's TX line. With all senders it is a
+/// central guardian in a star.
 ///
-/// After each `handle_` call and when [`Decision::ask`] is reached, call [`Guardian::poll`], set
-/// the gates, and set the timer. All stamps must come in the order of their events up to
-/// [`GuardianConfig::jitter`]. Each call goes through the senders once, and
-/// [`Guardian::handle_edge`] also through the windows that have passed since the last one.
+/// Call [`Guardian::look`] at least every [`GuardianConfig::interval`], and set the gates as it says. All
+/// stamps must come in the order of their events up to [`GuardianConfig::jitter`].
+/// [`Guardian::handle_frame`] must be called and be done before the next frame begins on the bus, 4 bits
+/// after a reception. It may delay looks for so long, because good nodes drive nothing then but
+/// overload flags.
+///
+/// A look while all lines are recessive is one comparison. Any other goes through the lines
+/// that are in a spell, and, where one begins, through the windows that have passed since the last
+/// one began.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Guardian<'s, const P: usize> {
-    schedule: ScheduleView<'s>,
-    times: Times,
-    known: Option<Known>,
-    /// First entry of the basic cycle that has not passed, and one past the last one.
-    cursor: (u16, u16),
+    plan: Plan<'s>,
     senders: [Sender; P],
+    /// Senders whose lines are in a spell, bit by bit.
+    active: u32,
+    /// Senders whose last attempt at a reference another one may have answered.
+    answered: u32,
+    open: Gates,
+    /// When time alone changes something while no line is in a spell.
+    wake: Stamp,
     /// End of the period, one basic cycle long, in which spells are counted.
     period: Stamp,
     periods: u8,
 }
 
 impl<'s, const P: usize> Guardian<'s, P> {
+    /// All senders, bit by bit. `new` refuses any other `P` than 1 to 32.
+    const ALL: u32 = u32::MAX.wrapping_shr(32u32.wrapping_sub(P as u32));
+
     /// A guardian of these senders, with all gates open and no time. `now` is its counter.
     ///
     /// # Errors
@@ -192,20 +212,22 @@ impl<'s, const P: usize> Guardian<'s, P> {
             }
         }
         let times = Times::new(schedule, config)?;
+        let period = now.after(times.cycle);
         Ok(Self {
-            schedule,
-            known: None,
-            cursor: (0, 0),
             senders: senders.map(|node| Sender::new(schedule, &times, node)),
-            period: now.after(times.cycle),
+            active: 0,
+            answered: 0,
+            open: Gates(Self::ALL),
+            wake: period,
+            period,
             periods: 0,
-            times,
+            plan: Plan::new(schedule, times),
         })
     }
 
     /// How well the guardian knows the time of the network.
     pub fn state(&self) -> GuardianState {
-        match self.known {
+        match self.plan.known {
             None => GuardianState::Unsynchronised,
             Some(known) if known.consecutive => GuardianState::InSchedule,
             Some(_) => GuardianState::Synchronising,
@@ -219,165 +241,160 @@ impl<'s, const P: usize> Guardian<'s, P> {
             .map_or((0, None), |sender| (sender.trips, sender.reason))
     }
 
-    /// The sender was replaced or repaired: its gate opens, and its counts begin anew. Call
-    /// [`Guardian::poll`] afterwards.
+    /// The sender was replaced or repaired: its counts begin anew, and the next look opens its gate.
     pub fn pardon(&mut self, sender: usize) {
         if let Some(sender) = self.senders.get_mut(sender) {
             sender.pardon();
+            self.settle();
         }
     }
 
-    /// What holds at `now`.
-    pub fn poll(&mut self, now: Stamp) -> Decision {
-        self.advance(now);
-        let mut open = 0;
-        let mut ask = self.period;
-        for (at, sender) in self.senders.iter().enumerate() {
-            if sender.is_open() {
-                // `at` is below 32, see `new`.
-                open |= 1u32.wrapping_shl(at as u32);
+    /// What the TX lines did since the look before, at `now`. Returns the gates that are open until
+    /// the next look.
+    #[inline]
+    pub fn look(&mut self, lines: Lines, now: Stamp) -> Gates {
+        let seen = (lines.dominant | lines.fell) & Self::ALL;
+        if seen | self.active == 0 && !now.reached(self.wake) {
+            return self.open;
+        }
+        self.look_closely(lines, now)
+    }
+
+    /// A look that finds a line in a spell, or comes when time changes something.
+    fn look_closely(&mut self, lines: Lines, now: Stamp) -> Gates {
+        if now.reached(self.wake) {
+            self.advance(now);
+        }
+        let was = self.active;
+        if was != 0 {
+            self.follow(lines, now);
+        }
+        let begin = (lines.dominant | lines.fell) & Self::ALL & !was;
+        if begin != 0 {
+            self.begin(begin, lines.dominant, now);
+        }
+        self.open
+    }
+
+    /// Follows the lines that are in a spell.
+    fn follow(&mut self, lines: Lines, now: Stamp) {
+        let times = &self.plan.times;
+        let (mut over, mut limits, mut settle) = (0, 0, false);
+        for (at, sender) in self.senders.iter_mut().enumerate() {
+            // `at` is below 32, see `new`.
+            let bit = 1u32.wrapping_shl(at as u32);
+            if self.active & bit == 0 {
+                continue;
             }
-            if let Some(due) = sender.due(self.times.spell_gap)
-                && ask.reached(due)
-            {
-                ask = due;
+            match sender.follow(lines.line(bit), now, times) {
+                Followed::Unchanged => {}
+                Followed::Limit => limits |= bit,
+                Followed::Over => over |= bit,
+                Followed::Released => settle = true,
             }
         }
-        Decision {
-            open: Gates(open),
-            ask,
+        self.active &= !over;
+        if limits != 0 {
+            self.limit(limits, lines, now);
+        } else if settle || over & !self.open.0 != 0 {
+            self.settle();
         }
     }
 
-    /// The TX line of the sender with this index has changed. A second edge to the same level is
-    /// ignored, and so is a sender that there is not.
-    pub fn handle_edge(&mut self, sender: usize, level: Level, stamp: Stamp) {
-        let stamp = stamp.offset(self.times.config.edge_latency.wrapping_neg());
-        self.advance(stamp);
-        let Some(line) = self.senders.get(sender) else {
-            return;
-        };
-        let begins = level == Level::Dominant && !line.in_spell();
-        let (permit, until) = if begins {
-            self.permit(sender, stamp)
-        } else {
-            (line.permit, line.until)
-        };
-        let provoked = begins && self.is_provoked(sender);
-        let trusted = self.is_trusted(stamp);
-        let limits = self.times;
-        let Some(line) = self.senders.get_mut(sender) else {
-            return;
-        };
-        if !begins {
-            line.change(level, stamp, trusted, &limits);
-            return;
+    /// The spells of these senders have gone on beyond their limits.
+    #[inline(never)]
+    fn limit(&mut self, limits: u32, lines: Lines, now: Stamp) {
+        let trusted = self.plan.is_trusted(now);
+        for (at, sender) in self.senders.iter_mut().enumerate() {
+            let bit = 1u32.wrapping_shl(at as u32);
+            if limits & bit == 0 {
+                continue;
+            }
+            let at_limit = AtLimit {
+                answered: self.answered & bit != 0,
+                trusted,
+            };
+            if sender.limit(lines.line(bit), at_limit, now, &self.plan.times) {
+                self.answered &= !bit;
+            }
         }
-        let behind = line.is_behind_own(stamp, &limits);
-        line.begin(stamp, until, permit);
-        if line.is_short() && !provoked && !behind {
-            line.pulse(&limits, stamp);
+        self.settle();
+    }
+
+    /// The lines of these senders have become dominant since the look before. Not inlined, so that
+    /// a look that finds no beginning does not save the registers that this needs.
+    #[inline(never)]
+    fn begin(&mut self, begin: u32, dominant: u32, now: Stamp) {
+        let began = now.before(self.plan.times.half_interval);
+        let provoking = self.provoking();
+        let moment = self.plan.moment(began);
+        let times = &self.plan.times;
+        // The guardian of one node sees no other line, and takes for granted while there are references
+        // that its attempts are answered.
+        let unseen = P == 1 && self.plan.known.is_some();
+        let mut settle = false;
+        for (at, sender) in self.senders.iter_mut().enumerate() {
+            let bit = 1u32.wrapping_shl(at as u32);
+            if begin & bit == 0 {
+                continue;
+            }
+            let (permit, until) = self.plan.permit(&moment, sender, now);
+            let excused = provoking != 0 || sender.is_behind_own(began, times);
+            sender.begin(began, until, permit);
+            if dominant & bit == 0 {
+                sender.release(now);
+            }
+            if sender.is_short() && !excused {
+                settle |= sender.pulse(times, now);
+            }
+            // A sender that drives may have acknowledged or disturbed what others send.
+            self.answered |= if unseen { bit } else { Self::ALL & !bit };
         }
-        // A sender that drives may have acknowledged or disturbed what others send. The guardian of one
-        // node sees no other line, and takes it for granted while there are references.
-        let unseen = P == 1 && self.known.is_some();
-        for (at, other) in self.senders.iter_mut().enumerate() {
-            other.answered |= at != sender || unseen;
+        self.active |= begin;
+        if settle {
+            self.settle();
         }
     }
 
     /// A data frame was received from the bus; `stamp` was taken at its end.
     pub fn handle_frame(&mut self, frame: &Frame, stamp: Stamp) {
-        self.advance(stamp);
-        let end = stamp.offset(self.times.config.receive_latency.wrapping_neg());
-        let start = end.before(self.times.bits(length::frame_bits(frame)));
-        let genuine = self.attribute(frame, start, end);
-        let rank = match self.schedule.reference_rank(frame.id()) {
-            Some(Some(rank)) => rank,
-            Some(None) => return,
-            None => {
-                self.note_message(start);
-                return;
-            }
-        };
-        let network = self.schedule.network;
-        let fields = Fields::decode(&network.reference_format, frame, network.cycles);
-        if let Some(fields) = fields.filter(|fields| !fields.next_is_gap || network.longest_gap > 0)
-        {
-            self.take_reference(&fields, rank, start, genuine);
+        if stamp.reached(self.wake) {
+            self.advance(stamp);
         }
+        let end = stamp.offset(self.plan.times.config.receive_latency.wrapping_neg());
+        let bits = length::frame_bits(frame);
+        let start = end.before(self.plan.times.bits(bits));
+        let genuine = self.attribute(frame, bits, start, end);
+        let schedule = self.plan.schedule;
+        match schedule.reference_rank(frame.id()) {
+            Some(Some(rank)) => {
+                let network = schedule.network;
+                let fields = Fields::decode(&network.reference_format, frame, network.cycles);
+                if let Some(fields) =
+                    fields.filter(|fields| !fields.next_is_gap || network.longest_gap > 0)
+                    && self.plan.take_reference(&fields, rank, start, genuine)
+                {
+                    for sender in &mut self.senders {
+                        sender.forget_attempts();
+                    }
+                }
+            }
+            Some(None) => {}
+            None => self.plan.note_message(start),
+        }
+        self.settle();
     }
 
-    /// What a message tells about references.
-    fn note_message(&mut self, start: Stamp) {
-        let phase = self.reference_phase();
-        if let Some(known) = &mut self.known {
-            let elapsed = start.ticks_since(known.mark);
-            known.missed |= elapsed >= phase.cast_signed();
-        }
-    }
-
-    /// Judges a reference as a node does, so that both follow the same one.
-    fn take_reference(&mut self, fields: &Fields, rank: u8, start: Stamp, genuine: bool) {
-        let mut consecutive = false;
-        let mut timely = true;
-        if let Some(known) = self.known {
-            let elapsed = start.ticks_since(known.mark);
-            let next = known.number.wrapping_add(1) & self.schedule.network.cycles.wrapping_sub(1);
-            // The nodes follow the reference that the guardian missed, and refuse one of a master that
-            // missed it, too: a backup, or the master before.
-            let earliest = if known.missed && rank >= known.master {
-                self.times.earliest.wrapping_add(self.times.cycle)
-            } else {
-                self.times.earliest
-            };
-            if elapsed >= earliest.cast_signed() {
-                // A worse-ranked master that begins later than behind a frame may have missed a
-                // reference together with the guardian, and the nodes do not follow it.
-                let allowance = if rank > known.master {
-                    self.times.takeover
-                } else {
-                    self.times.late
-                };
-                let late = self.times.cycle.wrapping_add(allowance);
-                let in_time = elapsed <= late.cast_signed() || known.next_is_gap;
-                consecutive = in_time && fields.cycle == next;
-            } else if rank > known.master {
-                return;
-            } else {
-                let soon = self.times.repeated.cast_signed();
-                let repeated = rank == known.master && fields.cycle == known.number;
-                let repeated = repeated && (0..soon).contains(&elapsed);
-                consecutive = repeated && known.consecutive;
-                timely = false;
-            }
-        }
-        self.known = Some(Known {
-            mark: start,
-            number: fields.cycle,
-            master: rank,
-            next_is_gap: fields.next_is_gap,
-            // Nodes follow a reference in another master's name, too. The next one tells which is right.
-            consecutive: consecutive && genuine,
-            missed: false,
-        });
-        self.cursor = self.schedule.entries_of(fields.cycle);
-        if timely {
-            for sender in &mut self.senders {
-                sender.forget_attempts();
-            }
-        }
-    }
-
-    /// Finds who sent a frame, and cuts a sender that may not. Returns whether it is what its
-    /// sender may send. Takes back the counts of its acknowledge bits.
-    fn attribute(&mut self, frame: &Frame, start: Stamp, end: Stamp) -> bool {
-        let trusted = self.is_trusted(start);
+    /// Finds who sent a frame of so many bits, and cuts a sender that may not. Returns whether it is what
+    /// its sender may send. Takes back the counts of its acknowledge bits.
+    fn attribute(&mut self, frame: &Frame, bits: u32, start: Stamp, end: Stamp) -> bool {
+        let trusted = self.plan.is_trusted(start);
         let mut genuine = true;
-        let schedule = self.schedule;
-        let times = self.times;
+        let Plan {
+            schedule, times, ..
+        } = &self.plan;
         let acknowledged = end.before(times.bits(ACKNOWLEDGE_TO_END));
-        let body = length::frame_bits(frame).saturating_sub(CRC_TO_END + LAST_DOMINANT);
+        let body = bits.saturating_sub(CRC_TO_END + LAST_DOMINANT);
         let body = start.after(times.bits(body));
         for sender in &mut self.senders {
             if !sender.is_open() {
@@ -386,198 +403,72 @@ impl<'s, const P: usize> Guardian<'s, P> {
             if sender.began_at(acknowledged, times.tolerance) {
                 sender.take_back();
             } else if sender.began_at(start, times.tolerance) && sender.drove_after(body) {
-                sender.sent(schedule, frame, end, trusted, &times);
+                sender.sent(*schedule, frame, end, trusted, times);
                 genuine &= sender.is_open();
             }
         }
         genuine
     }
 
-    /// Whether the guardian is sure of the windows at `now`: the current basic cycle followed from
-    /// the one before, and the next reference is not due yet.
-    fn is_trusted(&self, now: Stamp) -> bool {
-        self.known.is_some_and(|known| {
-            let elapsed = now.ticks_since(known.mark);
-            known.consecutive && elapsed < self.reference_phase().cast_signed()
-        })
-    }
-
-    /// Whether another sender began a short spell before, or its gate was closed in a spell, which
-    /// all others answer with a flag.
-    fn is_provoked(&self, sender: usize) -> bool {
-        let others = self.senders.iter().enumerate();
-        others
-            .filter(|(at, _)| *at != sender)
-            .any(|(_, other)| other.provokes())
-    }
-
-    /// Time passes.
-    fn advance(&mut self, now: Stamp) {
-        let trusted = self.is_trusted(now);
-        let times = self.times;
-        for sender in &mut self.senders {
-            sender.advance(now, trusted, &times);
-        }
-        if let Some(known) = self.known {
-            let gap = if known.next_is_gap { times.gap } else { 0 };
-            let lost = times.lost.wrapping_add(gap);
-            if now.ticks_since(known.mark) >= lost.cast_signed() {
-                self.known = None;
+    /// Senders in a short spell, or whose gate was closed in a spell, which all others answer with a
+    /// flag.
+    fn provoking(&self) -> u32 {
+        let mut provoking = 0;
+        if self.active != 0 {
+            for (at, sender) in self.senders.iter().enumerate() {
+                let bit = 1u32.wrapping_shl(at as u32);
+                provoking |= if sender.provokes() { bit } else { 0 };
             }
         }
+        provoking
+    }
+
+    /// Time passes that changes something for senders whose lines are at rest, too.
+    fn advance(&mut self, now: Stamp) {
+        for sender in &mut self.senders {
+            sender.return_at(now, &self.plan.times);
+        }
+        if self.plan.lost_at().is_some_and(|lost| now.reached(lost)) {
+            self.plan.known = None;
+        }
         if now.reached(self.period) {
-            self.period = now.after(times.cycle);
+            self.period = now.after(self.plan.times.cycle);
             self.periods = self.periods.wrapping_add(1);
             let forget = self.periods.is_multiple_of(UNTIMELY_EVERY);
             for sender in &mut self.senders {
-                sender.end_period(forget, now, &times);
+                sender.end_period(forget, now, &self.plan.times);
             }
         }
+        self.settle();
     }
 
-    /// Cycle time in ticks from which the next reference may begin.
-    fn reference_phase(&self) -> u32 {
-        let times = &self.times;
-        let early = times.offset_limit.wrapping_add(times.margin(times.cycle));
-        times.cycle.saturating_sub(early)
-    }
-
-    /// What the sender with this index may begin at `now`, and until when it may drive.
-    fn permit(&mut self, sender: usize, now: Stamp) -> (Permit, Stamp) {
-        let permit = self
-            .senders
-            .get(sender)
-            .copied()
-            .and_then(|sender| self.frame_permit(&sender, now));
-        let (permit, bits) = permit.unwrap_or((Permit::Short, 0));
-        let bits = match permit {
-            Permit::Short | Permit::Reference { .. } => u32::from(self.times.config.spell_bits),
-            _ => bits.saturating_add(FLAG_BITS),
-        };
-        (permit, now.after(self.times.bits(bits)))
-    }
-
-    /// The frame that a sender may begin at `now`, and its longest length in bits.
-    fn frame_permit(&mut self, sender: &Sender, now: Stamp) -> Option<(Permit, u32)> {
-        let bits = self.times.reference_bits;
-        let reference = |untimely| {
-            let permit = (Permit::Reference { untimely }, bits);
-            sender.rank.map(|_| permit)
-        };
-        let Some(known) = self.known else {
-            return reference(false);
-        };
-        let elapsed = now.ticks_since(known.mark).max(0).cast_unsigned();
-        if elapsed < self.reference_phase() {
-            let window = self.window_permit(sender, known.number, elapsed);
-            return match window {
-                // A master that the guardian does not follow may have the right time.
-                None => reference(known.consecutive),
-                // It may be a reference beside its time, which is counted when it was received.
-                Some((permit, length)) if sender.rank.is_some() => Some((permit, length.max(bits))),
-                window => window,
-            };
-        }
-        let window = if known.next_is_gap {
-            None
-        } else {
-            self.missed_permit(sender, known.number, elapsed)
-        };
-        match window {
-            None => reference(false),
-            Some((_, length)) => Some((Permit::Own, length.max(bits))),
-        }
-    }
-
-    /// A frame in a window of the current basic cycle.
-    fn window_permit(&mut self, sender: &Sender, cycle: u8, elapsed: u32) -> Option<(Permit, u32)> {
-        let margin = self.times.margin(elapsed);
-        let (mut cursor, last) = self.cursor;
-        // loop-bound: 64. One turn for each window that has passed since the last spell.
-        while cursor < last
-            && let Some(entry) = self.schedule.entry(cursor)
-            && self.times.ticks(entry.end).wrapping_add(margin) < elapsed
+    /// Sets the gates, and when time alone changes something.
+    fn settle(&mut self) {
+        let mut wake = self.period;
+        if let Some(lost) = self.plan.lost_at()
+            && wake.reached(lost)
         {
-            cursor = cursor.wrapping_add(1);
+            wake = lost;
         }
-        self.cursor.0 = cursor;
-        // Two windows that touch overlap by the margin.
-        let next = cursor.wrapping_add(1);
-        for at in [cursor, next] {
-            if at < last
-                && let Some(entry) = self.schedule.entry(at)
-                && let Some(permit) =
-                    self.entry_permit(sender, entry, cycle, elapsed, (margin, margin))
+        for (at, sender) in self.senders.iter().enumerate() {
+            let bit = 1u32.wrapping_shl(at as u32);
+            self.open.set(bit, sender.is_open());
+            if let Some(cut) = sender.cut()
+                && wake.reached(cut)
             {
-                return Some(permit);
+                wake = cut;
             }
         }
-        None
+        self.wake = wake;
     }
 
-    /// A frame in a window of a basic cycle whose reference the guardian did not receive. It may
-    /// have begun early by the reference trigger offset, or late by that and repetitions.
-    fn missed_permit(&self, sender: &Sender, cycle: u8, elapsed: u32) -> Option<(Permit, u32)> {
-        let times = &self.times;
-        let margin = times.margin(elapsed);
-        let early = times.offset_limit.wrapping_add(margin);
-        let late = times.late.wrapping_add(margin);
-        let passed = elapsed.wrapping_add(early) / times.cycle.max(1);
-        let number =
-            cycle.wrapping_add(passed as u8) & self.schedule.network.cycles.wrapping_sub(1);
-        let elapsed = elapsed.wrapping_sub(passed.wrapping_mul(times.cycle));
-        // The basic cycle begins when this is 0, and the search some time before.
-        let elapsed = elapsed.cast_signed().max(0).cast_unsigned();
-        let (first, last) = self.schedule.entries_of(number);
-        let mut at = first;
-        // loop-bound: 64. One turn for each window of a basic cycle, only while references are missing.
-        while at < last {
-            let entry = self.schedule.entry(at)?;
-            let permit = self.entry_permit(sender, entry, number, elapsed, (early, late));
-            if permit.is_some() {
-                return permit;
-            }
-            at = at.wrapping_add(1);
-        }
-        None
-    }
-
-    /// A frame in this window, which may begin `margin.0` early and `margin.1` late.
-    fn entry_permit(
-        &self,
-        sender: &Sender,
-        entry: &Entry,
-        cycle: u8,
-        elapsed: u32,
-        margin: (u32, u32),
-    ) -> Option<(Permit, u32)> {
-        let (early, late) = margin;
-        let times = &self.times;
-        let start = times.ticks(entry.start);
-        if elapsed.wrapping_add(early) < start {
-            return None;
-        }
-        match entry.role {
-            Role::Exclusive {
-                id,
-                len,
-                sender: owner,
-                ..
-            } => {
-                let latest = start.wrapping_add(times.enable).wrapping_add(late);
-                let bits = length::worst_case_bits(id, len);
-                (owner == sender.node && elapsed <= latest).then_some((Permit::Window(id), bits))
-            }
-            Role::Arbitrating => {
-                let (shortest, longest) = sender.events?;
-                let (mask, offset) = sender.event_cycles;
-                let shortest = times.bits(u32::from(shortest));
-                let end = times.ticks(entry.end).wrapping_add(late);
-                let fits = elapsed.wrapping_add(shortest) <= end;
-                (fits && cycle & mask == offset)
-                    .then_some((Permit::Arbitrating, u32::from(longest)))
-            }
-        }
+    /// A look ahead of this instant that finds the lines as the one before changes nothing, nor does the
+    /// time. Simulations can leave such looks out.
+    #[cfg(feature = "std")]
+    pub fn due(&self) -> Stamp {
+        let gap = self.plan.times.spell_gap;
+        let dues = self.senders.iter().filter_map(|sender| sender.due(gap));
+        dues.fold(self.wake, |due, at| if due.reached(at) { at } else { due })
     }
 
     /// The same guardian with all stamps moved so that `now` is stamp 0. It behaves as before. A model
@@ -587,12 +478,13 @@ impl<'s, const P: usize> Guardian<'s, P> {
     pub fn renumbered(mut self, now: Stamp) -> Self {
         self.periods %= UNTIMELY_EVERY;
         let renumber = |stamp: &mut Stamp| *stamp = stamp.before(now.0);
-        if let Some(known) = &mut self.known {
+        if let Some(known) = &mut self.plan.known {
             renumber(&mut known.mark);
         }
         renumber(&mut self.period);
+        renumber(&mut self.wake);
         for sender in &mut self.senders {
-            sender.renumber(now, &self.times);
+            sender.renumber(now, &self.plan.times);
         }
         self
     }

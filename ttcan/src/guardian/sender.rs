@@ -1,6 +1,5 @@
 //! One guarded sender: its TX line, and what is counted of it.
 
-use super::Level;
 use super::config::Times;
 use crate::frame::Frame;
 use crate::id::Id;
@@ -10,12 +9,9 @@ use crate::reference::Fields;
 use crate::schedule::ScheduleView;
 use crate::time::Stamp;
 
-/// Largest distance of the end of a frame's spell and an error flag behind it, in bits: up to five
-/// recessive bits at the end of the CRC, and the ten bits from there to the end of the frame.
-const BEHIND_BITS: u32 = 16;
-
 /// Why a sender was cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Trip {
     /// It drove the bus outside its windows, or longer than its longest frame.
     Misplaced,
@@ -49,10 +45,41 @@ enum Spell {
     Never,
     /// The last one is over.
     Over,
-    /// The line is dominant.
+    /// The line was dominant at the last look.
     Dominant,
     /// It is recessive, and not long enough yet.
     Recessive,
+}
+
+/// What a look found on one line.
+#[derive(Clone, Copy)]
+pub(super) struct Line {
+    /// The line is dominant.
+    pub(super) dominant: bool,
+    /// It has become dominant since the look before.
+    pub(super) fell: bool,
+}
+
+/// What a look did to a spell.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Followed {
+    /// It goes on, and nothing that others see has changed.
+    Unchanged,
+    /// It goes on beyond its limit.
+    Limit,
+    /// It is over.
+    Over,
+    /// The line was released, and the time until the sender may return begins anew.
+    Released,
+}
+
+/// What counts when a spell reaches its limit.
+#[derive(Clone, Copy)]
+pub(super) struct AtLimit {
+    /// Another sender may have answered the last attempt to send a reference.
+    pub(super) answered: bool,
+    /// The guardian is sure of the time.
+    pub(super) trusted: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -65,8 +92,8 @@ pub(super) struct Sender {
     /// Mask and offset of the basic cycles in which it may send those.
     pub(super) event_cycles: (u8, u8),
     spell: Spell,
-    /// Beginning of the last spell, the instant up to which it may drive, and the last edge to
-    /// recessive.
+    /// Beginning of the last spell, the instant up to which it may drive, and the first look that
+    /// found the line recessive again.
     began: Stamp,
     pub(super) until: Stamp,
     released: Stamp,
@@ -79,8 +106,6 @@ pub(super) struct Sender {
     counted: bool,
     /// The spell was counted as an attempt to send a reference.
     charged: bool,
-    /// Another sender may have answered the last attempt.
-    pub(super) answered: bool,
     /// When the sender may return.
     cut: Option<Stamp>,
     pulses: u8,
@@ -127,7 +152,6 @@ impl Sender {
             struck: false,
             counted: false,
             charged: false,
-            answered: false,
             cut: None,
             pulses: 0,
             strikes: 0,
@@ -175,8 +199,9 @@ impl Sender {
         granted
     }
 
-    /// Counts the spell as an attempt to send a reference. Returns whether the sender may make it.
-    fn charge(&mut self, times: &Times) -> bool {
+    /// Counts the spell as an attempt to send a reference, if another sender may have `answered` the
+    /// one before. Returns whether the sender may make it.
+    fn charge(&mut self, answered: bool, times: &Times) -> bool {
         let Permit::Reference { untimely } = self.permit else {
             return false;
         };
@@ -189,10 +214,9 @@ impl Sender {
             }
         } else if self.attempts >= times.config.attempts {
             return false;
-        } else if self.answered && self.cut.is_none() {
+        } else if answered && self.cut.is_none() {
             self.attempts = self.attempts.saturating_add(1);
         }
-        self.answered = false;
         self.charged = true;
         self.until = self.began.after(times.reference);
         self.take_back();
@@ -203,14 +227,14 @@ impl Sender {
     /// frame without an acknowledgement ends so.
     pub(super) fn is_behind_own(&self, now: Stamp, times: &Times) -> bool {
         let since = now.ticks_since(self.released);
-        let soon = times.bits(BEHIND_BITS).cast_signed();
+        let soon = times.behind.cast_signed();
         self.spell == Spell::Over && !self.struck && !self.is_short() && (0..=soon).contains(&since)
     }
 
-    /// A spell begins, with this permission.
-    pub(super) fn begin(&mut self, now: Stamp, until: Stamp, permit: Permit) {
+    /// A spell has begun at about `began`, with this permission.
+    pub(super) fn begin(&mut self, began: Stamp, until: Stamp, permit: Permit) {
         self.spell = Spell::Dominant;
-        self.began = now;
+        self.began = began;
         self.until = until;
         self.permit = permit;
         self.clipped = false;
@@ -219,32 +243,62 @@ impl Sender {
         self.charged = false;
     }
 
-    /// An edge within a spell, or at its end.
-    pub(super) fn change(&mut self, level: Level, now: Stamp, trusted: bool, times: &Times) {
-        match (self.spell, level) {
-            (Spell::Recessive, Level::Dominant) => {
-                self.spell = Spell::Dominant;
-                self.limit(now, trusted, times);
-            }
-            (Spell::Dominant, Level::Recessive) => {
-                self.spell = Spell::Recessive;
-                self.released = now;
-                if self.struck && self.cut.is_some() {
-                    // Good conduct begins here.
-                    self.cut = Some(now.after(times.penalty));
-                }
-            }
-            _ => {}
-        }
+    /// The look that found the beginning of the spell found the line recessive again.
+    pub(super) fn release(&mut self, now: Stamp) {
+        self.spell = Spell::Recessive;
+        self.released = now;
     }
 
-    /// A short spell that nothing explains begins at `now`.
-    pub(super) fn pulse(&mut self, times: &Times, now: Stamp) {
+    /// Whether the spell has gone on beyond its limit, and its gate is still to be closed, or the violation
+    /// to be counted.
+    fn is_at_limit(&self, now: Stamp) -> bool {
+        now.reached(self.until) && !(self.struck && self.clipped)
+    }
+
+    /// Follows a line that is in a spell.
+    #[inline]
+    pub(super) fn follow(&mut self, line: Line, now: Stamp, times: &Times) -> Followed {
+        if line.dominant {
+            self.spell = Spell::Dominant;
+            return if self.is_at_limit(now) {
+                Followed::Limit
+            } else {
+                Followed::Unchanged
+            };
+        }
+        if line.fell || self.spell == Spell::Dominant {
+            self.spell = Spell::Recessive;
+            self.released = now;
+            if self.is_at_limit(now) {
+                return Followed::Limit;
+            }
+            if self.struck && self.cut.is_some() {
+                // Good conduct begins here.
+                self.cut = Some(now.after(times.penalty));
+                return Followed::Released;
+            }
+            return Followed::Unchanged;
+        }
+        if now.reached(self.released.after(times.spell_gap)) {
+            self.spell = Spell::Over;
+            self.clipped = false;
+            return Followed::Over;
+        }
+        if now.reached(self.until) && !self.clipped {
+            return Followed::Limit;
+        }
+        Followed::Unchanged
+    }
+
+    /// A short spell that nothing explains begins at `now`. Returns whether it cuts the sender.
+    pub(super) fn pulse(&mut self, times: &Times, now: Stamp) -> bool {
         self.counted = true;
         self.pulses = self.pulses.saturating_add(1);
-        if self.pulses > times.config.pulses && self.is_open() {
+        let cuts = self.pulses > times.config.pulses && self.is_open();
+        if cuts {
             self.trip(Trip::Pulses, now, times);
         }
+        cuts
     }
 
     /// The last spell was an acknowledge bit.
@@ -255,13 +309,8 @@ impl Sender {
         }
     }
 
-    /// Time passes.
-    pub(super) fn advance(&mut self, now: Stamp, trusted: bool, times: &Times) {
-        if self.spell == Spell::Recessive && now.reached(self.released.after(times.spell_gap)) {
-            self.spell = Spell::Over;
-            self.clipped = false;
-        }
-        self.limit(now, trusted, times);
+    /// Lets the sender return, if its time has come.
+    pub(super) fn return_at(&mut self, now: Stamp, times: &Times) {
         if let Some(cut) = self.cut
             && now.reached(cut)
         {
@@ -274,21 +323,27 @@ impl Sender {
         }
     }
 
-    /// Closes the gate if the spell has reached its limit, and counts that if the sender still
-    /// drives.
-    fn limit(&mut self, now: Stamp, trusted: bool, times: &Times) {
-        if !self.in_spell() || !now.reached(self.until) {
-            return;
+    /// The spell goes on beyond its limit: closes the gate, and counts that if the sender still
+    /// drives. Returns whether it is an attempt to send a reference instead.
+    pub(super) fn limit(
+        &mut self,
+        line: Line,
+        at_limit: AtLimit,
+        now: Stamp,
+        times: &Times,
+    ) -> bool {
+        let charged = self.charge(at_limit.answered, times);
+        if charged && !now.reached(self.until) {
+            return true;
         }
-        if self.charge(times) && !now.reached(self.until) {
-            return;
-        }
+        // Before the first look beyond the limit, the line may have fallen ahead of it.
+        let drives = line.dominant || (line.fell && self.clipped);
         self.clipped = true;
-        if self.struck || self.spell != Spell::Dominant {
-            return;
+        if drives && !self.struck {
+            self.struck = true;
+            self.strike(Trip::Misplaced, at_limit.trusted, now, times);
         }
-        self.struck = true;
-        self.strike(Trip::Misplaced, trusted, now, times);
+        charged
     }
 
     /// Cuts the sender, or lets its penalty begin anew.
@@ -334,10 +389,16 @@ impl Sender {
         now.ticks_since(self.began) >= times.bits(255).cast_signed()
     }
 
-    /// When time alone changes something.
+    /// When it may return, if it was cut.
+    pub(super) const fn cut(&self) -> Option<Stamp> {
+        self.cut
+    }
+
+    /// When a look that finds the line as the one before did changes something.
+    #[cfg(feature = "std")]
     pub(super) fn due(&self, spell_gap: u32) -> Option<Stamp> {
-        let spell = match self.spell {
-            Spell::Dominant if !self.struck => Some(self.until),
+        match self.spell {
+            Spell::Dominant if !(self.struck && self.clipped) => Some(self.until),
             Spell::Recessive => {
                 let over = self.released.after(spell_gap);
                 Some(if !self.clipped && over.reached(self.until) {
@@ -347,11 +408,6 @@ impl Sender {
                 })
             }
             _ => None,
-        };
-        match (spell, self.cut) {
-            (Some(spell), Some(cut)) if spell.reached(cut) => Some(cut),
-            (None, cut) => cut,
-            (spell, _) => spell,
         }
     }
 

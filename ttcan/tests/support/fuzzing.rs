@@ -1,7 +1,7 @@
 //! The fuzz targets as functions of the fuzzer's bytes. The tests of the crate call
 //! them with random bytes, because a fuzzer needs a nightly toolchain.
 
-use ttcan::guardian::{Guardian, GuardianConfig, Level};
+use ttcan::guardian::{Guardian, GuardianConfig, Lines};
 use ttcan::{
     Action, ErrorLevel, Event, Frame, GlobalTime, Id, MatrixConfig, Micros, Node, NodeConfig,
     NodeId, Reception, ReferenceFormat, Stamp, StampLatency, SyncState, SystemMatrix,
@@ -350,10 +350,10 @@ impl Driver {
     }
 }
 
-/// What a guardian said: whose gates are open, and in how many ticks it must be asked again.
+/// What a guardian said: whose gates are open, and in how many ticks time alone changes something.
 pub type Watched = (u32, i32);
 
-/// A guardian of any configuration with arbitrary edges and frames at arbitrary times. Its counter
+/// A guardian of any configuration with arbitrary lines and frames at arbitrary times. Its counter
 /// starts at `origin`. `None` if the configuration was refused.
 pub fn guardian(bytes: &[u8], origin: u32) -> Option<Vec<Watched>> {
     let mut bytes = Bytes(bytes);
@@ -367,33 +367,37 @@ pub fn guardian(bytes: &[u8], origin: u32) -> Option<Vec<Watched>> {
     };
     let config = GuardianConfig {
         receive_latency: draw(&[0, 10, 4000, u32::MAX]).cast_signed(),
-        edge_latency: draw(&[0, 10, 4000, u32::MAX]).cast_signed(),
         jitter: Micros::micros(draw(&[0, 2, 1000])),
         drift_ppm: draw(&[0, 200, 10_000]) as u16,
-        spell_bits: draw(&[8, 16, 33]) as u8,
+        spell_bits: draw(&[8, 20, 28]) as u8,
         penalty: draw(&[1, 10]) as u16,
         lost: draw(&[1, 4, 100]) as u8,
         strikes: draw(&[0, 4, 255]) as u8,
         pulses: draw(&[0, 64, 255]) as u8,
         attempts: draw(&[0, 32, 255]) as u8,
         untimely: draw(&[0, 4, 255]) as u8,
-        ..GuardianConfig::new(draw(&[1, 18, 18, 18, 180, 1000]))
+        ..GuardianConfig::new(
+            draw(&[1, 18, 18, 18, 180, 1000]),
+            // 2.75 bits of 2 us.
+            Micros::micros(draw(&[0, 4, 5])),
+        )
     };
     let senders = [0, 1, 2, 9].map(NodeId);
     let mut watch = Watch {
         guardian: Guardian::new(SCHEDULE.view(), config, senders, Stamp(origin)).ok()?,
         now: Stamp(origin),
         said: Vec::new(),
+        lines: Lines::default(),
         bit: 2 * config.ticks_per_us,
     };
-    watch.poll();
+    watch.look();
     // Longer inputs bring nothing new.
     for _ in 0..512 {
         if bytes.0.is_empty() {
             break;
         }
         watch.operate(&mut bytes);
-        watch.poll();
+        watch.look();
     }
     Some(watch.said)
 }
@@ -402,42 +406,41 @@ struct Watch {
     guardian: Guardian<'static, 4>,
     now: Stamp,
     said: Vec<Watched>,
+    lines: Lines,
     /// Ticks of a bit.
     bit: u32,
 }
 
 impl Watch {
-    fn poll(&mut self) {
-        let decision = self.guardian.poll(self.now);
-        let ask = decision.ask.ticks_since(self.now);
-        // The edge before may have been stamped ahead of this call by its latency.
-        assert!(ask > -(1 << 20), "it asks for the past");
-        assert_eq!(
-            self.guardian.poll(self.now),
-            decision,
-            "it does not come to rest"
-        );
-        assert!(!decision.open.is_open(4) && !decision.open.is_open(usize::MAX));
-        self.said.push((decision.open.bits(), ask));
+    fn look(&mut self) {
+        let open = self.guardian.look(self.lines, self.now);
+        self.lines.fell = 0;
+        let due = self.guardian.due().ticks_since(self.now);
+        assert!(due > 0, "a look leaves something undone");
+        let before = self.guardian.clone();
+        assert_eq!(self.guardian.look(self.lines, self.now), open);
+        assert!(before == self.guardian, "it does not come to rest");
+        assert!(!open.is_open(4) && !open.is_open(usize::MAX));
+        // A look that is left out as `due` allows changes nothing.
+        let between = self.now.after(due.unsigned_abs() - 1);
+        assert_eq!(self.guardian.look(self.lines, between), open);
+        assert!(before == self.guardian, "a look was not due");
+        self.said.push((open.bits(), due));
     }
 
     fn operate(&mut self, bytes: &mut Bytes) {
         match bytes.next() % 8 {
             0 | 1 => {
-                let level = if bytes.next() & 1 == 0 {
-                    Level::Dominant
-                } else {
-                    Level::Recessive
-                };
-                let sender = usize::from(bytes.next() % 5);
-                self.guardian.handle_edge(sender, level, self.now);
+                // Bit 4 is that of no sender.
+                self.lines.dominant = u32::from(bytes.next() & 0x1F);
+                self.lines.fell = u32::from(bytes.next() & 0x1F);
             }
             2 => self.now = self.now.after(u32::from(bytes.next() % 32) * self.bit),
             3 | 4 => {
-                let decision = self.guardian.poll(self.now);
-                if decision.ask.reached(self.now) {
+                let due = self.guardian.due();
+                if due.reached(self.now) {
                     let late = u32::from(bytes.next() % 4) * 3 * self.bit;
-                    self.now = decision.ask.after(late);
+                    self.now = due.after(late);
                 }
             }
             5 => {

@@ -31,9 +31,14 @@ const EVENTS: [(&str, &str); 3] = [
 ];
 
 /// Events of the bus guardian, each with the end of its function's name.
-const GUARDED: [(&str, &str); 3] = [
-    ("first edge of a frame", "first"),
-    ("another edge", "edge"),
+const GUARDED: [(&str, &str); 8] = [
+    ("look, all lines at rest", "rest"),
+    ("look, a frame begins", "begin"),
+    ("look, within a frame", "follow"),
+    ("look, all lines begin", "beginall"),
+    ("look, all lines begin, reference due", "begindue"),
+    ("look, all lines driven", "followall"),
+    ("message received", "message"),
     ("reference received", "reference"),
 ];
 

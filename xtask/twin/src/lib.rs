@@ -42,7 +42,8 @@
 //!   delays no access of the core; pairing of loads and stores in the
 //!   core's pipeline;
 //! - low-power modes other than sleep, brown-out reset by option bytes, backup domain, EXTI but
-//!   for the line of the F446's voltage detector (software can pend interrupts), SYSCFG remaps;
+//!   for the F446's lines of the pins and of its voltage detector (the interrupts of lines 5 to 15 only by
+//!   software), SYSCFG remaps;
 //! - the features that each peripheral's documentation in the source names as not modelled.
 
 mod chain;

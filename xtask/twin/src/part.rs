@@ -13,6 +13,8 @@ pub(crate) enum Block {
     Rcc,
     Flash,
     Pwr,
+    /// Which port is wired to each line of EXTI.
+    Syscfg,
     Exti,
     Iwdg,
     Dbgmcu,
@@ -71,7 +73,7 @@ const fn f3_apb2(bit: u32) -> Option<(u32, u32, u32)> {
 }
 
 /// RM0390 2.2.2 (addresses), 6.3.5-6.3.14 (gates).
-static F446_SLOTS: [Slot; 26] = [
+static F446_SLOTS: [Slot; 27] = [
     slot(0x4000_0000, Block::Tim(0), f4_apb1(0)),
     slot(0x4000_0400, Block::Tim(1), f4_apb1(1)),
     slot(0x4000_0800, Block::Tim(2), f4_apb1(2)),
@@ -82,6 +84,7 @@ static F446_SLOTS: [Slot; 26] = [
     slot(0x4000_7000, Block::Pwr, f4_apb1(28)),
     slot(0x4001_1000, Block::Usart(0), f4_apb2(4)),
     slot(0x4001_2000, Block::Adc, f4_apb2(8)),
+    slot(0x4001_3800, Block::Syscfg, f4_apb2(14)),
     slot(0x4001_3C00, Block::Exti, None),
     slot(0x4001_4800, Block::Capture, f4_apb2(18)),
     slot(0x4002_0000, Block::Gpio(0), f4_ahb1(0)),

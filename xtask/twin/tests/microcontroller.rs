@@ -1084,3 +1084,34 @@ fn the_input_register_shows_what_a_transmitter_sends() {
     mcu.drive_pin(Pin::new('A', 9), Some(false));
     assert_eq!(pa9(&mut mcu), 0, "a short circuit wins");
 }
+
+#[test]
+fn an_edge_of_a_pin_stays_pending_until_the_program_clears_it() {
+    const PR: u32 = 0x4001_3C14;
+    let mut program = Program::new();
+    program
+        .open(0x4002_3830, 1 << 20 | 1 | 1 << 2)
+        .open(0x4002_3844, 1 << 14)
+        // Line 1 is wired to port C, and line 0 still to port A. Falling edges, no interrupts.
+        .poke(0x4001_3808, 2 << 4)
+        .poke(0x4001_3C0C, 0b11)
+        .sleep_for_ever();
+    let mut mcu = program.start(Part::F446, &Board::default());
+    let mut until = MS;
+    run(&mut mcu, until);
+    let mut pulse = |mcu: &mut Mcu, port, pin| {
+        for level in [true, false, true] {
+            mcu.drive_pin(Pin::new(port, pin), Some(level));
+            until += MS / 1000;
+            run(mcu, until);
+        }
+        mcu.read_register(PR)
+    };
+    assert_eq!(pulse(&mut mcu, 'A', 1), Some(0));
+    assert_eq!(pulse(&mut mcu, 'C', 0), Some(0));
+    assert_eq!(pulse(&mut mcu, 'C', 1), Some(0b10));
+    assert_eq!(pulse(&mut mcu, 'A', 0), Some(0b11));
+    assert!(mcu.write_register(PR, 0b10));
+    assert_eq!(mcu.read_register(PR), Some(0b01));
+    assert!(mcu.violations().is_empty(), "{:?}", mcu.violations());
+}

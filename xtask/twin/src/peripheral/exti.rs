@@ -1,8 +1,11 @@
-//! The external interrupt controller of the F446 (RM0390 10.3): detection of edges, interrupts,
-//! software triggers. Events to wake the core up are not modelled.
+//! The external interrupt controller of the F446 (RM0390 10.3) with the multiplexers of SYSCFG in front
+//! of its lines (8.2.3): detection of edges, interrupts, software triggers. Events to wake the core up
+//! are not modelled, nor are the interrupts of lines 5 to 15.
 
 /// The line of the voltage detector (RM0390 10.2.5).
 pub(crate) const VOLTAGE: u32 = 16;
+/// Lines that are wired to pins of the same number.
+const PINS: u32 = 16;
 
 #[derive(Debug, Default)]
 pub(crate) struct Exti {
@@ -13,6 +16,8 @@ pub(crate) struct Exti {
     pending: u32,
     /// Levels of the lines.
     levels: u32,
+    /// SYSCFG_EXTICR1 to 4: four bits for the port of each line (RM0390 8.2.3).
+    ports: [u32; 4],
 }
 
 impl Exti {
@@ -46,6 +51,38 @@ impl Exti {
             0x10 => self.pending |= value & self.interrupts,
             0x14 => self.pending &= !value,
             _ => {}
+        }
+    }
+
+    /// Reads a register of SYSCFG.
+    pub(crate) fn read_ports(&self, offset: u32) -> Option<u32> {
+        match offset {
+            0x08..=0x14 => self.ports.get((offset / 4 - 2) as usize).copied(),
+            _ => None,
+        }
+    }
+
+    /// Writes a register of SYSCFG. The levels that the lines have by that must be driven behind it.
+    pub(crate) fn write_ports(&mut self, offset: u32, value: u32) {
+        if let 0x08..=0x14 = offset
+            && let Some(ports) = self.ports.get_mut((offset / 4 - 2) as usize)
+        {
+            *ports = value & 0xFFFF;
+        }
+    }
+
+    /// SYSCFG is reset.
+    pub(crate) fn reset_ports(&mut self) {
+        self.ports = [0; 4];
+    }
+
+    /// The pins of a port have these levels from now on.
+    pub(crate) fn drive_port(&mut self, port: usize, levels: u32) {
+        for line in 0..PINS {
+            let wired = self.ports[(line / 4) as usize] >> (line % 4 * 4) & 0xF;
+            if wired as usize == port {
+                self.drive(line, levels >> line & 1 != 0);
+            }
         }
     }
 

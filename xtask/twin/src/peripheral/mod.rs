@@ -437,6 +437,9 @@ impl Peripherals {
         }
         raise(interrupt::ADC, self.adc.interrupt());
         raise(interrupt::PVD, self.exti.interrupt(exti::VOLTAGE));
+        for k in 0..5 {
+            raise(interrupt::EXTI0 + k, self.exti.interrupt(u32::from(k)));
+        }
         for k in 0..4 {
             raise(interrupt::CAN + k, self.can_lines >> k & 1 != 0);
         }
@@ -612,6 +615,7 @@ impl Peripherals {
 
     fn watch_port(&mut self, port: usize) {
         let levels = self.ports[port].levels();
+        self.exti.drive_port(port, levels);
         let changed = levels ^ self.levels[port];
         self.levels[port] = levels;
         // A pin that stops being an output changes too: its pull resistor or an external driver
@@ -751,8 +755,11 @@ impl Peripherals {
     pub(crate) fn drive_pin(&mut self, pin: Pin, level: Option<bool>) {
         if let Some(port) = self.ports.get_mut(pin.port_index()) {
             port.drive(pin.number, level);
-            self.levels[pin.port_index()] = port.levels();
+            let levels = port.levels();
+            self.levels[pin.port_index()] = levels;
+            self.exti.drive_port(pin.port_index(), levels);
             self.connect_can();
+            self.refresh();
         }
     }
 
@@ -811,6 +818,19 @@ impl Peripherals {
         self.watch_supply();
         self.check_clocks();
         self.refresh();
+    }
+
+    /// Writes a register of SYSCFG, which wires lines of EXTI to other ports.
+    fn wire_lines(&mut self, offset: u32, value: u32) {
+        self.exti.write_ports(offset, value);
+        self.watch_lines();
+    }
+
+    /// The lines of EXTI take the levels of the pins that they are wired to.
+    fn watch_lines(&mut self) {
+        for (port, pins) in self.ports.iter().enumerate() {
+            self.exti.drive_port(port, pins.levels());
+        }
     }
 
     /// The voltage detector's line to EXTI takes its level.
@@ -942,6 +962,7 @@ impl Peripherals {
             Block::Rcc => self.rcc.read(offset, now),
             Block::Flash => self.flash.read(offset),
             Block::Pwr => self.pwr.read(offset, now),
+            Block::Syscfg => self.exti.read_ports(offset),
             Block::Exti => self.exti.read(offset),
             Block::Iwdg => self.iwdg.read(offset, self.clock.time(now)),
             Block::Dbgmcu => match offset {
@@ -1006,6 +1027,7 @@ impl Peripherals {
                 self.watch_supply();
                 self.check_clocks();
             }
+            Block::Syscfg => self.wire_lines(offset, value),
             Block::Exti => self.exti.write(offset, value),
             Block::Iwdg => {
                 let time = self.clock.time(now);
@@ -1182,6 +1204,10 @@ impl Peripherals {
             Block::Pwr => {
                 self.pwr.reset();
                 self.watch_supply();
+            }
+            Block::Syscfg => {
+                self.exti.reset_ports();
+                self.watch_lines();
             }
             Block::Rcc | Block::Flash | Block::Exti | Block::Iwdg | Block::Dbgmcu => {}
         }

@@ -58,8 +58,13 @@ macro_rules! prepare_guardian {
 }
 
 prepare_guardian! {
-    prepare_guardian_first = FirstEdge;
-    prepare_guardian_edge = Edge;
+    prepare_guardian_rest = Rest;
+    prepare_guardian_begin = Begin;
+    prepare_guardian_follow = Follow;
+    prepare_guardian_beginall = BeginAll;
+    prepare_guardian_begindue = BeginDue;
+    prepare_guardian_followall = FollowAll;
+    prepare_guardian_message = Message;
     prepare_guardian_reference = Reference;
 }
 
@@ -75,10 +80,15 @@ pub type RunGuardian = fn(&mut Option<Watch>) -> u32;
 
 /// All functions of the guardian.
 #[used]
-pub static GUARDIAN: ([PrepareGuardian; 3], RunGuardian) = (
+pub static GUARDIAN: ([PrepareGuardian; 8], RunGuardian) = (
     [
-        prepare_guardian_first,
-        prepare_guardian_edge,
+        prepare_guardian_rest,
+        prepare_guardian_begin,
+        prepare_guardian_follow,
+        prepare_guardian_beginall,
+        prepare_guardian_begindue,
+        prepare_guardian_followall,
+        prepare_guardian_message,
         prepare_guardian_reference,
     ],
     run_guardian,
@@ -92,7 +102,11 @@ pub static FEW: ([Prepare<Few>; 3], Run<Few>) = (
 /// All functions with 512 windows.
 #[used]
 pub static MANY: ([Prepare<Many>; 3], Run<Many>) = (
-    [prepare_many_data, prepare_many_reference, prepare_many_window],
+    [
+        prepare_many_data,
+        prepare_many_reference,
+        prepare_many_window,
+    ],
     run_many,
 );
 
