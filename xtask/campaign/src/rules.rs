@@ -12,9 +12,24 @@
 //! | no node resets itself except for its stalled core, its clock, its supply, or to lead as the last resort | |
 //! | no program does what its microcontroller does not allow | RM0390, RM0316, see [`twin::Violation`] |
 //!
+//! A run with attacks keeps these as well:
+//!
+//! | rule | source |
+//! | --- | --- |
+//! | a motor does nothing that no genuine command of the last two basic periods asks for (`forged`) | boards/GETTING_STARTED.md, a key for the network |
+//! | when the attacks are over, every node's frames come again within a second (`recovery`) | `ttcan/tests/spoofing.rs` |
+//! | of many forged and replayed frames some node's console counts one as out of place, or as refused (`notice`) | |
+//!
+//! References are not authenticated. So a node may follow a foreign reference, and send in the windows that
+//! begin with it (`place`); and an actuator may take it for that of the first time master (`master`). Nor
+//! does a console count foreign references that its node refuses (`notice`). These are counted as known,
+//! apart from the broken rules.
+//!
 //! Resets are no exception: a node that stands still lets go of its motor's relay. A core that
 //! stalls holds it closed until the watchdog bites; the first four rules do not count in that
 //! tenth of a second, nor the last of them until the wheels are back within their limits.
+
+mod attacks;
 
 use network_model::{Condition, Message, SendType, Signal};
 use twin::{Outcome, ResetCause};
@@ -23,7 +38,9 @@ use world::SimTime;
 use world::scenario::Button;
 
 use crate::sequence::{END, SETTLED, Sequence};
-use crate::traffic::{Matrix, Oscillator, Sent, Traffic};
+use crate::traffic::{Matrix, Misplaced, Oscillator, Sent, Traffic};
+
+pub(crate) use attacks::attacked;
 
 /// A broken rule.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -79,35 +96,9 @@ struct Judge<'a> {
 /// Which rules a run of a sequence broke; of each rule and node the first time.
 #[must_use]
 pub fn judge(vehicle: &Vehicle, sequence: &Sequence, outcome: &Outcome) -> Vec<Violation> {
-    let judge = Judge {
-        vehicle,
-        sequence,
-        outcome,
-        traffic: Traffic::of(outcome),
-        matrix: matrix(vehicle, sequence, outcome),
-    };
-    let mut violations = Vec::new();
-    for node in vehicle.nodes() {
-        violations.extend(judge.motor(node));
-        violations.extend(judge.servos(node));
-        violations.extend(judge.pin_remote(node));
-        violations.extend(judge.wire(node));
-        violations.extend(judge.led(node));
-        violations.extend(judge.button(node));
-    }
-    violations.extend(judge.steering());
+    let judge = Judge::new(vehicle, sequence, outcome);
     let misplaced = judge.matrix.misplaced(&judge.traffic);
-    violations.extend(misplaced.first().map(|first| Violation {
-        rule: "place",
-        at: seconds(first.frame.start),
-        what: first.to_string(),
-    }));
-    violations.extend(judge.presence());
-    violations.extend(judge.masters());
-    for node in vehicle.nodes() {
-        violations.extend(judge.resets(node));
-    }
-    violations
+    judge.broken(misplaced.first())
 }
 
 /// The matrix of the vehicle, with the oscillators of a run.
@@ -134,7 +125,44 @@ fn enabling(vehicle: &Vehicle, motor: Device) -> Option<(&Message, &Signal)> {
     Some((message, signal))
 }
 
+impl<'a> Judge<'a> {
+    fn new(vehicle: &'a Vehicle, sequence: &'a Sequence, outcome: &'a Outcome) -> Self {
+        Self {
+            vehicle,
+            sequence,
+            outcome,
+            traffic: Traffic::of(outcome),
+            matrix: matrix(vehicle, sequence, outcome),
+        }
+    }
+}
+
 impl Judge<'_> {
+    /// The broken rules; `misplaced` is the first frame outside of its window.
+    fn broken(&self, misplaced: Option<&Misplaced>) -> Vec<Violation> {
+        let mut violations = Vec::new();
+        for node in self.vehicle.nodes() {
+            violations.extend(self.motor(node));
+            violations.extend(self.servos(node));
+            violations.extend(self.pin_remote(node));
+            violations.extend(self.wire(node));
+            violations.extend(self.led(node));
+            violations.extend(self.button(node));
+        }
+        violations.extend(self.steering());
+        violations.extend(misplaced.map(|first| Violation {
+            rule: "place",
+            at: seconds(first.frame.start),
+            what: first.to_string(),
+        }));
+        violations.extend(self.presence());
+        violations.extend(self.masters());
+        for node in self.vehicle.nodes() {
+            violations.extend(self.resets(node));
+        }
+        violations
+    }
+
     fn name(&self, node: NodeIndex) -> &str {
         &self.vehicle.node(node).name
     }
