@@ -593,13 +593,13 @@ pub struct Priorities {
     virtual microcontroller. They need the image's place in the flash: `flash` brings the node\n\
     back. boards/GETTING_STARTED.md says what must be wired for them, and what must not.\n\
     Exit code 0: all passed; 1: one failed, or a step; 2: wrong input.\n\n\
-    One step runs the first 30 random fault sequences, with --long 1000;\n\
-    `cargo xtask sim --faults N` runs as many as you like.")]
+    One step runs the first 30 random fault sequences, and one 10 with an attacker, with --long\n\
+    1000 each; `cargo xtask sim --faults N`, perhaps with --attacker, runs as many as you like.")]
 pub struct Test {
     /// List the steps instead of running them
     #[arg(long)]
     pub list: bool,
-    /// Run the slow tests too, and more random fault sequences
+    /// Run the slow tests too, and more random fault and attack sequences
     #[arg(long)]
     pub long: bool,
     /// Give the property tests new random inputs; by default they use the same inputs every
