@@ -388,7 +388,7 @@ pub struct Sim {
     pub faults: Option<u64>,
     /// In the fault sequences, an attacker on the bus of a vehicle with a key: it floods, forges, replays
     /// and destroys frames, and forges the time
-    #[arg(long, requires = "faults")]
+    #[arg(long, requires = "faults", conflicts_with_all = ["scenario", "seconds", "experiment"])]
     pub attacker: bool,
     /// Run only the I-th of N parts of the fault sequences
     #[arg(long, value_name = "I/N", requires = "faults",
