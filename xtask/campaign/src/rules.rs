@@ -21,8 +21,9 @@
 //! | of many forged and replayed frames some node's console counts one as out of place, or as refused (`notice`) | |
 //!
 //! References are not authenticated. So a node may follow a foreign reference, and send in the windows that
-//! begin with it (`place`); and an actuator may take it for that of the first time master (`master`). Nor
-//! does a console count foreign references that its node refuses (`notice`). These are counted as known,
+//! begin with it (`place`); an actuator may take it for that of the first time master (`master`); and it may
+//! move the schedule against the satellite receiver's epochs, so that up to half of the windows of their
+//! messages are empty for more than a second (`recovery`). Nor does a console count foreign references that its node refuses (`notice`). These are counted as known,
 //! apart from the broken rules.
 //!
 //! Resets are no exception: a node that stands still lets go of its motor's relay. A core that
@@ -91,6 +92,8 @@ struct Judge<'a> {
     outcome: &'a Outcome,
     traffic: Traffic,
     matrix: Matrix,
+    /// Foreign references may have moved the schedule against the satellite receiver's epochs.
+    shifted: bool,
 }
 
 /// Which rules a run of a sequence broke; of each rule and node the first time.
@@ -133,7 +136,18 @@ impl<'a> Judge<'a> {
             outcome,
             traffic: Traffic::of(outcome),
             matrix: matrix(vehicle, sequence, outcome),
+            shifted: false,
         }
+    }
+
+    /// The node of the satellite receiver if its epochs may come at any time of the basic cycle.
+    ///
+    /// The receiver keeps its own time. Only if its node leads does the schedule follow its epochs, by
+    /// 100 us at most in each cycle: a foreign reference that nodes have followed shows for many cycles.
+    fn asynchronous(&self) -> Option<NodeIndex> {
+        let receiver = self.vehicle.node_of(Device::SatelliteReceiver);
+        let leader = self.leader().and_then(|leader| self.matrix.sender(leader));
+        receiver.filter(|_| self.shifted || leader != receiver)
     }
 }
 
@@ -417,11 +431,9 @@ impl Judge<'_> {
             sender.is_some_and(|node| !self.sequence.is_lost(node))
         });
         let cycles = ((END - SETTLED) / self.period()).floor() as usize;
-        // The satellite receiver keeps its own time. Unless its node leads, an epoch may come near a
-        // window: now before it and now behind it. Each window without a new epoch comes after one
-        // with it, so that at most half of them are empty.
-        let receiver = self.vehicle.node_of(Device::SatelliteReceiver);
-        let asynchronous = receiver.filter(|_| self.matrix.sender(leader) != receiver);
+        // An epoch may come near a window: now before it and now behind it. Each window without a new
+        // epoch comes after one with it, so that at most half of them are empty.
+        let asynchronous = self.asynchronous();
         let mut violations = Vec::new();
         for message in due {
             let seen = self

@@ -31,8 +31,10 @@ pub(crate) fn attacked(
     outcome: &Outcome,
     plan: &([NodeId; 2], Vec<Planned>),
 ) -> (Vec<Violation>, Tally) {
-    let judge = Judge::new(vehicle, sequence, outcome);
+    let mut judge = Judge::new(vehicle, sequence, outcome);
     let foreign = foreign(&outcome.records, &sequence.attacks, plan);
+    let mut spoofed = foreign.iter().map(|frame| frame.sent.id);
+    judge.shifted = spoofed.any(|id| judge.matrix.is_reference(id));
     let mut tally = judge.count(&foreign);
     let mut violations = judge.places(&foreign, &mut tally);
     let mut movements = Vec::new();
@@ -324,38 +326,45 @@ impl Judge<'_> {
             return Vec::new();
         }
         let over = self.over(foreign);
-        let receiver = self.vehicle.node_of(Device::SatelliteReceiver);
+        let asynchronous = self.asynchronous();
         let leader = self.leader();
-        let leads = leader.and_then(|leader| self.matrix.sender(leader));
         let messages = self.matrix.messages().iter();
         let due = messages.filter_map(|message| {
             let period = steady_period(message)?;
             let sender = self.matrix.sender(message)?;
-            let own = self.matrix.is_reference(message.id);
-            if own && leader.is_none_or(|leader| leader.id != message.id) {
-                return None;
+            let is_other = leader.is_none_or(|leader| leader.id != message.id);
+            if self.matrix.is_reference(message.id) {
+                return (!is_other).then_some((message, period, false));
             }
-            // As in the rule of presence.
-            let is_asynchronous = Some(sender) == receiver && leads != receiver;
-            Some((message, period * if is_asynchronous { 2.5 } else { 1.5 }))
+            Some((message, period, Some(sender) == asynchronous))
         });
         let mut late = Vec::new();
-        for (message, longest) in due {
+        let mut known = None;
+        for (message, period, is_asynchronous) in due {
             let starts = self.traffic.genuine(message.id);
             let starts: Vec<f64> = starts.map(|frame| seconds(frame.start)).collect();
-            let took = returns(&starts, over, longest);
-            tally.worst_recovery_seconds = tally.worst_recovery_seconds.max(took);
+            let took = |gaps: f64| returns(&starts, over, gaps * period);
+            let late_by = |took: f64| Violation {
+                rule: "recovery",
+                at: over,
+                what: format!(
+                    "{} {} came again {took:.3} s after the end of the attacks",
+                    message.sender, message.id
+                ),
+            };
+            // Every other window of a receiver's message may be empty; see the rule of presence.
+            let (steady, loose) = (took(1.5), took(2.5));
+            let accepted = if is_asynchronous { loose } else { steady };
+            tally.worst_recovery_seconds = tally.worst_recovery_seconds.max(accepted);
             tally.worst_recovery_seed = Some(self.sequence.seed);
-            if took > RECOVERY {
-                late.push(Violation {
-                    rule: "recovery",
-                    at: over,
-                    what: format!(
-                        "{} {} came again {took:.3} s after the end of the attacks",
-                        message.sender, message.id
-                    ),
-                });
+            if accepted > RECOVERY {
+                late.push(late_by(accepted));
+            } else if steady > RECOVERY {
+                known.get_or_insert(late_by(steady));
             }
+        }
+        if let Some(known) = known {
+            tally.note(known.rule, self.example(&known));
         }
         late
     }
