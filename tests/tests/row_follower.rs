@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use campaign::{Sequence, agreement::Agreement, traffic::Traffic};
+use campaign::{Sequence, Trouble, agreement::Agreement, traffic::Traffic};
 use twin::{Images, Options, Outcome, Twin};
 use vehicle_model::{Overrides, Protocol, Vehicle};
 use world::report::{RoverFigures, RoverRun};
@@ -193,6 +193,17 @@ fn on_its_rc_oscillator_the_motors_rest_while_there_are_no_references() {
     let outcome = twin::run(vehicle, &sequence.scenario, images, &options, |_| {}).unwrap();
     let driven = driven_at(&outcome, 1.964_165 + TWO_PERIODS);
     assert_eq!(driven, None);
+}
+
+/// Forged commands come in the windows of true ones, one of them just before the last true command
+/// expires. Pulses that such a frame began delayed the neutral ones by 10 ms.
+#[test]
+fn a_forged_command_does_not_delay_the_end_of_the_last_true_one() {
+    let (vehicle, images) = vehicle();
+    let attacks = Trouble::Attacks { key: true };
+    let verdict = campaign::replay(vehicle, 5, images, attacks).unwrap();
+    assert_eq!(verdict.violations, []);
+    assert!(verdict.tally.attempts_in_command_window > 100);
 }
 
 /// When a motor is first driven after `time`, s.

@@ -334,7 +334,9 @@ pub enum Kind {
     cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
     \x20 messages are sent at once instead of in their windows\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
-    cargo xtask sim --faults 200                   random faults; --shard 1/8 for an eighth of them\n\n\
+    cargo xtask sim --faults 200                   random faults; --shard 1/8 for an eighth of them\n  \
+    cargo xtask sim --faults 200 --attacker        a node that knows the sources, but not the key: floods,\n                                                 \
+    \x20 forged and replayed frames, destroyed ones\n\n\
     Experiments:\n  \
     thesis-7   the track tests of the thesis, chapter 7, with its control law for comparison;\n             \
     exit code 1 and the names of the aims that are missed\n  \
@@ -384,6 +386,10 @@ pub struct Sim {
     #[arg(long, value_name = "N", conflicts_with_all = ["scenario", "seconds", "list", "experiment"],
         value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
     pub faults: Option<u64>,
+    /// In the fault sequences, an attacker on the bus of a vehicle with a key: it floods, forges, replays
+    /// and destroys frames, and forges the time
+    #[arg(long, requires = "faults", conflicts_with_all = ["scenario", "seconds", "experiment"])]
+    pub attacker: bool,
     /// Run only the I-th of N parts of the fault sequences
     #[arg(long, value_name = "I/N", requires = "faults",
         conflicts_with_all = ["scenario", "seconds", "experiment"])]
@@ -396,7 +402,7 @@ pub struct Sim {
     #[arg(long)]
     pub json: bool,
     /// List the scenarios instead of running one
-    #[arg(long, conflicts_with_all = ["scenario", "seconds", "seed", "seeds", "quick", "shard", "out"])]
+    #[arg(long, conflicts_with_all = ["scenario", "seconds", "seed", "seeds", "quick", "shard", "attacker", "out"])]
     pub list: bool,
 }
 
@@ -587,13 +593,13 @@ pub struct Priorities {
     virtual microcontroller. They need the image's place in the flash: `flash` brings the node\n\
     back. boards/GETTING_STARTED.md says what must be wired for them, and what must not.\n\
     Exit code 0: all passed; 1: one failed, or a step; 2: wrong input.\n\n\
-    One step runs the first 30 random fault sequences, with --long 1000;\n\
-    `cargo xtask sim --faults N` runs as many as you like.")]
+    One step runs the first 30 random fault sequences, and one 10 with an attacker, with --long\n\
+    1000 each; `cargo xtask sim --faults N`, perhaps with --attacker, runs as many as you like.")]
 pub struct Test {
     /// List the steps instead of running them
     #[arg(long)]
     pub list: bool,
-    /// Run the slow tests too, and more random fault sequences
+    /// Run the slow tests too, and more random fault and attack sequences
     #[arg(long)]
     pub long: bool,
     /// Give the property tests new random inputs; by default they use the same inputs every
@@ -832,6 +838,9 @@ mod tests {
             "xtask sim --faults 8 gps-lost",
             "xtask sim --faults 8 --shard 9/8",
             "xtask sim --shard 1/8",
+            "xtask sim --attacker",
+            "xtask sim --list --attacker",
+            "xtask sim gps-lost --attacker",
             "xtask sim --set",
             "xtask build --set rover.law",
             "xtask schedulability --set rover.law= --bus event-triggered",

@@ -1,11 +1,12 @@
-//! Random fault sequences against the release images of a vehicle.
+//! Random fault sequences and attacks against the release images of a vehicle.
 //!
-//! [`Sequence`] draws from a seed which faults occur, where and when; [`judge`](rules::judge) says
+//! [`Sequence`] draws from a seed which faults and which [attacks](attack) occur, where and when; [`judge`](rules::judge) says
 //! which of the [`rules`] the run broke; [`run`] does that for many seeds on all cores and sums
 //! them up in a [`Report`]. [`agreement`] compares the nodes' global times; [`traffic`] puts the
 //! frames of any run together and judges their places by the network file.
 
 pub mod agreement;
+pub mod attack;
 mod options;
 mod report;
 pub mod rules;
@@ -13,7 +14,7 @@ mod run;
 mod sequence;
 pub mod traffic;
 
-pub use options::{Options, Shard, ShardError};
+pub use options::{Options, Shard, ShardError, Trouble};
 pub use report::{Report, Verdict};
 pub use rules::Violation;
 pub use run::{Progress, replay, run, stall};

@@ -55,9 +55,24 @@ impl std::fmt::Display for Shard {
     }
 }
 
+/// What happens in the sequences of a campaign.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trouble {
+    /// Random faults.
+    Faults,
+    /// Attacks on the bus, sometimes with a fault beside them.
+    Attacks {
+        /// Whether the nodes have a key. Without one, forged commands with the right check value move
+        /// the motors; tests see by that whether the rules find it.
+        key: bool,
+    },
+}
+
 /// The sequences of a campaign, and the part of them that is run here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
+    /// What happens in them.
+    pub trouble: Trouble,
     /// Number of sequences in all shards together.
     pub sequences: u64,
     /// Seed of the first sequence; each further one has the next seed, so that one sequence with

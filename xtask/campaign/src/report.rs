@@ -5,7 +5,8 @@ use std::fmt;
 
 use vehicle_model::Vehicle;
 
-use crate::options::Options;
+use crate::attack::Tally;
+use crate::options::{Options, Trouble};
 use crate::rules::Violation;
 
 /// The outcome of one sequence.
@@ -17,6 +18,9 @@ pub struct Verdict {
     pub story: Vec<String>,
     /// The rules that were broken; empty when all is well.
     pub violations: Vec<Violation>,
+    /// What its attacks did.
+    #[serde(skip)]
+    pub tally: Tally,
 }
 
 /// The outcome of all sequences.
@@ -34,6 +38,9 @@ pub struct Report {
     pub simulated_seconds: f64,
     /// How often each rule was broken.
     pub broken_rules: BTreeMap<&'static str, u64>,
+    /// What the attacks did; `None` in a campaign without an attacker.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub attacks: Option<Tally>,
     /// The sequences that broke a rule, by seed.
     pub failures: Vec<Verdict>,
 }
@@ -47,12 +54,16 @@ impl Report {
             sequences: 0,
             simulated_seconds: 0.0,
             broken_rules: BTreeMap::new(),
+            attacks: (options.trouble != Trouble::Faults).then(Tally::default),
             failures: Vec::new(),
         }
     }
 
     pub(crate) fn take(&mut self, verdict: Verdict) {
         self.sequences += 1;
+        if let Some(attacks) = &mut self.attacks {
+            attacks.add(&verdict.tally);
+        }
         if verdict.violations.is_empty() {
             return;
         }
@@ -92,18 +103,72 @@ impl fmt::Display for Report {
                     violation.rule, violation.at, violation.what
                 )?;
             }
+            let attacker = self.attacks.as_ref().map_or("", |_| " --attacker");
             writeln!(
                 f,
-                "  replay it with: cargo xtask sim --faults 1 --seed {} --vehicle {}",
+                "  replay it with: cargo xtask sim --faults 1{attacker} --seed {} --vehicle {}",
                 verdict.seed, self.vehicle
             )?;
         }
+        if let Some(attacks) = &self.attacks {
+            write!(f, "{attacks}")?;
+        }
+        let kind = self.attacks.as_ref().map_or("fault", |_| "attack");
         writeln!(
             f,
-            "{} fault sequences, {:.0} s simulated, {} broke a rule",
+            "{} {kind} sequences, {:.0} s simulated, {} broke a rule",
             self.sequences,
             self.simulated_seconds,
             self.failures.len()
         )
+    }
+}
+
+/// Why a rule is known to be broken.
+fn reason(rule: &str) -> &'static str {
+    match rule {
+        "notice" => "because consoles do not count foreign references",
+        _ => "because references are not authenticated",
+    }
+}
+
+impl fmt::Display for Tally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "attack                  attacks   frames sent")?;
+        for (kind, count) in &self.attacks {
+            let frames = self.attempts.get(kind).map(u64::to_string);
+            let frames = frames.unwrap_or_default();
+            writeln!(f, "  {kind:<22} {count:>6} {frames:>13}")?;
+        }
+        writeln!(
+            f,
+            "{} attempts: forged and replayed frames that were sent to their end, {} of them in the command's window",
+            self.attempts(),
+            self.attempts_in_command_window
+        )?;
+        writeln!(
+            f,
+            "{} attempts moved a motor; {} frames of floods; {} frames of the nodes destroyed",
+            self.moved_a_motor, self.flood_frames, self.suppressed_frames
+        )?;
+        if let Some(seed) = self.worst_recovery_seed {
+            writeln!(
+                f,
+                "longest recovery: {:.3} s after the end of the attacks (seed {seed})",
+                self.worst_recovery_seconds
+            )?;
+        }
+        for (rule, count) in &self.known {
+            writeln!(
+                f,
+                "known, {}: rule {rule} in {count} sequences",
+                reason(rule)
+            )?;
+            if let Some(example) = self.known_examples.get(rule) {
+                let crate::attack::Example { seed, at, what } = example;
+                writeln!(f, "  such as seed {seed} at {at:.6} s: {what}")?;
+            }
+        }
+        Ok(())
     }
 }

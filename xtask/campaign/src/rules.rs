@@ -12,9 +12,25 @@
 //! | no node resets itself except for its stalled core, its clock, its supply, or to lead as the last resort | |
 //! | no program does what its microcontroller does not allow | RM0390, RM0316, see [`twin::Violation`] |
 //!
+//! A run with attacks keeps these as well:
+//!
+//! | rule | source |
+//! | --- | --- |
+//! | a motor does nothing that no genuine command of the last two basic periods asks for (`forged`) | boards/GETTING_STARTED.md, a key for the network |
+//! | when the attacks are over, every node's frames come again within a second (`recovery`) | `ttcan/tests/spoofing.rs` |
+//! | of many forged and replayed frames some node's console counts one as out of place, or as refused (`notice`) | |
+//!
+//! References are not authenticated. So a node may follow a foreign reference, and send in the windows that
+//! begin with it (`place`); an actuator may take it for that of the first time master (`master`); and it may
+//! move the schedule against the satellite receiver's epochs, so that up to half of the windows of their
+//! messages are empty for more than a second (`recovery`). Nor does a console count foreign references that its node refuses (`notice`). These are counted as known,
+//! apart from the broken rules.
+//!
 //! Resets are no exception: a node that stands still lets go of its motor's relay. A core that
 //! stalls holds it closed until the watchdog bites; the first four rules do not count in that
 //! tenth of a second, nor the last of them until the wheels are back within their limits.
+
+mod attacks;
 
 use network_model::{Condition, Message, SendType, Signal};
 use twin::{Outcome, ResetCause};
@@ -23,7 +39,9 @@ use world::SimTime;
 use world::scenario::Button;
 
 use crate::sequence::{END, SETTLED, Sequence};
-use crate::traffic::{Matrix, Oscillator, Sent, Traffic};
+use crate::traffic::{Matrix, Misplaced, Oscillator, Sent, Traffic};
+
+pub(crate) use attacks::attacked;
 
 /// A broken rule.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -74,40 +92,16 @@ struct Judge<'a> {
     outcome: &'a Outcome,
     traffic: Traffic,
     matrix: Matrix,
+    /// Foreign references may have moved the schedule against the satellite receiver's epochs.
+    shifted: bool,
 }
 
 /// Which rules a run of a sequence broke; of each rule and node the first time.
 #[must_use]
 pub fn judge(vehicle: &Vehicle, sequence: &Sequence, outcome: &Outcome) -> Vec<Violation> {
-    let judge = Judge {
-        vehicle,
-        sequence,
-        outcome,
-        traffic: Traffic::of(outcome),
-        matrix: matrix(vehicle, sequence, outcome),
-    };
-    let mut violations = Vec::new();
-    for node in vehicle.nodes() {
-        violations.extend(judge.motor(node));
-        violations.extend(judge.servos(node));
-        violations.extend(judge.pin_remote(node));
-        violations.extend(judge.wire(node));
-        violations.extend(judge.led(node));
-        violations.extend(judge.button(node));
-    }
-    violations.extend(judge.steering());
+    let judge = Judge::new(vehicle, sequence, outcome);
     let misplaced = judge.matrix.misplaced(&judge.traffic);
-    violations.extend(misplaced.first().map(|first| Violation {
-        rule: "place",
-        at: seconds(first.frame.start),
-        what: first.to_string(),
-    }));
-    violations.extend(judge.presence());
-    violations.extend(judge.masters());
-    for node in vehicle.nodes() {
-        violations.extend(judge.resets(node));
-    }
-    violations
+    judge.broken(misplaced.first())
 }
 
 /// The matrix of the vehicle, with the oscillators of a run.
@@ -134,7 +128,55 @@ fn enabling(vehicle: &Vehicle, motor: Device) -> Option<(&Message, &Signal)> {
     Some((message, signal))
 }
 
+impl<'a> Judge<'a> {
+    fn new(vehicle: &'a Vehicle, sequence: &'a Sequence, outcome: &'a Outcome) -> Self {
+        Self {
+            vehicle,
+            sequence,
+            outcome,
+            traffic: Traffic::of(outcome),
+            matrix: matrix(vehicle, sequence, outcome),
+            shifted: false,
+        }
+    }
+
+    /// The node of the satellite receiver if its epochs may come at any time of the basic cycle.
+    ///
+    /// The receiver keeps its own time. Only if its node leads does the schedule follow its epochs, by
+    /// 100 us at most in each cycle: a foreign reference that nodes have followed shows for many cycles.
+    fn asynchronous(&self) -> Option<NodeIndex> {
+        let receiver = self.vehicle.node_of(Device::SatelliteReceiver);
+        let leader = self.leader().and_then(|leader| self.matrix.sender(leader));
+        receiver.filter(|_| self.shifted || leader != receiver)
+    }
+}
+
 impl Judge<'_> {
+    /// The broken rules; `misplaced` is the first frame outside of its window.
+    fn broken(&self, misplaced: Option<&Misplaced>) -> Vec<Violation> {
+        let mut violations = Vec::new();
+        for node in self.vehicle.nodes() {
+            violations.extend(self.motor(node));
+            violations.extend(self.servos(node));
+            violations.extend(self.pin_remote(node));
+            violations.extend(self.wire(node));
+            violations.extend(self.led(node));
+            violations.extend(self.button(node));
+        }
+        violations.extend(self.steering());
+        violations.extend(misplaced.map(|first| Violation {
+            rule: "place",
+            at: seconds(first.frame.start),
+            what: first.to_string(),
+        }));
+        violations.extend(self.presence());
+        violations.extend(self.masters());
+        for node in self.vehicle.nodes() {
+            violations.extend(self.resets(node));
+        }
+        violations
+    }
+
     fn name(&self, node: NodeIndex) -> &str {
         &self.vehicle.node(node).name
     }
@@ -389,11 +431,9 @@ impl Judge<'_> {
             sender.is_some_and(|node| !self.sequence.is_lost(node))
         });
         let cycles = ((END - SETTLED) / self.period()).floor() as usize;
-        // The satellite receiver keeps its own time. Unless its node leads, an epoch may come near a
-        // window: now before it and now behind it. Each window without a new epoch comes after one
-        // with it, so that at most half of them are empty.
-        let receiver = self.vehicle.node_of(Device::SatelliteReceiver);
-        let asynchronous = receiver.filter(|_| self.matrix.sender(leader) != receiver);
+        // An epoch may come near a window: now before it and now behind it. Each window without a new
+        // epoch comes after one with it, so that at most half of them are empty.
+        let asynchronous = self.asynchronous();
         let mut violations = Vec::new();
         for message in due {
             let seen = self

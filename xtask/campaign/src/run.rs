@@ -8,9 +8,10 @@ use twin::{Images, Twin, TwinError};
 use vehicle_model::{NodeIndex, Vehicle};
 use world::{SimDuration, SimTime};
 
-use crate::options::{Options, Shard};
+use crate::attack::{Attacker, Tally};
+use crate::options::{Options, Shard, Trouble};
 use crate::report::{Report, Verdict};
-use crate::rules::{Violation, judge};
+use crate::rules::{self, Violation, judge};
 use crate::sequence::{END, Sequence};
 
 /// How far it is.
@@ -28,54 +29,93 @@ pub struct Progress {
 ///
 /// # Errors
 /// When an image is no program for its node's microcontroller.
-pub fn replay(vehicle: &Vehicle, seed: u64, images: &Images) -> Result<Verdict, TwinError> {
-    let sequence = Sequence::draw(vehicle, seed);
+pub fn replay(
+    vehicle: &Vehicle,
+    seed: u64,
+    images: &Images,
+    trouble: Trouble,
+) -> Result<Verdict, TwinError> {
+    let sequence = match trouble {
+        Trouble::Faults => Sequence::draw(vehicle, seed),
+        Trouble::Attacks { key } => Sequence::attacked(vehicle, seed, key),
+    };
     // Judges the images only: a fault of the simulation is a failure with a seed too.
     let judged = catch_unwind(AssertUnwindSafe(|| drive(vehicle, &sequence, images)));
-    let violations = match judged {
-        Ok(Ok(violations)) => violations,
-        Ok(Err(TwinError::Violation { node, violation })) => vec![Violation {
+    let alone = |violation| (vec![violation], Tally::default());
+    let (violations, tally) = match judged {
+        Ok(Ok(judged)) => judged,
+        Ok(Err(TwinError::Violation { node, violation })) => alone(Violation {
             rule: "silicon",
             at: violation.at.as_ticks() as f64 * 1e-12,
             what: format!("{node}: {violation}"),
-        }],
+        }),
         Ok(Err(error)) => return Err(error),
         Err(panic) => {
             let text = panic.downcast_ref::<String>().map(String::as_str);
             let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
-            vec![Violation {
+            alone(Violation {
                 rule: "simulation",
                 at: 0.0,
                 what: text.unwrap_or("the simulation ended").to_owned(),
-            }]
+            })
         }
     };
     Ok(Verdict {
         seed,
         story: sequence.story,
         violations,
+        tally,
     })
 }
+
+/// Time at which an attacker joins the bus, s: it records what the nodes send from then on.
+const JOIN: f64 = 1.0;
 
 fn drive(
     vehicle: &Vehicle,
     sequence: &Sequence,
     images: &Images,
-) -> Result<Vec<Violation>, TwinError> {
+) -> Result<(Vec<Violation>, Tally), TwinError> {
     let mut twin = Twin::new(vehicle, &sequence.scenario, sequence.seed, images)?;
     let upsets = sequence.upsets.iter();
-    let mut strikes: Vec<(f64, NodeIndex, Strike)> = upsets
-        .map(|upset| (upset.at, upset.node, stall as Strike))
+    let mut events: Vec<(f64, Event)> = upsets
+        .map(|upset| (upset.at, Event::Strike(upset.node, stall)))
         .collect();
     let losses = sequence.clock_losses.iter();
-    strikes.extend(losses.map(|loss| (loss.at, loss.node, stop_clock as Strike)));
-    strikes.sort_by(|one, other| one.0.total_cmp(&other.0));
-    for (at, node, strike) in strikes {
+    events.extend(losses.map(|loss| (loss.at, Event::Strike(loss.node, stop_clock))));
+    if !sequence.attacks.is_empty() {
+        events.push((JOIN, Event::Join));
+        let steps = Attacker::steps(&sequence.attacks).into_iter();
+        events.extend(steps.map(|at| (at, Event::Decide)));
+    }
+    events.sort_by(|one, other| one.0.total_cmp(&other.0));
+    let mut attacker = None;
+    for (at, event) in events {
         twin.run_until(instant(at).max(twin.now()))?;
-        strike(&mut twin, node)?;
+        match (event, &mut attacker) {
+            (Event::Strike(node, strike), _) => strike(&mut twin, node)?,
+            (Event::Decide, Some(attacker)) => Attacker::decide(attacker, &mut twin),
+            (Event::Join | Event::Decide, _) => {
+                let (attacks, seed) = (&sequence.attacks, sequence.seed);
+                attacker = Some(Attacker::join(vehicle, attacks, seed, &mut twin));
+            }
+        }
     }
     twin.run_until(instant(END))?;
-    Ok(judge(vehicle, sequence, &twin.finish()))
+    let outcome = twin.finish();
+    Ok(match attacker {
+        None => (judge(vehicle, sequence, &outcome), Tally::default()),
+        Some(attacker) => rules::attacked(vehicle, sequence, &outcome, &attacker.finish()),
+    })
+}
+
+/// What happens between two steps of the simulation.
+enum Event {
+    Strike(NodeIndex, Strike),
+    /// The attacker joins the bus.
+    Join,
+    /// The attacker decides what it sends next.
+    Decide,
 }
 
 /// A fault that is applied to a node between two steps of the simulation.
@@ -146,7 +186,12 @@ pub fn run(
                         return;
                     }
                     let number = turn * of + index - 1;
-                    let verdict = replay(vehicle, options.seed.wrapping_add(number), images);
+                    let verdict = replay(
+                        vehicle,
+                        options.seed.wrapping_add(number),
+                        images,
+                        options.trouble,
+                    );
                     let broken = verdict.is_err();
                     if sender.send(verdict).is_err() || broken {
                         return;

@@ -12,6 +12,8 @@ use world::scenario::{
 };
 use world::units::{Angle, Drift, Length, Ppm, Ratio, Time, Voltage};
 
+use crate::attack::{self, Attack};
+
 /// How much further the wheels could turn than they may, degrees, so that the limit which holds
 /// is that of the steering's node.
 const BEYOND: f64 = 7.0;
@@ -65,6 +67,10 @@ pub struct Sequence {
     pub upsets: Vec<Upset>,
     /// Clocks that stop.
     pub clock_losses: Vec<ClockLoss>,
+    /// Number of faults, attacks not included.
+    pub faults: usize,
+    /// Attacks on the bus.
+    pub attacks: Vec<Attack>,
     /// The events, one sentence each.
     pub story: Vec<String>,
 }
@@ -73,23 +79,28 @@ impl Sequence {
     /// Draws the sequence of a seed for a vehicle.
     #[must_use]
     pub fn draw(vehicle: &Vehicle, seed: u64) -> Self {
-        let mut drawing = Drawing {
-            vehicle,
-            stream: Stream::new(seed, Purpose::Faults),
-            sequence: Self {
-                seed,
-                scenario: scenario(vehicle, &format!("faults-{seed}")),
-                upsets: Vec::new(),
-                clock_losses: Vec::new(),
-                story: Vec::new(),
-            },
-            hurt: false,
-        };
+        let mut drawing = Drawing::new(vehicle, seed);
         drawing.operator();
         for _ in 0..1 + drawing.stream.below(4) {
             drawing.fault();
         }
         drawing.sequence
+    }
+
+    /// Draws the sequence of a seed for a vehicle that is attacked: what the operator does, attacks, and
+    /// in one case of four a fault beside them. `key` tells whether the nodes have a key.
+    #[must_use]
+    pub fn attacked(vehicle: &Vehicle, seed: u64, key: bool) -> Self {
+        let mut drawing = Drawing::new(vehicle, seed);
+        drawing.operator();
+        if drawing.stream.below(4) == 0 {
+            drawing.fault();
+        }
+        let mut sequence = drawing.sequence;
+        sequence.scenario.key = key;
+        let times = (FIRST, LAST, OVER);
+        sequence.attacks = attack::draw(vehicle, seed, times, &mut sequence.story);
+        sequence
     }
 
     /// Spans in which a node's core is stalled and its watchdog has not bitten yet, s.
@@ -165,6 +176,25 @@ struct Drawing<'a> {
     sequence: Sequence,
     /// A fault that stops a node or disturbs its motor's line has been drawn.
     hurt: bool,
+}
+
+impl<'a> Drawing<'a> {
+    fn new(vehicle: &'a Vehicle, seed: u64) -> Self {
+        Self {
+            vehicle,
+            stream: Stream::new(seed, Purpose::Faults),
+            sequence: Sequence {
+                seed,
+                scenario: scenario(vehicle, &format!("faults-{seed}")),
+                upsets: Vec::new(),
+                clock_losses: Vec::new(),
+                faults: 0,
+                attacks: Vec::new(),
+                story: Vec::new(),
+            },
+            hurt: false,
+        }
+    }
 }
 
 impl Drawing<'_> {
@@ -253,6 +283,7 @@ impl Drawing<'_> {
     }
 
     fn fault(&mut self) {
+        self.sequence.faults += 1;
         let at = self.within(FIRST, LAST);
         let kind = self.stream.below(19);
         let of_bus_or_operator = (3..=11).contains(&kind);

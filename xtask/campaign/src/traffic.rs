@@ -360,7 +360,7 @@ impl Matrix {
             .collect()
     }
 
-    fn in_place(&self, frame: &Sent, references: &[Begin]) -> bool {
+    pub(crate) fn in_place(&self, frame: &Sent, references: &[Begin]) -> bool {
         let Some(message) = self.network.message(frame.id) else {
             return false;
         };

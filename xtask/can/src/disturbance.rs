@@ -56,6 +56,22 @@ pub enum Disturbance {
         /// The disturbance ends before this time.
         until: SimTime,
     },
+    /// A foreign node that reads along destroys each frame with one identifier, or each frame: it drives
+    /// six dominant bits from one bit of the frame on, as an error flag does. The sender counts an
+    /// error each time, until it is off the bus.
+    Suppress {
+        /// The identifier; any one if `None`.
+        id: Option<Id>,
+        /// The first dominant bit, counted from start of frame as 0, stuff bits included. From 13 on the
+        /// identifier is known: the bits before it decide who sends.
+        bit: u16,
+        /// The node that does it: its own frames are left alone.
+        spared: Option<NodeId>,
+        /// First instant.
+        from: SimTime,
+        /// Frames that begin from this time on are left alone.
+        until: SimTime,
+    },
     /// The bus is held at one level whatever the nodes drive.
     Stuck {
         /// The level.
@@ -67,13 +83,16 @@ pub enum Disturbance {
     },
 }
 
+/// Number of dominant bits of an error flag (ISO 11898-1, clause 10.4.4).
+const FLAG_BITS: u16 = 6;
+
 /// A disturbance with the state it needs.
 #[derive(Clone, Debug)]
 pub(crate) struct Active {
     what: Disturbance,
     /// Attempts with the selected identifier so far, or bits until the next error.
     count: u64,
-    /// True if the current frame is the selected one.
+    /// True if the current frame is a selected one.
     armed: bool,
     /// True if the flip is done, or its frame has ended without that bit.
     spent: bool,
@@ -99,21 +118,38 @@ impl Active {
         active
     }
 
-    /// A frame starts: its number and the identifiers of its senders.
-    pub(crate) fn frame_started(&mut self, number: u64, ids: &[Id]) {
-        if let Disturbance::Flip { frame, .. } = self.what {
-            self.spent |= self.armed;
-            self.armed = match frame {
-                FrameSelect::Number(wanted) => {
-                    self.spent |= number > wanted;
-                    number == wanted
-                }
-                FrameSelect::Id { id, occurrence } => {
-                    let named = ids.contains(&id);
-                    self.count += u64::from(named);
-                    named && self.count == occurrence + 1
-                }
-            };
+    /// A frame starts at `now`: its number and its senders with their identifiers.
+    pub(crate) fn frame_started(&mut self, now: Ps, number: u64, senders: &[(Id, NodeId)]) {
+        match self.what {
+            Disturbance::Flip { frame, .. } => {
+                self.spent |= self.armed;
+                self.armed = match frame {
+                    FrameSelect::Number(wanted) => {
+                        self.spent |= number > wanted;
+                        number == wanted
+                    }
+                    FrameSelect::Id { id, occurrence } => {
+                        let named = senders.iter().any(|(own, _)| *own == id);
+                        self.count += u64::from(named);
+                        named && self.count == occurrence + 1
+                    }
+                };
+            }
+            Disturbance::Suppress {
+                id,
+                spared,
+                from,
+                until,
+                ..
+            } => {
+                // The least identifier is the one that remains after the arbitration.
+                let winner = senders.iter().min();
+                let is_meant = winner.is_some_and(|(winner, node)| {
+                    id.is_none_or(|id| id == *winner) && spared != Some(*node)
+                });
+                self.armed = is_meant && from.as_ticks() <= now && now < until.as_ticks();
+            }
+            Disturbance::ErrorRate { .. } | Disturbance::Stuck { .. } => {}
         }
     }
 
@@ -145,13 +181,18 @@ impl Active {
                 self.count = self.random.gap(per_bit);
                 Some(seen_by)
             }
-            Disturbance::Stuck { .. } => None,
+            Disturbance::Suppress { .. } | Disturbance::Stuck { .. } => None,
         }
     }
 
-    /// The level that the bus is forced to.
-    pub(crate) fn stuck(&self, now: Ps) -> Option<Level> {
+    /// The level that the bus is forced to; `in_frame` as for [`Active::flips`].
+    pub(crate) fn stuck(&self, now: Ps, in_frame: Option<u16>) -> Option<Level> {
         match self.what {
+            Disturbance::Suppress { bit, .. } if self.armed => {
+                let flag = bit..bit.saturating_add(FLAG_BITS);
+                let hit = in_frame.is_some_and(|position| flag.contains(&position));
+                hit.then_some(Level::Dominant)
+            }
             Disturbance::Stuck { level, from, until }
                 if now >= from.as_ticks() && now < until.as_ticks() =>
             {
@@ -180,6 +221,7 @@ impl Active {
             Disturbance::ErrorRate { until, .. } | Disturbance::Stuck { until, .. } => {
                 now >= until.as_ticks()
             }
+            Disturbance::Suppress { until, .. } => now >= until.as_ticks() && !self.armed,
         }
     }
 
@@ -187,7 +229,7 @@ impl Active {
     /// is the bit time. `None` if it cannot affect this frame.
     pub(crate) fn earliest_in_frame(&self, start: Ps, now: Ps, bit: Ps) -> Option<Ps> {
         match self.what {
-            Disturbance::Flip { bit: index, .. } => {
+            Disturbance::Flip { bit: index, .. } | Disturbance::Suppress { bit: index, .. } => {
                 self.armed.then(|| start + u64::from(index) * bit)
             }
             Disturbance::ErrorRate { from, until, .. } => (now < until.as_ticks())
@@ -203,7 +245,9 @@ impl Active {
     pub(crate) fn earliest_in_future(&self, now: Ps) -> Option<Ps> {
         match self.what {
             Disturbance::Flip { .. } => Some(now),
-            Disturbance::ErrorRate { from, until, .. } | Disturbance::Stuck { from, until, .. } => {
+            Disturbance::ErrorRate { from, until, .. }
+            | Disturbance::Suppress { from, until, .. }
+            | Disturbance::Stuck { from, until, .. } => {
                 (now < until.as_ticks()).then(|| from.as_ticks().max(now))
             }
         }

@@ -189,7 +189,7 @@ proptest! {
     fn nothing_shows_before_the_horizon(
         requests in prop::collection::vec((0..3_usize, 0..1_500_u64, 0..0x40_u16, any::<u8>()), 1..10),
         options in prop::sample::select(vec![0, NART]),
-        trouble in 0..5_u32,
+        trouble in 0..6_u32,
         seed in any::<u64>(),
     ) {
         let mut bus = Bus::new();
@@ -219,6 +219,13 @@ proptest! {
                 level: can_bus::Level::from_bit(seed % 2 == 0),
                 from: origin + common::bits(seed % 300),
                 until: origin + common::bits(seed % 300 + 20),
+            }),
+            5 => bus.disturb(can_bus::Disturbance::Suppress {
+                id: None,
+                bit: 13 + (seed % 40) as u16,
+                spared: (seed % 3 == 0).then_some(nodes[1]),
+                from: origin + common::bits(seed % 300),
+                until: origin + common::bits(seed % 300 + 400),
             }),
             _ => {}
         }

@@ -375,6 +375,94 @@ fn a_stuck_bus_makes_receivers_passive_and_drives_senders_off() {
     assert_eq!(bus.read(receiver, ESR) & EPVF, 0);
 }
 
+/// A frame of another identifier passes, and a controller whose frames are destroyed is off the bus after
+/// 32 of them: each adds eight to its transmit error count.
+#[test]
+fn a_suppressed_identifier_drives_its_sender_off_the_bus_and_spares_others() {
+    let mut bus = Bus::new();
+    let sender = normal_node(&mut bus, 0);
+    let other = normal_node(&mut bus, 0);
+    let now = bus.now();
+    let id = frame(0x123, &[]).id();
+    bus.disturb(Disturbance::Suppress {
+        id: Some(id),
+        bit: 20,
+        spared: None,
+        from: now,
+        until: now + bits(4_000),
+    });
+    request(&mut bus, sender, 0, &frame(0x123, &[0x55; 8]), now);
+    request(&mut bus, other, 0, &frame(0x122, &[0x55; 2]), now);
+    bus.advance_to(now + bits(3_900));
+    let records = bus.drain_records();
+    let own = |record: &&Record| record.node == sender;
+    let starts = records.iter().filter(own);
+    let starts = starts.filter(|record| matches!(record.kind, RecordKind::FrameStart { .. }));
+    // The first attempt lost the arbitration.
+    assert_eq!(starts.count(), 1 + 32);
+    assert_eq!(ends(&records), 1, "the other node's frame");
+    assert_eq!(bus.read(sender, ESR) & BOFF, BOFF);
+    let first = errors(&records)[0];
+    // Bits 18 to 22 of this frame are a zero and the ones and zeros of 0x55.
+    assert!((20..=25).contains(&first.2), "{first:?}");
+}
+
+/// The node that suppresses an identifier may send it itself.
+#[test]
+fn a_suppression_spares_its_own_node() {
+    let mut bus = Bus::new();
+    let nodes = [(); 2].map(|()| normal_node(&mut bus, NART));
+    let now = bus.now();
+    bus.disturb(Disturbance::Suppress {
+        id: None,
+        bit: 20,
+        spared: Some(nodes[1]),
+        from: now,
+        until: now + bits(1_000),
+    });
+    for (index, node) in nodes.into_iter().enumerate() {
+        let at = now + bits(300 * index as u64);
+        bus.advance_to(at);
+        request(&mut bus, node, 0, &frame(0x123, &[0x55; 8]), at);
+    }
+    bus.advance_to(now + bits(900));
+    let mut records = bus.drain_records();
+    records.retain(|record| matches!(record.kind, RecordKind::FrameEnd { .. }));
+    assert_eq!(records.len(), 1);
+    assert_eq!(records[0].node, nodes[1]);
+}
+
+/// It ends with its span, within a frame only behind that frame.
+#[test]
+fn frames_that_begin_behind_a_suppression_pass() {
+    let mut bus = Bus::new();
+    let sender = normal_node(&mut bus, NART);
+    let receiver = normal_node(&mut bus, 0);
+    let now = bus.now();
+    bus.disturb(Disturbance::Suppress {
+        id: None,
+        bit: 40,
+        spared: None,
+        from: now + bits(200),
+        until: now + bits(430),
+    });
+    for (mailbox, at) in [(0, 0), (1, 210), (2, 420), (0, 630)] {
+        let at = now + bits(at);
+        bus.advance_to(at);
+        request(&mut bus, sender, mailbox, &frame(0x200, &[0x55; 4]), at);
+    }
+    bus.advance_to(now + bits(900));
+    let records = bus.drain_records();
+    let found = errors(&records).into_iter();
+    let found = found.filter(|(node, ..)| *node == sender).count();
+    assert_eq!((ends(&records), found), (2, 2));
+    assert_eq!(
+        rec(&bus, receiver),
+        1,
+        "two errors and a frame between them"
+    );
+}
+
 #[test]
 fn dominant_bits_behind_a_flag_count_by_eights() {
     let mut bus = Bus::new();

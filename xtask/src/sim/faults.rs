@@ -1,5 +1,6 @@
-//! `sim --faults`: random fault sequences against the images, judged by rules.
+//! `sim --faults`: random fault sequences and attacks against the images, judged by rules.
 
+pub(crate) use campaign::Trouble;
 use campaign::{Options, Progress, Report, Shard};
 use vehicle_model::Vehicle;
 use world::report::OutputFolder;
@@ -24,6 +25,11 @@ pub(super) fn run(
         None => None,
     };
     let campaign = Options {
+        trouble: if options.attacker {
+            Trouble::Attacks { key: true }
+        } else {
+            Trouble::Faults
+        },
         sequences,
         seed: options.seed,
         shard: options.shard.unwrap_or_default(),
@@ -59,8 +65,10 @@ pub(crate) fn first(
     workspace: &Workspace,
     vehicle: &Vehicle,
     sequences: u64,
+    trouble: Trouble,
 ) -> Result<Vec<String>, Failure> {
     let campaign = Options {
+        trouble,
         sequences,
         seed: 1,
         shard: Shard::default(),
@@ -70,7 +78,13 @@ pub(crate) fn first(
     eprint!("{report}");
     let broken = report.failures.iter().map(|failure| {
         let seed = failure.seed;
-        format!("fault sequence {seed} broke a rule: cargo xtask sim --faults 1 --seed {seed}")
+        let (kind, option) = match trouble {
+            Trouble::Faults => ("fault", ""),
+            Trouble::Attacks { .. } => ("attack", " --attacker"),
+        };
+        format!(
+            "{kind} sequence {seed} broke a rule: cargo xtask sim --faults 1{option} --seed {seed}"
+        )
     });
     Ok(broken.collect())
 }
@@ -82,7 +96,7 @@ fn judged(workspace: &Workspace, vehicle: &Vehicle, campaign: &Options) -> Resul
         let Progress { done, all, failed } = progress;
         display.show(|wall| {
             let pace = done as f64 / wall.as_secs_f64().max(1e-9);
-            format!("{done} of {all} fault sequences, {failed} broke a rule, {pace:.2} a second")
+            format!("{done} of {all} sequences, {failed} broke a rule, {pace:.2} a second")
         });
     });
     display.end();

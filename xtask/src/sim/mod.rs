@@ -6,7 +6,7 @@ mod faults;
 pub(crate) mod matrix;
 mod tasks;
 
-pub(crate) use faults::first as first_faults;
+pub(crate) use faults::{Trouble, first as first_faults};
 
 use std::{
     fs, io,
@@ -52,6 +52,21 @@ pub enum Error {
         "--faults needs a time-triggered bus: its rules are those of the schedule, and the nodes are event-triggered"
     )]
     NoRules,
+    /// The nodes would refuse every command with a key.
+    #[error(
+        "--attacker needs a time-triggered bus: event-triggered nodes have no system time, so with a key they would \
+         obey no command"
+    )]
+    NoKey,
+    /// The manifest of a vehicle names no command that an attacker could forge.
+    #[error(
+        "--attacker needs a vehicle whose vehicle.toml has the table [command]: without it nobody knows which \
+         message moves the motors of {vehicle:?}"
+    )]
+    NoCommand {
+        /// The vehicle.
+        vehicle: String,
+    },
     /// The vehicle has no scenario and none is named.
     #[error("vehicle {vehicle:?} has no scenario: name a file")]
     NoScenario {
@@ -106,6 +121,8 @@ impl Error {
             Self::Scenario(_)
                 | Self::Listed { .. }
                 | Self::NoRules
+                | Self::NoKey
+                | Self::NoCommand { .. }
                 | Self::NoScenario { .. }
                 | Self::NeverOn { .. }
                 | Self::Folder(_)
@@ -133,6 +150,9 @@ pub enum SourceError {
 pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     if let Some(sequences) = options.faults {
+        if options.attacker {
+            attackable(&vehicle)?;
+        }
         if vehicle.is_event_triggered() {
             return Err(Error::NoRules.into());
         }
@@ -189,6 +209,19 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     match idle_motor(&vehicle, run.efforts).filter(|_| drove) {
         None => Ok(()),
         Some(node) => Err(Error::IdleMotor { node: node.into() }.into()),
+    }
+}
+
+/// Checks that the nodes of a vehicle can have a key, and that it is known what moves its motors.
+fn attackable(vehicle: &Vehicle) -> Result<(), Error> {
+    if vehicle.is_event_triggered() {
+        return Err(Error::NoKey);
+    }
+    match campaign::attack::command(vehicle) {
+        Some(_) => Ok(()),
+        None => Err(Error::NoCommand {
+            vehicle: vehicle.name().to_owned(),
+        }),
     }
 }
 
@@ -488,7 +521,25 @@ fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use vehicle_model::Override;
     use world::time::from_seconds;
+
+    #[test]
+    fn an_attacker_needs_a_key_and_a_command() {
+        let workspace = Workspace::find().unwrap();
+        for name in ["uagv", "row-follower"] {
+            let vehicle = vehicle::find(&workspace, name).unwrap();
+            assert!(attackable(&vehicle).is_ok(), "{name}");
+        }
+        let bench = vehicle::find(&workspace, "two-boards").unwrap();
+        let protocol = Override::parse("bus.protocol=event-triggered").into_iter();
+        let events = vehicle::with(&workspace, "two-boards", &protocol.collect()).unwrap();
+        for (vehicle, what) in [(bench, "[command]"), (events, "event-triggered")] {
+            let error = attackable(&vehicle).unwrap_err();
+            assert!(error.is_usage());
+            assert!(error.to_string().contains(what), "{error}");
+        }
+    }
 
     #[test]
     fn a_robot_that_nobody_lets_go_is_refused() {

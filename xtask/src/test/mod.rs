@@ -55,6 +55,9 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                     println!("    {}{slow}", typed(cargo));
                 }
                 Work::Faults(count) => println!("    cargo xtask sim --faults {count}"),
+                Work::Attacks(count) => {
+                    println!("    cargo xtask sim --faults {count} --attacker");
+                }
                 Work::Board { node, vehicle, .. } => {
                     println!("    cargo xtask test --board {node} --vehicle {vehicle} --twin");
                 }
@@ -107,6 +110,8 @@ enum Work {
     Tests { cargo: Command, long: bool },
     /// So many random fault sequences against the images.
     Faults(u64),
+    /// Sequences of `sim --faults --attacker`.
+    Attacks(u64),
     /// The tests of a board, on the twin.
     Board {
         sled: &'static Sled,
@@ -145,7 +150,15 @@ impl Step {
         let failed = |failure: Failure| vec![failure.to_string()];
         let failures = match self.work {
             Work::Faults(count) => found(vehicle::DEFAULT)
-                .and_then(|vehicle| sim::first_faults(workspace, &vehicle, count))
+                .and_then(|vehicle| {
+                    sim::first_faults(workspace, &vehicle, count, sim::Trouble::Faults)
+                })
+                .unwrap_or_else(failed),
+            Work::Attacks(count) => found(vehicle::DEFAULT)
+                .and_then(|vehicle| {
+                    let attacks = sim::Trouble::Attacks { key: true };
+                    sim::first_faults(workspace, &vehicle, count, attacks)
+                })
                 .unwrap_or_else(failed),
             Work::Board { sled, .. } => {
                 board::failures_on_twin(workspace, sled).unwrap_or_else(failed)
@@ -252,6 +265,10 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         Step::new(
             "random faults",
             Work::Faults(if options.long { LONG_FAULTS } else { FAULTS }),
+        ),
+        Step::new(
+            "attacks",
+            Work::Attacks(if options.long { LONG_ATTACKS } else { ATTACKS }),
         ),
     ]);
     Ok(steps)
@@ -388,6 +405,12 @@ pub(crate) const FAULTS: u64 = 30;
 
 /// The same with `--long`.
 const LONG_FAULTS: u64 = 1000;
+
+/// Sequences of the step with an attacker.
+const ATTACKS: u64 = 10;
+
+/// The same with `--long`.
+const LONG_ATTACKS: u64 = 1000;
 
 fn images(workspace: &Workspace, vehicle: &Vehicle) -> Result<Vec<String>, Failure> {
     let nodes: Vec<_> = vehicle.nodes().collect();

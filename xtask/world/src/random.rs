@@ -49,6 +49,10 @@ pub enum Purpose {
     ServoClocks = 18,
     /// Frames of foreign nodes on the bus.
     ForeignFrames = 19,
+    /// Which attacks a run suffers.
+    Attacks = 20,
+    /// The frames of an attacker.
+    Attacker = 21,
 }
 
 /// A stream of random numbers.

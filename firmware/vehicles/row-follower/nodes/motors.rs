@@ -196,7 +196,8 @@ mod app {
         act(shared, now);
     }
 
-    /// Begins pulses: those of the command that has come, or neutral ones if none is in force.
+    /// Begins pulses: those of the command that has come, or neutral ones if none is in force. A frame that
+    /// is refused begins none: pulses of the old command would delay the neutral ones behind them.
     #[inline(never)]
     fn act(
         (mut link, mut obeyed, mut servos, mut leave): (
@@ -209,12 +210,15 @@ mod app {
     ) {
         let arrival = link.lock(|link| link.arrival(window::COMMAND));
         let Leave { drive, scale } = leave.lock(|leave| *leave);
-        let (accepted, efforts) = obeyed.lock(|obeyed| {
+        let (accepted, stands, efforts) = obeyed.lock(|obeyed| {
             let accepted = obeyed.attend(&arrival, now);
-            (accepted, efforts(obeyed.command().filter(|_| drive)))
+            let command = obeyed.command().filter(|_| drive);
+            (accepted, command.is_none(), efforts(command))
         });
         servos.lock(|servos| {
-            servos.fire(scale.pulse(efforts.left), scale.pulse(efforts.right));
+            if accepted || stands {
+                servos.fire(scale.pulse(efforts.left), scale.pulse(efforts.right));
+            }
             if accepted && drive {
                 // A later command tries again.
                 let _ = servos.begin();

@@ -16,7 +16,7 @@ use crate::wire::Level;
 
 /// The nodes that start a frame in a bit.
 struct Started {
-    ids: Vec<Id>,
+    senders: Vec<(Id, NodeId)>,
     first_sender: Option<usize>,
     /// True if no node is sending or receiving.
     all_waiting: bool,
@@ -25,7 +25,7 @@ struct Started {
 
 impl Started {
     fn starting(&self) -> bool {
-        !self.ids.is_empty()
+        !self.senders.is_empty()
     }
 }
 
@@ -91,7 +91,7 @@ impl Bus {
     /// Starts the pending frames of the idle nodes.
     fn start_frames(&mut self, members: &[usize]) -> Started {
         let now = self.now;
-        let mut ids: Vec<Id> = Vec::new();
+        let mut senders: Vec<(Id, NodeId)> = Vec::new();
         let mut first_sender = None;
         let mut all_waiting = true;
         let mut some_idle = false;
@@ -107,7 +107,7 @@ impl Bus {
                 if let Device::Controller { can, .. } = &mut node.device {
                     can.frame_started(now, node.time.bit, Some(slot));
                 }
-                ids.push(frame.id());
+                senders.push((frame.id(), NodeId(index)));
                 first_sender.get_or_insert(index);
                 if !node.mac.loop_back {
                     self.records.push(Record {
@@ -119,7 +119,7 @@ impl Bus {
             }
         }
         Started {
-            ids,
+            senders,
             first_sender,
             all_waiting,
             some_idle,
@@ -158,7 +158,7 @@ impl Bus {
             let counts = starting || (started.some_idle && level == Level::Dominant);
             if segment == 0 && counts {
                 for active in &mut self.disturbances {
-                    active.frame_started(self.frames_started, &started.ids);
+                    active.frame_started(now, self.frames_started, &started.senders);
                 }
                 self.frames_started += 1;
             }
@@ -176,7 +176,7 @@ impl Bus {
             .any(|index| self.nodes[*index].mac.is_in_frame())
             .then_some(state.position);
         for active in &mut self.disturbances {
-            if let Some(stuck) = active.stuck(now) {
+            if let Some(stuck) = active.stuck(now, in_frame) {
                 state.disturbed |= stuck != level;
                 level = stuck;
             }
@@ -454,7 +454,7 @@ impl Bus {
                 && self
                     .disturbances
                     .iter()
-                    .any(|active| active.stuck(now) == Some(Level::Dominant)))
+                    .any(|active| active.stuck(now, None) == Some(Level::Dominant)))
     }
 
     /// After a lost arbitration a node that still sends determines the bit time. Its bit grid may

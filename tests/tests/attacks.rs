@@ -1,0 +1,42 @@
+//! The campaign with an attacker: without a key it finds that forged commands move the motors.
+
+use campaign::{Trouble, Verdict, replay};
+use furrow_tests::{images, vehicle};
+
+/// Seed of a run in which the attacker forges commands, and then references of the backup master.
+const FORGED: u64 = 0;
+
+fn run(seed: u64, key: bool) -> Verdict {
+    let attacks = Trouble::Attacks { key };
+    replay(vehicle(), seed, images(), attacks).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The check value of a command needs no secret.
+#[test]
+fn without_a_key_the_campaign_finds_that_forged_commands_move_motors() {
+    let verdict = run(FORGED, false);
+    assert!(verdict.tally.moved_a_motor > 0, "{verdict:?}");
+    let rules: Vec<&str> = verdict.violations.iter().map(|one| one.rule).collect();
+    assert!(rules.contains(&"forged"), "{rules:?}");
+}
+
+#[test]
+fn with_a_key_the_same_attack_moves_none() {
+    let verdict = run(FORGED, true);
+    assert_eq!(verdict.violations, []);
+    assert_eq!(verdict.tally.moved_a_motor, 0);
+    assert!(verdict.tally.attempts() > 100, "{:?}", verdict.tally);
+    let recovered = verdict.tally.worst_recovery_seconds;
+    assert!(recovered > 0.0 && recovered < 1.0, "{recovered}");
+}
+
+/// The attacker sends references of the backup master. Nodes follow some of them, and those that they
+/// refuse are on no console.
+#[test]
+fn what_references_without_authentication_allow_is_counted_as_known() {
+    let verdict = run(1059, true);
+    assert_eq!(verdict.violations, []);
+    let known: Vec<(&str, u64)> = verdict.tally.known.into_iter().collect();
+    assert_eq!(known, [("notice", 1), ("place", 1)]);
+    assert_eq!(verdict.tally.known_examples["place"].seed, 1059);
+}
