@@ -189,11 +189,11 @@ fn a_value_without_a_name_is_refused() {
         Err(DecodeError::Range(&Command::MODE))
     );
     assert_eq!(
-        ButtonEvent::decode(&[0, 1, 0]),
+        ButtonEvent::decode(&[0, 1, 0, 0]),
         Err(DecodeError::Range(&ButtonEvent::BUTTON))
     );
     assert_eq!(
-        ButtonEvent::decode(&[1, 1, 0]).map(|e| e.button),
+        ButtonEvent::decode(&[1, 1, 0, 0]).map(|e| e.button),
         Ok(Button::A)
     );
 }

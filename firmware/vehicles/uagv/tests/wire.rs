@@ -41,7 +41,7 @@ fn status_messages_have_one_layout() {
 #[test]
 fn buttons_have_their_number_on_the_bus() {
     let event = wire::button_event(Button::StopLoop, Edge::Pressed, 3);
-    assert_eq!(event.encode(), [6, 1, 3]);
+    assert_eq!(event.encode(), [6, 1, 3, 0]);
 }
 
 #[test]
