@@ -359,7 +359,7 @@ fn a_disturbed_reference_releases_what_repeats_it() {
     let of_timer = jobs_with("1/100ms", "drive", "window_timer", Kind::Exclusive);
     let again: Vec<&Job> = of_timer
         .iter()
-        .filter(|job| job.earliest > cycle / 2)
+        .filter(|job| job.earliest > cycle / 10 * 9)
         .collect();
     assert_eq!(again.len(), 2);
     for job in again {
