@@ -253,7 +253,7 @@ fn releases_come_from_the_network_file() {
             .find(|task| task.name == name)
             .unwrap()
     };
-    // One reference, eleven windows without its own, and six events of other nodes.
+    // One reference, twelve windows without its own, and six events of other nodes.
     let jobs = |task: &str, kind: Kind| -> Vec<Job> {
         let tables = find(task).arrivals.timed.iter();
         let of_kind = tables.filter(|table| table.kind == kind);
@@ -262,7 +262,7 @@ fn releases_come_from_the_network_file() {
     let references = jobs("can_rx", Kind::Reference);
     let single = jobs("can_rx", Kind::Exclusive);
     let events = jobs("can_rx", Kind::Arbitrating);
-    assert_eq!((references.len(), single.len(), events.len()), (1, 10, 6));
+    assert_eq!((references.len(), single.len(), events.len()), (1, 11, 6));
     // The three-deep FIFO holds events of two bytes or more.
     assert!(events.iter().all(|job| job.deadline.is_some()));
     let command = single.iter().find(|job| job.label == "Command").unwrap();
