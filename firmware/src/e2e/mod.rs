@@ -54,9 +54,9 @@ pub use tag::{mask, tag};
 use network::Message;
 
 /// Offset of the counter in the data.
-const COUNTER: usize = 6;
+pub const COUNTER: usize = 6;
 /// Offset of the check value in the data.
-const CHECK: usize = 7;
+pub const CHECK: usize = 7;
 
 /// Largest step of the counter that is accepted: one frame may be lost.
 const LARGEST_STEP: u8 = 2;

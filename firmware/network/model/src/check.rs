@@ -403,8 +403,8 @@ fn event_cycles(network: &Network, problems: &mut Vec<Problem>) {
     }
 }
 
-/// Checks that a message that may be sent late has an exclusive window, and an arbitrating one of its node to
-/// be sent in.
+/// Checks that a message that may be sent late has an exclusive window, and that there is an arbitrating one to
+/// send it in.
 fn lateness(network: &Network, message: &Message, problems: &mut Vec<Problem>) {
     if !message.retry_late {
         return;

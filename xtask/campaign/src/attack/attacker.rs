@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use can_bus::wire::WireFrame;
 use can_bus::{Disturbance, Frame, NodeId, Retry, Tester};
 use embedded_can::{Id, StandardId};
-use firmware::e2e;
+use firmware::e2e::{self, CHECK, COUNTER};
 use network_model::{Message, Reference, Signal, Window};
 use twin::Twin;
 use vehicle_model::Vehicle;
@@ -21,10 +21,6 @@ const STEP: u64 = 25_000_000_000;
 /// place takes the bus before the true frame, which may then miss its window; the second one begins
 /// with it; the third one is behind it.
 const PLACES: [(f64, f64); 3] = [(-600.0, -10.0), (-30.0, 30.0), (400.0, 900.0)];
-
-/// Offset of the sequence counter and of the check value in the data of a command.
-const COUNTER: usize = 6;
-const CHECK: usize = 7;
 
 /// A reference that it received.
 #[derive(Clone, Copy, Debug)]
