@@ -12,9 +12,9 @@ use world::Scenario;
 const MS: u64 = 1_000_000_000;
 const US: u64 = 1_000_000;
 
-/// Windows of the system matrix (thesis figure 6.13): identifier, sender, start in ms after the
-/// reference mark.
-const WINDOWS: [(u16, NodeIndex, u64); 12] = [
+/// Windows of the system matrix (thesis figure 6.13, and the drive's own): identifier, sender,
+/// start in ms after the reference mark.
+const WINDOWS: [(u16, NodeIndex, u64); 13] = [
     (100, nodes::GPS, 0),
     (401, nodes::GPS, 1),
     (402, nodes::GPS, 2),
@@ -27,6 +27,7 @@ const WINDOWS: [(u16, NodeIndex, u64); 12] = [
     (451, nodes::CONTROLLER, 9),
     (452, nodes::CONTROLLER, 10),
     (453, nodes::CONTROLLER, 11),
+    (208, nodes::DRIVE, 88),
 ];
 
 /// Events of the arbitrating windows.

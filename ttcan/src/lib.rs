@@ -20,7 +20,7 @@
 //! happens).
 //!
 //! `masks` is off by default: event messages with several identifiers, so that other protocols can
-//! share arbitrating windows ([`Event::masked`]).
+//! share arbitrating windows (`Event::masked`).
 //!
 //! The feature `std` is for hosts only: `simulation`, an in-memory bus, and
 //! `synthesis`, which makes a matrix from messages.
