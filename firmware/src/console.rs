@@ -5,6 +5,7 @@ use sled_common::can::ErrorState;
 use ttcan::{ErrorLevel, MasterState, Micros, Status, SyncState};
 
 use crate::actuator::Refusal;
+use crate::e2e::Proof;
 use crate::link::{self, AnyLink, Silence};
 use crate::navigation::Navigation;
 use crate::peers::Named;
@@ -45,6 +46,10 @@ pub struct BusView {
     pub quiet: Option<Micros>,
     /// Rank of the node among the time masters.
     pub rank: Option<u8>,
+    /// Whether the time of the bus is proven.
+    pub time: Proof,
+    /// References with a wrong tag.
+    pub forged: u16,
 }
 
 impl BusView {
@@ -80,6 +85,8 @@ impl BusView {
             trim: None,
             quiet: None,
             rank: None,
+            time: Proof::Unasked,
+            forged: 0,
         }
     }
 }
@@ -117,12 +124,17 @@ pub fn bus(line: &mut Line, view: &BusView) {
         line.str(" rc ").signed(i32::from(trim));
     }
     line.str(match view.silence {
+        None if view.time == Proof::Unproven => " time?",
         None => "",
         Some(Silence::Waiting) => " waits",
         Some(Silence::Away) => " away",
         Some(Silence::NoReference) => " no ref",
         Some(Silence::Trimming) => " trims",
     });
+    if view.time != Proof::Unasked {
+        // The line has room for three digits.
+        line.str(" tag-").unsigned(u32::from(view.forged.min(999)));
+    }
     line.str("\r\n");
 }
 
@@ -313,8 +325,17 @@ mod tests {
             trim: Some(-16),
             quiet: None,
             rank: None,
+            time: Proof::Unproven,
+            forged: u16::MAX,
         };
         bus(&mut line, &worst);
+        assert!(!line.is_cut());
+        line.clear();
+        let unproven = BusView {
+            silence: None,
+            ..worst
+        };
+        bus(&mut line, &unproven);
         assert!(!line.is_cut());
     }
 }

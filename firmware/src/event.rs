@@ -1064,6 +1064,8 @@ impl<P: Mailboxes, T: WindowTimer, const WINDOWS: usize, const PLACES: usize> An
             trim: None,
             quiet: None,
             rank: None,
+            time: crate::e2e::Proof::Unasked,
+            forged: 0,
         }
     }
 

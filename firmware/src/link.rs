@@ -11,12 +11,15 @@ use crate::oscillator::{Tuner, Tuning, measured_cycles};
 use network::Message;
 use sled_common::can::{ErrorState, Occupied, Outcome, Received};
 use sled_common::clock::Oscillator;
+#[cfg(feature = "master")]
+use ttcan::GlobalTime;
 use ttcan::{
     Action, ClockState, ConfigError, ErrorLevel, Frame, Id, Micros, NodeConfig, NodeId, QueueError,
     Reception, ScheduleView, Stamp, TransmitOutcome,
 };
 
 use crate::console::BusView;
+use crate::e2e::{Answer, Open, Proof, Secret, TimeProof, time_of};
 use crate::ends::Ends;
 use crate::leader::{Leader, Rule};
 
@@ -38,6 +41,8 @@ pub struct Identity {
     pub node: NodeId,
     /// Under which time master its actuators may move.
     pub rule: Rule,
+    /// The bits of the first byte of every reference that belong to no signal.
+    pub free: u8,
     /// The event message that the node waits for: the request for its self-test.
     pub awaited: Id,
 }
@@ -144,10 +149,21 @@ pub trait AnyLink {
     /// # Errors
     /// None of this identifier waits, or the message is not one of this node's events.
     fn replace_event(&mut self, id: u16, data: &[u8], lifetime: Micros) -> Result<(), QueueError>;
+    /// The last reference, if its tag is needed and not computed yet.
+    fn open(&self) -> Option<Open> {
+        None
+    }
+    /// Takes the tag of a reference.
+    fn close(&mut self, _: Answer) {}
 }
 
 /// Bit of the application's byte of a reference: its master runs on its RC oscillator.
 pub const INTERNAL_CLOCK: u8 = 1 << 1;
+
+/// Basic cycles between the last time that a master saw proven and the first one that it tells when it
+/// starts again. The last reference before was not proven yet, and a command may have followed it.
+#[cfg(feature = "master")]
+const RESUME: u32 = 2;
 
 /// How far the RC oscillator of a node may differ from the master's clock while it takes part in
 /// the traffic, ppm: not more than the bit timing of a board allows each of two nodes.
@@ -198,6 +214,8 @@ pub struct Counters {
     pub bus_off: u16,
     /// Times the node left the bus and joined it again.
     pub rejoins: u16,
+    /// References of a time that was before, which were ignored.
+    pub past: u16,
     /// Calls of [`Link::service`]: a growing count shows that the window timer works.
     pub services: u32,
 }
@@ -261,7 +279,16 @@ pub struct Link<P, T, const WINDOWS: usize, const NODES: usize> {
     ends: Ends,
     reference_byte: u8,
     cycle_time: u32,
-    offered_time: u32,
+    /// Proof of the time that references tell.
+    time: TimeProof,
+    /// The reference that this node sends.
+    offered: Option<Frame>,
+    /// What the application wants in the first byte of this node's references.
+    #[cfg(feature = "master")]
+    wanted: u8,
+    /// The system time that this node went on from when it started, ms.
+    #[cfg(feature = "master")]
+    resumed: Option<u32>,
     troubled_since: Option<u32>,
     pause: u32,
     ticks_per_us: u32,
@@ -341,7 +368,12 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             ends: Ends::new(config.ticks_per_us),
             reference_byte: 0,
             cycle_time: 0,
-            offered_time: 0,
+            time: TimeProof::new(Secret::None, 0, schedule.basic_cycle()),
+            offered: None,
+            #[cfg(feature = "master")]
+            wanted: 0,
+            #[cfg(feature = "master")]
+            resumed: None,
             troubled_since: None,
             counters: Counters::default(),
         })
@@ -391,14 +423,17 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
             }
             None => return news,
         };
+        if self.schedule.is_reference(frame.id()) && self.time.is_past(&frame) {
+            self.counters.past = self.counters.past.wrapping_add(1);
+            return news;
+        }
         match self.node.handle_receive(&frame, Stamp(stamp)) {
             Reception::Reference { rank, .. } => {
-                self.begin_cycle(rank);
+                self.begin_cycle(rank, &frame);
                 news.reference = true;
                 news.stop = self.take_stop();
                 let [byte, ..] = frame.buffer();
                 self.reference_byte = byte;
-                self.cycle_time = time_of(&frame);
                 self.node.set_drift_limit(self.drift_limit());
             }
             Reception::Scheduled { window } | Reception::Late { window } => {
@@ -457,18 +492,19 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         self.arm();
         let begun = self.node.reference_mark() != cycle;
         if begun {
-            if let Some(rank) = self.node.status().master_rank {
-                self.begin_cycle(rank);
+            if let (Some(rank), Some(frame)) = (self.node.status().master_rank, self.offered) {
+                self.begin_cycle(rank, &frame);
             }
             self.reference_byte = 0;
-            self.cycle_time = self.offered_time;
             self.node.set_drift_limit(self.drift_limit());
         }
         begun
     }
 
-    /// Notes that a reference of the master of this rank began a basic cycle.
-    fn begin_cycle(&mut self, rank: u8) {
+    /// Notes that this reference, of the master of this rank, began a basic cycle.
+    fn begin_cycle(&mut self, rank: u8, reference: &Frame) {
+        self.cycle_time = time_of(reference);
+        self.time.begin(reference);
         if let Some(mark) = self.node.reference_mark() {
             self.leader.begin(rank, mark.0);
         }
@@ -509,7 +545,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     fn perform(&mut self, action: Action, now: Stamp) {
         let frame = match action {
             Action::TransmitReference(frame) => {
-                self.offered_time = time_of(&frame);
+                self.offered = Some(frame);
                 frame
             }
             Action::TransmitEvent(frame) => frame,
@@ -690,8 +726,45 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     /// leads on its RC oscillator.
     #[cfg(feature = "master")]
     pub fn set_reference_byte(&mut self, byte: u8) {
-        let byte = byte & !INTERNAL_CLOCK | self.quality;
+        self.wanted = byte;
+        self.set_payload();
+    }
+
+    /// Puts the first byte of this node's next reference together.
+    #[cfg(feature = "master")]
+    fn set_payload(&mut self) {
+        let tag = self.time.bits();
+        let byte = self.wanted & !INTERNAL_CLOCK & !self.time.mask() | self.quality | tag;
         self.node.set_reference_payload(&[byte]);
+    }
+
+    /// Goes on from a time that this node saw proven before it started, ms: if it leads the bus, its
+    /// first reference tells one two basic cycles later. If it hears another master first, it takes
+    /// that one's time.
+    #[cfg(feature = "master")]
+    pub fn resume(&mut self, before: u32) {
+        let cycle = self.schedule.basic_cycle().ticks();
+        let later = cycle.saturating_mul(RESUME).div_ceil(1000);
+        let time = before.wrapping_add(later);
+        self.set_time(self.now(), time);
+        self.resumed = Some(time);
+    }
+
+    /// Sets the system time of the instant `stamp`, ms. A time before the one that the node goes on from
+    /// is ignored, as others would not follow it; so is any while another master leads.
+    #[cfg(feature = "master")]
+    pub fn set_time(&mut self, stamp: Stamp, time: u32) {
+        let is_past = |from| time.wrapping_sub(from).cast_signed() < 0;
+        if !self.resumed.is_some_and(is_past) {
+            let time = GlobalTime::from_micros(u64::from(time) * 1000);
+            let _ = self.node.set_global_time(stamp, time);
+        }
+    }
+
+    /// From now on references prove the time by a tag, in the bits `free` of their first byte. `secret`
+    /// is that of the node. Call this before [`Link::start`].
+    pub fn prove_time(&mut self, secret: Secret, free: u8) {
+        self.time = TimeProof::new(secret, free, self.schedule.basic_cycle());
     }
 
     /// Clears error level S2 after a pause. S2 stops all transmissions except the reference
@@ -801,9 +874,13 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
         queued
     }
 
-    /// Whether actuators may move under the time master that leads the bus.
+    /// Whether actuators may move under the time master that leads the bus, by the time that it tells.
     pub fn may_move(&self) -> bool {
-        self.leader.permits(self.timer.now())
+        self.may_move_at(self.timer.now())
+    }
+
+    fn may_move_at(&self, now: u32) -> bool {
+        self.time.proof() != Proof::Unproven && self.leader.permits(now)
     }
 
     /// Whether the time master's permission to move has ended since the last call. Call it after
@@ -821,7 +898,7 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     /// timer, which is due when a reference is missing, and at once after bus-off.
     pub fn take_end(&mut self, expired: bool) -> bool {
         let now = self.timer.now();
-        let lost = !(self.leader.permits(now) && self.node.is_alive());
+        let lost = !(self.may_move_at(now) && self.node.is_alive());
         self.ends.take(expired || lost, now)
     }
 
@@ -915,13 +992,18 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> AnyLink
                 .skipped
                 .wrapping_add(counters.suppressed)
                 .wrapping_add(counters.transmit_errors),
-            misplaced: counters.misplaced.wrapping_add(counters.foreign),
+            misplaced: counters
+                .misplaced
+                .wrapping_add(counters.foreign)
+                .wrapping_add(u32::from(self.counters.past)),
             errors: self.error_state(),
             link: self.counters(),
             silence: self.silence(),
             trim: self.trim(),
             quiet: self.quiet(),
             rank: self.rank(),
+            time: self.time.proof(),
+            forged: self.time.wrong(),
         }
     }
 
@@ -941,6 +1023,16 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> AnyLink
         let now = self.now();
         self.node.replace_event(event(id, data)?, now, lifetime)
     }
+
+    fn open(&self) -> Option<Open> {
+        self.time.open()
+    }
+
+    fn close(&mut self, answer: Answer) {
+        self.time.close(answer);
+        #[cfg(feature = "master")]
+        self.set_payload();
+    }
 }
 
 /// The frame of an event message.
@@ -951,12 +1043,6 @@ pub(crate) fn event(id: u16, data: &[u8]) -> Result<Frame, QueueError> {
     Id::standard(id)
         .and_then(|id| Frame::new(id, data).ok())
         .ok_or(QueueError::NotAnEvent)
-}
-
-/// System time in a reference message: bytes D1..D4, most significant byte first.
-const fn time_of(reference: &Frame) -> u32 {
-    let [_, a, b, c, d, ..] = reference.buffer();
-    u32::from_be_bytes([a, b, c, d])
 }
 
 /// Data of a shorter message, padded with zeros to the size of a window's buffer.
@@ -1163,6 +1249,40 @@ mod tests {
     fn command(link: &mut TestLink) -> Arrival {
         link.inbox[STEERING_POT] = Frame::new(Id::constant::<206>(), &[0; 2]).ok();
         link.arrival(STEERING_POT)
+    }
+
+    #[test]
+    fn with_a_key_a_command_counts_only_while_the_time_is_proven() {
+        let mut link = steering();
+        link.prove_time(Secret::Key(crate::e2e::Key::new([7; 16])), 0xFC);
+        link.start();
+        pass(&mut link, 0);
+        let cycle = |link: &mut TestLink, time: u32, wrong: u8| {
+            let news = reference(link, link.time.bits() ^ wrong | 1, time);
+            assert!(news.reference, "{time}");
+            if let Some(open) = link.open() {
+                link.close(open.answer());
+            }
+            let alive = command(link).alive;
+            pass(link, 100_000);
+            (news.stop, alive)
+        };
+        // Five right tags, after a first reference that has none before it.
+        for number in 0..20 {
+            let expected = (false, number >= 5);
+            assert_eq!(
+                cycle(&mut link, 1000 + 100 * number, 0),
+                expected,
+                "{number}"
+            );
+        }
+        assert_eq!(cycle(&mut link, 3000, 4), (false, true));
+        assert_eq!(cycle(&mut link, 3100, 4), (true, false));
+        assert_eq!(link.view().forged, 2);
+        // A time that was before begins no cycle.
+        let before = link.cycle_began();
+        assert_eq!(reference(&mut link, 1, 1500), News::default());
+        assert_eq!((link.cycle_began(), link.counters().past), (before, 1));
     }
 
     #[test]

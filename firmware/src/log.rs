@@ -11,7 +11,7 @@ use ttcan::{ErrorLevel, MasterState, SyncState};
 
 use crate::actuator::Refusal;
 use crate::console::{ActuatorView, BusView, PilotView};
-use crate::e2e::Secret;
+use crate::e2e::{Proof, Secret};
 use crate::housekeeping::{BusState, NodeFault, Start};
 use crate::navigation::Navigation;
 use crate::peers::Trouble;
@@ -46,6 +46,8 @@ pub enum Entry {
     Bus(Bus),
     /// The node's part in the schedule of the bus.
     Schedule(Schedule),
+    /// The time of the bus.
+    Time(Time),
     /// A command was refused.
     Refused(Refused),
     /// Another node that does not do its part on the bus, or none.
@@ -100,6 +102,16 @@ pub struct Schedule {
     pub leader: Option<u8>,
     /// Error level.
     pub level: ErrorLevel,
+}
+
+/// How far the time of the bus can be believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "target", derive(defmt::Format))]
+pub struct Time {
+    /// Whether it is proven.
+    pub proof: Proof,
+    /// References with a wrong tag so far; wraps.
+    pub forged: u16,
 }
 
 /// Commands that were refused.
@@ -168,6 +180,7 @@ pub struct Changes {
     own: Own,
     bus: Option<Bus>,
     schedule: Option<Schedule>,
+    time: Option<Time>,
     test: Option<Option<Check>>,
     /// The checks that have been logged as not done, one bit for each number.
     not_done: u16,
@@ -190,6 +203,7 @@ impl Changes {
             },
             bus: None,
             schedule: None,
+            time: None,
             test: None,
             not_done: 0,
         }
@@ -209,6 +223,11 @@ impl Changes {
             leader: bus.status.master_rank,
             level: bus.status.error_level,
         };
+        // Where nothing asks for a proof, there is nothing to say.
+        let time = (bus.time != Proof::Unasked).then_some(Time {
+            proof: bus.time,
+            forged: bus.forged,
+        });
         None.or_else(|| self.start.take().map(Entry::Start))
             .or_else(|| {
                 let (oscillator, core_khz) = self.clocks.take()?;
@@ -235,6 +254,7 @@ impl Changes {
             .or_else(|| news(&mut said.command, own.command).map(Entry::Command))
             .or_else(|| news(&mut self.bus, Some(controller)).map(Entry::Bus))
             .or_else(|| news(&mut self.schedule, Some(schedule)).map(Entry::Schedule))
+            .or_else(|| news(&mut self.time, time).map(Entry::Time))
             .or_else(|| news(&mut said.trouble, own.trouble).map(Entry::Trouble))
             .or_else(|| news(&mut said.refused, own.refused).map(Entry::Refused))
     }

@@ -4,6 +4,8 @@
 use crate::board;
 use crate::console::{self, BusView, Line};
 use crate::design;
+#[cfg(feature = "master")]
+use crate::e2e::Secret;
 use crate::event;
 use crate::fault;
 use crate::housekeeping::{Event, Housekeeping, Start, StatusMessage};
@@ -186,11 +188,17 @@ impl<const WINDOWS: usize, const NODES: usize> Protocol for Stack<WINDOWS, NODES
         let Identity {
             schedule,
             rule,
+            free,
             awaited,
             ..
         } = identity;
         let mut link = Link::new(place, schedule, config, clocks.oscillator, rule, can, timer)?;
         link.wait_for(awaited);
+        link.prove_time(start.secret, free);
+        #[cfg(feature = "master")]
+        if let (Secret::Key(_), Some(time)) = (start.secret, board::kept::take()) {
+            link.resume(time);
+        }
         Ok(link)
     }
 }
@@ -406,6 +414,14 @@ impl Keeper {
         motor: Motor,
     ) {
         self.steps = self.steps.saturating_add(1);
+        // Between two sections, because the interrupts of the bus must not wait for a tag.
+        if let Some(open) = link.lock(|link| link.open()) {
+            let answer = open.answer();
+            link.lock(|link| link.close(answer));
+            if let Some(time) = open.latest() {
+                board::kept::put(time);
+            }
+        }
         let ready = self.housekeeping.wants_clock() && board::clocks::external_is_ready();
         if let Some(reason) = self.housekeeping.restart(bus, ready, motor.still) {
             fault::stop(reason);

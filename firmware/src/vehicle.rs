@@ -78,6 +78,7 @@ macro_rules! vehicle {
                 bit_rate: matrix::BIT_RATE,
                 node,
                 rule: $crate::leader::Rule::new(safety::BACKUP_MASTER, matrix::BASIC_CYCLE),
+                free: matrix::REFERENCE_FREE,
                 awaited: REQUEST,
             }
         }

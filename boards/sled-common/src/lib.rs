@@ -22,6 +22,7 @@ pub mod clock;
 pub mod dma;
 pub mod fault;
 pub mod image;
+pub mod kept;
 pub mod lines;
 pub mod memory;
 pub mod pulse;

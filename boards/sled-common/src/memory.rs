@@ -4,7 +4,7 @@
 //! de Goor, "Testing Semiconductor Memories", 1991) runs over the stack and over the memory of the
 //! variables. It finds bits that are stuck, bits that do not change, wrong address lines, and
 //! bits that change with one of another word. It is assembly, because the stack is being tested and no
-//! variable is valid yet. The fault record of the last run survives in a register.
+//! variable is valid yet. The fault record of the last run and the time that it kept survive in registers.
 //!
 //! A debug probe that polls its control block may write to the memory meanwhile. So under a debugger
 //! (C_DEBUGEN of DHCSR, ARMv7-M manual C1.6.2) a march that finds a defect runs again from the
@@ -30,8 +30,9 @@ mod march {
     #[unsafe(link_section = ".uninit.MEMORY_DEFECT")]
     static DEFECT: Defect = Defect(UnsafeCell::new(MaybeUninit::uninit()));
 
-    // cortex-m-rt calls this first of all. r5 keeps the fault record, r6 the address of the first
-    // defect, r7 and r8 the two patterns, r9 the marches left under a debugger.
+    // cortex-m-rt calls this first of all. r5 keeps the fault record, r10 and r11 the time,
+    // r6 the address of the first defect, r7 and r8 the two patterns, r9 the marches left under a
+    // debugger.
     core::arch::global_asm!(
         ".section .text.__pre_init, \"ax\", %progbits",
         ".global __pre_init",
@@ -54,6 +55,9 @@ mod march {
         "movw r4, #:lower16:{record}",
         "movt r4, #:upper16:{record}",
         "ldr r5, [r4]",
+        "movw r0, #:lower16:{kept}",
+        "movt r0, #:upper16:{kept}",
+        "ldrd r10, r11, [r0]",
         "mov r7, #-1",
         "mov r8, #0",
         "mov r9, #2",
@@ -84,6 +88,9 @@ mod march {
         "bne 9b",
         "11:",
         "str r5, [r4]",
+        "movw r4, #:lower16:{kept}",
+        "movt r4, #:upper16:{kept}",
+        "strd r10, r11, [r4]",
         "movw r4, #:lower16:{defect}",
         "movt r4, #:upper16:{defect}",
         "str r6, [r4]",
@@ -142,6 +149,7 @@ mod march {
         ".size __pre_init, . - __pre_init",
         ".text",
         record = sym crate::fault::RECORD,
+        kept = sym crate::kept::PLACE,
         defect = sym DEFECT,
     );
 

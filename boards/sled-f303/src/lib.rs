@@ -87,7 +87,7 @@ pub use parts::SLED_F303 as FACTS;
 pub use registers::{clocks, time};
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
-pub use sled_common::{burst, can, clock, dma, fault, lines, pulse, selftest, stack};
+pub use sled_common::{burst, can, clock, dma, fault, kept, lines, pulse, selftest, stack};
 // Described by its own crate: here it would be ten thousand pages.
 #[doc(no_inline)]
 pub use stm32f3xx_hal::pac;

@@ -72,7 +72,7 @@ pub use parts::SLED_F446 as FACTS;
 pub use registers::{clocks, time};
 #[cfg(target_os = "none")]
 pub use sled_common::tick;
-pub use sled_common::{can, clock, fault, lines, selftest, stack};
+pub use sled_common::{can, clock, fault, kept, lines, selftest, stack};
 // Described by its own crate: here it would be ten thousand pages.
 #[doc(no_inline)]
 pub use stm32f4xx_hal::pac;

@@ -38,18 +38,23 @@
 //! move anything, and a right one does so for two periods: with 26 bits and a period of 100 ms, an hour
 //! of guessing succeeds once in 11 000 times.
 //!
-//! What this does not stop: somebody who gives all nodes a time that was before, by forged
-//! references, and sends the commands that were recorded then. References are not authenticated.
-//! Nor are the measurements by which the controller steers. An event-triggered bus has no system
-//! time: there a node with a key obeys no command.
+//! The time itself needs a proof, too: see [`TimeProof`]. A receiver never goes back to a time before
+//! that of the last true command. So who plays back references and commands of an hour ago moves
+//! nothing.
+//!
+//! What this does not stop: the same against a receiver that has just started, and remembers no
+//! time. Nor are the measurements authenticated by which the controller steers. An event-triggered
+//! bus has no system time: there a node with a key obeys no command.
 
 mod check;
 mod secret;
 mod tag;
+mod time;
 
 pub use check::check_value;
 pub use secret::{Key, RECORD, Secret};
 pub use tag::{mask, tag};
+pub use time::{Answer, Open, Proof, TimeProof, time_of};
 
 use network::Message;
 
@@ -203,10 +208,10 @@ impl Receiver {
         Ok(())
     }
 
-    /// Forgets the sequence. Call this after a gap in which the sender may have restarted.
+    /// Forgets the counter of the last frame. Call this after a gap in which the sender may have
+    /// restarted. The time of the last true frame stays: what was sent before it must not pass again.
     pub fn forget(&mut self) {
         self.last = None;
-        self.last_time = None;
     }
 }
 
@@ -482,6 +487,23 @@ mod tests {
             let judged = judge(index, false);
             assert!(judged.is_ok() || index < 30 + limit, "{index}: {judged:?}");
         }
+    }
+
+    /// Somebody silences the bus until the receiver forgets the sequence, and plays back what was sent
+    /// before, with the time of then.
+    #[test]
+    fn no_gap_brings_a_time_back_that_was_before() {
+        let frames = keyed(100);
+        let mut receiver = Receiver::new(SECRET);
+        for (index, frame) in frames.iter().enumerate() {
+            let _ = receiver.judge::<Command>(time(index), frame);
+        }
+        receiver.forget();
+        let again = frames.iter().enumerate();
+        let passed = again
+            .filter(|(index, frame)| receiver.judge::<Command>(time(*index), frame).is_ok())
+            .count();
+        assert_eq!(passed, 0);
     }
 
     /// There a recorded frame would pass after every gap.

@@ -15,6 +15,7 @@ mod selftest;
 mod stack;
 mod synchronisation;
 mod tick;
+mod time;
 mod track;
 mod windows;
 

@@ -128,7 +128,7 @@ impl fmt::Display for Report {
 fn reason(rule: &str) -> &'static str {
     match rule {
         "notice" => "because consoles do not count foreign references",
-        _ => "because references are not authenticated",
+        _ => "because a reference is proven only by the next one",
     }
 }
 

@@ -32,7 +32,7 @@ mod app {
     use firmware::selftest::{Motor, Report};
     use firmware::{design, fault};
     use rtic::Mutex as _;
-    use ttcan::{GlobalTime, Micros, Stamp};
+    use ttcan::{Micros, Stamp};
     use uagv::design::{RECEIVER_LEAD, RECEIVER_PERIOD};
     use uagv::matrix::{BASIC_CYCLE, GPS, window};
     use uagv::messages::{Command, GpsStatus};
@@ -193,8 +193,7 @@ mod app {
         if let Some(tow) = pause.tow
             && !link.is_started()
         {
-            let time = GlobalTime::from_micros(u64::from(tow) * 1000);
-            let _ = link.node_mut().set_global_time(Stamp(pause.since), time);
+            link.set_time(Stamp(pause.since), tow);
             link.release_in(RECEIVER_LEAD);
         }
     }

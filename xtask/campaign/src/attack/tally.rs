@@ -30,8 +30,8 @@ pub struct Tally {
     pub worst_recovery_seconds: f64,
     /// Seed of that run; `None` without such a run.
     pub worst_recovery_seed: Option<u64>,
-    /// Broken rules that are known to be open, by rule: those that no node can keep because references are
-    /// not authenticated, and foreign references that no console counts.
+    /// Broken rules that are known to be open, by rule: those that no node can keep because a
+    /// reference is proven only by the next one, and foreign references that no console counts.
     pub known: BTreeMap<&'static str, u64>,
     /// The first of them: seed, time in s and what happened.
     pub known_examples: BTreeMap<&'static str, Example>,

@@ -406,7 +406,7 @@ impl Judge<'_> {
         last.is_some_and(|third| seconds(at) - seconds(third) < 3.5 * self.period())
     }
 
-    /// Whether a rule is broken because references are not authenticated: an actuator is driven under a
+    /// Whether a rule is broken because a reference is proven only by the next one: an actuator is driven under a
     /// foreign reference of the first time master.
     fn is_known(&self, violation: &Violation, foreign: &[Foreign]) -> bool {
         let age = 2.0 * self.period() + REFERENCE_REACTION;

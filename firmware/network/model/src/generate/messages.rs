@@ -213,7 +213,7 @@ fn write_message(out: &mut String, network: &Network, message: &Message) -> std:
 }
 
 /// The bits of the data that belong to no signal, D0 least significant.
-fn free(message: &Message) -> u64 {
+pub(super) fn free(message: &Message) -> u64 {
     let mut data = [0; 8];
     data[..usize::from(message.length)].fill(0xFF);
     for signal in &message.signals {

@@ -32,7 +32,13 @@ const TYPES: [&str; 10] = [
     "Signal",
 ];
 /// Constants that the text of the matrix defines beside those of the nodes.
-const CONSTANTS: [&str; 4] = ["BASIC_CYCLE", "BIT_RATE", "MATRIX", "SCHEDULE"];
+const CONSTANTS: [&str; 5] = [
+    "BASIC_CYCLE",
+    "BIT_RATE",
+    "MATRIX",
+    "REFERENCE_FREE",
+    "SCHEDULE",
+];
 /// Names that a message's type has beside those of its signals: constants, and the bytes that its
 /// decoder reads.
 const OF_MESSAGE: [&str; 10] = ["id", "name", "d0", "d1", "d2", "d3", "d4", "d5", "d6", "d7"];

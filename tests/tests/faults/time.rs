@@ -1,0 +1,175 @@
+//! Who sends references of its own: with a key no actuator moves by a time that is not proven, and
+//! time does not go back.
+
+use campaign::traffic::Sent;
+use can_bus::{Disturbance, Frame, NodeId, Retry, Tester};
+use embedded_can::{Id, StandardId};
+use furrow_tests::Journey;
+use furrow_tests::nodes;
+use furrow_tests::time::{at, seconds, span};
+use world::SimTime;
+
+use crate::{first_after, mode, running};
+
+/// A foreign node on the vehicle's bus.
+struct Attacker {
+    tester: NodeId,
+}
+
+impl Attacker {
+    fn on(journey: &mut Journey) -> Self {
+        let tester = journey.vehicle.network().bus().add_tester(Tester::new());
+        Self { tester }
+    }
+
+    /// Destroys each frame with this identifier, or each frame, except its own.
+    fn suppress(&self, journey: &mut Journey, id: Option<u16>, from: SimTime, until: SimTime) {
+        journey
+            .vehicle
+            .network()
+            .bus()
+            .disturb(Disturbance::Suppress {
+                id: id.and_then(StandardId::new).map(Id::Standard),
+                bit: 20,
+                spared: Some(self.tester),
+                from,
+                until,
+            });
+    }
+
+    fn send(&self, journey: &mut Journey, when: SimTime, id: u16, data: &[u8]) {
+        let frame = Frame::standard(id, data).expect("a frame");
+        let mut bus = journey.vehicle.network().bus();
+        bus.send_at(self.tester, when, frame, Retry::Once);
+    }
+}
+
+/// The system time that a reference tells, ms.
+fn told(reference: &Sent) -> u32 {
+    let data = reference.bytes();
+    u32::from_be_bytes([data[1], data[2], data[3], data[4]])
+}
+
+/// Takes the place of the time master: destroys its references and those of the backup from `from` to
+/// `until`, and sends references with the right time and marks, but without the key.
+fn lead(journey: &mut Journey, from: SimTime, until: SimTime) {
+    let attacker = Attacker::on(journey);
+    for id in [100, 101] {
+        attacker.suppress(journey, Some(id), from, until);
+    }
+    let traffic = journey.traffic();
+    let last = traffic.genuine(100).last().expect("a reference");
+    let (mut start, mut data) = (last.start, last.bytes());
+    let mut time = told(last);
+    loop {
+        start += span(0.1);
+        time += 100;
+        if start >= until {
+            return;
+        }
+        data[1..5].copy_from_slice(&time.to_be_bytes());
+        data[5] = 0;
+        // 100 ms are 1696 us more than a multiple of 2048 us.
+        let mark = u16::from_be_bytes([data[6], data[7]]).wrapping_add(1696 * 32);
+        data[6..].copy_from_slice(&mark.to_be_bytes());
+        if start >= from {
+            attacker.send(journey, start, 100, &data);
+        }
+    }
+}
+
+/// How long the motors go on after the second reference of a foreign time master, s; `None` if they do
+/// to its end.
+fn driven_under_a_foreign_master(key: &str) -> Option<f64> {
+    let mut journey = Journey::of(&format!(
+        "{key}\n[[press]]\nat = \"1 s\"\nbutton = \"B\"\n\
+         [[joystick]]\nat = \"1.2 s\"\nforward = \"50 %\"\nright = \"10 %\""
+    ));
+    journey.to(3.0);
+    assert_eq!(journey.mode(), Some(mode::MANUAL));
+    let from = at(3.0) + span(0.05);
+    lead(&mut journey, from, at(4.5));
+    journey.to(4.4);
+    let traffic = journey.traffic();
+    let frames = traffic.frames.iter();
+    // The first one comes at the same time as that of the master, which destroys both.
+    let foreign: Vec<&Sent> = frames
+        .filter(|frame| frame.node.is_none() && frame.complete)
+        .collect();
+    assert!(foreign.len() >= 10);
+    let stopped = journey.stopped(from)?;
+    (stopped < at(4.3)).then(|| seconds(stopped) - seconds(foreign[1].end))
+}
+
+#[test]
+fn no_motor_moves_under_a_foreign_time_master() {
+    assert_eq!(driven_under_a_foreign_master(""), None, "without a key");
+    let stopped = driven_under_a_foreign_master("key = true");
+    println!("stopped {stopped:?} s after the second foreign reference");
+    assert!(stopped.is_some_and(|stopped| stopped < 0.001));
+}
+
+/// Somebody silences the bus and then plays back a second of the run, with the references of then.
+#[test]
+fn a_run_that_is_played_back_with_its_time_moves_nothing() {
+    let mut journey = running("key = true\n[[press]]\nat = \"3.05 s\"\nbutton = \"A\"");
+    let traffic = journey.traffic();
+    let record = |id| traffic.genuine(id).filter(|frame| frame.start > at(2.0));
+    let frames: Vec<(SimTime, u16, Vec<u8>)> = [100, 300]
+        .into_iter()
+        .flat_map(|id| record(id).map(move |frame| (frame.start, id, frame.data.clone())))
+        .collect();
+    assert!(frames.len() >= 18);
+    journey.to(3.6);
+    let attacker = Attacker::on(&mut journey);
+    let since = journey.vehicle.now();
+    attacker.suppress(&mut journey, None, since, at(6.0));
+    for (start, id, data) in &frames {
+        // 2.5 s later, when all nodes have lost the schedule.
+        attacker.send(&mut journey, *start + span(2.5), *id, data);
+    }
+    journey.to(7.0);
+    for node in [nodes::STEERING, nodes::DRIVE] {
+        let moved = journey.last_moved(node);
+        assert!(moved < Some(since), "{node:?} moved at {moved:?}");
+    }
+    // Whoever leads goes on with the time that it had before, and the vehicle can be used again.
+    let before = told(&first_after(&journey, 100, at(3.4)));
+    let after = first_after(&journey, 100, at(6.0));
+    assert!(told(&after) > before && after.start < at(7.0));
+    assert_eq!(journey.mode(), Some(mode::IDLE));
+}
+
+/// Resets both potential time masters and no other node, and asserts that the vehicle can be driven
+/// again under the time that they had, with `more` in the scenario.
+fn masters_go_on(more: &str) {
+    let mut journey = running(&format!(
+        "key = true\n\
+         reset = [\n\
+         {{ node = \"gps\", at = \"3.2 s\", until = \"3.7 s\" }},\n\
+         {{ node = \"controller\", at = \"3.2 s\", until = \"3.7 s\" }},\n\
+         ]\n\
+         [[press]]\nat = \"8 s\"\nbutton = \"B\"\n\
+         [[joystick]]\nat = \"8.2 s\"\nforward = \"50 %\"\n{more}"
+    ));
+    journey.to(10.0);
+    let traffic = journey.traffic();
+    let before = traffic.genuine(100).filter(|frame| frame.start < at(3.2));
+    let before = told(before.last().expect("a reference"));
+    let after = told(&first_after(&journey, 100, at(3.7)));
+    println!("{before} ms, then {after} ms");
+    assert!(after > before);
+    assert_eq!(journey.mode(), Some(mode::MANUAL));
+    assert!(journey.effort(nodes::DRIVE, at(9.9)) > 0.2);
+}
+
+#[test]
+fn masters_that_start_again_go_on_with_the_time() {
+    masters_go_on("");
+}
+
+/// Then nobody tells the time of week to the master.
+#[test]
+fn masters_that_start_again_without_a_receiver_go_on_with_the_time() {
+    masters_go_on("[[stream]]\nfrom = \"3.1 s\"\nfault = \"silence\"");
+}
