@@ -289,7 +289,11 @@ mod tests {
         };
         pilot(&mut line, "uagv", &worst);
         assert!(!line.is_cut());
-        line.clear();
+    }
+
+    #[test]
+    fn the_longest_line_about_the_bus_fits() {
+        let mut line = Line::new();
         let status = Status {
             sync: SyncState::InSchedule,
             master: MasterState::Current,

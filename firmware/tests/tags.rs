@@ -4,8 +4,9 @@
 
 use core::hash::Hasher;
 
-use firmware::e2e::{Key, tag};
+use firmware::e2e::{Key, Secret, TimeProof, tag};
 use siphasher::sip::SipHasher24;
+use ttcan::{Frame, Id, Micros};
 
 fn bytes<const N: usize>(hex: &str) -> [u8; N] {
     let digits = |at: usize| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16);
@@ -43,4 +44,27 @@ fn the_hash_is_that_of_the_publication() {
     let text: [u8; 15] = core::array::from_fn(|at| at as u8);
     hasher.write(&text);
     assert_eq!(hasher.finish(), 0xA129_CA61_49BE_45E5);
+}
+
+#[test]
+fn the_tags_of_references_are_those_of_another_implementation() {
+    let mut seen = 0;
+    for line in include_str!("data/references.txt").lines() {
+        let words: Vec<&str> = line.split(' ').collect();
+        let [key, id, data, expected] = words[..] else {
+            panic!("four words: {line}");
+        };
+        let id = Id::standard(id.parse().expect("a number")).expect("an identifier");
+        let length = data.len() / 2;
+        let mut bytes: [u8; 8] = self::bytes(&format!("{data:0<16}"));
+        bytes[length..].fill(0);
+        let frame = Frame::new(id, &bytes[..length]).expect("a frame");
+        let secret = Secret::Key(Key::new(self::bytes(key)));
+        let mut proof = TimeProof::new(secret, 0xFF, Micros::millis(100));
+        proof.begin(&frame);
+        proof.close(proof.open().expect("a tag is needed").answer());
+        assert_eq!(proof.bits().to_string(), expected, "{line}");
+        seen += 1;
+    }
+    assert_eq!(seen, 100);
 }

@@ -1,6 +1,5 @@
 //! A foreign node sends commands: they never move the motors.
 
-use can_bus::{Frame, NodeId, Retry, Tester};
 use firmware::e2e;
 use furrow_tests::Journey;
 use furrow_tests::nodes;
@@ -9,6 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use world::SimTime;
 
+use crate::attacker::Attacker;
 use crate::{assert_never_reset, mode, next_cycle, running};
 
 /// Time from the start of the reference message to the command's window, s.
@@ -17,24 +17,6 @@ const WINDOW: f64 = 0.007;
 const BEHIND: f64 = WINDOW + 0.000_56;
 /// In a free window.
 const ELSEWHERE: f64 = 0.030;
-
-/// A foreign node on the vehicle's bus.
-struct Attacker {
-    tester: NodeId,
-}
-
-impl Attacker {
-    fn on(journey: &mut Journey) -> Self {
-        let tester = journey.vehicle.network().bus().add_tester(Tester::new());
-        Self { tester }
-    }
-
-    fn send(&self, journey: &mut Journey, when: SimTime, data: [u8; 8]) {
-        let frame = Frame::standard(300, &data).expect("a frame");
-        let mut bus = journey.vehicle.network().bus();
-        bus.send_at(self.tester, when, frame, Retry::Once);
-    }
-}
 
 /// The commands of a run, as an eavesdropper records them.
 fn recorded(journey: &Journey) -> Vec<[u8; 8]> {
@@ -102,8 +84,8 @@ fn replayed_flipped_and_spoofed_commands_move_nothing() {
                 [0, 0, 200, 0, mode::MANUAL, 3, counter, cycle as u8]
             }
         };
-        attacker.send(&mut journey, begin + span(BEHIND), data);
-        attacker.send(&mut journey, begin + span(ELSEWHERE), data);
+        attacker.send(&mut journey, begin + span(BEHIND), 300, &data);
+        attacker.send(&mut journey, begin + span(ELSEWHERE), 300, &data);
         sent += 2;
     }
     let end = journey.vehicle.now() + span(0.3);
@@ -122,7 +104,7 @@ fn a_recorded_run_moves_nothing_when_the_controller_is_gone() {
     let since = journey.vehicle.now();
     for data in commands.iter().take(12) {
         let begin = next_cycle(&mut journey);
-        attacker.send(&mut journey, begin + span(WINDOW + 0.000_01), *data);
+        attacker.send(&mut journey, begin + span(WINDOW + 0.000_01), 300, data);
     }
     let end = journey.vehicle.now() + span(0.2);
     journey.run_until(end);
@@ -142,7 +124,7 @@ fn foreign_commands_during_a_run_change_no_motor_beyond_it() {
         data[6] = data[6].wrapping_add(1 + cycle % 3);
         // Before the genuine frame, which it delays, or after it.
         let place = if cycle < 5 { BEHIND } else { WINDOW - 0.000_6 };
-        attacker.send(&mut journey, begin + span(place), data);
+        attacker.send(&mut journey, begin + span(place), 300, &data);
     }
     assert!(foreign(&journey) >= 9);
     // 1 m/s is commanded; 2 m/s would be full effort.
@@ -174,7 +156,7 @@ fn forge(journey: &mut Journey) -> SimTime {
         let begin = next_cycle(journey);
         let mut data = [0xC4, 0x09, 200, 0, mode::MANUAL, 3, counter, 0];
         data[7] = e2e::check_value(300, system_time(journey, begin), &data);
-        attacker.send(journey, begin + span(WINDOW + 0.000_01), data);
+        attacker.send(journey, begin + span(WINDOW + 0.000_01), 300, &data);
     }
     journey.run_until(journey.vehicle.now() + span(0.2));
     assert!(foreign(journey) >= 19, "{}", foreign(journey));
@@ -245,7 +227,7 @@ fn no_forged_or_replayed_command_moves_a_motor() {
             } else {
                 0.008 + 1e-6 * below(91_000) as f64
             };
-            attacker.send(&mut journey, begin + span(at), data);
+            attacker.send(&mut journey, begin + span(at), 300, &data);
         }
     }
     let end = journey.vehicle.now() + span(0.3);
@@ -265,7 +247,7 @@ fn a_burst_of_forged_commands_is_a_safe_stop() {
         let mut data = [0xC4, 0x09, 200, 0, mode::MANUAL, 3, counter, 0];
         data[7] = e2e::check_value(300, system_time(&journey, begin), &data);
         // Some bits before the controller, which then leaves its window empty.
-        attacker.send(&mut journey, begin + span(WINDOW - 0.000_01), data);
+        attacker.send(&mut journey, begin + span(WINDOW - 0.000_01), 300, &data);
         next_cycle(&mut journey);
     }
     let end = journey.vehicle.now();

@@ -1,6 +1,7 @@
 //! How the release images react to faults and to the operator: the real programs run on emulated
 //! microcontrollers, with the bus and the vehicle simulated around them.
 
+mod attacker;
 mod bus;
 mod clocks;
 mod commands;

@@ -2,47 +2,13 @@
 //! time does not go back.
 
 use campaign::traffic::Sent;
-use can_bus::{Disturbance, Frame, NodeId, Retry, Tester};
-use embedded_can::{Id, StandardId};
 use furrow_tests::Journey;
 use furrow_tests::nodes;
 use furrow_tests::time::{at, seconds, span};
 use world::SimTime;
 
+use crate::attacker::Attacker;
 use crate::{first_after, mode, running};
-
-/// A foreign node on the vehicle's bus.
-struct Attacker {
-    tester: NodeId,
-}
-
-impl Attacker {
-    fn on(journey: &mut Journey) -> Self {
-        let tester = journey.vehicle.network().bus().add_tester(Tester::new());
-        Self { tester }
-    }
-
-    /// Destroys each frame with this identifier, or each frame, except its own.
-    fn suppress(&self, journey: &mut Journey, id: Option<u16>, from: SimTime, until: SimTime) {
-        journey
-            .vehicle
-            .network()
-            .bus()
-            .disturb(Disturbance::Suppress {
-                id: id.and_then(StandardId::new).map(Id::Standard),
-                bit: 20,
-                spared: Some(self.tester),
-                from,
-                until,
-            });
-    }
-
-    fn send(&self, journey: &mut Journey, when: SimTime, id: u16, data: &[u8]) {
-        let frame = Frame::standard(id, data).expect("a frame");
-        let mut bus = journey.vehicle.network().bus();
-        bus.send_at(self.tester, when, frame, Retry::Once);
-    }
-}
 
 /// The system time that a reference tells, ms.
 fn told(reference: &Sent) -> u32 {
