@@ -3,8 +3,8 @@
 
 use std::sync::{Arc, OnceLock};
 
-use can_bus::{Disturbance, ErrorState, Frame, RecordKind, SimDuration, SimTime};
-use embedded_can::Id;
+use can_bus::{Disturbance, ErrorState, Frame, RecordKind, Retry, SimDuration, SimTime, Tester};
+use embedded_can::{Id, StandardId};
 use serde_json::Value;
 use twin::image::Image;
 use twin::mcu::{Board, FlashTiming};
@@ -189,4 +189,30 @@ fn boards_that_were_driven_off_the_bus_come_back() {
     let (frames, errors) = drain(&network);
     let cycles = judge(&frames);
     assert!(cycles >= 20 && errors == 0, "{cycles} {errors}");
+}
+
+#[test]
+fn frames_that_no_node_sends_disturb_nobody() {
+    let mut network = network();
+    let tester = network.bus().add_tester(Tester::new());
+    run(&mut network, 200 * MS);
+    let (frames, _) = drain(&network);
+    let begun = frames.iter().rfind(|frame| frame.1 == REFERENCE);
+    let begun = begun.expect("the master leads").0;
+    let id = Id::Standard(StandardId::new(0x300).expect("11 bits"));
+    let lengths = [9, 15].map(|dlc| Frame::from_parts(id, false, dlc, &[0xAA; 8]));
+    let remote = Frame::new_remote(id, 8);
+    for (cycle, frame) in lengths.into_iter().chain([remote]).enumerate() {
+        // Behind the windows of the next basic cycles.
+        let at = begun + CYCLE * (cycle as u64 + 1) + 6 * MS;
+        let at = SimTime::from_ticks(0) + SimDuration::from_ticks(at);
+        let frame = frame.expect("a frame that a controller can send");
+        network.bus().send_at(tester, at, frame, Retry::Once);
+    }
+    run(&mut network, 200 * MS + 30 * CYCLE);
+    let (mut frames, errors) = drain(&network);
+    let before = frames.len();
+    frames.retain(|frame| frame.1 != 0x300);
+    assert_eq!((before - frames.len(), errors), (3, 0));
+    assert!(judge(&frames) >= 28);
 }

@@ -74,8 +74,11 @@ impl embedded_can::Frame for Frame {
 
 impl Frame {
     /// The data frame that a driver received. `None` for a remote frame, and for a data length code
-    /// above 8: that is 8 bytes on the bus, but the frame types of some drivers panic when they are
-    /// asked for the data. No node of a matrix sends either.
+    /// above 8: that is 8 bytes on the bus, but drivers differ in what they make of it. No node of a
+    /// matrix sends either.
+    ///
+    /// The frames of `bxcan` 0.8 panic with such a code, also when they are asked for it. Its
+    /// owner must drop them before.
     pub fn from_can(frame: &impl embedded_can::Frame) -> Option<Self> {
         if frame.is_remote_frame() || frame.dlc() > 8 {
             return None;

@@ -42,8 +42,8 @@ const MATRIX: SystemMatrix = SystemMatrix::constant(MatrixConfig {
 });
 ttcan::schedule!(static SCHEDULE = MATRIX);
 
-/// A driver's frame as `bxcan` has it: any length code and remote frames, and a panic when the data
-/// of a length code above 8 are read.
+/// A driver's frame: any length code and remote frames, and a panic when the data of a length code
+/// above 8 are read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Raw {
     id: embedded_can::Id,

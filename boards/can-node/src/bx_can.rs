@@ -40,6 +40,12 @@ impl BxCan {
     /// Takes the oldest frame. The interrupt stays pending while there are more. After an overrun it
     /// returns none once: the node notices the message that was lost.
     pub(crate) fn receive(&mut self) -> Option<bxcan::Frame> {
+        // A length code of 9 to 15 means 8 bytes. The crate's frame would panic, also when it is asked
+        // for its length. No node of a matrix sends such a frame, so it is dropped.
+        if registers().rx(0).rdtr().read().dlc().bits() > 8 {
+            registers().rfr(0).write(|w| w.rfom().set_bit());
+            return None;
+        }
         self.0.rx0().receive().ok()
     }
 

@@ -14,7 +14,7 @@ mod app {
     use crate::network::{BIT_RATE, Driver, ECHO, MASTER, SCHEDULE};
     use stm32f4xx_hal::rcc::{Config, Enable};
     use stm32f4xx_hal::{can::CanExt, pac, prelude::*};
-    use ttcan::{BitTiming, Node, NodeConfig, Reception, StampLatency, SyncState};
+    use ttcan::{BitTiming, Frame, Node, NodeConfig, Reception, StampLatency, SyncState};
 
     /// Clock of the core and of the timer on APB1, and of APB1, MHz.
     const CORE_MHZ: u32 = 80;
@@ -114,9 +114,12 @@ mod app {
         if let Some(frame) = driver.controller.receive()
             && let Some(Reception::Scheduled { .. }) = driver.handle_receive(&frame, stamp)
             && driver.node.id() == ECHO
-            && let Some(Ok(data)) = frame.data().map(|data| <[u8; 4]>::try_from(&data[..]))
+            && let Some(frame) = Frame::from_can(&frame)
         {
-            *cx.shared.message = Some(u32::from_le_bytes(data));
+            // The node has taken it, so it has the four bytes of its window. The driver's own way to
+            // the data could panic.
+            let [a, b, c, d, ..] = frame.buffer();
+            *cx.shared.message = Some(u32::from_le_bytes([a, b, c, d]));
         }
         if let Some(deadline) = driver.next_deadline(stamp) {
             cx.shared.timer.set(deadline);
