@@ -53,6 +53,18 @@ impl Id {
         }
     }
 
+    /// The 11-bit identifier of the lowest bits of `raw`.
+    #[cfg(feature = "embedded-can")]
+    pub(crate) const fn of_standard_bits(raw: u16) -> Self {
+        Self(((raw & Self::MAX_STANDARD) as u32) << 19)
+    }
+
+    /// The 29-bit identifier of the lowest bits of `raw`.
+    #[cfg(feature = "embedded-can")]
+    pub(crate) const fn of_extended_bits(raw: u32) -> Self {
+        Self((raw & Self::MAX_EXTENDED) << 1 | EXTENDED)
+    }
+
     /// The identifier's number, the same for both formats.
     pub const fn raw(self) -> u32 {
         if self.is_extended() {

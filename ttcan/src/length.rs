@@ -2,7 +2,7 @@
 //!
 //! Lengths are in bit times. [`frame_bits`] counts from the start of frame to the
 //! last bit of the end of frame, stuff bits included. The interframe space
-//! ([`INTERFRAME_BITS`]) is not included. [`frame_bits`] does one table look-up for
+//! ([`INTERFRAME_BITS`]) is not included. [`frame_bits`] does one look-up in each of two tables for
 //! every four bits of the frame.
 
 use crate::frame::Frame;
@@ -50,7 +50,7 @@ pub const fn worst_case_bits(id: Id, len: u8) -> u32 {
     stuffable + (stuffable - 1) / 4 + TAIL_BITS
 }
 
-/// CRC-15 of one nibble, indexed by the four leading bits of the register.
+/// CRC-15 of one nibble, indexed by the four leading bits of the register, with a 0 behind it.
 const CRC: [u16; 16] = {
     let mut table = [0; 16];
     let mut nibble = 0;
@@ -65,7 +65,7 @@ const CRC: [u16; 16] = {
             };
             bit += 1;
         }
-        table[nibble] = crc & 0x7FFF;
+        table[nibble] = crc << 1;
         nibble += 1;
     }
     table
@@ -77,6 +77,8 @@ const CRC: [u16; 16] = {
 type Run = u8;
 /// Set in a new state if a stuff bit was inserted.
 const STUFFED: u8 = 8;
+/// Bits of a nibble, below the state in an index of [`STUFF`].
+const NIBBLE: u32 = 4;
 
 const fn stuff_bit(run: Run, bit: u8) -> u8 {
     if run >> 2 != bit {
@@ -89,110 +91,107 @@ const fn stuff_bit(run: Run, bit: u8) -> u8 {
 }
 
 /// New state after four bits, with [`STUFFED`] if a stuff bit was inserted (at most
-/// one is). Indexed by state and nibble.
+/// one is), above [`NIBBLE`] bits of 0. Indexed by state and nibble.
 const STUFF: [u8; 128] = {
     let mut table = [0; 128];
     let mut at = 0;
     while at < 128 {
-        let mut run = (at >> 4) as u8;
+        let mut run = (at >> NIBBLE) as u8;
         let mut stuffed = 0;
-        let mut bit = 4;
+        let mut bit = NIBBLE;
         while bit > 0 {
             bit -= 1;
             let next = stuff_bit(run, (at as u8 >> bit) & 1);
             stuffed |= next & STUFFED;
             run = next & 7;
         }
-        table[at] = run | stuffed;
+        table[at] = (run | stuffed) << NIBBLE;
         at += 1;
     }
     table
 };
 
 /// Goes through the bits of a frame, counts stuff bits and computes the CRC.
+#[derive(Clone, Copy)]
 struct Line {
-    crc: u16,
-    run: Run,
+    /// The CRC in the leading 15 bits.
+    crc: u32,
+    /// An entry of [`STUFF`].
+    run: u8,
     stuffed: u32,
 }
 
 impl Line {
-    // Not inlined: unrolled in each loop, it would be most of a small image.
-    #[inline(never)]
-    const fn nibble(&mut self, nibble: u8) {
-        let nibble = nibble & 15;
-        self.crc = (self.crc << 4 ^ CRC[((self.crc >> 11) as u8 ^ nibble) as usize & 15]) & 0x7FFF;
-        self.stuff(nibble);
+    /// After the four leading bits of `bits`.
+    #[inline(always)]
+    const fn after_nibble(self, bits: u32) -> Self {
+        let crc = CRC[((self.crc ^ bits) >> 28) as usize];
+        let line = self.after_stuffing(bits);
+        Self {
+            crc: self.crc << 4 ^ (crc as u32) << 16,
+            ..line
+        }
     }
 
-    const fn stuff(&mut self, nibble: u8) {
-        let next = STUFF[(self.run << 4 | nibble) as usize & 127];
-        self.stuffed += (next >> 3) as u32;
-        self.run = next & 7;
-    }
-
-    /// Goes through the `count` low bits of `bits`. `count` is a multiple of 4.
-    const fn bits(&mut self, bits: u32, count: u32) {
-        let mut left = count;
-        while left >= 4 {
-            left -= 4;
-            self.nibble((bits >> left) as u8);
+    /// The same without the CRC.
+    #[inline(always)]
+    const fn after_stuffing(self, bits: u32) -> Self {
+        let next = STUFF[((self.run & 0x70) as u32 | bits >> 28) as usize];
+        Self {
+            run: next,
+            stuffed: self.stuffed + (next >> 7) as u32,
+            ..self
         }
     }
 }
 
+/// Bytes in front of the data in [`frame_bits`].
+const HEAD: usize = 5;
+
 /// Exact length of a data frame from its start of frame to the last bit of its
 /// end of frame, stuff bits included, in bit times.
 pub const fn frame_bits(frame: &Frame) -> u32 {
-    let mut line = Line {
-        crc: 0,
-        // The idle bus is recessive. The dominant start of frame begins a run.
-        run: 4,
-        stuffed: 0,
-    };
     let id = frame.id();
     let raw = id.raw();
     let len = frame.len();
-    // The first 19 bits: start of frame, 11 identifier bits, then in base
-    // format RTR, IDE, a reserved bit and the data length code, in extended
-    // format SRR and IDE, both recessive, and the next 5 identifier bits.
-    let head = if id.is_extended() {
-        (raw >> 18) << 7 | 0b11 << 5 | (raw >> 13 & 0x1F)
+    // The bits from the start of frame to the data length code, behind zeros that make whole bytes of
+    // them: 19 bits of a base frame behind five, in three bytes, and 39 of an extended frame
+    // behind one, in five. The CRC of leading zeros is 0. The state before them is such that the
+    // last zero is the fifth of a run. Its stuff bit leaves the state of the idle bus, which is
+    // recessive, and is not of the frame.
+    let (begin, run, head) = if id.is_extended() {
+        // Start of frame, 11 bits, SRR and IDE, which are recessive, 18 bits, RTR and two reserved
+        // bits, the data length code.
+        let high = raw >> 18 << 2 | 0b11;
+        let low = (raw & 0x3_FFFF) << 7 | len as u32;
+        (0, 3 << NIBBLE, (high as u64) << 25 | low as u64)
     } else {
-        raw << 7 | len as u32
+        // Start of frame, 11 bits, RTR, IDE and a reserved bit, the data length code.
+        (HEAD - 3, 4 << NIBBLE, (raw << 7 | len as u32) as u64)
     };
-    // The three leading bits go first, so that whole nibbles remain. Three bits
-    // cannot complete a run of five.
-    let mut bit = STANDARD_HEADER_BITS;
-    while bit > STANDARD_HEADER_BITS - 3 {
-        bit -= 1;
-        line.run = stuff_bit(line.run, (head >> bit) as u8 & 1) & 7;
-    }
-    line.crc = CRC[(head >> bit) as usize & 7];
-    line.bits(head, STANDARD_HEADER_BITS - 3);
-    if id.is_extended() {
-        // The last 13 identifier bits, RTR, two reserved bits, the data length
-        // code.
-        let rest = (raw & 0x1FFF) << 7 | len as u32;
-        line.bits(rest, EXTENDED_HEADER_BITS - STANDARD_HEADER_BITS);
-    }
-    let data = frame.buffer();
-    let mut at = 0;
-    while at < len as usize && at < 8 {
-        line.bits(data[at] as u32, 8);
+    let [_, _, _, a, b, c, d, e] = head.to_be_bytes();
+    let [f, g, h, i, j, k, l, m] = frame.buffer();
+    // Three more, so that every index of four bits is one of a byte.
+    let bytes = [a, b, c, d, e, f, g, h, i, j, k, l, m, 0, 0, 0];
+    let mut line = Line {
+        crc: 0,
+        run,
+        stuffed: 0,
+    };
+    let end = HEAD + len as usize;
+    let mut at = begin;
+    // One loop for all parts of a frame, so that the analysis of the images finds its longest run, of 13
+    // bytes.
+    while at < end && at < HEAD + 8 {
+        let bits = (bytes[at & 15] as u32) << 24;
+        line = line.after_nibble(bits).after_nibble(bits << 4);
         at += 1;
     }
-    // The CRC sequence is stuffed too, and is 15 bits long.
-    let crc = line.crc;
-    line.stuff((crc >> 11) as u8 & 15);
-    line.stuff((crc >> 7) as u8 & 15);
-    line.stuff((crc >> 3) as u8 & 15);
-    let mut bit = 3;
-    while bit > 0 {
-        bit -= 1;
-        let next = stuff_bit(line.run, (crc >> bit) as u8 & 1);
-        line.stuffed += (next >> 3) as u32;
-        line.run = next & 7;
-    }
-    shortest_bits(id, len) + line.stuffed
+    // The CRC sequence is stuffed, too. A bit behind its 15 makes whole nibbles. It is the opposite of
+    // the last one, so that no stuff bit follows it.
+    let crc = line.crc | (!line.crc & 1 << 17) >> 1;
+    line = line.after_stuffing(crc).after_stuffing(crc << 4);
+    line = line.after_stuffing(crc << 8).after_stuffing(crc << 12);
+    // Less the one of the zeros in front.
+    shortest_bits(id, len) + line.stuffed - 1
 }

@@ -22,6 +22,9 @@
 //! `masks` is off by default: event messages with several identifiers, so that other protocols can
 //! share arbitrating windows (`Event::masked`).
 //!
+//! `embedded-can` is off by default: frames and identifiers of the crate of that name, and
+//! `Driver`, a node behind a controller whose driver has such frames.
+//!
 //! The feature `std` is for hosts only: `simulation`, an in-memory bus, and
 //! `synthesis`, which makes a matrix from messages.
 //!
@@ -49,6 +52,8 @@ extern crate std;
 
 mod bit_timing;
 mod clock;
+#[cfg(feature = "embedded-can")]
+mod driver;
 mod features;
 mod frame;
 pub mod guardian;
@@ -68,6 +73,8 @@ mod time;
 
 pub use bit_timing::{BitTiming, NoBitTiming};
 pub use clock::ClockState;
+#[cfg(feature = "embedded-can")]
+pub use driver::{Controller, Driver};
 pub use frame::{Frame, TooLong};
 pub use id::Id;
 pub use length::{INTERFRAME_BITS, frame_bits, shortest_bits, worst_case_bits};

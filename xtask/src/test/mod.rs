@@ -205,7 +205,7 @@ impl Step {
 }
 
 /// Crates that exist for a microcontroller only: the host leaves them out.
-const BOARDS: [&str; 3] = ["sled-f446", "sled-f303", "board-tests"];
+const BOARDS: [&str; 4] = ["sled-f446", "sled-f303", "board-tests", "can-node"];
 
 /// Where the property tests begin unless they are told to try something new: a change is
 /// judged by the same inputs as the one before it.
@@ -351,6 +351,9 @@ fn on_target(
         let mut cargo = target::cargo(workspace, command);
         cargo.args(["--features", board.name, "--package", board.package]);
         cargo.args(["--package", "firmware", "--package", "board-tests"]);
+        if board == Sled::F446 {
+            cargo.args(["--package", "can-node"]);
+        }
         for vehicle in &vehicles {
             let mut nodes = vehicle.nodes();
             if nodes.any(|node| vehicle::board(vehicle, node) == board) {
