@@ -20,6 +20,7 @@ pub struct Cut {
     pub at_ms: u32,
 }
 
+#[cfg(feature = "target")]
 impl Cut {
     /// Writes it to the log of a debug probe. The node has this name.
     pub fn log(&self, name: &str) {
