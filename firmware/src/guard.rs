@@ -1,33 +1,145 @@
-//! What a bus guardian tells.
+//! What a bus guardian tells: lines for its console, and for the log of a debug probe.
 
-use ttcan::guardian::Trip;
+use ttcan::guardian::{GuardianState, Trip};
 
-/// The trips of `NODES` guarded nodes that were told.
+use crate::console::Line;
+
+/// How often a guarded node was cut, and why the last time.
+pub type Trips = (u16, Option<Trip>);
+
+/// A guarded node was cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cut {
+    /// Its place among the guarded nodes.
+    pub node: usize,
+    /// How often it was cut since the guardian started, this time included; wraps.
+    pub count: u16,
+    /// Why.
+    pub reason: Trip,
+    /// When the guardian noticed it for its lines, ms since it started.
+    pub at_ms: u32,
+}
+
+#[cfg(feature = "target")]
+impl Cut {
+    /// Writes it to the log of a debug probe. The node has this name.
+    pub fn log(&self, name: &str) {
+        defmt::warn!(
+            "{=str} was cut: {}, {=u16} times, {=u32} ms after the start",
+            name,
+            self.reason,
+            self.count,
+            self.at_ms
+        );
+    }
+}
+
+/// Which cuts of `NODES` guarded nodes were told.
 #[derive(Clone, Copy, Debug)]
-pub struct Trips<const NODES: usize>([u16; NODES]);
+pub struct Told<const NODES: usize>([u16; NODES]);
 
-impl<const NODES: usize> Trips<NODES> {
-    /// No trip so far.
+impl<const NODES: usize> Told<NODES> {
+    /// No node was cut so far.
     pub const fn new() -> Self {
         Self([0; NODES])
     }
 
-    /// Writes to the log of a debug probe that a node was cut, if its `trips` have changed. `node` is its
-    /// number in the network.
-    pub fn tell(&mut self, node: usize, (trips, reason): (u16, Option<Trip>)) {
-        if let Some(told) = self.0.get_mut(node)
-            && *told != trips
-        {
-            *told = trips;
-            if let Some(reason) = reason {
-                defmt::warn!("node {=usize} was cut: {}", node, reason);
-            }
-        }
+    /// A cut of guarded node `node` that was not told yet, and counts as told now. `at_ms` is the time since
+    /// the guardian's start.
+    pub fn news(&mut self, node: usize, (count, reason): Trips, at_ms: u32) -> Option<Cut> {
+        let told = self.0.get_mut(node).filter(|told| **told != count)?;
+        *told = count;
+        reason.map(|reason| Cut {
+            node,
+            count,
+            reason,
+            at_ms,
+        })
+    }
+
+    /// How often each node was cut, as told so far.
+    pub const fn counts(&self) -> &[u16; NODES] {
+        &self.0
     }
 }
 
-impl<const NODES: usize> Default for Trips<NODES> {
+impl<const NODES: usize> Default for Told<NODES> {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// The line about a cut of the node of this name.
+pub fn cut(line: &mut Line, name: &str, cut: Cut) {
+    line.str("cut ").str(name);
+    line.str(match cut.reason {
+        Trip::Misplaced => " misplaced",
+        Trip::Identifier => " identifier",
+        Trip::Pulses => " pulses",
+    });
+    line.str(" times ").unsigned(u32::from(cut.count));
+    line.str(" at ")
+        .fixed(i32::try_from(cut.at_ms).unwrap_or(i32::MAX), 3)
+        .str(" s\r\n");
+}
+
+/// The line of each second: what the guardian knows of the time of the network, and how often each node
+/// was cut.
+pub fn state<const NODES: usize>(
+    line: &mut Line,
+    state: GuardianState,
+    names: &[&str; NODES],
+    counts: &[u16; NODES],
+) {
+    line.str("guardian ");
+    line.str(match state {
+        GuardianState::Unsynchronised => "off",
+        GuardianState::Synchronising => "sync",
+        GuardianState::InSchedule => "run",
+    });
+    line.str(" cuts");
+    for (name, count) in names.iter().zip(counts) {
+        line.byte(b' ')
+            .str(name)
+            .byte(b' ')
+            .unsigned(u32::from(*count));
+    }
+    line.str("\r\n");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(line: &Line) -> &str {
+        core::str::from_utf8(line.as_bytes()).unwrap()
+    }
+
+    #[test]
+    fn a_cut_is_told_once() {
+        let mut told = Told::<2>::new();
+        assert_eq!(told.news(1, (0, None), 10), None);
+        let trips = (1, Some(Trip::Misplaced));
+        let news = told.news(1, trips, 3210).unwrap();
+        assert_eq!((news.node, news.count), (1, 1));
+        assert_eq!(told.news(1, trips, 3220), None);
+        assert_eq!(told.news(2, trips, 3220), None, "there is no such node");
+        assert_eq!(told.counts(), &[0, 1]);
+        let again = told.news(1, (2, Some(Trip::Identifier)), 4000).unwrap();
+        assert_eq!(again.reason, Trip::Identifier);
+        let mut line = Line::new();
+        cut(&mut line, "drive", news);
+        assert_eq!(text(&line), "cut drive misplaced times 1 at 3.210 s\r\n");
+    }
+
+    #[test]
+    fn the_longest_line_of_four_nodes_fits() {
+        let names = ["gps", "controller", "steering", "drive"];
+        let mut line = Line::new();
+        state(&mut line, GuardianState::Synchronising, &names, &[65535; 4]);
+        assert_eq!(
+            text(&line),
+            "guardian sync cuts gps 65535 controller 65535 steering 65535 drive 65535\r\n"
+        );
     }
 }

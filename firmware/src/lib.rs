@@ -34,6 +34,7 @@ pub mod display;
 pub mod e2e;
 pub mod ends;
 pub mod event;
+pub mod guard;
 pub mod housekeeping;
 pub mod leader;
 pub mod link;
@@ -58,7 +59,5 @@ pub use sled_f446 as board;
 
 #[cfg(feature = "target")]
 pub mod fault;
-#[cfg(feature = "target")]
-pub mod guard;
 #[cfg(feature = "target")]
 pub mod node;

@@ -1,17 +1,21 @@
-//! The image of the bus guardian on the emulated board: its TX lines driven bit by bit, and references on
-//! its bus.
+//! The bus guardian: its image on an emulated board alone, its TX lines driven bit by bit, and as a part of the
+//! vehicle, with gates between the nodes and the bus.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, OnceLock};
 
-use can_bus::{Frame, Retry, SimDuration, SimTime, Tester};
-use serde_json::Value;
+use can_bus::{Frame, Level, RecordKind, Retry, SimDuration, SimTime, Tester};
+use furrow_tests::nodes::DRIVE;
 use ttcan::WindowKind;
 use twin::image::Image;
 use twin::mcu::{Board, FlashTiming};
 use twin::network::Network;
 use twin::part::{Part, Pin};
+use twin::{Images, Twin};
 use uagv::matrix::{MATRIX, STEERING};
-use xtask::{Workspace, target};
+use vehicle_model::{NodeIndex, Overrides, Vehicle};
+use world::Scenario;
+use xtask::Workspace;
 
 /// Picoseconds in a microsecond, and in a bit at 250 kbit/s.
 const US: u64 = 1_000_000;
@@ -19,26 +23,28 @@ const BIT: u64 = 4 * US;
 const MS: u64 = 1000 * US;
 const CYCLE: u64 = 100 * MS;
 
-/// Builds the image.
+/// The vehicle with its guardian, and its five images.
+fn guarded() -> &'static (Vehicle, Images) {
+    static GUARDED: OnceLock<(Vehicle, Images)> = OnceLock::new();
+    GUARDED.get_or_init(|| {
+        let build = || {
+            let workspace = Workspace::find()?;
+            let on = Overrides::parse("guardian.enabled=true").expect("a value of the manifest");
+            let vehicle = xtask::vehicle::with(&workspace, "uagv", &on)?;
+            let nodes: Vec<_> = vehicle.nodes().collect();
+            let images = xtask::build::images(&workspace, &vehicle, &nodes)?;
+            Ok((vehicle, xtask::build::read(&images)?))
+        };
+        build().unwrap_or_else(|failure: xtask::Failure| panic!("{failure}"))
+    })
+}
+
+/// The image of the guardian.
 fn image() -> Arc<Image> {
-    let workspace = Workspace::find().unwrap_or_else(|failure| panic!("{failure}"));
-    let mut cargo = target::cargo(&workspace, "build");
-    cargo.args(["--release", "--package", "uagv", "--bin", "guardian"]);
-    cargo.args(["--features", "f446", "--features", "guardian"]);
-    cargo.args(["--message-format", "json-render-diagnostics"]);
-    let output = cargo.output().expect("cargo starts");
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let messages = String::from_utf8(output.stdout).expect("cargo writes UTF-8");
-    let executable = messages
-        .lines()
-        .filter_map(|line| serde_json::from_str::<Value>(line).ok())
-        .find_map(|message| message["executable"].as_str().map(str::to_owned));
-    let elf = std::fs::read(executable.expect("there is one")).expect("it can be read");
-    Arc::new(Image::from_elf(Part::F446, &elf).expect("it is for the F446"))
+    let (vehicle, images) = guarded();
+    let guardian = vehicle.guardian().expect("it is on");
+    let image = Image::from_elf(Part::F446, images.of(guardian));
+    Arc::new(image.expect("it is for the F446"))
 }
 
 struct Rig {
@@ -159,4 +165,265 @@ fn the_guardians_image_stops_what_is_outside_the_windows() {
     let node = rig.network.node(0);
     assert!(node.violations().is_empty(), "{:?}", node.violations());
     assert_eq!(node.resets().len(), 1, "{:?}", node.resets());
+}
+
+/// The usual run, with the guardian or without.
+struct Run {
+    twin: Twin,
+    vehicle: &'static Vehicle,
+}
+
+/// A frame on the bus: its start in picoseconds, its identifier, and the node that sent it.
+type OnBus = (u64, u16, Option<NodeIndex>);
+
+impl Run {
+    /// Nothing happens, so the nodes send the same with a node that is cut and without one.
+    fn still(with_guardian: bool) -> Self {
+        Self::new(with_guardian, |vehicle| {
+            Scenario::uneventful(vehicle, "still")
+        })
+    }
+
+    fn straight(with_guardian: bool) -> Self {
+        Self::new(with_guardian, |vehicle| {
+            Scenario::find(vehicle, "straight-line").expect("it comes along")
+        })
+    }
+
+    fn new(with_guardian: bool, scenario: fn(&Vehicle) -> Scenario) -> Self {
+        let (vehicle, images) = match with_guardian {
+            true => (&guarded().0, &guarded().1),
+            false => (furrow_tests::vehicle(), furrow_tests::images()),
+        };
+        let scenario = scenario(vehicle);
+        let twin = Twin::new(vehicle, &scenario, 1, images).expect("the images fit");
+        Self { twin, vehicle }
+    }
+
+    fn guardian(&self) -> NodeIndex {
+        self.vehicle.guardian().expect("it is on")
+    }
+
+    /// Runs until `ms` after power-on.
+    fn to(&mut self, ms: u64) -> &mut Self {
+        let until = SimTime::from_ticks(ms * MS);
+        self.twin.run_until(until).expect("no violation");
+        self
+    }
+
+    /// The complete frames that began from one time to another, in ms.
+    fn frames(&self, from: u64, to: u64) -> Vec<OnBus> {
+        let records = self.twin.records().iter();
+        let frames = records.filter_map(|record| match record.kind {
+            RecordKind::FrameEnd { frame, start, .. } => {
+                let embedded_can::Id::Standard(id) = frame.id() else {
+                    panic!("no node sends those");
+                };
+                let sender = self.twin.node_at(record.node);
+                Some((start.as_ticks(), id.as_raw(), sender))
+            }
+            _ => None,
+        });
+        let mut frames: Vec<OnBus> = frames.collect();
+        frames.retain(|(start, ..)| (from * MS..to * MS).contains(start));
+        frames
+    }
+
+    /// How often each message of an exclusive window came, and the references, but for those of one node.
+    fn windows(&self, from: u64, to: u64, without: NodeIndex) -> BTreeMap<u16, usize> {
+        let messages = &self.vehicle.network().messages;
+        let mut counts = BTreeMap::new();
+        for (_, id, sender) in self.frames(from, to) {
+            let message = messages.iter().find(|message| message.id == id);
+            let Some(message) = message else { continue };
+            let arbitrating = network_model::WindowKind::Arbitrating;
+            if message.window.kind != arbitrating && sender.is_some_and(|node| node != without) {
+                *counts.entry(id).or_default() += 1;
+            }
+        }
+        counts
+    }
+
+    /// Adds a sender to the TX line of the drive node that does this from one time to another, in ms.
+    fn babble(&mut self, what: Babble, from: u64, to: u64) -> can_bus::NodeId {
+        let babbler = self.twin.add_babbler(DRIVE).expect("it is on the bus");
+        let at = |ms: u64| SimTime::from_ticks(ms * MS);
+        let mut bus = self.twin.network().bus();
+        match what {
+            Babble::Frame(id) => {
+                let frame = Frame::standard(id, &[0; 8]).expect("short");
+                bus.babble(babbler, frame, at(from), at(to));
+            }
+            Babble::Stuck => {
+                let bits = (to - from) * MS / BIT;
+                let levels = vec![Level::Dominant; usize::try_from(bits).expect("few")];
+                bus.play_raw(babbler, at(from), levels);
+            }
+        }
+        babbler
+    }
+
+    /// Whether the gate of a node is closed.
+    fn is_closed(&self, node: NodeIndex) -> bool {
+        let mut changes = self.twin.gates().iter();
+        let last = changes.rfind(|change| change.node == node);
+        last.is_some_and(|change| change.closed)
+    }
+}
+
+/// What a broken node does.
+#[derive(Clone, Copy, Debug)]
+enum Babble {
+    /// It sends a frame with this identifier again and again.
+    Frame(u16),
+    /// Its TX line is dominant.
+    Stuck,
+}
+
+/// How long the start of a frame may differ with the guardian, in picoseconds: a transmit enable window, 16 bits.
+/// The time master follows the receiver's bytes, and with gates the emulated bus is brought up to date more
+/// often, so interrupts come up to a microsecond earlier.
+const SAME: u64 = 16 * BIT;
+
+/// Length of the run with good nodes only, ms.
+const SPAN: u64 = 10_000;
+
+#[test]
+fn the_guardian_changes_nothing_for_good_nodes() {
+    let (mut plain, mut guarded) = (Run::straight(false), Run::straight(true));
+    plain.to(SPAN);
+    guarded.to(SPAN);
+    assert_eq!(guarded.twin.gates(), [], "no gate was ever closed");
+    let (one, other) = (plain.frames(0, SPAN), guarded.frames(0, SPAN));
+    let ids = |frames: &[OnBus]| {
+        frames
+            .iter()
+            .map(|(_, id, node)| (*id, *node))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(ids(&one), ids(&other));
+    let apart = one
+        .iter()
+        .zip(&other)
+        .map(|(one, other)| one.0.abs_diff(other.0));
+    let largest = apart.max().expect("there are frames");
+    println!("{} frames, at most {} ns apart", one.len(), largest / 1000);
+    assert!(largest <= SAME, "{largest}");
+    // It never sent, and knows the time.
+    let guardian = guarded.guardian();
+    assert!(other.iter().all(|(.., node)| *node != Some(guardian)));
+    let console = String::from_utf8_lossy(guarded.twin.console(guardian)).into_owned();
+    let last = console.lines().last().expect("it tells of itself");
+    assert_eq!(
+        last,
+        "guardian run cuts gps 0 controller 0 steering 0 drive 0"
+    );
+}
+
+#[test]
+fn a_node_that_babbles_is_cut_and_returns() {
+    // Good traffic, for comparison.
+    let mut good = Run::still(false);
+    good.to(END);
+    let expected = good.windows(CUT, END, DRIVE);
+    assert!(expected.len() > 3, "{expected:?}");
+    let messages = &good.vehicle.network().messages;
+    let own = messages.iter().find(|message| message.name == "DriveState");
+    let own = own.expect("the drive node's cyclic message").id;
+    for what in [Babble::Frame(0), Babble::Frame(own), Babble::Stuck] {
+        let mut bare = Run::still(false);
+        bare.babble(what, FROM, TO);
+        bare.to(END);
+        let lost = lost(&expected, &bare.windows(CUT, END, DRIVE));
+        let mut guarded = Run::still(true);
+        guarded.babble(what, FROM, TO);
+        guarded.to(END);
+        let still = self::lost(&expected, &guarded.windows(CUT, END, DRIVE));
+        let gates = guarded.twin.gates();
+        assert!(gates.iter().all(|change| change.node == DRIVE), "{gates:?}");
+        let closed = gates
+            .iter()
+            .find(|change| change.closed)
+            .expect("it is cut");
+        let after = closed.at.as_ticks().saturating_sub(FROM * MS);
+        let open = gates.last().expect("there are some");
+        println!(
+            "{what:?}: cut after {} us, {still:?} windows lost then, {lost:?} without a guardian, open at {} ms",
+            after / US,
+            open.at.as_ticks() / MS
+        );
+        assert!(after <= CYCLE, "{what:?}: {after}");
+        assert!(
+            lost.values().sum::<usize>() > 10,
+            "{what:?}: without a guardian windows are lost, {lost:?}"
+        );
+        assert!(still.is_empty(), "{what:?}: {still:?}");
+        // The gate stays closed until the node has behaved for ten basic cycles.
+        assert!(!guarded.is_closed(DRIVE), "{what:?}");
+        // It need not misbehave to the end: behind the gate its controller goes to bus-off by itself.
+        let opened = open.at.as_ticks();
+        let latest = TO * MS + 11 * CYCLE;
+        assert!(
+            (FROM * MS + 10 * CYCLE..=latest).contains(&opened),
+            "{what:?}: {opened}"
+        );
+        let back = guarded.frames(END - 500, END);
+        let back = back
+            .iter()
+            .filter(|(_, id, node)| *id == own && *node == Some(DRIVE));
+        assert!(back.count() >= 4, "{what:?}: it sends again");
+        let console = guarded.twin.console(guarded.guardian());
+        let console = String::from_utf8_lossy(console).into_owned();
+        assert!(console.contains("cut drive "), "{console}");
+    }
+}
+
+/// From when to when a node babbles, and until when runs go, in ms; and when it must have been cut: a basic
+/// cycle later, at the begin of the next one.
+const FROM: u64 = 1_030;
+const TO: u64 = 1_330;
+const CUT: u64 = 1_200;
+const END: u64 = 2_900;
+
+/// The messages of which fewer frames came than expected, with how many.
+fn lost(expected: &BTreeMap<u16, usize>, seen: &BTreeMap<u16, usize>) -> BTreeMap<u16, usize> {
+    let lost = expected.iter().map(|(id, expected)| {
+        let seen = seen.get(id).copied().unwrap_or_default();
+        (*id, expected.saturating_sub(seen))
+    });
+    lost.filter(|(_, lost)| *lost > 0).collect()
+}
+
+#[test]
+fn without_supply_or_in_reset_the_guardian_leaves_the_bus_alone() {
+    // From the beginning.
+    let (mut plain, mut held) = (Run::still(false), Run::still(true));
+    let guardian = held.guardian();
+    held.twin.node_mut(guardian).hold_reset();
+    plain.to(2_000);
+    held.to(2_000);
+    assert_eq!(held.twin.gates(), []);
+    let ids = |run: &Run| {
+        run.frames(0, 2_000)
+            .iter()
+            .map(|(_, id, node)| (*id, *node))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(ids(&plain), ids(&held));
+    // A reset opens the gate that it has closed: the babbler is on the bus again.
+    let mut run = Run::still(true);
+    let babbler = run.babble(Babble::Frame(0), FROM, 1_400);
+    run.to(1_250);
+    assert!(run.is_closed(DRIVE));
+    let sent = |run: &Run| {
+        let records = run.twin.records().iter();
+        let ends = records.filter(|record| {
+            record.node == babbler && matches!(record.kind, RecordKind::FrameEnd { .. })
+        });
+        ends.count()
+    };
+    let before = sent(&run);
+    run.twin.node_mut(guardian).hold_reset();
+    run.to(1_350);
+    assert!(sent(&run) > before + 10, "{before}, {}", sent(&run));
 }

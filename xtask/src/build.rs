@@ -150,6 +150,9 @@ pub fn images(
 /// The feature of a vehicle's crate without which it does not build the node that measures rows.
 const ROW_GUIDANCE: &str = "row-guidance";
 
+/// The same for the bus guardian.
+const GUARDIAN: &str = "guardian";
+
 /// The cargo command that builds the images of nodes that have one board.
 ///
 /// # Errors
@@ -192,6 +195,9 @@ pub(crate) fn with_features(
     cargo.args(["--features", vehicle::board(vehicle, node).name]);
     if vehicle.manifest().guidance_by_rows().is_some() {
         cargo.args(["--features", ROW_GUIDANCE]);
+    }
+    if vehicle.manifest().bus_guardian().is_some() {
+        cargo.args(["--features", GUARDIAN]);
     }
     Ok(cargo)
 }

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use parts::Sled;
-use schedulability::models::{Files, InputError, Models};
+use schedulability::models::{Files, InputError, Models, Supplements};
 use schedulability::node::{Entered, Observed, Seen};
 use schedulability::priorities;
 use schedulability::report;
@@ -256,7 +256,7 @@ fn inputs(program: &str) -> Inputs {
         table: here.join("tests/node/tasks.toml"),
         // It has no part in this network, and the network none in its answer.
         network: here.join("../firmware/vehicles/uagv/network.dbc"),
-        supplement: None,
+        supplements: Supplements::default(),
         receiver_period_us: None,
         event_triggered: false,
         foreign: Vec::new(),
@@ -529,7 +529,7 @@ fn the_swap_is_seen_without_an_image() {
         root,
         table,
         network,
-        supplement,
+        supplements,
         receiver_period_us,
         event_triggered,
         foreign,
@@ -544,7 +544,7 @@ fn the_swap_is_seen_without_an_image() {
             root: &root,
             table: &table,
             network: &network,
-            supplement: supplement.as_ref(),
+            supplements: &supplements,
         },
         receiver_period_us,
         event_triggered,

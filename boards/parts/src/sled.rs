@@ -150,6 +150,16 @@ impl Clocks {
     }
 }
 
+/// The wires of a bus guardian to one node: its TX line, and the gate between it and the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Tap {
+    /// Input: TX of the node's CAN controller, in front of the gate; low is dominant.
+    pub line: Pin,
+    /// Output to one input of the OR gate; high closes it. A pull-down resistor opens the gate while the
+    /// pin is not driven.
+    pub gate: Pin,
+}
+
 /// How much of its board an image may use, in bytes. The budgets are smaller than the
 /// memories, so that a growing image is noticed before a memory is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -203,6 +213,9 @@ pub struct Sled {
     pub transmit_lead_ticks: u32,
     /// Everything that the board is wired to.
     pub connectors: &'static [Connector],
+    /// The wires to the nodes that it can guard as a bus guardian, which has nothing else at these pins;
+    /// none if it cannot be one.
+    pub taps: &'static [Tap],
 }
 
 const KIB: u32 = 1024;
@@ -226,6 +239,13 @@ const fn timer_1(channel: u8, complementary: bool) -> Role {
         channel,
         complementary,
     })
+}
+
+const fn tap(port: char, line: u8, gate: u8) -> Tap {
+    Tap {
+        line: Pin::new(port, line),
+        gate: Pin::new(port, gate),
+    }
 }
 
 /// The Nucleo-F446RE on a CAN sled.
@@ -312,6 +332,12 @@ pub static SLED_F446: Sled = Sled {
                 signal("stop-loop", 'C', 5, Role::Input, 0),
             ],
         },
+    ],
+    taps: &[
+        tap('C', 0, 6),
+        tap('C', 1, 7),
+        tap('C', 2, 8),
+        tap('C', 3, 9),
     ],
 };
 
@@ -421,6 +447,7 @@ pub static SLED_F303: Sled = Sled {
             ],
         },
     ],
+    taps: &[],
 };
 
 impl Sled {
@@ -643,6 +670,23 @@ mod tests {
                 if !matches!(signal.role, Role::Input | Role::Output) {
                     assert_eq!(sled.wired_as(signal.role), Some(signal));
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn no_pin_is_a_tap_twice() {
+        for sled in Sled::ALL {
+            let pins: BTreeSet<_> = sled
+                .taps
+                .iter()
+                .flat_map(|tap| [tap.line, tap.gate])
+                .collect();
+            assert_eq!(pins.len(), 2 * sled.taps.len(), "{}", sled.name);
+            // What every node uses is no tap.
+            let common = ["can", "console", "led"].map(|name| sled.connector(name).unwrap());
+            for signal in common.into_iter().flat_map(|place| place.signals) {
+                assert!(!pins.contains(&signal.pin), "{}", signal.name);
             }
         }
     }

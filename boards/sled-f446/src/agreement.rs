@@ -52,6 +52,28 @@ const fn wired<const PORT: char, const NUMBER: u8, MODE>(
     }
 }
 
+/// True if the HAL's pin types are those of a tap.
+const fn tapped<const LINE: u8, const GATE: u8, L, G>(
+    _: PhantomData<Pin<'C', LINE, L>>,
+    _: PhantomData<Pin<'C', GATE, G>>,
+    tap: usize,
+) -> bool {
+    let tap = SLED_F446.taps[tap];
+    tap.line.port == 'C'
+        && tap.line.number == LINE
+        && tap.gate.port == 'C'
+        && tap.gate.number == GATE
+}
+
+const _: () = assert!(
+    tapped(PhantomData::<gpio::PC0>, PhantomData::<gpio::PC6>, 0)
+        && tapped(PhantomData::<gpio::PC1>, PhantomData::<gpio::PC7>, 1)
+        && tapped(PhantomData::<gpio::PC2>, PhantomData::<gpio::PC8>, 2)
+        && tapped(PhantomData::<gpio::PC3>, PhantomData::<gpio::PC9>, 3)
+        && SLED_F446.taps.len() == 4,
+    "the taps that this crate uses are those of the crate parts"
+);
+
 const _: () = assert!(
     wired(PhantomData::<gpio::PB9>, "can", "tx")
         && wired(PhantomData::<gpio::PB8>, "can", "rx")

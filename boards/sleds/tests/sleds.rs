@@ -325,6 +325,25 @@ fn the_guide_names_the_pins_and_the_parts_of_the_bench() {
     }
 }
 
+/// The pins of a bus guardian stand in the table of the README.
+#[test]
+fn the_taps_of_a_guardian_are_those_of_the_code() {
+    let text = fs::read_to_string(path("README.md")).unwrap();
+    let taps = Sled::F446.taps.iter();
+    let rows = taps.map(|tap| {
+        format!(
+            "| P{}{} | P{}{} |",
+            tap.line.port, tap.line.number, tap.gate.port, tap.gate.number
+        )
+    });
+    let rows: Vec<String> = rows.collect();
+    let places: Vec<_> = rows.iter().map(|row| text.find(row)).collect();
+    assert!(
+        places.iter().all(Option::is_some) && places.is_sorted(),
+        "{rows:?} {places:?}"
+    );
+}
+
 /// Set `PICTURES=renew` to write the pictures instead of comparing them.
 #[test]
 fn the_pictures_show_the_netlists() {

@@ -7,9 +7,9 @@ use network_model::{Message, Network, SendType};
 use parts::Sled;
 
 use crate::manifest::{
-    BackupMaster, Calibration, Command, CropRows, Device, DistanceSensors, DistanceSignals,
-    Machine, Manifest, Node, Protocol, Receiver, RegulatorWeights, Rover, RowGuidance, SelfTest,
-    SignalPath, ThesisLaw,
+    BackupMaster, BusGuardian, Calibration, Command, CropRows, Device, DistanceSensors,
+    DistanceSignals, Machine, Manifest, Node, Protocol, Receiver, RegulatorWeights, Rover,
+    RowGuidance, SelfTest, SignalPath, ThesisLaw,
 };
 use crate::units::{CountKind, Kind, LengthKind, Quantity, RateKind, factor, units_of};
 
@@ -21,7 +21,7 @@ pub const FULL_SCALE: f64 = 4095.0;
 /// # Errors
 /// Names the field at fault, its value and what is accepted.
 pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
-    nodes(&manifest.nodes, network)?;
+    nodes(manifest, network)?;
     devices(manifest)?;
     protocol(manifest)?;
     backup_master(manifest.safety.backup_master, network)?;
@@ -49,6 +49,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     if let Some(rows) = &manifest.row_guidance {
         row_guidance(rows, manifest, network)?;
     }
+    if let Some(guardian) = &manifest.guardian {
+        self::guardian(guardian, manifest, network)?;
+    }
     match &manifest.machine {
         Some(_) if manifest.rover.is_some() => {
             Err("there are a [machine] and a [rover]: one of the two is accepted".into())
@@ -61,9 +64,9 @@ pub fn check(manifest: &Manifest, network: &Network) -> Result<(), String> {
     }
 }
 
-fn nodes(nodes: &[Node], network: &Network) -> Result<(), String> {
+fn nodes(manifest: &Manifest, network: &Network) -> Result<(), String> {
     let mut names = BTreeSet::new();
-    for node in nodes {
+    for node in &manifest.nodes {
         let name = &node.name;
         if !names.insert(name) {
             return Err(format!("node {name:?} stands twice"));
@@ -75,7 +78,8 @@ fn nodes(nodes: &[Node], network: &Network) -> Result<(), String> {
                 Sled::ALL.map(|sled| sled.name).join(" and ")
             ));
         }
-        if !network.nodes.iter().any(|other| other.name == *name) {
+        let is_guardian = manifest.is_guardian(node);
+        if !is_guardian && !network.nodes.iter().any(|other| other.name == *name) {
             return Err(format!("node {name:?} is not in the network file"));
         }
     }
@@ -144,7 +148,8 @@ fn self_test(test: &SelfTest, manifest: &Manifest, network: &Network) -> Result<
             request.name, request.sender
         ));
     }
-    for node in &manifest.nodes {
+    let nodes = manifest.nodes.iter();
+    for node in nodes.filter(|node| !manifest.is_guardian(node)) {
         let key = format!("report, node {:?}", node.name);
         let name = test
             .report
@@ -666,6 +671,58 @@ fn row_guidance(rows: &RowGuidance, manifest: &Manifest, network: &Network) -> R
             "row_guidance.guide: there is no signal {message}.{signal} with a value table"
         )),
     }
+}
+
+/// Checks a bus guardian, be it on or off.
+fn guardian(guardian: &BusGuardian, manifest: &Manifest, network: &Network) -> Result<(), String> {
+    let BusGuardian { guards, node, .. } = guardian;
+    if manifest.bus.protocol == Protocol::EventTriggered {
+        return Err(
+            "[guardian] needs bus.protocol \"time-triggered\": it guards by the schedule".into(),
+        );
+    }
+    let sled = Sled::named(&node.board).filter(|sled| !sled.taps.is_empty());
+    let Some(sled) = sled else {
+        let boards = Sled::ALL.iter().filter(|sled| !sled.taps.is_empty());
+        let boards: Vec<&str> = boards.map(|sled| sled.name).collect();
+        return Err(format!(
+            "guardian.node.board is {:?}: {} is accepted, which has taps for TX lines",
+            node.board,
+            boards.join(" or ")
+        ));
+    };
+    if let Some(connector) = node.wiring.keys().next() {
+        return Err(format!(
+            "guardian.node.wiring has {connector:?}: nothing but TX lines is accepted, and `guards` has those"
+        ));
+    }
+    if guards.len() != sled.taps.len() {
+        return Err(format!(
+            "guardian.guards has {}: {} are accepted, one for each tap of the board {}",
+            guards.len(),
+            sled.taps.len(),
+            sled.name
+        ));
+    }
+    for (at, name) in guards.iter().enumerate() {
+        let mut known = network.nodes.iter();
+        if !known.any(|other| other.name == *name) || *name == node.name {
+            return Err(format!(
+                "guardian.guards: there is no node {name:?} to guard"
+            ));
+        }
+        if guards.iter().skip(at + 1).any(|other| other == name) {
+            return Err(format!("guardian.guards: node {name:?} stands twice"));
+        }
+    }
+    // Nothing could make it send: no message is its own.
+    if network.nodes.iter().any(|other| other.name == node.name) {
+        return Err(format!(
+            "guardian.node.name is {:?}: a name that the network file does not have is accepted, as a guardian sends nothing",
+            node.name
+        ));
+    }
+    Ok(())
 }
 
 /// Largest distance that a rover's nodes tell each other, metres.

@@ -13,8 +13,8 @@ use control::vehicle::{self, Description, Refusal};
 
 use crate::error::VehicleError;
 use crate::manifest::{
-    BackupMaster, Device, Direction, DistanceSensors, Machine, Receiver, RegulatorWeights, Remote,
-    Rover, RowGuidance, RowLaw, Safety, ThesisLaw, Waypoint,
+    BackupMaster, BusGuardian, Device, Direction, DistanceSensors, Machine, Receiver,
+    RegulatorWeights, Remote, Rover, RowGuidance, RowLaw, Safety, ThesisLaw, Waypoint,
 };
 use crate::units::{AngleKind, Kind, LengthKind, Quantity, RateKind, SpeedKind, TimeKind};
 use crate::vehicle::Vehicle;
@@ -345,6 +345,30 @@ fn row_guidance(
         &row::source(&settings).to_string(),
     );
     Ok(())
+}
+
+/// The Rust source of which nodes the bus guardian guards.
+pub(crate) fn guarded(guardian: &BusGuardian) -> String {
+    let nodes = guardian
+        .guards
+        .iter()
+        .map(|name| format!("super::matrix::{}", name.to_uppercase()));
+    let names = guardian.guards.iter().map(|name| format!("{name:?}"));
+    let (nodes, names) = (nodes.collect::<Vec<_>>(), names.collect::<Vec<_>>());
+    let mut out = String::new();
+    constant(
+        &mut out,
+        "The guarded nodes, in the order of the taps of the guardian's board.",
+        &format!("NODES: [::ttcan::NodeId; {}]", nodes.len()),
+        &format!("[{}]", nodes.join(", ")),
+    );
+    constant(
+        &mut out,
+        "Their names.",
+        &format!("NAMES: [&str; {}]", names.len()),
+        &format!("[{}]", names.join(", ")),
+    );
+    out
 }
 
 /// The Rust source of what the manifest says about stops.

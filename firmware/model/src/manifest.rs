@@ -46,6 +46,8 @@ pub struct Manifest {
     /// Guidance of a machine by the rows of a crop while the receiver has no fix; `None` if it is not
     /// meant for that.
     pub row_guidance: Option<RowGuidance>,
+    /// The bus guardian; `None` if the vehicle is not meant to have one.
+    pub guardian: Option<BusGuardian>,
     /// The satellite receiver; needed when one is wired.
     pub receiver: Option<Receiver>,
     /// The ends of the line that the run follows, two when there is a machine.
@@ -74,7 +76,21 @@ impl Manifest {
         self.row_guidance.as_ref().filter(|rows| rows.enabled)
     }
 
-    /// Puts the node that measures the rows among the others if the guidance by rows is on.
+    /// The bus guardian, if it is on.
+    #[must_use]
+    pub fn bus_guardian(&self) -> Option<&BusGuardian> {
+        self.guardian.as_ref().filter(|guardian| guardian.enabled)
+    }
+
+    /// Whether a node is the bus guardian. It sends no message, so the network file does not have it.
+    #[must_use]
+    pub fn is_guardian(&self, node: &Node) -> bool {
+        let guardian = self.bus_guardian();
+        guardian.is_some_and(|guardian| guardian.node.name == node.name)
+    }
+
+    /// Puts the node that measures the rows among the others if the guidance by rows is on, and behind
+    /// them the bus guardian if that is on.
     pub(crate) fn complete(&mut self) {
         if let Some(rows) = self.row_guidance.as_ref().filter(|rows| rows.enabled) {
             self.nodes.push(rows.node.clone());
@@ -82,6 +98,9 @@ impl Manifest {
                 let (node, message) = (rows.node.name.clone(), rows.self_test.clone());
                 test.report.insert(node, message);
             }
+        }
+        if let Some(guardian) = self.guardian.as_ref().filter(|guardian| guardian.enabled) {
+            self.nodes.push(guardian.node.clone());
         }
     }
 }
@@ -633,6 +652,20 @@ pub struct RowGuidance {
     pub sensors: DistanceSensors,
     /// The rows.
     pub rows: CropRows,
+}
+
+/// A bus guardian on a board of its own, which keeps a node that babbles off the bus
+/// ([`ttcan::guardian`]). It listens and sends no message. While it is off, its board is not on the bus.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BusGuardian {
+    /// Whether it is on. Default: off.
+    #[serde(default)]
+    pub enabled: bool,
+    /// The guarded nodes, in the order of the board's taps ([`parts::Sled::taps`]).
+    pub guards: Vec<String>,
+    /// Its board. Its tasks stand in the file of its name with the ending `tasks.toml`.
+    pub node: Node,
 }
 
 /// The motors of a rover's side on their motor driver, alike in both directions.

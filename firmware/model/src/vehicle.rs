@@ -269,11 +269,36 @@ impl Vehicle {
         network_supplement(&self.folder, &self.manifest)
     }
 
-    /// Path of what this node adds to its task table.
+    /// Paths of what switched-on nodes add to its task table.
     #[must_use]
-    pub fn task_supplement(&self) -> Option<PathBuf> {
-        let rows = self.manifest.guidance_by_rows()?;
-        Some(self.folder.join(format!("{}.tasks.toml", rows.node.name)))
+    pub fn task_supplements(&self) -> Vec<PathBuf> {
+        let rows = self.manifest.guidance_by_rows().map(|rows| &rows.node);
+        let guardian = self.manifest.bus_guardian();
+        let guardian = guardian.map(|guardian| &guardian.node);
+        let added = rows.into_iter().chain(guardian);
+        added
+            .map(|node| self.folder.join(format!("{}.tasks.toml", node.name)))
+            .collect()
+    }
+
+    /// The bus guardian, if it is on.
+    #[must_use]
+    pub fn guardian(&self) -> Option<NodeIndex> {
+        self.find_node(&self.manifest.bus_guardian()?.node.name)
+    }
+
+    /// The nodes that the bus guardian guards, in the order of its board's taps; none if it is off.
+    #[must_use]
+    pub fn guarded(&self) -> Vec<NodeIndex> {
+        let guardian = self.manifest.bus_guardian();
+        let names = guardian.into_iter().flat_map(|guardian| &guardian.guards);
+        names.filter_map(|name| self.find_node(name)).collect()
+    }
+
+    /// The nodes of the network file: all but the bus guardian, which sends nothing.
+    pub fn participants(&self) -> impl Iterator<Item = NodeIndex> + use<> {
+        let guardian = self.guardian();
+        self.nodes().filter(move |&node| Some(node) != guardian)
     }
 
     /// Path of its task table.

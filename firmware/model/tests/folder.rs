@@ -757,15 +757,99 @@ fn the_node_of_the_rows_is_there_only_while_they_may_guide() {
     let off = uagv_with("").unwrap();
     assert_eq!(names(&off), ["gps", "controller", "steering", "drive"]);
     assert!(off.network().message(207).is_none());
-    assert!(off.network_supplement().is_none() && off.task_supplement().is_none());
+    assert!(off.network_supplement().is_none() && off.task_supplements().is_empty());
     assert_eq!(off.node_of(Device::DistanceSensors), None);
     let on = uagv_with("row_guidance.enabled=true").unwrap();
     assert_eq!(names(&on).last().map(String::as_str), Some("rows"));
     assert_eq!(on.network().message(207).unwrap().sender, "rows");
     assert_eq!(on.node_of(Device::DistanceSensors), on.find_node("rows"));
-    assert!(on.task_supplement().unwrap().is_file());
+    assert!(on.task_supplements()[0].is_file());
     let report = &on.manifest().self_test.as_ref().unwrap().report;
     assert_eq!(report.get("rows").map(String::as_str), Some("RowsSelfTest"));
+}
+
+#[test]
+fn the_bus_guardian_is_there_only_while_it_is_on() {
+    let off = uagv_with("").unwrap();
+    assert!(off.guardian().is_none() && off.guarded().is_empty());
+    assert_eq!(off.participants().count(), off.nodes().len());
+    for (set, nodes) in [
+        ("guardian.enabled=true", 5),
+        ("guardian.enabled=true;row_guidance.enabled=true", 6),
+    ] {
+        let on = uagv_with(set).unwrap();
+        assert_eq!(on.nodes().len(), nodes);
+        let guardian = on.find_node("guardian");
+        assert_eq!(on.guardian(), guardian);
+        assert_eq!(guardian, on.nodes().last());
+        assert!(on.participants().all(|node| Some(node) != guardian));
+        assert_eq!(on.participants().count(), nodes - 1);
+        let guarded = on.guarded().into_iter();
+        let guarded: Vec<_> = guarded.map(|node| on.node(node).name.as_str()).collect();
+        assert_eq!(guarded, ["gps", "controller", "steering", "drive"]);
+        assert!(on.task_supplements().iter().all(|table| table.is_file()));
+        // It cannot send: no message is its own, and the network does not know it.
+        let mut messages = on.network().messages.iter();
+        assert!(messages.all(|message| message.sender != "guardian"));
+        assert!(
+            on.network()
+                .nodes
+                .iter()
+                .all(|node| node.name != "guardian")
+        );
+    }
+}
+
+#[test]
+fn a_bus_guardian_that_makes_no_sense_is_refused_in_one_sentence() {
+    for (overrides, sentence) in [
+        ("guardian.enabled=perhaps", "guardian.enabled"),
+        (
+            "guardian.node.board=f303",
+            "guardian.node.board is \"f303\": f446 is accepted, which has taps for TX lines",
+        ),
+        (
+            "guardian.node.name=drive",
+            "guardian.guards: there is no node \"drive\" to guard",
+        ),
+        (
+            "guardian.node.name=logger",
+            "guardian.node.name is \"logger\": a name that the network file does not have is accepted",
+        ),
+        (
+            "guardian.enabled=true;guardian.node.name=watchman",
+            "watchman",
+        ),
+        (
+            "guardian.node.wiring.display=lk204-7t-1u",
+            "guardian.node.wiring has \"display\"",
+        ),
+    ] {
+        let error = uagv_with(overrides).unwrap_err();
+        assert!(error.contains(sentence), "{overrides}: {error}");
+        assert!(!error.contains('\n'), "{error}");
+    }
+    for (guards, sentence) in [
+        (
+            "[\"gps\", \"drive\"]",
+            "guardian.guards has 2: 4 are accepted, one for each tap of the board f446",
+        ),
+        (
+            "[\"gps\", \"controller\", \"drive\", \"drive\"]",
+            "guardian.guards: node \"drive\" stands twice",
+        ),
+        (
+            "[\"gps\", \"controller\", \"drive\", \"plough\"]",
+            "guardian.guards: there is no node \"plough\" to guard",
+        ),
+    ] {
+        let error = refusal(
+            "guards = [\"gps\", \"controller\", \"steering\", \"drive\"]",
+            &format!("guards = {guards}"),
+        );
+        assert!(error.contains(sentence), "{guards}: {error}");
+        assert!(!error.contains('\n'), "{error}");
+    }
 }
 
 #[test]

@@ -94,13 +94,13 @@ pub struct Models {
     pub file: String,
 }
 
-/// What a node that is only sometimes there adds to the files of its vehicle.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Supplement {
-    /// The addition to the task table.
-    pub table: PathBuf,
+/// What nodes that are only sometimes there add to the files of their vehicle.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Supplements {
+    /// The additions to the task table.
+    pub tables: Vec<PathBuf>,
     /// The addition to the network file.
-    pub network: PathBuf,
+    pub network: Option<PathBuf>,
 }
 
 /// The files of a vehicle.
@@ -113,7 +113,7 @@ pub struct Files<'a> {
     /// The network file.
     pub network: &'a Path,
     /// What adds to both.
-    pub supplement: Option<&'a Supplement>,
+    pub supplements: &'a Supplements,
 }
 
 impl Models {
@@ -136,7 +136,7 @@ impl Models {
             root,
             table,
             network,
-            supplement,
+            supplements,
         } = *files;
         let name = |path: &Path| {
             let short = path.strip_prefix(root).unwrap_or(path);
@@ -146,10 +146,12 @@ impl Models {
         let mut tasks = read(table, &file)?;
         let network_name = name(network);
         let mut network = read(network, &network_name)?;
-        if let Some(supplement) = supplement {
-            tasks.push_str(&read(&supplement.table, &name(&supplement.table))?);
-            let file = name(&supplement.network);
-            network = network_model::supplemented(&network, &read(&supplement.network, &file)?)
+        for table in &supplements.tables {
+            tasks.push_str(&read(table, &name(table))?);
+        }
+        if let Some(supplement) = &supplements.network {
+            let file = name(supplement);
+            network = network_model::supplemented(&network, &read(supplement, &file)?)
                 .map_err(|problems| InputError::Network { file, problems })?;
         }
         let parsed = Table::parse(&file, &tasks)?;

@@ -11,7 +11,7 @@ use crate::can::ErrorRate;
 use crate::execution::Execution;
 use crate::foreign::{Foreign, SENDER};
 use crate::model::NodeModel;
-use crate::models::{Files, InputError, Models, Supplement};
+use crate::models::{Files, InputError, Models, Supplements};
 use crate::node::{Observed, schedule};
 use crate::releases::Bus;
 use crate::results::Report;
@@ -34,7 +34,7 @@ pub struct Inputs {
     /// The network file.
     pub network: PathBuf,
     /// What a node that is only sometimes there adds to both, if it is there.
-    pub supplement: Option<Supplement>,
+    pub supplements: Supplements,
     /// Time between two bursts of the satellite receiver, in microseconds; `None` if there is
     /// no receiver.
     pub receiver_period_us: Option<u64>,
@@ -133,14 +133,12 @@ impl Programs {
             .map(|(address, word)| (*address, *word))
     }
 
-    /// The transfers by DMA that the task table has for a node.
+    /// The transfers by DMA that the task table has for a node; `None` if the node is not analysed.
     #[must_use]
-    pub fn transfers(&self, node: &str) -> Transfers {
+    pub fn transfers(&self, node: &str) -> Option<Transfers> {
         let mut all = self.models.nodes.iter();
-        let of_node = all.find(|(model, _)| model.name == node);
-        of_node
-            .map(|(_, table)| table.dma.clone())
-            .unwrap_or_default()
+        let (_, table) = all.find(|(model, _)| model.name == node)?;
+        Some(table.dma.clone())
     }
 
     /// The report, with the observations of each node.
@@ -226,7 +224,7 @@ fn models(inputs: &Inputs) -> Result<Models, InputError> {
             root: &inputs.root,
             table: &inputs.table,
             network: &inputs.network,
-            supplement: inputs.supplement.as_ref(),
+            supplements: &inputs.supplements,
         },
         inputs.receiver_period_us,
         inputs.event_triggered,

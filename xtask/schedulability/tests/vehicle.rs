@@ -13,7 +13,7 @@ use schedulability::bus::Reactions;
 use schedulability::can::ErrorRate;
 use schedulability::execution::{Execution, Handler, Section};
 use schedulability::model::NodeModel;
-use schedulability::models::{Files, Models};
+use schedulability::models::{Files, Models, Supplements};
 use schedulability::node::{Entered, Observed, Seen, schedule};
 use schedulability::priorities;
 use schedulability::releases::Bus;
@@ -193,7 +193,7 @@ fn the_table_fits_the_sources() {
             root: &root,
             table: &root.join("firmware/vehicles/uagv/tasks.toml"),
             network: &root.join("firmware/vehicles/uagv/network.dbc"),
-            supplement: None,
+            supplements: &Supplements::default(),
         },
         uagv().receiver_period_us(),
         false,

@@ -12,7 +12,7 @@ use std::{
 use schedulability::{
     can::ErrorRate,
     foreign::Foreign,
-    models::{Files, InputError, Models, Supplement},
+    models::{Files, InputError, Models, Supplements},
     priorities, report,
     results::{NodeReport, Report, TaskReport},
     system::{Inputs, Program, Programs},
@@ -202,12 +202,12 @@ pub fn run_priorities(workspace: &Workspace, options: &Priorities) -> Result<(),
     Ok(())
 }
 
-/// What a switched-on node adds to the vehicle's files.
-fn supplement(vehicle: &Vehicle) -> Option<Supplement> {
-    Some(Supplement {
-        table: vehicle.task_supplement()?,
-        network: vehicle.network_supplement()?,
-    })
+/// What switched-on nodes add to the vehicle's files.
+fn supplements(vehicle: &Vehicle) -> Supplements {
+    Supplements {
+        tables: vehicle.task_supplements(),
+        network: vehicle.network_supplement(),
+    }
 }
 
 /// What is on the bus beside the vehicle's own messages: those of foreign nodes, and disturbed frames, at
@@ -225,7 +225,7 @@ pub(crate) fn inputs(
     Inputs {
         table: vehicle.task_table(),
         network: vehicle.network_file(),
-        supplement: supplement(vehicle),
+        supplements: supplements(vehicle),
         receiver_period_us: vehicle.receiver_period_us(),
         event_triggered: vehicle.is_event_triggered(),
         foreign: foreign.to_vec(),
@@ -347,7 +347,7 @@ fn models(
             root: workspace.root(),
             table: &vehicle.task_table(),
             network: &vehicle.network_file(),
-            supplement: supplement(vehicle).as_ref(),
+            supplements: &supplements(vehicle),
         },
         vehicle.receiver_period_us(),
         vehicle.is_event_triggered(),

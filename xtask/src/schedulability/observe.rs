@@ -92,8 +92,9 @@ pub(super) fn observe(
         for (node, findings) in vehicle.nodes().zip(&findings) {
             let name = &vehicle.node(node).name;
             hold(name, images, &lock(findings))?;
-            let allowed = programs.transfers(name);
-            hold_transfers(name, &allowed, &scenario.name, &lock(findings))?;
+            if let Some(allowed) = programs.transfers(name) {
+                hold_transfers(name, &allowed, &scenario.name, &lock(findings))?;
+            }
         }
         Ok((twin.finish(), findings))
     };

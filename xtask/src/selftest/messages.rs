@@ -135,7 +135,7 @@ impl<'v> Messages<'v> {
             vehicle: vehicle.name(),
             network,
             request: find(&names.request)?,
-            reports: vehicle.nodes().map(report).collect::<Option<_>>()?,
+            reports: vehicle.participants().map(report).collect::<Option<_>>()?,
         })
     }
 

@@ -13,7 +13,7 @@ use world::{
 };
 
 use parts::Sled;
-use vehicle_model::{Device, Override, Overrides, Protocol, Vehicle};
+use vehicle_model::{Override, Overrides, Protocol, Vehicle};
 
 use crate::{
     Failure, Workspace, board, build,
@@ -71,9 +71,9 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                 Work::EventTriggered(vehicle) => println!(
                     "    cargo xtask schedulability --vehicle {vehicle} --bus event-triggered"
                 ),
-                Work::RowGuided(vehicle) => println!(
-                    "    cargo xtask schedulability --vehicle {vehicle} --set {ROW_GUIDANCE}"
-                ),
+                Work::SwitchedOn(vehicle, set) => {
+                    println!("    cargo xtask schedulability --vehicle {vehicle} --set {set}");
+                }
             }
         }
         return Ok(());
@@ -127,8 +127,8 @@ enum Work {
     Schedulability(String),
     /// Whether they hold when its nodes send at once, without the schedule.
     EventTriggered(String),
-    /// Whether they hold with the node that measures rows, which is off in the manifest.
-    RowGuided(String),
+    /// Whether they hold with a node that is off in the manifest, and the value that switches it on.
+    SwitchedOn(String, &'static str),
 }
 
 /// How a step ended.
@@ -175,12 +175,8 @@ impl Step {
             Work::EventTriggered(name) => event_triggered(workspace, &name)
                 .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
                 .unwrap_or_else(failed),
-            Work::RowGuided(name) => found(&name)
-                .and_then(|vehicle| row_guided(workspace, &vehicle))
-                .and_then(|vehicle| match vehicle {
-                    Some(vehicle) => schedulability::regressions(workspace, &vehicle),
-                    None => Ok(Vec::new()),
-                })
+            Work::SwitchedOn(name, set) => with_value(workspace, &name, set)
+                .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
                 .unwrap_or_else(failed),
             Work::Tests { cargo, long } => {
                 let slow: &[&str] = if long { &["--include-ignored"] } else { &[] };
@@ -249,8 +245,11 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
         if event_triggered(workspace, name).is_ok() {
             steps.push(step("event-triggered", Work::EventTriggered));
         }
-        if row_guided(workspace, &vehicle::find(workspace, name)?)?.is_some() {
-            steps.push(step("row guidance", Work::RowGuided));
+        let vehicle = vehicle::find(workspace, name)?;
+        let bounded = switches(&vehicle).into_iter().filter(|one| one.bounded);
+        for Switch { what, set, .. } in bounded {
+            let work = Work::SwitchedOn(name.clone(), set);
+            steps.push(Step::new(format!("{what}, {name}"), work));
         }
     }
     steps.extend([
@@ -370,37 +369,62 @@ fn on_target(
     Ok(commands)
 }
 
-/// The same for a node that is off in a vehicle's manifest: the other commands do not see it.
+/// The same for nodes that are off in a vehicle's manifest: the other commands do not see them.
 fn switched_on(
     workspace: &Workspace,
     vehicle: &Vehicle,
     command: &str,
     rest: &[&str],
-) -> Result<Option<Command>, Failure> {
-    let Some(vehicle) = row_guided(workspace, vehicle)? else {
-        return Ok(None);
-    };
-    let Some(node) = vehicle.node_of(Device::DistanceSensors) else {
-        return Ok(None);
-    };
-    let mut cargo = build::with_features(target::cargo(workspace, command), &vehicle, node)?;
-    cargo.args(rest);
-    cargo.env("RUSTDOCFLAGS", "--deny warnings");
-    Ok(Some(cargo))
-}
-
-/// The vehicle with the node that measures rows; `None` if it has none, or has it switched on already.
-fn row_guided(workspace: &Workspace, vehicle: &Vehicle) -> Result<Option<Vehicle>, Failure> {
-    let guidance = vehicle.manifest().row_guidance.as_ref();
-    if guidance.is_none_or(|guidance| guidance.enabled) {
-        return Ok(None);
+) -> Result<Vec<Command>, Failure> {
+    let mut commands = Vec::new();
+    for Switch { set, .. } in switches(vehicle) {
+        let on = with_value(workspace, vehicle.name(), set)?;
+        // The node that the value adds is the last one.
+        let Some(node) = on.nodes().last() else {
+            continue;
+        };
+        let mut cargo = build::with_features(target::cargo(workspace, command), &on, node)?;
+        cargo.args(rest);
+        cargo.env("RUSTDOCFLAGS", "--deny warnings");
+        commands.push(cargo);
     }
-    let on = Override::parse(ROW_GUIDANCE).into_iter().collect();
-    Ok(Some(vehicle::with(workspace, vehicle.name(), &on)?))
+    Ok(commands)
 }
 
-/// Switches the node on that measures rows.
-const ROW_GUIDANCE: &str = "row_guidance.enabled=true";
+/// A node that is off in a vehicle's manifest.
+struct Switch {
+    /// Name of the step that tests the vehicle with it.
+    what: &'static str,
+    /// The value that switches it on.
+    set: &'static str,
+    /// Whether the analysis has bounds for its tasks.
+    bounded: bool,
+}
+
+/// The nodes that are off in a vehicle's manifest.
+fn switches(vehicle: &Vehicle) -> Vec<Switch> {
+    let manifest = vehicle.manifest();
+    let rows = manifest.row_guidance.as_ref().map(|rows| rows.enabled);
+    let guardian = manifest.guardian.as_ref();
+    let guardian = guardian.map(|guardian| guardian.enabled);
+    let rows = (rows == Some(false)).then_some(Switch {
+        what: "row guidance",
+        set: "row_guidance.enabled=true",
+        bounded: true,
+    });
+    let guardian = (guardian == Some(false)).then_some(Switch {
+        what: "guardian",
+        set: "guardian.enabled=true",
+        bounded: false,
+    });
+    rows.into_iter().chain(guardian).collect()
+}
+
+/// The vehicle of that name with this value in place of its manifest's.
+fn with_value(workspace: &Workspace, name: &str, set: &str) -> Result<Vehicle, Failure> {
+    let on = Override::parse(set).into_iter().collect();
+    Ok(vehicle::with(workspace, name, &on)?)
+}
 
 /// Fault sequences of the step: what two cores do in about a minute. A night's worth is
 /// `cargo xtask sim --faults` with its own number.
@@ -699,7 +723,7 @@ mod tests {
         let names = vehicle::names(&workspace).unwrap();
         let commands = on_target(&workspace, &names, "clippy", &DENIED).unwrap();
         let (boards, switched_on) = commands.split_at(Sled::ALL.len());
-        let [rows] = switched_on else {
+        let [rows, guardian] = switched_on else {
             panic!("{switched_on:?}");
         };
         let line = typed(rows);
@@ -709,6 +733,12 @@ mod tests {
         );
         assert!(
             line.contains("--package uagv --features f303 --features row-guidance"),
+            "{line}"
+        );
+        let line = typed(guardian);
+        assert!(
+            line.contains("FURROW_SET=guardian.enabled=true")
+                && line.contains("--package uagv --features f446 --features guardian"),
             "{line}"
         );
         for command in boards {

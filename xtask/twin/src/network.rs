@@ -2,8 +2,9 @@
 
 use crate::image::Image;
 use crate::mcu::{Board, Mcu};
+use crate::part::Pin;
 use crate::peripheral::{SharedBus, lock};
-use can_bus::{Bus, SimDuration, SimTime};
+use can_bus::{Bus, Level, NodeId, SimDuration, SimTime};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 /// Usual shortest time for which the nodes run between two updates of the bus: a quarter of a bit at 250
@@ -21,6 +22,27 @@ pub struct Network {
     nodes: Vec<Mcu>,
     now: SimTime,
     slice: SimDuration,
+    guard: Option<Guard>,
+}
+
+/// A bus guardian and the nodes that it guards.
+struct Guard {
+    /// Index of the guardian.
+    guardian: usize,
+    taps: Vec<Tap>,
+}
+
+/// The wires between the guardian and one node.
+struct Tap {
+    /// The node on the bus.
+    node: NodeId,
+    /// The guardian's pin that reads the node's transmit pin.
+    line: Pin,
+    /// The guardian's pin that closes the node's gate while it is high.
+    gate: Pin,
+    /// Whether the line is high, which is recessive.
+    recessive: bool,
+    closed: bool,
 }
 
 impl Default for Network {
@@ -45,6 +67,7 @@ impl Network {
             nodes: Vec::new(),
             now: SimTime::from_ticks(0),
             slice,
+            guard: None,
         }
     }
 
@@ -52,6 +75,56 @@ impl Network {
     pub fn add(&mut self, image: Arc<Image>, board: &Board) -> usize {
         self.nodes.push(Mcu::new(image, board, Some(&self.bus)));
         self.nodes.len() - 1
+    }
+
+    /// Puts gates between nodes and the bus, which the pins of a guardian close: for each node its index, the
+    /// guardian's pin at its transmit line, in front of the gate, and the pin that closes the gate while
+    /// it is high. A pin that is not driven leaves the gate open. Lines and gates follow within the shortest
+    /// time between two updates of the bus, and a gate acts from the next bit on.
+    pub fn guard(&mut self, guardian: usize, taps: impl IntoIterator<Item = (usize, Pin, Pin)>) {
+        let mut wired = Vec::new();
+        for (node, line, gate) in taps {
+            if let Some(node) = self.nodes[node].node() {
+                self.nodes[guardian].drive_pin(line, Some(true));
+                wired.push(Tap {
+                    node,
+                    line,
+                    gate,
+                    recessive: true,
+                    closed: false,
+                });
+            }
+        }
+        self.guard = Some(Guard {
+            guardian,
+            taps: wired,
+        });
+    }
+
+    /// Passes the levels of the transmit lines to the guardian, and those of its pins to the gates.
+    fn follow_taps(&mut self) {
+        let Some(Guard { guardian, taps }) = &mut self.guard else {
+            return;
+        };
+        let guardian = &mut self.nodes[*guardian];
+        let mut bus = lock(&self.bus);
+        let mut changed = Vec::new();
+        for tap in taps {
+            let closed = guardian.pin(tap.gate);
+            if closed != tap.closed {
+                tap.closed = closed;
+                bus.close_gate(tap.node, closed, self.now);
+            }
+            let recessive = bus.transmit_level(tap.node) == Level::Recessive;
+            if recessive != tap.recessive {
+                tap.recessive = recessive;
+                changed.push((tap.line, recessive));
+            }
+        }
+        drop(bus);
+        for (line, recessive) in changed {
+            guardian.drive_pin(line, Some(recessive));
+        }
     }
 
     /// The bus, for testers, disturbances and records.
@@ -93,6 +166,7 @@ impl Network {
             for node in &mut self.nodes {
                 node.bus_moved();
             }
+            self.follow_taps();
         }
     }
 
@@ -107,7 +181,14 @@ impl Network {
         let bus = lock(&self.bus);
         let target = if wake > self.now {
             // All nodes sleep: nothing happens before a node's own event or an event on the bus.
-            bus.next_event().map_or(wake, |event| wake.min(event))
+            // A guardian looks at each bit of the others.
+            let event = match &self.guard {
+                None => bus.next_event(),
+                Some(_) => bus.next_step_at(),
+            };
+            event.map_or(wake, |event| wake.min(event))
+        } else if self.guard.is_some() {
+            self.now
         } else {
             bus.horizon()
         };

@@ -116,6 +116,22 @@ pub struct Twin {
     chain: Chain,
     /// The identifier of the command, and those of the messages that it needs first.
     steps: (Option<u16>, Vec<u16>),
+    guardian: Option<NodeIndex>,
+    guarded: Vec<NodeIndex>,
+    gates: Vec<GateChange>,
+    /// Bit rate of the bus, bit/s.
+    bit_rate: u32,
+}
+
+/// The bus guardian closed the gate of a node, or opened it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GateChange {
+    /// When.
+    pub at: SimTime,
+    /// The node behind the gate.
+    pub node: NodeIndex,
+    /// Whether the gate is closed from then on.
+    pub closed: bool,
 }
 
 /// A node of the vehicle.
@@ -226,6 +242,12 @@ impl Twin {
                 console: Vec::new(),
             });
         }
+        if let Some(guardian) = vehicle.guardian() {
+            let taps = vehicle.board(guardian).taps.iter();
+            let guarded = vehicle.guarded().into_iter().zip(taps);
+            let taps = guarded.map(|(node, tap)| (node.0, tap.line, tap.gate));
+            network.guard(guardian.0, taps);
+        }
         let rate = vehicle.network().bit_rate;
         let foreign = network.bus().add_tester(Tester::new().at_bit_rate(rate));
         let mut twin = Self {
@@ -239,6 +261,10 @@ impl Twin {
             last_start: None,
             chain: Chain::default(),
             steps: steps(vehicle),
+            guardian: vehicle.guardian(),
+            guarded: vehicle.guarded(),
+            gates: Vec::new(),
+            bit_rate: rate,
         };
         for input in Input::ALL {
             if let Some(node) = twin.world.input_node(input) {
@@ -540,6 +566,16 @@ impl Twin {
                 }
             }
             for change in self.node_mut(node).drain_pins() {
+                if self.guardian == Some(node)
+                    && let Some(guarded) = self.behind(change.pin)
+                {
+                    self.gates.push(GateChange {
+                        at: change.at,
+                        node: guarded,
+                        closed: change.high,
+                    });
+                    continue;
+                }
                 let wiring = &self.nodes[node.0].wiring;
                 if Some(change.pin) == wiring.relay {
                     sent.push((change.at, node, Sent::Relay(change.high)));
@@ -579,6 +615,28 @@ impl Twin {
         }
     }
 
+    /// The node behind the gate that a pin of the guardian closes.
+    fn behind(&self, pin: parts::Pin) -> Option<NodeIndex> {
+        let mut taps = self.sled(self.guardian?).taps.iter();
+        self.guarded
+            .get(taps.position(|tap| tap.gate == pin)?)
+            .copied()
+    }
+
+    /// Adds a foreign sender that drives the transmit line of a node, in front of the gate that a guardian may
+    /// close: what the node sends if its controller or its program is broken.
+    pub fn add_babbler(&mut self, node: NodeIndex) -> Option<NodeId> {
+        let id = self.node(node).node()?;
+        let mut bus = self.network.bus();
+        Some(bus.add_tester_at(id, Tester::new().at_bit_rate(self.bit_rate)))
+    }
+
+    /// When the bus guardian closed or opened gates, in order of time for each node.
+    #[must_use]
+    pub fn gates(&self) -> &[GateChange] {
+        &self.gates
+    }
+
     /// Ends the run and returns its results.
     #[must_use]
     pub fn finish(self) -> Outcome {
@@ -603,6 +661,7 @@ impl Twin {
             nodes,
             world: self.world,
             chain: self.chain,
+            gates: self.gates,
         }
     }
 }
@@ -650,6 +709,8 @@ pub struct Outcome {
     pub world: World,
     /// Samples of the distance sensors and pulses of the motors.
     pub chain: Chain,
+    /// When the bus guardian closed or opened gates.
+    pub gates: Vec<GateChange>,
 }
 
 impl Outcome {

@@ -1,12 +1,16 @@
-//! The bus guardian of the four nodes: it closes the gate of one that drives the bus where it may not.
-//! It sends nothing; its CAN controller only acknowledges. [`board::taps`] has its wiring, and
+//! The bus guardian of the four nodes: it closes the gate of one that drives the bus where it may not. It is on
+//! the bus only while `guardian.enabled` of the manifest is true. It sends nothing: its CAN controller only
+//! acknowledges, and no task has a way to request a frame. [`board::taps`] has its wiring, and
 //! `ttcan::guardian` what it lets through.
 //!
 //! | task | bound to | priority | does |
 //! | --- | --- | --- | --- |
 //! | `look` | TIM3 | 2 | every 8 us: looks at the TX lines, sets the gates |
-//! | `can_rx` | receive FIFO 0 | 2 | stamps, tells the guardian of each frame |
-//! | `idle` | | 0 | watchdog, LED, a line to the log for each trip |
+//! | `can_rx` | receive FIFO 0 | 2 | stamps, tells the guardian of a frame |
+//! | `console_dma` | DMA1 stream 6 | 1 | end of a console line |
+//! | `idle` | | 0 | watchdog, LED; a line for each cut, and one each second |
+//!
+//! The looks wake `idle`, which feeds the watchdog: if they end, the watchdog bites, and the gates open.
 
 #![no_std]
 #![no_main]
@@ -16,28 +20,39 @@ use defmt_rtt as _;
 #[rtic::app(device = firmware::board::pac, peripherals = true)]
 mod app {
     use firmware::board::can::Received;
+    use firmware::board::console::Console;
     use firmware::board::fault::Fault;
     use firmware::board::led::Led;
     use firmware::board::taps::Taps;
     use firmware::board::watchdog::Watchdog;
     use firmware::board::{self, CanPort, time::Clock};
+    use firmware::console::Line;
     use firmware::fault;
-    use firmware::guard::Trips;
+    use firmware::guard::{self, Told};
     use ttcan::guardian::{Guardian, GuardianConfig, GuardianState, Lines};
     use ttcan::{Micros, Stamp, StampLatency};
-    use uagv::matrix::{BIT_RATE, CONTROLLER, DRIVE, GPS, SCHEDULE, STEERING};
+    use uagv::guarded;
+    use uagv::matrix::{BIT_RATE, SCHEDULE};
 
-    /// Guarded nodes. The line of the `k`-th is PC`k`, its gate PC`k + 6`.
-    const NODES: usize = 4;
+    /// Guarded nodes, each at the tap of its place.
+    const NODES: usize = guarded::NODES.len();
     /// Looks come every 8 us. This leaves 3 us for what delays one: the interrupt's entry, and a lock of
     /// `idle`. A frame may delay it for longer, because the bus is at rest then.
     const INTERVAL: Micros = Micros::micros(11);
-    /// Frames that the receive FIFO holds.
-    const FIFO: usize = 3;
+    /// Time between two steps of `idle`, ms.
+    const STEP_MS: u32 = 10;
+    /// Steps between two lines about the state: a second.
+    const STEPS: u32 = 100;
+
+    const _: () = assert!(
+        NODES == board::FACTS.taps.len(),
+        "each tap of the board has its node"
+    );
 
     #[shared]
     struct Shared {
         guardian: Guardian<'static, NODES>,
+        console: Console,
     }
 
     #[local]
@@ -48,7 +63,11 @@ mod app {
         taps: Taps,
         led: Led,
         watchdog: Watchdog,
-        trips: Trips<NODES>,
+        told: Told<NODES>,
+        /// Ticks of the time base in a step of `idle`, and the stamp of the last one.
+        step: u32,
+        stepped: u32,
+        time: Clock,
     }
 
     #[init]
@@ -60,16 +79,18 @@ mod app {
             receive_latency: StampLatency::bxcan(bit, board::FACTS.stamp_ticks).receive,
             ..GuardianConfig::new(ticks, INTERVAL)
         };
-        let nodes = [GPS, CONTROLLER, STEERING, DRIVE];
         let now = Stamp(sled.clock.now());
-        let Ok(guardian) = Guardian::new(SCHEDULE.view(), config, nodes, now) else {
+        let Ok(guardian) = Guardian::new(SCHEDULE.view(), config, guarded::NODES, now) else {
             fault::stop(Fault::Start)
         };
         let taps = sled.rest.taps();
         // Start-up is over, and with it all that it waited for.
         board::fault::passed();
         (
-            Shared { guardian },
+            Shared {
+                guardian,
+                console: sled.console,
+            },
             Local {
                 clock: sled.clock,
                 received_at: sled.clock,
@@ -77,7 +98,10 @@ mod app {
                 taps,
                 led: sled.led,
                 watchdog: sled.watchdog,
-                trips: Trips::new(),
+                told: Told::new(),
+                step: STEP_MS * 1000 * ticks,
+                stepped: now.0,
+                time: sled.clock,
             },
         )
     }
@@ -97,30 +121,52 @@ mod app {
         cx.local.taps.open(open.bits());
     }
 
+    /// One frame in a job: while the FIFO holds another one, the interrupt stays pending.
     #[task(binds = CAN1_RX0, priority = 2, shared = [guardian], local = [received_at, can])]
     fn can_rx(mut cx: can_rx::Context) {
         let stamp = Stamp(cx.local.received_at.now());
-        for _ in 0..FIFO {
-            match cx.local.can.receive() {
-                Some(Received::Data(frame)) => {
-                    let guardian = &mut cx.shared.guardian;
-                    guardian.lock(|guardian| guardian.handle_frame(&frame, stamp));
-                }
-                Some(Received::Remote(_)) => {}
-                None => break,
-            }
+        if let Some(Received::Data(frame)) = cx.local.can.receive() {
+            let guardian = &mut cx.shared.guardian;
+            guardian.lock(|guardian| guardian.handle_frame(&frame, stamp));
         }
     }
 
-    #[idle(shared = [guardian], local = [led, watchdog, trips])]
+    #[task(binds = DMA1_STREAM6, priority = 1, shared = [console])]
+    fn console_dma(mut cx: console_dma::Context) {
+        cx.shared.console.lock(Console::on_transfer_complete);
+    }
+
+    #[idle(shared = [guardian, console], local = [led, watchdog, told, step, stepped, time])]
     fn idle(mut cx: idle::Context) -> ! {
+        let mut steps: u32 = 0;
         loop {
             cx.local.watchdog.feed();
-            let state = cx.shared.guardian.lock(|guardian| guardian.state());
+            // The next look ends the wait.
+            rtic::export::wfi();
+            if cx.local.time.now().wrapping_sub(*cx.local.stepped) < *cx.local.step {
+                continue;
+            }
+            *cx.local.stepped = cx.local.stepped.wrapping_add(*cx.local.step);
+            steps = steps.wrapping_add(1);
+            let guardian = &mut cx.shared.guardian;
+            let state = guardian.lock(|guardian| guardian.state());
             cx.local.led.set(state == GuardianState::InSchedule);
-            for node in 0..NODES {
-                let trips = cx.shared.guardian.lock(|guardian| guardian.trips(node));
-                cx.local.trips.tell(node, trips);
+            for (node, name) in guarded::NAMES.iter().enumerate() {
+                let trips = guardian.lock(|guardian| guardian.trips(node));
+                let at_ms = steps.wrapping_mul(STEP_MS);
+                if let Some(cut) = cx.local.told.news(node, trips, at_ms) {
+                    cut.log(name);
+                    let mut line = Line::new();
+                    guard::cut(&mut line, name, cut);
+                    let console = &mut cx.shared.console;
+                    console.lock(|console| console.push(line.as_bytes()));
+                }
+            }
+            if steps.is_multiple_of(STEPS) {
+                let mut line = Line::new();
+                guard::state(&mut line, state, &guarded::NAMES, cx.local.told.counts());
+                let console = &mut cx.shared.console;
+                console.lock(|console| console.push(line.as_bytes()));
             }
         }
     }

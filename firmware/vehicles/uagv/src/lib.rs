@@ -25,6 +25,10 @@ firmware::vehicle!();
 #[allow(clippy::approx_constant, reason = "written by a program")]
 pub mod design;
 mod geodetic;
+/// What `vehicle.toml` says about the bus guardian.
+pub mod guarded {
+    include!(concat!(env!("OUT_DIR"), "/guarded.rs"));
+}
 pub mod peers;
 #[cfg(row_guidance)]
 pub mod rows;

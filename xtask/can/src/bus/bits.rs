@@ -107,6 +107,9 @@ impl Bus {
                 if let Device::Controller { can, .. } = &mut node.device {
                     can.frame_started(now, node.time.bit, Some(slot));
                 }
+                if node.gate_closed {
+                    continue;
+                }
                 senders.push((frame.id(), NodeId(index)));
                 first_sender.get_or_insert(index);
                 if !node.mac.loop_back {
@@ -132,14 +135,19 @@ impl Bus {
         let mut level = Level::Recessive;
         for &index in members {
             let node = &mut self.nodes[index];
+            let mut driven = Level::Recessive;
             if !node.mac.silent {
-                level = level.and(node.mac.drive());
+                driven = node.mac.drive();
             }
             if let Device::Tester(tester) = &mut node.device
                 && let Some(raw) = tester.raw_level(now)
             {
-                level = level.and(raw);
+                driven = driven.and(raw);
                 self.segments[segment].disturbed = true;
+            }
+            node.transmit = driven;
+            if !node.gate_closed {
+                level = level.and(driven);
             }
         }
         level

@@ -132,6 +132,9 @@ impl Bus {
         let mut sender = None;
         let mut acknowledged = false;
         for (index, node) in self.members(segment) {
+            if node.gate_closed {
+                return None;
+            }
             if node.mac.sending().is_some() {
                 if sender.replace(index).is_some() {
                     return None;

@@ -59,6 +59,9 @@ impl Bus {
             time,
             connected: true,
             held: false,
+            gate_closed: false,
+            transmit: Level::Recessive,
+            wired_to: None,
             segment: 0,
             actions: VecDeque::new(),
             anchor: self.now,
@@ -105,6 +108,15 @@ impl Bus {
         mac.silent = silent;
         mac.automatic_recovery = true;
         mac.attach();
+        id
+    }
+
+    /// Adds a tester that drives the transmit pin of another node, whose controller or program is broken: it
+    /// is behind the same gate.
+    pub fn add_tester_at(&mut self, node: NodeId, tester: Tester) -> NodeId {
+        let id = self.add_tester(tester);
+        self.nodes[id.0].wired_to = Some(node.0);
+        self.nodes[id.0].gate_closed = self.nodes[node.0].gate_closed;
         id
     }
 
@@ -201,6 +213,45 @@ impl Bus {
     pub fn hold_receive_pin(&mut self, node: NodeId, dominant: bool, at: SimTime) {
         let at = at.as_ticks().max(self.now);
         self.act(node.0, at, Action::Hold(dominant));
+    }
+
+    /// Closes or opens the gate between a node's transmit pin and the bus at `at`, as a bus guardian does.
+    /// It acts from the next bit on. Behind a closed gate the bus is recessive for all that the node
+    /// drives. The node knows nothing of it: where it drives a dominant bit and nobody else does, it finds a
+    /// bit error. Starts of frame behind a closed gate are not recorded.
+    ///
+    /// The horizon does not cover what a closing gate does to a frame under way: look at
+    /// [`Self::next_step_at`] where there are gates.
+    pub fn close_gate(&mut self, node: NodeId, closed: bool, at: SimTime) {
+        let at = at.as_ticks().max(self.now);
+        for index in 0..self.nodes.len() {
+            if index == node.0 || self.nodes[index].wired_to == Some(node.0) {
+                self.act(index, at, Action::Gate(closed));
+            }
+        }
+    }
+
+    /// The level at a node's transmit pin now, in front of its gate: recessive while it waits, listens only,
+    /// loops back or is disconnected.
+    #[must_use]
+    pub fn transmit_level(&self, node: NodeId) -> Level {
+        if self.segments[0].bit.is_none() {
+            return Level::Recessive;
+        }
+        let mut level = Level::Recessive;
+        for (index, other) in self.members(0) {
+            if index == node.0 || other.wired_to == Some(node.0) {
+                level = level.and(other.transmit);
+            }
+        }
+        level
+    }
+
+    /// The time of the next step of the simulation, such as the begin of a bit; `None` while the bus stays
+    /// idle. No level on the bus or at a transmit pin changes before it, unless a node writes a register.
+    #[must_use]
+    pub fn next_step_at(&self) -> Option<SimTime> {
+        self.next_step().map(|(at, _)| instant(at))
     }
 
     /// From now on a controller inverts these bits of the first data word of each frame that it

@@ -31,6 +31,8 @@ pub(super) enum Action {
     Connect(bool),
     /// The receive pin reads dominant, or no longer does.
     Hold(bool),
+    /// The gate behind the transmit pin is closed, or open again.
+    Gate(bool),
 }
 
 #[derive(Clone, Debug)]
@@ -42,6 +44,12 @@ pub(super) struct Node {
     pub(super) connected: bool,
     /// The receive pin reads dominant whatever is on the bus.
     pub(super) held: bool,
+    /// The gate between the transmit pin and the bus is closed: the bus gets nothing of what it drives.
+    pub(super) gate_closed: bool,
+    /// What it drives at its transmit pin in the current bit, in front of the gate.
+    pub(super) transmit: Level,
+    /// The node at whose transmit pin this tester drives as well, behind the same gate.
+    pub(super) wired_to: Option<usize>,
     /// Index of the segment that the node is connected to. 0 is the bus; others belong to one node.
     pub(super) segment: usize,
     pub(super) actions: VecDeque<(Ps, Action)>,

@@ -145,6 +145,11 @@ impl Bus {
                 self.catch_up(index, now);
                 self.nodes[index].held = held;
             }
+            Action::Gate(closed) => {
+                self.nodes[index].gate_closed = closed;
+                // The outlook for the current frame did not know.
+                self.segments[0].disturbed = true;
+            }
         }
     }
 
