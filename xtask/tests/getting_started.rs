@@ -6,6 +6,7 @@ use std::{collections::BTreeSet, fs, sync::OnceLock};
 use campaign::traffic::Traffic;
 use firmware::{
     console::{BusView, Line},
+    e2e::Proof,
     housekeeping::{Housekeeping, ResetCause, Start},
     link,
     selftest::{self, Check, Outcome, Report},
@@ -247,6 +248,8 @@ fn view(sync: SyncState, error_level: ErrorLevel) -> BusView {
         trim: None,
         quiet: None,
         rank: None,
+        time: Proof::Unasked,
+        forged: 0,
     }
 }
 

@@ -655,7 +655,7 @@ pub struct RowGuidance {
 }
 
 /// A bus guardian on a board of its own, which keeps a node that babbles off the bus
-/// ([`ttcan::guardian`]). It listens and sends no message. While it is off, its board is not on the bus.
+/// (`ttcan::guardian`). It listens and sends no message. While it is off, its board is not on the bus.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BusGuardian {
