@@ -170,7 +170,7 @@ impl Timetable {
     }
 
     /// The most releases in a window by their spacing alone.
-    fn spaced(&self, window: u64) -> u64 {
+    pub(crate) fn spaced(&self, window: u64) -> u64 {
         match self.spacing {
             0 => u64::MAX,
             spacing => window.div_ceil(spacing).saturating_add(self.burst),
@@ -185,33 +185,6 @@ impl Timetable {
             .sum()
     }
 
-    /// The most releases in the `window` from the instant `begin` of the cycle on, each up to
-    /// `jitter` late. `absent` gives the turn of the cycle in which a job does not count, if there
-    /// is one. `besides` releases in the window are known that do not count either: they take part
-    /// in the spacing.
-    #[must_use]
-    pub fn from(
-        &self,
-        begin: u64,
-        window: u64,
-        jitter: u64,
-        besides: u64,
-        absent: impl Fn(&Job) -> Option<i64>,
-    ) -> u64 {
-        let at = begin.cast_signed();
-        let released = |job: &Job| {
-            let all = self.repeats(job, jitter, at, window);
-            let absent = absent(job).is_some_and(|turn| {
-                let turns = self.turns(job, jitter, at, window);
-                window > 0 && turns.contains(&turn)
-            });
-            all - u64::from(absent)
-        };
-        let most: u64 = self.jobs.iter().map(released).sum();
-        let spaced = self.spaced(window.saturating_add(jitter));
-        most.min(spaced.saturating_sub(besides))
-    }
-
     /// Whether the release intervals of two jobs of this cycle have an instant in common.
     #[must_use]
     pub fn may_coincide(&self, one: &Job, other: &Job) -> bool {
@@ -221,7 +194,13 @@ impl Timetable {
 
     /// The turns of the cycle in which `job` may be released in `begin..begin + length`, up to
     /// `jitter` late. Times are below 2^62, which is 53 days in picoseconds.
-    fn turns(&self, job: &Job, jitter: u64, begin: i64, length: u64) -> RangeInclusive<i64> {
+    pub(crate) fn turns(
+        &self,
+        job: &Job,
+        jitter: u64,
+        begin: i64,
+        length: u64,
+    ) -> RangeInclusive<i64> {
         let cycle = self.cycle.max(1).cast_signed();
         let latest = (job.latest + jitter).cast_signed();
         let end = begin.saturating_add_unsigned(length);

@@ -2,8 +2,9 @@
 
 use super::bound::{Critical, JobResponse, Response, Unbounded};
 use super::busy_period::response;
+use super::carry_in;
+use super::phases::Phases;
 use super::task::Task;
-use super::{carry_in, phases};
 use crate::arrivals::{Arrivals, Job, Timetable};
 
 /// Passes over one priority level after which no further improvement is looked for.
@@ -358,20 +359,23 @@ fn refine(set: &[Task], of_level: &[usize], results: &mut [Result<Bounds, Unboun
 
 /// Improves the bounds of the jobs of `tasks[index]` by where in the cycle their busy periods begin.
 fn by_phases(tasks: &[Task], index: usize, bounds: &mut Bounds) {
+    let Some(phases) = Phases::new(tasks, index) else {
+        return;
+    };
     if let Some(any) = &mut bounds.any {
-        improve(any, phases::of_any(tasks, index));
+        improve(any, phases.of_any());
     }
     improve_timed(&tasks[index], &mut bounds.timed, |table, job| {
-        phases::of_job(tasks, index, table, job)
+        phases.of_job(table, job)
     });
 }
 
 /// Takes the better bound for each job of the time table. Jobs of one table that only differ by their names
 /// have the same.
-fn improve_timed(
-    task: &Task,
+fn improve_timed<'a>(
+    task: &'a Task,
     timed: &mut [Critical],
-    bound: impl Fn(&Timetable, &Job) -> Option<Critical>,
+    bound: impl Fn(&'a Timetable, &'a Job) -> Option<Critical>,
 ) {
     let mut known: Vec<(&Timetable, &Job, Option<Critical>)> = Vec::new();
     for ((table, job), of_job) in jobs(task).zip(timed) {

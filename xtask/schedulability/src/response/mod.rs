@@ -16,6 +16,7 @@ mod blocking;
 mod bound;
 mod busy_period;
 mod carry_in;
+mod counted;
 mod fixed_point;
 mod phases;
 mod task;

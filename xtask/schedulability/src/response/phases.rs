@@ -38,6 +38,7 @@ use std::cmp::Reverse;
 use crate::arrivals::{Job, Timetable};
 
 use super::bound::{Critical, Delay};
+use super::counted::Counted;
 use super::fixed_point::{HORIZON, settle};
 use super::task::Task;
 
@@ -76,71 +77,145 @@ enum Own {
     NotYet,
 }
 
-/// The job under analysis, and the task set that may delay it.
-struct Look<'a> {
-    tasks: &'a [Task],
+/// A task of equal or higher priority than the one under analysis, or that task itself.
+struct Delaying<'a> {
     index: usize,
+    task: &'a Task,
+    tables: Vec<Counted<'a>>,
+}
+
+/// A task under analysis, and the task set that may delay it.
+pub(super) struct Phases<'a> {
+    index: usize,
+    task: &'a Task,
+    delaying: Vec<Delaying<'a>>,
+    /// The cycle that all tables share.
+    cycle: i64,
+    /// Where the busy periods begin that have to be examined; see the module. With each, the begin
+    /// before it, which may be in the turn before.
+    begins: Vec<(u64, i64)>,
+}
+
+/// A job under analysis.
+struct Look<'p, 'a> {
+    phases: &'p Phases<'a>,
     /// Its worst-case execution time.
     cost: u64,
     /// The job and its part of the time table; `None` for a job that may be released at any
     /// time.
     job: Option<(&'a Timetable, &'a Job)>,
+    /// For each table of each delaying task: the jobs that do not delay the job in its own turn of
+    /// the cycle, as they are that job or only exist because it has started.
+    absent: Vec<Vec<Vec<&'a Job>>>,
 }
 
-/// Bound of one job of the table; `None` if the tables have no common cycle or a busy
-/// period does not end.
-pub(super) fn of_job(
-    tasks: &[Task],
-    index: usize,
-    table: &Timetable,
-    job: &Job,
-) -> Option<Critical> {
-    let cycle = common_cycle(tasks)?.cast_signed();
-    let look = Look {
-        tasks,
-        index,
-        cost: table.cost.unwrap_or(tasks[index].cost),
-        job: Some((table, job)),
-    };
-    let latest = (job.latest + look.task().jitter).cast_signed();
-    let mut worst: Option<Busy> = None;
-    for (begin, before) in look.begins(cycle) {
-        let first = (begin.cast_signed() - latest + cycle - 1).div_euclid(cycle);
-        for turn in first.. {
-            let period = Period { begin, turn };
-            // The first and the last instant at which the job may be released.
-            let release = u64::try_from(look.nominal(period)?).unwrap_or(0);
-            if turn - first > MAX_TURNS {
-                return None;
+impl<'a> Phases<'a> {
+    /// `None` if the tables have no common cycle.
+    pub(super) fn new(tasks: &'a [Task], index: usize) -> Option<Self> {
+        let cycle = common_cycle(tasks)?.cast_signed();
+        let task = &tasks[index];
+        let all = tasks.iter().enumerate();
+        let delaying = all.filter(|(_, other)| other.priority >= task.priority);
+        let delaying = delaying.map(|(index, task)| Delaying {
+            index,
+            task,
+            tables: task.arrivals.timed.iter().map(Counted::new).collect(),
+        });
+        let delaying: Vec<Delaying<'_>> = delaying.collect();
+        Some(Self {
+            index,
+            task,
+            begins: begins(&delaying, cycle),
+            delaying,
+            cycle,
+        })
+    }
+
+    /// Bound of one job of a table of the task; `None` if a busy period does not end.
+    pub(super) fn of_job(&self, table: &'a Timetable, job: &'a Job) -> Option<Critical> {
+        let look = Look {
+            phases: self,
+            cost: table.cost.unwrap_or(self.task.cost),
+            job: Some((table, job)),
+            absent: self
+                .delaying
+                .iter()
+                .map(|of| self.absent(of, job))
+                .collect(),
+        };
+        let cycle = self.cycle;
+        let latest = (job.latest + self.task.jitter).cast_signed();
+        let mut worst: Option<Busy> = None;
+        for &(begin, before) in &self.begins {
+            let first = (begin.cast_signed() - latest + cycle - 1).div_euclid(cycle);
+            for turn in first.. {
+                let period = Period { begin, turn };
+                // The first and the last instant at which the job may be released.
+                let release = u64::try_from(look.nominal(period)?).unwrap_or(0);
+                if turn - first > MAX_TURNS {
+                    return None;
+                }
+                let idle = look.idle(period)?;
+                if release > idle {
+                    // Later turns are not in the busy period either.
+                    break;
+                }
+                // The busy period in question begins later than the one examined before this one.
+                let last = u64::try_from(latest + turn * cycle - before - 1).unwrap_or(0);
+                look.examine(period, release, idle.min(last), &mut worst)?;
             }
-            let idle = look.idle(period)?;
-            if release > idle {
-                // Later turns are not in the busy period either.
-                break;
-            }
-            // The busy period in question begins later than the one examined before this one.
-            let last = u64::try_from(latest + turn * cycle - before - 1).unwrap_or(0);
-            look.examine(period, release, idle.min(last), &mut worst)?;
         }
+        Some(look.critical(worst?))
     }
-    Some(look.critical(worst?))
+
+    /// Bound of a job that may be released at any time.
+    pub(super) fn of_any(&self) -> Option<Critical> {
+        let none = |of: &Delaying<'a>| of.tables.iter().map(|_| Vec::new()).collect();
+        let look = Look {
+            phases: self,
+            cost: self.task.cost,
+            job: None,
+            absent: self.delaying.iter().map(none).collect(),
+        };
+        let mut worst: Option<Busy> = None;
+        for &(begin, _) in &self.begins {
+            let period = Period { begin, turn: 0 };
+            look.examine(period, 0, look.idle(period)?, &mut worst)?;
+        }
+        Some(look.critical(worst?))
+    }
+
+    /// The jobs of a task that are the job under analysis or caused by it, by table. One of a higher
+    /// priority that it causes preempts it.
+    fn absent(&self, of: &Delaying<'a>, job: &Job) -> Vec<Vec<&'a Job>> {
+        let is_absent = |other: &Job| {
+            let caused = other.cause.is_some() && other.cause == job.id;
+            std::ptr::eq(other, job) || (caused && of.task.priority <= self.task.priority)
+        };
+        let tables = of.tables.iter();
+        let of_table = |counted: &Counted<'a>| {
+            let jobs = counted.table.jobs.iter();
+            jobs.filter(|other| is_absent(other)).collect()
+        };
+        tables.map(of_table).collect()
+    }
 }
 
-/// Bound of a job that may be released at any time.
-pub(super) fn of_any(tasks: &[Task], index: usize) -> Option<Critical> {
-    let cycle = common_cycle(tasks)?.cast_signed();
-    let look = Look {
-        tasks,
-        index,
-        cost: tasks[index].cost,
-        job: None,
-    };
-    let mut worst: Option<Busy> = None;
-    for (begin, _) in look.begins(cycle) {
-        let period = Period { begin, turn: 0 };
-        look.examine(period, 0, look.idle(period)?, &mut worst)?;
-    }
-    Some(look.critical(worst?))
+/// Where the busy periods begin; see [`Phases::begins`].
+fn begins(delaying: &[Delaying<'_>], cycle: i64) -> Vec<(u64, i64)> {
+    let mut begins: Vec<u64> = delaying
+        .iter()
+        .flat_map(|of| {
+            let jobs = of.tables.iter().flat_map(|counted| &counted.table.jobs);
+            jobs.map(|job| (job.latest + of.task.jitter) % cycle.cast_unsigned())
+        })
+        .collect();
+    begins.sort_unstable();
+    begins.dedup();
+    let last = begins.last().map(|last| last.cast_signed() - cycle);
+    let before = begins.iter().map(|begin| begin.cast_signed());
+    let before: Vec<i64> = last.into_iter().chain(before).collect();
+    begins.into_iter().zip(before).collect()
 }
 
 /// The cycle that all tables share, if they do.
@@ -153,34 +228,16 @@ fn common_cycle(tasks: &[Task]) -> Option<u64> {
     (first > 0 && cycles.all(|cycle| cycle == first)).then_some(first)
 }
 
-impl<'a> Look<'a> {
-    fn task(&self) -> &'a Task {
-        &self.tasks[self.index]
+impl<'a> Look<'_, 'a> {
+    const fn task(&self) -> &'a Task {
+        self.phases.task
     }
 
-    /// Tasks of equal or higher priority, the task itself included.
-    fn delaying(&self) -> impl Iterator<Item = (usize, &'a Task)> {
-        let urgent = self.task().priority;
-        let tasks = self.tasks.iter().enumerate();
-        tasks.filter(move |(_, t)| t.priority >= urgent)
-    }
-
-    /// Where the busy periods begin that have to be examined; see the module. With each, the
-    /// begin before it, which may be in the turn before.
-    fn begins(&self, cycle: i64) -> Vec<(u64, i64)> {
-        let mut begins: Vec<u64> = self
-            .delaying()
-            .flat_map(|(_, task)| {
-                let jobs = task.arrivals.timed.iter().flat_map(|table| &table.jobs);
-                jobs.map(|job| (job.latest + task.jitter) % cycle.cast_unsigned())
-            })
-            .collect();
-        begins.sort_unstable();
-        begins.dedup();
-        let last = begins.last().map(|last| last.cast_signed() - cycle);
-        let before = begins.iter().map(|begin| begin.cast_signed());
-        let before: Vec<i64> = last.into_iter().chain(before).collect();
-        begins.into_iter().zip(before).collect()
+    /// Tasks of equal or higher priority, the task itself included, and the jobs of their tables that do
+    /// not delay the job in its own turn.
+    fn delaying(&self) -> impl Iterator<Item = (&Delaying<'a>, &[Vec<&'a Job>])> {
+        let absent = self.absent.iter().map(Vec::as_slice);
+        self.phases.delaying.iter().zip(absent)
     }
 
     /// Earliest nominal release of a job of the table, from the begin of the period.
@@ -191,26 +248,20 @@ impl<'a> Look<'a> {
         release.checked_sub(period.begin.cast_signed())
     }
 
-    /// The turn in which a job does not delay the job under analysis: its own, as it is that job
-    /// or only exists because that one has started.
-    fn absent(&self, period: Period, of: &Task, other: &Job) -> Option<i64> {
-        let (_, job) = self.job?;
-        let caused = other.cause.is_some() && other.cause == job.id;
-        let never = std::ptr::eq(other, job) || (caused && of.priority <= self.task().priority);
-        never.then_some(period.turn)
-    }
-
-    /// The most releases of `other` that may delay the job in a window from the begin of the
-    /// period: those that may be at any time, and those of each part of the time table. If the
-    /// distance between any two of them leaves room for fewer, the longest ones count.
+    /// The most releases of a task that may delay the job in a window from the begin of the
+    /// period: calls `each` with those of each part of the time table, and their cost if they have one of
+    /// their own, and returns those that may be at any time. If the distance between any two of them leaves
+    /// room for fewer, the longest ones count.
     fn releases(
         &self,
         period: Period,
-        (index, other): (usize, &'a Task),
+        (of, absent): (&Delaying<'a>, &[Vec<&'a Job>]),
         window: u64,
         own: Own,
-    ) -> (u64, Vec<(&'a Timetable, u64)>) {
-        let besides = u64::from(own == Own::Released && index == self.index);
+        mut each: impl FnMut(Option<u64>, u64),
+    ) -> u64 {
+        let other = of.task;
+        let besides = u64::from(own == Own::Released && of.index == self.phases.index);
         let own_table = self.job.map(|(table, _)| std::ptr::from_ref(table));
         let mut sporadic = other
             .arrivals
@@ -218,49 +269,57 @@ impl<'a> Look<'a> {
         if own_table.is_none() {
             sporadic = sporadic.saturating_sub(besides);
         }
-        let of_table = |table: &'a Timetable| {
+        let of_table = |(counted, absent): (&Counted<'a>, &Vec<&'a Job>)| {
             let besides = match own_table {
-                Some(own) if std::ptr::eq(own, table) => besides,
+                Some(own) if std::ptr::eq(own, counted.table) => besides,
                 _ => 0,
             };
-            let absent = |job: &Job| self.absent(period, other, job);
-            let jobs = table.from(period.begin, window, other.jitter, besides, absent);
-            (table, jobs)
+            let absent = (absent.as_slice(), period.turn);
+            let jobs = counted.most(period.begin, window, other.jitter, besides, absent);
+            (counted.table.cost, jobs)
         };
-        let tables = other.arrivals.timed.iter();
-        let mut timed: Vec<_> = tables.map(of_table).collect();
-        if other.arrivals.apart > 0 {
-            let most = other.arrivals.most(window.saturating_add(other.jitter));
-            let mut room = most.saturating_sub(besides);
-            // No job of the table takes longer than one that may be released at any time.
-            sporadic = sporadic.min(room);
-            room -= sporadic;
-            timed.sort_by_key(|(table, _)| Reverse(table.cost.unwrap_or(other.cost)));
-            for (_, jobs) in &mut timed {
-                *jobs = room.min(*jobs);
-                room -= *jobs;
+        let timed = of.tables.iter().zip(absent).map(of_table);
+        if other.arrivals.apart == 0 {
+            for (cost, jobs) in timed {
+                each(cost, jobs);
             }
+            return sporadic;
         }
-        (sporadic, timed)
+        let most = other.arrivals.most(window.saturating_add(other.jitter));
+        let mut room = most.saturating_sub(besides);
+        // No job of the table takes longer than one that may be released at any time.
+        sporadic = sporadic.min(room);
+        room -= sporadic;
+        let mut timed: Vec<_> = timed.collect();
+        timed.sort_by_key(|(cost, _)| Reverse(cost.unwrap_or(other.cost)));
+        for (cost, jobs) in timed {
+            let jobs = room.min(jobs);
+            room -= jobs;
+            each(cost, jobs);
+        }
+        sporadic
     }
 
     /// Time that the delaying jobs take, plus the blocking. Those of equal priority count that are
     /// released in the window `equal` from the begin of the period, the others in `higher`.
     fn demand(&self, period: Period, equal: u64, higher: u64, own: Own) -> Option<u64> {
         let mut sum = self.task().blocking;
-        for (index, other) in self.delaying() {
+        for (of, absent) in self.delaying() {
+            let other = of.task;
             let (window, preemption) = if other.priority > self.task().priority {
                 (higher, other.preemption)
             } else {
                 (equal, 0)
             };
-            let (sporadic, timed) = self.releases(period, (index, other), window, own);
+            let mut timed = Some(0_u64);
+            let sporadic = self.releases(period, (of, absent), window, own, |cost, jobs| {
+                let one = cost.unwrap_or(other.cost).checked_add(preemption);
+                let all = one.and_then(|one| one.checked_mul(jobs));
+                timed = timed.and_then(|timed| timed.checked_add(all?));
+            });
             let each = other.cost.checked_add(preemption)?;
             sum = sum.checked_add(sporadic.checked_mul(each)?)?;
-            for (table, jobs) in timed {
-                let each = table.cost.unwrap_or(other.cost).checked_add(preemption)?;
-                sum = sum.checked_add(jobs.checked_mul(each)?)?;
-            }
+            sum = sum.checked_add(timed?)?;
         }
         Some(sum).filter(|sum| *sum < HORIZON)
     }
@@ -314,22 +373,28 @@ impl<'a> Look<'a> {
     }
 
     /// The first instant after `after`, up to `last`, at which the job may be released while the
-    /// busy period goes on. `None` if the demand takes too many steps.
+    /// busy period goes on. `None` if the demand takes too many steps. At `after` itself, the period is
+    /// over.
+    ///
+    /// The demand only grows. So where it is `d` at an instant behind `d`, the period is over at every
+    /// instant between the two; and it cannot go on before the first instant at which the demand exceeds
+    /// `after`.
     fn next(&self, period: Period, after: u64, last: u64) -> Option<Option<u64>> {
-        let mut after = after;
+        let (mut after, mut last) = (after, last);
         for _ in 0..MAX_STEPS {
             if after >= last {
                 return Some(None);
             }
-            let demand = self.beside(period, after)?;
-            if self.beside(period, last)? == demand {
-                return Some(None);
+            let demand = self.beside(period, last)?;
+            if demand < last {
+                last = demand;
+                continue;
             }
-            // The next step of the demand is in low + 1..=high.
+            // That instant is in low + 1..=high.
             let (mut low, mut high) = (after, last);
             while high - low > 1 {
                 let middle = low + (high - low) / 2;
-                if self.beside(period, middle)? > demand {
+                if self.beside(period, middle)? > after {
                     high = middle;
                 } else {
                     low = middle;
@@ -346,30 +411,26 @@ impl<'a> Look<'a> {
     /// The answer for the job in its worst period.
     fn critical(&self, busy: Busy) -> Critical {
         let task = self.task();
-        let delay = |(index, other): (usize, &'a Task)| {
+        let delay = |(of, absent): (&Delaying<'a>, &[Vec<&'a Job>])| {
+            let other = of.task;
             let (window, preemption) = if other.priority > task.priority {
                 (busy.ends, other.preemption)
             } else {
                 (busy.starts + 1, 0)
             };
-            let (sporadic, timed) =
-                self.releases(busy.period, (index, other), window, Own::Released);
-            let whole = [(other.cost, sporadic)];
-            let timed = timed.iter();
-            let timed = timed.map(|(table, jobs)| (table.cost.unwrap_or(other.cost), *jobs));
-            let all = timed.chain(whole);
-            all.fold(
-                Delay {
-                    task: index,
-                    jobs: 0,
-                    time: 0,
-                },
-                |sum, (cost, jobs)| Delay {
-                    jobs: sum.jobs + jobs,
-                    time: sum.time + jobs * (cost + preemption),
-                    ..sum
-                },
-            )
+            let mut sum = Delay {
+                task: of.index,
+                jobs: 0,
+                time: 0,
+            };
+            let mut add = |cost: Option<u64>, jobs: u64| {
+                sum.jobs += jobs;
+                sum.time += jobs * (cost.unwrap_or(other.cost) + preemption);
+            };
+            let own = Own::Released;
+            let sporadic = self.releases(busy.period, (of, absent), window, own, &mut add);
+            add(None, sporadic);
+            sum
         };
         Critical {
             job: self.job.map(|(_, job)| job.label.clone()),
