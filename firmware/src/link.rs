@@ -160,11 +160,6 @@ pub trait AnyLink {
 /// Bit of the application's byte of a reference: its master runs on its RC oscillator.
 pub const INTERNAL_CLOCK: u8 = 1 << 1;
 
-/// Basic cycles between the last time that a master saw proven and the first one that it tells when it
-/// starts again. The last reference before was not proven yet, and a command may have followed it.
-#[cfg(feature = "master")]
-const RESUME: u32 = 2;
-
 /// How far the RC oscillator of a node may differ from the master's clock while it takes part in
 /// the traffic, ppm: not more than the bit timing of a board allows each of two nodes.
 pub const TOLERANCE_PPM: u32 = 9_800;
@@ -739,13 +734,11 @@ impl<P: Port, T: WindowTimer, const WINDOWS: usize, const NODES: usize> Link<P, 
     }
 
     /// Goes on from a time that this node saw proven before it started, ms: if it leads the bus, its
-    /// first reference tells one two basic cycles later. If it hears another master first, it takes
-    /// that one's time.
+    /// first reference tells a later one, as later references were not proven yet, and commands may have
+    /// followed them. If it hears another master first, it takes that one's time.
     #[cfg(feature = "master")]
     pub fn resume(&mut self, before: u32) {
-        let cycle = self.schedule.basic_cycle().ticks();
-        let later = cycle.saturating_mul(RESUME).div_ceil(1000);
-        let time = before.wrapping_add(later);
+        let time = before.wrapping_add(2 * self.time.interval());
         self.set_time(self.now(), time);
         self.resumed = Some(time);
     }

@@ -206,6 +206,41 @@ fn a_forged_command_does_not_delay_the_end_of_the_last_true_one() {
     assert!(verdict.tally.attempts_in_command_window > 100);
 }
 
+/// References come each 5 ms, and only one in eight has a tag.
+#[test]
+fn with_a_key_it_follows_a_row() {
+    let stop = "[[press]]\nat = \"4 s\"\nbutton = \"stop\"\n";
+    let outcome = drive_on("key = true\n", stop, 5.0);
+    let way = figures(&outcome).way_m;
+    assert!((1.2..1.7).contains(&way), "{way} m");
+}
+
+/// Nobody else knows the time: the sensors node is the only time master.
+#[test]
+fn with_a_key_its_master_goes_on_with_the_time_when_it_starts_again() {
+    let more = "[[reset]]\nnode = \"sensors\"\nat = \"2 s\"\nuntil = \"2.3 s\"\n";
+    let outcome = drive_on("key = true\n", more, 4.0);
+    let traffic = Traffic::of(&outcome);
+    let references = traffic.genuine(100);
+    let told: Vec<u32> = references.map(|frame| time_of(&frame.bytes())).collect();
+    assert!(told.is_sorted(), "time goes back");
+    let motors = vehicle().0.find_node("motors").unwrap();
+    let node = outcome.nodes.iter().find(|node| node.node == motors);
+    let console = String::from_utf8_lossy(&node.unwrap().console).into_owned();
+    let last: Vec<&str> = console.lines().rev().take(2).collect();
+    let has = |text: &str| last.iter().any(|line| line.contains(text));
+    assert!(
+        has("motors cmd") && has("tag-") && !has("time?"),
+        "{last:?}"
+    );
+}
+
+/// The system time that a reference tells, ms.
+fn time_of(data: &[u8; 8]) -> u32 {
+    let [_, a, b, c, d, ..] = *data;
+    u32::from_be_bytes([a, b, c, d])
+}
+
 /// When a motor is first driven after `time`, s.
 fn driven_at(outcome: &Outcome, time: f64) -> Option<f64> {
     let mut samples = outcome.world.drive().unwrap().samples().iter();
@@ -227,19 +262,23 @@ fn rest_after(outcome: &Outcome, time: f64) -> (f64, bool) {
     (seconds(rests[first].0) - time, first + 1 == rests.len())
 }
 
+/// The figures of a run between rows.
+fn figures(outcome: &Outcome) -> RoverFigures {
+    let run = RoverRun {
+        drive: outcome.world.drive().unwrap(),
+        distances: &[],
+        latencies: &[],
+    };
+    RoverFigures::of(&run)
+}
+
 /// Two basic cycles, and the neutral pulse by whose end the motor drivers know.
 const TWO_PERIODS: f64 = 0.010 + 0.002;
 
 #[test]
 fn it_follows_a_row_until_a_press_of_stop() {
     let outcome = drive("[[press]]\nat = \"4 s\"\nbutton = \"stop\"\n", 5.0);
-    let drive = outcome.world.drive().unwrap();
-    let run = RoverRun {
-        drive,
-        distances: &[],
-        latencies: &[],
-    };
-    let figures = RoverFigures::of(&run);
+    let figures = figures(&outcome);
     assert!((1.2..1.7).contains(&figures.way_m), "{figures:?}");
     assert!(figures.mean_offset_cm.unwrap() < 8.0, "{figures:?}");
     assert_eq!(figures.contacts, []);

@@ -10,6 +10,9 @@
 //! [`TimeProof::needed`] on: as many as have 30 bits together. Trust has a limit, so two wrong tags in
 //! a row always end it, whatever came before, and one does not.
 //!
+//! Tags are computed by the housekeeping. Where basic cycles are shorter than two of its periods, only the
+//! first reference in each [`SHORT`] has one and is judged; the others must tell a time that goes on.
+//!
 //! While the time is not proven, no actuator moves. A node without a key needs no proof.
 //!
 //! # Time does not go back
@@ -26,6 +29,7 @@
 use ttcan::{Frame, Micros};
 
 use super::{Key, Secret};
+use crate::design;
 
 /// What a wrong tag takes away from the trust.
 const WRONG: u8 = 3;
@@ -33,6 +37,11 @@ const WRONG: u8 = 3;
 /// Bits of right tags that prove the time: whoever guesses them all needs 2^30 attempts, one in each
 /// basic cycle.
 const PROVING_BITS: u32 = 30;
+
+/// Basic cycles from this one on have a tag in each reference, ms.
+const LONG: u32 = 2 * design::HOUSEKEEPING_PERIOD.ticks();
+/// Time from one tag to the next where basic cycles are shorter, ms.
+const SHORT: u32 = 2 * LONG;
 
 /// References in a row that a node may miss without a doubt of the time.
 const MISSING: u32 = 2;
@@ -112,10 +121,14 @@ pub struct TimeProof {
     secret: Secret,
     /// The bits of a reference's first byte that carry the tag.
     mask: u8,
-    /// The last reference, and its tag as soon as it is computed.
+    /// The last reference that has a tag, and its tag as soon as it is computed.
     last: Option<Told>,
     tag: Option<u8>,
+    /// The time that the last reference told, ms.
+    heard: Option<u32>,
     trust: u8,
+    /// Basic cycle, ms.
+    cycle: u32,
     /// Longest time from one reference to the next, ms.
     step: u32,
     /// Right tags in a row since the time last jumped.
@@ -137,7 +150,9 @@ impl TimeProof {
             mask,
             last: None,
             tag: None,
+            heard: None,
             trust: 0,
+            cycle: cycle.ticks().div_ceil(1000),
             step: cycle.ticks().saturating_mul(MISSING + 1).div_ceil(1000),
             steady: 0,
             latest: None,
@@ -172,30 +187,46 @@ impl TimeProof {
         }
         let data = reference.buffer();
         let time = time_of(reference);
-        if let Some(last) = self.last {
+        let jumps = |heard| time.wrapping_sub(heard) > self.step;
+        if self.heard.replace(time).is_some_and(jumps) {
+            (self.trust, self.steady) = (0, 0);
+        } else if let (true, Some(last)) = (self.is_tagged(time), self.last) {
             let [first, ..] = data;
-            if time.wrapping_sub(last.time) > self.step {
-                (self.trust, self.steady) = (0, 0);
-            } else {
-                self.judge(first, last.time);
-            }
+            self.judge(first, last.time);
         }
         self.proof = if self.trust >= self.needed {
             Proof::Proven
         } else {
             Proof::Unproven
         };
-        self.tag = None;
-        self.last = Some(Told {
-            id: reference.id().raw(),
-            length: reference.len(),
-            data: u64::from_le_bytes(data),
-            time,
-        });
+        if self.is_tagged(time) {
+            self.tag = None;
+            self.last = Some(Told {
+                id: reference.id().raw(),
+                length: reference.len(),
+                data: u64::from_le_bytes(data),
+                time,
+            });
+        }
     }
 
-    /// Compares the tag that a reference carries in its first byte with that of the one before it,
-    /// which told the time `before`.
+    /// Whether the reference of this time has a tag.
+    const fn is_tagged(&self, time: u32) -> bool {
+        self.cycle >= LONG || time % SHORT < self.cycle
+    }
+
+    /// Time from one tag to the next, ms.
+    #[cfg(feature = "master")]
+    pub const fn interval(&self) -> u32 {
+        if self.cycle >= LONG {
+            self.cycle
+        } else {
+            SHORT
+        }
+    }
+
+    /// Compares the tag that a reference carries in its first byte with that of the last one that has
+    /// one, which told the time `before`.
     fn judge(&mut self, first: u8, before: u32) {
         match self.tag {
             Some(tag) if tag & self.mask == first & self.mask => {
@@ -343,6 +374,36 @@ mod tests {
         bus.run(1000);
         assert!(bus.is_proven());
         assert_eq!(bus.node.wrong(), 0);
+    }
+
+    /// The housekeeping computes a tag only in every second basic cycle, or later.
+    #[test]
+    fn short_basic_cycles_have_a_tag_now_and_then() {
+        for (cycle, late) in [(5, 2), (5, 4), (1, 10), (19, 1)] {
+            let new = || TimeProof::new(SECRET, MASK, Micros::millis(cycle));
+            let (mut master, mut node) = (new(), new());
+            let mut proven = None;
+            for count in 0..2000_u32 {
+                let time = 1_000_003 + count * cycle;
+                let [a, b, c, d] = time.to_be_bytes();
+                let data = [master.bits() | 1, a, b, c, d, 0, 0, 0];
+                let sent = Frame::from_parts(Id::constant::<100>(), 8, data);
+                assert!(!node.is_past(&sent));
+                master.begin(&sent);
+                node.begin(&sent);
+                if count % late == 0 {
+                    compute(&mut master);
+                    compute(&mut node);
+                }
+                if node.proof() == Proof::Proven {
+                    proven.get_or_insert(count * cycle);
+                } else {
+                    assert_eq!(proven, None, "{cycle} {count}");
+                }
+            }
+            assert!(proven.is_some_and(|at| at < 300), "{cycle}: {proven:?}");
+            assert_eq!(node.wrong(), 0);
+        }
     }
 
     #[test]
