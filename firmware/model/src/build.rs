@@ -23,7 +23,7 @@ pub const OVERRIDES: &str = "FURROW_SET";
 /// | `matrix.rs` | nodes, windows and system matrix |
 /// | `safety.rs` | what the manifest says about stops |
 /// | `design.rs` | the machine's numbers and the settings of its control law |
-/// | `guarded.rs` | the nodes that the bus guardian guards; only if the manifest has one |
+/// | `guarded.rs` | the nodes that the bus guardian guards; none if the manifest has no guardian |
 ///
 /// Also passes the linker scripts of the images to the linker, sets the log level, and sets the
 /// configuration `event_triggered` where the nodes send at once, and `row_guidance` where rows guide a
@@ -63,9 +63,8 @@ fn write() -> Result<(), Box<dyn Error>> {
         println!("cargo::rustc-cfg=row_guidance");
         println!("cargo::rerun-if-changed={}", file.display());
     }
-    if let Some(guardian) = &vehicle.manifest().guardian {
-        fs::write(out.join("guarded.rs"), design::guarded(guardian))?;
-    }
+    let guardian = vehicle.manifest().guardian.as_ref();
+    fs::write(out.join("guarded.rs"), design::guarded(guardian))?;
     let network = vehicle.network();
     fs::write(out.join("messages.rs"), generate::messages(network))?;
     fs::write(out.join("matrix.rs"), generate::matrix(network))?;

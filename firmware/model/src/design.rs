@@ -348,12 +348,12 @@ fn row_guidance(
 }
 
 /// The Rust source of which nodes the bus guardian guards.
-pub(crate) fn guarded(guardian: &BusGuardian) -> String {
-    let nodes = guardian
-        .guards
+pub(crate) fn guarded(guardian: Option<&BusGuardian>) -> String {
+    let guards = guardian.map_or(&[][..], |guardian| &guardian.guards);
+    let nodes = guards
         .iter()
         .map(|name| format!("super::matrix::{}", name.to_uppercase()));
-    let names = guardian.guards.iter().map(|name| format!("{name:?}"));
+    let names = guards.iter().map(|name| format!("{name:?}"));
     let (nodes, names) = (nodes.collect::<Vec<_>>(), names.collect::<Vec<_>>());
     let mut out = String::new();
     constant(
