@@ -1,6 +1,6 @@
 //! The bus guardian of the four nodes: it closes the gate of one that drives the bus where it may not. It is on
 //! the bus only while `guardian.enabled` of the manifest is true. It sends nothing: its CAN controller only
-//! acknowledges, and no task has a way to request a frame. [`board::taps`] has its wiring, and
+//! acknowledges, and no task has a way to request a frame. `taps` of its board has its wiring, and
 //! `ttcan::guardian` what it lets through.
 //!
 //! | task | bound to | priority | does |
