@@ -42,9 +42,10 @@
 //! that of the last true command. So who plays back references and commands of an hour ago moves
 //! nothing.
 //!
-//! What this does not stop: the same against a receiver that has just started, and remembers no
-//! time. Nor are the measurements authenticated by which the controller steers. An event-triggered
-//! bus has no system time: there a node with a key obeys no command.
+//! What this does not stop: references and commands of another run, at a later time than this one
+//! has reached, in place of a time master. Nor are the measurements authenticated by which the
+//! controller steers. An event-triggered bus has no system time: there a node with a key obeys no
+//! command.
 
 mod check;
 mod secret;

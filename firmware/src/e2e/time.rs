@@ -23,8 +23,8 @@
 //! reference cannot lock the true ones out.
 //!
 //! A time master that starts again goes on from the time before: it is kept in memory that a reset
-//! leaves alone. A master that has lost its supply begins with 0, and the nodes that have not ignore it
-//! until they are switched off, too.
+//! leaves alone. A master that has lost its supply has lost the time, too. If it begins with an earlier
+//! one, the nodes that remember theirs ignore it until they are switched off.
 
 use ttcan::{Frame, Micros};
 

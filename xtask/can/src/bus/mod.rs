@@ -220,8 +220,8 @@ impl Bus {
     /// drives. The node knows nothing of it: where it drives a dominant bit and nobody else does, it finds a
     /// bit error. Starts of frame behind a closed gate are not recorded.
     ///
-    /// The horizon does not cover what a closing gate does to a frame under way: look at
-    /// [`Self::next_step_at`] where there are gates.
+    /// A gate that closes changes the frame that is being sent, which the horizon does not foresee. So
+    /// where there are gates, [`Self::next_step_at`] says how far the bus may run.
     pub fn close_gate(&mut self, node: NodeId, closed: bool, at: SimTime) {
         let at = at.as_ticks().max(self.now);
         for index in 0..self.nodes.len() {
