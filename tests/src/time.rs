@@ -19,3 +19,10 @@ pub fn at(seconds: f64) -> SimTime {
 pub fn seconds(time: SimTime) -> f64 {
     time.as_ticks() as f64 * 1e-12
 }
+
+/// The system time that a reference with these data tells, ms.
+#[must_use]
+pub fn system_time(reference: &[u8; 8]) -> u32 {
+    let [_, a, b, c, d, ..] = *reference;
+    u32::from_be_bytes([a, b, c, d])
+}

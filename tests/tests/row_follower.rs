@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use campaign::{Sequence, Trouble, agreement::Agreement, traffic::Traffic};
+use furrow_tests::time::system_time;
 use twin::{Images, Options, Outcome, Twin};
 use vehicle_model::{Overrides, Protocol, Vehicle};
 use world::report::{RoverFigures, RoverRun};
@@ -222,7 +223,9 @@ fn with_a_key_its_master_goes_on_with_the_time_when_it_starts_again() {
     let outcome = drive_on("key = true\n", more, 4.0);
     let traffic = Traffic::of(&outcome);
     let references = traffic.genuine(100);
-    let told: Vec<u32> = references.map(|frame| time_of(&frame.bytes())).collect();
+    let told: Vec<u32> = references
+        .map(|frame| system_time(&frame.bytes()))
+        .collect();
     assert!(told.is_sorted(), "time goes back");
     let motors = vehicle().0.find_node("motors").unwrap();
     let node = outcome.nodes.iter().find(|node| node.node == motors);
@@ -233,12 +236,6 @@ fn with_a_key_its_master_goes_on_with_the_time_when_it_starts_again() {
         has("motors cmd") && has("tag-") && !has("time?"),
         "{last:?}"
     );
-}
-
-/// The system time that a reference tells, ms.
-fn time_of(data: &[u8; 8]) -> u32 {
-    let [_, a, b, c, d, ..] = *data;
-    u32::from_be_bytes([a, b, c, d])
 }
 
 /// When a motor is first driven after `time`, s.

@@ -141,8 +141,7 @@ fn system_time(journey: &Journey, begin: SimTime) -> u32 {
     let traffic = journey.traffic();
     let mut references = traffic.genuine(100);
     let reference = references.find(|frame| frame.start == begin);
-    let bytes = reference.expect("a reference").bytes();
-    u32::from_be_bytes([bytes[1], bytes[2], bytes[3], bytes[4]])
+    furrow_tests::time::system_time(&reference.expect("a reference").bytes())
 }
 
 /// Sends full commands with the right check value for two seconds, each in its basic cycle, with the

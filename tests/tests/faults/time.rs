@@ -4,7 +4,7 @@
 use campaign::traffic::Sent;
 use furrow_tests::Journey;
 use furrow_tests::nodes;
-use furrow_tests::time::{at, seconds, span};
+use furrow_tests::time::{at, seconds, span, system_time};
 use world::SimTime;
 
 use crate::attacker::Attacker;
@@ -12,8 +12,7 @@ use crate::{first_after, mode, running};
 
 /// The system time that a reference tells, ms.
 fn told(reference: &Sent) -> u32 {
-    let data = reference.bytes();
-    u32::from_be_bytes([data[1], data[2], data[3], data[4]])
+    system_time(&reference.bytes())
 }
 
 /// Takes the place of the time master: destroys its references and those of the backup from `from` to
