@@ -22,11 +22,11 @@ pub struct Cut {
 
 #[cfg(feature = "target")]
 impl Cut {
-    /// Writes it to the log of a debug probe. The node has this name.
-    pub fn log(&self, name: &str) {
+    /// Writes it to the log of a debug probe, with the node's place in the manifest's list of the guarded.
+    pub fn log(&self) {
         defmt::warn!(
-            "{=str} was cut: {}, {=u16} times, {=u32} ms after the start",
-            name,
+            "guarded node {=usize} was cut: {}, {=u16} times, {=u32} ms after the start",
+            self.node,
             self.reason,
             self.count,
             self.at_ms

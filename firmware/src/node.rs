@@ -304,6 +304,19 @@ const _: () = assert!(
 
 systick_monotonic!(Mono, TICKS);
 
+/// Starts the tick of the software tasks: SysTick, from the core clock. `system` sets its priority.
+pub fn start_tick(tick: SYST, system: &mut SCB, oscillator: Oscillator) {
+    board::tick::set_priority(system, board::pac::NVIC_PRIO_BITS);
+    // Constants, so that the timer's check of its rate is done at build time.
+    Mono::start(
+        tick,
+        match oscillator {
+            Oscillator::External => board::FACTS.external.core,
+            Oscillator::Internal => board::FACTS.internal.core,
+        },
+    );
+}
+
 type Instant = <Mono as Monotonic>::Instant;
 type Duration = <Mono as Monotonic>::Duration;
 
@@ -344,8 +357,7 @@ pub struct Keeper {
 }
 
 impl Keeper {
-    /// Starts watchdog and tick: SysTick, from the core clock; `system` sets its priority. The
-    /// board has these `findings`.
+    /// Starts watchdog and tick ([`start_tick`]). The board has these `findings`.
     pub fn start(
         tick: SYST,
         system: &mut SCB,
@@ -357,15 +369,7 @@ impl Keeper {
         // Start-up is over, and with it all that it waited for.
         board::fault::passed();
         watchdog.feed();
-        board::tick::set_priority(system, board::pac::NVIC_PRIO_BITS);
-        // Constants, so that the timer's check of its rate is done at build time.
-        Mono::start(
-            tick,
-            match start.clocks.oscillator {
-                Oscillator::External => board::FACTS.external.core,
-                Oscillator::Internal => board::FACTS.internal.core,
-            },
-        );
+        start_tick(tick, system, start.clocks.oscillator);
         Self {
             housekeeping: Housekeeping::new(start, findings),
             watchdog,

@@ -280,6 +280,7 @@ impl<'s, const P: usize> Guardian<'s, P> {
     fn follow(&mut self, lines: Lines, now: Stamp) {
         let times = &self.plan.times;
         let (mut over, mut limits, mut settle) = (0, 0, false);
+        // loop-bound: senders=32
         for (at, sender) in self.senders.iter_mut().enumerate() {
             // `at` is below 32, see `new`.
             let bit = 1u32.wrapping_shl(at as u32);
@@ -305,6 +306,7 @@ impl<'s, const P: usize> Guardian<'s, P> {
     #[inline(never)]
     fn limit(&mut self, limits: u32, lines: Lines, now: Stamp) {
         let trusted = self.plan.is_trusted(now);
+        // loop-bound: senders=32
         for (at, sender) in self.senders.iter_mut().enumerate() {
             let bit = 1u32.wrapping_shl(at as u32);
             if limits & bit == 0 {
@@ -333,6 +335,7 @@ impl<'s, const P: usize> Guardian<'s, P> {
         // that its attempts are answered.
         let unseen = P == 1 && self.plan.known.is_some();
         let mut settle = false;
+        // loop-bound: senders=32
         for (at, sender) in self.senders.iter_mut().enumerate() {
             let bit = 1u32.wrapping_shl(at as u32);
             if begin & bit == 0 {
@@ -396,6 +399,7 @@ impl<'s, const P: usize> Guardian<'s, P> {
         let acknowledged = end.before(times.bits(ACKNOWLEDGE_TO_END));
         let body = bits.saturating_sub(CRC_TO_END + LAST_DOMINANT);
         let body = start.after(times.bits(body));
+        // loop-bound: senders=32
         for sender in &mut self.senders {
             if !sender.is_open() {
                 continue;
@@ -415,6 +419,7 @@ impl<'s, const P: usize> Guardian<'s, P> {
     fn provoking(&self) -> u32 {
         let mut provoking = 0;
         if self.active != 0 {
+            // loop-bound: senders=32
             for (at, sender) in self.senders.iter().enumerate() {
                 let bit = 1u32.wrapping_shl(at as u32);
                 provoking |= if sender.provokes() { bit } else { 0 };
@@ -425,6 +430,7 @@ impl<'s, const P: usize> Guardian<'s, P> {
 
     /// Time passes that changes something for senders whose lines are at rest, too.
     fn advance(&mut self, now: Stamp) {
+        // loop-bound: senders=32
         for sender in &mut self.senders {
             sender.return_at(now, &self.plan.times);
         }
@@ -450,6 +456,7 @@ impl<'s, const P: usize> Guardian<'s, P> {
         {
             wake = lost;
         }
+        // loop-bound: senders=32
         for (at, sender) in self.senders.iter().enumerate() {
             let bit = 1u32.wrapping_shl(at as u32);
             self.open.set(bit, sender.is_open());
@@ -483,6 +490,7 @@ impl<'s, const P: usize> Guardian<'s, P> {
         }
         renumber(&mut self.period);
         renumber(&mut self.wake);
+        // loop-bound: senders=32
         for sender in &mut self.senders {
             sender.renumber(now, &self.plan.times);
         }

@@ -179,7 +179,7 @@ impl<'s> Plan<'s> {
             (margin, self.cursor)
         };
         let mut at = first;
-        // loop-bound: 64. One turn for each window that has passed since the last spell, or, while a
+        // loop-bound: windows=64. One turn for each window that has passed since the last spell, or, while a
         // reference is due, since the basic cycle began.
         while at < last
             && let Some(entry) = self.schedule.entry(at)
@@ -192,7 +192,7 @@ impl<'s> Plan<'s> {
             self.cursor.0 = at;
         }
         let latest = moment.elapsed.wrapping_add(early);
-        // loop-bound: 64. One turn for each window that may have begun: two that touch overlap by the
+        // loop-bound: overlapping=64. One turn for each window that may have begun: two that touch overlap by the
         // margin.
         while at < last
             && let Some(entry) = self.schedule.entry(at)
@@ -236,7 +236,7 @@ impl<'s> Plan<'s> {
     fn window_permit(&self, moment: &Moment, sender: &Sender) -> Option<(Permit, u32)> {
         let times = &self.times;
         let mut at = moment.first;
-        // loop-bound: 64. One turn for each window that may have begun.
+        // loop-bound: overlapping=64. The same windows.
         while at < moment.end {
             let entry = self.schedule.entry(at)?;
             match entry.role {

@@ -4,6 +4,10 @@
 //! says that the loop takes at most N turns for each entry. Above another statement it bounds each
 //! loop that an iterator or a search in the statement makes.
 //!
+//! The bound may have a name, by `// loop-bound: NAME=N`: N turns always suffice, and whoever knows the image
+//! may give fewer under the name ([`Annotations::with_bounds`]). So a loop of a library over an array of any
+//! length up to N is bounded by the length that this image has.
+//!
 //! A comment `// at-most: N` above a statement says that one activation of a task runs the
 //! statement at most N times in total, whatever the loops around it allow. Above a loop it says
 //! that all its entries together take at most N turns.
@@ -14,7 +18,7 @@
 //! polls. A machine loop that fits no source loop in this way has no bound, which is reported.
 //!
 //! A loop in a source that is not one's own is bounded by its name instead
-//! ([`Annotations::with_bounds`]): the place that a message gives, or the name of its function.
+//! too: the place that a message gives, or the name of its function.
 //!
 //! A comment costs nothing at run time, and unlike a marker in assembly it is possible in crates
 //! that forbid unsafe code. Emulated runs check the annotations by counting
@@ -44,10 +48,38 @@ const STRAYS: usize = 20;
 /// The source loop of a machine loop.
 struct Fit {
     place: Place,
-    bound: Option<u64>,
+    bound: Option<Turns>,
     most: Option<u64>,
     /// Whether all its instructions come from one line of the source loop.
     one_line: bool,
+}
+
+/// The bound that is written at a loop.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Turns {
+    most: u64,
+    /// The name under which fewer may be given.
+    name: Option<String>,
+}
+
+impl Turns {
+    /// The number or the name with a number that stands behind the mark.
+    fn parse(word: &str) -> Option<Self> {
+        let word = word.trim_end_matches([',', ';', ':', '.']);
+        let (name, most) = match word.split_once('=') {
+            Some((name, most)) => (
+                Some(name.to_owned())
+                    .filter(|name| !name.is_empty())?
+                    .into(),
+                most,
+            ),
+            None => (None, word),
+        };
+        Some(Self {
+            most: most.parse().ok()?,
+            name,
+        })
+    }
 }
 
 /// A loop of a source file.
@@ -55,7 +87,7 @@ struct Fit {
 struct SourceLoop {
     first: u32,
     last: u32,
-    bound: Option<u64>,
+    bound: Option<Turns>,
     /// True for a statement that may contain a hidden loop, false for a loop.
     statement: bool,
     /// The most executions in one activation of a task.
@@ -87,7 +119,7 @@ impl SourceLoop {
 /// A mark without a number, or without a loop or statement below it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{place}: `// loop-bound:` or `// at-most:` must be followed by a whole number and stand directly above a loop or a statement"
+    "{place}: `// loop-bound:` or `// at-most:` must be followed by a whole number (`// loop-bound:` also by NAME=NUMBER) and stand directly above a loop or a statement"
 )]
 pub struct Misplaced {
     /// Its place.
@@ -209,10 +241,20 @@ impl Annotations {
         }
         let annotated = self.find(image, graph, number);
         let found = annotated
-            .map(|(place, turns)| (place.to_string(), turns))
+            .map(|(place, turns)| self.tighten(&place, turns))
             .or_else(|| self.by_name(image, graph, number));
         self.known.borrow_mut().insert(key, found.clone());
         found
+    }
+
+    /// The bound written at the loop at `place`, or the lower one that is given under its name.
+    fn tighten(&self, place: &Place, turns: Turns) -> (String, u64) {
+        let given = turns.name.and_then(|name| {
+            let given = *self.named.get(&name)?;
+            self.used.borrow_mut().insert(name.clone());
+            (given <= turns.most).then_some((name, given))
+        });
+        given.unwrap_or_else(|| (place.to_string(), turns.most))
     }
 
     /// The bound that is given to a loop by one of its names.
@@ -241,7 +283,7 @@ impl Annotations {
         }
     }
 
-    fn find(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, u64)> {
+    fn find(&self, image: &Image, graph: &Graph, number: usize) -> Option<(Place, Turns)> {
         let found = self.innermost(image, graph, number)?;
         // An inner machine loop may come from a function that is inlined into the same source
         // loop (a copy, the search of an iterator). Its only line in the source loop is that of
@@ -300,7 +342,7 @@ impl Annotations {
         let one_line = all.all(|line| Some(line) == first);
         own.then_some(Fit {
             place,
-            bound: s.bound,
+            bound: s.bound.clone(),
             most: s.most,
             one_line,
         })
@@ -411,33 +453,32 @@ impl Annotations {
 }
 
 fn parse(file: &str, source: &str) -> (Vec<SourceLoop>, Vec<Misplaced>) {
-    let marks = |mark: &str| -> HashMap<u32, Option<u64>> {
-        source
-            .lines()
-            .enumerate()
+    let marks = |mark: &str| -> HashMap<u32, Option<Turns>> {
+        let lines = source.lines().enumerate();
+        lines
             .filter_map(|(index, line)| {
                 let rest = line.trim().strip_prefix(mark)?;
-                let number = rest
-                    .split_whitespace()
-                    .next()
-                    .and_then(|word| word.trim_end_matches([',', ';', ':', '.']).parse().ok());
-                Some((index as u32 + 1, number))
+                let turns = rest.split_whitespace().next().and_then(Turns::parse);
+                Some((index as u32 + 1, turns))
             })
             .collect()
     };
     let (mut bounds, mut mosts) = (marks(MARK), marks(AT_MOST));
+    for most in mosts.values_mut() {
+        most.take_if(|most| most.name.is_some());
+    }
     let mut finder = Finder { loops: Vec::new() };
     if let Ok(parsed) = syn::parse_file(source) {
         finder.visit_file(&parsed);
     }
     // Other comments may be between the mark and its loop or statement.
     let lines: Vec<&str> = source.lines().collect();
-    let take = |marks: &mut HashMap<u32, Option<u64>>, first: u32| {
+    let take = |marks: &mut HashMap<u32, Option<Turns>>, first: u32| {
         let mut above = first - 1;
         while above > 0 && lines[above as usize - 1].trim().starts_with("//") {
-            if let Some(number) = marks.get(&above).copied().flatten() {
+            if let Some(turns) = marks.get(&above).cloned().flatten() {
                 marks.remove(&above);
-                return Some(number);
+                return Some(turns);
             }
             above -= 1;
         }
@@ -445,7 +486,7 @@ fn parse(file: &str, source: &str) -> (Vec<SourceLoop>, Vec<Misplaced>) {
     };
     for found in &mut finder.loops {
         found.bound = take(&mut bounds, found.first);
-        found.most = take(&mut mosts, found.first);
+        found.most = take(&mut mosts, found.first).map(|turns| turns.most);
     }
     finder
         .loops
@@ -522,7 +563,13 @@ impl<'ast> Visit<'ast> for Finder {
 
 #[cfg(test)]
 mod tests {
-    use super::{SourceLoop, parse};
+    use std::collections::BTreeMap;
+
+    use super::{Annotations, Place, SourceLoop, Turns, parse};
+
+    fn turns(most: u64) -> Turns {
+        Turns { most, name: None }
+    }
 
     #[test]
     fn a_mark_belongs_to_the_loop_below() {
@@ -534,7 +581,7 @@ mod tests {
                 SourceLoop {
                     first: 4,
                     last: 6,
-                    bound: Some(12),
+                    bound: Some(turns(12)),
                     statement: false,
                     most: None,
                     awaits: Vec::new()
@@ -561,7 +608,7 @@ mod tests {
             [SourceLoop {
                 first: 4,
                 last: 6,
-                bound: Some(7),
+                bound: Some(turns(7)),
                 statement: true,
                 most: None,
                 awaits: Vec::new()
@@ -576,11 +623,14 @@ mod tests {
         let (loops, misplaced) = parse("f.rs", source);
         let found: Vec<_> = loops
             .iter()
-            .map(|l| (l.first, l.bound, l.most, l.statement))
+            .map(|l| (l.first, l.bound.clone(), l.most, l.statement))
             .collect();
         assert_eq!(
             found,
-            [(3, None, Some(2), true), (6, Some(9), Some(20), false)]
+            [
+                (3, None, Some(2), true),
+                (6, Some(turns(9)), Some(20), false)
+            ]
         );
         assert!(misplaced.is_empty());
     }
@@ -594,8 +644,39 @@ mod tests {
         assert_eq!(lines, [2, 5]);
         assert_eq!(
             misplaced[0].to_string(),
-            "f.rs:2: `// loop-bound:` or `// at-most:` must be followed by a whole number and stand directly above a loop or a statement"
+            "f.rs:2: `// loop-bound:` or `// at-most:` must be followed by a whole number (`// loop-bound:` also by NAME=NUMBER) and stand directly above a loop or a statement"
         );
+    }
+
+    #[test]
+    fn a_bound_may_have_a_name() {
+        let source = "fn f() {\n    // loop-bound: senders=32. One turn each.\n    loop {}\n    // loop-bound: =3\n    loop {}\n    // at-most: senders=3\n    g();\n}\n";
+        let (loops, misplaced) = parse("f.rs", source);
+        let bound = Turns {
+            most: 32,
+            name: Some("senders".to_owned()),
+        };
+        assert_eq!(loops[0].bound, Some(bound.clone()));
+        let mut lines: Vec<u32> = misplaced.iter().map(|m| m.place.line).collect();
+        lines.sort_unstable();
+        assert_eq!(lines, [4, 6]);
+
+        let place = Place {
+            file: "f.rs".to_owned(),
+            line: 3,
+        };
+        let given = |turns| {
+            let named = BTreeMap::from([("senders".to_owned(), turns)]);
+            Annotations::default().with_bounds(named)
+        };
+        let fewer = given(4);
+        let tightened = fewer.tighten(&place, bound.clone());
+        assert_eq!(tightened, ("senders".to_owned(), 4));
+        assert!(fewer.unused().is_empty());
+        let more = given(33).tighten(&place, bound.clone());
+        assert_eq!(more, ("f.rs:3".to_owned(), 32), "the mark is always true");
+        let none = Annotations::default().tighten(&place, bound);
+        assert_eq!(none, ("f.rs:3".to_owned(), 32));
     }
 
     #[test]
