@@ -101,13 +101,17 @@ impl Matrix {
     /// The value of a signal that a frame carries, if it carries it.
     fn value(&self, frame: &FrameRecord, mode: &ModeSignal) -> Option<String> {
         let message = self.network.message(frame.id)?;
-        if message.name != mode.message || frame.dlc != message.length {
+        (message.name == mode.message).then(|| self.named(frame, &mode.signal))?
+    }
+
+    /// The name of the value that a frame carries in a signal, if it has this signal and names for it.
+    pub(crate) fn named(&self, frame: &FrameRecord, signal: &str) -> Option<String> {
+        let message = self.network.message(frame.id)?;
+        if frame.dlc != message.length {
             return None;
         }
-        let signal = message
-            .signals
-            .iter()
-            .find(|signal| signal.name == mode.signal)?;
+        let mut signals = message.signals.iter();
+        let signal = signals.find(|one| one.name == signal)?;
         let raw = signal.extract(&frame.data);
         let tables = self.network.value_tables.iter();
         let table = tables

@@ -4,6 +4,7 @@ pub(crate) mod bus;
 pub(crate) mod distances;
 mod faults;
 pub(crate) mod matrix;
+mod sense;
 mod tasks;
 
 pub(crate) use faults::{Trouble, first as first_faults};
@@ -22,8 +23,8 @@ use vehicle_model::Vehicle;
 use world::{
     EffortChange, Scenario, ScenarioError, SimDuration, SimTime,
     report::{
-        self, CropRun, DistancePair, FolderError, GlobalTimeFigures, ModeChange, OutputFolder,
-        RoverRun, Run, Summary, TaskTime,
+        self, CropRun, DistancePair, FolderError, GlobalTimeFigures, Judgement, ModeChange,
+        OutputFolder, RoverRun, Run, Summary, TaskTime,
     },
     scenario::{Button, Listed},
     time,
@@ -102,6 +103,16 @@ pub enum Error {
     Fault {
         /// The nodes.
         nodes: Vec<String>,
+    },
+    /// The run does not show what its scenario expects.
+    #[error("{failed} of {of} expectations of the scenario failed: {first}")]
+    Unexpected {
+        /// How many failed.
+        failed: usize,
+        /// How many there are.
+        of: usize,
+        /// The first that failed, and what was seen.
+        first: String,
     },
     /// A motor never turned while the vehicle drove by itself.
     #[error(
@@ -185,7 +196,7 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
     )?;
     finished.warn();
     let run = finished.run();
-    let summary = finished.summary();
+    let summary = finished.judged(&vehicle);
     if let Some(mut folder) = folder {
         let (files, path) = folder
             .write("bus.log", finished.log.candump().as_bytes())
@@ -204,12 +215,28 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         let nodes = faulty.into_iter().map(String::from).collect();
         return Err(Error::Fault { nodes }.into());
     }
+    unexpected(&summary)?;
     let mut runs = summary.autonomous_runs.iter();
     let drove = runs.any(|run| run.until_seconds - run.from_seconds >= LONG_ENOUGH);
     match idle_motor(&vehicle, run.efforts).filter(|_| drove) {
         None => Ok(()),
         Some(node) => Err(Error::IdleMotor { node: node.into() }.into()),
     }
+}
+
+/// Fails with the first expectation that the run does not show.
+fn unexpected(summary: &Summary) -> Result<(), Error> {
+    let all = summary.expectations.iter();
+    let failed: Vec<_> = all
+        .filter(|one| one.judgement == Judgement::Failed)
+        .collect();
+    failed.first().map_or(Ok(()), |first| {
+        Err(Error::Unexpected {
+            failed: failed.len(),
+            of: summary.expectations.len(),
+            first: first.to_string(),
+        })
+    })
 }
 
 /// Checks that the nodes of a vehicle can have a key, and that it is known what moves its motors.
@@ -448,6 +475,16 @@ impl Finished<'_> {
         summary.bus.global_time = self.agreement.map(|figures| {
             GlobalTimeFigures::new(figures.instants, figures.largest_us, figures.p99_us)
         });
+        summary
+    }
+
+    /// The figures with the scenario's expectations, and what makes the run questionable.
+    pub(crate) fn judged(&self, vehicle: &Vehicle) -> Summary {
+        let run = self.run();
+        let mut summary = self.summary();
+        let decode = |frame: &report::FrameRecord, signal: &str| self.matrix.named(frame, signal);
+        summary.expectations = report::expectations(&run, &summary, &decode);
+        summary.notes = sense::notes(vehicle, &self.matrix, &run, &summary);
         summary
     }
 

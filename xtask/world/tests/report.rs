@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use world::receiver::Fix;
 use world::report::{
-    CropRun, Due, FrameRecord, ModeChange, OutputFolder, Run, Summary, TaskTime, Window,
-    WindowKind, states_csv, terminal, track_svg,
+    CropRun, Due, FrameRecord, Judgement, ModeChange, OutputFolder, Run, Summary, TaskTime, Window,
+    WindowKind, expectations, states_csv, terminal, track_svg,
 };
 use world::time::{at, from_seconds};
 use world::{EffortChange, NodeIndex, Scenario, SimDuration, SimTime, StateSample, World};
@@ -246,6 +246,157 @@ fn stops_are_timed_from_the_event() {
     assert_eq!(
         Summary::of(&made.run()).stops[0].motors_stopped_after_ms,
         None
+    );
+}
+
+/// An expectation of a run, judged: the judgement and what was seen.
+fn judged(made: &Made, expect: &str) -> (Judgement, String) {
+    let text = format!("duration = \"20 s\"\n[[expect]]\n{expect}");
+    let scenario = Scenario::parse(&uagv::vehicle(), "made", "made", &text).unwrap();
+    let run = Run {
+        scenario: &scenario,
+        ..made.run()
+    };
+    let decode = |frame: &FrameRecord, signal: &str| {
+        (signal == "Fault").then(|| ["None", "SelfTest"][usize::from(frame.data[0])].to_owned())
+    };
+    let mut all = expectations(&run, &Summary::of(&run), &decode);
+    let one = all.remove(0);
+    (one.judgement, one.seen)
+}
+
+/// Expectations of the run below, and what they are judged by.
+const CASES: [(&str, Judgement, &str); 16] = [
+    (
+        "what = \"mode\"\nat = \"1 s\"\nmode = \"AutonomousRun\"",
+        Judgement::Met,
+        "AutonomousRun since 1 s",
+    ),
+    (
+        "what = \"mode\"\nat = \"999 ms\"\nmode = \"AutonomousRun\"",
+        Judgement::Failed,
+        "Idle since 0 s",
+    ),
+    (
+        "what = \"mode\"\nat = \"11 s\"\nmode = \"AutonomousRun\"",
+        Judgement::Open,
+        "the run ended at 10 s",
+    ),
+    (
+        "what = \"error\"\nfrom = \"4 s\"\nbelow = \"2.1 cm\"",
+        Judgement::Met,
+        "2.00 cm at 10.00 s",
+    ),
+    (
+        "what = \"error\"\nfrom = \"2 s\"\nuntil = \"4 s\"\nbelow = \"8 cm\"",
+        Judgement::Failed,
+        "-8.00 cm at 3.00 s",
+    ),
+    (
+        "what = \"error\"\nfrom = \"11 s\"\nbelow = \"8 cm\"",
+        Judgement::Open,
+        "the run ended at 10 s",
+    ),
+    (
+        "what = \"stop\"\nafter = \"4 s\"\nwithin = \"250 ms\"",
+        Judgement::Met,
+        "at rest after 250.000 ms",
+    ),
+    (
+        "what = \"stop\"\nafter = \"4 s\"\nwithin = \"249 ms\"",
+        Judgement::Failed,
+        "at rest after 250.000 ms",
+    ),
+    (
+        "what = \"stop\"\nafter = \"5 s\"\nwithin = \"0 s\"",
+        Judgement::Met,
+        "they were at rest already",
+    ),
+    (
+        "what = \"stop\"\nafter = \"9 s\"\nwithin = \"1 s\"",
+        Judgement::Failed,
+        "the motors were not at rest until the end of the run",
+    ),
+    (
+        "what = \"frames\"\nmessage = \"Command\"\nleast = 2\nmost = 2",
+        Judgement::Met,
+        "2 of them",
+    ),
+    (
+        "what = \"frames\"\nmessage = \"Command\"\nfrom = \"2 s\"\nleast = 2",
+        Judgement::Failed,
+        "1 of them",
+    ),
+    (
+        "what = \"frames\"\nmessage = \"Latitude\"\nmost = 0\nleast = 0",
+        Judgement::Met,
+        "0 of them",
+    ),
+    (
+        "what = \"clean-bus\"",
+        Judgement::Failed,
+        "2 frames outside their windows, 1 foreign frames",
+    ),
+    (
+        "what = \"count\"\nof = \"foreign-frames\"\nmost = 1",
+        Judgement::Met,
+        "1 of them",
+    ),
+    (
+        "what = \"count\"\nof = \"foreign-frames\"",
+        Judgement::Failed,
+        "1 of them",
+    ),
+];
+
+#[test]
+fn each_expectation_is_judged_by_what_the_run_shows() {
+    let mut made = driven();
+    made.windows = vec![
+        window(300, 7000.0, WindowKind::Exclusive, Due::Always),
+        window(514, 12_000.0, WindowKind::Arbitrating, Due::Sometimes),
+    ];
+    made.windows[0].message = "Command".into();
+    made.windows[1].message = "DriveStatus".into();
+    made.frames = vec![
+        frame(300, 0, 1e6, 100),
+        frame(514, 0, 2e6, 100),
+        frame(300, 0, 3e6, 100),
+        frame(514, 1, 4e6, 100),
+        frame(99, 0, 5e6, 100),
+    ];
+    made.effort(1.0, uagv::DRIVE, 0.5);
+    made.effort(4.25, uagv::DRIVE, 0.0);
+    made.effort(9.0, uagv::DRIVE, 0.5);
+    let status =
+        "what = \"signal\"\nmessage = \"DriveStatus\"\nsignal = \"Fault\"\nvalue = \"None\"\n";
+    for (expect, judgement, seen) in CASES {
+        assert_eq!(
+            judged(&made, expect),
+            (judgement, seen.to_owned()),
+            "{expect}"
+        );
+    }
+    assert_eq!(
+        judged(&made, status),
+        (Judgement::Failed, "SelfTest at 4 s".into())
+    );
+    let early = format!("{status}until = \"3 s\"");
+    assert_eq!(
+        judged(&made, &early),
+        (Judgement::Met, "1 frames of it".into())
+    );
+    let late = format!("{status}from = \"5 s\"");
+    assert_eq!(
+        judged(&made, &late),
+        (Judgement::Failed, "0 frames of it".into())
+    );
+    made.efforts.clear();
+    made.modes.clear();
+    let idle = "what = \"mode\"\nat = \"1 s\"\nmode = \"Idle\"";
+    assert_eq!(
+        judged(&made, idle),
+        (Judgement::Failed, "no mode was told until then".into())
     );
 }
 

@@ -3,7 +3,7 @@
 mod uagv;
 
 use proptest::prelude::*;
-use vehicle_model::Protocol;
+use vehicle_model::{Protocol, Vehicle};
 use world::time::{at, from_seconds};
 use world::vehicle::Parameters;
 use world::{Analog, Device, Scenario, World};
@@ -230,6 +230,99 @@ fn the_example_of_the_description_reads() {
         (default.line, default.lcd.clone())
     );
     assert_eq!((scenario.press.len(), scenario.bus.len()), (1, 3));
+    assert_eq!(scenario.expect.len(), 7);
+}
+
+#[test]
+fn an_expectation_that_cannot_be_judged_is_refused() {
+    let of = |expect: &str| {
+        let text = format!("duration = \"10 s\"\n[[expect]]\n{expect}");
+        let read = Scenario::parse(&uagv::vehicle(), "any", "any", &text);
+        read.map(|_| ()).map_err(|error| error.to_string())
+    };
+    let wrong = [
+        ("what = \"luck\"", "unknown variant `luck`"),
+        ("what = \"mode\"\nat = \"1 s\"", "missing field `mode`"),
+        (
+            "what = \"mode\"\nat = \"1 s\"\nmode = \"Flying\"",
+            "expect[0].mode: Mode has no value \"Flying\": ",
+        ),
+        (
+            "what = \"mode\"\nat = \"11 s\"\nmode = \"Idle\"",
+            "expect[0]: it is judged at 11 s only, and the run ends at 10 s",
+        ),
+        (
+            "what = \"error\"\nfrom = \"2 s\"\nuntil = \"1 s\"\nbelow = \"1 cm\"",
+            "expect[0].until: 1 s is out of range, it takes above 2 s to 86400 s",
+        ),
+        (
+            "what = \"error\"\nfrom = \"2 s\"\nbelow = \"0 cm\"",
+            "expect[0].below: 0 m is out of range",
+        ),
+        (
+            "what = \"stop\"\nafter = \"8 s\"\nwithin = \"3 s\"",
+            "it is judged at 11 s only",
+        ),
+        (
+            "what = \"frames\"\nmessage = \"Comand\"\nleast = 1",
+            "expect[0].message: there is no message \"Comand\": TimeReference, ",
+        ),
+        (
+            "what = \"frames\"\nmessage = \"Command\"",
+            "expect[0]: any number of frames would do",
+        ),
+        (
+            "what = \"frames\"\nmessage = \"Command\"\nleast = 2\nmost = 1",
+            "expect[0].most: 1 is out of range",
+        ),
+        (
+            "what = \"signal\"\nmessage = \"Command\"\nsignal = \"Speed\"\nvalue = \"1\"",
+            "expect[0].signal: Command has no signal \"Speed\" with names for its values: Mode",
+        ),
+        (
+            "what = \"signal\"\nmessage = \"Heading\"\nsignal = \"Heading\"\nvalue = \"1\"",
+            "no signal of it has",
+        ),
+        (
+            "what = \"signal\"\nmessage = \"DriveStatus\"\nsignal = \"Fault\"\nvalue = \"no\"",
+            "expect[0].signal: Fault has no value \"no\": ",
+        ),
+        (
+            "what = \"count\"\nof = \"sheep\"",
+            "unknown variant `sheep`",
+        ),
+        ("what = \"clean-bus\"\nmost = 1", "unknown field `most`"),
+    ];
+    for (expect, sentence) in wrong {
+        let error = of(expect).unwrap_err();
+        assert!(error.contains(sentence), "{expect}: {error}");
+    }
+    assert_eq!(of("what = \"clean-bus\""), Ok(()));
+}
+
+#[test]
+fn every_scenario_of_a_vehicle_expects_something() {
+    let vehicles = uagv::vehicle();
+    let vehicles = vehicles.folder().parent().unwrap();
+    let mut count = 0;
+    for name in Vehicle::names(vehicles).unwrap() {
+        let vehicle = Vehicle::read(&vehicles.join(&name)).unwrap();
+        let folder = vehicles.join(&name).join("scenarios");
+        let mut folders = vec![folder];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    folders.push(path);
+                    continue;
+                }
+                let scenario = Scenario::find(&vehicle, path.to_str().unwrap()).unwrap();
+                assert!(!scenario.expect.is_empty(), "{}", path.display());
+                count += 1;
+            }
+        }
+    }
+    assert!(count >= 26, "{count} scenarios");
 }
 
 #[test]

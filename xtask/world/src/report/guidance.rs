@@ -136,6 +136,22 @@ fn standing(run: &Run, when: SimTime) -> bool {
     efforts.values().all(|effort| *effort == 0.0)
 }
 
+/// The instants at which a motor's effort changes, in order.
+fn moments(run: &Run) -> Vec<SimTime> {
+    let rests = run.rover.map_or(&[][..], |rover| rover.drive.rests());
+    let mut moments: Vec<SimTime> = run.efforts.iter().map(|change| change.at).collect();
+    moments.extend(rests.iter().map(|(at, _)| *at));
+    moments.sort();
+    moments
+}
+
+/// The first instant from `after` on at which no motor has an effort; `None` if there is none.
+pub(super) fn rest(run: &Run, after: SimTime) -> Option<SimTime> {
+    let later = moments(run).into_iter().filter(|moment| *moment > after);
+    let mut candidates = [after].into_iter().chain(later);
+    candidates.find(|moment| standing(run, *moment))
+}
+
 pub(super) fn stops(run: &Run) -> Vec<StopFigures> {
     let mut events: Vec<(SimTime, String)> = run
         .scenario
@@ -167,10 +183,7 @@ pub(super) fn stops(run: &Run) -> Vec<StopFigures> {
         .skip(1)
         .map(|(when, _)| *when)
         .chain([at(run.duration)]);
-    let rests = run.rover.map_or(&[][..], |rover| rover.drive.rests());
-    let mut moments: Vec<SimTime> = run.efforts.iter().map(|change| change.at).collect();
-    moments.extend(rests.iter().map(|(at, _)| *at));
-    moments.sort();
+    let moments = moments(run);
     events
         .iter()
         .zip(ends)

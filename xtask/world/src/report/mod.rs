@@ -7,6 +7,7 @@
 
 mod bus;
 mod crop;
+mod expected;
 mod figures;
 mod folder;
 mod guidance;
@@ -25,6 +26,7 @@ use crate::scenario::Scenario;
 use crate::time::{SimDuration, SimTime};
 
 pub use crop::{CropFigures, CropRun, GuideFigures, crop_svg};
+pub use expected::{Decode, ExpectationFigures, Judgement, expectations};
 pub use figures::{
     AutonomousRun, BusFigures, GlobalTimeFigures, IdFigures, ModeFigures, StopFigures,
     TakeoverFigures, TaskFigures, WindowFigures,

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::figures::{AutonomousRun, BusFigures, ModeFigures, StopFigures, TaskFigures, rounded};
-use super::{CropFigures, RoverFigures, Run, bus, guidance};
+use super::{CropFigures, ExpectationFigures, RoverFigures, Run, bus, guidance};
 use crate::time::{seconds, span_seconds};
 
 /// The figures of a run. The fields' names and meanings are those of `summary.json`; units are
@@ -40,6 +40,12 @@ pub struct Summary {
     pub bus: BusFigures,
     /// The nodes' tasks.
     pub tasks: Vec<TaskFigures>,
+    /// What the scenario expects, and whether the run shows it; left out if it expects nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub expectations: Vec<ExpectationFigures>,
+    /// What makes the run questionable, in sentences; left out without any.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
 }
 
 /// How a vehicle moved, be it a machine or a rover.
@@ -83,7 +89,8 @@ impl Motion {
 }
 
 impl Summary {
-    /// The figures of `run`.
+    /// The figures of `run`, without those that the recordings alone do not tell: the nodes' agreement about the
+    /// time, the expectations, and the notes.
     #[must_use]
     pub fn of(run: &Run) -> Self {
         let motion = Motion::of(run);
@@ -126,6 +133,8 @@ impl Summary {
                     ),
                 })
                 .collect(),
+            expectations: Vec::new(),
+            notes: Vec::new(),
         }
     }
 

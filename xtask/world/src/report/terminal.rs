@@ -43,7 +43,25 @@ fn write_all(t: &mut String, s: &Summary, wall: Option<Duration>) -> core::fmt::
 
     write_guidance(t, s)?;
     write_bus(t, &s.bus)?;
-    write_tasks(t, s)
+    write_tasks(t, s)?;
+    write_judgements(t, s)
+}
+
+/// What the scenario expects, and what makes the run questionable.
+fn write_judgements(t: &mut String, s: &Summary) -> core::fmt::Result {
+    if !s.expectations.is_empty() {
+        writeln!(t, "\nExpectations")?;
+    }
+    for one in &s.expectations {
+        writeln!(t, "  {:<7}{}: {}", one.judgement, one.expected, one.seen)?;
+    }
+    if !s.notes.is_empty() {
+        writeln!(t, "\nNotes")?;
+    }
+    for note in &s.notes {
+        writeln!(t, "  {note}")?;
+    }
+    Ok(())
 }
 
 fn write_guidance(t: &mut String, s: &Summary) -> core::fmt::Result {

@@ -108,6 +108,7 @@ pub(super) fn check(scenario: &Scenario, vehicle: &Vehicle) -> Outcome {
         setting.check()?;
     }
     super::rover::faults(&scenario.distance_fault)?;
+    super::expect::check(scenario, vehicle)?;
     receiver(scenario)?;
     within(
         "lcd.delay",

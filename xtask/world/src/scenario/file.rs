@@ -7,9 +7,9 @@ use vehicle_model::{Device, NodeIndex, Vehicle};
 
 use super::rover::{self, DistanceFault};
 use super::{
-    BrownOut, BusEvent, ButtonPress, Clock, ClockChange, JoystickMove, KnobTurn, Lcd, Line, Point,
-    Receiver, RelayFault, ResetEvent, Row, Scenario, Start, StartChanges, StopLoopChange,
-    SupplyChange, WireNoise,
+    BrownOut, BusEvent, ButtonPress, Clock, ClockChange, Expectation, JoystickMove, KnobTurn, Lcd,
+    Line, Point, Receiver, RelayFault, ResetEvent, Row, Scenario, Start, StartChanges,
+    StopLoopChange, SupplyChange, WireNoise,
 };
 use crate::distance;
 use crate::receiver::{self, FixChange, StreamFault};
@@ -49,6 +49,7 @@ pub(super) struct File {
     terrain: Option<Terrain>,
     distance: Option<distance::Parameters>,
     distance_fault: Vec<DistanceFault>,
+    expect: Vec<Expectation>,
 }
 
 impl Default for File {
@@ -82,6 +83,7 @@ impl Default for File {
             terrain: None,
             distance: None,
             distance_fault: Vec::new(),
+            expect: Vec::new(),
         }
     }
 }
@@ -228,6 +230,7 @@ impl File {
             row: rover::setting(vehicle, row, self.terrain, distance)?,
             crop,
             distance_fault: self.distance_fault,
+            expect: self.expect,
         })
     }
 }

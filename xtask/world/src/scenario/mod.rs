@@ -8,6 +8,7 @@
 pub(crate) mod check;
 mod error;
 mod events;
+mod expect;
 mod file;
 mod rover;
 mod row;
@@ -23,6 +24,7 @@ pub use events::{
     BrownOut, BusEvent, Button, ButtonPress, ClockChange, JoystickMove, KnobTurn, RelayFault,
     ResetEvent, StopLoopChange, SupplyChange, WireNoise,
 };
+pub use expect::{Expectation, Figure};
 use file::File;
 pub use rover::{CropSetting, DistanceFault, RowSetting};
 pub use row::{
@@ -99,6 +101,8 @@ pub struct Scenario {
     pub crop: Option<CropSetting>,
     /// Faults of the distance sensors.
     pub distance_fault: Vec<DistanceFault>,
+    /// What the run must show.
+    pub expect: Vec<Expectation>,
 }
 
 /// Pose of the vehicle at the start of the run. By default the vehicle is at rest at the start of
