@@ -40,6 +40,7 @@ pub mod mpc;
 pub mod path;
 pub mod plain;
 pub mod position;
+pub mod response;
 pub mod route;
 pub mod row;
 pub mod safety;

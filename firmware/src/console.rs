@@ -233,6 +233,9 @@ pub fn pilot(line: &mut Line, name: &str, view: &PilotView) {
     if !view.display {
         line.str(" lcd?");
     }
+    if view.mode == Mode::Fault {
+        line.str(" by ").str(view.reason.text());
+    }
     if let Some(trouble) = &view.trouble {
         line.byte(b' ');
         trouble.write(line);

@@ -10,6 +10,7 @@ use control::position::Position;
 
 use crate::convert;
 use crate::peers::Named;
+use crate::pilot::Reason;
 use crate::text::Text;
 
 /// Longest string of commands, bytes: the capacity of the port.
@@ -118,9 +119,16 @@ pub struct View {
     pub fixed: bool,
     /// Another node that does not do its part on the bus.
     pub trouble: Option<Named>,
+    /// Why the mode was entered.
+    pub reason: Reason,
 }
 
 impl View {
+    /// Whether the vehicle, or the joystick, ended a run: the operator did not ask for the mode.
+    const fn ended_by_vehicle(&self) -> bool {
+        matches!(self.mode, Mode::Fault) || matches!(self.reason, Reason::Joystick)
+    }
+
     /// Whether a lamp is green.
     const fn is_good(&self, lamp: Lamp) -> bool {
         match lamp {
@@ -157,7 +165,7 @@ pub fn write<L: Language>(text: &mut Text<CAPACITY>, view: &View) {
 /// How long the last row shows the same, ms.
 const PAGE: u32 = 2000;
 
-/// The text of a row. The last one changes its contents, unless there is trouble to tell.
+/// The text of a row. The last one changes its contents, unless there is trouble to tell, or why a run ended.
 fn content(row: u8, view: &View) -> Text<COLUMNS> {
     let mut text = Text::new();
     let tracking = &view.tracking;
@@ -177,6 +185,9 @@ fn content(row: u8, view: &View) -> Text<COLUMNS> {
         }
         _ => match &view.trouble {
             Some(trouble) => trouble.write(&mut text),
+            None if view.ended_by_vehicle() => {
+                text.str("ended: ").str(view.reason.text());
+            }
             None => page(&mut text, view),
         },
     }
@@ -286,6 +297,7 @@ mod tests {
             bus: true,
             fixed: false,
             trouble: None,
+            reason: Reason::ButtonC,
         }
     }
 
@@ -366,6 +378,31 @@ mod tests {
             assert_eq!(sent[6..10], [254, 71, 1, 4]);
             assert_eq!(sent[108..114], [254, 87, 3, 254, 86, 4]);
         }
+    }
+
+    #[test]
+    fn why_the_vehicle_ended_a_run_stays_in_the_last_row() {
+        let ended = |mode, reason| {
+            let view = View {
+                mode,
+                reason,
+                ..view()
+            };
+            shown(&view).pop().unwrap()
+        };
+        assert_eq!(
+            ended(Mode::Fault, Reason::NodeFault),
+            "ended: potentiometer"
+        );
+        assert_eq!(ended(Mode::Fault, Reason::OffPath), "ended: off the path");
+        assert_eq!(
+            ended(Mode::AutonomousReady, Reason::Joystick),
+            "ended: joystick"
+        );
+        assert_eq!(
+            ended(Mode::AutonomousReady, Reason::FixLost),
+            "CAN in schedule"
+        );
     }
 
     proptest! {

@@ -7,6 +7,7 @@ use control::controller::{Sample, SettingsError, Tracking};
 use control::line::{Line, LineError};
 use control::mode::{self, Conditions, Mode, ModeMachine, Request, Source};
 use control::position::{Position, Velocity};
+use control::response::{Departure, Response, ResponseSettings, ResponseWatch};
 use control::safety;
 use control::takeover::{Guide, TakeoverError};
 
@@ -31,6 +32,10 @@ const POT_PATIENCE: u8 = 3;
 /// Steps within which C, A, C of a latching remote control start a run: 2 s. Its output shows no
 /// second press of C.
 const CONFIRM_STEPS: u8 = 20;
+
+/// Share of the joystick's travel that ends an autonomous run, and the steps for which it must be there.
+const JOYSTICK_MOVED: f32 = 0.25;
+const JOYSTICK_STEPS: u8 = 2;
 
 /// Tracking before the first step, for the logging messages.
 const AT_REST: Tracking<f32> = Tracking {
@@ -125,6 +130,53 @@ pub enum Reason {
     NodeFault,
     /// The vehicle reached the end of its path.
     PathEnd,
+    /// The steering does not follow its commands.
+    Steering,
+    /// The speed over ground is not the commanded one.
+    Speed,
+    /// The course does not turn as the steering angle says.
+    Course,
+    /// The vehicle has left its path.
+    OffPath,
+    /// The heading is not known.
+    NoHeading,
+    /// The joystick was moved in an autonomous run.
+    Joystick,
+}
+
+impl Reason {
+    const fn of(departure: Departure) -> Self {
+        match departure {
+            Departure::Steering => Self::Steering,
+            Departure::Speed => Self::Speed,
+            Departure::Course => Self::Course,
+            Departure::Path => Self::OffPath,
+            Departure::Heading => Self::NoHeading,
+        }
+    }
+
+    /// In words for an operator, up to 13 characters.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::StartUp => "start-up",
+            Self::ButtonA => "button A",
+            Self::ButtonB => "button B",
+            Self::ButtonC => "button C",
+            Self::ButtonD => "button D",
+            Self::StopLoop => "stop loop",
+            Self::FixLost => "fix lost",
+            Self::BusFault => "bus",
+            Self::MasterLost => "time master",
+            Self::NodeFault => "potentiometer",
+            Self::PathEnd => "end of path",
+            Self::Steering => "steering",
+            Self::Speed => "speed",
+            Self::Course => "course",
+            Self::OffPath => "off the path",
+            Self::NoHeading => "no heading",
+            Self::Joystick => "joystick",
+        }
+    }
 }
 
 /// Result of a step.
@@ -172,6 +224,12 @@ pub struct Pilot<M: Machine> {
     mode_reason: Reason,
     fixed: bool,
     finished: bool,
+    /// Compares commands with what the vehicle does, what it compares next, and what it found.
+    watch: ResponseWatch<f32>,
+    response: Option<Response<f32>>,
+    departure: Option<Departure>,
+    /// Steps for which the joystick has been moved in an autonomous run.
+    joystick_moved: u8,
     steps: u32,
     machine: PhantomData<M>,
 }
@@ -204,6 +262,14 @@ impl<M: Machine> Pilot<M> {
             mode_reason: Reason::StartUp,
             fixed: false,
             finished: false,
+            watch: ResponseWatch::new(ResponseSettings {
+                limits: M::SETTINGS.limits,
+                wheelbase: M::SETTINGS.estimator.geometry.l1 + M::SETTINGS.estimator.geometry.l2,
+                standstill: M::SETTINGS.estimator.standstill,
+            }),
+            response: None,
+            departure: None,
+            joystick_moved: 0,
             steps: 0,
             machine: PhantomData,
         })
@@ -270,6 +336,7 @@ impl<M: Machine> Pilot<M> {
         });
         let change = self.change_mode(inputs, buttons, guide);
         let mode = self.modes.mode();
+        let applied = self.applied;
         let steering_angle = inputs
             .pot
             .and_then(|count| M::POTENTIOMETER.angle(count).ok());
@@ -307,13 +374,27 @@ impl<M: Machine> Pilot<M> {
             Source::Still => safety::Command::still(),
         };
         self.control_input = outcome.proposed.map_or(0.0, |own| own.steering_rate);
+        self.response = (mode == Mode::AutonomousRun).then_some(Response {
+            applied,
+            steering_angle,
+            velocity: inputs.velocity,
+            cross_track: (guide != Guide::Rows).then_some(outcome.tracking.cross_track),
+            dt: M::PERIOD,
+        });
         (self.decision(), change)
     }
 
-    /// Predicts the vehicle's motion until the next step. It follows from the command alone, so that
-    /// step need not do it between the measurements and its own command.
+    /// Predicts the vehicle's motion until the next step, and compares what was commanded with what the
+    /// vehicle did. The next step need not do this between the measurements and its own command.
     pub fn predict(&mut self) {
         self.controller.predict(self.applied, M::PERIOD);
+        self.departure = match &self.response {
+            Some(response) => self.watch.step(response),
+            None => {
+                self.watch.reset();
+                None
+            }
+        };
     }
 
     /// What the last step decided.
@@ -339,6 +420,11 @@ impl<M: Machine> Pilot<M> {
             request = Request::Autonomous;
             self.request_reason = Reason::PathEnd;
         }
+        if self.takes_joystick(inputs) && request == Request::None {
+            request = Request::Autonomous;
+            self.request_reason = Reason::Joystick;
+        }
+        let departure = self.departure.filter(|_| previous == Mode::AutonomousRun);
         let sound = Conditions {
             // Rows only go on with a run: they do not guide before it.
             fixed_solution: (self.fixed && guide != Guide::Nothing) || guide == Guide::Rows,
@@ -351,7 +437,7 @@ impl<M: Machine> Pilot<M> {
         let driving = |mode: Mode| mode.source() != Source::Still;
         let conditions = Conditions {
             fault: (twice || driving(previous) || driving(mode::next(previous, request, sound)))
-                && (blind || !inputs.in_schedule || !inputs.may_move),
+                && (blind || !inputs.in_schedule || !inputs.may_move || departure.is_some()),
             ..sound
         };
         let mut mode = self.modes.step(request, conditions);
@@ -372,6 +458,10 @@ impl<M: Machine> Pilot<M> {
             Reason::BusFault
         } else if conditions.fault && !inputs.may_move {
             Reason::MasterLost
+        } else if conditions.fault && blind {
+            Reason::NodeFault
+        } else if let (true, Some(departure)) = (conditions.fault, departure) {
+            Reason::of(departure)
         } else if conditions.fault {
             Reason::NodeFault
         } else if request != Request::None {
@@ -384,6 +474,18 @@ impl<M: Machine> Pilot<M> {
             mode,
             reason: self.mode_reason,
         })
+    }
+
+    /// Whether the operator has moved the joystick in an autonomous run, to end it.
+    fn takes_joystick(&mut self, inputs: &Inputs) -> bool {
+        let (x, y) = inputs.joystick;
+        let moved = |axis: u16| convert::joystick(axis).abs() > JOYSTICK_MOVED;
+        let counts = self.modes.mode() == Mode::AutonomousRun && (moved(x) || moved(y));
+        self.joystick_moved = match counts {
+            true => self.joystick_moved.saturating_add(1),
+            false => 0,
+        };
+        self.joystick_moved >= JOYSTICK_STEPS
     }
 
     /// What guides a run while there is no fix.
@@ -415,6 +517,7 @@ impl<M: Machine> Pilot<M> {
             bus,
             fixed: self.fixed,
             trouble,
+            reason: self.mode_reason,
         }
     }
 

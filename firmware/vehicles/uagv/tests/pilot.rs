@@ -21,7 +21,23 @@ fn inputs(fixed: bool) -> Inputs {
         fixed,
         in_schedule: true,
         may_move: true,
-        joystick: (2048, 4095),
+        joystick: (2048, 2048),
+    }
+}
+
+/// A steering that does what it is told.
+#[derive(Default)]
+struct Wheels {
+    /// Angle, deg, positive to the right.
+    angle: f64,
+}
+
+impl Wheels {
+    /// The potentiometer's reading after a step with this command.
+    fn follow(&mut self, command: &Command) -> Option<u16> {
+        self.angle += f64::from(command.steering_rate.0) / 100.0 * 0.1;
+        self.angle = self.angle.clamp(-25.0, 25.0);
+        Some((2048.0 + 40.0 * self.angle) as u16)
     }
 }
 
@@ -67,6 +83,8 @@ fn the_control_input_is_logged_before_limits() {
     let mut pilot = Pilot::new().unwrap();
     let mut sender = e2e::Sender::default();
     let mut largest = (0, 0);
+    let mut wheels = Wheels::default();
+    let mut pot = Some(2048);
     for index in 0..30 {
         if index < 2 {
             press(&mut pilot, Button::C);
@@ -74,10 +92,13 @@ fn the_control_input_is_logged_before_limits() {
         // Five metres right of the line.
         let inputs = Inputs {
             position: Some(Position::new(1000 + 100 * index, 5000)),
+            pot,
             ..inputs(true)
         };
         let (decision, _) = pilot.step(&inputs, &Buttons::default());
         pilot.predict();
+        let sent = wire::command(&decision, &mut sender, 7);
+        pot = wheels.follow(&Command::decode(&sent).unwrap());
         let record = Record::of(&decision, &[Health::Healthy; NODES]);
         let input = LogControl::decode(&record.control).unwrap().control_input.0;
         let command = LogGuidance::decode(&record.guidance).unwrap();
@@ -97,6 +118,7 @@ fn the_control_input_is_logged_before_limits() {
     );
     assert!((-2500..0).contains(&command), "{} deg/s", shown.1);
     // By hand the law commands nothing.
+    let mut pilot = Pilot::new().unwrap();
     press(&mut pilot, Button::B);
     let by_hand = Inputs {
         joystick: (4095, 2048),
@@ -116,9 +138,13 @@ fn the_control_input_is_logged_before_limits() {
 #[test]
 fn one_lost_position_frame_does_not_end_a_run_two_do() {
     let mut pilot = Pilot::new().unwrap();
+    let on_the_line = Inputs {
+        position: Some(Position::new(1000, 0)),
+        ..inputs(true)
+    };
     for _ in 0..2 {
         press(&mut pilot, Button::C);
-        let _ = step(&mut pilot, &inputs(true));
+        let _ = step(&mut pilot, &on_the_line);
     }
     let lost = Inputs {
         position: None,
@@ -127,7 +153,7 @@ fn one_lost_position_frame_does_not_end_a_run_two_do() {
     for _ in 0..3 {
         let (command, _) = step(&mut pilot, &lost);
         assert_eq!(command.mode, Named::AutonomousRun);
-        let (command, _) = step(&mut pilot, &inputs(true));
+        let (command, _) = step(&mut pilot, &on_the_line);
         assert_eq!(command.mode, Named::AutonomousRun);
     }
     let _ = step(&mut pilot, &lost);
@@ -167,7 +193,11 @@ fn the_joystick_drives_without_a_fix_and_the_stop_wins() {
     let mut pilot = Pilot::new().unwrap();
     let _ = step(&mut pilot, &inputs(false));
     press(&mut pilot, Button::B);
-    let (command, _) = step(&mut pilot, &inputs(false));
+    let forward = Inputs {
+        joystick: (2048, 4095),
+        ..inputs(false)
+    };
+    let (command, _) = step(&mut pilot, &forward);
     assert_eq!((command.mode, command.speed.0), (Named::Manual, 200));
     press(&mut pilot, Button::Joystick);
     press(&mut pilot, Button::A);
@@ -340,4 +370,102 @@ fn every_command_passes_the_actuators_judgement() {
         let command = command(&mut pilot, &inputs(index % 7 != 0));
         assert!(hold.receive(&command, 7).is_ok());
     }
+}
+
+/// Starts a run and steps on with inputs made from the step's number and the reading of a potentiometer that follows
+/// the commands, until the mode changes. Returns the step and the change.
+fn run(most: u32, mut made: impl FnMut(i32, Option<u16>) -> Inputs) -> Option<(u32, Change)> {
+    let mut pilot = Pilot::new().unwrap();
+    let mut wheels = Wheels::default();
+    let mut pot = Some(2048);
+    for _ in 0..2 {
+        press(&mut pilot, Button::C);
+        let _ = step(&mut pilot, &made(0, pot));
+    }
+    for index in 0..most {
+        let (command, change) = step(&mut pilot, &made(index.cast_signed(), pot));
+        pot = wheels.follow(&command);
+        if let Some(change) = change {
+            return Some((index, change));
+        }
+    }
+    None
+}
+
+/// What a vehicle measures that drives along its line, so far right of it, mm.
+fn beside(index: i32, east: i32, pot: Option<u16>) -> Inputs {
+    Inputs {
+        position: Some(Position::new(1000 + 100 * index, east)),
+        pot,
+        ..inputs(true)
+    }
+}
+
+#[test]
+fn a_run_ends_when_the_vehicle_does_not_do_what_it_is_told() {
+    let ended = |found: Option<(u32, Change)>, reason| {
+        let (at, change) = found.unwrap();
+        assert_eq!((change.mode, change.reason), (Mode::Fault, reason), "{at}");
+        at
+    };
+    assert_eq!(run(300, |index, pot| beside(index, 0, pot)), None);
+    // The potentiometer is frozen, or shows the other side.
+    let at = run(100, |index, _| beside(index, 1000, Some(2048)));
+    assert!(ended(at, Reason::Steering) <= 10);
+    let reversed = |pot: Option<u16>| pot.map(|count| 4096 - count);
+    let at = run(100, |index, pot| beside(index, 1000, reversed(pot)));
+    assert!(ended(at, Reason::Steering) <= 10);
+    // The vehicle stands.
+    let at = run(100, |_, pot| Inputs {
+        velocity: Some(Velocity::new(3, -2)),
+        ..beside(0, 0, pot)
+    });
+    assert!(ended(at, Reason::Speed) <= 20);
+    // It runs away: 2 m/s in place of 1 m/s.
+    let at = run(100, |index, pot| Inputs {
+        velocity: Some(Velocity::new(2500, 0)),
+        ..beside(5 * index / 2, 0, pot)
+    });
+    assert!(ended(at, Reason::Speed) <= 40);
+    // Positions, but no velocity: three seconds, or three metres at 1 m/s.
+    let at = run(100, |index, pot| Inputs {
+        velocity: None,
+        ..beside(index, 0, pot)
+    });
+    assert!((28..=36).contains(&ended(at, Reason::NoHeading)));
+    // The wheels are turned, and the course stays.
+    let at = run(200, |index, _| beside(index, 0, Some(2048 + 400)));
+    assert!(matches!(
+        at.unwrap().1.reason,
+        Reason::Course | Reason::Steering
+    ));
+    // On the line for 5 s, and then beside it.
+    let at = run(100, |index, pot| {
+        beside(index, if index < 50 { 0 } else { 1500 }, pot)
+    });
+    let at = ended(at, Reason::OffPath);
+    assert!((54..=60).contains(&at), "{at}");
+}
+
+#[test]
+fn the_joystick_ends_a_run_when_it_is_moved_for_two_steps() {
+    let with = |from: u32, until: u32, axes: (u16, u16)| {
+        run(40, move |index, pot| Inputs {
+            joystick: if (from..until).contains(&index.cast_unsigned()) {
+                axes
+            } else {
+                (2048, 2048)
+            },
+            ..beside(index, 0, pot)
+        })
+    };
+    let (at, change) = with(5, 40, (2048, 3200)).unwrap();
+    assert_eq!(at, 6);
+    assert_eq!(
+        (change.mode, change.reason),
+        (Mode::AutonomousReady, Reason::Joystick)
+    );
+    assert_eq!(with(5, 40, (900, 2048)).unwrap().0, 6);
+    assert_eq!(with(5, 6, (2048, 3200)), None, "one sample is no movement");
+    assert_eq!(with(5, 40, (2200, 1900)), None, "the joystick is at rest");
 }
