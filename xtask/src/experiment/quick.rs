@@ -139,6 +139,12 @@ impl Numbers {
         })
     }
 
+    /// The settings of the law.
+    #[must_use]
+    pub fn settings(&self) -> &Settings<f32> {
+        &self.settings
+    }
+
     /// The vehicle's own law, or the thesis's with the same settings.
     ///
     /// # Errors
