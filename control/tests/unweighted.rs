@@ -1,0 +1,75 @@
+//! Regulators and filters whose state weight, or process noise, is zero in some
+//! mode. `fixtures/generate_unweighted.py` writes the expected gains.
+
+use control::lqr::{RegulatorError, dlqr};
+use control::model::Discrete;
+use nalgebra::{Matrix1, SMatrix};
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+struct System {
+    order: usize,
+    f: Vec<f64>,
+    g: Vec<f64>,
+    q: Vec<f64>,
+    r: f64,
+    gain: Option<Vec<f64>>,
+}
+
+fn systems() -> Vec<System> {
+    serde_json::from_str(include_str!("fixtures/unweighted_systems.json")).unwrap()
+}
+
+/// Relative difference of the gain from python-control's. An unseen mode on the
+/// unit circle must be refused.
+fn check<const N: usize>(system: &System) -> Result<f64, String> {
+    let model = Discrete {
+        f: SMatrix::<f64, N, N>::from_row_slice(&system.f),
+        g: SMatrix::<f64, N, 1>::from_row_slice(&system.g),
+    };
+    let q = SMatrix::<f64, N, N>::from_row_slice(&system.q);
+    let found = dlqr(&model, &q, &Matrix1::new(system.r));
+    match (&system.gain, found) {
+        (None, Err(RegulatorError::NotStabilisable)) => Ok(0.0),
+        (Some(known), Ok(found)) => {
+            let known = SMatrix::<f64, 1, N>::from_row_slice(known);
+            Ok((found.gain - known).amax() / known.amax())
+        }
+        (known, found) => Err(format!("{found:?} is not {known:?}")),
+    }
+}
+
+#[test]
+fn unweighted_modes_are_stabilised_or_refused() {
+    let mut wrong = [0; 2];
+    let systems = systems();
+    for (number, system) in systems.iter().enumerate() {
+        let found = match system.order {
+            1 => check::<1>(system),
+            2 => check::<2>(system),
+            3 => check::<3>(system),
+            4 => check::<4>(system),
+            other => panic!("order {other}"),
+        };
+        if !found.as_ref().is_ok_and(|&difference| difference < 1e-9) {
+            println!("system {number}: {found:?}");
+            wrong[usize::from(system.gain.is_some())] += 1;
+        }
+    }
+    assert_eq!(systems.len(), 40);
+    assert_eq!(wrong, [0, 0], "of 20 on the unit circle and 20 unstable");
+}
+
+/// F = 2, G = 1, Q = 0, R = 1: the stabilising solution of S = 4 S - 4 S^2 / (1 + S)
+/// is 3, not 0.
+#[test]
+fn an_unweighted_unstable_mode_is_mirrored() {
+    let one = Matrix1::new(1.0_f64);
+    let model = Discrete {
+        f: one * 2.0,
+        g: one,
+    };
+    let found = dlqr(&model, &(one * 0.0), &one).unwrap();
+    assert!((found.gain[0] - 1.5).abs() < 1e-12, "{found:?}");
+    assert!((found.cost[0] - 3.0).abs() < 1e-12, "{found:?}");
+}
