@@ -89,19 +89,24 @@ pub fn symmetric_part<T: Scalar, const N: usize>(matrix: &SMatrix<T, N, N>) -> S
 /// True if a symmetric `matrix` is positive definite (`strict`) or positive
 /// semidefinite (otherwise), decided by an LDL^T elimination that tolerates
 /// rounding.
+///
+/// The units of the rows do not matter to `strict`: what the elimination leaves of
+/// a diagonal entry is compared with that entry, because no rounding error is
+/// larger than its share of it.
 #[must_use]
 pub fn is_positive<T: Scalar, const N: usize>(matrix: &SMatrix<T, N, N>, strict: bool) -> bool {
     let mut a = *matrix;
-    let tolerance = matrix.amax() * T::default_epsilon() * T::lit(100.0 * N as f64);
+    let share = T::default_epsilon() * T::lit(100.0 * N as f64);
+    let tolerance = matrix.amax() * share;
     for k in 0..N {
         let pivot = a[(k, k)];
-        if strict && !(pivot > tolerance) {
+        if strict {
+            if !(pivot > T::zero() && pivot > matrix[(k, k)] * share) {
+                return false;
+            }
+        } else if !(pivot >= -tolerance) {
             return false;
-        }
-        if !(pivot >= -tolerance) {
-            return false;
-        }
-        if pivot <= tolerance {
+        } else if pivot <= tolerance {
             // In a semidefinite matrix the row of a zero diagonal entry is zero.
             let root = (tolerance * matrix.amax()).root();
             for j in k + 1..N {
