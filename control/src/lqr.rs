@@ -25,9 +25,11 @@ pub enum RegulatorError {
     StateWeight,
     /// The input weight R is not finite, symmetric and positive definite.
     InputWeight,
-    /// No stabilising solution exists: an unstable mode is not controllable, or
-    /// the state weight does not observe a mode on the unit circle.
+    /// No stabilising gain exists: a mode that does not decay is not controllable.
     NotStabilisable,
+    /// The best gain does not stabilise: the state weight does not see a mode on
+    /// the unit circle, so leaving it alone costs nothing.
+    UnweightedMode,
     /// The data are so badly conditioned that the solution found does not
     /// satisfy the Riccati equation.
     IllConditioned,
@@ -40,8 +42,11 @@ impl core::fmt::Display for RegulatorError {
             Self::StateWeight => "the state weight Q is not symmetric and positive semidefinite",
             Self::InputWeight => "the input weight R is not symmetric and positive definite",
             Self::NotStabilisable => {
-                "no stabilising gain: an unstable mode is not controllable, \
-                 or a mode on the unit circle has no weight"
+                "no stabilising gain: a mode that does not decay is not controllable"
+            }
+            Self::UnweightedMode => {
+                "the state weight does not see a mode on the unit circle, \
+                 so the best gain leaves it alone"
             }
             Self::IllConditioned => "the data are too badly conditioned for a reliable gain",
         })
@@ -142,9 +147,13 @@ fn from_heavier_weight<T: Scalar, const N: usize, const M: usize>(
     let heavier = q + SMatrix::<T, N, N>::identity() * weight;
     let cost = doubling(model, &heavier, r)?;
     let gain = gain_of(model, r, &cost).ok_or(RegulatorError::IllConditioned)?;
-    let mut regulator = Regulator { gain, cost };
+    // The cost of this gain is finite if it stabilises.
+    let mut regulator = newton_step(model, q, r, &gain)?;
     for _ in 0..64 {
-        let next = newton_step(model, q, r, &regulator.gain)?;
+        let next = newton_step(model, q, r, &regulator.gain).map_err(|error| match error {
+            RegulatorError::NotStabilisable => RegulatorError::UnweightedMode,
+            other => other,
+        })?;
         let change = (next.cost - regulator.cost).amax();
         regulator = next;
         if change <= regulator.cost.amax() * T::default_epsilon() * T::lit(4.0) {
@@ -154,7 +163,7 @@ fn from_heavier_weight<T: Scalar, const N: usize, const M: usize>(
     if stabilises(model, r, &regulator) {
         Ok(regulator)
     } else {
-        Err(RegulatorError::NotStabilisable)
+        Err(RegulatorError::UnweightedMode)
     }
 }
 

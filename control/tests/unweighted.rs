@@ -1,9 +1,10 @@
 //! Regulators and filters whose state weight, or process noise, is zero in some
 //! mode. `fixtures/generate_unweighted.py` writes the expected gains.
 
+use control::kalman::{Kalman, KalmanError, steady_state, with_biases};
 use control::lqr::{RegulatorError, dlqr};
-use control::model::Discrete;
-use nalgebra::{Matrix1, SMatrix};
+use control::model::{Discrete, Geometry};
+use nalgebra::{Matrix1, SMatrix, SVector};
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -30,7 +31,7 @@ fn check<const N: usize>(system: &System) -> Result<f64, String> {
     let q = SMatrix::<f64, N, N>::from_row_slice(&system.q);
     let found = dlqr(&model, &q, &Matrix1::new(system.r));
     match (&system.gain, found) {
-        (None, Err(RegulatorError::NotStabilisable)) => Ok(0.0),
+        (None, Err(RegulatorError::UnweightedMode)) => Ok(0.0),
         (Some(known), Ok(found)) => {
             let known = SMatrix::<f64, 1, N>::from_row_slice(known);
             Ok((found.gain - known).amax() / known.amax())
@@ -72,4 +73,53 @@ fn an_unweighted_unstable_mode_is_mirrored() {
     let found = dlqr(&model, &(one * 0.0), &one).unwrap();
     assert!((found.gain[0] - 1.5).abs() < 1e-12, "{found:?}");
     assert!((found.cost[0] - 3.0).abs() < 1e-12, "{found:?}");
+}
+
+/// Biases without process noise have no steady gain. The error says so, and does not
+/// blame the measurements, which observe them.
+#[test]
+fn constant_biases_are_named() {
+    let geometry = Geometry { l1: 0.3, l2: 0.8 };
+    let (model, h) = with_biases(&geometry.steering_model(1.0_f64));
+    let sampled = control::discretise::zero_order_hold(&model, 0.1).unwrap();
+    let r = SMatrix::<f64, 3, 3>::from_diagonal(&SVector::<f64, 3>::new(1e-4, 1e-3, 1e-5));
+    let with = |heading: f64, steering: f64| {
+        let noise = SVector::<f64, 5>::new(1e-6, 1e-6, 1e-5, heading, steering);
+        steady_state(&sampled.f, &h, &SMatrix::from_diagonal(&noise), &r)
+    };
+    assert_eq!(with(0.0, 1e-8), Err(KalmanError::NoiseFreeMode));
+    assert_eq!(with(1e-8, 0.0), Err(KalmanError::NoiseFreeMode));
+    assert_eq!(with(0.0, 0.0), Err(KalmanError::NoiseFreeMode));
+    let filter = with(1e-12, 1e-12).unwrap();
+    assert!(filter.gain[(3, 1)] > 0.0 && filter.gain[(4, 2)] > 0.0);
+}
+
+/// A constant measured k times with unit noise, from no knowledge: the variance is 1 / k
+/// (up to the initial one), so that the steady gain is zero.
+#[test]
+fn the_gain_of_a_constant_falls_as_one_over_k() {
+    let one = Matrix1::new(1.0_f64);
+    let nothing = one * 0.0;
+    assert_eq!(
+        steady_state(&one, &one, &nothing, &one),
+        Err(KalmanError::NoiseFreeMode)
+    );
+    let mut filter = Kalman {
+        state: SVector::<f64, 1>::zeros(),
+        covariance: one * 1e9,
+    };
+    for _ in 0..1000 {
+        filter.correct(&one, &one, &one).unwrap();
+    }
+    assert!((filter.covariance[0] - 1e-3).abs() < 1e-11);
+}
+
+/// An unstable mode without noise is tracked: for F = 2, H = 1, R = 1 the predicted
+/// variance is 3, the dual of the regulator above.
+#[test]
+fn an_unstable_mode_needs_no_noise() {
+    let one = Matrix1::new(1.0_f64);
+    let filter = steady_state(&(one * 2.0), &one, &(one * 0.0), &one).unwrap();
+    assert!((filter.predicted[0] - 3.0).abs() < 1e-12);
+    assert!((filter.gain[0] - 0.75).abs() < 1e-12);
 }
