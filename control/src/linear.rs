@@ -2,7 +2,7 @@
 //! size.
 
 use crate::scalar::Scalar;
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 
 /// Solves `a` X = `b` by Gaussian elimination with partial pivoting on rows
 /// scaled to unit size (Golub and Van Loan, Matrix Computations, 3.4).
@@ -125,4 +125,79 @@ pub fn is_positive<T: Scalar, const N: usize>(matrix: &SMatrix<T, N, N>, strict:
         }
     }
     true
+}
+
+/// Units of the states in which rows and columns of `a` (N x N) have sums of a like
+/// size.
+///
+/// Returns the factors d, powers of two, so that a change of units is exact: the
+/// entries become d_i a_ij / d_j and d_i b_ik. They make the sum of all entries
+/// small, by one unit after the other (E. E. Osborne, On pre-conditioning of
+/// matrices, J. ACM 7, 1960). The inputs, the columns of `b` (N x M), have units
+/// too. The sum goes on over 1/d_i for a state that moves no other, d_i for one that
+/// nothing moves, and one over the unit of each input: without those terms their
+/// units would have no bound.
+///
+/// Entries are taken as exact: a rounding error that should be zero is not told
+/// from an entry in a small unit.
+#[must_use]
+pub fn balance<T: Scalar, const N: usize, const M: usize>(
+    a: &SMatrix<T, N, N>,
+    b: &SMatrix<T, N, M>,
+) -> SVector<T, N> {
+    let mut units = SVector::<T, N>::repeat(T::one());
+    for _ in 0..SWEEPS {
+        let mut settled = true;
+        let or_one = |sum: T| if sum > T::zero() { sum } else { T::one() };
+        let shares = SVector::<T, M>::from_fn(|input, _| {
+            let column = units.component_mul(&b.column(input).abs()).sum();
+            T::one() / or_one(column).root()
+        });
+        for state in 0..N {
+            let mut row = T::zero();
+            let mut column = T::zero();
+            for other in (0..N).filter(|&other| other != state) {
+                row += a[(state, other)].abs() / units[other];
+                column += a[(other, state)].abs() * units[other];
+            }
+            for input in 0..M {
+                row += b[(state, input)].abs() * shares[input];
+            }
+            if !(row > T::zero() || column > T::zero()) {
+                continue;
+            }
+            let best = (or_one(column) / or_one(row)).root();
+            let unit = power_of_two(best, units[state]);
+            if unit != units[state] {
+                units[state] = unit;
+                settled = false;
+            }
+        }
+        if settled {
+            break;
+        }
+    }
+    units
+}
+
+/// Most sweeps of [`balance`]. A chain of N states takes some N^2 of them.
+const SWEEPS: usize = 200;
+
+/// The power of two nearest to `value`, reached from the power `from`; `from` where
+/// that is within a factor of two, so that rounding has no play.
+fn power_of_two<T: Scalar>(value: T, from: T) -> T {
+    let two = T::lit(2.0);
+    let half = T::lit(0.5);
+    let mut power = from;
+    // Beyond this the square of a unit has no place in single precision.
+    for _ in 0..60 {
+        if value >= power * two {
+            power *= two;
+        } else if value <= power * half {
+            power *= half;
+        } else {
+            break;
+        }
+    }
+    power
 }
