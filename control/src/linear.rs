@@ -138,13 +138,33 @@ pub fn is_positive<T: Scalar, const N: usize>(matrix: &SMatrix<T, N, N>, strict:
 /// nothing moves, and one over the unit of each input: without those terms their
 /// units would have no bound.
 ///
-/// Entries are taken as exact: a rounding error that should be zero is not told
-/// from an entry in a small unit.
+/// An entry within 16 rounding units of the largest in its row or column of `a`, or
+/// in its column of `b`, counts as zero: else the units would lift rounding errors to
+/// the size of entries. So units may differ by about 2^40 in double and 2^16 in single
+/// precision.
 #[must_use]
 pub fn balance<T: Scalar, const N: usize, const M: usize>(
     a: &SMatrix<T, N, N>,
     b: &SMatrix<T, N, M>,
 ) -> SVector<T, N> {
+    let rounding = T::default_epsilon() * T::lit(16.0);
+    let entry = |value: T, largest: T| {
+        if value.abs() > largest * rounding {
+            value
+        } else {
+            T::zero()
+        }
+    };
+    let (rows, columns) = (
+        SVector::<T, N>::from_fn(|row, _| a.row(row).amax()),
+        SVector::<T, N>::from_fn(|column, _| a.column(column).amax()),
+    );
+    let a = SMatrix::<T, N, N>::from_fn(|row, column| {
+        entry(entry(a[(row, column)], rows[row]), columns[column])
+    });
+    let b = SMatrix::<T, N, M>::from_fn(|state, input| {
+        entry(b[(state, input)], b.column(input).amax())
+    });
     let mut units = SVector::<T, N>::repeat(T::one());
     for _ in 0..SWEEPS {
         let mut settled = true;

@@ -101,6 +101,25 @@ fn units_do_not_change_ranks() {
     assert_eq!(pairs.iter().filter(wrong).count(), 0, "of {SYSTEMS}");
 }
 
+/// Rounding errors where a system without a basis of its own has zeros.
+#[test]
+fn rounding_errors_are_no_entries() {
+    let mut numbers = Numbers(7);
+    let mut noise = |value: f64| {
+        let error = f64::from(numbers.next(-8, 8)) * 1e-17;
+        if value == 0.0 { error } else { value }
+    };
+    let mut wrong = 0;
+    for pair in pairs().iter().skip(1).step_by(2) {
+        let Continuous { a, b } = pair.plain;
+        let a = a.map(&mut noise);
+        if controllability_rank(&a, &b) != pair.rank {
+            wrong += 1;
+        }
+    }
+    assert_eq!(wrong, 0, "of {}", SYSTEMS / 2);
+}
+
 #[test]
 fn units_do_not_change_discretised_models() {
     let mut wrong = 0;
