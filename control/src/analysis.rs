@@ -1,7 +1,7 @@
 //! Analysis of linear systems: controllability, observability, poles, and
 //! simulated responses (thesis 7.2.2).
 
-use crate::linear::is_finite;
+use crate::linear::{balance, is_finite};
 use crate::model::Discrete;
 use crate::scalar::Scalar;
 use nalgebra::allocator::Allocator;
@@ -14,7 +14,8 @@ use nalgebra::{Const, DefaultAllocator, DimDiff, DimSub, SMatrix, SVector, U1};
 /// The subspace is built from orthogonal directions (Arnoldi iteration). The
 /// powers of A would not do: their columns become nearly parallel even for
 /// small N. A direction counts as new if its component orthogonal to the
-/// subspace exceeds 10^-9 (f64) or 10^-3 (f32) of its length.
+/// subspace exceeds 10^-9 (f64) or 10^-3 (f32) of its length. Lengths are those in
+/// balanced units ([`balance`]), so that the units of `a` and `b` do not matter.
 #[must_use]
 pub fn controllability_rank<T: Scalar, const N: usize, const M: usize>(
     a: &SMatrix<T, N, N>,
@@ -25,6 +26,9 @@ pub fn controllability_rank<T: Scalar, const N: usize, const M: usize>(
     } else {
         T::lit(1e-3)
     };
+    let units = balance(a, b);
+    let a =
+        &SMatrix::<T, N, N>::from_fn(|row, column| a[(row, column)] * (units[row] / units[column]));
     let mut basis = SMatrix::<T, N, N>::zeros();
     let mut rank = 0;
     let add = |basis: &mut SMatrix<T, N, N>, rank: &mut usize, direction: SVector<T, N>| {
@@ -48,7 +52,7 @@ pub fn controllability_rank<T: Scalar, const N: usize, const M: usize>(
         }
     };
     for column in b.column_iter() {
-        add(&mut basis, &mut rank, column.into_owned());
+        add(&mut basis, &mut rank, column.component_mul(&units));
     }
     let mut done = 0;
     while done < rank {

@@ -12,9 +12,11 @@ use nalgebra::{SMatrix, SVector};
 /// deviation; deviations of that size matter equally (Bryson's rule).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SteeringWeights<T> {
-    /// On the integral of the cross-track error, 1/(m s)^2; positive.
+    /// On the integral of the cross-track error, 1/(m s)^2; not negative. Zero
+    /// gives a law without an integral.
     pub integral: T,
-    /// On the cross-track error, 1/m^2; positive.
+    /// On the cross-track error, 1/m^2; not negative, and positive if `integral`
+    /// is zero: else no gain holds the vehicle on its line.
     pub cross_track: T,
     /// On the heading error, 1/rad^2; not negative.
     pub heading: T,
@@ -93,27 +95,49 @@ pub fn steering_gains<T: Scalar, const P: usize>(
     if !(positive(spacing) && positive(slowest)) {
         return Err(DesignError::Speed);
     }
-    let q = SMatrix::<T, 4, 4>::from_diagonal(&SVector::<T, 4>::new(
-        weights.integral,
-        weights.cross_track,
-        weights.heading,
-        weights.steering_angle,
-    ));
-    let r = SMatrix::<T, 1, 1>::new(weights.steering_rate);
     let mut gains = [[T::zero(); 4]; P];
     let mut speed = T::zero();
     for row in &mut gains {
         let design = if speed > slowest { speed } else { slowest };
-        let model = with_integral(&geometry.steering_model(design));
-        let sampled = zero_order_hold(&model, period).map_err(DesignError::Discretise)?;
-        let regulator = dlqr(&sampled, &q, &r).map_err(|error| DesignError::Regulator {
-            speed: design,
-            error,
-        })?;
-        for (entry, &gain) in row.iter_mut().zip(regulator.gain.iter()) {
-            *entry = gain;
-        }
+        *row = gains_at(&geometry.steering_model(design), design, weights, period)?;
         speed += spacing;
     }
     Ok(GainSchedule { spacing, gains })
+}
+
+/// The row of gains for the steering model at `speed` (m/s).
+///
+/// An integral without weight costs nothing and moves no other state, so the best
+/// gain ignores it.
+fn gains_at<T: Scalar>(
+    model: &Continuous<T, 3, 1>,
+    speed: T,
+    weights: &SteeringWeights<T>,
+    period: T,
+) -> Result<[T; 4], DesignError<T>> {
+    let rate = weights.steering_rate;
+    let rest = [weights.cross_track, weights.heading, weights.steering_angle];
+    let [cross_track, heading, steering_angle] = rest;
+    if weights.integral == T::zero() {
+        let [k_cross, k_heading, k_steering] = regulate(model, speed, rest, rate, period)?;
+        return Ok([T::zero(), k_cross, k_heading, k_steering]);
+    }
+    let all = [weights.integral, cross_track, heading, steering_angle];
+    regulate(&with_integral(model), speed, all, rate, period)
+}
+
+/// The gain for a diagonal state weight.
+fn regulate<T: Scalar, const N: usize>(
+    model: &Continuous<T, N, 1>,
+    speed: T,
+    weights: [T; N],
+    rate: T,
+    period: T,
+) -> Result<[T; N], DesignError<T>> {
+    let q = SMatrix::<T, N, N>::from_diagonal(&SVector::from(weights));
+    let r = SMatrix::<T, 1, 1>::new(rate);
+    let sampled = zero_order_hold(model, period).map_err(DesignError::Discretise)?;
+    let regulator =
+        dlqr(&sampled, &q, &r).map_err(|error| DesignError::Regulator { speed, error })?;
+    Ok(regulator.gain.transpose().into())
 }

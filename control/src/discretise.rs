@@ -1,7 +1,7 @@
 //! Zero-order hold: discretises a continuous model (thesis equations 7.5 and
 //! 7.6).
 
-use crate::linear::is_finite;
+use crate::linear::{balance, is_finite};
 use crate::model::{Continuous, Discrete};
 use crate::scalar::Scalar;
 use nalgebra::SMatrix;
@@ -36,7 +36,8 @@ impl core::error::Error for DiscretiseError {}
 /// scaling and squaring (Van Loan, "Computing integrals involving the matrix
 /// exponential", IEEE TAC 23(3), 1978): the period is halved until the Taylor
 /// series converges quickly, and the result is doubled as often. A singular A
-/// needs no special case.
+/// needs no special case. The states have balanced units meanwhile ([`balance`]):
+/// units that differ by much would need many doublings, which lose digits.
 ///
 /// # Errors
 /// [`DiscretiseError`] if the input is not finite, the period is not positive,
@@ -51,9 +52,13 @@ pub fn zero_order_hold<T: Scalar, const N: usize, const M: usize>(
     if !(period.is_finite() && period > T::zero()) {
         return Err(DiscretiseError::Period);
     }
+    let units = balance(&(model.a * period), &SMatrix::<T, N, 1>::zeros());
+    let a = SMatrix::<T, N, N>::from_fn(|row, column| {
+        model.a[(row, column)] * (units[row] / units[column])
+    });
     let mut step = period;
     let mut doublings = 0_u32;
-    let size = row_sum_norm(&model.a);
+    let size = row_sum_norm(&a);
     while size * step > T::lit(0.5) {
         step *= T::lit(0.5);
         doublings += 1;
@@ -61,7 +66,7 @@ pub fn zero_order_hold<T: Scalar, const N: usize, const M: usize>(
             return Err(DiscretiseError::Overflow);
         }
     }
-    let scaled = model.a * step;
+    let scaled = a * step;
     let mut f = SMatrix::<T, N, N>::identity();
     let mut integral = SMatrix::<T, N, N>::identity() * step;
     let mut term = SMatrix::<T, N, N>::identity();
@@ -75,7 +80,13 @@ pub fn zero_order_hold<T: Scalar, const N: usize, const M: usize>(
         integral += f * integral;
         f = f * f;
     }
-    let g = integral * model.b;
+    let back = |matrix: SMatrix<T, N, N>| {
+        SMatrix::<T, N, N>::from_fn(|row, column| {
+            matrix[(row, column)] * (units[column] / units[row])
+        })
+    };
+    let f = back(f);
+    let g = back(integral) * model.b;
     if is_finite(&f) && is_finite(&g) {
         Ok(Discrete { f, g })
     } else {

@@ -146,9 +146,14 @@ pub fn shortest<T: Scalar>(
         ccc(distance, alpha, beta, true),
         ccc(distance, alpha, beta, false),
     ];
+    // Coordinates have this many rounding errors, in units of the radius.
+    let coordinates =
+        (start.north.abs() + start.east.abs() + end.north.abs() + end.east.abs()) / radius;
+    let rounding = T::default_epsilon() * T::lit(16.0) * (T::one() + coordinates);
+    let length = |pieces: &[(Turn, T); 3]| pieces.iter().fold(T::zero(), |sum, p| sum + p.1);
     let mut best: Option<[(Turn, T); 3]> = None;
-    for pieces in words.into_iter().flatten() {
-        let length = |pieces: &[(Turn, T); 3]| pieces.iter().fold(T::zero(), |sum, p| sum + p.1);
+    let shorter = fewer_pieces(distance, alpha, beta, rounding);
+    for pieces in words.into_iter().chain(shorter).flatten() {
         if best
             .as_ref()
             .is_none_or(|best| length(&pieces) < length(best))
@@ -214,6 +219,82 @@ fn turn_forward<T: Scalar>(angle: T) -> T {
     } else {
         wrapped
     }
+}
+
+/// The paths of one or two pieces, if they end within `rounding` radians and radii
+/// of the end: an arc behind a straight piece or before it, and two arcs.
+///
+/// [`csc`] has them too, as paths with a piece of length zero. But a rounding error
+/// can make a zero arc slightly negative, which is nearly a full circle there, and
+/// the direction of a straight piece of length zero is not defined.
+fn fewer_pieces<T: Scalar>(
+    distance: T,
+    alpha: T,
+    beta: T,
+    rounding: T,
+) -> [Option<[(Turn, T); 3]>; 6] {
+    let at = |north: T, heading: T| Pose {
+        north,
+        east: T::zero(),
+        heading,
+    };
+    let (start, end) = (at(T::zero(), alpha), at(distance, beta));
+    let none = (Turn::Straight, T::zero());
+    let reaching = |pieces: [(Turn, T); 3]| {
+        let radius = T::one();
+        let reached = DubinsPath { pieces, radius }.end(start);
+        let near = |off: T| off.abs() <= rounding;
+        let arrives = near(reached.north - end.north)
+            && near(reached.east - end.east)
+            && near(wrap_angle(reached.heading - end.heading));
+        let forward = pieces.iter().all(|piece| piece.1 >= T::zero());
+        (arrives && forward).then_some(pieces)
+    };
+    let mut paths = [None; 6];
+    for (slot, (turn, side)) in paths
+        .chunks_exact_mut(3)
+        .zip([(Turn::Right, T::one()), (Turn::Left, -T::one())])
+    {
+        let arc = (turn, turn_forward(side * (beta - alpha)));
+        // The straight piece leads from where the arc ends to the end, or from the
+        // start to where the arc must begin. A small negative length is zero with
+        // a rounding error.
+        let turned = advance(start, side, arc.1);
+        let (dn, de) = (end.north - turned.north, end.east - turned.east);
+        let along = |heading: T| {
+            let (sine, cosine) = heading.sine_cosine();
+            let length = cosine * dn + sine * de;
+            let length = if length.abs() <= rounding {
+                T::zero()
+            } else {
+                length
+            };
+            (Turn::Straight, length)
+        };
+        let other = if side > T::zero() {
+            Turn::Left
+        } else {
+            Turn::Right
+        };
+        // Both circles touch: the direction there is square to the line between
+        // their centres.
+        let (sine_a, cosine_a) = alpha.sine_cosine();
+        let (sine_b, cosine_b) = beta.sine_cosine();
+        let x = distance + side * (sine_b + sine_a);
+        let y = -side * (cosine_b + cosine_a);
+        let direction = y.angle_of(x) + side * T::frac_pi_2();
+        let first = (turn, turn_forward(side * (direction - alpha)));
+        let last = (other, turn_forward(side * (direction - beta)));
+        let found = [
+            reaching([along(alpha), arc, none]),
+            reaching([arc, along(beta), none]),
+            reaching([first, none, last]),
+        ];
+        for (path, found) in slot.iter_mut().zip(found) {
+            *path = found;
+        }
+    }
+    paths
 }
 
 /// The path of an arc, a straight piece and an arc, if it exists; a right arc

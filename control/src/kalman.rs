@@ -20,6 +20,10 @@ pub enum KalmanError {
     /// The system is not detectable: the measurements do not observe a mode
     /// that does not decay.
     NotDetectable,
+    /// The process noise does not drive a mode on the unit circle, such as a
+    /// constant bias: the longer it is measured, the better it is known, so that its
+    /// gain falls towards zero and no constant gain is right.
+    NoiseFreeMode,
     /// The data are too badly conditioned for a reliable gain.
     IllConditioned,
     /// A measurement is NaN or infinite. The filter is unchanged.
@@ -35,6 +39,10 @@ impl core::fmt::Display for KalmanError {
                 "the measurement noise is not symmetric and positive definite"
             }
             Self::NotDetectable => "the measurements do not observe a mode that does not decay",
+            Self::NoiseFreeMode => {
+                "a mode that neither grows nor decays has no process noise, \
+                 so its gain has no steady state but zero"
+            }
             Self::IllConditioned => "the data are too badly conditioned for a reliable gain",
             Self::MeasurementNotFinite => "a measurement is not a finite number",
         })
@@ -56,7 +64,11 @@ pub struct SteadyState<T, const N: usize, const P: usize> {
 
 /// The steady-state Kalman filter for x' = F x + w, z = H x + v with covariances
 /// `q` (N x N) of w and `r` (P x P) of v. It is computed as the dual of the
-/// linear quadratic regulator.
+/// linear quadratic regulator, so that every mode of the error F (I - K H)
+/// decays. Every mode of F that does not decay must be observable, and the
+/// process noise must drive every mode on the unit circle. For a constant, such as
+/// a bias, let `q` say by how much it may wander, or use [`Kalman`], whose gain
+/// falls with the number of measurements. An unstable mode needs no noise.
 ///
 /// # Errors
 /// [`KalmanError`] names the matrix or the condition at fault.
@@ -75,6 +87,7 @@ pub fn steady_state<T: Scalar, const N: usize, const P: usize>(
         RegulatorError::StateWeight => KalmanError::ProcessNoise,
         RegulatorError::InputWeight => KalmanError::MeasurementNoise,
         RegulatorError::NotStabilisable => KalmanError::NotDetectable,
+        RegulatorError::UnweightedMode => KalmanError::NoiseFreeMode,
         RegulatorError::IllConditioned => KalmanError::IllConditioned,
     })?;
     let predicted = regulator.cost;

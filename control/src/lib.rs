@@ -18,6 +18,10 @@
 // `!(x > 0)` is true and `x <= 0` is false.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
+/// The linear algebra whose matrices and vectors stand in public items: a program
+/// that uses this version needs no dependency of its own.
+pub use nalgebra;
+
 pub mod analysis;
 mod angle;
 pub mod calibration;
@@ -48,3 +52,8 @@ pub mod scalar;
 pub mod schedule;
 pub mod takeover;
 pub mod vehicle;
+
+/// The examples of the README, as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -25,9 +25,11 @@ pub enum RegulatorError {
     StateWeight,
     /// The input weight R is not finite, symmetric and positive definite.
     InputWeight,
-    /// No stabilising solution exists: an unstable mode is not controllable, or
-    /// the state weight does not observe a mode on the unit circle.
+    /// No stabilising gain exists: a mode that does not decay is not controllable.
     NotStabilisable,
+    /// The best gain does not stabilise: the state weight does not see a mode on
+    /// the unit circle, so leaving it alone costs nothing.
+    UnweightedMode,
     /// The data are so badly conditioned that the solution found does not
     /// satisfy the Riccati equation.
     IllConditioned,
@@ -40,8 +42,11 @@ impl core::fmt::Display for RegulatorError {
             Self::StateWeight => "the state weight Q is not symmetric and positive semidefinite",
             Self::InputWeight => "the input weight R is not symmetric and positive definite",
             Self::NotStabilisable => {
-                "no stabilising gain: an unstable mode is not controllable, \
-                 or a mode on the unit circle has no weight"
+                "no stabilising gain: a mode that does not decay is not controllable"
+            }
+            Self::UnweightedMode => {
+                "the state weight does not see a mode on the unit circle, \
+                 so the best gain leaves it alone"
             }
             Self::IllConditioned => "the data are too badly conditioned for a reliable gain",
         })
@@ -62,6 +67,14 @@ impl core::error::Error for RegulatorError {}
 /// singular F. Two steps of Newton's method refine the result (Hewer, IEEE TAC
 /// 16(4), 1971).
 ///
+/// The result is the stabilising solution: the powers of F - G K fall to zero.
+/// It exists if every mode of F that does not decay is controllable, and the state
+/// weight sees every mode on the unit circle (Lancaster and Rodman, Algebraic
+/// Riccati Equations, 1995, chapter 13). The pair need not be detectable: an
+/// unstable mode without weight is stabilised at the least effort, which mirrors
+/// its pole into the unit circle. A mode on the unit circle that the weight sees
+/// only as weakly as rounding errors do is refused.
+///
 /// # Errors
 /// [`RegulatorError`] names the matrix or the condition at fault.
 pub fn dlqr<T: Scalar, const N: usize, const M: usize>(
@@ -78,20 +91,10 @@ pub fn dlqr<T: Scalar, const N: usize, const M: usize>(
     if !(is_finite(r) && is_symmetric(r) && is_positive(r, true)) {
         return Err(RegulatorError::InputWeight);
     }
-    let mut cost = doubling(model, q, r)?;
-    let mut gain = gain_of(model, r, &cost).ok_or(RegulatorError::IllConditioned)?;
-    for _ in 0..2 {
-        let closed = model.f - model.g * gain;
-        let weight = q + gain.transpose() * r * gain;
-        let Some(next) = lyapunov_cost(&closed, &weight) else {
-            return Err(RegulatorError::NotStabilisable);
-        };
-        let Some(next_gain) = gain_of(model, r, &next) else {
-            return Err(RegulatorError::IllConditioned);
-        };
-        cost = next;
-        gain = next_gain;
-    }
+    let Regulator { gain, cost } = match from_doubling(model, q, r) {
+        Ok(regulator) => regulator,
+        Err(_) => from_heavier_weight(model, q, r)?,
+    };
     let found = riccati_map(model, q, r, &cost).ok_or(RegulatorError::IllConditioned)?;
     let tolerance = T::default_epsilon().root() * cost.amax();
     if (found - cost).amax() <= tolerance {
@@ -99,6 +102,139 @@ pub fn dlqr<T: Scalar, const N: usize, const M: usize>(
     } else {
         Err(RegulatorError::IllConditioned)
     }
+}
+
+/// The solution of the doubling algorithm, refined by two steps of Newton's
+/// method; an error if its closed loop does not decay. It finds the smallest
+/// semidefinite solution, and that is the stabilising one only if the state
+/// weight sees every mode that does not decay by itself.
+fn from_doubling<T: Scalar, const N: usize, const M: usize>(
+    model: &Discrete<T, N, M>,
+    q: &SMatrix<T, N, N>,
+    r: &SMatrix<T, M, M>,
+) -> Result<Regulator<T, N, M>, RegulatorError> {
+    let cost = doubling(model, q, r)?;
+    let gain = gain_of(model, r, &cost).ok_or(RegulatorError::IllConditioned)?;
+    let mut regulator = Regulator { gain, cost };
+    for _ in 0..2 {
+        regulator = newton_step(model, q, r, &regulator.gain)?;
+    }
+    if stabilises(model, r, &regulator) {
+        Ok(regulator)
+    } else {
+        Err(RegulatorError::NotStabilisable)
+    }
+}
+
+/// The stabilising solution by Newton's method alone. It starts from the
+/// regulator for a weight on all states: from any stabilising gain the costs
+/// fall towards the largest solution, which is the stabilising one (Hewer 1971).
+///
+/// Where that does not exist, each step halves the distance of the closed loop's
+/// pole to the unit circle, until it cannot be told from the circle.
+fn from_heavier_weight<T: Scalar, const N: usize, const M: usize>(
+    model: &Discrete<T, N, M>,
+    q: &SMatrix<T, N, N>,
+    r: &SMatrix<T, M, M>,
+) -> Result<Regulator<T, N, M>, RegulatorError> {
+    // A state that an input can move by one unit weighs as much as that input.
+    let reach = model.g.amax();
+    let weight = if reach > T::zero() {
+        r.amax() / (reach * reach)
+    } else {
+        T::one()
+    };
+    let heavier = q + SMatrix::<T, N, N>::identity() * weight;
+    let cost = doubling(model, &heavier, r)?;
+    let gain = gain_of(model, r, &cost).ok_or(RegulatorError::IllConditioned)?;
+    // The cost of this gain is finite if it stabilises.
+    let mut regulator = newton_step(model, q, r, &gain)?;
+    for _ in 0..64 {
+        let next = newton_step(model, q, r, &regulator.gain).map_err(|error| match error {
+            RegulatorError::NotStabilisable => RegulatorError::UnweightedMode,
+            other => other,
+        })?;
+        let change = (next.cost - regulator.cost).amax();
+        regulator = next;
+        if change <= regulator.cost.amax() * T::default_epsilon() * T::lit(4.0) {
+            break;
+        }
+    }
+    if stabilises(model, r, &regulator) {
+        Ok(regulator)
+    } else {
+        Err(RegulatorError::UnweightedMode)
+    }
+}
+
+/// One step of Newton's method for the Riccati equation: the cost of `gain`, and
+/// the gain for that cost.
+fn newton_step<T: Scalar, const N: usize, const M: usize>(
+    model: &Discrete<T, N, M>,
+    q: &SMatrix<T, N, N>,
+    r: &SMatrix<T, M, M>,
+    gain: &SMatrix<T, M, N>,
+) -> Result<Regulator<T, N, M>, RegulatorError> {
+    let closed = model.f - model.g * gain;
+    if !decays(&closed, T::one() / T::default_epsilon()) {
+        return Err(RegulatorError::NotStabilisable);
+    }
+    let weight = q + gain.transpose() * r * gain;
+    let cost = lyapunov_cost(&closed, &weight).ok_or(RegulatorError::NotStabilisable)?;
+    let gain = gain_of(model, r, &cost).ok_or(RegulatorError::IllConditioned)?;
+    Ok(Regulator { gain, cost })
+}
+
+/// True if the closed loop of `regulator` decays, and not by rounding alone.
+///
+/// If the weight does not see a mode on the unit circle, rounding errors of the
+/// cost act as a weight on it. They move its pole inwards by the square root of
+/// their share of the input weight. A loop that decays no faster than that counts
+/// as not stabilised, unless F decays by itself.
+fn stabilises<T: Scalar, const N: usize, const M: usize>(
+    model: &Discrete<T, N, M>,
+    r: &SMatrix<T, M, M>,
+    regulator: &Regulator<T, N, M>,
+) -> bool {
+    let exact = T::one() / T::default_epsilon();
+    let reach = model.g.abs();
+    let touched = reach.transpose() * regulator.cost.abs() * reach;
+    let Some(shares) = solve(*r, touched) else {
+        return false;
+    };
+    let rounding = (shares.trace().abs() * T::default_epsilon()).root();
+    let most = if rounding * exact > T::one() && !decays(&model.f, exact) {
+        T::one() / rounding
+    } else {
+        exact
+    };
+    decays(&(model.f - model.g * regulator.gain), most)
+}
+
+/// True if the powers of F fall to zero within about `most` steps: a power with a
+/// norm below one proves it.
+///
+/// Rounding moves a pole by some units in the last place. A pole that needs more
+/// steps to decay than there are such units in one cannot be told from the unit
+/// circle, and counts as not decaying.
+fn decays<T: Scalar, const N: usize>(f: &SMatrix<T, N, N>, most: T) -> bool {
+    let order = T::lit(N as f64);
+    let units = T::one() / (T::default_epsilon() * T::lit(16.0) * order);
+    let most = if most < units { most } else { units };
+    let mut power = *f;
+    let mut steps = T::one();
+    while steps < most {
+        // The row sums are at most N times the largest entry.
+        if power.amax() * order < T::one() {
+            return true;
+        }
+        power *= power;
+        if !is_finite(&power) {
+            return false;
+        }
+        steps += steps;
+    }
+    false
 }
 
 /// Solution of the Riccati equation: the fixed point of the doubling

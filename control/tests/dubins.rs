@@ -45,6 +45,56 @@ proptest! {
     }
 }
 
+/// Headings all round, at several places.
+fn starts() -> impl Iterator<Item = Pose<f64>> {
+    (0..3600).map(|step| Pose {
+        north: f64::from(step % 7) * 13.7,
+        east: f64::from(step % 11) * -3.3,
+        heading: f64::from(step) * PI / 1800.0 - PI,
+    })
+}
+
+/// Poses that are not connected by a path of about `length`, of all headings.
+fn detours(length: f64, end: impl Fn(Pose<f64>) -> Pose<f64>) -> usize {
+    let wrong = |start: &Pose<f64>| {
+        let path = shortest(*start, end(*start), 2.0).unwrap();
+        let (known, reached) = (end(*start), path.end(*start));
+        let off = (known.north - reached.north).hypot(known.east - reached.east);
+        path.length() > length + 1e-6 || off > 1e-6
+    };
+    starts().filter(wrong).count()
+}
+
+#[test]
+fn no_way_to_the_same_pose() {
+    assert_eq!(detours(0.0, |start| start), 0, "of 3600");
+    let single = |start: &Pose<f64>| {
+        let pose = Pose {
+            north: start.north as f32,
+            east: start.east as f32,
+            heading: start.heading as f32,
+        };
+        shortest(pose, pose, 2.0).unwrap().length() > 0.0
+    };
+    assert_eq!(starts().filter(single).count(), 0, "of 3600");
+}
+
+/// Ends on the first arc, straight ahead, or behind two arcs: rounding errors must
+/// not add a circle.
+#[test]
+fn paths_of_fewer_pieces_have_no_circle() {
+    let mut wrong = [0; 4];
+    for length in [0.001, 0.7, 2.0 * FRAC_PI_2, 5.0, 11.0] {
+        wrong[0] += detours(length, |start| advance(start, 0.5, length));
+        wrong[1] += detours(length, |start| advance(start, -0.5, length));
+        wrong[2] += detours(length, |start| advance(start, 0.0, length));
+        wrong[3] += detours(length + 1.0, |start| {
+            advance(advance(start, 0.5, length), -0.5, 1.0)
+        });
+    }
+    assert_eq!(wrong, [0; 4], "of 18 000 each");
+}
+
 /// Five metres off, computed by hand: turn until square to the line, drive
 /// straight, turn onto it.
 #[test]

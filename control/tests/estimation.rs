@@ -76,6 +76,22 @@ fn time_varying_filter_converges_to_the_steady_one() {
     );
 }
 
+/// Two measurements of very different noise are independent: each gain is that of the
+/// scalar filter, P / (P + R).
+#[test]
+fn unequal_measurement_noise_in_single_precision() {
+    let mut filter = Kalman {
+        state: SVector::<f32, 2>::zeros(),
+        covariance: SMatrix::identity(),
+    };
+    let r = SMatrix::<f32, 2, 2>::from_diagonal(&SVector::<f32, 2>::new(1.0, 1e-5));
+    let z = SVector::<f32, 2>::new(1.0, 1.0);
+    assert_eq!(filter.correct(&z, &SMatrix::identity(), &r), Ok(()));
+    assert!((filter.state - SVector::<f32, 2>::new(0.5, 0.99999)).amax() < 2e-7);
+    assert!((filter.covariance[(0, 0)] - 0.5).abs() < 1e-7);
+    assert!((filter.covariance[(1, 1)] / 0.99999e-5 - 1.0).abs() < 1e-3);
+}
+
 #[test]
 fn filters_that_cannot_be_are_named() {
     let one = Matrix1::new(1.0_f64);

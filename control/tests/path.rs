@@ -58,6 +58,93 @@ proptest! {
     }
 }
 
+/// Two lines of 20 m that meet at a kink of `degrees`.
+fn kink(degrees: f64) -> Path<f64> {
+    let corner = Position::new(20_000, 0);
+    let (sine, cosine) = degrees.to_radians().sin_cos();
+    let far = Position::new(
+        20_000 + (20_000.0 * cosine).round() as i32,
+        (20_000.0 * sine).round() as i32,
+    );
+    Path::passes(&[(Position::new(0, 0), corner), (corner, far)], 3.0).unwrap()
+}
+
+/// The path turns by the kink and no more, and passes the corner at the distance of
+/// the tangent arc, r (1 / cos(kink / 2) - 1).
+#[test]
+fn lines_that_meet_are_joined_by_an_arc() {
+    for degrees in [0.0_f64, 0.01, 1.0, -1.0, 30.0, -30.0, 90.0, -119.0] {
+        let path = kink(degrees);
+        let turned: f64 = path
+            .segments()
+            .iter()
+            .map(|segment| (segment.curvature * segment.length).abs())
+            .sum();
+        let known = degrees.to_radians().abs();
+        assert!((turned - known).abs() < 1e-4, "{degrees}: {turned}");
+        for pair in path.segments().windows(2) {
+            let (end, start) = (pair[0].end(), pair[1].start);
+            let gap = (end.north - start.north).hypot(end.east - start.east);
+            assert!(gap < 1e-3, "{degrees}: {gap}");
+            assert!((end.heading - start.heading).sin().abs() < 1e-4);
+        }
+        let nearest = path
+            .segments()
+            .iter()
+            .flat_map(|segment| {
+                (0..=1000).map(|step| {
+                    let along = segment.length * f64::from(step) / 1000.0;
+                    let at = advance(segment.start, segment.curvature, along);
+                    (at.north - 20.0).hypot(at.east)
+                })
+            })
+            .fold(f64::INFINITY, f64::min);
+        let cut = 3.0 * (1.0 / (known / 2.0).cos() - 1.0);
+        assert!((nearest - cut).abs() < 0.011, "{degrees}: {nearest}");
+        let end = path.end();
+        let far = (20.0 + 20.0 * known.cos()).hypot(20.0 * known.sin());
+        assert!((end.north.hypot(end.east) - far).abs() < 2e-3, "{degrees}");
+    }
+}
+
+/// A corner that is sharper, or between lines too short for the arc, is driven with a
+/// turn: both lines are then driven whole.
+#[test]
+fn other_corners_are_driven_whole() {
+    let short = [
+        (Position::new(0, 0), Position::new(20_000, 0)),
+        (Position::new(20_000, 0), Position::new(20_500, 500)),
+    ];
+    for path in [kink(125.0), Path::<f64>::passes(&short, 3.0).unwrap()] {
+        let first = path.segments()[0];
+        assert!((first.length - 20.0).abs() < 1e-9);
+        let last = path.segments()[path.segments().len() - 1].start;
+        assert!((last.north - 20.0).hypot(last.east) < 1e-9);
+    }
+}
+
+/// A line between two kinks gives length to both arcs; a third kink has no room.
+#[test]
+fn arcs_share_a_line() {
+    let corners = [(0, 0), (20_000, 0), (21_000, 0), (22_000, 0)];
+    let at = |number: usize, east: i32| Position::new(corners[number].0, corners[number].1 + east);
+    let turned = |path: &Path<f64>| -> f64 {
+        let arcs = path.segments().iter();
+        arcs.map(|arc| (arc.curvature * arc.length).abs()).sum()
+    };
+    let passes = [
+        (at(0, 0), at(1, 0)),
+        (at(1, 0), at(2, 200)),
+        (at(2, 200), at(3, 0)),
+    ];
+    let path = Path::<f64>::passes(&passes, 2.0).unwrap();
+    let kink = 0.2_f64.atan();
+    assert!((turned(&path) - 3.0 * kink).abs() < 1e-4);
+    // The arc of the second kink takes 0.80 m at this radius, that of the first 0.40 m.
+    let path = Path::<f64>::passes(&passes, 4.0).unwrap();
+    assert!(turned(&path) > 6.0);
+}
+
 #[test]
 fn segments_join() {
     for apart in [-9000, 700, 2000, 8000] {

@@ -115,3 +115,41 @@ fn random_systems_agree_to_eight_digits() {
     }
     println!("largest relative differences: {worst:?}");
 }
+
+/// Gain in single precision, against python-control's in double precision,
+/// relative to the largest entry.
+fn single_precision<const N: usize, const M: usize>(system: &System) -> f64 {
+    let f = SMatrix::<f64, N, N>::from_row_slice(&system.f);
+    let g = SMatrix::<f64, N, M>::from_row_slice(&system.g);
+    let q = SVector::<f64, N>::from_row_slice(&system.q);
+    let r = SVector::<f64, M>::from_row_slice(&system.r);
+    let model = Discrete {
+        f: f.cast::<f32>(),
+        g: g.cast::<f32>(),
+    };
+    let regulator = dlqr(
+        &model,
+        &SMatrix::from_diagonal(&q.cast()),
+        &SMatrix::from_diagonal(&r.cast()),
+    )
+    .unwrap();
+    difference(&regulator.gain.cast::<f64>(), &system.gain)
+}
+
+#[test]
+fn single_precision_agrees_to_three_digits() {
+    for (number, system) in systems().iter().enumerate() {
+        let found = match (system.order, system.inputs) {
+            (1, 1) => single_precision::<1, 1>(system),
+            (2, 1) => single_precision::<2, 1>(system),
+            (3, 1) => single_precision::<3, 1>(system),
+            (4, 1) => single_precision::<4, 1>(system),
+            (1, 2) => single_precision::<1, 2>(system),
+            (2, 2) => single_precision::<2, 2>(system),
+            (3, 2) => single_precision::<3, 2>(system),
+            (4, 2) => single_precision::<4, 2>(system),
+            _ => continue,
+        };
+        assert!(found < 1e-3, "system {number}: {found:e}");
+    }
+}

@@ -67,3 +67,65 @@ fn designs_say_at_which_speed_they_fail() {
         Err(DesignError::Speed)
     );
 }
+
+/// Rows at standstill and 1 m/s, in double precision.
+fn rows(weights: [f64; 4]) -> Result<[[f64; 4]; 2], DesignError<f64>> {
+    let [integral, cross_track, heading, steering_angle] = weights;
+    let weights = SteeringWeights {
+        integral,
+        cross_track,
+        heading,
+        steering_angle,
+        steering_rate: 1.0,
+    };
+    let vehicle = example::VEHICLE.geometry;
+    steering_gains::<f64, 2>(&vehicle, &weights, 0.1, 1.0, 1.0).map(|schedule| schedule.gains)
+}
+
+/// Gains of python-control 0.10.2 (`c2d` and `dlqr`) at 1 m/s and 10 Hz; without an
+/// integral the gain of the three-state model.
+#[test]
+fn weights_may_be_zero() {
+    let cases = [
+        (
+            [0.0, 1.0, 1.0, 1.0],
+            [0.0, 0.888_975_001_407, 2.040_969_866_22, 2.198_962_922_90],
+        ),
+        (
+            [1.0, 0.0, 1.0, 1.0],
+            [
+                0.863_472_794_695,
+                2.335_199_689_28,
+                3.157_689_288_15,
+                2.710_906_658_27,
+            ],
+        ),
+        (
+            [1.0, 0.0, 0.0, 0.0],
+            [
+                0.879_871_594_727,
+                2.194_029_256_58,
+                2.735_492_546_62,
+                2.404_400_223_22,
+            ],
+        ),
+    ];
+    for (weights, known) in cases {
+        let [slow, found] = rows(weights).unwrap();
+        assert_eq!(slow, found);
+        for (found, known) in found.iter().zip(known) {
+            assert!(
+                (found - known).abs() < 1e-9,
+                "{weights:?}: {found} is not {known}"
+            );
+        }
+    }
+    // Nothing holds the vehicle on its line.
+    assert_eq!(
+        rows([0.0, 0.0, 1.0, 1.0]),
+        Err(DesignError::Regulator {
+            speed: 1.0,
+            error: RegulatorError::UnweightedMode
+        })
+    );
+}
