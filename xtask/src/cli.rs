@@ -328,6 +328,7 @@ pub enum Kind {
     cargo xtask sim                                straight-line, figures on the terminal\n  \
     cargo xtask sim gps-lost --seed 7 --out run    and bus.log, states.csv, summary.json, track.svg\n  \
     cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
+    cargo xtask sim departures/steering-reversed   a vehicle that does not do what it is told, and is stopped\n  \
     cargo xtask sim --list                         the scenarios of the vehicle\n  \
     cargo xtask sim poles --vehicle row-follower --set rover.law=thesis --out run\n                                                 \
     \x20 a robot between rows; run/row.svg shows its way\n  \
@@ -346,7 +347,9 @@ pub enum Kind {
     code 1 if its law does not have its figures\n  \
     event-or-time\n             \
     the time from sample to motor on an event-triggered and on a time-triggered bus (--vehicle\n             \
-    row-follower), beside foreign load; exit code 1 if a bound of the analysis does not hold")]
+    row-follower), beside foreign load; exit code 1 if a bound of the analysis does not hold\n\n\
+    Exit code 0: the run shows what its scenario expects, and an experiment reaches its aims; 1: it does\n\
+    not, and the first is named; 2: wrong input.")]
 pub struct Sim {
     /// Name of one of the vehicle's scenarios, or the path of a TOML file [default: the
     /// vehicle's straight-line, or its first scenario]
