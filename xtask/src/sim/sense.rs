@@ -28,6 +28,8 @@ pub(super) fn notes(
     notes.extend(other_line(vehicle, run));
     notes.extend(never_sent(run, summary));
     notes.extend(unmoved(run, summary));
+    let idle = super::idle_motor(vehicle, run, summary);
+    notes.extend(idle.map(|node| super::Error::IdleMotor { node: node.into() }.to_string()));
     notes.extend(faults(matrix, run));
     notes
 }

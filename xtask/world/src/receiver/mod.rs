@@ -11,6 +11,7 @@ mod solution;
 mod stream;
 
 use libm::{cos, exp, sin, sqrt};
+use sbp::messages::Sbp;
 
 pub(crate) use parameters::Changes;
 pub use parameters::{Base, Fix, FixChange, Parameters, StreamFault, StreamFaultKind};
@@ -232,6 +233,11 @@ impl Receiver {
     /// The frames of the current solution. Once per second they include a heartbeat.
     fn frames(&mut self, antenna: &Motion, fix: Fix) -> Vec<Vec<u8>> {
         let mut messages = self.solution(antenna, fix).messages(self.base);
+        if !self.parameters.velocities {
+            let is_velocity =
+                |message: &Sbp| matches!(message, Sbp::MsgVelNed(_) | Sbp::MsgVelEcef(_));
+            messages.retain(|message| !is_velocity(message));
+        }
         let per_second = (PER_SECOND / self.period.as_ticks()).max(1);
         if self.count.is_multiple_of(per_second) {
             messages.push(heartbeat());

@@ -24,6 +24,8 @@ pub struct Parameters {
     pub frame_gap: Time,
     /// Rotation of the velocity vector that the receiver reports, -10 to 10 deg. Default 0 deg.
     pub heading_bias: Angle,
+    /// Whether it sends velocities, in either frame. Default true.
+    pub velocities: bool,
     /// Error of the receiver's clock, -100 to 100 ppm; random within 20 ppm when `None`.
     pub clock: Option<Ppm>,
     /// Time from the start of the run to the first measurement, 0 to a period; random when `None`.
@@ -48,6 +50,7 @@ impl Parameters {
             latency_jitter: Time::new(100e-6),
             frame_gap: super::frame_gap(receiver.burst),
             heading_bias: Angle::degrees(0.0),
+            velocities: true,
             clock: None,
             phase: None,
             fix: Fix::Fixed,
@@ -66,6 +69,7 @@ changes! {
         latency_jitter: Time,
         frame_gap: Time,
         heading_bias: Angle,
+        velocities: bool,
         fix: Fix,
         base: Base,
     } optional {
