@@ -10,16 +10,17 @@
 //!
 //! | compared | over | judged from | fails below, or above | for |
 //! | --- | --- | --- | --- | --- |
-//! | way of the potentiometer with that of the steering's commands | 1 s | 5 deg | a fifth | 0.3 s |
+//! | way of the potentiometer with that of the steering's commands | 1 s | 5 deg | a fifth | 0.5 s |
 //! | turn of the course with what the steering angle makes at this speed | 2 s | 15 deg | a fifth | 0.5 s |
 //! | speed over ground with the commanded one | 1 s | 0.3 m/s | a quarter, or half as much again and 0.5 m/s | 1 s |
 //! | distance from the path, once it was below 0.3 m for 3 s | | | above 1 m | 0.5 s |
 //! | way or time without a speed that tells a heading | | | 3 m or 3 s | |
 //!
-//! So a steering that does not follow a command of 25 deg/s is noticed 0.6 s after it began: 0.3 s until 5 deg are
-//! asked for (5 deg = 25 deg/s * 1 s * (1 - e^-t), t = 0.22 s, and a step), and three steps. A dead drive is noticed
-//! 1.4 s after the command of 1 m/s, with as much to spare as the acceleration limit takes.
+//! With a step of 100 ms, a steering that does not follow a command of 25 deg/s is noticed after 0.7 s: 2.5, 4.75 and
+//! 6.8 deg are asked for in three steps, and four more steps make five wrong ones. A drive that does not follow a
+//! command of 1 m/s is noticed after 1.3 s: 0.1, 0.19, 0.27 and 0.34 m/s in four steps, and nine more.
 //!
+//! Five steps, because a steering that follows two steps late may be behind for up to four when the command reverses.
 //! A fifth and a quarter are far from what a sound vehicle shows: 70 % of the steering's rate when
 //! loaded, 70 % of the speed with 30 % of slip.
 
@@ -186,15 +187,19 @@ impl<T: Scalar> ResponseWatch<T> {
         let moved = self.angle.map_or(T::zero(), |before| angle - before);
         self.angle = Some(angle);
         let rate = seen.applied.steering_rate;
-        // At its stop the steering cannot follow.
+        // At its stop the steering cannot follow. What it did on the way there does not count either, or the way
+        // back would be held against it.
         let stop = self.settings.limits.steering_angle * T::lit(0.85);
-        let at_stop = (rate > T::zero() && angle > stop) || (rate < T::zero() && angle < -stop);
-        let asked = if at_stop { T::zero() } else { rate * seen.dt };
-        self.steering.add(asked, moved, seen.dt, T::one());
+        if (rate > T::zero() && angle > stop) || (rate < T::zero() && angle < -stop) {
+            self.steering = Pair::new();
+            self.steering_wrong = Streak::default();
+            return false;
+        }
+        self.steering.add(rate * seen.dt, moved, seen.dt, T::one());
         let wrong = self
             .steering
             .falls_short(T::lit(5.0_f64.to_radians()), T::lit(0.2));
-        self.steering_wrong.count(wrong, 3)
+        self.steering_wrong.count(wrong, 5)
     }
 
     /// Speed over ground, m/s, and course, rad clockwise from north.

@@ -1,0 +1,221 @@
+//! Whether the vehicle does what it is told: the limits of the documentation, and that a sound vehicle keeps them.
+
+use control::feedback::Limits;
+use control::position::Velocity;
+use control::response::{Departure, Response, ResponseSettings, ResponseWatch};
+use control::safety::Command;
+use proptest::prelude::*;
+
+const SETTINGS: ResponseSettings<f64> = ResponseSettings {
+    limits: Limits {
+        steering_angle: 0.436,
+        steering_rate: 0.436,
+        speed: 2.0,
+    },
+    wheelbase: 1.1,
+    standstill: 0.2,
+};
+
+/// A vehicle that stands straight on its path and is told to drive north at 1 m/s, and does.
+const SOUND: Response<f64> = Response {
+    applied: Command {
+        steering_rate: 0.0,
+        speed: 1.0,
+    },
+    steering_angle: Some(0.0),
+    velocity: Some(Velocity {
+        north: 1000,
+        east: 0,
+    }),
+    cross_track: Some(0.0),
+    dt: 0.1,
+};
+
+/// The step, counted from 1, at which the watch ends the run, of at most 200.
+fn ended(seen: impl Fn(i32) -> Response<f64>) -> Option<(i32, Departure)> {
+    let mut watch = ResponseWatch::new(SETTINGS);
+    (1..=200).find_map(|step| Some((step, watch.step(&seen(step))?)))
+}
+
+fn steering(rate: f64, angle: f64) -> Response<f64> {
+    Response {
+        applied: Command {
+            steering_rate: rate.to_radians(),
+            speed: 0.0,
+        },
+        steering_angle: Some(angle.to_radians()),
+        velocity: Some(Velocity::new(0, 0)),
+        ..SOUND
+    }
+}
+
+#[test]
+fn each_departure_is_found_at_the_step_of_the_documentation() {
+    assert_eq!(ended(|_| SOUND), None);
+    // 2.5, 4.75 and 6.8 deg asked for: the seventh step is the fifth beyond 5 deg.
+    let dead = ended(|_| steering(25.0, 0.0));
+    assert_eq!(dead, Some((7, Departure::Steering)));
+    let reversed = ended(|step| steering(25.0, -2.5 * f64::from(step)));
+    assert_eq!(reversed, Some((7, Departure::Steering)));
+    // A sixth of the rate is too little, a quarter is enough.
+    let slow = |share: f64| ended(move |step| steering(20.0, share * 2.0 * f64::from(step)));
+    assert!(matches!(slow(1.0 / 6.0), Some((_, Departure::Steering))));
+    assert_eq!(slow(0.25), None);
+    // 0.1, 0.19, 0.271 and 0.344 m/s: the thirteenth step is the tenth beyond 0.3 m/s.
+    let stands = ended(|_| Response {
+        velocity: Some(Velocity::new(0, 0)),
+        ..SOUND
+    });
+    assert_eq!(stands, Some((13, Departure::Speed)));
+    let at = |mm: i32| {
+        ended(move |_| Response {
+            velocity: Some(Velocity::new(mm, 0)),
+            ..SOUND
+        })
+    };
+    assert_eq!((at(300), at(1900)), (None, None));
+    assert!(matches!(at(240), Some((_, Departure::Speed))));
+    assert!(matches!(at(2500), Some((_, Departure::Speed))));
+    // 3 m at 1 m/s, or 3 s when slower.
+    let blind = |speed: f64| {
+        ended(move |_| Response {
+            applied: Command {
+                steering_rate: 0.0,
+                speed,
+            },
+            velocity: None,
+            ..SOUND
+        })
+    };
+    assert!(matches!(blind(1.0), Some((30 | 31, Departure::Heading))));
+    assert!(matches!(blind(2.0), Some((15 | 16, Departure::Heading))));
+    assert!(matches!(blind(0.1), Some((30 | 31, Departure::Heading))));
+    assert_eq!(blind(0.0), None);
+}
+
+#[test]
+fn a_path_is_left_only_by_who_was_on_it() {
+    let beside = |captured: i32| {
+        ended(move |step| Response {
+            cross_track: Some(if step <= captured { 0.2 } else { -1.2 }),
+            ..SOUND
+        })
+    };
+    assert_eq!(beside(0), None);
+    assert_eq!(beside(28), None, "not for three seconds");
+    assert_eq!(beside(50), Some((55, Departure::Path)));
+    // Something else guides the vehicle.
+    let other = ended(|step| Response {
+        cross_track: (step <= 50).then_some(0.0),
+        velocity: None,
+        ..SOUND
+    });
+    assert!(matches!(other, Some((_, Departure::Heading))), "{other:?}");
+    let rows = ended(|_| Response {
+        cross_track: None,
+        velocity: None,
+        ..SOUND
+    });
+    assert_eq!(rows, None);
+}
+
+#[test]
+fn a_course_that_does_not_turn_with_the_wheels_is_found() {
+    // 10 deg at 1 m/s and 1.1 m: 9.2 deg/s.
+    let turning = |sign: f64| {
+        ended(move |step| {
+            let turn = 10.0_f64.to_radians().tan() / 1.1 * 0.1;
+            let course = sign * turn * f64::from(step);
+            let (sine, cosine) = course.sin_cos();
+            Response {
+                steering_angle: Some(10.0_f64.to_radians()),
+                velocity: Some(Velocity::new(
+                    (1000.0 * cosine).round() as i32,
+                    (1000.0 * sine).round() as i32,
+                )),
+                ..SOUND
+            }
+        })
+    };
+    assert_eq!(turning(1.0), None);
+    assert_eq!(turning(0.5), None);
+    for sign in [0.0, -1.0] {
+        let (step, what) = turning(sign).unwrap();
+        assert_eq!(what, Departure::Course);
+        assert!((20..=40).contains(&step), "{step}");
+    }
+}
+
+#[test]
+fn at_its_stop_the_steering_need_not_follow() {
+    assert_eq!(ended(|_| steering(25.0, 23.0)), None);
+    assert_eq!(ended(|_| steering(-25.0, -23.0)), None);
+    assert!(ended(|_| steering(-25.0, 23.0)).is_some());
+}
+
+#[test]
+fn a_new_run_forgets_what_was() {
+    let mut watch = ResponseWatch::new(SETTINGS);
+    for _ in 0..6 {
+        assert_eq!(watch.step(&steering(25.0, 0.0)), None);
+    }
+    watch.reset();
+    for _ in 0..6 {
+        assert_eq!(watch.step(&steering(25.0, 0.0)), None);
+    }
+}
+
+proptest! {
+    /// Commands of any kind; the steering follows them up to two steps later, at half of its rate to half as much
+    /// again, and the speed after a lag, with up to 30 % of slip.
+    #[test]
+    fn a_vehicle_that_follows_is_not_stopped(
+        rates in proptest::collection::vec(-25.0_f64..25.0, 300),
+        hold in 1_usize..20,
+        gain in 0.5_f64..1.5,
+        delay in 0_usize..3,
+        slip in 0.7_f64..1.0,
+        speed in 0.0_f64..2.0,
+    ) {
+        let mut watch = ResponseWatch::new(SETTINGS);
+        let rate = |step: usize| rates[step / hold];
+        let (mut angle, mut course, mut real) = (0.0_f64, 0.0_f64, 0.0_f64);
+        for step in 0..300_usize {
+            let followed = step.checked_sub(delay).map_or(0.0, rate);
+            angle = (angle + gain * followed * 0.1).clamp(-25.0, 25.0);
+            real += (speed * slip - real) * 0.3;
+            course += real * angle.to_radians().tan() / 1.1 * 0.1;
+            let (sine, cosine) = course.sin_cos();
+            let found = watch.step(&Response {
+                applied: Command { steering_rate: rate(step).to_radians(), speed },
+                steering_angle: Some(angle.to_radians()),
+                velocity: Some(Velocity::new(
+                    (1000.0 * real * cosine).round() as i32,
+                    (1000.0 * real * sine).round() as i32,
+                )),
+                cross_track: None,
+                dt: 0.1,
+            });
+            prop_assert_eq!(found, None, "step {}", step);
+        }
+    }
+
+    /// Whatever is measured, and be it not a number, the watch answers.
+    #[test]
+    fn nothing_that_is_measured_makes_it_panic(
+        seen in proptest::collection::vec(
+            (any::<f64>(), any::<f64>(), any::<Option<f64>>(), any::<Option<(i32, i32)>>(), any::<Option<f64>>()), 0..50,
+        ),
+    ) {
+        let mut watch = ResponseWatch::new(SETTINGS);
+        for (steering_rate, speed, steering_angle, velocity, cross_track) in seen {
+            let _ = watch.step(&Response {
+                applied: Command { steering_rate, speed },
+                steering_angle,
+                velocity: velocity.map(|(north, east)| Velocity::new(north, east)),
+                cross_track,
+                dt: 0.1,
+            });
+        }
+    }
+}
