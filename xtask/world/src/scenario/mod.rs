@@ -14,7 +14,7 @@ mod rover;
 mod row;
 
 use std::ops::RangeInclusive;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use vehicle_model::{Remote, Vehicle};
@@ -281,16 +281,34 @@ fn folder(vehicle: &Vehicle) -> PathBuf {
     vehicle.folder().join("scenarios")
 }
 
-/// Names of the vehicle's scenarios, in alphabetical order.
-fn names(vehicle: &Vehicle) -> Vec<String> {
+/// Names of the scenario files in a folder, and of the folders in it.
+fn contents(folder: &Path) -> (Vec<String>, Vec<String>) {
     // A vehicle without the folder has no scenarios.
-    let entries = std::fs::read_dir(folder(vehicle)).into_iter().flatten();
-    let files = entries.flatten().map(|entry| entry.path());
-    let toml = files.filter(|file| file.extension().is_some_and(|kind| kind == "toml"));
-    let mut names: Vec<String> = toml
-        .filter_map(|file| Some(file.file_stem()?.to_str()?.to_owned()))
+    let entries = std::fs::read_dir(folder).into_iter().flatten();
+    let paths = entries.flatten().map(|entry| entry.path());
+    let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) = paths.partition(|path| path.is_dir());
+    let toml = files
+        .iter()
+        .filter(|file| file.extension().is_some_and(|kind| kind == "toml"));
+    let name = |name: Option<&std::ffi::OsStr>| Some(name?.to_str()?.to_owned());
+    let mut files: Vec<String> = toml.filter_map(|file| name(file.file_stem())).collect();
+    let mut folders: Vec<String> = folders
+        .iter()
+        .filter_map(|folder| name(folder.file_name()))
         .collect();
-    names.sort();
+    files.sort();
+    folders.sort();
+    (files, folders)
+}
+
+/// Names of the vehicle's scenarios, in alphabetical order, those in folders behind the others.
+fn names(vehicle: &Vehicle) -> Vec<String> {
+    let all = folder(vehicle);
+    let (mut names, folders) = contents(&all);
+    for folder in folders {
+        let (files, _) = contents(&all.join(&folder));
+        names.extend(files.into_iter().map(|file| format!("{folder}/{file}")));
+    }
     names
 }
 
@@ -307,7 +325,7 @@ fn others(vehicle: &Vehicle, name: &str) -> Vec<String> {
 }
 
 impl Scenario {
-    /// The scenarios in the vehicle's folder, in alphabetical order. A file that is wrong does not
+    /// The scenarios in the vehicle's folder, in alphabetical order, and behind them those in folders in it. A file that is wrong does not
     /// hide the others.
     #[must_use]
     pub fn list(vehicle: &Vehicle) -> Vec<Listed> {
@@ -333,7 +351,7 @@ impl Scenario {
             return Err(ScenarioError::unknown(
                 name,
                 vehicle.name(),
-                &names(vehicle),
+                &contents(&folder(vehicle)).0,
                 &others(vehicle, name),
             ));
         }
