@@ -24,6 +24,7 @@
 //! A fifth and a quarter are far from what a sound vehicle shows: 70 % of the steering's rate when
 //! loaded, 70 % of the speed with 30 % of slip.
 
+use crate::controller::Settings;
 use crate::feedback::Limits;
 use crate::position::Velocity;
 use crate::safety::Command;
@@ -56,6 +57,18 @@ pub struct ResponseSettings<T> {
     pub wheelbase: T,
     /// Speed up to which a velocity does not tell a heading, m/s, positive.
     pub standstill: T,
+}
+
+impl<T: Scalar> ResponseSettings<T> {
+    /// What the settings of the law say of the vehicle.
+    #[must_use]
+    pub fn of(settings: &Settings<T>) -> Self {
+        Self {
+            limits: settings.limits,
+            wheelbase: settings.estimator.geometry.wheelbase(),
+            standstill: settings.estimator.standstill,
+        }
+    }
 }
 
 /// What was commanded and measured in a step.
@@ -204,9 +217,7 @@ impl<T: Scalar> ResponseWatch<T> {
 
     /// Speed over ground, m/s, and course, rad clockwise from north.
     fn over_ground(velocity: Velocity) -> (T, T) {
-        let metres = T::lit(1e-3);
-        let north = T::integer(velocity.north) * metres;
-        let east = T::integer(velocity.east) * metres;
+        let (north, east) = velocity.metres_per_second::<T>();
         ((north * north + east * east).root(), east.angle_of(north))
     }
 

@@ -16,7 +16,7 @@ const SETTINGS: ResponseSettings<f64> = ResponseSettings {
     standstill: 0.2,
 };
 
-/// A vehicle that stands straight on its path and is told to drive north at 1 m/s, and does.
+/// A vehicle on its path that drives north at the commanded 1 m/s.
 const SOUND: Response<f64> = Response {
     applied: Command {
         steering_rate: 0.0,

@@ -262,11 +262,7 @@ impl<M: Machine> Pilot<M> {
             mode_reason: Reason::StartUp,
             fixed: false,
             finished: false,
-            watch: ResponseWatch::new(ResponseSettings {
-                limits: M::SETTINGS.limits,
-                wheelbase: M::SETTINGS.estimator.geometry.l1 + M::SETTINGS.estimator.geometry.l2,
-                standstill: M::SETTINGS.estimator.standstill,
-            }),
+            watch: ResponseWatch::new(ResponseSettings::of(&M::SETTINGS)),
             response: None,
             departure: None,
             joystick_moved: 0,

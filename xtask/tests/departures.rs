@@ -4,29 +4,17 @@ use control::controller::{Outcome, Sample};
 use control::response::{Departure, Response, ResponseSettings, ResponseWatch};
 use vehicle_model::Vehicle;
 use world::Scenario;
+use world::random::{Purpose, Stream};
 use xtask::{Workspace, experiment::quick};
-
-/// A generator of the conditions: SplitMix64 (G. L. Steele et al., "Fast splittable pseudorandom number
-/// generators", OOPSLA 2014).
-struct Draws(u64);
-
-impl Draws {
-    /// A number within two others.
-    fn between(&mut self, least: f64, most: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^= z >> 31;
-        least + (most - least) * (z >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
 
 /// A drive of a minute under drawn conditions, of a vehicle with these changes.
 fn conditions(seed: u64, vehicle: &str) -> String {
-    let mut draw = Draws(seed);
-    let mut line = |field: &str, least, most, unit: &str| {
-        format!("{field} = \"{:.3} {unit}\"\n", draw.between(least, most))
+    let mut draw = Stream::new(seed, Purpose::Faults);
+    let mut line = |field: &str, least: f64, most: f64, unit: &str| {
+        format!(
+            "{field} = \"{:.3} {unit}\"\n",
+            least + (most - least) * draw.uniform()
+        )
     };
     let mut text = String::from("duration = \"62 s\"\n[start]\n");
     text += &line("east", -5.0, 5.0, "m");
@@ -56,15 +44,9 @@ fn ended(
     scenario: &str,
     seed: u64,
 ) -> Option<(u32, Departure)> {
-    let settings = numbers.settings();
-    let geometry = settings.estimator.geometry;
     let scenario = Scenario::parse(vehicle, "any", "any", scenario).unwrap();
     let mut law = numbers.law(false).unwrap();
-    let mut watch = ResponseWatch::new(ResponseSettings {
-        limits: settings.limits,
-        wheelbase: geometry.l1 + geometry.l2,
-        standstill: settings.estimator.standstill,
-    });
+    let mut watch = ResponseWatch::new(ResponseSettings::of(numbers.settings()));
     let mut steps = 0_u32;
     let mut ended = None;
     let mut see = |sample: &Sample<f32>, outcome: &Outcome<f32>| {

@@ -325,8 +325,8 @@ fn others(vehicle: &Vehicle, name: &str) -> Vec<String> {
 }
 
 impl Scenario {
-    /// The scenarios in the vehicle's folder, in alphabetical order, and behind them those in folders in it. A file that is wrong does not
-    /// hide the others.
+    /// The scenarios in the vehicle's folder, in alphabetical order, and behind them those in folders in
+    /// it. A file that is wrong does not hide the others.
     #[must_use]
     pub fn list(vehicle: &Vehicle) -> Vec<Listed> {
         let read = |name: String| {
