@@ -61,3 +61,23 @@ pub use sled_f446 as board;
 pub mod fault;
 #[cfg(feature = "target")]
 pub mod node;
+
+#[cfg(feature = "target")]
+#[doc(hidden)]
+pub use rtic_monotonics;
+
+/// Makes the type `Mono`, the tick of an image's software tasks by `rtic-monotonics`, and its handler of SysTick. It
+/// stands in the image, because one whose tasks wait for nothing has no such handler.
+#[cfg(feature = "target")]
+#[macro_export]
+macro_rules! tick {
+    () => {
+        $crate::rtic_monotonics::systick_monotonic!(Mono, $crate::node::TICKS);
+
+        impl $crate::node::Tick for Mono {
+            fn start(tick: $crate::rtic_monotonics::systick::SYST, core_hz: u32) {
+                Mono::start(tick, core_hz);
+            }
+        }
+    };
+}

@@ -24,7 +24,6 @@ use network::Message;
 use rtic::Mutex;
 use rtic_monotonics::TimerQueueBackend;
 use rtic_monotonics::systick::SystickBackend;
-use rtic_monotonics::systick::prelude::*;
 use ttcan::{ConfigError, Micros, NodeConfig, StampLatency};
 
 /// The time base and its compare channels, as the link uses them.
@@ -295,20 +294,24 @@ const WATCHDOG: MillisDurationU32 = design::WATCHDOG_F303;
 const STACK_RESERVE: u16 = (board::FACTS.stack.size / 8) as u16;
 
 /// Ticks in a second: one for each step of the housekeeping.
-const TICKS: u32 = 1000 / design::HOUSEKEEPING_PERIOD.ticks();
+pub const TICKS: u32 = 1000 / design::HOUSEKEEPING_PERIOD.ticks();
 
 const _: () = assert!(
     1000u32.is_multiple_of(design::HOUSEKEEPING_PERIOD.ticks()),
     "a step is a tick"
 );
 
-systick_monotonic!(Mono, TICKS);
+/// The tick of an image's software tasks: see [`tick!`](crate::tick).
+pub trait Tick {
+    /// Starts SysTick, which counts at `core_hz`.
+    fn start(tick: SYST, core_hz: u32);
+}
 
 /// Starts the tick of the software tasks: SysTick, from the core clock. `system` sets its priority.
-pub fn start_tick(tick: SYST, system: &mut SCB, oscillator: Oscillator) {
+fn start_tick<T: Tick>(tick: SYST, system: &mut SCB, oscillator: Oscillator) {
     board::tick::set_priority(system, board::pac::NVIC_PRIO_BITS);
     // Constants, so that the timer's check of its rate is done at build time.
-    Mono::start(
+    T::start(
         tick,
         match oscillator {
             Oscillator::External => board::FACTS.external.core,
@@ -317,33 +320,32 @@ pub fn start_tick(tick: SYST, system: &mut SCB, oscillator: Oscillator) {
     );
 }
 
-type Instant = <Mono as Monotonic>::Instant;
-type Duration = <Mono as Monotonic>::Duration;
-
 /// The wake-up times of a software task, one at each tick.
 pub struct Pace {
-    due: Instant,
+    /// In ticks, which wrap.
+    due: u32,
 }
 
 impl Pace {
     /// A pace that begins now.
     pub fn begin() -> Self {
-        Self { due: Mono::now() }
+        Self {
+            due: SystickBackend::now(),
+        }
     }
 
     /// Waits until a tick after the last wake-up time, however long the work took. Wake-up
     /// times that have passed already are skipped.
     pub fn wait(&mut self) -> impl Future + use<> {
-        const TICK: Duration = Duration::from_ticks(1);
-        let now = Mono::now();
-        self.due += TICK;
-        if self.due <= now {
-            self.due = now + TICK;
+        let now = SystickBackend::now();
+        self.due = self.due.wrapping_add(1);
+        if self.due.wrapping_sub(now).cast_signed() <= 0 {
+            self.due = now.wrapping_add(1);
         }
-        // This is the way to wait that cannot panic. `Mono::delay_until` is an `async fn`:
+        // This is the way to wait that cannot panic. `delay_until` of a monotonic is an `async fn`:
         // polling it after its end panics, and it asserts that the timer was started.
         let queue = SystickBackend::timer_queue();
-        queue.timeout_at(self.due.ticks(), pending::<()>())
+        queue.timeout_at(self.due, pending::<()>())
     }
 }
 
@@ -357,8 +359,8 @@ pub struct Keeper {
 }
 
 impl Keeper {
-    /// Starts watchdog and tick ([`start_tick`]). The board has these `findings`.
-    pub fn start(
+    /// Starts watchdog and tick. The board has these `findings`.
+    pub fn start<T: Tick>(
         tick: SYST,
         system: &mut SCB,
         led: Led,
@@ -369,7 +371,7 @@ impl Keeper {
         // Start-up is over, and with it all that it waited for.
         board::fault::passed();
         watchdog.feed();
-        start_tick(tick, system, start.clocks.oscillator);
+        start_tick::<T>(tick, system, start.clocks.oscillator);
         Self {
             housekeeping: Housekeeping::new(start, findings),
             watchdog,

@@ -20,6 +20,8 @@ const NANOS_PER_MICRO: u64 = 1000;
 /// Bits of an error frame: a flag of at least six bits, another node's flag that
 /// overlaps it, and a delimiter of eight bits.
 const ERROR_BITS: u64 = 17;
+/// Bits of a frame behind its acknowledge slot.
+const BEHIND_ACKNOWLEDGE: u64 = 8;
 
 /// A node's oscillator and interrupt latency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,8 +74,17 @@ pub enum Fate {
     Delivered,
     /// An error frame destroys it for all.
     Destroyed,
+    /// No node is there to acknowledge it: its sender destroys it behind the acknowledge slot.
+    NotAcknowledged,
     /// All nodes but this one receive it, by its index.
     MissedBy(usize),
+}
+
+impl Fate {
+    /// Whether no node receives it.
+    pub const fn is_error(self) -> bool {
+        matches!(self, Self::Destroyed | Self::NotAcknowledged)
+    }
 }
 
 /// A frame on the bus.
@@ -426,9 +437,11 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
         for (index, station) in self.stations.iter().enumerate() {
             heard |= index != sender && station.powered && !station.silent;
         }
-        // A bit error, or no acknowledgement.
-        if !heard || contenders.iter().any(|(_, other)| collides(other)) {
+        if contenders.iter().any(|(_, other)| collides(other)) {
+            // A bit error.
             fate = Fate::Destroyed;
+        } else if !heard && fate != Fate::Destroyed {
+            fate = Fate::NotAcknowledged;
         }
         let mut winners = Vec::new();
         for &(index, other) in &contenders {
@@ -442,7 +455,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
             }
         }
         let sent = self.occupy(sender, frame, fate);
-        let report = if fate == Fate::Destroyed {
+        let report = if fate.is_error() {
             Report::Error
         } else {
             Report::Sent
@@ -451,7 +464,7 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
             self.report(index, report, sent.end);
         }
         self.traffic.push(sent);
-        if fate != Fate::Destroyed {
+        if !fate.is_error() {
             self.deliver(&sent);
         }
     }
@@ -475,10 +488,10 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
     fn occupy(&mut self, sender: usize, frame: Frame, fate: Fate) -> Traffic {
         let start = self.now;
         let bits = u64::from(frame_bits(&frame));
-        let taken = if fate == Fate::Destroyed {
-            14 + self.below(bits - 14) + ERROR_BITS
-        } else {
-            bits
+        let taken = match fate {
+            Fate::Destroyed => 14 + self.below(bits - 14) + ERROR_BITS,
+            Fate::NotAcknowledged => bits - BEHIND_ACKNOWLEDGE + ERROR_BITS,
+            Fate::Delivered | Fate::MissedBy(_) => bits,
         };
         let end = SimTime::from_ticks(start.ticks() + taken * self.bit);
         self.idle_at = SimTime::from_ticks(end.ticks() + u64::from(INTERFRAME_BITS) * self.bit);
@@ -536,5 +549,5 @@ impl<'s, A: Application, const W: usize, const P: usize, const Q: usize> Bus<'s,
 pub fn delivered(traffic: &[Traffic], id: Id) -> impl Iterator<Item = &Traffic> {
     traffic
         .iter()
-        .filter(move |sent| sent.frame.id() == id && sent.fate != Fate::Destroyed)
+        .filter(move |sent| sent.frame.id() == id && !sent.fate.is_error())
 }

@@ -4,7 +4,7 @@ mod support;
 
 use proptest::prelude::*;
 use support::{TICKS_PER_US, at, crystal};
-use ttcan::simulation::{Bus, Fate, Quiet};
+use ttcan::simulation::{Bus, Quiet};
 use ttcan::{
     Id, MasterState, MatrixConfig, Micros, Node, NodeConfig, NodeId, ReferenceFormat, StampLatency,
     SyncState, SystemMatrix, Window,
@@ -67,10 +67,7 @@ fn master(number: usize) -> Master {
 
 /// Rank and start of every delivered reference, in nanoseconds.
 fn references(bus: &Masters) -> Vec<(usize, u64)> {
-    let sent = bus
-        .traffic
-        .iter()
-        .filter(|sent| sent.fate != Fate::Destroyed);
+    let sent = bus.traffic.iter().filter(|sent| !sent.fate.is_error());
     sent.filter(|sent| sent.frame.id().raw() < 72)
         .map(|sent| (sent.sender, sent.start.ticks()))
         .collect()

@@ -62,7 +62,7 @@ impl Watch {
                 bus.now().ticks() < sent.end.ticks() + 205_000_000 && is_reference(sent)
             });
             let said = recent
-                .filter(|sent| sent.fate != Fate::Destroyed)
+                .filter(|sent| !sent.fate.is_error())
                 .any(|sent| announces(&sent.frame));
             if said {
                 self.announced = self.announced.max(step.abs());

@@ -48,7 +48,7 @@ impl Application for Watched {
         }
         if !heard {
             self.alone[sender] = Some(now);
-            fate = Fate::Destroyed;
+            fate = Fate::NotAcknowledged;
         }
         guarded.transmit(sender, frame, now.ticks(), fate, &self.alive)
     }
@@ -166,7 +166,7 @@ fn live(bus: &mut UagvBus<Watched>, cycles: u64) -> usize {
         let guarded = &bus.application.guarded;
         for sender in 0..NODES {
             assert_eq!(
-                guarded.guardian.trips(sender),
+                guarded.trips(sender),
                 (0, None),
                 "node {sender} was cut before {until} ms, {}",
                 guarded.history()
@@ -253,7 +253,7 @@ fn check_others(bus: &UagvBus<Watched>, node: usize, cut: u64, seed: u64) {
     let quiet = if node == 0 { 4 } else { 2 };
     let from = cut + quiet * CYCLE_MS * 1_000_000;
     for (sender, other) in ALL.iter().enumerate().filter(|(sender, _)| *sender != node) {
-        let trips = bus.application.guarded.guardian.trips(sender);
+        let trips = bus.application.guarded.trips(sender);
         assert_eq!(
             trips,
             (0, None),
@@ -296,7 +296,7 @@ fn babbler(seed: u64) -> u64 {
     let begin = at(1000 + seed % 200).ticks() + bus.application.guarded.below(1_000_000);
     bus.run_until(SimTime::from_ticks(begin));
     let mut time = begin;
-    while bus.application.guarded.guardian.trips(node).0 == 0 {
+    while bus.application.guarded.trips(node).0 == 0 {
         if bus.application.guarded.is_open(node) {
             bus.inject(node, frame);
         }
@@ -323,7 +323,7 @@ fn babbler(seed: u64) -> u64 {
         assert!(
             !bus.application.guarded.is_open(node),
             "kind {kind} of node {node} is back at {time} after {cut}, {:?}, {}, seed {seed}",
-            bus.application.guarded.guardian.trips(node),
+            bus.application.guarded.trips(node),
             bus.application.guarded.history()
         );
     }

@@ -43,6 +43,10 @@ pub struct GuardianConfig {
     /// Longest time from one look at the TX lines to the next one: at most 2.75 bits, which is 11 us
     /// at 250 kbit/s. All that delays a look counts.
     pub interval: Micros,
+    /// Longest time from the reception of a frame until [`Watch::publish`](super::Watch::publish) has heard of
+    /// it, at most `spell_bits`: only a short spell may go on until then. 0 for a
+    /// [`Guardian`](super::Guardian), which does everything at once.
+    pub handling: Micros,
     /// Largest drift of the guardian's counter against the time of the network, in parts per million,
     /// up to 10 000: the sum of the deviations of its own crystal and that of the master.
     pub drift_ppm: u16,
@@ -88,6 +92,7 @@ impl GuardianConfig {
             receive_latency: 0,
             jitter: Micros::micros(2),
             interval,
+            handling: Micros::micros(0),
             drift_ppm: 200,
             spell_bits: 20,
             penalty: 10,
@@ -130,6 +135,8 @@ pub enum GuardianError {
     Latency,
     /// The interval is longer than 2.75 bits.
     Interval,
+    /// The handling of a frame takes longer than a short spell.
+    Handling,
     /// The drift is above 10 000 ppm.
     Drift,
     /// `spell_bits` is not within 8 to 28.
@@ -148,6 +155,7 @@ impl core::fmt::Display for GuardianError {
             Self::TooLong => "the penalty or the time without references exceeds 2^30 ticks",
             Self::Latency => "the latency exceeds half a basic cycle, or the jitter 1000 us",
             Self::Interval => "the time from look to look exceeds 2.75 bits",
+            Self::Handling => "the handling of a frame takes longer than a short spell",
             Self::Drift => "the drift exceeds 10 000 ppm",
             Self::SpellBits => "a short spell has 8 to 28 bits",
             Self::Cycles => "the penalty is 0 cycles, or the time is not lost after 1 to 100",
@@ -262,6 +270,9 @@ impl Times {
         let shortest = spell_gap.saturating_add(interval.saturating_mul(2));
         if shortest > bits(FRAME_GAP_BITS) {
             return Err(GuardianError::Interval);
+        }
+        if ticks(config.handling.ticks()) > bits(u32::from(config.spell_bits)) {
+            return Err(GuardianError::Handling);
         }
         let half_interval = interval.div_ceil(2);
         let jitter = ticks(config.jitter.ticks());

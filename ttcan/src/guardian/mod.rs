@@ -22,8 +22,8 @@
 //!   holds the whole of it, up to its CRC, together in one spell.
 //! * A spell that begins when its sender may begin a frame may take as long as the longest frame
 //!   that is allowed there, and in windows of a potential master as long as a reference.
-//! * Any other spell may take 20 bit times ([`GuardianConfig::spell_bits`]), and then the gate is
-//!   closed until the spell is over. An acknowledge bit is 1 bit, an error or overload flag is 6,
+//! * Any other spell may take 20 bit times ([`GuardianConfig::spell_bits`]; up to 28 where the verdict needs
+//!   time), and then the gate is closed until the spell is over. An acknowledge bit is 1 bit, an error or overload flag is 6,
 //!   an acknowledge bit with a flag behind it at most 16, and two flags with a delimiter between them
 //!   are 20. A frame takes at least 34 bits up to its CRC, so none gets through: its receivers see six
 //!   equal bits, and the bus is idle again at most 50 bits after its start.
@@ -39,13 +39,25 @@
 //! * A spell begins up to *I* before the look that finds it. Its stamp is the middle of that time. Windows
 //!   are widened by half of *I*. The limit of 20 bits is counted from that look, and the gate is closed
 //!   by the first look at the limit: 20 bits of a spell pass, and never more than 20 bits and 2 *I*.
-//!   That is 25.5 bits at most, and less than a frame's 34.
+//!   That is 25.5 bits at most (33.5 with 28), and less than a frame's 34.
 //! * Looks in a frame cannot find 5.5 recessive bits in a row, whatever the time between them. So
 //!   a frame never counts as two spells, even if looks are late or omitted.
 //! * Between two spells that must be told apart, the line is recessive for 11 bits at least: a flag's
 //!   delimiter of 8, or the end of a frame behind an acknowledge bit, and the intermission of 3. Looks
 //!   find 11 bits less 2 *I* of them, and that is 5.5 as long as *I* is at most 2.75 bits.
 //! * What begins on two lines between two looks has no order. If both are short, both count as pulses.
+//!
+//! # Two halves
+//!
+//! What a spell may be is more than a microcontroller finds out between two looks: it has to search the
+//! schedule for each line. So the guardian has two halves, which its owner gives to tasks of different
+//! priorities ([`Guardian::halves`]), and which take turns in a [`Guardian`]:
+//!
+//! * [`Watch`] follows the lines from look to look, and closes gates. At first it lets each spell go on for as
+//!   long as a short one may.
+//! * [`Judge`] knows the schedule and the time of the network. Its verdict has to come before a short
+//!   spell's end ([`GuardianConfig::verdict`]): with 28 bits at 250 kbit/s it has 112 us for that. What a
+//!   sender did that it may not is counted in steps that can wait until the next frame.
 //!
 //! # What trips a gate
 //!
@@ -80,52 +92,20 @@
 //! Vector's description of FlexRay.
 
 mod config;
+mod judge;
 mod plan;
 mod sender;
+mod watch;
 
 pub use config::{GuardianConfig, GuardianError};
+pub use judge::Judge;
 pub use sender::Trip;
+pub use watch::{Evidence, Gates, Lines, News, Orders, Outlook, Watch};
 
 use crate::frame::Frame;
-use crate::length;
 use crate::matrix::NodeId;
-use crate::reference::Fields;
 use crate::schedule::ScheduleView;
 use crate::time::Stamp;
-use config::Times;
-use plan::Plan;
-use sender::{AtLimit, Followed, Line, Sender};
-
-/// Basic cycles after which a sender may send one more untimely reference.
-const UNTIMELY_EVERY: u8 = 8;
-/// Bits from the beginning of the acknowledge slot to the end of the frame (ISO 11898-1).
-const ACKNOWLEDGE_TO_END: u32 = 9;
-/// Bits from the end of the CRC to the end of the frame.
-const CRC_TO_END: u32 = 10;
-/// The transmitter's last dominant bit is at most so many bits before the end of the CRC: five
-/// recessive bits and a tolerance.
-const LAST_DOMINANT: u32 = 7;
-
-/// What a look at the TX lines found. Bit `k` is that of the sender with index `k`; bits without a
-/// sender are ignored.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub struct Lines {
-    /// The lines that are dominant now: their senders drive the bus.
-    pub dominant: u32,
-    /// The lines that have become dominant since the look before, if only for a moment. Read and clear
-    /// the latch *before* the levels: then a bit that begins between the two is in `dominant` now, and
-    /// once more in `fell` of the next look, which does no harm.
-    pub fell: u32,
-}
-
-impl Lines {
-    const fn line(self, bit: u32) -> Line {
-        Line {
-            dominant: self.dominant & bit != 0,
-            fell: self.fell & bit != 0,
-        }
-    }
-}
 
 /// How well the guardian knows the time of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -139,60 +119,25 @@ pub enum GuardianState {
     InSchedule,
 }
 
-/// The open gates.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub struct Gates(u32);
-
-impl Gates {
-    /// Whether the gate of the sender with this index is open.
-    pub const fn is_open(self, sender: usize) -> bool {
-        sender < 32 && self.0 >> sender & 1 == 1
-    }
-
-    /// Bit `k` is set if the gate of sender `k` is open.
-    pub const fn bits(self) -> u32 {
-        self.0
-    }
-
-    fn set(&mut self, bit: u32, open: bool) {
-        self.0 = if open { self.0 | bit } else { self.0 & !bit };
-    }
-}
-
-/// A guardian of `P` senders, 1 to 32. It takes 180 bytes, and 52 for each sender.
+/// A guardian of `P` senders, 1 to 32.
 ///
 /// With one sender it is the guardian of a node, beside the node's TX line. With all senders it is a
 /// central guardian in a star.
 ///
 /// Call [`Guardian::look`] at least every [`GuardianConfig::interval`], and set the gates as it says. All
 /// stamps must come in the order of their events up to [`GuardianConfig::jitter`].
-/// [`Guardian::handle_frame`] must be called and be done before the next frame begins on the bus, 4 bits
-/// after a reception. It may delay looks for so long, because good nodes drive nothing then but
-/// overload flags.
+/// [`Guardian::handle_frame`] must be called before the next frame begins on the bus, 4 bits
+/// after a reception.
 ///
-/// A look while all lines are recessive is one comparison. Any other goes through the lines
-/// that are in a spell, and, where one begins, through the windows that have passed since the last
-/// one began.
+/// A guardian does everything at once, so a look may take long. Where a processor cannot do that
+/// between two looks, its owner takes the halves apart ([`Guardian::halves`]).
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Guardian<'s, const P: usize> {
-    plan: Plan<'s>,
-    senders: [Sender; P],
-    /// Senders whose lines are in a spell, bit by bit.
-    active: u32,
-    /// Senders whose last attempt at a reference another one may have answered.
-    answered: u32,
-    open: Gates,
-    /// When time alone changes something while no line is in a spell.
-    wake: Stamp,
-    /// End of the period, one basic cycle long, in which spells are counted.
-    period: Stamp,
-    periods: u8,
+    watch: Watch<P>,
+    judge: Judge<'s, P>,
 }
 
 impl<'s, const P: usize> Guardian<'s, P> {
-    /// All senders, bit by bit. `new` refuses any other `P` than 1 to 32.
-    const ALL: u32 = u32::MAX.wrapping_shr(32u32.wrapping_sub(P as u32));
-
     /// A guardian of these senders, with all gates open and no time. `now` is its counter.
     ///
     /// # Errors
@@ -203,279 +148,92 @@ impl<'s, const P: usize> Guardian<'s, P> {
         senders: [NodeId; P],
         now: Stamp,
     ) -> Result<Self, GuardianError> {
-        if P == 0 || P > 32 {
-            return Err(GuardianError::Senders);
-        }
-        for (at, sender) in senders.iter().enumerate() {
-            if senders.iter().skip(at + 1).any(|other| other == sender) {
-                return Err(GuardianError::Senders);
-            }
-        }
-        let times = Times::new(schedule, config)?;
-        let period = now.after(times.cycle);
+        let judge = Judge::new(schedule, config, senders, now)?;
         Ok(Self {
-            senders: senders.map(|node| Sender::new(schedule, &times, node)),
-            active: 0,
-            answered: 0,
-            open: Gates(Self::ALL),
-            wake: period,
-            period,
-            periods: 0,
-            plan: Plan::new(schedule, times),
+            watch: Watch::new(judge.times()),
+            judge,
         })
+    }
+
+    /// The two halves, for tasks of two priorities.
+    pub fn halves(self) -> (Watch<P>, Judge<'s, P>) {
+        (self.watch, self.judge)
     }
 
     /// How well the guardian knows the time of the network.
     pub fn state(&self) -> GuardianState {
-        match self.plan.known {
-            None => GuardianState::Unsynchronised,
-            Some(known) if known.consecutive => GuardianState::InSchedule,
-            Some(_) => GuardianState::Synchronising,
-        }
+        self.judge.state()
     }
 
     /// How often the sender with this index was cut, and why the last time.
     pub fn trips(&self, sender: usize) -> (u16, Option<Trip>) {
-        self.senders
-            .get(sender)
-            .map_or((0, None), |sender| (sender.trips, sender.reason))
+        self.judge.trips(sender)
     }
 
-    /// The sender was replaced or repaired: its counts begin anew, and the next look opens its gate.
+    /// The sender was replaced or repaired: its counts begin anew, and its gate opens.
     pub fn pardon(&mut self, sender: usize) {
-        if let Some(sender) = self.senders.get_mut(sender) {
-            sender.pardon();
-            self.settle();
+        self.judge.pardon(sender);
+        if sender < P {
+            // `P` is at most 32.
+            self.watch.pardon(1u32.wrapping_shl(sender as u32));
         }
     }
 
     /// What the TX lines did since the look before, at `now`. Returns the gates that are open until
     /// the next look.
-    #[inline]
     pub fn look(&mut self, lines: Lines, now: Stamp) -> Gates {
-        let seen = (lines.dominant | lines.fell) & Self::ALL;
-        if seen | self.active == 0 && !now.reached(self.wake) {
-            return self.open;
+        self.settle(now);
+        if self.watch.begins(lines) {
+            self.look_ahead(now);
         }
-        self.look_closely(lines, now)
+        self.watch.look(lines, now);
+        let again = Lines { fell: 0, ..lines };
+        while self.watch.is_behind(now) {
+            self.watch.look(again, now);
+        }
+        if self.watch.has_news() {
+            self.judge.rule(&self.watch.news(), now);
+            self.watch.obey(self.judge.orders(now));
+            self.settle(now);
+        }
+        self.watch.gates()
     }
 
-    /// A look that finds a line in a spell, or comes when time changes something.
-    fn look_closely(&mut self, lines: Lines, now: Stamp) -> Gates {
-        if now.reached(self.wake) {
-            self.advance(now);
+    /// Finds all slots that are near.
+    fn look_ahead(&mut self, now: Stamp) {
+        while !self.judge.is_ahead(now) {
+            self.judge.look_ahead(now);
         }
-        let was = self.active;
-        if was != 0 {
-            self.follow(lines, now);
-        }
-        let begin = (lines.dominant | lines.fell) & Self::ALL & !was;
-        if begin != 0 {
-            self.begin(begin, lines.dominant, now);
-        }
-        self.open
-    }
-
-    /// Follows the lines that are in a spell.
-    fn follow(&mut self, lines: Lines, now: Stamp) {
-        let times = &self.plan.times;
-        let (mut over, mut limits, mut settle) = (0, 0, false);
-        // loop-bound: senders=32
-        for (at, sender) in self.senders.iter_mut().enumerate() {
-            // `at` is below 32, see `new`.
-            let bit = 1u32.wrapping_shl(at as u32);
-            if self.active & bit == 0 {
-                continue;
-            }
-            match sender.follow(lines.line(bit), now, times) {
-                Followed::Unchanged => {}
-                Followed::Limit => limits |= bit,
-                Followed::Over => over |= bit,
-                Followed::Released => settle = true,
-            }
-        }
-        self.active &= !over;
-        if limits != 0 {
-            self.limit(limits, lines, now);
-        } else if settle || over & !self.open.0 != 0 {
-            self.settle();
-        }
-    }
-
-    /// The spells of these senders have gone on beyond their limits.
-    #[inline(never)]
-    fn limit(&mut self, limits: u32, lines: Lines, now: Stamp) {
-        let trusted = self.plan.is_trusted(now);
-        // loop-bound: senders=32
-        for (at, sender) in self.senders.iter_mut().enumerate() {
-            let bit = 1u32.wrapping_shl(at as u32);
-            if limits & bit == 0 {
-                continue;
-            }
-            let at_limit = AtLimit {
-                answered: self.answered & bit != 0,
-                trusted,
-            };
-            if sender.limit(lines.line(bit), at_limit, now, &self.plan.times) {
-                self.answered &= !bit;
-            }
-        }
-        self.settle();
-    }
-
-    /// The lines of these senders have become dominant since the look before. Not inlined, so that
-    /// a look that finds no beginning does not save the registers that this needs.
-    #[inline(never)]
-    fn begin(&mut self, begin: u32, dominant: u32, now: Stamp) {
-        let began = now.before(self.plan.times.half_interval);
-        let provoking = self.provoking();
-        let moment = self.plan.moment(began);
-        let times = &self.plan.times;
-        // The guardian of one node sees no other line, and takes for granted while there are references
-        // that its attempts are answered.
-        let unseen = P == 1 && self.plan.known.is_some();
-        let mut settle = false;
-        // loop-bound: senders=32
-        for (at, sender) in self.senders.iter_mut().enumerate() {
-            let bit = 1u32.wrapping_shl(at as u32);
-            if begin & bit == 0 {
-                continue;
-            }
-            let (permit, until) = self.plan.permit(&moment, sender, now);
-            let excused = provoking != 0 || sender.is_behind_own(began, times);
-            sender.begin(began, until, permit);
-            if dominant & bit == 0 {
-                sender.release(now);
-            }
-            if sender.is_short() && !excused {
-                settle |= sender.pulse(times, now);
-            }
-            // A sender that drives may have acknowledged or disturbed what others send.
-            self.answered |= if unseen { bit } else { Self::ALL & !bit };
-        }
-        self.active |= begin;
-        if settle {
-            self.settle();
+        let outlook = self.judge.look_ahead(now);
+        for sender in 0..P {
+            self.watch.publish(&outlook, sender);
         }
     }
 
     /// A data frame was received from the bus; `stamp` was taken at its end.
     pub fn handle_frame(&mut self, frame: &Frame, stamp: Stamp) {
-        if stamp.reached(self.wake) {
-            self.advance(stamp);
-        }
-        let end = stamp.offset(self.plan.times.config.receive_latency.wrapping_neg());
-        let bits = length::frame_bits(frame);
-        let start = end.before(self.plan.times.bits(bits));
-        let genuine = self.attribute(frame, bits, start, end);
-        let schedule = self.plan.schedule;
-        match schedule.reference_rank(frame.id()) {
-            Some(Some(rank)) => {
-                let network = schedule.network;
-                let fields = Fields::decode(&network.reference_format, frame, network.cycles);
-                if let Some(fields) =
-                    fields.filter(|fields| !fields.next_is_gap || network.longest_gap > 0)
-                    && self.plan.take_reference(&fields, rank, start, genuine)
-                {
-                    for sender in &mut self.senders {
-                        sender.forget_attempts();
-                    }
-                }
-            }
-            Some(None) => {}
-            None => self.plan.note_message(start),
-        }
-        self.settle();
+        self.settle(stamp);
+        self.judge.receive(frame, stamp, &self.watch.evidence());
+        self.settle(stamp);
     }
 
-    /// Finds who sent a frame of so many bits, and cuts a sender that may not. Returns whether it is what
-    /// its sender may send. Takes back the counts of its acknowledge bits.
-    fn attribute(&mut self, frame: &Frame, bits: u32, start: Stamp, end: Stamp) -> bool {
-        let trusted = self.plan.is_trusted(start);
-        let mut genuine = true;
-        let Plan {
-            schedule, times, ..
-        } = &self.plan;
-        let acknowledged = end.before(times.bits(ACKNOWLEDGE_TO_END));
-        let body = bits.saturating_sub(CRC_TO_END + LAST_DOMINANT);
-        let body = start.after(times.bits(body));
-        // loop-bound: senders=32
-        for sender in &mut self.senders {
-            if !sender.is_open() {
-                continue;
-            }
-            if sender.began_at(acknowledged, times.tolerance) {
-                sender.take_back();
-            } else if sender.began_at(start, times.tolerance) && sender.drove_after(body) {
-                sender.sent(*schedule, frame, end, trusted, times);
-                genuine &= sender.is_open();
-            }
+    /// Does all that can wait.
+    fn settle(&mut self, now: Stamp) {
+        while self.judge.is_behind(now) {
+            let orders = self.judge.account(self.watch.driving(), now);
+            self.watch.obey(orders);
         }
-        genuine
-    }
-
-    /// Senders in a short spell, or whose gate was closed in a spell, which all others answer with a
-    /// flag.
-    fn provoking(&self) -> u32 {
-        let mut provoking = 0;
-        if self.active != 0 {
-            // loop-bound: senders=32
-            for (at, sender) in self.senders.iter().enumerate() {
-                let bit = 1u32.wrapping_shl(at as u32);
-                provoking |= if sender.provokes() { bit } else { 0 };
-            }
-        }
-        provoking
-    }
-
-    /// Time passes that changes something for senders whose lines are at rest, too.
-    fn advance(&mut self, now: Stamp) {
-        // loop-bound: senders=32
-        for sender in &mut self.senders {
-            sender.return_at(now, &self.plan.times);
-        }
-        if self.plan.lost_at().is_some_and(|lost| now.reached(lost)) {
-            self.plan.known = None;
-        }
-        if now.reached(self.period) {
-            self.period = now.after(self.plan.times.cycle);
-            self.periods = self.periods.wrapping_add(1);
-            let forget = self.periods.is_multiple_of(UNTIMELY_EVERY);
-            for sender in &mut self.senders {
-                sender.end_period(forget, now, &self.plan.times);
-            }
-        }
-        self.settle();
-    }
-
-    /// Sets the gates, and when time alone changes something.
-    fn settle(&mut self) {
-        let mut wake = self.period;
-        if let Some(lost) = self.plan.lost_at()
-            && wake.reached(lost)
-        {
-            wake = lost;
-        }
-        // loop-bound: senders=32
-        for (at, sender) in self.senders.iter().enumerate() {
-            let bit = 1u32.wrapping_shl(at as u32);
-            self.open.set(bit, sender.is_open());
-            if let Some(cut) = sender.cut()
-                && wake.reached(cut)
-            {
-                wake = cut;
-            }
-        }
-        self.wake = wake;
     }
 
     /// A look ahead of this instant that finds the lines as the one before changes nothing, nor does the
     /// time. Simulations can leave such looks out.
     #[cfg(feature = "std")]
     pub fn due(&self) -> Stamp {
-        let gap = self.plan.times.spell_gap;
-        let dues = self.senders.iter().filter_map(|sender| sender.due(gap));
-        dues.fold(self.wake, |due, at| if due.reached(at) { at } else { due })
+        let wake = self.judge.wake();
+        match self.watch.due() {
+            Some(due) if wake.reached(due) => due,
+            _ => wake,
+        }
     }
 
     /// The same guardian with all stamps moved so that `now` is stamp 0. It behaves as before. A model
@@ -483,17 +241,8 @@ impl<'s, const P: usize> Guardian<'s, P> {
     #[cfg(feature = "std")]
     #[must_use]
     pub fn renumbered(mut self, now: Stamp) -> Self {
-        self.periods %= UNTIMELY_EVERY;
-        let renumber = |stamp: &mut Stamp| *stamp = stamp.before(now.0);
-        if let Some(known) = &mut self.plan.known {
-            renumber(&mut known.mark);
-        }
-        renumber(&mut self.period);
-        renumber(&mut self.wake);
-        // loop-bound: senders=32
-        for sender in &mut self.senders {
-            sender.renumber(now, &self.plan.times);
-        }
+        self.watch.renumber(now);
+        self.judge.renumber(now, self.watch.recent());
         self
     }
 }

@@ -2,9 +2,10 @@
 
 use super::config::{FLAG_BITS, Times};
 use super::sender::{Permit, Sender};
+use super::watch::{Slot, Window};
 use crate::length;
 use crate::reference::Fields;
-use crate::schedule::{Role, ScheduleView};
+use crate::schedule::{Entry, Role, ScheduleView};
 use crate::time::Stamp;
 
 /// The basic cycle that the guardian knows.
@@ -22,19 +23,12 @@ pub(super) struct Known {
     missed: bool,
 }
 
-/// An instant in the schedule, and the windows in which a frame may begin then.
-pub(super) struct Moment {
-    cycle: u8,
-    /// Time since the basic cycle began, in ticks, and how much later than that its windows may end.
-    elapsed: u32,
-    late: u32,
-    /// First window, and one past the last.
-    first: u16,
-    end: u16,
-    /// Whether the next reference is due, and may have been missed.
-    is_due: bool,
-    /// Whether a reference is beside its time.
-    untimely: bool,
+/// Where in the schedule the search for the next windows is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub(super) struct Cursor {
+    /// Basic cycles behind the one that is known.
+    passed: u8,
+    at: u16,
 }
 
 /// The schedule, and where in it the network is.
@@ -43,8 +37,6 @@ pub(super) struct Plan<'s> {
     pub(super) schedule: ScheduleView<'s>,
     pub(super) times: Times,
     pub(super) known: Option<Known>,
-    /// First entry of the basic cycle that has not passed, and one past the last one.
-    cursor: (u16, u16),
 }
 
 impl<'s> Plan<'s> {
@@ -54,7 +46,6 @@ impl<'s> Plan<'s> {
             schedule,
             times,
             known: None,
-            cursor: (0, 0),
         }
     }
 
@@ -83,15 +74,31 @@ impl<'s> Plan<'s> {
         }
     }
 
+    /// Forgets the time if no reference came for so long. Returns whether it did.
+    pub(super) fn lose(&mut self, now: Stamp) -> bool {
+        let lost = self.lost_at().is_some_and(|lost| now.reached(lost));
+        if lost {
+            self.known = None;
+        }
+        lost
+    }
+
+    /// The last reference was not one that its sender may send. Nodes follow a reference in another master's
+    /// name, too. The next one tells which is right.
+    pub(super) fn doubt(&mut self) {
+        if let Some(known) = &mut self.known {
+            known.consecutive = false;
+        }
+    }
+
     /// Judges a reference as a node does, so that both follow the same one. Returns whether it begins
-    /// a basic cycle in its time.
+    /// a basic cycle in its time, and whether it is followed.
     pub(super) fn take_reference(
         &mut self,
         fields: &Fields,
         rank: u8,
         start: Stamp,
-        genuine: bool,
-    ) -> bool {
+    ) -> (bool, bool) {
         let mut consecutive = false;
         let mut timely = true;
         if let Some(known) = self.known {
@@ -116,7 +123,7 @@ impl<'s> Plan<'s> {
                 let in_time = elapsed <= late.cast_signed() || known.next_is_gap;
                 consecutive = in_time && fields.cycle == next;
             } else if rank > known.master {
-                return false;
+                return (false, false);
             } else {
                 let soon = self.times.repeated.cast_signed();
                 let repeated = rank == known.master && fields.cycle == known.number;
@@ -130,143 +137,163 @@ impl<'s> Plan<'s> {
             number: fields.cycle,
             master: rank,
             next_is_gap: fields.next_is_gap,
-            // Nodes follow a reference in another master's name, too. The next one tells which is right.
-            consecutive: consecutive && genuine,
+            consecutive,
             missed: false,
         });
-        self.cursor = self.schedule.entries_of(fields.cycle);
-        timely
+        (timely, true)
     }
 
-    /// Where in the schedule `began` is.
-    pub(super) fn moment(&mut self, began: Stamp) -> Moment {
-        let mut moment = Moment {
-            cycle: 0,
-            elapsed: 0,
-            late: 0,
-            first: 0,
-            end: 0,
-            is_due: false,
-            untimely: false,
-        };
-        let Some(known) = self.known else {
-            return moment;
-        };
-        let times = &self.times;
-        let elapsed = began.ticks_since(known.mark).max(0).cast_unsigned();
-        let margin = times.margin(elapsed);
-        moment.is_due = elapsed >= times.reference_phase;
-        if moment.is_due && known.next_is_gap {
-            return moment;
+    /// Until when a reference is beside its time, if it can be.
+    pub(super) fn untimely_until(&self) -> Option<Stamp> {
+        let known = self.known.filter(|known| known.consecutive)?;
+        Some(known.mark.after(self.times.reference_phase))
+    }
+
+    /// The start of the search for windows in the basic cycle that is known.
+    pub(super) fn begin(&self) -> Cursor {
+        let first = self
+            .known
+            .map(|known| self.schedule.entries_of(known.number).0);
+        Cursor {
+            passed: 0,
+            at: first.unwrap_or(0),
         }
-        let (early, (first, last)) = if moment.is_due {
-            // The windows of the basic cycle whose reference the guardian did not receive. It may have
-            // begun early by the reference trigger offset, or late by that and repetitions.
-            let early = times.offset_limit.wrapping_add(margin);
-            let passed = elapsed.wrapping_add(early) / times.cycle.max(1);
-            let number = known.number.wrapping_add(passed as u8);
-            moment.cycle = number & self.schedule.network.cycles.wrapping_sub(1);
-            let elapsed = elapsed.wrapping_sub(passed.wrapping_mul(times.cycle));
-            // The basic cycle begins when this is 0, and the search some time before.
-            moment.elapsed = elapsed.cast_signed().max(0).cast_unsigned();
-            moment.late = times.late.wrapping_add(margin);
-            (early, self.schedule.entries_of(moment.cycle))
+    }
+
+    /// Whether there are no more windows until the next reference.
+    pub(super) fn is_over(&self, cursor: Cursor) -> bool {
+        self.known.is_none_or(|known| {
+            cursor.passed > self.times.config.lost || (cursor.passed > 0 && known.next_is_gap)
+        })
+    }
+
+    /// The basic cycle of the cursor.
+    fn cycle(&self, known: Known, cursor: Cursor) -> u8 {
+        let cycles = self.schedule.network.cycles;
+        known.number.wrapping_add(cursor.passed) & cycles.wrapping_sub(1)
+    }
+
+    /// Goes on to the next window, or to the next basic cycle.
+    pub(super) fn advance(&self, cursor: &mut Cursor) {
+        let Some(known) = self.known else { return };
+        cursor.at = cursor.at.wrapping_add(1);
+        let (_, end) = self.schedule.entries_of(self.cycle(known, *cursor));
+        if cursor.at >= end {
+            cursor.passed = cursor.passed.wrapping_add(1);
+            let next = self.schedule.entries_of(self.cycle(known, *cursor));
+            cursor.at = next.0;
+        }
+    }
+
+    /// The window at the cursor, and when a frame may begin in it. If the reference of its basic cycle was not
+    /// received, that may have begun early by the reference trigger offset, or late by that and
+    /// repetitions.
+    pub(super) fn window(&self, cursor: Cursor) -> Option<Place<'s>> {
+        let known = self.known?;
+        let cycle = self.cycle(known, cursor);
+        let (_, end) = self.schedule.entries_of(cycle);
+        let entry = self.schedule.entry(cursor.at).filter(|_| cursor.at < end)?;
+        let times = &self.times;
+        let is_due = cursor.passed > 0;
+        // Up to 100 basic cycles, which `new` has found to be less than 2^30 ticks.
+        let base = u32::from(cursor.passed).wrapping_mul(times.cycle);
+        let start = base.wrapping_add(times.ticks(entry.start));
+        let last = match entry.role {
+            Role::Exclusive { .. } => start.wrapping_add(times.enable),
+            Role::Arbitrating => base.wrapping_add(times.ticks(entry.end)),
+        };
+        let margin = times.margin(last);
+        let (early, late) = if is_due {
+            (times.offset_limit, times.late)
         } else {
-            moment.cycle = known.number;
-            moment.elapsed = elapsed;
-            moment.late = margin;
-            moment.untimely = known.consecutive;
-            (margin, self.cursor)
+            (0, 0)
         };
-        let mut at = first;
-        // loop-bound: windows=64. One turn for each window that has passed since the last spell, or, while a
-        // reference is due, since the basic cycle began.
-        while at < last
-            && let Some(entry) = self.schedule.entry(at)
-            && times.ticks(entry.end).wrapping_add(moment.late) < moment.elapsed
-        {
-            at = at.wrapping_add(1);
-        }
-        moment.first = at;
-        if !moment.is_due {
-            self.cursor.0 = at;
-        }
-        let latest = moment.elapsed.wrapping_add(early);
-        // loop-bound: overlapping=64. One turn for each window that may have begun: two that touch overlap by the
-        // margin.
-        while at < last
-            && let Some(entry) = self.schedule.entry(at)
-            && self.times.ticks(entry.start) <= latest
-        {
-            at = at.wrapping_add(1);
-        }
-        moment.end = at;
-        moment
+        Some(Place {
+            entry,
+            number: cursor.at,
+            cycle,
+            is_due,
+            mark: known.mark,
+            opens: start.saturating_sub(early.wrapping_add(margin)),
+            closes: last.wrapping_add(late.wrapping_add(margin)),
+            // From there on, the next reference is due.
+            phase: base.wrapping_add(times.reference_phase),
+        })
     }
 
-    /// What a spell that a sender has begun at this moment may be, and until when the sender may drive
-    /// if a look found it at `now`.
-    pub(super) fn permit(&self, moment: &Moment, sender: &Sender, now: Stamp) -> (Permit, Stamp) {
+    /// When a sender may begin a frame in this window, and how long that may be.
+    pub(super) fn slot(&self, place: &Place<'_>, sender: &Sender) -> Option<Slot> {
+        if !place.is_for(sender) {
+            return None;
+        }
         let times = &self.times;
-        let spell = u32::from(times.config.spell_bits);
-        let is_master = sender.rank.is_some();
-        let (permit, bits) = match self.window_permit(moment, sender) {
+        // A frame has at most 157 bits.
+        let (bits, least) = match place.entry.role {
+            Role::Exclusive { id, len, .. } => (length::worst_case_bits(id, len), 0),
+            Role::Arbitrating => {
+                let (shortest, longest) = sender.events?;
+                (u32::from(longest), u32::from(shortest))
+            }
+        };
+        let closes = place.closes.checked_sub(times.bits(least))?;
+        let closes = closes.min(place.phase.wrapping_sub(1));
+        let longest = if place.is_due || sender.rank.is_some() {
+            // It may be a reference beside its time, which is counted when it was received.
+            bits.max(times.reference_bits)
+        } else {
+            bits
+        };
+        (place.opens <= closes).then(|| Slot {
+            opens: place.mark.after(place.opens),
+            closes: place.mark.after(closes),
+            length: times.bits(longest.wrapping_add(FLAG_BITS)),
+            window: Window::new(place.number, place.is_due),
+        })
+    }
+
+    /// What a spell may be that began in this window, or in none.
+    pub(super) fn permit(&self, window: Window, sender: &Sender, untimely: bool) -> Permit {
+        let Some(entry) = window.entry() else {
             // A master that the guardian does not follow may have the right time.
-            None if is_master => {
-                let untimely = moment.untimely;
-                (Permit::Reference { untimely }, spell)
-            }
-            None => (Permit::Short, spell),
-            Some((permit, bits)) => {
-                let longest = if moment.is_due || is_master {
-                    // It may be a reference beside its time, which is counted when it was received.
-                    bits.max(times.reference_bits)
-                } else {
-                    bits
-                };
-                let permit = if moment.is_due { Permit::Own } else { permit };
-                (permit, longest.wrapping_add(FLAG_BITS))
-            }
+            return if sender.rank.is_some() {
+                Permit::Reference { untimely }
+            } else {
+                Permit::Short
+            };
         };
-        (permit, now.after(times.bits(bits)))
-    }
-
-    /// The frame that a sender may begin in a window of a moment, and its longest length in bits, at most
-    /// 157.
-    fn window_permit(&self, moment: &Moment, sender: &Sender) -> Option<(Permit, u32)> {
-        let times = &self.times;
-        let mut at = moment.first;
-        // loop-bound: overlapping=64. The same windows.
-        while at < moment.end {
-            let entry = self.schedule.entry(at)?;
-            match entry.role {
-                Role::Exclusive {
-                    id,
-                    len,
-                    sender: owner,
-                    ..
-                } if owner == sender.node => {
-                    let latest = times.ticks(entry.start).wrapping_add(times.enable);
-                    if moment.elapsed <= latest.wrapping_add(moment.late) {
-                        return Some((Permit::Window(id), length::worst_case_bits(id, len)));
-                    }
-                }
-                Role::Exclusive { .. } => {}
-                Role::Arbitrating => {
-                    let (mask, offset) = sender.event_cycles;
-                    if let Some((shortest, longest)) = sender.events
-                        && moment.cycle & mask == offset
-                    {
-                        let shortest = times.bits(u32::from(shortest));
-                        let end = times.ticks(entry.end).wrapping_add(moment.late);
-                        if moment.elapsed.wrapping_add(shortest) <= end {
-                            return Some((Permit::Arbitrating, u32::from(longest)));
-                        }
-                    }
-                }
-            }
-            at = at.wrapping_add(1);
+        if window.is_due() {
+            return Permit::Own;
         }
-        None
+        match self.schedule.entry(entry).map(|entry| entry.role) {
+            Some(Role::Exclusive { id, .. }) => Permit::Window(id),
+            Some(Role::Arbitrating) => Permit::Arbitrating,
+            None => Permit::Short,
+        }
+    }
+}
+
+/// A window of a basic cycle, with times in ticks since the last reference.
+pub(super) struct Place<'s> {
+    entry: &'s Entry,
+    /// Its place in the schedule.
+    number: u16,
+    cycle: u8,
+    is_due: bool,
+    mark: Stamp,
+    opens: u32,
+    closes: u32,
+    phase: u32,
+}
+
+impl Place<'_> {
+    /// Whether a sender may begin a frame in it.
+    pub(super) fn is_for(&self, sender: &Sender) -> bool {
+        match self.entry.role {
+            Role::Exclusive { sender: owner, .. } => owner == sender.node,
+            Role::Arbitrating => {
+                let (mask, offset) = sender.event_cycles;
+                sender.events.is_some() && self.cycle & mask == offset
+            }
+        }
     }
 }

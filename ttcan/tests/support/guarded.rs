@@ -1,18 +1,28 @@
 //! A guardian on a simulated bus: TX lines bit by bit, its own crystal, latencies and losses.
 
-use ttcan::guardian::{Gates, Guardian, GuardianConfig, Lines, Trip};
+use ttcan::guardian::{Gates, Guardian, GuardianConfig, GuardianState, Judge, Lines, Trip, Watch};
 use ttcan::simulation::{Crystal, Fate, SimTime};
 use ttcan::{Frame, Micros, NodeId, ScheduleView, Stamp, StampLatency};
 
 /// A bit in nanoseconds.
 pub(crate) const BIT: u64 = 4000;
 const TICKS_PER_US: u32 = 18;
+/// A short spell, in bits.
+const SHORT: u8 = 28;
 /// The timer of the guardian's board asks for a look each 8 us. It comes up to 3 us late, which is
 /// what other interrupts take, so looks are up to 11 us apart.
 const LOOK: u64 = 8000;
 const LATE: u64 = 3000;
-/// Its processor takes up to 12 us for a frame, and looks only after that.
-const FRAME: u64 = 12_000;
+/// The lower half says when a frame may begin every so long, and up to so late. That is also how long it takes
+/// from the handling of a frame.
+const AHEAD: u64 = 384_000;
+const LATE_AHEAD: u64 = 70_000;
+/// It is told of the lines every so long.
+const RULE: u64 = 96_000;
+/// A frame is taken up to 40 us after its reception: the next one may have begun by then.
+const FRAME: u64 = 40_000;
+/// One step of what can wait is made every so long.
+const STEP: u64 = 290_000;
 
 /// Level of a TX line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,11 +75,23 @@ pub(crate) fn bits_of(frame: &Frame) -> Vec<bool> {
 enum Event {
     Edge(usize, Level),
     Frame(Frame),
+    /// The lower half takes a frame with this stamp.
+    Receive(Frame, Stamp),
+}
+
+/// What the lower half of the guardian does next, and when.
+#[derive(Clone, Copy, Default)]
+struct Rounds {
+    ahead: u64,
+    rule: Option<u64>,
+    account: Option<u64>,
 }
 
 /// A guardian of `P` senders, and what happens around it.
 pub(crate) struct Guarded<const P: usize> {
-    pub(crate) guardian: Guardian<'static, P>,
+    pub(crate) watch: Watch<P>,
+    pub(crate) judge: Judge<'static, P>,
+    rounds: Rounds,
     /// A guardian of each node alone, which only watches.
     singles: Vec<Guardian<'static, 1>>,
     crystal: Crystal,
@@ -79,8 +101,6 @@ pub(crate) struct Guarded<const P: usize> {
     /// When the timer asks for the next look, and how late that is.
     timer: u64,
     late: u64,
-    /// When the processor is done with the last frame.
-    busy: u64,
     /// Events that are still to come, by their time.
     pending: Vec<(u64, Event)>,
     random: u64,
@@ -114,20 +134,27 @@ impl<const P: usize> Guarded<P> {
             ..GuardianConfig::new(TICKS_PER_US, Micros::micros(11))
         };
         let now = crystal.stamp(SimTime::from_ticks(0));
-        let mut guardian = Guardian::new(schedule, config, senders, now).expect("it is sound");
+        let central = GuardianConfig {
+            spell_bits: SHORT,
+            handling: Micros::micros(110),
+            ..config
+        };
+        let guardian = Guardian::new(schedule, central, senders, now).expect("it is sound");
+        let (watch, judge) = guardian.halves();
         let singles = senders
             .map(|node| Guardian::new(schedule, config, [node], now).expect("it is sound"))
             .into();
-        let open = guardian.look(Lines::default(), now);
+        let open = watch.gates();
         let mut guarded = Self {
-            guardian,
+            watch,
+            judge,
+            rounds: Rounds::default(),
             singles,
             crystal,
             open,
             lines: Lines::default(),
             timer: seed % LOOK,
             late: 0,
-            busy: 0,
             pending: Vec::new(),
             random: seed.wrapping_mul(77) + 1,
             deaf: 200,
@@ -187,48 +214,100 @@ impl<const P: usize> Guarded<P> {
                 Event::Edge(sender, Level::Recessive) => self.lines.dominant &= !(1 << sender),
                 Event::Frame(frame) => {
                     let stamp = self.stamp(time);
-                    self.guardian.handle_frame(&frame, stamp);
                     for single in &mut self.singles {
                         single.handle_frame(&frame, stamp);
                     }
-                    self.busy = time + FRAME;
+                    let at = time + self.below(FRAME);
+                    self.insert(at, Event::Receive(frame, stamp));
+                }
+                Event::Receive(frame, stamp) => {
+                    if self.judge.receive(&frame, stamp, &self.watch.evidence()) {
+                        self.rounds.ahead = time + self.below(LATE_AHEAD);
+                    }
+                    self.ask(time);
                 }
             }
         }
         self.look_until(nanos);
     }
 
-    /// Looks at the lines whenever the timer asks before `nanos`.
+    /// Looks at the lines whenever the timer asks before `nanos`, and lets the lower half work.
     fn look_until(&mut self, nanos: u64) {
-        while self.next_look() < nanos {
-            self.look();
-            self.timer += LOOK;
-            // What does not change anything is left out.
-            if self.lines.fell == 0 {
-                let now = self.next_look();
-                let asked = self.singles.iter().map(Guardian::due);
-                let due = asked.fold(
-                    self.guardian.due(),
-                    |due, at| {
-                        if due.reached(at) { at } else { due }
-                    },
-                );
-                let ahead = due.ticks_since(self.stamp(now)).max(0).unsigned_abs();
-                let idle = u64::from(ahead / TICKS_PER_US) * 1000;
-                let idle = idle.min(nanos.saturating_sub(now));
-                self.timer += idle.saturating_sub(2 * LOOK) / LOOK * LOOK;
+        loop {
+            let rounds = self.rounds;
+            let asked = [Some(rounds.ahead), rounds.rule, rounds.account];
+            match asked.into_iter().flatten().min() {
+                Some(at) if at < nanos && at <= self.next_look() => self.round(at),
+                _ if self.next_look() < nanos => self.look_and_skip(nanos),
+                _ => break,
             }
-            self.late = self.below(LATE);
         }
     }
 
+    /// What the lower half has to do at `time`.
+    fn round(&mut self, time: u64) {
+        let now = self.stamp(time);
+        if self.rounds.ahead == time {
+            let mut next = time + AHEAD + self.below(LATE_AHEAD);
+            if self.judge.is_ahead(now) {
+                // What would not change anything is left out.
+                next += 3 * AHEAD;
+            }
+            let outlook = self.judge.look_ahead(now);
+            for sender in 0..P {
+                self.watch.publish(&outlook, sender);
+            }
+            self.rounds.ahead = next;
+        } else if self.rounds.rule == Some(time) {
+            self.rounds.rule = None;
+            self.judge.rule(&self.watch.news(), now);
+        } else {
+            self.rounds.account = None;
+            let orders = self.judge.account(self.watch.driving(), now);
+            self.watch.obey(orders);
+        }
+        self.open = self.watch.gates();
+        self.ask(time);
+    }
+
+    /// Asks the lower half if there is something to do.
+    fn ask(&mut self, time: u64) {
+        if self.rounds.rule.is_none() && self.watch.has_news() {
+            self.rounds.rule = Some(time + self.below(RULE));
+        }
+        let now = self.stamp(time);
+        if self.rounds.account.is_none() && self.judge.is_behind(now) {
+            self.rounds.account = Some(time + self.below(STEP));
+        }
+    }
+
+    fn look_and_skip(&mut self, nanos: u64) {
+        self.look();
+        self.timer += LOOK;
+        // What does not change anything is left out.
+        if self.lines.fell == 0 {
+            let now = self.next_look();
+            let wake = [Some(self.judge.wake()), self.watch.due()];
+            let asked = self.singles.iter().map(Guardian::due);
+            let dues = wake.into_iter().flatten().chain(asked);
+            let at = self.stamp(now);
+            let ahead = dues.map(|due| due.ticks_since(at)).min().unwrap_or(0);
+            let idle = u64::from(ahead.max(0).unsigned_abs() / TICKS_PER_US) * 1000;
+            let idle = idle.min(nanos.saturating_sub(now));
+            self.timer += idle.saturating_sub(2 * LOOK) / LOOK * LOOK;
+        }
+        self.late = self.below(LATE);
+    }
+
     fn next_look(&self) -> u64 {
-        (self.timer + self.late).max(self.busy)
+        self.timer + self.late
     }
 
     fn look(&mut self) {
-        let now = self.stamp(self.next_look());
-        self.open = self.guardian.look(self.lines, now);
+        let time = self.next_look();
+        let now = self.stamp(time);
+        self.open = self.watch.look(self.lines, now);
+        self.ask(time);
         for (at, single) in self.singles.iter_mut().enumerate() {
             let line = Lines {
                 dominant: self.lines.dominant >> at & 1,
@@ -240,9 +319,22 @@ impl<const P: usize> Guarded<P> {
         self.looks += 1;
     }
 
+    /// How often a sender was cut, and why the last time.
+    pub(crate) fn trips(&self, sender: usize) -> (u16, Option<Trip>) {
+        self.judge.trips(sender)
+    }
+
+    pub(crate) fn state(&self) -> GuardianState {
+        self.judge.state()
+    }
+
     fn push(&mut self, time: u64, event: Event) {
         // What a reception's stamp and its interrupt need.
         let time = time + 200 + self.below(600);
+        self.insert(time, event);
+    }
+
+    fn insert(&mut self, time: u64, event: Event) {
         let at = self.pending.partition_point(|(other, _)| *other <= time);
         self.pending.insert(at, (time, event));
     }
@@ -280,19 +372,10 @@ impl<const P: usize> Guarded<P> {
         fate: Fate,
         alive: &[bool; P],
     ) -> Fate {
-        let (id, state) = (frame.id(), self.guardian.state());
+        let (id, state) = (frame.id(), self.state());
         self.note(format!("{id} of {sender} at {from}, {fate:?}, {state:?}"));
         let bits = bits_of(frame).len();
         if fate == Fate::Destroyed {
-            if !alive
-                .iter()
-                .enumerate()
-                .any(|(node, alive)| *alive && node != sender)
-            {
-                // Nobody acknowledges it. The simulation may begin the next one after 34 bits.
-                self.send(sender, frame, from, 24);
-                return fate;
-            }
             // All see the error in bit 14.
             self.send(sender, frame, from, 14);
             for (node, alive) in alive.iter().enumerate() {
@@ -305,12 +388,17 @@ impl<const P: usize> Guarded<P> {
             return fate;
         }
         self.send(sender, frame, from, bits);
+        if fate == Fate::NotAcknowledged {
+            // Its flag begins behind the acknowledge slot.
+            self.drive(sender, from + (bits as u64 + 2) * BIT, 6);
+            return fate;
+        }
         let mut time = from;
         while time < from + bits as u64 * BIT {
             time += 4 * BIT;
             self.run(time);
             if !self.is_open(sender) {
-                let trips: Vec<_> = (0..P).map(|at| self.guardian.trips(at)).collect();
+                let trips: Vec<_> = (0..P).map(|at| self.trips(at)).collect();
                 self.note(format!("closed after {} ns, {trips:?}", time - from));
                 self.clipped += 1;
                 if self.babbler != Some(sender) {
@@ -352,6 +440,6 @@ impl<const P: usize> Guarded<P> {
 
     /// What happened lately.
     pub(crate) fn history(&self) -> String {
-        format!("{:?}\n{}", self.guardian.state(), self.history.join("\n"))
+        format!("{:?}\n{}", self.state(), self.history.join("\n"))
     }
 }

@@ -1,7 +1,7 @@
 //! A network like that of the UAGV, and checks of its traffic.
 #![allow(dead_code)] // Each test file uses its part.
 
-use ttcan::simulation::{Application, Bus, Crystal, Fate, SimTime, Traffic};
+use ttcan::simulation::{Application, Bus, Crystal, SimTime, Traffic};
 use ttcan::{
     Event, Id, MatrixConfig, Micros, Node, NodeConfig, NodeId, ReferenceFormat, StampLatency,
     SystemMatrix, Window, WindowKind,
@@ -194,7 +194,7 @@ pub(crate) fn assert_in_place(traffic: &[Traffic]) {
     let mut mark = None;
     for sent in traffic {
         if is_reference(sent) {
-            if sent.fate != Fate::Destroyed {
+            if !sent.fate.is_error() {
                 mark = Some(sent.start);
             }
             continue;

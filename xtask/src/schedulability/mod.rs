@@ -137,12 +137,10 @@ pub fn run(workspace: &Workspace, options: &Schedulability) -> Result<(), Failur
     if let Some(path) = &options.html {
         fs::write(path, "").map_err(Error::writing(path))?;
     }
-    let report = analyse(
-        workspace,
-        &vehicle,
-        &nodes,
-        (&options.foreign, options.errors),
-    )?;
+    let load = (options.foreign.as_slice(), options.errors);
+    // A path needs no observed run.
+    let observed = explained.is_none() || options.json || options.html.is_some();
+    let report = analyse(workspace, &vehicle, &nodes, load, observed)?;
     if let Some(path) = &options.html {
         fs::write(path, report::html(&report)).map_err(Error::writing(path))?;
         eprintln!("Wrote {}.", path.display());
@@ -260,8 +258,8 @@ fn end(display: &Mutex<Display>) {
     }
 }
 
-/// Builds the images, bounds their tasks, runs them to check the assumptions of the analysis,
-/// and reports on these nodes. The run has no foreign messages.
+/// Builds the images, bounds their tasks, runs them to check the assumptions of the analysis if they are to
+/// be `observed`, and reports on these nodes. The run has no foreign messages.
 ///
 /// # Errors
 ///
@@ -271,6 +269,7 @@ pub(crate) fn analyse(
     vehicle: &Vehicle,
     nodes: &[NodeIndex],
     load: Load<'_>,
+    observed: bool,
 ) -> Result<Report, Failure> {
     // All nodes: without the others, a node has no bus traffic to handle.
     let all: Vec<NodeIndex> = vehicle.nodes().collect();
@@ -287,12 +286,18 @@ pub(crate) fn analyse(
     let report = Programs::read(&inputs(workspace, vehicle, &wanted, load), &show)
         .map_err(|error| Error::from(error).into())
         .and_then(|programs| {
-            let observed = observe::observe(vehicle, &images, &programs, &mut |what| show(what))?;
-            let mut report = programs.report(&observed, &show).map_err(Error::from)?;
+            let runs = if observed {
+                observe::observe(vehicle, &images, &programs, &mut |what| show(what))?
+            } else {
+                BTreeMap::new()
+            };
+            let mut report = programs.report(&runs, &show).map_err(Error::from)?;
             let wanted = |name: &str| nodes.iter().any(|&node| vehicle.node(node).name == name);
             report.nodes.retain(|node| wanted(&node.name));
-            show("kernels");
-            report.kernels = bench::kernels::measure(&bench::Builder::new(workspace)?)?;
+            if observed {
+                show("kernels");
+                report.kernels = bench::kernels::measure(&bench::Builder::new(workspace)?)?;
+            }
             Ok(report)
         });
     end(&display);
@@ -313,7 +318,7 @@ pub(crate) fn regressions(
     let unproven = models(workspace, vehicle, &nodes, (&[], None))?
         .table
         .unproven;
-    let report = analyse(workspace, vehicle, &nodes, (&[], None))?;
+    let report = analyse(workspace, vehicle, &nodes, (&[], None), true)?;
     eprint!("{}", report::table(&report));
     Ok(report.regressions(&unproven))
 }

@@ -22,8 +22,11 @@
 
 use defmt_rtt as _;
 
+firmware::tick!();
+
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
+    use super::Mono;
     use ::control::row::Sides;
     use firmware::board::fault::Fault;
     use firmware::board::{self, pac::Interrupt, remote::Remote, time::Clock};
@@ -112,7 +115,7 @@ mod app {
                 remote,
                 switch: RunSwitch::new(),
                 sender: e2e::Sender::new(start.secret),
-                keeper: Keeper::start(
+                keeper: Keeper::start::<Mono>(
                     cx.core.SYST,
                     &mut cx.core.SCB,
                     sled.led,

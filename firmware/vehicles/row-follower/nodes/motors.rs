@@ -22,8 +22,11 @@
 
 use defmt_rtt as _;
 
+firmware::tick!();
+
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
+    use super::Mono;
     use firmware::actuator::Times;
     use firmware::board::clock::Oscillator;
     use firmware::board::fault::Fault;
@@ -120,7 +123,7 @@ mod app {
                 test: None,
             },
             Local {
-                keeper: Keeper::start(
+                keeper: Keeper::start::<Mono>(
                     cx.core.SYST,
                     &mut cx.core.SCB,
                     sled.led,

@@ -19,8 +19,11 @@
 
 use defmt_rtt as _;
 
+firmware::tick!();
+
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
+    use super::Mono;
     use control::row::Sides;
     use firmware::board::distances::{Distances, Trigger};
     use firmware::board::fault::Fault;
@@ -113,7 +116,7 @@ mod app {
                 },
             },
             Local {
-                keeper: Keeper::start(
+                keeper: Keeper::start::<Mono>(
                     cx.core.SYST,
                     &mut cx.core.SCB,
                     sled.led,

@@ -17,8 +17,11 @@
 
 use defmt_rtt as _;
 
+firmware::tick!();
+
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2])]
 mod app {
+    use super::Mono;
     use firmware::board::fault::Fault;
     use firmware::board::{self, pac::Interrupt, time::Clock};
     use firmware::console::BusView;
@@ -83,7 +86,7 @@ mod app {
             },
             Local {
                 sender: e2e::Sender::new(start.secret),
-                keeper: Keeper::start(
+                keeper: Keeper::start::<Mono>(
                     cx.core.SYST,
                     &mut cx.core.SCB,
                     sled.led,

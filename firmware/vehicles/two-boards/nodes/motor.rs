@@ -19,8 +19,11 @@
 
 use defmt_rtt as _;
 
+firmware::tick!();
+
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
+    use super::Mono;
     use firmware::actuator::Times;
     use firmware::board::fault::Fault;
     use firmware::board::{self, motor::MotorOutput, pac::Interrupt, pot::Pot, time::Clock};
@@ -97,7 +100,7 @@ mod app {
             Local {
                 pot,
                 circuit: Circuit::open(start.clocks.ticks_per_us),
-                keeper: Keeper::start(
+                keeper: Keeper::start::<Mono>(
                     cx.core.SYST,
                     &mut cx.core.SCB,
                     sled.led,

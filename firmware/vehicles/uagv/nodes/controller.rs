@@ -23,8 +23,11 @@
 
 use defmt_rtt as _;
 
+firmware::tick!();
+
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2])]
 mod app {
+    use super::Mono;
     use firmware::board::fault::Fault;
     use firmware::board::{
         self,
@@ -145,7 +148,7 @@ mod app {
                 replies: operator.replies,
                 tick: operator.tick,
                 screen: Text::new(),
-                keeper: Keeper::start(
+                keeper: Keeper::start::<Mono>(
                     cx.core.SYST,
                     &mut cx.core.SCB,
                     sled.led,

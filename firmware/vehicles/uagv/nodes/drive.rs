@@ -17,8 +17,11 @@
 
 use defmt_rtt as _;
 
+firmware::tick!();
+
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
+    use super::Mono;
     use firmware::actuator::Times;
     use firmware::board::fault::Fault;
     use firmware::board::{self, motor::MotorOutput, pac::Interrupt, time::Clock};
@@ -87,7 +90,7 @@ mod app {
                 test: None,
             },
             Local {
-                keeper: Keeper::start(
+                keeper: Keeper::start::<Mono>(
                     cx.core.SYST,
                     &mut cx.core.SCB,
                     sled.led,

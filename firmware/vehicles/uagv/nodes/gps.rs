@@ -19,8 +19,11 @@
 
 use defmt_rtt as _;
 
+firmware::tick!();
+
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2])]
 mod app {
+    use super::Mono;
     use firmware::board::fault::Fault;
     use firmware::board::{self, pac::Interrupt, receiver::Receiver, time::Clock};
     use firmware::console::{self as lines, BusView};
@@ -89,7 +92,7 @@ mod app {
                 test: None,
             },
             Local {
-                keeper: Keeper::start(
+                keeper: Keeper::start::<Mono>(
                     cx.core.SYST,
                     &mut cx.core.SCB,
                     sled.led,

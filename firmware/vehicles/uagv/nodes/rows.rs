@@ -20,8 +20,11 @@
 
 use defmt_rtt as _;
 
+firmware::tick!();
+
 #[rtic::app(device = firmware::board::pac, peripherals = true, dispatchers = [EXTI2_TSC])]
 mod app {
+    use super::Mono;
     use control::takeover::Presence;
     use firmware::board::distances::{BURST_HZ, Distances, Trigger};
     use firmware::board::fault::Fault;
@@ -103,7 +106,7 @@ mod app {
             },
             Local {
                 sender: e2e::Sender::new(start.secret),
-                keeper: Keeper::start(
+                keeper: Keeper::start::<Mono>(
                     cx.core.SYST,
                     &mut cx.core.SCB,
                     sled.led,

@@ -1,0 +1,527 @@
+//! The lower half of a guardian: it knows the schedule, says what a spell may be, and counts.
+
+use super::config::Times;
+use super::plan::{Cursor, Plan};
+use super::sender::{Permit, Sender, Trip};
+use super::watch::{Evidence, News, Orders, Outlook, Slot, Watch, Window};
+use super::{GuardianConfig, GuardianError, GuardianState};
+use crate::frame::Frame;
+use crate::length;
+use crate::matrix::NodeId;
+use crate::reference::Fields;
+use crate::schedule::ScheduleView;
+use crate::time::Stamp;
+
+/// Basic cycles after which a sender may send one more untimely reference.
+const UNTIMELY_EVERY: u8 = 8;
+/// Bits from the beginning of the acknowledge slot to the end of the frame (ISO 11898-1).
+const ACKNOWLEDGE_TO_END: u32 = 9;
+/// Bits from the end of the CRC to the end of the frame.
+const CRC_TO_END: u32 = 10;
+/// The transmitter's last dominant bit is at most so many bits before the end of the CRC: five
+/// recessive bits and a tolerance.
+const LAST_DOMINANT: u32 = 7;
+
+/// A frame that was received.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Received<const P: usize> {
+    frame: Frame,
+    end: Stamp,
+    /// Senders whose last spell may be it, and the windows in which those have begun.
+    suspects: u32,
+    windows: [Window; P],
+    /// Whether the guardian was sure of the windows when the frame began.
+    trusted: bool,
+    /// A reference would have been beside its time.
+    untimely: bool,
+    /// It began a basic cycle in its time.
+    reference: bool,
+    /// The guardian follows it as a reference.
+    followed: bool,
+}
+
+/// The lower half of a guardian of `P` senders: it knows the schedule and the time of the network, says
+/// what a spell may be, and counts what a sender does that it may not.
+///
+/// What follows from a reference has to reach the upper half in time ([`GuardianConfig::handling`]).
+/// Everything else can wait until the next frame may be received.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Judge<'s, const P: usize> {
+    plan: Plan<'s>,
+    senders: [Sender; P],
+    /// When each sender may begin a frame next, and where the search for that is.
+    slots: [[Option<Slot>; 2]; P],
+    cursor: Cursor,
+    /// Senders whose last attempt at a reference another one may have answered.
+    answered: u32,
+    /// When time alone changes something.
+    wake: Stamp,
+    /// End of the period, one basic cycle long, in which spells are counted.
+    period: Stamp,
+    periods: u8,
+    /// What is still to be accounted: a frame, senders whose period has ended, those that went on
+    /// beyond all limits, while the time was sure, and those that were released then.
+    received: Option<Received<P>>,
+    /// Senders whose spell was an acknowledge bit, and is still to be judged.
+    acknowledged: u32,
+    ended: u32,
+    struck: u32,
+    certain: u32,
+    freed: u32,
+    pardoned: u32,
+    old: u32,
+}
+
+impl<'s, const P: usize> Judge<'s, P> {
+    const ALL: u32 = Watch::<P>::ALL;
+
+    /// See [`Guardian::new`](super::Guardian::new).
+    pub(super) fn new(
+        schedule: ScheduleView<'s>,
+        config: GuardianConfig,
+        senders: [NodeId; P],
+        now: Stamp,
+    ) -> Result<Self, GuardianError> {
+        if P == 0 || P > 32 {
+            return Err(GuardianError::Senders);
+        }
+        for (at, sender) in senders.iter().enumerate() {
+            if senders.iter().skip(at + 1).any(|other| other == sender) {
+                return Err(GuardianError::Senders);
+            }
+        }
+        let times = Times::new(schedule, config)?;
+        let period = now.after(times.cycle);
+        Ok(Self {
+            senders: senders.map(|node| Sender::new(schedule, &times, node)),
+            slots: [[None; 2]; P],
+            cursor: Cursor::default(),
+            answered: 0,
+            wake: period,
+            period,
+            periods: 0,
+            plan: Plan::new(schedule, times),
+            received: None,
+            acknowledged: 0,
+            ended: 0,
+            struck: 0,
+            certain: 0,
+            freed: 0,
+            pardoned: 0,
+            old: 0,
+        })
+    }
+
+    pub(super) const fn times(&self) -> &Times {
+        &self.plan.times
+    }
+
+    /// How well the guardian knows the time of the network.
+    pub fn state(&self) -> GuardianState {
+        match self.plan.known {
+            None => GuardianState::Unsynchronised,
+            Some(known) if known.consecutive => GuardianState::InSchedule,
+            Some(_) => GuardianState::Synchronising,
+        }
+    }
+
+    /// How often the sender with this index was cut, and why the last time.
+    pub fn trips(&self, sender: usize) -> (u16, Option<Trip>) {
+        self.senders
+            .get(sender)
+            .map_or((0, None), |sender| (sender.trips, sender.reason))
+    }
+
+    /// The sender was replaced or repaired: its counts begin anew, and its gate opens when
+    /// [`Watch::obey`] gets the next orders.
+    pub fn pardon(&mut self, sender: usize) {
+        if let Some(pardoned) = self.senders.get_mut(sender) {
+            pardoned.pardon();
+            // There are up to 32.
+            self.pardoned |= 1u32.wrapping_shl(sender as u32);
+            self.settle();
+        }
+    }
+
+    /// What the spells may be that have begun, and what is to be counted of the others.
+    pub fn rule(&mut self, news: &News<P>, now: Stamp) {
+        self.struck |= news.struck;
+        self.freed |= news.freed;
+        if self.plan.is_trusted(now) {
+            self.certain |= news.struck;
+        }
+        if news.charged != 0 {
+            self.charge(news.charged);
+        }
+        if news.begun != 0 {
+            self.permit(news, now);
+        }
+    }
+
+    /// Spells went on as references.
+    fn charge(&mut self, charged: u32) {
+        let times = &self.plan.times;
+        // loop-bound: senders=32
+        for (at, sender) in self.senders.iter_mut().enumerate() {
+            // `at` is below 32, see `new`.
+            let bit = 1u32.wrapping_shl(at as u32);
+            if charged & bit != 0 {
+                sender.charge(self.answered & bit != 0, times);
+            }
+        }
+        self.answered &= !charged;
+    }
+
+    /// Finds what each spell may be, and counts the short ones that nothing explains.
+    fn permit(&mut self, news: &News<P>, now: Stamp) {
+        // The guardian of one node sees no other line, and takes for granted while there are references
+        // that its attempts are answered.
+        let unseen = P == 1 && self.plan.known.is_some();
+        let counted = news.begun & !news.excused & !self.acknowledged;
+        let mut cuts = 0;
+        // loop-bound: senders=32
+        for (at, (sender, spell)) in self.senders.iter_mut().zip(&news.spells).enumerate() {
+            let is = |mask: u32| mask.wrapping_shr(at as u32) & 1 != 0;
+            let mut cut = false;
+            if is(news.begun) {
+                let permit = self.plan.permit(spell.window, sender, is(news.untimely));
+                sender.begin(spell.began, permit, is(news.behind));
+                if is(counted) && sender.is_short() && !sender.is_behind_own() {
+                    cut = sender.pulse(&self.plan.times, now);
+                }
+            }
+            cuts |= u32::from(cut).wrapping_shl(at as u32);
+        }
+        // A sender that drives may have acknowledged or disturbed what others send.
+        let first = news.begun & news.begun.wrapping_neg();
+        self.answered |= if unseen {
+            news.begun
+        } else if news.begun == first {
+            Self::ALL & !first
+        } else {
+            Self::ALL
+        };
+        self.acknowledged = 0;
+        if cuts != 0 {
+            self.settle();
+        }
+    }
+
+    /// A data frame was received from the bus; `stamp` was taken at its end, and `evidence` before
+    /// another spell could begin, if possible: a sender that has begun the next one already is not found as
+    /// the sender of this frame. Returns whether the guardian follows it as a reference, and
+    /// [`Judge::look_ahead`] has to be called now. The rest is for [`Judge::account`].
+    pub fn receive(&mut self, frame: &Frame, stamp: Stamp, evidence: &Evidence<P>) -> bool {
+        let times = &self.plan.times;
+        let end = stamp.offset(times.config.receive_latency.wrapping_neg());
+        let bits = length::frame_bits(frame);
+        let start = end.before(times.bits(bits));
+        self.lose(stamp);
+        let suspects = self.suspects(evidence, bits, start, end);
+        let untimely = self.plan.untimely_until();
+        let mut received = Received {
+            frame: *frame,
+            end,
+            suspects,
+            windows: evidence.spells.map(|spell| spell.window),
+            trusted: self.plan.is_trusted(start),
+            untimely: untimely.is_some_and(|until| !start.reached(until)),
+            reference: false,
+            followed: false,
+        };
+        let schedule = self.plan.schedule;
+        match schedule.reference_rank(frame.id()) {
+            Some(Some(rank)) => {
+                let network = schedule.network;
+                let fields = Fields::decode(&network.reference_format, frame, network.cycles);
+                let fields = fields.filter(|fields| !fields.next_is_gap || network.longest_gap > 0);
+                if let Some(fields) = fields {
+                    (received.reference, received.followed) =
+                        self.plan.take_reference(&fields, rank, start);
+                }
+            }
+            Some(None) => {}
+            None => self.plan.note_message(start),
+        }
+        let followed = received.followed;
+        if followed {
+            self.restart();
+        }
+        self.received = Some(received);
+        followed
+    }
+
+    /// Finds the senders that have driven from the beginning of a frame to the end of its CRC, and takes
+    /// back the counts of those that have acknowledged it.
+    fn suspects(&mut self, evidence: &Evidence<P>, bits: u32, start: Stamp, end: Stamp) -> u32 {
+        let times = &self.plan.times;
+        let acknowledged = end.before(times.bits(ACKNOWLEDGE_TO_END));
+        let body = bits.saturating_sub(CRC_TO_END + LAST_DOMINANT);
+        let body = start.after(times.bits(body));
+        let judged = evidence.open & evidence.recent;
+        let (mut suspects, mut acknowledges) = (0, 0);
+        // loop-bound: senders=32
+        for (at, (sender, spell)) in self.senders.iter_mut().zip(&evidence.spells).enumerate() {
+            let is = |mask: u32| mask.wrapping_shr(at as u32) & 1 != 0;
+            let near = |instant| {
+                let off = spell.began.ticks_since(instant);
+                off.unsigned_abs() <= times.tolerance
+            };
+            let drove = is(evidence.dominant) | spell.released.reached(body);
+            let sent = near(start) & drove;
+            suspects |= u32::from(sent).wrapping_shl(at as u32);
+            let acknowledge = near(acknowledged);
+            acknowledges |= u32::from(acknowledge).wrapping_shl(at as u32);
+            sender.take_back(spell.began, acknowledge & is(judged));
+        }
+        let acknowledges = acknowledges & judged;
+        self.acknowledged |= acknowledges & evidence.new;
+        suspects & judged & !acknowledges
+    }
+
+    /// Forgets the time if no reference came for so long.
+    fn lose(&mut self, now: Stamp) {
+        if self.plan.lose(now) {
+            self.restart();
+        }
+    }
+
+    /// The windows of another basic cycle count.
+    fn restart(&mut self) {
+        self.slots = [[None; 2]; P];
+        self.cursor = self.plan.begin();
+    }
+
+    /// Whether [`Judge::look_ahead`] would find nothing new at `now`.
+    pub fn is_ahead(&self, now: Stamp) -> bool {
+        let past = self.past(now);
+        let passed =
+            |[first, _]: &[Option<Slot>; 2]| first.is_some_and(|slot| past.reached(slot.closes));
+        !self.slots.iter().any(passed) && (self.plan.is_over(self.cursor) || self.is_full())
+    }
+
+    /// Whether a sender of the next window has two slots ahead of it already.
+    fn is_full(&self) -> bool {
+        let window = self.plan.window(self.cursor);
+        let mut senders = self.senders.iter().zip(&self.slots);
+        window.is_some_and(|window| {
+            senders.any(|(sender, [_, second])| second.is_some() && window.is_for(sender))
+        })
+    }
+
+    /// A slot that closed before this is of no use any more.
+    fn past(&self, now: Stamp) -> Stamp {
+        let times = &self.plan.times;
+        now.before(times.bits(2 * u32::from(times.config.spell_bits)))
+    }
+
+    /// When each sender may begin a frame next. A call looks at one window of the schedule, so it has to be
+    /// made once in the shortest one at least, and as soon as a reference was received.
+    pub fn look_ahead(&mut self, now: Stamp) -> Outlook<P> {
+        let past = self.past(now);
+        // loop-bound: senders=32
+        for [first, second] in &mut self.slots {
+            if first.is_none_or(|slot| past.reached(slot.closes)) {
+                *first = second.take();
+            }
+        }
+        if !self.plan.is_over(self.cursor) && !self.is_full() {
+            if let Some(window) = self.plan.window(self.cursor) {
+                // loop-bound: senders=32
+                for (sender, [first, second]) in self.senders.iter().zip(&mut self.slots) {
+                    let slot = self.plan.slot(&window, sender);
+                    let slot = slot.filter(|slot| !past.reached(slot.closes));
+                    if first.is_none() {
+                        *first = slot;
+                    } else if slot.is_some() {
+                        *second = slot;
+                    }
+                }
+            }
+            self.plan.advance(&mut self.cursor);
+        }
+        let mut outlook = Outlook {
+            slots: self.slots,
+            timely: 0,
+            untimely: 0,
+            untimely_until: self.plan.untimely_until(),
+        };
+        // loop-bound: senders=32
+        for (at, sender) in self.senders.iter().enumerate() {
+            let bit = 1u32.wrapping_shl(at as u32);
+            let (timely, untimely) = sender.may_charge(&self.plan.times);
+            outlook.timely |= if timely { bit } else { 0 };
+            outlook.untimely |= if untimely { bit } else { 0 };
+        }
+        outlook
+    }
+
+    /// Whether [`Judge::account`] has something to do at `now`.
+    pub fn is_behind(&self, now: Stamp) -> bool {
+        self.received.is_some()
+            || self.ended | self.struck | self.freed | self.pardoned | self.old != 0
+            || now.reached(self.wake)
+    }
+
+    /// One step of what can wait: a frame, a sender that drove beyond all limits, or the end of a period
+    /// for one sender. `driving` are the senders that still do ([`Watch::driving`]).
+    pub fn account(&mut self, driving: u32, now: Stamp) -> Orders {
+        if self.received.is_some() {
+            self.attribute();
+        } else if let Some(at) = lowest(&mut self.struck) {
+            let certain = take(&mut self.certain, at);
+            if let Some(sender) = self.senders.get_mut(at) {
+                sender.strike(Trip::Misplaced, certain, now, &self.plan.times);
+            }
+            self.settle();
+        } else if let Some(at) = lowest(&mut self.freed) {
+            // Good conduct begins here.
+            if let Some(sender) = self.senders.get_mut(at) {
+                sender.prolong(now, &self.plan.times);
+            }
+            self.settle();
+        } else if let Some(at) = lowest(&mut self.ended) {
+            let forget = self.periods.is_multiple_of(UNTIMELY_EVERY);
+            if let Some(sender) = self.senders.get_mut(at) {
+                sender.end_period(forget);
+            }
+            self.old |= 1u32.wrapping_shl(at as u32);
+        } else if now.reached(self.wake) {
+            self.advance(driving, now);
+        }
+        self.orders(now)
+    }
+
+    /// What the upper half has to do.
+    pub(super) fn orders(&mut self, now: Stamp) -> Orders {
+        Orders {
+            cut: self.cut(),
+            pardoned: core::mem::take(&mut self.pardoned),
+            old: core::mem::take(&mut self.old),
+            now,
+        }
+    }
+
+    /// Finds who sent a frame, and cuts a sender that may not. If several may have sent it, the next step
+    /// looks at the next one.
+    fn attribute(&mut self) {
+        let Some(received) = &mut self.received else {
+            return;
+        };
+        let mut genuine = true;
+        if let Some(at) = lowest(&mut received.suspects)
+            && let Some(sender) = self.senders.get_mut(at)
+            && let Some(window) = received.windows.get(at)
+        {
+            let (schedule, times) = (self.plan.schedule, &self.plan.times);
+            let (frame, end) = (&received.frame, received.end);
+            let permit = self.plan.permit(*window, sender, received.untimely);
+            if let Err(own) = sender.may_send(schedule, frame, permit, times) {
+                let timely = matches!(permit, Permit::Reference { untimely: false });
+                // Its own message in another one's place: the guardian may have missed a reference.
+                let certain = !own || (received.trusted && !timely);
+                sender.strike(Trip::Identifier, certain, end, times);
+            }
+            genuine = sender.cut().is_none();
+        }
+        if received.followed && !genuine {
+            self.plan.doubt();
+        }
+        if received.reference {
+            // loop-bound: senders=32
+            for sender in &mut self.senders {
+                sender.forget_attempts();
+            }
+        }
+        if received.suspects == 0 {
+            self.received = None;
+        }
+        self.settle();
+    }
+
+    /// Time has passed that changes something.
+    fn advance(&mut self, driving: u32, now: Stamp) {
+        // loop-bound: senders=32
+        for (at, sender) in self.senders.iter_mut().enumerate() {
+            let bit = 1u32.wrapping_shl(at as u32);
+            if sender.return_at(driving & bit != 0, now, &self.plan.times) {
+                self.pardoned |= bit;
+            }
+        }
+        self.lose(now);
+        if now.reached(self.period) {
+            self.period = now.after(self.plan.times.cycle);
+            self.periods = self.periods.wrapping_add(1);
+            self.ended = Self::ALL;
+        }
+        self.settle();
+    }
+
+    /// The senders that are cut.
+    fn cut(&self) -> u32 {
+        let mut cut = 0;
+        // loop-bound: senders=32
+        for (at, sender) in self.senders.iter().enumerate() {
+            let bit = 1u32.wrapping_shl(at as u32);
+            cut |= if sender.cut().is_some() { bit } else { 0 };
+        }
+        cut
+    }
+
+    /// Finds when time alone changes something.
+    fn settle(&mut self) {
+        let mut wake = self.period;
+        if let Some(lost) = self.plan.lost_at()
+            && wake.reached(lost)
+        {
+            wake = lost;
+        }
+        // loop-bound: senders=32
+        for sender in &self.senders {
+            if let Some(cut) = sender.cut()
+                && wake.reached(cut)
+            {
+                wake = cut;
+            }
+        }
+        self.wake = wake;
+    }
+
+    /// When time alone changes something. Simulations can leave earlier calls of [`Judge::account`] out.
+    #[cfg(feature = "std")]
+    pub const fn wake(&self) -> Stamp {
+        self.wake
+    }
+
+    #[cfg(feature = "std")]
+    pub(super) fn renumber(&mut self, now: Stamp, recent: u32) {
+        self.periods %= UNTIMELY_EVERY;
+        // They are found again ahead of each spell.
+        self.restart();
+        let renumber = |stamp: &mut Stamp| *stamp = stamp.before(now.0);
+        if let Some(known) = &mut self.plan.known {
+            renumber(&mut known.mark);
+        }
+        renumber(&mut self.period);
+        renumber(&mut self.wake);
+        for (at, sender) in self.senders.iter_mut().enumerate() {
+            let bit = 1u32.wrapping_shl(at as u32);
+            sender.renumber(now, recent & bit != 0);
+        }
+    }
+}
+
+/// Takes the lowest bit of a mask, and tells which it is.
+fn lowest(mask: &mut u32) -> Option<usize> {
+    let at = mask.trailing_zeros();
+    *mask &= mask.wrapping_sub(1);
+    (at < 32).then_some(at as usize)
+}
+
+/// Takes a bit of a mask.
+fn take(mask: &mut u32, at: usize) -> bool {
+    let bit = 1u32.wrapping_shl(at as u32);
+    let is_set = *mask & bit != 0;
+    *mask &= !bit;
+    is_set
+}
