@@ -5,7 +5,7 @@
 //! A kernel is a node right before the event. [`Kernel::run`] is the event that is
 //! timed.
 
-use ttcan::guardian::{Guardian, GuardianConfig, Lines};
+use ttcan::guardian::{Guardian, GuardianConfig, Judge, Lines, Watch as Upper};
 use ttcan::{
     Action, Frame, Id, MatrixConfig, Micros, Node, NodeConfig, NodeId, ReferenceFormat, Schedule,
     ScheduleView, Stamp, SystemMatrix, TransmitOutcome, Window, frame_bits,
@@ -232,10 +232,10 @@ pub enum Guarded {
     Follow,
     /// A look that finds all lines dominant for the first time.
     BeginAll,
-    /// The same when the next reference is due, and any window may have begun.
-    BeginDue,
     /// The next look.
     FollowAll,
+    /// The lower half finds when each sender may begin a frame next, behind a reference.
+    Ahead,
     /// A message, received from the bus.
     Message,
     /// A reference message, received from the bus.
@@ -245,9 +245,10 @@ pub enum Guarded {
 /// Two bits from look to look.
 const LOOKS: Micros = Micros::micros(8);
 
-/// A guardian of four senders right before an event.
+/// The halves of a guardian of four senders right before an event.
 pub struct Watch {
-    guardian: Guardian<'static, 4>,
+    upper: Upper<4>,
+    lower: Judge<'static, 4>,
     event: Guarded,
     frame: Frame,
     lines: Lines,
@@ -273,13 +274,10 @@ pub fn watch(event: Guarded) -> Option<Watch> {
         guardian.handle_frame(&frame, stamp);
         let _ = guardian.look(Lines::default(), stamp);
     }
-    let all = matches!(
-        event,
-        Guarded::BeginAll | Guarded::BeginDue | Guarded::FollowAll
-    );
+    let all = matches!(event, Guarded::BeginAll | Guarded::FollowAll);
     let senders = match event {
         _ if all => 0b1111,
-        Guarded::Rest | Guarded::Reference => 0,
+        Guarded::Rest | Guarded::Reference | Guarded::Ahead => 0,
         _ => 0b10,
     };
     let lines = Lines {
@@ -287,8 +285,7 @@ pub fn watch(event: Guarded) -> Option<Watch> {
         fell: senders,
     };
     match event {
-        Guarded::Reference => {}
-        Guarded::BeginDue => stamp = mark.after((CYCLE - 100) * TICKS_PER_US),
+        Guarded::Reference | Guarded::Ahead => {}
         _ => stamp = mark.after(1000 * TICKS_PER_US),
     }
     if matches!(
@@ -302,8 +299,14 @@ pub fn watch(event: Guarded) -> Option<Watch> {
         frame = Frame::from_parts(Id::standard(16)?, 8, [0; 8]);
         stamp = mark.after(1000 * TICKS_PER_US + frame_bits(&frame) * BIT);
     }
+    let (mut upper, mut lower) = guardian.halves();
+    while event != Guarded::Ahead && !lower.is_ahead(stamp) {
+        let outlook = lower.look_ahead(stamp);
+        (0..4).for_each(|sender| upper.publish(&outlook, sender));
+    }
     Some(Watch {
-        guardian,
+        upper,
+        lower,
         event,
         frame,
         lines,
@@ -315,10 +318,18 @@ impl Watch {
     /// Runs the event. Returns whether the sender's gate is open, as it should.
     #[inline(never)]
     pub fn run(&mut self) -> bool {
-        if matches!(self.event, Guarded::Message | Guarded::Reference) {
-            self.guardian.handle_frame(&self.frame, self.stamp);
-            return self.guardian.trips(1).0 == 0;
+        match self.event {
+            Guarded::Message | Guarded::Reference => {
+                let evidence = self.upper.evidence();
+                let followed = self.lower.receive(&self.frame, self.stamp, &evidence);
+                followed == (self.event == Guarded::Reference)
+            }
+            Guarded::Ahead => {
+                let outlook = self.lower.look_ahead(self.stamp);
+                (0..4).for_each(|sender| self.upper.publish(&outlook, sender));
+                true
+            }
+            _ => self.upper.look(self.lines, self.stamp).is_open(1),
         }
-        self.guardian.look(self.lines, self.stamp).is_open(1)
     }
 }

@@ -25,8 +25,8 @@ fn every_event_of_a_guardian_comes_about() {
         Guarded::Begin,
         Guarded::Follow,
         Guarded::BeginAll,
-        Guarded::BeginDue,
         Guarded::FollowAll,
+        Guarded::Ahead,
         Guarded::Message,
         Guarded::Reference,
     ] {

@@ -36,8 +36,8 @@ const GUARDED: [(&str, &str); 8] = [
     ("look, a frame begins", "begin"),
     ("look, within a frame", "follow"),
     ("look, all lines begin", "beginall"),
-    ("look, all lines begin, reference due", "begindue"),
     ("look, all lines driven", "followall"),
+    ("next windows found", "ahead"),
     ("message received", "message"),
     ("reference received", "reference"),
 ];
@@ -77,7 +77,7 @@ pub fn measure(builder: &Builder, parts: Parts) -> Result<Vec<Cost>, Failure> {
         .collect()
 }
 
-/// Measures the bus guardian of four senders: events and their cycles, the decision included.
+/// Measures the halves of the bus guardian of four senders: events and their cycles.
 ///
 /// # Errors
 ///

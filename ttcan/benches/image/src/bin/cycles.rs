@@ -62,8 +62,8 @@ prepare_guardian! {
     prepare_guardian_begin = Begin;
     prepare_guardian_follow = Follow;
     prepare_guardian_beginall = BeginAll;
-    prepare_guardian_begindue = BeginDue;
     prepare_guardian_followall = FollowAll;
+    prepare_guardian_ahead = Ahead;
     prepare_guardian_message = Message;
     prepare_guardian_reference = Reference;
 }
@@ -86,8 +86,8 @@ pub static GUARDIAN: ([PrepareGuardian; 8], RunGuardian) = (
         prepare_guardian_begin,
         prepare_guardian_follow,
         prepare_guardian_beginall,
-        prepare_guardian_begindue,
         prepare_guardian_followall,
+        prepare_guardian_ahead,
         prepare_guardian_message,
         prepare_guardian_reference,
     ],
