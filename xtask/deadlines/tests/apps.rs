@@ -153,6 +153,28 @@ fn a_store_to_an_unknown_address_leaves_the_priorities() {
     assert_eq!(said.code, 0, "{said:?}");
 }
 
+/// A logger masks all interrupts in `init`, where they are masked already, and notes that in a variable. Start-up has
+/// not ended when it gives back what it noted.
+#[test]
+fn a_log_in_init_leaves_the_priorities() {
+    let part = ["--part", "stm32g0", "--core-hz", "48000000"];
+    let said = with_table("early", Target::V6, "compare", &part);
+    assert_eq!(said.code, 0, "{said:?}");
+}
+
+/// Start-up left the address of the log, which a task does not change, and idle code does not either.
+#[test]
+fn idle_code_knows_the_addresses_that_start_up_left() {
+    for target in [Target::V7, Target::V6] {
+        let part: &[&str] = match target {
+            Target::V6 => &["--part", "stm32f0", "--core-hz", "48000000"],
+            Target::V7 => &[],
+        };
+        let said = with_table("idle_logs", target, "blink", part);
+        assert_eq!(said.code, 0, "{target:?}: {said:?}");
+    }
+}
+
 /// A Cortex-M3 has no floating-point unit, and no part has more priorities than its bits say.
 #[test]
 fn an_image_must_fit_its_part() {

@@ -24,6 +24,8 @@ const STEPS_OF_COUNTED_LOOP: u64 = 400_000;
 /// After this many simulated instructions in total, loops with a known bound are no longer
 /// unrolled turn by turn.
 const STEPS_TURN_BY_TURN: u64 = 600_000;
+/// Remaining turns of a loop with a known bound that are always run one by one.
+const FEW_TURNS: u64 = 1;
 
 /// The bound of a loop that need not be found by running it.
 struct Given {
@@ -126,6 +128,8 @@ impl Run<'_, '_> {
                 break;
             }
             let remaining = match bound {
+                // As few are run in fewer steps than it takes to find what holds in each of them.
+                Some(bound) if bound - turns <= FEW_TURNS => None,
                 Some(bound) => (self.steps > begin + unrolled).then_some(bound - turns),
                 // Start-up and idle code may wait for hardware while no task is masked.
                 None if self.kind == Entry::Program && next.outermost_section().is_none() => {

@@ -62,6 +62,8 @@ pub(super) struct Run<'r, 'a> {
     /// Functions that are not entered.
     pub(super) never: &'r BTreeSet<u32>,
     pub(super) executor: Executor<'a>,
+    /// Whether paths end where the first task can run.
+    pub(super) until_start: bool,
     /// The call stack.
     pub(super) frames: Vec<Frame>,
     /// Instructions executed so far.
@@ -113,6 +115,7 @@ impl<'r, 'a> Run<'r, 'a> {
             kind,
             never,
             executor,
+            until_start: false,
             frames: Vec::new(),
             steps: 0,
             found: Targets::new(),

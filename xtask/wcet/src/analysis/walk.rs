@@ -67,6 +67,9 @@ impl Run<'_, '_> {
             function: graph.entry,
             block: number,
         };
+        if self.until_start && state.started {
+            return Exits::new();
+        }
         *self.facts.visits.entry(id).or_default() += 1;
         if self.exhausted() {
             let mut problems = self.problems.iter();
