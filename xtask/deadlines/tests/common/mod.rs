@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 pub(crate) type Change = (&'static str, &'static str);
 
 /// Applications that are others with a change: name, that of the other, changes.
-const CHANGED: [(&str, &str, &[Change]); 17] = [
+const CHANGED: [(&str, &str, &[Change]); 18] = [
     (
         "logs",
         "blink",
@@ -51,6 +51,15 @@ const CHANGED: [(&str, &str, &[Change]); 17] = [
         "spin",
         "blink",
         &[("output(input() >> 3);", "while input() & 1 == 0 {}")],
+    ),
+    // A wait without a bound, and a count behind it.
+    (
+        "waits",
+        "blink",
+        &[(
+            "output(input() >> 3);",
+            "apps::wait();\n        for turn in 0..2000 {\n            output(input() ^ turn);\n        }",
+        )],
     ),
     // An annotation that is not true.
     (

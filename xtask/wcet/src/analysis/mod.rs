@@ -95,7 +95,8 @@ impl<'a> Analysis<'a> {
         // then run again with them, as each handler is.
         let blind = lost || memory.written.contains(&Extent::EVERYWHERE);
         if blind {
-            let (start, left) = self.explore_in((main, Entry::Program), &[], &BTreeSet::new(), true);
+            let (start, left) =
+                self.explore_in((main, Entry::Program), &[], &BTreeSet::new(), true);
             lost = left.lost || is_not_followed(&start);
             memory.left = left.left;
         }

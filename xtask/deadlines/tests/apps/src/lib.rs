@@ -107,6 +107,12 @@ pub fn smoothed(samples: &[u32; 8], rounds: u32) -> u32 {
     level
 }
 
+/// Waits for a bit.
+#[inline(never)]
+pub fn wait() {
+    while input() & 1 == 0 {}
+}
+
 static WAS_MASKED: AtomicBool = AtomicBool::new(false);
 
 /// Masks all interrupts, and notes whether they were masked before, as a logger does.
