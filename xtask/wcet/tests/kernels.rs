@@ -131,11 +131,11 @@ fn library_loops_take_no_more_turns_than_they_are_known_to() {
     let mut analysis = Analysis::new(&image, &annotations, &SMALL_PART);
     let emulator = Emulator::new(&image);
     let mut unbounded = Vec::new();
-    // Jumps by tables are no business of the library.
-    for name in kernels::NAMES
-        .iter()
-        .filter(|name| !name.starts_with("control::"))
-    {
+    // Tables in which the analysis does not know the index: it takes a remainder by the library for any word, and the
+    // end of a table of jumps only from an instruction that this core does not have.
+    let refused = ["control::pointer_table", "control::state_machine"];
+    let is_known = |name: &&&str| !refused.contains(*name);
+    for name in kernels::NAMES.iter().filter(is_known) {
         let bound = analyse(&mut analysis, name);
         if !bound.problems.is_empty() {
             unbounded.push((name, bound.problems));
