@@ -153,6 +153,28 @@ fn a_store_to_an_unknown_address_leaves_the_priorities() {
     assert_eq!(said.code, 0, "{said:?}");
 }
 
+/// A logger masks all interrupts in `init`, where they are masked already, and notes that in a variable. Start-up has
+/// not ended when it gives back what it noted.
+#[test]
+fn a_log_in_init_leaves_the_priorities() {
+    let part = ["--part", "stm32g0", "--core-hz", "48000000"];
+    let said = with_table("early", Target::V6, "compare", &part);
+    assert_eq!(said.code, 0, "{said:?}");
+}
+
+/// Start-up left the address of the log, which a task does not change, and idle code does not either.
+#[test]
+fn idle_code_knows_the_addresses_that_start_up_left() {
+    for target in [Target::V7, Target::V6] {
+        let part: &[&str] = match target {
+            Target::V6 => &["--part", "stm32f0", "--core-hz", "48000000"],
+            Target::V7 => &[],
+        };
+        let said = with_table("idle_logs", target, "blink", part);
+        assert_eq!(said.code, 0, "{target:?}: {said:?}");
+    }
+}
+
 /// A Cortex-M3 has no floating-point unit, and no part has more priorities than its bits say.
 #[test]
 fn an_image_must_fit_its_part() {
@@ -171,7 +193,7 @@ fn an_image_must_fit_its_part() {
     assert_eq!(code, 1);
     assert!(
         error.ends_with(", where there is no instruction of this core")
-            && error.contains("float.watch has no bound: control reaches src/bin/float.rs:"),
+            && error.contains("float.watch has no bound: control reaches src/"),
         "{error}"
     );
     assert_eq!(
@@ -322,6 +344,16 @@ fn each_way_of_breaking_it_has_its_sentence() {
         // The line of a call may be that of what is inlined into it.
         assert_eq!((said.code, said.error.as_str()), (code, sentence), "{name}");
     }
+}
+
+/// The count behind the wait ends after 2000 turns, whatever the wait does.
+#[test]
+fn behind_a_loop_without_a_bound_a_count_has_one() {
+    let said = with_table("waits", Target::V7, "blink", &[]);
+    assert_eq!(said.code, 1);
+    let start = "not schedulable: waits.watch has no bound: the loop at src/lib.rs:";
+    assert!(said.error.starts_with(start), "{said:?}");
+    assert!(!said.out.contains("loop at src/bin/waits.rs"), "{said:?}");
 }
 
 /// On a core without BASEPRI a lock masks single interrupts, and lasts until what it found is given back.
@@ -486,6 +518,13 @@ fn the_command_builds_the_project() {
             .starts_with("there are several binaries: choose one by --bin: "),
         "{said:?}"
     );
+}
+
+/// Start-up pends `sample` beside its own release.
+#[test]
+fn no_interval_of_zero_is_shown() {
+    let said = with_table("blink", Target::V7, "blink", &[]);
+    assert!(said.out.contains("TIM_A      2 at once "), "{said:?}");
 }
 
 #[test]

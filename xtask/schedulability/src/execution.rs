@@ -10,7 +10,7 @@ use crate::pends::{self, Found, Pender};
 use crate::table::NodeTable;
 use wcet::analysis::Analysis;
 use wcet::annotation::Annotations;
-use wcet::bound::{Bound, End, Entry, Problem};
+use wcet::bound::{Bound, End, Entry, Problem, Problems};
 use wcet::cycles::Cycles;
 use wcet::graph::Returning;
 use wcet::image::{FIRST_INTERRUPT, Image};
@@ -37,7 +37,7 @@ pub struct Handler {
     /// that it has in the caches of the flash.
     pub lost: u64,
     /// Why there is no bound.
-    pub problems: BTreeSet<Problem>,
+    pub problems: Problems,
     /// Panics that are not proven impossible.
     pub panics: Vec<String>,
     /// Loop bounds that were taken from annotations.
@@ -84,7 +84,7 @@ pub struct Execution {
     /// What the stack figure does not include.
     pub stack_unknown: BTreeSet<String>,
     /// Why the critical sections of the start-up and idle code are not known.
-    pub idle_problems: BTreeSet<Problem>,
+    pub idle_problems: Problems,
     /// Loop bounds in these sections that were taken from annotations.
     pub idle_annotated: BTreeMap<String, u64>,
     /// Those of loops of libraries and of atomic operations in these sections.

@@ -453,6 +453,7 @@ impl<'a> Scheduled<'a> {
             refuted: seen.map_or_else(BTreeSet::new, |seen| self.refuted(at, task, seen)),
             cost: shared.cost,
             period: task.arrivals.distance(1, task.jitter),
+            at_once: task.arrivals.count(1, task.jitter),
             releases: tables
                 .flat_map(|table| &table.jobs)
                 .map(|job| (job.earliest, job.latest))

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{self, Write as _};
 
-use wcet::bound::Problem;
+use wcet::bound::{Problem, Problems};
 use wcet::cycles::{Cycles, Model};
 use wcet::ipet::Line;
 
@@ -32,8 +32,10 @@ pub struct TaskReport {
     pub refuted: BTreeSet<String>,
     /// Worst-case execution time: the bound as flashed.
     pub cost: Picoseconds,
-    /// Least time between two releases.
+    /// Least time between two releases; the greatest number if there is no second one.
     pub period: Picoseconds,
+    /// The most releases at one instant.
+    pub at_once: u64,
     /// Its releases in the time table, for one cycle: earliest and latest.
     pub releases: Vec<(Picoseconds, Picoseconds)>,
     /// Longest blocking by a critical section of a lower priority.
@@ -61,7 +63,7 @@ pub struct TaskReport {
     /// Why there is no response time although the execution time is bounded.
     pub unbounded: Option<String>,
     /// Why there is no bound.
-    pub problems: BTreeSet<Problem>,
+    pub problems: Problems,
     /// Panics that are not proven impossible.
     pub panics: Vec<String>,
     /// Loop bounds that were taken from annotations.
@@ -225,7 +227,7 @@ pub struct NodeReport {
     /// Utilisation of the processor, in thousandths.
     pub utilisation_permille: u64,
     /// Why the critical sections of the start-up and idle code are not known.
-    pub idle_problems: BTreeSet<Problem>,
+    pub idle_problems: Problems,
     /// Loop bounds in these sections that were taken from annotations.
     pub idle_annotated: BTreeMap<String, u64>,
     /// Those that the tool knows of loops in them.

@@ -23,7 +23,7 @@ use schedulability::tasks::App;
 use schedulability::units::time;
 use schedulability::{bus, chains, report};
 use vehicle_model::Vehicle;
-use wcet::bound::Problem;
+use wcet::bound::{Problem, Problems};
 use wcet::cycles::{Cycles, Model};
 
 const NODES: [&str; 4] = ["controller", "drive", "gps", "steering"];
@@ -799,7 +799,7 @@ fn a_bound_that_a_run_contradicts_is_no_bound() {
 fn a_task_without_bound_leaves_lower_priorities_without_answer() {
     let report = node("gps", |execution, _| {
         let ring = execution.handlers.get_mut("DMA2_STREAM2").unwrap();
-        ring.problems = BTreeSet::from([Problem::Recursion("parse".to_owned())]);
+        ring.problems = Problems::from_iter([Problem::Recursion("parse".to_owned())]);
     });
     let miss = report.first_miss().unwrap();
     assert!(miss.starts_with("gps.ring has no bound: "), "{miss}");
@@ -823,7 +823,7 @@ fn code_without_bound_comes_before_a_deadline_on_another_node_and_once_for_its_f
     report.nodes[1] = node("drive", |execution, _| {
         for handler in ["TIM2", "EXTI1"] {
             let handler = execution.handlers.get_mut(handler).unwrap();
-            handler.problems = BTreeSet::from([endless.clone()]);
+            handler.problems = Problems::from_iter([endless.clone()]);
         }
     });
     let miss = report.first_miss().unwrap();

@@ -136,6 +136,24 @@ impl Problem {
         }
     }
 
+    /// The place of its kind among the kinds: the one to mend first has the least.
+    const fn rank(&self) -> u8 {
+        match self {
+            Self::Semihosting(_) => 0,
+            Self::LoopWithoutBound(_) => 1,
+            Self::MaskedLoop { .. } => 2,
+            Self::Sleep(_) => 3,
+            Self::StaysMasked(_) => 4,
+            Self::DisabledInterrupt(_) => 5,
+            Self::Recursion(_) => 6,
+            Self::UnboundedPointer(_) => 7,
+            Self::NotCode(_) => 8,
+            Self::UnknownMask(_) => 9,
+            Self::UnknownStack(_) => 10,
+            Self::TooLong(_) => 11,
+        }
+    }
+
     /// Whether some paths were not followed to their ends. Those through a loop without a bound
     /// are: all its turns are followed, although their number is unknown.
     #[must_use]
@@ -237,5 +255,62 @@ pub struct Bound {
     /// analysed as [`Entry::Fault`].
     pub ends: BTreeSet<End>,
     /// Why the figures above are no bounds; empty if they are.
-    pub problems: BTreeSet<Problem>,
+    pub problems: Problems,
+}
+
+/// Problems of one task, each once. Those of one kind are in the order in which they were found, along the
+/// paths of the task: a later one may follow from an earlier one.
+#[derive(Debug, Default, Clone, PartialEq, Eq)]
+pub struct Problems(Vec<Problem>);
+
+impl Problems {
+    /// Adds a problem, unless it is there.
+    pub fn insert(&mut self, problem: Problem) {
+        if !self.0.contains(&problem) {
+            let behind = self.0.iter().take_while(|one| one.rank() <= problem.rank());
+            self.0.insert(behind.count(), problem);
+        }
+    }
+
+    /// The one to mend first.
+    #[must_use]
+    pub fn first(&self) -> Option<&Problem> {
+        self.0.first()
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// All of them, the one to mend first at the begin.
+    pub fn iter(&self) -> std::slice::Iter<'_, Problem> {
+        self.0.iter()
+    }
+}
+
+impl FromIterator<Problem> for Problems {
+    fn from_iter<T: IntoIterator<Item = Problem>>(all: T) -> Self {
+        let mut problems = Self::default();
+        for problem in all {
+            problems.insert(problem);
+        }
+        problems
+    }
+}
+
+impl<'p> IntoIterator for &'p Problems {
+    type Item = &'p Problem;
+    type IntoIter = std::slice::Iter<'p, Problem>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.iter()
+    }
 }

@@ -96,6 +96,15 @@ pub struct Variables {
 }
 
 impl Variables {
+    /// Variables without names or arrays, by address and size.
+    #[cfg(test)]
+    pub(crate) fn of_sizes(sizes: &[(u32, u32)]) -> Self {
+        Self {
+            sizes: sizes.iter().copied().collect(),
+            ..Self::default()
+        }
+    }
+
     /// The variable that holds `address`.
     #[must_use]
     pub fn around(&self, address: u32) -> Option<Extent> {

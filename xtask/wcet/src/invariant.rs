@@ -8,6 +8,7 @@
 
 use std::collections::HashMap;
 
+use super::extent::Extent;
 use super::flags::Flags;
 use super::flash::Reads;
 use super::range::Range;
@@ -44,6 +45,9 @@ enum Cell {
 pub(crate) struct Invariant {
     state: State,
     rules: HashMap<Cell, Rule>,
+    /// The variable in which a word of the state is assumed to lie, where one is. It is not asked for after a
+    /// turn: the turn may add to what is known of a symbol, and that is no assumption about the next turn.
+    variables: HashMap<Cell, Extent>,
 }
 
 /// All words of a state.
@@ -121,6 +125,7 @@ impl Invariant {
         state.flash = state.flash.steady(&before.flash);
         state.written |= before.written;
         let mut rules = HashMap::new();
+        let mut variables = HashMap::new();
         for (cell, value) in cells(&state) {
             let step = earlier.get(&cell).and_then(|old| distance(old, &value));
             let (rule, value) = match (earlier.get(&cell), step) {
@@ -149,8 +154,13 @@ impl Invariant {
             };
             put(&mut state, cell, value);
             rules.insert(cell, rule);
+            variables.extend(symbols.origin(&value).map(|variable| (cell, variable)));
         }
-        Self { state, rules }
+        Self {
+            state,
+            rules,
+            variables,
+        }
     }
 
     /// The state that is assumed at the first block of every turn.
@@ -190,7 +200,7 @@ impl Invariant {
     ) -> bool {
         let rule = self.rules.get(&cell).copied().unwrap_or(Rule::Any);
         let stack = value.stack || new.stack;
-        let variable = symbols.origin(value);
+        let variable = self.variables.get(&cell).copied();
         let in_variable = || variable.is_none() || symbols.origin(new) == variable;
         let kept = match rule {
             Rule::Same => new == value,
@@ -213,6 +223,10 @@ impl Invariant {
             stack,
         };
         self.rules.insert(cell, rule);
+        self.variables.remove(&cell);
+        let variable = symbols.origin(&weaker);
+        self.variables
+            .extend(variable.map(|variable| (cell, variable)));
         put(&mut self.state, cell, weaker);
         false
     }
@@ -299,5 +313,35 @@ fn unknown(symbols: &mut Symbols, stack: bool) -> Value {
     Value {
         stack,
         ..symbols.unknown()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Variables;
+
+    /// In each turn a register is taken to be an address in a variable, but holds anything behind it.
+    #[test]
+    fn a_word_of_any_value_is_confirmed() {
+        let variable = 0x2000_0000;
+        let mut symbols = Symbols::new(&Variables::of_sizes(&[(variable, 64)]));
+        let basepri = symbols.fresh();
+        let before = State::entry(&mut symbols, basepri);
+        let register = Register::new(4);
+        let mut next = before.clone();
+        next.registers[register] = symbols.unknown();
+        let mut invariant = Invariant::guess(&before, next, 10, &mut symbols);
+        let confirmed = (0..10).position(|_| {
+            let mut after = invariant.state().clone();
+            let found = after.registers[register];
+            let (down, up) = (Value::constant(variable), Value::constant(variable));
+            let index = found.subtract(&down);
+            let element = symbols.moved(index.add(&up), &index, &up);
+            assert!(symbols.origin(&element).is_some());
+            after.registers[register] = symbols.unknown();
+            invariant.holds(&after, None, &mut symbols)
+        });
+        assert_eq!(confirmed, Some(0));
     }
 }

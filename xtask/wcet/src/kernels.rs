@@ -11,7 +11,8 @@ pub const WORDS: usize = 64;
 pub const INPUT: u32 = 0x2000_8000;
 
 /// Names of the kernels, with their modules.
-pub const NAMES: [&str; 34] = [
+pub const NAMES: [&str; 36] = [
+    "arithmetic::divide_u32",
     "arithmetic::divide_u64",
     "arithmetic::divide_i64",
     "arithmetic::remainder_u64",
@@ -33,6 +34,7 @@ pub const NAMES: [&str; 34] = [
     "arrays::binary_search",
     "arrays::copy_some",
     "arrays::copy_all",
+    "arrays::compare_some",
     "arrays::fill_some",
     "arrays::sieve",
     "arrays::median",

@@ -22,7 +22,7 @@ pub(crate) const BIT_BAND: Range = Range::between(0x2200_0000, 0x23ff_ffff);
 pub(crate) const PERIPHERALS: Range = Range::between(0x4000_0000, 0x5fff_ffff);
 
 /// The first address of a memory that no small number looks like.
-const NO_NUMBER: u32 = 0x0800_0000;
+pub(crate) const NO_NUMBER: u32 = 0x0800_0000;
 
 /// Whether `word` may be an address of flash or RAM of this part. One of a flash that begins at zero is
 /// none, because a number may look like it.

@@ -10,15 +10,35 @@ use super::image::Image;
 use super::instruction::{Flow, Instruction};
 use super::register::{Register, RegisterSet};
 
-/// Functions and the most turns that one of their loops takes in the source.
-const KNOWN: [(&str, u64, &str); 1] = [(
+/// A function of the library, one of whose loops is known.
+struct Known {
+    name: &'static str,
+    /// Most turns that the loop takes in the source.
+    turns: u64,
+    what: &'static str,
+    /// How many turns of the source one turn of the machine code makes.
+    unrolled: fn(&Graph, usize) -> u64,
+}
+
+const KNOWN: [Known; 2] = [
     // `delegate.rs` of compiler-builtins shifts the divisor left by less than 32 places, up to
     // the dividend, and back by one place in each turn. After the last turn the remainder is
     // smaller than the divisor.
-    "compiler_builtins::int::specialized_div_rem::u64_div_rem",
-    32,
-    "64-bit division, one turn for each place",
-)];
+    Known {
+        name: "compiler_builtins::int::specialized_div_rem::u64_div_rem",
+        turns: 32,
+        what: "64-bit division, one turn for each place",
+        unrolled: by_shifts,
+    },
+    // `binary_long.rs`, for a core that does not divide, shifts the divisor left by less than 32 places
+    // and counts them down to zero, by one in each turn.
+    Known {
+        name: "compiler_builtins::int::specialized_div_rem::u32_div_rem",
+        turns: 31,
+        what: "32-bit division, one turn for each place",
+        unrolled: by_count,
+    },
+];
 
 /// Callers whose copies move at most one byte. The encoder of `defmt` gives the logger one byte
 /// at a time (`rzcobs.rs`), and the logger copies it in at most two parts.
@@ -178,12 +198,15 @@ pub(crate) fn bound(image: &Image, graph: &Graph, number: usize) -> Option<(&'st
         return Some((RETRY, 1));
     }
     let name = image.name(graph.entry);
-    let (_, turns, what) = KNOWN.iter().find(|(known, ..)| name == *known)?;
-    Some((what, turns.div_ceil(unrolled(graph, number))))
+    // What is exported for the optimisation across crates has an appendix.
+    let name = name.split(" (.llvm.").next().unwrap_or(&name);
+    let known = KNOWN.iter().find(|known| known.name == name)?;
+    let unrolled = (known.unrolled)(graph, number);
+    Some((known.what, known.turns.div_ceil(unrolled)))
 }
 
-/// The register that holds the number of bytes on entry of a function that copies, fills or
-/// encodes memory (run-time ABI for the Arm architecture, 4.3.4).
+/// The register that holds the number of bytes on entry of a function that copies, fills, compares or
+/// encodes memory (ISO C 7.24; run-time ABI for the Arm architecture, 4.3.4).
 #[must_use]
 pub(crate) fn length_register(name: &str) -> Option<Register> {
     if encodes(name) {
@@ -196,6 +219,7 @@ pub(crate) fn length_register(name: &str) -> Option<Register> {
         "memcpy" | "memmove" | "memset" | "__aeabi_memcpy" | "__aeabi_memmove" => {
             Some(Register::new(2))
         }
+        _ if compares(name) => Some(Register::new(2)),
         "__aeabi_memset" | "__aeabi_memclr" => Some(Register::new(1)),
         _ => None,
     }
@@ -205,7 +229,14 @@ pub(crate) fn length_register(name: &str) -> Option<Register> {
 /// on; `None` for a function that also writes elsewhere.
 #[must_use]
 pub(crate) fn destination_length(name: &str) -> Option<Register> {
-    length_register(name).filter(|_| !encodes(name))
+    length_register(name).filter(|_| !encodes(name) && !compares(name))
+}
+
+/// Whether a function of this name compares two stretches of memory. Each turn of its loops compares bytes
+/// that no other turn does, and there are as many of them as its length.
+fn compares(name: &str) -> bool {
+    let name = name.rsplit("::").next().unwrap_or(name);
+    matches!(name, "memcmp" | "bcmp")
 }
 
 /// Whether a function of this name encodes the bytes of a log record: `_defmt_write`, or the logger's method that
@@ -240,7 +271,7 @@ pub(crate) fn copying(graph: &Graph, number: usize, bytes: u64) -> u64 {
 /// How many turns of the source loop one turn of the machine loop makes. The source shifts by
 /// one place in each turn, so it is the number of places by which the machine code shifts
 /// those registers that the loop does not change otherwise.
-fn unrolled(graph: &Graph, number: usize) -> u64 {
+fn by_shifts(graph: &Graph, number: usize) -> u64 {
     let instructions = graph.loops[number]
         .blocks
         .iter()
@@ -267,4 +298,34 @@ fn unrolled(graph: &Graph, number: usize) -> u64 {
         .map(|(_, places)| places)
         .min()
         .unwrap_or(1)
+}
+
+/// How many turns of the source loop one turn of the machine loop makes, where the source counts down by one in
+/// each turn: the constant that the machine code subtracts. Each way around the loop must pass that
+/// instruction, and no other one may write its register.
+fn by_count(graph: &Graph, number: usize) -> u64 {
+    let blocks = &graph.loops[number].blocks;
+    let of = |block: &usize| graph.blocks[*block].instructions.iter();
+    let steps = blocks.iter().filter_map(|block| {
+        let mut steps = of(block).filter_map(|one| match one.insn {
+            Insn::DataProc {
+                op: DpOp::Sub,
+                rd,
+                rn,
+                operand: Operand::Imm { value, .. },
+                ..
+            } if rd == rn && rd < 13 && value > 0 && one.condition.is_none() => {
+                Some((Register::new(rd), value))
+            }
+            _ => None,
+        });
+        Some((*block, steps.next()?))
+    });
+    let is_counter = |(block, (register, _)): &(usize, (Register, u32))| {
+        let all = blocks.iter().flat_map(of);
+        let writes = all.filter(|one| one.written().contains(*register)).count();
+        writes == 1 && !is_cyclic(graph, blocks, |from, _| from != *block)
+    };
+    let counted = steps.filter(is_counter).map(|(_, (_, step))| step);
+    counted.min().map_or(1, u64::from)
 }

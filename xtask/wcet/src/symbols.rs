@@ -6,6 +6,7 @@ use rsemu::cpu::arm::v7m::isa::ExtendOp;
 
 use super::extent::Extent;
 use super::image::Variables;
+use super::layout::NO_NUMBER;
 use super::range::Range;
 use super::value::{Symbol, Value};
 
@@ -156,7 +157,7 @@ impl Symbols {
         let (element, None) = (elements.next()?, elements.next()) else {
             return None;
         };
-        let variable = self.variables.around(element)?;
+        let variable = self.variable(element)?;
         let array = self.variables.array(element).unwrap_or(variable);
         if element - array.first < FOLDED {
             return Some(array);
@@ -169,7 +170,7 @@ impl Symbols {
     fn elements_at(&self, symbol: Symbol, offset: Range) -> impl Iterator<Item = u32> {
         let sums = self.indices.get(&symbol).into_iter().flatten();
         sums.filter_map(move |&Indexed { sum, element }| {
-            let variable = self.variables.around(element)?;
+            let variable = self.variable(element)?;
             let (low, high) = offset.subtract(Range::constant(sum)).signed();
             let size = i64::from(variable.span());
             let near = i64::from(low).abs().max(i64::from(high).abs()) <= size;
@@ -180,9 +181,16 @@ impl Symbols {
         })
     }
 
+    /// The static variable that holds `address`. A variable in a flash that begins at zero is none: an offset or
+    /// a count may look like its address, and no store goes there.
+    fn variable(&self, address: u32) -> Option<Extent> {
+        let variable = self.variables.around(address);
+        variable.filter(|variable| variable.first >= NO_NUMBER)
+    }
+
     fn source(&self, value: &Value) -> Source {
         let around = |range: Range| {
-            let variable = self.variables.around(range.start())?;
+            let variable = self.variable(range.start())?;
             let last = range.start().checked_add(range.span())?;
             (last <= variable.last).then_some(Source::Variable(variable))
         };
@@ -197,9 +205,9 @@ impl Symbols {
             Some(other) => Some(*other),
             None => {
                 let mut elements = self.elements_at(symbol, offset);
-                let variable = self.variables.around(elements.next()?)?;
+                let variable = self.variable(elements.next()?)?;
                 elements
-                    .all(|at| self.variables.around(at) == Some(variable))
+                    .all(|at| self.variable(at) == Some(variable))
                     .then_some(Source::Variable(variable))
             }
         };
@@ -319,5 +327,33 @@ impl Symbols {
             base,
             stack: false,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lasting::reach;
+
+    /// `value` plus a constant, as an instruction adds it.
+    fn plus(symbols: &mut Symbols, value: &Value, constant: u32) -> Value {
+        let by = Value::constant(constant);
+        symbols.moved(value.add(&by), value, &by)
+    }
+
+    /// The vector table of a part whose flash begins at zero lies at 64, and so does a field of many a structure.
+    #[test]
+    fn a_small_number_is_no_address_of_a_variable() {
+        let mut symbols = Symbols::new(&Variables::of_sizes(&[(64, 192), (0x2000_0000, 192)]));
+        let pointer = symbols.unknown();
+        let field = plus(&mut symbols, &pointer, 79);
+        assert_eq!(symbols.origin(&field), None);
+        assert_eq!(symbols.origin(&pointer), None);
+        assert_eq!(reach(&symbols, &field, 4), Some(Extent::EVERYWHERE));
+        let index = symbols.unknown();
+        let element = plus(&mut symbols, &index, 0x2000_000f);
+        let variable = Extent::new(0x2000_0000, 0x2000_00bf);
+        assert_eq!(symbols.origin(&element), Some(variable));
+        assert_eq!(reach(&symbols, &element, 4), Some(variable));
     }
 }

@@ -9,13 +9,24 @@ use std::sync::OnceLock;
 pub(crate) type Change = (&'static str, &'static str);
 
 /// Applications that are others with a change: name, that of the other, changes.
-const CHANGED: [(&str, &str, &[Change]); 15] = [
+const CHANGED: [(&str, &str, &[Change]); 18] = [
     (
         "logs",
         "blink",
         &[(
             "output(input() >> 3);",
             "apps::mask();\n        output(input() >> 3);\n        apps::unmask();",
+        )],
+    ),
+    // Idle code that logs by a pointer.
+    (
+        "idle_logs",
+        "blink",
+        &[(
+            "    #[cfg(feature = \"extra\")]",
+            "    #[idle]\n    fn idle(_: idle::Context) -> ! {\n        loop {\n            apps::mask();\n            \
+             apps::record(input() as u8);\n            apps::unmask();\n        }\n    }\n\n    \
+             #[cfg(feature = \"extra\")]",
         )],
     ),
     (
@@ -41,6 +52,15 @@ const CHANGED: [(&str, &str, &[Change]); 15] = [
         "blink",
         &[("output(input() >> 3);", "while input() & 1 == 0 {}")],
     ),
+    // A wait without a bound, and a count behind it.
+    (
+        "waits",
+        "blink",
+        &[(
+            "output(input() >> 3);",
+            "apps::wait();\n        for turn in 0..2000 {\n            output(input() ^ turn);\n        }",
+        )],
+    ),
     // An annotation that is not true.
     (
         "lies",
@@ -61,6 +81,18 @@ const CHANGED: [(&str, &str, &[Change]); 15] = [
                 "Mono::start(&mut cx.core.NVIC);",
                 "unsafe { core::ptr::with_exposed_provenance_mut::<u32>(input() as usize).write_volatile(1) };\n        \
              Mono::start(&mut cx.core.NVIC);",
+            ),
+        ],
+    ),
+    // A log before a priority is set by a read and a write.
+    (
+        "early",
+        "compare",
+        &[
+            ("output(input() / 3);", "output(input() >> 3);"),
+            (
+                "Mono::start(&mut cx.core.NVIC);",
+                "apps::mask();\n        apps::unmask();\n        Mono::start(&mut cx.core.NVIC);",
             ),
         ],
     ),

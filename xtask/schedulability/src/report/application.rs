@@ -13,7 +13,7 @@ use super::html::{page, rows};
 use super::table::{after_table, heading, unbounded_of};
 
 /// What the columns mean.
-const LEGEND: &str = "every: least time between two releases; bound: WCET as flashed; \
+const LEGEND: &str = "every: least time between two releases, or how many may come at once; bound: WCET as flashed; \
     blocked: longest critical section of a lower priority; response: worst-case response time; \
     may grow: by how much the WCET may grow before a task misses its deadline.";
 

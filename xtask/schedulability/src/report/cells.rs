@@ -29,7 +29,7 @@ pub(super) const HEADINGS: [(&str, Align); 13] = [
 ];
 
 /// What the columns mean.
-pub(super) const LEGEND: &str = "every: least time between two releases, or the number of releases in the bus's time table; \
+pub(super) const LEGEND: &str = "every: least time between two releases, how many may come at once, or the number of releases in the bus's time table; \
     bound: WCET as flashed; seen: longest time observed on the emulator; \
     ratio: bound over seen, as flashed and by the model of the emulator, which has no wait states; \
     blocked: longest critical section of a lower priority; \
@@ -60,10 +60,16 @@ pub(super) fn row(node: &NodeReport, task: &TaskReport) -> [String; 13] {
     ]
 }
 
+/// A time that is written as zero otherwise.
+const NEXT_TO_NONE: Picoseconds = 5_000;
+
 /// How often it may be released: its releases in the time table, or the least distance.
 fn every(task: &TaskReport) -> String {
-    match task.releases.len() {
-        0 => time(task.period),
-        releases => format!("{releases} a cycle"),
+    match (task.releases.len(), task.period) {
+        (0, 0) => format!("{} at once", task.at_once),
+        (0, u64::MAX) => "once".to_owned(),
+        (0, 1..NEXT_TO_NONE) => "< 0.01 us".to_owned(),
+        (0, period) => time(period),
+        (releases, _) => format!("{releases} a cycle"),
     }
 }

@@ -123,6 +123,7 @@ fn task(node: &NodeReport, task: &TaskReport) -> Value {
         "ratio_flash": task.ratio(Model::Flashed),
         "cost_ps": bounded(task.cost),
         "period_ps": task.period,
+        "at_once": task.at_once,
         "jitter_ps": task.jitter,
         "blocking_ps": task.blocking,
         "blocked_by": task.blocked_by,

@@ -6,6 +6,12 @@ fn wide(input: &Input, at: usize) -> u64 {
     u64::from(input[at]) << 32 | u64::from(input[at + 1])
 }
 
+/// A 32-bit quotient and a remainder.
+#[inline(never)]
+pub fn divide_u32(input: &mut Input) -> u32 {
+    (input[0] / (input[1] | 1)) ^ (input[2] % (input[3] >> 16 | 1))
+}
+
 /// One 64-bit division.
 #[inline(never)]
 pub fn divide_u64(input: &mut Input) -> u32 {

@@ -157,6 +157,19 @@ pub fn copy_some(input: &mut Input) -> u32 {
     bytes.iter().map(|byte| u32::from(*byte)).sum()
 }
 
+/// A comparison of a length that is in the input, of texts that differ in one byte or none.
+#[inline(never)]
+pub fn compare_some(input: &mut Input) -> u32 {
+    let mut first = [0u8; 60];
+    for (byte, word) in first.iter_mut().zip(input.iter()) {
+        *byte = *word as u8;
+    }
+    let mut second = first;
+    second[input[1].min(59) as usize] ^= input[2] as u8;
+    let length = input[0].min(60) as usize;
+    first[..length].cmp(&second[..length]) as u32
+}
+
 /// A copy of fixed length.
 #[inline(never)]
 pub fn copy_all(input: &mut Input) -> u32 {

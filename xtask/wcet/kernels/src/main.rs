@@ -1,17 +1,22 @@
 //! Kernels for the execution-time analysis.
 //!
 //! Each is a function of one block of input words, which it may overwrite. No code here calls
-//! them: the analysis and the emulator enter each one through [`KERNELS`].
+//! them: the analysis and the emulator enter each one through [`KERNELS`]. Those with instructions that a Cortex-M0
+//! does not have are left out for it.
 
 #![no_std]
 #![no_main]
 
 mod arithmetic;
 mod arrays;
+#[cfg(target_has_atomic = "32")]
 mod broken;
 mod control;
+#[cfg(target_has_atomic = "32")]
 mod ends;
+#[cfg(target_has_atomic = "32")]
 mod masked;
+#[cfg(target_has_atomic = "32")]
 mod start;
 mod text;
 
@@ -26,7 +31,8 @@ pub type Kernel = fn(&mut Input) -> u32;
 
 /// Every kernel. The table makes the linker keep them.
 #[used]
-pub static KERNELS: [Kernel; 34] = [
+pub static KERNELS: [Kernel; 36] = [
+    arithmetic::divide_u32,
     arithmetic::divide_u64,
     arithmetic::divide_i64,
     arithmetic::remainder_u64,
@@ -48,6 +54,7 @@ pub static KERNELS: [Kernel; 34] = [
     arrays::binary_search,
     arrays::copy_some,
     arrays::copy_all,
+    arrays::compare_some,
     arrays::fill_some,
     arrays::sieve,
     arrays::median,
@@ -64,6 +71,7 @@ pub static KERNELS: [Kernel; 34] = [
 ];
 
 /// Functions without a bound, or with a false one.
+#[cfg(target_has_atomic = "32")]
 #[used]
 pub static BROKEN: [Kernel; 4] = [
     broken::endless_wait,
@@ -73,10 +81,12 @@ pub static BROKEN: [Kernel; 4] = [
 ];
 
 /// A function that calls through the pointer in its argument.
+#[cfg(target_has_atomic = "32")]
 #[used]
 pub static POINTER: fn(&mut fn(u32) -> u32) -> u32 = broken::pointer_from_memory;
 
 /// A start-up function, and handlers that may run after it.
+#[cfg(target_has_atomic = "32")]
 #[used]
 pub static HANDLERS: [fn(); 10] = [
     start::set_up,
@@ -92,6 +102,7 @@ pub static HANDLERS: [fn(); 10] = [
 ];
 
 /// Programs and handlers that mask interrupts.
+#[cfg(target_has_atomic = "32")]
 #[used]
 pub static MASKED: [fn(); 29] = [
     masked::wait_by_primask,
@@ -126,14 +137,17 @@ pub static MASKED: [fn(); 29] = [
 ];
 
 /// Handlers that do not return.
+#[cfg(target_has_atomic = "32")]
 #[used]
 pub static ENDS: [fn(); 3] = [ends::reset, ends::group, ends::stop];
 
 /// A handler that may not return.
+#[cfg(target_has_atomic = "32")]
 #[used]
 pub static MAY_END: fn(&u32) = ends::maybe_return;
 
 /// A handler that writes through the pointer in its argument.
+#[cfg(target_has_atomic = "32")]
 #[used]
 pub static ANYWHERE: fn(&core::sync::atomic::AtomicU32) = start::write_anywhere;
 

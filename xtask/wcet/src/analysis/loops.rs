@@ -17,13 +17,15 @@ use super::run::{Exits, Run, Sections};
 /// Turns of a loop without a given bound after which it counts as unbounded.
 const MAX_TURNS: u64 = 2_048;
 /// Instructions after which a loop with a given bound is no longer unrolled turn by turn. With a
-/// problem, also those after which a loop without one counts as unbounded.
+/// problem, also those after which one without a given bound is not.
 const STEPS_OF_LOOP: u64 = 6_000;
 /// Instructions after which a loop without a given bound counts as unbounded.
 const STEPS_OF_COUNTED_LOOP: u64 = 400_000;
 /// After this many simulated instructions in total, loops with a known bound are no longer
 /// unrolled turn by turn.
 const STEPS_TURN_BY_TURN: u64 = 600_000;
+/// Remaining turns of a loop with a known bound that are always run one by one.
+const FEW_TURNS: u64 = 1;
 
 /// The bound of a loop that need not be found by running it.
 struct Given {
@@ -126,6 +128,8 @@ impl Run<'_, '_> {
                 break;
             }
             let remaining = match bound {
+                // As few are run in fewer steps than it takes to find what holds in each of them.
+                Some(bound) if bound - turns <= FEW_TURNS => None,
                 Some(bound) => (self.steps > begin + unrolled).then_some(bound - turns),
                 // Start-up and idle code may wait for hardware while no task is masked.
                 None if self.kind == Entry::Program && next.outermost_section().is_none() => {
@@ -174,14 +178,11 @@ impl Run<'_, '_> {
         stuck: bool,
     ) -> bool {
         let at = graph.blocks[graph.loops[number].header].start();
-        let most = if self.problems.is_empty() {
-            STEPS_OF_COUNTED_LOOP
-        } else {
-            STEPS_OF_LOOP
-        };
-        let long = turns > MAX_TURNS || self.steps - begin > most;
+        let steps = self.steps - begin;
+        let long = turns > MAX_TURNS || steps > STEPS_OF_COUNTED_LOOP;
         if !stuck && !long && !self.endless.contains(&at) {
-            return false;
+            // Behind a problem a long loop is left early, for the sake of time. It may well have a bound.
+            return !self.problems.is_empty() && steps > STEPS_OF_LOOP;
         }
         self.endless.insert(at);
         if self.kind != Entry::Program {

@@ -88,19 +88,33 @@ impl<'a> Analysis<'a> {
     }
 
     fn learn_once(&mut self, main: u32, handlers: &[u32], unknown_stores: UnknownStores) {
-        let (program, memory) = self.explore(main, Entry::Program, &[]);
-        let lost = memory.lost || is_not_followed(&program);
+        let (program, mut memory) = self.explore(main, Entry::Program, &[]);
+        let mut lost = memory.lost || is_not_followed(&program);
         self.known.insert((main, Entry::Program), program);
+        // Idle code that could not be followed, or that stores anywhere, may only not know these words. It is
+        // then run again with them, as each handler is.
+        let blind = lost || memory.written.contains(&Extent::EVERYWHERE);
+        if blind {
+            let (start, left) =
+                self.explore_in((main, Entry::Program), &[], &BTreeSet::new(), true);
+            lost = left.lost || is_not_followed(&start);
+            memory.left = left.left;
+        }
         let mut words = match memory.left {
             Some(words) if !lost => words,
             _ => return,
         };
-        drop_reached(&mut words, &memory.written);
+        if !blind {
+            drop_reached(&mut words, &memory.written);
+        }
+        let again = blind.then_some((main, Entry::Program));
+        let entries = handlers.iter().map(|handler| (*handler, Entry::Handler));
+        let entries: Vec<(u32, Entry)> = entries.chain(again).collect();
         let mut spared = (unknown_stores == UnknownStores::SparePointers).then(|| words.clone());
         let mut sparing = false;
         loop {
             self.lasting = Rc::new(words.clone());
-            let (mut written, lost) = self.written_by(handlers);
+            let (mut written, lost) = self.written_by(&entries);
             if sparing {
                 written.remove(&Extent::EVERYWHERE);
             }
@@ -116,15 +130,15 @@ impl<'a> Analysis<'a> {
         }
     }
 
-    /// The bytes that these handlers may write, and whether one of them could not be followed.
-    fn written_by(&mut self, handlers: &[u32]) -> (Written, bool) {
+    /// The bytes that this code may write, and whether some of it could not be followed.
+    fn written_by(&mut self, entries: &[(u32, Entry)]) -> (Written, bool) {
         let mut written = Written::new();
         let mut lost = false;
-        for &handler in handlers {
-            let (bound, memory) = self.explore(handler, Entry::Handler, &[]);
+        for &(entry, kind) in entries {
+            let (bound, memory) = self.explore(entry, kind, &[]);
             lost |= is_not_followed(&bound);
             written.extend(memory.written);
-            self.known.insert((handler, Entry::Handler), bound);
+            self.known.insert((entry, kind), bound);
         }
         (written, lost)
     }
@@ -170,16 +184,26 @@ impl<'a> Analysis<'a> {
         self.explore_without(entry, kind, registers, &BTreeSet::new())
     }
 
-    /// Bounds the code at `entry`, and collects the facts about memory.
-    ///
-    /// Targets of jump tables are found on the way. The control flow is then built anew with
-    /// them, until there are no new ones.
     fn explore_without(
         &mut self,
         entry: u32,
         kind: Entry,
         registers: &[(Register, u32)],
         never: &BTreeSet<u32>,
+    ) -> (Bound, Memory) {
+        self.explore_in((entry, kind), registers, never, false)
+    }
+
+    /// Bounds the code at `entry`, or only the part before a task can run, and collects the facts about memory.
+    ///
+    /// Targets of jump tables are found on the way. The control flow is then built anew with
+    /// them, until there are no new ones.
+    fn explore_in(
+        &mut self,
+        (entry, kind): (u32, Entry),
+        registers: &[(Register, u32)],
+        never: &BTreeSet<u32>,
+        until_start: bool,
     ) -> (Bound, Memory) {
         loop {
             let lasting = self.lasting.clone();
@@ -189,7 +213,8 @@ impl<'a> Analysis<'a> {
                 holds: self.holds,
                 ..Memory::default()
             };
-            let run = Run::new(&mut self.program, on, kind, never, known);
+            let mut run = Run::new(&mut self.program, on, kind, never, known);
+            run.until_start = until_start;
             let outcome = run.whole(entry, registers);
             if outcome.found.is_empty() {
                 self.system.extend(&outcome.memory.system);

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-use crate::bound::{Bound, End, Entry, PanicSite, Problem, Section};
+use crate::bound::{Bound, End, Entry, PanicSite, Problem, Problems, Section};
 use crate::cycles::Cycles;
 use crate::execute::Executor;
 use crate::facts::{Facts, To};
@@ -62,6 +62,8 @@ pub(super) struct Run<'r, 'a> {
     /// Functions that are not entered.
     pub(super) never: &'r BTreeSet<u32>,
     pub(super) executor: Executor<'a>,
+    /// Whether paths end where the first task can run.
+    pub(super) until_start: bool,
     /// The call stack.
     pub(super) frames: Vec<Frame>,
     /// Instructions executed so far.
@@ -87,7 +89,7 @@ pub(super) struct Run<'r, 'a> {
     pub(super) recursive: BTreeSet<u32>,
     /// How the paths end that do not return.
     pub(super) ends: BTreeSet<End>,
-    pub(super) problems: BTreeSet<Problem>,
+    pub(super) problems: Problems,
 }
 
 impl<'r, 'a> Run<'r, 'a> {
@@ -113,6 +115,7 @@ impl<'r, 'a> Run<'r, 'a> {
             kind,
             never,
             executor,
+            until_start: false,
             frames: Vec::new(),
             steps: 0,
             found: Targets::new(),
@@ -129,7 +132,7 @@ impl<'r, 'a> Run<'r, 'a> {
             retry: 0,
             recursive: BTreeSet::new(),
             ends: BTreeSet::new(),
-            problems: BTreeSet::new(),
+            problems: Problems::default(),
         }
     }
 

@@ -11,6 +11,7 @@ use crate::execute::Effects;
 use crate::facts::{BlockId, To};
 use crate::graph::{Block, Graph, conditional};
 use crate::instruction::{Flow, Instruction, SEMIHOSTING};
+use crate::layout::STACK;
 use crate::mask::{Level, Masked};
 use crate::register::{Register, RegisterSet};
 use crate::stack::sets_main_stack;
@@ -67,6 +68,9 @@ impl Run<'_, '_> {
             function: graph.entry,
             block: number,
         };
+        if self.until_start && state.started {
+            return Exits::new();
+        }
         *self.facts.visits.entry(id).or_default() += 1;
         if self.exhausted() {
             let mut problems = self.problems.iter();
@@ -306,11 +310,15 @@ impl Run<'_, '_> {
     /// Notes how deep the stack is after an instruction.
     fn note_stack(&mut self, state: &State, instruction: &Instruction) {
         let pointer = state.registers[Register::SP].range;
-        if pointer.span() < MAX_STACK_SPAN {
+        if pointer.span() < MAX_STACK_SPAN && pointer.meet(STACK) == Some(pointer) {
             // If it was aligned down by an unknown amount, the lowest address counts.
             self.lowest = self.lowest.min(pointer.start());
         } else {
-            self.report(Problem::UnknownStack, instruction.address);
+            // It is unknown behind that, too.
+            let mut known = self.problems.iter();
+            if !known.any(|problem| matches!(problem, Problem::UnknownStack(_))) {
+                self.report(Problem::UnknownStack, instruction.address);
+            }
         }
         if sets_main_stack(instruction) && self.kind != Entry::Fault {
             self.report(Problem::UnknownStack, instruction.address);

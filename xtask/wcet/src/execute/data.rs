@@ -57,10 +57,24 @@ impl Step<'_, '_> {
             Operand::Imm { value, carry } => (Value::constant(value), carry.is_some()),
             Operand::Reg { rm, shift } => {
                 let value = self.read(rm);
-                let result = self.scaled(&value, shift, shifted(&value, shift));
+                let result = match self.doubled_elements(&value, shift) {
+                    Some(elements) => elements,
+                    None => self.scaled(&value, shift, shifted(&value, shift)),
+                };
                 (self.named(result), !shift.is_none())
             }
         }
+    }
+
+    /// A word that is known to be one of several, shifted left. An entry of a table of jumps is half the distance to
+    /// its target, where the core has no instruction for that.
+    fn doubled_elements(&mut self, value: &Value, shift: Shift) -> Option<Value> {
+        if shift.ty != ShiftType::Lsl || shift.is_none() || value.as_constant().is_some() {
+            return None;
+        }
+        let symbols = &mut self.machine.symbols;
+        let elements = symbols.elements(value)?;
+        symbols.one_of(elements.iter().map(|word| word << shift.amount).collect())
     }
 
     fn result(&mut self, op: DpOp, first: &Value, second: &Value) -> Value {

@@ -173,8 +173,8 @@ impl Step<'_, '_> {
             }
             self.note_enables(reached, size, value);
         }
+        self.hold(reached, address, size, value);
         if self.state.started {
-            self.hold(reached, address, size, value);
             self.machine.memory.written.insert(reached);
             return;
         }

@@ -37,29 +37,42 @@ pub(crate) const PART: Part = Part {
     inert: None,
 };
 
-/// Builds the kernels once for all tests of a program.
+/// The same memories around a Cortex-M0+.
+pub(crate) const SMALL_PART: Part = Part {
+    core: Core::CortexM0Plus,
+    priority_bits: 2,
+    start_mask: None,
+    reads_ahead: false,
+    instruction_lines: 0,
+    constant_lines: 0,
+    ..PART
+};
+
+/// Builds the kernels for a Cortex-M4 once for all tests of a program.
 pub(crate) fn image_path() -> &'static Path {
     static PATH: OnceLock<PathBuf> = OnceLock::new();
-    PATH.get_or_init(|| {
-        let package = Path::new(env!("CARGO_MANIFEST_DIR")).join("kernels");
-        let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("kernels");
-        let status = Command::new(env!("CARGO"))
-            .current_dir(&package)
-            .args([
-                "build",
-                "--quiet",
-                "--release",
-                "--target",
-                "thumbv7em-none-eabihf",
-            ])
-            .env("CARGO_TARGET_DIR", &target)
-            .env_remove("RUSTFLAGS")
-            .env_remove("CARGO_ENCODED_RUSTFLAGS")
-            .status()
-            .expect("cargo runs");
-        assert!(status.success(), "the kernels do not build");
-        target.join("thumbv7em-none-eabihf/release/kernels")
-    })
+    PATH.get_or_init(|| build("thumbv7em-none-eabihf"))
+}
+
+/// Builds them for a Cortex-M0+, which has no instruction that divides.
+pub(crate) fn small_image_path() -> &'static Path {
+    static PATH: OnceLock<PathBuf> = OnceLock::new();
+    PATH.get_or_init(|| build("thumbv6m-none-eabi"))
+}
+
+fn build(triple: &str) -> PathBuf {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR")).join("kernels");
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("kernels");
+    let status = Command::new(env!("CARGO"))
+        .current_dir(&package)
+        .args(["build", "--quiet", "--release", "--target", triple])
+        .env("CARGO_TARGET_DIR", &target)
+        .env_remove("RUSTFLAGS")
+        .env_remove("CARGO_ENCODED_RUSTFLAGS")
+        .status()
+        .expect("cargo runs");
+    assert!(status.success(), "the kernels do not build for {triple}");
+    target.join(triple).join("release/kernels")
 }
 
 /// Address of the kernel with this name.
