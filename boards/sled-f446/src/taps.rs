@@ -72,8 +72,8 @@ impl Taps {
         let fell = self.exti.pr().read().bits() & LINES;
         // SAFETY: a one clears the bit of a line, and a zero leaves it (RM0390 10.3.6).
         self.exti.pr().write(|w| unsafe { w.bits(fell) });
-        // One read of the port, because looks are due each 9 us. SAFETY: a read of the input register changes
-        // nothing, and the pins of this port are this type's.
+        // One read of the port, because looks are due each 9 us.
+        // SAFETY: a read of the input register changes nothing, and the pins are this type's.
         let levels = unsafe { (*pac::GPIOC::ptr()).idr().read().bits() };
         Levels {
             dominant: !levels & LINES,
