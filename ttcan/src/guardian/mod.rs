@@ -22,10 +22,10 @@
 //!   holds the whole of it, up to its CRC, together in one spell.
 //! * A spell that begins when its sender may begin a frame may take as long as the longest frame
 //!   that is allowed there, and in windows of a potential master as long as a reference.
-//! * Any other spell may take 20 bit times ([`GuardianConfig::spell_bits`]; up to 28 where the verdict needs
-//!   time), and then the gate is closed until the spell is over. An acknowledge bit is 1 bit, an error or overload flag is 6,
-//!   an acknowledge bit with a flag behind it at most 16, and two flags with a delimiter between them
-//!   are 20. A frame takes at least 34 bits up to its CRC, so none gets through: its receivers see six
+//! * Any other spell may take 20 bit times ([`GuardianConfig::spell_bits`]; up to 28 where references take
+//!   time to be handled), and then the gate is closed until the spell is over. An acknowledge bit is 1
+//!   bit, an error or overload flag is 6, an acknowledge bit with a flag behind it at most 16, and two
+//!   flags with a delimiter between them are 20. A frame takes at least 34 bits up to its CRC, so none gets through: its receivers see six
 //!   equal bits, and the bus is idle again at most 50 bits after its start.
 //!
 //! # Why looks are enough
@@ -49,15 +49,17 @@
 //!
 //! # Two halves
 //!
-//! What a spell may be is more than a microcontroller finds out between two looks: it has to search the
-//! schedule for each line. So the guardian has two halves, which its owner gives to tasks of different
+//! What a spell may be follows from the schedule, and a microcontroller does not find that out for several
+//! lines between two looks. So the guardian has two halves, which its owner gives to tasks of different
 //! priorities ([`Guardian::halves`]), and which take turns in a [`Guardian`]:
 //!
-//! * [`Watch`] follows the lines from look to look, and closes gates. At first it lets each spell go on for as
-//!   long as a short one may.
-//! * [`Judge`] knows the schedule and the time of the network. Its verdict has to come before a short
-//!   spell's end ([`GuardianConfig::verdict`]): with 28 bits at 250 kbit/s it has 112 us for that. What a
-//!   sender did that it may not is counted in steps that can wait until the next frame.
+//! * [`Watch`] follows the lines from look to look, and closes gates. It knows beforehand when each sender may
+//!   begin a frame: the next two slots of each.
+//! * [`Judge`] knows the schedule and the time of the network, finds those slots ([`Judge::look_ahead`]), and
+//!   counts what a sender did that it may not, in steps that can wait until the next frame. Only what
+//!   follows from a reference is urgent: a spell behind it is a short one for the upper half until its
+//!   slot is published, so that has to be within `spell_bits` ([`GuardianConfig::handling`]). With 28 bits
+//!   at 250 kbit/s these are 112 us.
 //!
 //! # What trips a gate
 //!
