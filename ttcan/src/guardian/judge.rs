@@ -1,7 +1,7 @@
 //! The lower half of a guardian: it knows the schedule, says what a spell may be, and counts.
 
 use super::config::Times;
-use super::plan::{Cursor, Plan};
+use super::plan::{Cursor, Place, Plan};
 use super::sender::{Permit, Sender, Trip};
 use super::watch::{Evidence, News, Orders, Outlook, Slot, Watch, Window};
 use super::{GuardianConfig, GuardianError, GuardianState};
@@ -145,15 +145,15 @@ impl<'s, const P: usize> Judge<'s, P> {
 
     /// What the spells may be that have begun, and what is to be counted of the others.
     pub fn rule(&mut self, news: &News<P>, now: Stamp) {
-        self.struck |= news.struck;
-        self.freed |= news.freed;
+        self.struck |= news.marks.struck;
+        self.freed |= news.marks.freed;
         if self.plan.is_trusted(now) {
-            self.certain |= news.struck;
+            self.certain |= news.marks.struck;
         }
-        if news.charged != 0 {
-            self.charge(news.charged);
+        if news.marks.charged != 0 {
+            self.charge(news.marks.charged);
         }
-        if news.begun != 0 {
+        if news.marks.begun != 0 {
             self.permit(news, now);
         }
     }
@@ -177,15 +177,17 @@ impl<'s, const P: usize> Judge<'s, P> {
         // The guardian of one node sees no other line, and takes for granted while there are references
         // that its attempts are answered.
         let unseen = P == 1 && self.plan.known.is_some();
-        let counted = news.begun & !news.excused & !self.acknowledged;
+        let counted = news.marks.begun & !news.marks.excused & !self.acknowledged;
         let mut cuts = 0;
         // loop-bound: senders=32
         for (at, (sender, spell)) in self.senders.iter_mut().zip(&news.spells).enumerate() {
             let is = |mask: u32| mask.wrapping_shr(at as u32) & 1 != 0;
             let mut cut = false;
-            if is(news.begun) {
-                let permit = self.plan.permit(spell.window, sender, is(news.untimely));
-                sender.begin(spell.began, permit, is(news.behind));
+            if is(news.marks.begun) {
+                let permit = self
+                    .plan
+                    .permit(spell.window, sender, is(news.marks.untimely));
+                sender.begin(spell.began, permit, is(news.marks.behind));
                 if is(counted) && sender.is_short() && !sender.is_behind_own() {
                     cut = sender.pulse(&self.plan.times, now);
                 }
@@ -193,10 +195,10 @@ impl<'s, const P: usize> Judge<'s, P> {
             cuts |= u32::from(cut).wrapping_shl(at as u32);
         }
         // A sender that drives may have acknowledged or disturbed what others send.
-        let first = news.begun & news.begun.wrapping_neg();
+        let first = news.marks.begun & news.marks.begun.wrapping_neg();
         self.answered |= if unseen {
-            news.begun
-        } else if news.begun == first {
+            news.marks.begun
+        } else if news.marks.begun == first {
             Self::ALL & !first
         } else {
             Self::ALL
@@ -297,16 +299,15 @@ impl<'s, const P: usize> Judge<'s, P> {
         let past = self.past(now);
         let passed =
             |[first, _]: &[Option<Slot>; 2]| first.is_some_and(|slot| past.reached(slot.closes));
-        !self.slots.iter().any(passed) && (self.plan.is_over(self.cursor) || self.is_full())
+        let window = self.plan.window(self.cursor);
+        let is_full = window.is_some_and(|window| self.is_full(&window));
+        !self.slots.iter().any(passed) && (self.plan.is_over(self.cursor) || is_full)
     }
 
-    /// Whether a sender of the next window has two slots ahead of it already.
-    fn is_full(&self) -> bool {
-        let window = self.plan.window(self.cursor);
+    /// Whether a sender of this window has two slots ahead of it already.
+    fn is_full(&self, window: &Place<'_>) -> bool {
         let mut senders = self.senders.iter().zip(&self.slots);
-        window.is_some_and(|window| {
-            senders.any(|(sender, [_, second])| second.is_some() && window.is_for(sender))
-        })
+        senders.any(|(sender, [_, second])| second.is_some() && window.is_for(sender))
     }
 
     /// A slot that closed before this is of no use any more.
@@ -325,8 +326,10 @@ impl<'s, const P: usize> Judge<'s, P> {
                 *first = second.take();
             }
         }
-        if !self.plan.is_over(self.cursor) && !self.is_full() {
-            if let Some(window) = self.plan.window(self.cursor) {
+        let window = self.plan.window(self.cursor);
+        let is_full = window.as_ref().is_some_and(|window| self.is_full(window));
+        if !self.plan.is_over(self.cursor) && !is_full {
+            if let Some(window) = window {
                 // loop-bound: senders=32
                 for (sender, [first, second]) in self.senders.iter().zip(&mut self.slots) {
                     let slot = self.plan.slot(&window, sender);

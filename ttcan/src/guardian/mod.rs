@@ -25,8 +25,9 @@
 //! * Any other spell may take 20 bit times ([`GuardianConfig::spell_bits`]; up to 28 where references take
 //!   time to be handled), and then the gate is closed until the spell is over. An acknowledge bit is 1
 //!   bit, an error or overload flag is 6, an acknowledge bit with a flag behind it at most 16, and two
-//!   flags with a delimiter between them are 20. A frame takes at least 34 bits up to its CRC, so none gets through: its receivers see six
-//!   equal bits, and the bus is idle again at most 50 bits after its start.
+//!   flags with a delimiter between them are 20. A frame takes at least 34 bits up to its CRC, so none
+//!   gets through: its receivers see six equal bits, and the bus is idle again at most 50 bits after its
+//!   start.
 //!
 //! # Why looks are enough
 //!

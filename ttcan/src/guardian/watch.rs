@@ -42,6 +42,13 @@ pub(super) struct Slot {
     pub(super) window: Window,
 }
 
+impl Slot {
+    fn contains(&self, began: Stamp) -> bool {
+        // One comparison for both ends, without a branch.
+        (began.ticks_since(self.opens) | self.closes.ticks_since(began)) >= 0
+    }
+}
+
 /// A window in the schedule, or none, and whether the reference of its basic cycle was not received yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Window(u32);
@@ -71,14 +78,7 @@ impl Window {
     }
 }
 
-impl Slot {
-    fn contains(&self, began: Stamp) -> bool {
-        // One comparison for both ends, without a branch.
-        (began.ticks_since(self.opens) | self.closes.ticks_since(began)) >= 0
-    }
-}
-
-/// The slots of a sender, as [`Watch`] has them: `is` tells which there are.
+/// The slots of all senders, as [`Watch`] has them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Slots<const P: usize> {
     first: [Slot; P],
@@ -116,6 +116,12 @@ pub(super) struct Spell {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct News<const P: usize> {
     pub(super) spells: [Spell; P],
+    pub(super) marks: Marks,
+}
+
+/// The part of the news that is collected from look to look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub(super) struct Marks {
     /// Lines whose last spell began.
     pub(super) begun: u32,
     /// Of those: it began while another sender was in a short spell, or its gate closed in one, which all
@@ -199,18 +205,6 @@ pub struct Watch<const P: usize> {
     behind: u32,
     /// A spell that began longer ago than this is long past, unless it goes on.
     longest: u32,
-}
-
-/// The part of the news that is collected from look to look.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-struct Marks {
-    begun: u32,
-    excused: u32,
-    behind: u32,
-    untimely: u32,
-    charged: u32,
-    struck: u32,
-    freed: u32,
 }
 
 impl<const P: usize> Slots<P> {
@@ -423,16 +417,9 @@ impl<const P: usize> Watch<P> {
     /// What has happened since this was called before. Of two short spells of a line, only the later one
     /// is told.
     pub fn news(&mut self) -> News<P> {
-        let marks = core::mem::take(&mut self.news);
         News {
             spells: self.spells,
-            begun: marks.begun,
-            excused: marks.excused,
-            behind: marks.behind,
-            untimely: marks.untimely,
-            charged: marks.charged,
-            struck: marks.struck,
-            freed: marks.freed,
+            marks: core::mem::take(&mut self.news),
         }
     }
 

@@ -64,6 +64,7 @@ mod app {
 
     #[shared]
     struct Shared {
+        clock: Clock,
         watch: Watch<NODES>,
         lower: Lower,
         console: Console,
@@ -77,11 +78,6 @@ mod app {
 
     #[local]
     struct Local {
-        clock: Clock,
-        ruled_at: Clock,
-        ahead_at: Clock,
-        accounted_at: Clock,
-        received_at: Clock,
         can: CanPort,
         taps: Taps,
         looks: u8,
@@ -118,6 +114,7 @@ mod app {
         sled.watchdog.feed();
         (
             Shared {
+                clock: sled.clock,
                 watch,
                 lower: Lower {
                     judge,
@@ -126,11 +123,6 @@ mod app {
                 console: sled.console,
             },
             Local {
-                clock: sled.clock,
-                ruled_at: sled.clock,
-                ahead_at: sled.clock,
-                accounted_at: sled.clock,
-                received_at: sled.clock,
                 can: sled.can,
                 taps,
                 looks: 0,
@@ -151,10 +143,10 @@ mod app {
         }
     }
 
-    #[task(binds = TIM3, priority = 5, shared = [watch], local = [clock, taps, looks])]
+    #[task(binds = TIM3, priority = 5, shared = [&clock, watch], local = [taps, looks])]
     fn look(mut cx: look::Context) {
         let levels = cx.local.taps.look();
-        let now = Stamp(cx.local.clock.now());
+        let now = Stamp(cx.shared.clock.now());
         let lines = Lines {
             dominant: levels.dominant,
             fell: levels.fell,
@@ -169,9 +161,9 @@ mod app {
     }
 
     /// One frame in a job: while the FIFO holds another one, the interrupt stays pending.
-    #[task(binds = CAN1_RX0, priority = 4, shared = [watch, lower], local = [received_at, can])]
+    #[task(binds = CAN1_RX0, priority = 4, shared = [&clock, watch, lower], local = [can])]
     fn can_rx(mut cx: can_rx::Context) {
-        let stamp = Stamp(cx.local.received_at.now());
+        let stamp = Stamp(cx.shared.clock.now());
         if let Some(Received::Data(frame)) = cx.local.can.receive() {
             let evidence = cx.shared.watch.lock(|watch| watch.evidence());
             let lower = &mut cx.shared.lower;
@@ -181,10 +173,10 @@ mod app {
         }
     }
 
-    #[task(binds = EXTI9_5, priority = 4, shared = [watch, lower], local = [ahead_at])]
+    #[task(binds = EXTI9_5, priority = 4, shared = [&clock, watch, lower])]
     fn ahead(cx: ahead::Context) {
         let (mut watch, mut lower) = (cx.shared.watch, cx.shared.lower);
-        let now = Stamp(cx.local.ahead_at.now());
+        let now = Stamp(cx.shared.clock.now());
         let outlook = lower.lock(|lower| lower.judge.look_ahead(now));
         // One node in each lock, because it delays a look.
         // loop-bound: 4. The guarded nodes.
@@ -193,11 +185,11 @@ mod app {
         }
     }
 
-    #[task(binds = EXTI15_10, priority = 3, shared = [watch, lower], local = [ruled_at, rounds: u8 = 0])]
+    #[task(binds = EXTI15_10, priority = 3, shared = [&clock, watch, lower], local = [rounds: u8 = 0])]
     fn rule(cx: rule::Context) {
         let (mut watch, mut lower) = (cx.shared.watch, cx.shared.lower);
         let news = watch.lock(Watch::news);
-        let now = Stamp(cx.local.ruled_at.now());
+        let now = Stamp(cx.shared.clock.now());
         lower.lock(|lower| {
             lower.ruled = true;
             lower.judge.rule(&news, now);
@@ -212,11 +204,11 @@ mod app {
         }
     }
 
-    #[task(binds = EXTI0, priority = 2, shared = [watch, lower], local = [accounted_at, steps: u8 = 0])]
+    #[task(binds = EXTI0, priority = 2, shared = [&clock, watch, lower], local = [steps: u8 = 0])]
     fn account(cx: account::Context) {
         let (mut watch, mut lower) = (cx.shared.watch, cx.shared.lower);
         let driving = watch.lock(|watch| watch.driving());
-        let now = Stamp(cx.local.accounted_at.now());
+        let now = Stamp(cx.shared.clock.now());
         let orders = lower.lock(|lower| lower.judge.account(driving, now));
         watch.lock(|watch| watch.obey(orders));
         *cx.local.steps = cx.local.steps.wrapping_add(1);
