@@ -31,8 +31,9 @@ pub struct Handler {
     pub kinds: BTreeMap<Kind, Cycles>,
     /// Exception entry and return, which the bounds include.
     pub overhead: Cycles,
-    /// Cycles that a preemption by this handler costs the preempted job in addition.
-    pub preemption: u64,
+    /// Cycles that a preemption by this handler costs the preempted job in addition, in the response times of the
+    /// tasks of each priority.
+    pub preemption: BTreeMap<u32, u64>,
     /// Cycles that a preemption of this handler may cost it: the restart of an instruction, and lines
     /// that it has in the caches of the flash.
     pub lost: u64,
@@ -213,6 +214,7 @@ impl Execution {
             stacks: Stacks::new(image),
             levels: BTreeMap::new(),
             reloads: BTreeMap::new(),
+            held: Vec::new(),
             main: 0,
             execution: Self::default(),
         };
@@ -245,6 +247,16 @@ fn vector(number: u16) -> String {
     }
 }
 
+/// What a preemption costs a critical section.
+struct Held {
+    /// The priority of its holder.
+    holder: u32,
+    ceiling: u32,
+    /// The least priority that may preempt it.
+    preempted_from: u32,
+    cycles: u64,
+}
+
 /// The analysis of one image in progress.
 struct Analyser<'a> {
     node: &'a NodeModel,
@@ -255,8 +267,9 @@ struct Analyser<'a> {
     stacks: Stacks<'a>,
     /// The deepest stack of each priority's handlers, in bytes.
     levels: BTreeMap<u32, u32>,
-    /// The most cycles that a preemption costs the handlers of each priority, and the idle code at zero.
+    /// The most cycles that a preemption costs the handlers of each priority.
     reloads: BTreeMap<u32, u64>,
+    held: Vec<Held>,
     /// The deepest stack of start-up and the idle code, in bytes.
     main: u32,
     execution: Execution,
@@ -312,7 +325,7 @@ impl Analyser<'_> {
             cycles: program.map_or(bound.cycles, |program| bound.cycles.min(program)),
             overhead,
             // Known when all handlers are.
-            preemption: 0,
+            preemption: BTreeMap::new(),
             lost: self.timings.flashed.exceptions().restart + bound.reload + bound.retry,
             problems: bound.problems,
             panics: panics.collect(),
@@ -356,7 +369,6 @@ impl Analyser<'_> {
     fn add_main(&mut self, main: u32) {
         let bound = self.analysis.run(main, Entry::Program);
         self.add_sections(&bound, "main", 0);
-        self.reloads.insert(0, bound.reload + bound.retry);
         self.add_pends(&bound, &Pender::Idle);
         let depth = self.stacks.depth(main);
         self.execution.stack_unknown.extend(depth.unknown);
@@ -491,15 +503,29 @@ impl Analyser<'_> {
     }
 
     /// A preemption costs the preempted job the restart of an instruction, the lines that it finds
-    /// replaced, and the repetition of a store-exclusive: at most those of any job below. Each preemption
-    /// is of one job; those that this one had preempted repeat theirs for its own sake.
+    /// replaced, and the repetition of a store-exclusive. Each preemption is of one job; those that this one had
+    /// preempted repeat theirs for its own sake. In the response time of a task, a job of its priority or
+    /// above is preempted, or the section of a lower one that blocks it: what the rest of that one repeats
+    /// comes later.
     fn charge_preemptions(&mut self) {
         let restart = self.timings.flashed.exceptions().restart;
+        let levels: BTreeSet<u32> = self.node.tasks.iter().map(|task| task.priority).collect();
         for task in &self.node.tasks {
-            if let Some(handler) = self.execution.handlers.get_mut(&task.interrupt) {
-                let below = self.reloads.range(..task.priority);
-                let reload = below.map(|(_, reload)| *reload).max().unwrap_or(0);
-                handler.preemption = handler.preemption.max(restart + reload);
+            let Some(handler) = self.execution.handlers.get_mut(&task.interrupt) else {
+                continue;
+            };
+            for &level in levels.range(..=task.priority) {
+                let jobs = self.reloads.range(level..task.priority.max(level));
+                let jobs = jobs.map(|(_, reload)| *reload);
+                let blocks = |held: &&Held| {
+                    (held.holder + 1..=held.ceiling).contains(&level)
+                        && held.preempted_from <= task.priority
+                };
+                let sections = self.held.iter().filter(blocks);
+                let sections = sections.map(|held| held.cycles);
+                let reload = jobs.chain(sections).max().unwrap_or(0);
+                let most = handler.preemption.entry(level).or_default();
+                *most = restart + reload;
             }
         }
     }
@@ -518,12 +544,20 @@ impl Analyser<'_> {
                 mask::Level::From(level) => (self.part.priority(level), Vec::new()),
                 mask::Level::Interrupts(masked) => self.masks(masked, priority),
             };
+            // A preemption before the section began may have replaced lines that it uses.
+            let cycles = section.cycles.flashed + section.reload;
+            let masked = if open.is_empty() { ceiling } else { priority };
+            self.held.push(Held {
+                holder: priority,
+                ceiling,
+                preempted_from: masked.saturating_add(1),
+                cycles: section.reload + bound.retry,
+            });
             self.execution.sections.push(Section {
                 holder: holder.to_owned(),
                 priority,
                 ceiling,
-                // A preemption before the section began may have replaced lines that it uses.
-                cycles: section.cycles.flashed + bound.reload,
+                cycles,
                 open,
                 place: self.image.describe(section.at),
             });

@@ -396,7 +396,10 @@ fn add_pends(tasks: &mut [TaskModel], table: &NodeTable) -> Result<(), (String, 
             });
             let mut all = tasks.iter_mut();
             if let (Some(task), Some(added)) = (all.find(|task| task.name == next), of_pender) {
+                // What the table says of any two releases holds for these, too.
+                let apart = task.arrivals.apart;
                 task.arrivals = std::mem::take(&mut task.arrivals).merged(&added);
+                task.arrivals.apart = apart;
             }
         }
     }

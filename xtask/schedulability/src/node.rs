@@ -6,7 +6,9 @@ use crate::activations;
 use crate::arrivals::{Arrivals, Kind};
 use crate::execution::{Execution, Handler};
 use crate::model::{NodeModel, TaskModel};
-use crate::response::{self, Critical, CriticalSection, Delay, Response, Task, Unbounded};
+use crate::response::{
+    self, Critical, CriticalSection, Delay, Preemption, Response, Task, Unbounded,
+};
 use crate::results::{InWindows, NodeReport, TaskReport};
 use crate::sensitivity::slack;
 use crate::table::{BusEvent, NodeTable};
@@ -152,7 +154,7 @@ impl<'a> Scheduled<'a> {
             let mut set = self.set.clone();
             for other in idle {
                 set[other].cost = 0;
-                set[other].preemption = 0;
+                set[other].preemption = 0.into();
             }
             response::analyse(&set).swap_remove(at)
         });
@@ -240,7 +242,11 @@ impl<'a> Scheduled<'a> {
             coalesces: task.coalesces,
             off_bus: task.off_bus,
             blocking: 0,
-            preemption: time(bound.preemption),
+            preemption: Preemption::by_level(
+                (bound.preemption.iter())
+                    .map(|(level, cycles)| (*level, time(*cycles)))
+                    .collect(),
+            ),
         };
         self.interrupts.push(&task.interrupt);
         self.set.push(new);
@@ -270,7 +276,7 @@ impl<'a> Scheduled<'a> {
                         [] => task.arrivals.count(length, task.jitter).saturating_add(1),
                         _ => u64::MAX,
                     };
-                    jobs.saturating_mul(task.cost + task.preemption)
+                    jobs.saturating_mul(task.cost + task.preemption.most())
                 });
                 taken.fold(own, u64::saturating_add)
             };

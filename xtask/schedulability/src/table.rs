@@ -5,6 +5,7 @@
 //! deadline.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::num::NonZeroU32;
 
 use network_model::Network;
 use serde::Deserialize;
@@ -361,7 +362,7 @@ impl NodeEntry {
             let mut streams = Vec::new();
             for every in causes {
                 match every {
-                    Every::BusOff | Every::ReceiverBurst(_) => {
+                    Every::BusOff | Every::ReceiverBurst(_) | Every::TimerHz(_) => {
                         streams.push(every.alone(network, receiver_period_us)?);
                     }
                     Every::Task(name) => {
@@ -421,6 +422,10 @@ impl Every {
                     limit: Some((burst.jobs, period * MICROSECOND)),
                 })
             }
+            // Rounded down, too.
+            Self::TimerHz(hz) => Ok(Sporadic::every(
+                1_000_000 * MICROSECOND / u64::from(hz.get()),
+            )),
             Self::Task(_) => Err(TaskFault::EveryTask),
         }
     }
@@ -591,6 +596,8 @@ pub enum Every {
     BusOff,
     /// Frames of the satellite receiver, which sends one burst of them in each of its periods.
     ReceiverBurst(Burst),
+    /// Each overflow of a timer with this frequency.
+    TimerHz(NonZeroU32),
     /// The sporadic releases of another task of the same node.
     Task(String),
 }
@@ -1083,6 +1090,7 @@ impl Bounded {
             Every::ReceiverBurst(burst) => {
                 format!("{} times in a burst of the receiver", burst.jobs)
             }
+            Every::TimerHz(hz) => format!("{hz} times a second"),
             Every::Task(task) => format!("once for a release of {task}"),
         });
         let all: Vec<String> = periods

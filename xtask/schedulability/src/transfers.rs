@@ -144,7 +144,7 @@ pub fn task(rate: &Rate, cost: u64) -> Task {
         coalesces: false,
         off_bus: false,
         blocking: 0,
-        preemption: 0,
+        preemption: 0.into(),
     }
 }
 

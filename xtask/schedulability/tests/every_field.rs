@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use schedulability::arrivals::{Arrivals, Job, JobId, Kind, Spaced, Sporadic, Timetable};
 use schedulability::response::{
-    CriticalSection, Response, Task, all_meet, analyse, blocked, response,
+    CriticalSection, Preemption, Response, Task, all_meet, analyse, blocked, response,
 };
 
 const CYCLE: u64 = 200;
@@ -242,8 +242,39 @@ fn random_task(index: u64, count: u64, numbers: &mut u32, random: &mut ChaCha8Rn
         coalesces: once_in(random, 4),
         off_bus: once_in(random, 5),
         blocking: 0,
-        preemption: some(random, 4),
+        preemption: 0.into(),
     }
+}
+
+/// What each task costs each other one that it preempts, and the idle code behind them; and how much of that
+/// counts in a response time.
+fn add_preemptions(
+    set: &mut [Task],
+    sections: &[CriticalSection],
+    random: &mut ChaCha8Rng,
+) -> Vec<Vec<u64>> {
+    let below_all = set.iter().map(|task| task.priority).chain([0]);
+    let priorities: Vec<u32> = below_all.collect();
+    let mut all = Vec::new();
+    for task in &mut *set {
+        let most = some(random, 30);
+        let costs = priorities.iter().map(|_| below(random, most + 1));
+        let costs: Vec<u64> = costs.collect();
+        let of_level = |level: u32| {
+            let each = priorities.iter().zip(&costs);
+            let counts = each.filter(|&(&priority, _)| {
+                let mut held = sections.iter().filter(|one| one.holder == priority);
+                let blocks = priority < level
+                    && held.any(|one| level <= one.ceiling && one.ceiling < task.priority);
+                blocks || (level..task.priority.max(level)).contains(&priority)
+            });
+            counts.map(|(_, cost)| *cost).max().unwrap_or(0)
+        };
+        let levels = priorities.iter().map(|&level| (level, of_level(level)));
+        task.preemption = Preemption::by_level(levels.collect());
+        all.push(costs);
+    }
+    all
 }
 
 fn random_set(random: &mut ChaCha8Rng) -> (Vec<Task>, Behaviour) {
@@ -270,6 +301,7 @@ fn random_set(random: &mut ChaCha8Rng) -> (Vec<Task>, Behaviour) {
         })
     });
     let sections: Vec<CriticalSection> = sections.collect();
+    let lost = add_preemptions(&mut set, &sections, random);
     let blocking: Vec<u64> = set
         .iter()
         .map(|task| blocked(&set, &sections, task.priority))
@@ -290,6 +322,7 @@ fn random_set(random: &mut ChaCha8Rng) -> (Vec<Task>, Behaviour) {
     let behaviour = Behaviour {
         locks: of_tasks,
         links,
+        lost,
         off_bus: once_in(random, 2),
         horizon,
     };
@@ -391,6 +424,70 @@ fn no_simulated_response_is_above_its_bound() {
         assert!(outcome.sharpened > 300, "{outcome:?}");
         assert!(outcome.reached > outcome.responses / 50, "{outcome:?}");
     }
+}
+
+/// A task that a section blocks, while a third one preempts the section again and again.
+#[test]
+fn what_a_preempted_section_repeats_counts() {
+    let mut random = ChaCha8Rng::seed_from_u64(77);
+    let task = |priority: u32, cost: u64, period: u64| Task {
+        name: priority.to_string(),
+        priority,
+        cost,
+        arrivals: Sporadic {
+            period,
+            jitter: 0,
+            limit: None,
+        }
+        .into(),
+        deadline: period,
+        jitter: 0,
+        after: Vec::new(),
+        coalesces: false,
+        off_bus: false,
+        blocking: 0,
+        preemption: 0.into(),
+    };
+    let (section, repeated) = (20, 4);
+    let mut set = vec![task(1, 25, 200), task(2, 3, 101), task(3, 1, 10)];
+    let levels = [(1, repeated), (2, repeated), (3, 0)];
+    set[2].preemption = Preemption::by_level(levels.into());
+    let sections = [CriticalSection {
+        holder: 1,
+        ceiling: 2,
+        length: section,
+    }];
+    for at in 0..set.len() {
+        set[at].blocking = blocked(&set, &sections, set[at].priority);
+    }
+    let mut locks = vec![Vec::new(); 4];
+    locks[0].push(Locked {
+        from: 2,
+        to: 2 + section,
+        ceiling: 2,
+    });
+    let behaviour = Behaviour {
+        locks,
+        links: vec![Vec::new(); 3],
+        lost: vec![Vec::new(), Vec::new(), vec![repeated, 0, 0, 0]],
+        off_bus: false,
+        horizon: 2000,
+    };
+    let bound = analyse(&set)[1].as_ref().expect("it ends").worst;
+    let mut longest = 0;
+    for _ in 0..300 {
+        for one in processor::run(&set, &behaviour, &mut random) {
+            if one.task == 1 {
+                longest = one.response.max(longest);
+            }
+        }
+    }
+    assert!(longest <= bound, "{longest} above {bound}");
+    // It is needed.
+    set[2].preemption = 0.into();
+    set[1].blocking = section;
+    let less = analyse(&set)[1].as_ref().expect("it ends").worst;
+    assert!(longest > less, "{longest} within {less}");
 }
 
 #[test]

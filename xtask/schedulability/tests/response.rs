@@ -28,7 +28,7 @@ fn tasks(parameters: &[(u64, u64)]) -> Vec<Task> {
             coalesces: false,
             off_bus: false,
             blocking: 0,
-            preemption: 0,
+            preemption: 0.into(),
         })
         .collect()
 }
@@ -80,7 +80,7 @@ fn jitter_and_preemption_cost() {
     assert_eq!(worst(&set), [2, 7]);
     set[0].jitter = 6;
     assert_eq!(worst(&set), [8, 9]);
-    set[0].preemption = 1;
+    set[0].preemption = 1.into();
     assert_eq!(worst(&set), [8, 11]);
 }
 
@@ -239,6 +239,7 @@ fn simulate(set: &[Task], sections: &[CriticalSection], random: &mut ChaCha8Rng)
     let behaviour = Behaviour {
         locks: locks.collect(),
         links: vec![Vec::new(); set.len()],
+        lost: Vec::new(),
         off_bus: false,
         horizon: 1500,
     };

@@ -44,7 +44,7 @@ fn task(name: &str, priority: u32, cost: u64, arrivals: Arrivals) -> Task {
         coalesces: false,
         off_bus: false,
         blocking: 0,
-        preemption: 0,
+        preemption: 0.into(),
     }
 }
 

@@ -216,6 +216,9 @@ pub struct Section {
     pub level: Level,
     /// Its longest time.
     pub cycles: Cycles,
+    /// Cycles, as flashed, by which one preemption, in it or before, may make it longer: lines are replaced that
+    /// it has in the caches of the flash.
+    pub reload: u64,
     /// Address of the instruction that masks them.
     pub at: u32,
 }

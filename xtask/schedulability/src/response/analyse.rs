@@ -100,7 +100,7 @@ fn on_bus(tasks: &[Task]) -> Option<Vec<Task>> {
     for task in set.iter_mut().filter(|task| task.off_bus) {
         task.arrivals = Arrivals::default();
         task.cost = 0;
-        task.preemption = 0;
+        task.preemption = 0.into();
     }
     Some(set)
 }

@@ -36,7 +36,10 @@ pub fn blocker(sections: &[CriticalSection], priority: u32) -> Option<usize> {
 #[must_use]
 pub(super) fn lost(tasks: &[Task], priority: u32) -> u64 {
     let above = tasks.iter().filter(|task| task.priority > priority);
-    above.map(|task| task.preemption).max().unwrap_or(0)
+    above
+        .map(|task| task.preemption.at(priority))
+        .max()
+        .unwrap_or(0)
 }
 
 /// The same as [`blocking`] in a set of tasks: when the task is released, the holder of the section

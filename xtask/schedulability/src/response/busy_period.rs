@@ -2,7 +2,7 @@
 
 use super::bound::{Critical, Delay, Response, Unbounded};
 use super::fixed_point::least_fixed_point;
-use super::task::{Task, utilisation_permille};
+use super::task::{Task, permille};
 
 /// Jobs of one busy period after which the analysis gives up.
 const MAX_JOBS: usize = 100_000;
@@ -42,7 +42,13 @@ pub fn response(tasks: &[Task], index: usize) -> Result<Response, Unbounded> {
                 cost: task.cost,
                 delayed_by: interfering
                     .iter()
-                    .map(|(other, t)| (*other, t.arrivals.count(finish, t.jitter), t.preemption))
+                    .map(|(other, t)| {
+                        (
+                            *other,
+                            t.arrivals.count(finish, t.jitter),
+                            t.preemption.at(task.priority),
+                        )
+                    })
                     .chain((job > 0).then_some((index, job, 0)))
                     .map(|(task, jobs, preemption)| Delay {
                         task,
@@ -87,12 +93,9 @@ fn interfering(tasks: &[Task], index: usize) -> Result<Vec<(usize, &Task)>, Unbo
     if zero(task) || interfering.iter().any(|(_, t)| zero(t)) {
         return Err(Unbounded::ZeroPeriod);
     }
-    let mut demand: Vec<Task> = interfering.iter().map(|(_, t)| (*t).clone()).collect();
-    demand.push(Task {
-        preemption: 0,
-        ..task.clone()
-    });
-    match utilisation_permille(&demand) {
+    let others = interfering.iter();
+    let others = others.map(|(_, other)| (*other, other.preemption.at(task.priority)));
+    match permille(others.chain([(task, 0)])) {
         permille if permille > 1000 => Err(Unbounded::Overload { permille }),
         _ => Ok(interfering),
     }
@@ -106,7 +109,8 @@ fn finish(task: &Task, interfering: &[(usize, &Task)], job: u64) -> Option<u64> 
     least_fixed_point(own, |window| {
         interfering.iter().try_fold(own, |sum, (_, t)| {
             let releases = t.arrivals.count(window, t.jitter);
-            sum.checked_add(releases.checked_mul(t.cost.checked_add(t.preemption)?)?)
+            let each = t.cost.checked_add(t.preemption.at(task.priority))?;
+            sum.checked_add(releases.checked_mul(each)?)
         })
     })
 }

@@ -58,7 +58,10 @@ pub(super) fn of_job(
                 }
             })
             .sum();
+        let span = window.saturating_add(other.response);
         match sporadic + timed {
+            // Their distance leaves no room for more.
+            jobs if other.index != index => jobs.min(other.task.arrivals.most(span)),
             // One job may be running. Releases merge, so this job serves all later ones.
             own if other.index == index && task.coalesces => own.min(1),
             jobs => jobs,
@@ -68,7 +71,10 @@ pub(super) fn of_job(
         let each = if other.index == index {
             other.task.cost
         } else {
-            other.task.cost.checked_add(other.task.preemption)?
+            other
+                .task
+                .cost
+                .checked_add(other.task.preemption.at(task.priority))?
         };
         let jobs = count(other, window);
         // One of them may be running, and have been preempted by a job that has completed.

@@ -25,4 +25,4 @@ pub use analyse::{all_meet, analyse};
 pub use blocking::{CriticalSection, blocked, blocker, blocking};
 pub use bound::{Critical, Delay, JobResponse, Response, Unbounded};
 pub use busy_period::{meets, response};
-pub use task::{Task, utilisation_permille};
+pub use task::{Preemption, Task, utilisation_permille};

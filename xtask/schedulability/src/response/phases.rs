@@ -307,7 +307,7 @@ impl<'a> Look<'_, 'a> {
         for (of, absent) in self.delaying() {
             let other = of.task;
             let (window, preemption) = if other.priority > self.task().priority {
-                (higher, other.preemption)
+                (higher, other.preemption.at(self.task().priority))
             } else {
                 (equal, 0)
             };
@@ -414,7 +414,7 @@ impl<'a> Look<'_, 'a> {
         let delay = |(of, absent): (&Delaying<'a>, &[Vec<&'a Job>])| {
             let other = of.task;
             let (window, preemption) = if other.priority > task.priority {
-                (busy.ends, other.preemption)
+                (busy.ends, other.preemption.at(task.priority))
             } else {
                 (busy.starts + 1, 0)
             };

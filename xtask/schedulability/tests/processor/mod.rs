@@ -39,6 +39,8 @@ pub(crate) struct Behaviour {
     pub(crate) locks: Vec<Vec<Locked>>,
     /// For each task, which of its releases follow from which of another task.
     pub(crate) links: Vec<Vec<Link>>,
+    /// What each task costs each other one that it preempts, and the idle code behind them.
+    pub(crate) lost: Vec<Vec<u64>>,
     /// Whether the node is off the bus.
     pub(crate) off_bus: bool,
     pub(crate) horizon: u64,
@@ -460,7 +462,9 @@ impl Processor<'_> {
         let task = &self.tasks[run.task];
         if let Some(top) = self.stack.last_mut().filter(|top| top.done > 0) {
             // What the job has to do again; it cannot lose the same twice.
-            let lost = below(self.random, 4).min(1) * task.preemption;
+            let of = self.behaviour.lost.get(run.task);
+            let lost = of.and_then(|of| of.get(top.task)).copied().unwrap_or(0);
+            let lost = below(self.random, 4).min(1) * lost;
             top.extra = top.extra.max(lost);
         }
         for served in &run.served {

@@ -71,8 +71,9 @@ pub(super) struct Run<'r, 'a> {
     pub(super) found: Targets,
     /// Headers of loops for which no bound was found.
     pub(super) endless: BTreeSet<u32>,
-    /// Lines that are taken to be at hand.
+    /// Lines that are taken to be at hand, and those of them in each critical section.
     pub(super) reused: Reused,
+    pub(super) reused_in: BTreeMap<(Level, u32), Reused>,
     /// Lowest stack pointer.
     pub(super) lowest: u32,
     pub(super) uses_fpu: bool,
@@ -121,6 +122,7 @@ impl<'r, 'a> Run<'r, 'a> {
             found: Targets::new(),
             endless: BTreeSet::new(),
             reused: Reused::default(),
+            reused_in: BTreeMap::new(),
             lowest: STACK_TOP,
             uses_fpu: false,
             sections: Sections::new(),
@@ -154,17 +156,20 @@ impl<'r, 'a> Run<'r, 'a> {
             Entry::Handler if self.uses_fpu => self.timings.save_floats(),
             _ => Cycles::ZERO,
         };
+        let reads = self.timings.flashed.reads();
+        let reload =
+            |reused: Option<&Reused>| reads.zip(reused).map_or(0, |(reads, of)| reads.reload(of));
         let sections = self.sections.iter().map(|(&(level, at), &cycles)| Section {
             level,
             cycles: cycles + saved,
+            reload: reload(self.reused_in.get(&(level, at))),
             at,
         });
         let memory = self.executor.into_memory();
-        let reads = self.timings.flashed.reads();
         Outcome {
             bound: Bound {
                 cycles: returned.max(self.ended),
-                reload: reads.map_or(0, |reads| reads.reload(&self.reused)),
+                reload: reload(Some(&self.reused)),
                 retry: self.retry,
                 stack: STACK_TOP - self.lowest,
                 uses_fpu: self.uses_fpu,

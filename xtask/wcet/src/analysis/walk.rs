@@ -9,6 +9,7 @@ use crate::bound::{Entry, Problem};
 use crate::cycles::Cycles;
 use crate::execute::Effects;
 use crate::facts::{BlockId, To};
+use crate::flash::Reused;
 use crate::graph::{Block, Graph, conditional};
 use crate::instruction::{Flow, Instruction, SEMIHOSTING};
 use crate::layout::STACK;
@@ -211,7 +212,9 @@ impl Run<'_, '_> {
         let Some(reads) = self.timings.flashed.reads() else {
             return;
         };
-        let flashed = state.flash.follow(reads, address, &mut self.reused);
+        let mut reused = Reused::default();
+        let flashed = state.flash.follow(reads, address, &mut reused);
+        self.note_reused(state, &reused);
         state.wait(Cycles {
             zero_wait: 0,
             flashed,
@@ -286,8 +289,10 @@ impl Run<'_, '_> {
         let read = access.filter(|access| access.load).zip(reads);
         let settled = read.and_then(|(access, reads)| {
             let words = (access.size, access.count);
+            let mut reused = Reused::default();
             let flash = &mut state.flash;
-            let (wait, settled) = flash.read(reads, access.address, words, &mut self.reused);
+            let (wait, settled) = flash.read(reads, access.address, words, &mut reused);
+            self.note_reused(state, &reused);
             cycles.flashed += wait;
             settled
         });
@@ -296,6 +301,18 @@ impl Run<'_, '_> {
             state.flash.settle(ahead);
         }
         cycles
+    }
+
+    /// Notes lines that the bound takes to be at hand, for the job and for each critical section that it is in.
+    fn note_reused(&mut self, state: &State, reused: &Reused) {
+        if reused.is_empty() {
+            return;
+        }
+        self.reused.extend(reused);
+        for section in &state.masked {
+            let of = self.reused_in.entry((section.level, section.at));
+            of.or_default().extend(reused);
+        }
     }
 
     /// Records a critical section that ends with an instruction of this cost.
@@ -330,7 +347,9 @@ impl Run<'_, '_> {
     pub(super) fn refill(&mut self, state: &mut State, target: Option<u32>) {
         let mut cycles = self.timings.cycles(|timing| timing.taken());
         if let Some(reads) = self.timings.flashed.reads() {
-            cycles.flashed += state.flash.jump(reads, target, &mut self.reused);
+            let mut reused = Reused::default();
+            cycles.flashed += state.flash.jump(reads, target, &mut reused);
+            self.note_reused(state, &reused);
         }
         // The line may come before the pipeline is filled or behind it: what is read ahead has no part
         // of that time for certain.

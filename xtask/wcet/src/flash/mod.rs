@@ -54,6 +54,18 @@ const SYSTEM: u32 = 0x1fff_0000;
 /// First number of a word of code in RAM. Those of lines in flash are smaller.
 const RAM: u32 = 0x8000_0000;
 
+impl Reused {
+    /// Adds those of `other`.
+    pub(crate) fn extend(&mut self, other: &Self) {
+        self.instructions.extend(&other.instructions);
+        self.constants.extend(&other.constants);
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.instructions.is_empty() && self.constants.is_empty()
+    }
+}
+
 impl Reads {
     /// The number of an instruction's line, or of its word in RAM: over the system bus, code is fetched by
     /// words (Arm DDI 0337I 14.5).
@@ -82,8 +94,8 @@ impl Reads {
         (possible, low <= high && self.flash.within(low, high))
     }
 
-    /// Cycles that a job may take longer after a preemption, in which all lines of the caches were
-    /// replaced.
+    /// Cycles that a job, or a part of it, may take longer after a preemption in which all lines of the caches
+    /// were replaced.
     #[must_use]
     pub(crate) fn reload(&self, reused: &Reused) -> u64 {
         let lines = |lines: &BTreeSet<u32>, size: usize| lines.len().min(size) as u64;
