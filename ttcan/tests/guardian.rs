@@ -732,6 +732,11 @@ fn configurations_are_checked() {
     let refused =
         |config: GuardianConfig| Guardian::new(SCHEDULE.view(), config, ALL, Stamp(0)).err();
     assert_eq!(refused(sound), None);
+    let slow = GuardianConfig {
+        handling: Micros::micros(515),
+        ..sound
+    };
+    assert_eq!(refused(slow), None);
     assert_eq!(
         Guardian::new(SCHEDULE.view(), sound, [GPS, GPS], Stamp(0)).err(),
         Some(GuardianError::Senders)
@@ -786,6 +791,14 @@ fn configurations_are_checked() {
                 ..sound
             },
             GuardianError::Interval,
+        ),
+        // A reference has up to 135 bits. The first window begins 1000 us behind its mark, and opens up to 25 us before.
+        (
+            GuardianConfig {
+                handling: Micros::micros(516),
+                ..sound
+            },
+            GuardianError::Handling,
         ),
     ] {
         assert_eq!(refused(config), Some(error));

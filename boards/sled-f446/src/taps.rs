@@ -9,7 +9,8 @@
 //! a program leaves the bus as it would be without a guardian.
 //!
 //! TIM3 asks for a look every 8.9 us, 2.2 bits at 250 kbit/s. EXTI latches whether a line became dominant
-//! between two looks. Its lines are enabled there, but not their interrupts in the NVIC.
+//! between two looks. Its lines 0 to 3 are enabled there, so no task may be bound to EXTI0 to EXTI3: each edge would
+//! release it.
 
 use crate::pac;
 use crate::registers::timer::{self, Effect};

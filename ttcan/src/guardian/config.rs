@@ -43,9 +43,9 @@ pub struct GuardianConfig {
     /// Longest time from one look at the TX lines to the next one: at most 2.75 bits, which is 11 us
     /// at 250 kbit/s. All that delays a look counts.
     pub interval: Micros,
-    /// Longest time from the reception of a frame until [`Watch::publish`](super::Watch::publish) has heard of
-    /// it, at most `spell_bits`: only a short spell may go on until then. 0 for a
-    /// [`Guardian`](super::Guardian), which does everything at once.
+    /// Longest time from the reception of a reference until [`Watch::publish`](super::Watch::publish) has heard of
+    /// it. It ends `spell_bits` behind the earliest begin of the first window, because only a short spell
+    /// may go on until then. 0 for a [`Guardian`](super::Guardian), which does everything at once.
     pub handling: Micros,
     /// Largest drift of the guardian's counter against the time of the network, in parts per million,
     /// up to 10 000: the sum of the deviations of its own crystal and that of the master.
@@ -135,7 +135,7 @@ pub enum GuardianError {
     Latency,
     /// The interval is longer than 2.75 bits.
     Interval,
-    /// The handling of a frame takes longer than a short spell.
+    /// The handling of a reference ends later than a short spell in the first window.
     Handling,
     /// The drift is above 10 000 ppm.
     Drift,
@@ -155,7 +155,9 @@ impl core::fmt::Display for GuardianError {
             Self::TooLong => "the penalty or the time without references exceeds 2^30 ticks",
             Self::Latency => "the latency exceeds half a basic cycle, or the jitter 1000 us",
             Self::Interval => "the time from look to look exceeds 2.75 bits",
-            Self::Handling => "the handling of a frame takes longer than a short spell",
+            Self::Handling => {
+                "the handling of a reference ends later than a short spell in the first window"
+            }
             Self::Drift => "the drift exceeds 10 000 ppm",
             Self::SpellBits => "a short spell has 8 to 28 bits",
             Self::Cycles => "the penalty is 0 cycles, or the time is not lost after 1 to 100",
@@ -232,6 +234,17 @@ fn repetitions(schedule: ScheduleView<'_>, ticks_per_us: u32, each: u32) -> u16 
     count.min(u32::from(u16::MAX)) as u16
 }
 
+/// The least cycle time at which a window begins, in microseconds.
+fn first_window(schedule: ScheduleView<'_>) -> u32 {
+    let mut least = schedule.network.basic_cycle;
+    for cycle in 0..64 {
+        let (first, end) = schedule.entries_of(cycle);
+        let entry = schedule.entry(first).filter(|_| first < end);
+        least = entry.map_or(least, |entry| least.min(entry.start));
+    }
+    least
+}
+
 impl Times {
     /// Checks the configuration.
     pub(super) fn new(
@@ -270,9 +283,6 @@ impl Times {
         let shortest = spell_gap.saturating_add(interval.saturating_mul(2));
         if shortest > bits(FRAME_GAP_BITS) {
             return Err(GuardianError::Interval);
-        }
-        if ticks(config.handling.ticks()) > bits(u32::from(config.spell_bits)) {
-            return Err(GuardianError::Handling);
         }
         let half_interval = interval.div_ceil(2);
         let jitter = ticks(config.jitter.ticks());
@@ -318,7 +328,20 @@ impl Times {
         };
         let early = times.offset_limit.saturating_add(times.margin(cycle));
         times.reference_phase = cycle.saturating_sub(early);
+        let handling = ticks(config.handling.ticks());
+        if handling > times.longest_handling(schedule) {
+            return Err(GuardianError::Handling);
+        }
         Ok(times)
+    }
+
+    /// The most ticks from the end of a reference to the end of a short spell that begins as early as it can in
+    /// the first window.
+    fn longest_handling(&self, schedule: ScheduleView<'_>) -> u32 {
+        let first = self.ticks(first_window(schedule));
+        let opens = first.saturating_sub(self.margin(first));
+        let quiet = opens.saturating_sub(self.bits(self.reference_bits));
+        quiet.saturating_add(self.bits(u32::from(self.config.spell_bits)))
     }
 
     /// Ticks of a time of the schedule, at most two basic cycles in microseconds.

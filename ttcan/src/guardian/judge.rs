@@ -150,23 +150,26 @@ impl<'s, const P: usize> Judge<'s, P> {
         if self.plan.is_trusted(now) {
             self.certain |= news.marks.struck;
         }
-        if news.marks.charged != 0 {
-            self.charge(news.marks.charged);
+        let marks = &news.marks;
+        // Of spells that were told before. What one behind them may be is only told now.
+        let before = marks.charged_before | marks.charged & !marks.begun;
+        if before != 0 {
+            self.charge(before, marks.charged_beside);
         }
         if news.marks.begun != 0 {
             self.permit(news, now);
         }
     }
 
-    /// Spells went on as references.
-    fn charge(&mut self, charged: u32) {
+    /// Spells went on as references, these ones `beside` their time.
+    fn charge(&mut self, charged: u32, beside: u32) {
         let times = &self.plan.times;
         // loop-bound: senders=32
         for (at, sender) in self.senders.iter_mut().enumerate() {
             // `at` is below 32, see `new`.
             let bit = 1u32.wrapping_shl(at as u32);
             if charged & bit != 0 {
-                sender.charge(self.answered & bit != 0, times);
+                sender.charge(self.answered & bit != 0, beside & bit != 0, times);
             }
         }
         self.answered &= !charged;
@@ -177,7 +180,8 @@ impl<'s, const P: usize> Judge<'s, P> {
         // The guardian of one node sees no other line, and takes for granted while there are references
         // that its attempts are answered.
         let unseen = P == 1 && self.plan.known.is_some();
-        let counted = news.marks.begun & !news.marks.excused & !self.acknowledged;
+        let charged = news.marks.charged & news.marks.begun;
+        let counted = news.marks.begun & !news.marks.excused & !self.acknowledged & !charged;
         let mut cuts = 0;
         // loop-bound: senders=32
         for (at, (sender, spell)) in self.senders.iter_mut().zip(&news.spells).enumerate() {
@@ -191,10 +195,15 @@ impl<'s, const P: usize> Judge<'s, P> {
                 if is(counted) && sender.is_short() && !sender.is_behind_own() {
                     cut = sender.pulse(&self.plan.times, now);
                 }
+                if is(charged) {
+                    let beside = is(news.marks.charged_beside);
+                    sender.charge(is(self.answered), beside, &self.plan.times);
+                }
             }
             cuts |= u32::from(cut).wrapping_shl(at as u32);
         }
         // A sender that drives may have acknowledged or disturbed what others send.
+        self.answered &= !charged;
         let first = news.marks.begun & news.marks.begun.wrapping_neg();
         self.answered |= if unseen {
             news.marks.begun

@@ -58,9 +58,10 @@
 //!   begin a frame: the next two slots of each.
 //! * [`Judge`] knows the schedule and the time of the network, finds those slots ([`Judge::look_ahead`]), and
 //!   counts what a sender did that it may not, in steps that can wait until the next frame. Only what
-//!   follows from a reference is urgent: a spell behind it is a short one for the upper half until its
-//!   slot is published, so that has to be within `spell_bits` ([`GuardianConfig::handling`]). With 28 bits
-//!   at 250 kbit/s these are 112 us.
+//!   follows from a reference is urgent: a spell in the first window behind it is a short one for the upper
+//!   half until its slot is published, so that has to be within `spell_bits` from then on
+//!   ([`GuardianConfig::handling`]). What its master repeats at once begins in the slot that is already
+//!   published.
 //!
 //! # What trips a gate
 //!

@@ -166,10 +166,10 @@ impl Sender {
         )
     }
 
-    /// The spell went on as a reference: counts an attempt, if another sender may have `answered` the one
-    /// before.
-    pub(super) fn charge(&mut self, answered: bool, times: &Times) {
-        if matches!(self.permit, Permit::Reference { untimely: true }) {
+    /// The spell went on as a reference: counts it if it was `beside` their time, or else as an attempt, if
+    /// another sender may have `answered` the one before.
+    pub(super) fn charge(&mut self, answered: bool, beside: bool, times: &Times) {
+        if beside {
             self.count_untimely(times);
         } else if answered && self.cut.is_none() {
             self.attempts = self.attempts.saturating_add(1);

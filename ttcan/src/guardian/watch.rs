@@ -132,8 +132,11 @@ pub(super) struct Marks {
     pub(super) behind: u32,
     /// Of those: a reference would be beside its time.
     pub(super) untimely: u32,
-    /// Spells that went on beyond their limit as references.
+    /// Spells that went on beyond their limit as references; those of them that have another one behind
+    /// them; and those that were beside the time of references.
     pub(super) charged: u32,
+    pub(super) charged_before: u32,
+    pub(super) charged_beside: u32,
     /// Spells that went on beyond all limits.
     pub(super) struck: u32,
     /// Lines that were released after such a spell.
@@ -186,6 +189,8 @@ pub struct Watch<const P: usize> {
     charged: u32,
     granted: u32,
     framed: u32,
+    /// Spells that would be untimely references.
+    beside: u32,
     /// Spells that have begun, and whose slot is still to be found: one in each look.
     starting: u32,
     cut: u32,
@@ -246,6 +251,7 @@ impl<const P: usize> Watch<P> {
             charged: 0,
             granted: 0,
             framed: 0,
+            beside: 0,
             starting: 0,
             cut: 0,
             open: Gates(Self::ALL),
@@ -343,6 +349,7 @@ impl<const P: usize> Watch<P> {
         self.granted &= !bit;
         self.charged |= bit;
         self.news.charged |= bit;
+        self.news.charged_beside = self.news.charged_beside & !bit | self.beside & bit;
     }
 
     /// The lines of these senders have become dominant since the look before.
@@ -368,6 +375,8 @@ impl<const P: usize> Watch<P> {
         self.news.behind = self.news.behind & !begin | behind & whole & begin;
         self.news.excused = self.news.excused & !begin | if excused { begin } else { 0 };
         self.news.begun &= !begin;
+        self.news.charged_before |= self.news.charged & begin;
+        self.news.charged &= !begin;
         self.starting |= begin;
         self.active |= begin;
         self.recent |= begin;
@@ -411,6 +420,7 @@ impl<const P: usize> Watch<P> {
             (self.timely, 0)
         };
         self.granted |= granted & bit;
+        self.beside = self.beside & !bit | untimely;
         self.news.untimely = self.news.untimely & !bit | untimely;
     }
 
@@ -454,11 +464,12 @@ impl<const P: usize> Watch<P> {
         let Marks {
             begun,
             charged,
+            charged_before,
             struck,
             freed,
             ..
         } = self.news;
-        begun | charged | struck | freed != 0
+        begun | charged | charged_before | struck | freed != 0
     }
 
     /// Lines in a spell, or whose last one is not long past.
@@ -581,5 +592,6 @@ impl<const P: usize> Watch<P> {
         self.charged &= known;
         self.framed &= known;
         self.granted &= self.active;
+        self.beside &= self.active;
     }
 }

@@ -1,6 +1,8 @@
 //! A guardian on a simulated bus: TX lines bit by bit, its own crystal, latencies and losses.
 
-use ttcan::guardian::{Gates, Guardian, GuardianConfig, GuardianState, Judge, Lines, Trip, Watch};
+use ttcan::guardian::{
+    Evidence, Gates, Guardian, GuardianConfig, GuardianState, Judge, Lines, Trip, Watch,
+};
 use ttcan::simulation::{Crystal, Fate, SimTime};
 use ttcan::{Frame, Micros, NodeId, ScheduleView, Stamp, StampLatency};
 
@@ -14,15 +16,18 @@ const SHORT: u8 = 28;
 const LOOK: u64 = 8000;
 const LATE: u64 = 3000;
 /// The lower half says when a frame may begin every so long, and up to so late. That is also how long it takes
-/// from the handling of a frame.
-const AHEAD: u64 = 384_000;
-const LATE_AHEAD: u64 = 70_000;
-/// It is told of the lines every so long.
-const RULE: u64 = 96_000;
-/// A frame is taken up to 40 us after its reception: the next one may have begun by then.
+/// behind a reference.
+const AHEAD: u64 = 498_000;
+const LATE_AHEAD: u64 = 340_000;
+const HANDLING: u32 = ((FRAME + TOLD + LATE_AHEAD) / 1000) as u32;
+/// A frame is taken up to 40 us after its reception: the next one may have begun by then. Up to so much later the
+/// lower half is told of it: always before the next one is received.
 const FRAME: u64 = 40_000;
-/// One step of what can wait is made every so long.
-const STEP: u64 = 290_000;
+const TOLD: u64 = 140_000;
+/// It is told of the lines every so long, and late.
+const RULE: u64 = 400_000;
+/// One step of what can wait is made behind every second time, and late.
+const STEP: u64 = 900_000;
 
 /// Level of a TX line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,8 +80,10 @@ pub(crate) fn bits_of(frame: &Frame) -> Vec<bool> {
 enum Event {
     Edge(usize, Level),
     Frame(Frame),
-    /// The lower half takes a frame with this stamp.
-    Receive(Frame, Stamp),
+    /// A frame with this stamp is taken.
+    Take(Frame, Stamp),
+    /// The lower half is told of the frame that was taken.
+    Tell,
 }
 
 /// What the lower half of the guardian does next, and when.
@@ -96,6 +103,8 @@ pub(crate) struct Guarded<const P: usize> {
     singles: Vec<Guardian<'static, 1>>,
     crystal: Crystal,
     open: Gates,
+    /// A frame that was taken, with its stamp and the lines at that moment.
+    taken: Option<(Frame, Stamp, Evidence<P>)>,
     /// The lines as they are, and what became dominant since the last look.
     lines: Lines,
     /// When the timer asks for the next look, and how late that is.
@@ -136,7 +145,7 @@ impl<const P: usize> Guarded<P> {
         let now = crystal.stamp(SimTime::from_ticks(0));
         let central = GuardianConfig {
             spell_bits: SHORT,
-            handling: Micros::micros(110),
+            handling: Micros::micros(HANDLING),
             ..config
         };
         let guardian = Guardian::new(schedule, central, senders, now).expect("it is sound");
@@ -152,6 +161,7 @@ impl<const P: usize> Guarded<P> {
             singles,
             crystal,
             open,
+            taken: None,
             lines: Lines::default(),
             timer: seed % LOOK,
             late: 0,
@@ -218,11 +228,21 @@ impl<const P: usize> Guarded<P> {
                         single.handle_frame(&frame, stamp);
                     }
                     let at = time + self.below(FRAME);
-                    self.insert(at, Event::Receive(frame, stamp));
+                    self.insert(at, Event::Take(frame, stamp));
                 }
-                Event::Receive(frame, stamp) => {
-                    if self.judge.receive(&frame, stamp, &self.watch.evidence()) {
+                Event::Take(frame, stamp) => {
+                    assert!(self.taken.is_none(), "the frame before was told of");
+                    self.taken = Some((frame, stamp, self.watch.evidence()));
+                    let at = time + self.below(TOLD);
+                    self.insert(at, Event::Tell);
+                }
+                Event::Tell => {
+                    let (frame, stamp, evidence) = self.taken.take().expect("it was taken");
+                    if self.judge.receive(&frame, stamp, &evidence) {
                         self.rounds.ahead = time + self.below(LATE_AHEAD);
+                    }
+                    for waits in [&mut self.rounds.rule, &mut self.rounds.account] {
+                        *waits = waits.map(|at| at.max(time));
                     }
                     self.ask(time);
                 }
@@ -235,7 +255,11 @@ impl<const P: usize> Guarded<P> {
     fn look_until(&mut self, nanos: u64) {
         loop {
             let rounds = self.rounds;
-            let asked = [Some(rounds.ahead), rounds.rule, rounds.account];
+            let mut asked = [Some(rounds.ahead), rounds.rule, rounds.account];
+            if self.taken.is_some() {
+                // What has lower priorities waits.
+                asked = [Some(rounds.ahead), None, None];
+            }
             match asked.into_iter().flatten().min() {
                 Some(at) if at < nanos && at <= self.next_look() => self.round(at),
                 _ if self.next_look() < nanos => self.look_and_skip(nanos),
@@ -261,6 +285,9 @@ impl<const P: usize> Guarded<P> {
         } else if self.rounds.rule == Some(time) {
             self.rounds.rule = None;
             self.judge.rule(&self.watch.news(), now);
+            if self.rounds.account.is_none() && self.judge.is_behind(now) {
+                self.rounds.account = Some(time + self.below(STEP));
+            }
         } else {
             self.rounds.account = None;
             let orders = self.judge.account(self.watch.driving(), now);
@@ -272,12 +299,10 @@ impl<const P: usize> Guarded<P> {
 
     /// Asks the lower half if there is something to do.
     fn ask(&mut self, time: u64) {
-        if self.rounds.rule.is_none() && self.watch.has_news() {
-            self.rounds.rule = Some(time + self.below(RULE));
-        }
         let now = self.stamp(time);
-        if self.rounds.account.is_none() && self.judge.is_behind(now) {
-            self.rounds.account = Some(time + self.below(STEP));
+        let waits = self.rounds.account.is_none() && self.judge.is_behind(now);
+        if self.rounds.rule.is_none() && (self.watch.has_news() || waits) {
+            self.rounds.rule = Some(time + self.below(RULE));
         }
     }
 

@@ -5,13 +5,15 @@
 //!
 //! | task | bound to | priority | does |
 //! | --- | --- | --- | --- |
-//! | `look` | TIM3 | 5 | every 8.9 us: looks at the TX lines, sets the gates; each 12th time, asks for `rule` |
-//! | `can_rx` | receive FIFO 0 | 4 | stamps, tells the lower half of a frame; behind a reference, asks for `ahead` |
-//! | `ahead` | EXTI9_5 | 4 | behind each reference, and every 427 us: finds when each node may begin a frame next |
-//! | `rule` | EXTI15_10 | 3 | every 107 us: what the spells are that have begun; each second time, asks for `account`, and each fourth time for `ahead` |
-//! | `account` | EXTI0 | 2 | every 213 us: one step of what can wait |
-//! | `console_dma` | DMA1 stream 6 | 2 | end of a console line |
-//! | `report` | EXTI2 | 1 | each 45th `account`, every 9.6 ms: watchdog, LED; a line for each cut, and one each second |
+//! | `look` | TIM3 | 7 | every 8.9 us: looks at the TX lines, sets the gates; each 28th time, asks for `rule`, and each 56th time for `ahead` |
+//! | `can_rx` | receive FIFO 0 | 6 | stamps; takes a frame, and what the lines are at that moment |
+//! | `handle` | RTC_WKUP | 5 | tells the lower half of the frame; behind a reference, asks for `ahead` |
+//! | `rule` | EXTI15_10 | 4 | every 249 us: what the spells are that have begun; asks for `account` |
+//! | `ahead` | EXTI9_5 | 3 | behind each reference, and every 498 us: finds when each node may begin a frame next |
+//! | `account` | EXTI4 | 2 | every 249 us: one step of what can wait |
+//! | `report` | RTC_ALARM | 2 | each 45th `account`, every 11.2 ms: watchdog, LED; each tenth time, asks for `tell` |
+//! | `tell` | TAMP_STAMP | 1 | every 112 ms: a line for each cut, and one each second |
+//! | `console_dma` | DMA1 stream 6 | 1 | end of a console line |
 //!
 //! No task waits for an instant, because the timer queue of `rtic-monotonics` masks all interrupts for longer than a
 //! look may be late. `report` feeds the watchdog only if `rule` ran since its step before: if looks end, the watchdog
@@ -35,8 +37,8 @@ mod app {
     use firmware::console::Line;
     use firmware::fault;
     use firmware::guard::{self, Told, Trips};
-    use ttcan::guardian::{Guardian, GuardianConfig, GuardianState, Judge, Lines, Watch};
-    use ttcan::{Micros, Stamp, StampLatency};
+    use ttcan::guardian::{Evidence, Guardian, GuardianConfig, GuardianState, Judge, Lines, Watch};
+    use ttcan::{Frame, Micros, Stamp, StampLatency};
     use uagv::guarded;
     use uagv::matrix::{BIT_RATE, SCHEDULE};
 
@@ -44,18 +46,20 @@ mod app {
     const NODES: usize = guarded::NODES.len();
     /// Looks come every 8.9 us, and each up to 2.1 us late: the interrupt's entry, and a lock of another task.
     const INTERVAL: Micros = Micros::micros(11);
-    /// Looks from one `rule` to the next, and steps of `rule` from one `ahead` to the next.
-    const ROUND: u8 = 12;
-    const ROUNDS: u8 = 4;
-    /// Longest time from a frame's reception to the end of the `ahead` behind it.
-    const HANDLING: Micros = Micros::micros(110);
+    /// Looks from one `rule` to the next.
+    const ROUND: u8 = 28;
+    /// Looks from one `ahead` to the next.
+    const ROUNDS: u8 = 2 * ROUND;
+    /// Longest time from a reference's reception to the end of the `ahead` behind it.
+    const HANDLING: Micros = Micros::micros(520);
     /// Bits of a short spell: 112 us.
     const SPELL_BITS: u8 = 28;
-    /// Steps of `account` from one `report` to the next, and five times the time that takes, 9.6 ms.
+    /// Steps of `account` from one `report` to the next, and of `report` from one `tell` to the next: 112 ms.
     const STEPS: u8 = 45;
-    const STEP_5_MS: u32 = 48;
-    /// Steps of `report` between two lines about the state, about a second.
-    const REPORTS: u32 = 104;
+    const REPORTS: u8 = 10;
+    const TELL_MS: u32 = 112;
+    /// Steps of `tell` between two lines about the state, about a second.
+    const TELLS: u32 = 9;
 
     const _: () = assert!(
         NODES == board::FACTS.taps.len(),
@@ -66,8 +70,17 @@ mod app {
     struct Shared {
         clock: Clock,
         watch: Watch<NODES>,
+        /// The last frame, until `handle` has it.
+        taken: Option<Taken>,
         lower: Lower,
         console: Console,
+    }
+
+    /// A frame that was received, and the lines when it was taken.
+    pub struct Taken {
+        frame: Frame,
+        stamp: Stamp,
+        evidence: Evidence<NODES>,
     }
 
     /// The lower half, and whether it has ruled since the last step of `report`.
@@ -81,15 +94,8 @@ mod app {
         can: CanPort,
         taps: Taps,
         looks: u8,
-        reporter: Reporter,
-    }
-
-    /// What `report` owns.
-    pub struct Reporter {
         led: Led,
         watchdog: Watchdog,
-        told: Told<NODES>,
-        steps: u32,
     }
 
     #[init]
@@ -116,6 +122,7 @@ mod app {
             Shared {
                 clock: sled.clock,
                 watch,
+                taken: None,
                 lower: Lower {
                     judge,
                     ruled: false,
@@ -126,12 +133,8 @@ mod app {
                 can: sled.can,
                 taps,
                 looks: 0,
-                reporter: Reporter {
-                    led: sled.led,
-                    watchdog: sled.watchdog,
-                    told: Told::new(),
-                    steps: 0,
-                },
+                led: sled.led,
+                watchdog: sled.watchdog,
             },
         )
     }
@@ -143,7 +146,7 @@ mod app {
         }
     }
 
-    #[task(binds = TIM3, priority = 5, shared = [&clock, watch], local = [taps, looks])]
+    #[task(binds = TIM3, priority = 7, shared = [&clock, watch], local = [taps, looks])]
     fn look(mut cx: look::Context) {
         let levels = cx.local.taps.look();
         let now = Stamp(cx.shared.clock.now());
@@ -155,25 +158,45 @@ mod app {
         cx.local.taps.open(open.bits());
         *cx.local.looks = cx.local.looks.wrapping_add(1);
         if *cx.local.looks == ROUND {
+            rtic::pend(Interrupt::EXTI15_10);
+        } else if *cx.local.looks == ROUNDS {
             *cx.local.looks = 0;
             rtic::pend(Interrupt::EXTI15_10);
+            rtic::pend(Interrupt::EXTI9_5);
         }
     }
 
     /// One frame in a job: while the FIFO holds another one, the interrupt stays pending.
-    #[task(binds = CAN1_RX0, priority = 4, shared = [&clock, watch, lower], local = [can])]
+    #[task(binds = CAN1_RX0, priority = 6, shared = [&clock, watch, taken], local = [can])]
     fn can_rx(mut cx: can_rx::Context) {
         let stamp = Stamp(cx.shared.clock.now());
         if let Some(Received::Data(frame)) = cx.local.can.receive() {
             let evidence = cx.shared.watch.lock(|watch| watch.evidence());
-            let lower = &mut cx.shared.lower;
-            if lower.lock(|lower| lower.judge.receive(&frame, stamp, &evidence)) {
-                rtic::pend(Interrupt::EXTI9_5);
-            }
+            let taken = Taken {
+                frame,
+                stamp,
+                evidence,
+            };
+            cx.shared.taken.lock(|last| *last = Some(taken));
+            rtic::pend(Interrupt::RTC_WKUP);
         }
     }
 
-    #[task(binds = EXTI9_5, priority = 4, shared = [&clock, watch, lower])]
+    #[task(binds = RTC_WKUP, priority = 5, shared = [taken, lower])]
+    fn handle(mut cx: handle::Context) {
+        let Some(taken) = cx.shared.taken.lock(Option::take) else {
+            return;
+        };
+        let followed = cx.shared.lower.lock(|lower| {
+            let judge = &mut lower.judge;
+            judge.receive(&taken.frame, taken.stamp, &taken.evidence)
+        });
+        if followed {
+            rtic::pend(Interrupt::EXTI9_5);
+        }
+    }
+
+    #[task(binds = EXTI9_5, priority = 3, shared = [&clock, watch, lower])]
     fn ahead(cx: ahead::Context) {
         let (mut watch, mut lower) = (cx.shared.watch, cx.shared.lower);
         let now = Stamp(cx.shared.clock.now());
@@ -185,7 +208,7 @@ mod app {
         }
     }
 
-    #[task(binds = EXTI15_10, priority = 3, shared = [&clock, watch, lower], local = [rounds: u8 = 0])]
+    #[task(binds = EXTI15_10, priority = 4, shared = [&clock, watch, lower])]
     fn rule(cx: rule::Context) {
         let (mut watch, mut lower) = (cx.shared.watch, cx.shared.lower);
         let news = watch.lock(Watch::news);
@@ -194,17 +217,10 @@ mod app {
             lower.ruled = true;
             lower.judge.rule(&news, now);
         });
-        *cx.local.rounds = cx.local.rounds.wrapping_add(1);
-        if *cx.local.rounds == ROUNDS {
-            *cx.local.rounds = 0;
-            rtic::pend(Interrupt::EXTI9_5);
-        }
-        if cx.local.rounds.is_multiple_of(2) {
-            rtic::pend(Interrupt::EXTI0);
-        }
+        rtic::pend(Interrupt::EXTI4);
     }
 
-    #[task(binds = EXTI0, priority = 2, shared = [&clock, watch, lower], local = [steps: u8 = 0])]
+    #[task(binds = EXTI4, priority = 2, shared = [&clock, watch, lower], local = [steps: u8 = 0])]
     fn account(cx: account::Context) {
         let (mut watch, mut lower) = (cx.shared.watch, cx.shared.lower);
         let driving = watch.lock(|watch| watch.driving());
@@ -214,38 +230,47 @@ mod app {
         *cx.local.steps = cx.local.steps.wrapping_add(1);
         if *cx.local.steps == STEPS {
             *cx.local.steps = 0;
-            rtic::pend(Interrupt::EXTI2);
+            rtic::pend(Interrupt::RTC_ALARM);
         }
     }
 
-    #[task(binds = DMA1_STREAM6, priority = 2, shared = [console])]
+    #[task(binds = DMA1_STREAM6, priority = 1, shared = [console])]
     fn console_dma(mut cx: console_dma::Context) {
         cx.shared.console.lock(Console::on_transfer_complete);
     }
 
-    /// Locks the lower half for moments, because each delays a verdict.
-    #[task(binds = EXTI2, priority = 1, shared = [lower, console], local = [reporter])]
-    fn report(cx: report::Context) {
-        let (mut lower, mut console) = (cx.shared.lower, cx.shared.console);
-        let reporter = cx.local.reporter;
-        let (ruled, state) = lower.lock(|lower| {
+    #[task(binds = RTC_ALARM, priority = 2, shared = [lower], local = [led, watchdog, reports: u8 = 0])]
+    fn report(mut cx: report::Context) {
+        let (ruled, state) = cx.shared.lower.lock(|lower| {
             let ruled = core::mem::take(&mut lower.ruled);
             (ruled, lower.judge.state())
         });
         if ruled {
-            reporter.watchdog.feed();
+            cx.local.watchdog.feed();
         }
-        reporter.led.set(state == GuardianState::InSchedule);
-        reporter.steps = reporter.steps.wrapping_add(1);
+        cx.local.led.set(state == GuardianState::InSchedule);
+        *cx.local.reports = cx.local.reports.wrapping_add(1);
+        if *cx.local.reports == REPORTS {
+            *cx.local.reports = 0;
+            rtic::pend(Interrupt::TAMP_STAMP);
+        }
+    }
+
+    /// One node in each step, so that a step is short.
+    #[task(binds = TAMP_STAMP, priority = 1, shared = [lower, console], local = [told: Told<NODES> = Told::new(), steps: u32 = 0])]
+    fn tell(mut cx: tell::Context) {
+        *cx.local.steps = cx.local.steps.wrapping_add(1);
+        let steps = *cx.local.steps;
+        let told = cx.local.told;
         let mut line = Line::new();
-        if reporter.steps.is_multiple_of(REPORTS) {
-            guard::state(&mut line, state, &guarded::NAMES, reporter.told.counts());
+        if steps.is_multiple_of(TELLS) {
+            let state = cx.shared.lower.lock(|lower| lower.judge.state());
+            guard::state(&mut line, state, &guarded::NAMES, told.counts());
         } else {
-            // One node in each step, so that a step is short.
-            let node = reporter.steps as usize % NODES;
-            let trips: Trips = lower.lock(|lower| lower.judge.trips(node));
-            let at_ms = reporter.steps.wrapping_mul(STEP_5_MS) / 5;
-            if let Some(cut) = reporter.told.news(node, trips, at_ms)
+            let node = steps as usize % NODES;
+            let trips: Trips = cx.shared.lower.lock(|lower| lower.judge.trips(node));
+            let at_ms = steps.wrapping_mul(TELL_MS);
+            if let Some(cut) = told.news(node, trips, at_ms)
                 && let Some(name) = guarded::NAMES.get(node)
             {
                 cut.log();
@@ -253,7 +278,8 @@ mod app {
             }
         }
         if !line.as_bytes().is_empty() {
-            console.lock(|console| console.push(line.as_bytes()));
+            let push = |console: &mut Console| console.push(line.as_bytes());
+            cx.shared.console.lock(push);
         }
     }
 }
