@@ -71,8 +71,10 @@ pub fn run(workspace: &Workspace, options: &Test) -> Result<(), Failure> {
                 Work::EventTriggered(vehicle) => println!(
                     "    cargo xtask schedulability --vehicle {vehicle} --bus event-triggered"
                 ),
-                Work::SwitchedOn(vehicle, set) => {
-                    println!("    cargo xtask schedulability --vehicle {vehicle} --set {set}");
+                Work::SwitchedOn(vehicle, sets) => {
+                    let sets: Vec<String> = sets.iter().map(|set| format!("--set {set}")).collect();
+                    let sets = sets.join(" ");
+                    println!("    cargo xtask schedulability --vehicle {vehicle} {sets}");
                 }
             }
         }
@@ -128,7 +130,7 @@ enum Work {
     /// Whether they hold when its nodes send at once, without the schedule.
     EventTriggered(String),
     /// Whether they hold with a node that is off in the manifest, and the value that switches it on.
-    SwitchedOn(String, &'static str),
+    SwitchedOn(String, Vec<&'static str>),
 }
 
 /// How a step ended.
@@ -175,7 +177,7 @@ impl Step {
             Work::EventTriggered(name) => event_triggered(workspace, &name)
                 .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
                 .unwrap_or_else(failed),
-            Work::SwitchedOn(name, set) => with_value(workspace, &name, set)
+            Work::SwitchedOn(name, sets) => with_values(workspace, &name, &sets)
                 .and_then(|vehicle| schedulability::regressions(workspace, &vehicle))
                 .unwrap_or_else(failed),
             Work::Tests { cargo, long } => {
@@ -246,10 +248,14 @@ fn steps(workspace: &Workspace, options: &Test) -> Result<Vec<Step>, Failure> {
             steps.push(step("event-triggered", Work::EventTriggered));
         }
         let vehicle = vehicle::find(workspace, name)?;
-        let bounded = switches(&vehicle).into_iter().filter(|one| one.bounded);
-        for Switch { what, set, .. } in bounded {
-            let work = Work::SwitchedOn(name.clone(), set);
-            steps.push(Step::new(format!("{what}, {name}"), work));
+        // All of them at once: a node that is on has more to do, and delays the others more.
+        let (what, sets): (Vec<_>, Vec<_>) = switches(&vehicle)
+            .into_iter()
+            .map(|Switch { what, set }| (what, set))
+            .unzip();
+        if !sets.is_empty() {
+            let work = Work::SwitchedOn(name.clone(), sets);
+            steps.push(Step::new(format!("{}, {name}", what.join(" and ")), work));
         }
     }
     steps.extend([
@@ -378,7 +384,7 @@ fn switched_on(
 ) -> Result<Vec<Command>, Failure> {
     let mut commands = Vec::new();
     for Switch { set, .. } in switches(vehicle) {
-        let on = with_value(workspace, vehicle.name(), set)?;
+        let on = with_values(workspace, vehicle.name(), &[set])?;
         // The node that the value adds is the last one.
         let Some(node) = on.nodes().last() else {
             continue;
@@ -393,12 +399,10 @@ fn switched_on(
 
 /// A node that is off in a vehicle's manifest.
 struct Switch {
-    /// Name of the step that tests the vehicle with it.
+    /// What it is, for the name of the step that tests the vehicle with it.
     what: &'static str,
     /// The value that switches it on.
     set: &'static str,
-    /// Whether the analysis has bounds for its tasks.
-    bounded: bool,
 }
 
 /// The nodes that are off in a vehicle's manifest.
@@ -410,20 +414,18 @@ fn switches(vehicle: &Vehicle) -> Vec<Switch> {
     let rows = (rows == Some(false)).then_some(Switch {
         what: "row guidance",
         set: "row_guidance.enabled=true",
-        bounded: true,
     });
     let guardian = (guardian == Some(false)).then_some(Switch {
         what: "guardian",
         set: "guardian.enabled=true",
-        bounded: false,
     });
     rows.into_iter().chain(guardian).collect()
 }
 
-/// The vehicle of that name with this value in place of its manifest's.
-fn with_value(workspace: &Workspace, name: &str, set: &str) -> Result<Vehicle, Failure> {
-    let on = Override::parse(set).into_iter().collect();
-    Ok(vehicle::with(workspace, name, &on)?)
+/// The vehicle of that name with these values in place of its manifest's.
+fn with_values(workspace: &Workspace, name: &str, sets: &[&str]) -> Result<Vehicle, Failure> {
+    let on = sets.iter().filter_map(|set| Override::parse(set).ok());
+    Ok(vehicle::with(workspace, name, &on.collect())?)
 }
 
 /// Fault sequences of the step: what two cores do in about a minute. A night's worth is
@@ -759,6 +761,10 @@ mod tests {
             steps.iter().any(|one| one.name == step)
         };
         assert!(both_ways("row-follower") && both_ways("two-boards") && !both_ways("uagv"));
-        assert!(steps.iter().any(|one| one.name == "row guidance, uagv"));
+        assert!(
+            steps
+                .iter()
+                .any(|one| one.name == "row guidance and guardian, uagv")
+        );
     }
 }
