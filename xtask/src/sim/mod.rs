@@ -18,13 +18,13 @@ use world::time::Span as _;
 
 use campaign::agreement::{self, Agreement};
 use serde_json::json;
-use twin::{Images, Outcome, Twin, TwinError};
+use twin::{Images, NodeOutcome, Outcome, Twin, TwinError};
 use vehicle_model::Vehicle;
 use world::{
     EffortChange, Scenario, ScenarioError, SimDuration, SimTime,
     report::{
-        self, CropRun, DistancePair, FolderError, GlobalTimeFigures, Judgement, ModeChange,
-        OutputFolder, RoverRun, Run, Summary, TaskTime,
+        self, CropRun, DistancePair, FolderError, GateFigures, GlobalTimeFigures, Judgement,
+        ModeChange, OutputFolder, RoverRun, Run, Summary, TaskTime,
     },
     scenario::{Button, Listed},
     time,
@@ -483,7 +483,25 @@ impl Finished<'_> {
         summary.bus.global_time = self.agreement.map(|figures| {
             GlobalTimeFigures::new(figures.instants, figures.largest_us, figures.p99_us)
         });
+        summary.bus.gates = self.gates();
         summary
+    }
+
+    /// What the bus guardian did, for each node whose gate it closed.
+    fn gates(&self) -> Vec<GateFigures> {
+        let changes = &self.outcome.gates;
+        let of_node = |node: &NodeOutcome| {
+            let changes = || changes.iter().filter(|change| change.node == node.node);
+            let first = changes().find(|change| change.closed)?;
+            let last = changes().next_back().filter(|change| !change.closed);
+            Some(GateFigures {
+                node: node.name.clone(),
+                closings: changes().filter(|change| change.closed).count(),
+                first_closed_seconds: time::seconds(first.at),
+                open_again_seconds: last.map(|change| time::seconds(change.at)),
+            })
+        };
+        self.outcome.nodes.iter().filter_map(of_node).collect()
     }
 
     /// The figures with the scenario's expectations, and what makes the run questionable.

@@ -21,7 +21,8 @@ use std::sync::Arc;
 use vehicle_model::{NodeIndex, Vehicle};
 use world::line::Wave;
 use world::rover::Side;
-use world::time::Span as _;
+use world::scenario::Babble;
+use world::time::{Span as _, at};
 use world::{Analog, Effect, Input, Output, Scenario, World, start_bit};
 
 /// The ELF files of a vehicle's nodes, in the order of its manifest.
@@ -272,7 +273,28 @@ impl Twin {
                 twin.drive_input(node, input, level);
             }
         }
+        for babble in &scenario.babble {
+            twin.babble(babble);
+        }
         Ok(twin)
+    }
+
+    /// Lets a node babble.
+    fn babble(&mut self, babble: &Babble) {
+        let Some(babbler) = self.add_babbler(babble.node) else {
+            return;
+        };
+        let (from, until) = (at(babble.at.span()), at(babble.until.span()));
+        let bit = 1_000_000_000_000 / u64::from(self.bit_rate.max(1));
+        let mut bus = self.network.bus();
+        match babble.id.and_then(|id| Frame::standard(id, &[0; 8])) {
+            Some(frame) => bus.babble(babbler, frame, from, until),
+            None => {
+                let bits = (until - from).as_ticks() / bit;
+                let levels = vec![Level::Dominant; usize::try_from(bits).unwrap_or(usize::MAX)];
+                bus.play_raw(babbler, from, levels);
+            }
+        }
     }
 
     /// Puts a level on the pin of an input.

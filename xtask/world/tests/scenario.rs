@@ -80,6 +80,22 @@ fn every_mistake_has_its_sentence() {
             "an unknown bus event",
             "[[bus]]\nwhat = \"noise\"\nat = \"1 s\"",
         ),
+        (
+            "a babbler without an end",
+            "[[babble]]\nnode = \"drive\"\nat = \"1 s\"",
+        ),
+        (
+            "a babbler for too long",
+            "[[babble]]\nnode = \"drive\"\nat = \"1 s\"\nuntil = \"12 s\"",
+        ),
+        (
+            "a babbler that no node is",
+            "[[babble]]\nnode = \"radio\"\nat = \"1 s\"\nuntil = \"2 s\"",
+        ),
+        (
+            "a babbler with too large an identifier",
+            "[[babble]]\nnode = \"drive\"\nat = \"1 s\"\nuntil = \"2 s\"\nid = 2048",
+        ),
         ("a crystal too bad", "[nodes.gps]\ncrystal = \"150 ppm\""),
         (
             "a hidden steering angle",
@@ -153,7 +169,7 @@ fn names_and_files_that_are_not_there() {
             .unwrap_err()
             .to_string()
     };
-    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight" of vehicle "uagv": name one of calibration, canopy, five-metres-off, gps-lost, master-dead, straight-line or the path of a TOML file"#);
+    insta::assert_snapshot!(sentence("straight"), @r#"there is no scenario "straight" of vehicle "uagv": name one of babbler, calibration, canopy, five-metres-off, gps-lost, master-dead, straight-line or the path of a TOML file"#);
     // It may be another vehicle's.
     let poles = sentence("poles");
     assert!(
@@ -328,9 +344,9 @@ fn every_scenario_of_a_vehicle_expects_something() {
 #[test]
 fn every_scenario_of_the_folder_reads_and_says_what_it_shows() {
     let listed = Scenario::list(&uagv::vehicle());
-    assert_eq!(listed.len(), 19);
-    assert_eq!(listed[5].name, "straight-line");
-    assert_eq!(listed[6].name, "departures/drive-dead");
+    assert_eq!(listed.len(), 20);
+    assert_eq!(listed[6].name, "straight-line");
+    assert_eq!(listed[7].name, "departures/drive-dead");
     for scenario in listed {
         let found = uagv::find(&scenario.name);
         // In a folder, the file's name alone is that of the scenario.

@@ -202,6 +202,7 @@ pub(super) fn figures(run: &Run) -> BusFigures {
         frames_outside_their_window: outside,
         foreign_frames: complete().filter(|frame| known(frame.id).is_none()).count() as u64,
         global_time: None,
+        gates: Vec::new(),
         takeovers: takeovers(run, &cycles),
         windows,
     }

@@ -82,10 +82,25 @@ pub struct BusFigures {
     pub foreign_frames: u64,
     /// How well the nodes agreed on the global time; `null` when they were not compared.
     pub global_time: Option<GlobalTimeFigures>,
+    /// One entry for each node whose gate the bus guardian closed.
+    pub gates: Vec<GateFigures>,
     /// One entry for each time that the time master was held in reset.
     pub takeovers: Vec<TakeoverFigures>,
     /// Figures for each exclusive window, in order of the basic cycle.
     pub windows: Vec<WindowFigures>,
+}
+
+/// What the bus guardian did with the gate of a node.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GateFigures {
+    /// The node.
+    pub node: String,
+    /// How often the gate was closed: for good, or until a spell was over.
+    pub closings: usize,
+    /// When it was closed first.
+    pub first_closed_seconds: f64,
+    /// When it was opened last; `null` if it is closed at the end.
+    pub open_again_seconds: Option<f64>,
 }
 
 /// Differences between the nodes' global times, from one second after they know it.

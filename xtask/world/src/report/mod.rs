@@ -28,7 +28,7 @@ use crate::time::{SimDuration, SimTime};
 pub use crop::{CropFigures, CropRun, GuideFigures, crop_svg};
 pub use expected::{Decode, ExpectationFigures, Judgement, expectations};
 pub use figures::{
-    AutonomousRun, BusFigures, GlobalTimeFigures, IdFigures, ModeFigures, StopFigures,
+    AutonomousRun, BusFigures, GateFigures, GlobalTimeFigures, IdFigures, ModeFigures, StopFigures,
     TakeoverFigures, TaskFigures, WindowFigures,
 };
 pub use folder::{FolderError, OutputFolder};

@@ -265,6 +265,17 @@ fn write_bus(t: &mut String, bus: &BusFigures) -> core::fmt::Result {
             time.largest_difference_us, time.instants, time.p99_difference_us
         )?;
     }
+    for gate in &bus.gates {
+        let again = gate.open_again_seconds.map_or_else(
+            || "is closed at the end".to_owned(),
+            |seconds| format!("is open again since {seconds:.3} s"),
+        );
+        writeln!(
+            t,
+            "  {:>10.3} s  guardian closed the gate of {}, {} times in all; it {again}",
+            gate.first_closed_seconds, gate.node, gate.closings
+        )?;
+    }
     for takeover in &bus.takeovers {
         let after = takeover.next_reference_after_us.map_or_else(
             || "no other master took over".to_owned(),

@@ -433,6 +433,21 @@ fn operator(scenario: &Scenario) -> Outcome {
     Ok(())
 }
 
+fn babblers(scenario: &Scenario) -> Outcome {
+    for (i, babbler) in scenario.babble.iter().enumerate() {
+        let field = format!("babble[{i}]");
+        within(&format!("{field}.at"), babbler.at, times())?;
+        later(&field, babbler.at, Some(babbler.until))?;
+        let length = Time::new(babbler.until.get() - babbler.at.get());
+        let lengths = above(Time::new(0.0), Time::new(10.0));
+        within(&format!("time from {field}.at to until"), length, lengths)?;
+        if let Some(id) = babbler.id {
+            whole(&format!("{field}.id"), u64::from(id), 0, 2047)?;
+        }
+    }
+    Ok(())
+}
+
 fn faults(scenario: &Scenario) -> Outcome {
     for (i, reset) in scenario.reset.iter().enumerate() {
         within(&format!("reset[{i}].at"), reset.at, times())?;
@@ -462,6 +477,7 @@ fn faults(scenario: &Scenario) -> Outcome {
             ));
         }
     }
+    babblers(scenario)?;
     for (i, event) in scenario.bus.iter().enumerate() {
         let field = format!("bus[{i}]");
         match event {

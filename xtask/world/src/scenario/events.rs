@@ -170,6 +170,20 @@ pub struct ResetEvent {
     pub until: Option<Time>,
 }
 
+/// A node's CAN controller is broken, or what drives its TX line: it takes the bus from all others.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Babble {
+    /// Which node. What it does otherwise goes on.
+    pub node: NodeIndex,
+    /// When it begins.
+    pub at: Time,
+    /// When it ends.
+    pub until: Time,
+    /// Standard identifier of the frame that it sends again and again, 0 to 2047. Its line is held dominant
+    /// if left out.
+    pub id: Option<u16>,
+}
+
 /// The supply of a node dips. It falls and rises by 5 mV each microsecond, as 20 uF do that feed
 /// 100 mA.
 #[derive(Clone, Debug, PartialEq)]

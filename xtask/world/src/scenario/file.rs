@@ -7,9 +7,9 @@ use vehicle_model::{Device, NodeIndex, Vehicle};
 
 use super::rover::{self, DistanceFault};
 use super::{
-    BrownOut, BusEvent, ButtonPress, Clock, ClockChange, Expectation, JoystickMove, KnobTurn, Lcd,
-    Line, Point, Receiver, RelayFault, ResetEvent, Row, Scenario, Start, StartChanges,
-    StopLoopChange, SupplyChange, WireNoise,
+    Babble, BrownOut, BusEvent, ButtonPress, Clock, ClockChange, Expectation, JoystickMove,
+    KnobTurn, Lcd, Line, Point, Receiver, RelayFault, ResetEvent, Row, Scenario, Start,
+    StartChanges, StopLoopChange, SupplyChange, WireNoise,
 };
 use crate::distance;
 use crate::receiver::{self, FixChange, StreamFault};
@@ -44,6 +44,7 @@ pub(super) struct File {
     brownout: Vec<Dip>,
     wire: Vec<Noise>,
     relay: Vec<Stuck>,
+    babble: Vec<Babbler>,
     bus: Vec<BusEvent>,
     row: Option<Row>,
     terrain: Option<Terrain>,
@@ -78,6 +79,7 @@ impl Default for File {
             brownout: Vec::new(),
             wire: Vec::new(),
             relay: Vec::new(),
+            babble: Vec::new(),
             bus: Vec::new(),
             row: None,
             terrain: None,
@@ -104,6 +106,16 @@ struct Reset {
     node: String,
     at: Time,
     until: Option<Time>,
+}
+
+/// A [`Babble`] as written in the file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Babbler {
+    node: String,
+    at: Time,
+    until: Time,
+    id: Option<u16>,
 }
 
 /// A [`ClockChange`] as written in the file.
@@ -152,6 +164,33 @@ fn clocks(vehicle: &Vehicle, named: BTreeMap<String, Clock>) -> Result<Vec<Clock
     Ok(clocks)
 }
 
+fn babblers(vehicle: &Vehicle, babblers: Vec<Babbler>) -> Result<Vec<Babble>, String> {
+    let babblers = babblers.into_iter().enumerate();
+    babblers
+        .map(|(i, babbler)| {
+            Ok(Babble {
+                node: find(vehicle, &format!("babble[{i}].node"), &babbler.node)?,
+                at: babbler.at,
+                until: babbler.until,
+                id: babbler.id,
+            })
+        })
+        .collect()
+}
+
+fn dips(vehicle: &Vehicle, dips: Vec<Dip>) -> Result<Vec<BrownOut>, String> {
+    let dips = dips.into_iter().enumerate();
+    dips.map(|(i, dip)| {
+        Ok(BrownOut {
+            node: find(vehicle, &format!("brownout[{i}].node"), &dip.node)?,
+            at: dip.at,
+            until: dip.until,
+            lowest: dip.lowest,
+        })
+    })
+    .collect()
+}
+
 impl File {
     /// The scenario, completed with the manifest's values.
     pub(super) fn complete(self, vehicle: &Vehicle, name: &str) -> Result<Scenario, String> {
@@ -175,14 +214,6 @@ impl File {
                 node: node(format!("clock[{i}].node"), &change.node)?,
                 at: change.at,
                 present: change.present,
-            })
-        });
-        let brownout = self.brownout.into_iter().enumerate().map(|(i, dip)| {
-            Ok(BrownOut {
-                node: node(format!("brownout[{i}].node"), &dip.node)?,
-                at: dip.at,
-                until: dip.until,
-                lowest: dip.lowest,
             })
         });
         let wire = self.wire.into_iter().enumerate().map(|(i, noise)| {
@@ -223,9 +254,10 @@ impl File {
             stop_loop: self.stop_loop,
             reset: reset.collect::<Result<_, String>>()?,
             clock: clock.collect::<Result<_, String>>()?,
-            brownout: brownout.collect::<Result<_, String>>()?,
+            brownout: dips(vehicle, self.brownout)?,
             wire: wire.collect::<Result<_, String>>()?,
             relay: relay.collect::<Result<_, String>>()?,
+            babble: babblers(vehicle, self.babble)?,
             bus: self.bus,
             row: rover::setting(vehicle, row, self.terrain, distance)?,
             crop,

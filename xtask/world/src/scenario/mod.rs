@@ -21,8 +21,8 @@ use vehicle_model::{Remote, Vehicle};
 
 pub use error::ScenarioError;
 pub use events::{
-    BrownOut, BusEvent, Button, ButtonPress, ClockChange, JoystickMove, KnobTurn, RelayFault,
-    ResetEvent, StopLoopChange, SupplyChange, WireNoise,
+    Babble, BrownOut, BusEvent, Button, ButtonPress, ClockChange, JoystickMove, KnobTurn,
+    RelayFault, ResetEvent, StopLoopChange, SupplyChange, WireNoise,
 };
 pub use expect::{Expectation, Figure};
 use file::File;
@@ -93,6 +93,8 @@ pub struct Scenario {
     pub wire: Vec<WireNoise>,
     /// Relays of motors that stick.
     pub relay: Vec<RelayFault>,
+    /// Nodes that babble.
+    pub babble: Vec<Babble>,
     /// Foreign frames and disturbances on the bus.
     pub bus: Vec<BusEvent>,
     /// The rover and its row; `None` when the vehicle has no rover.
@@ -397,6 +399,7 @@ impl Scenario {
             ("brownout", times(&self.brownout, |event| event.at)),
             ("wire", times(&self.wire, |event| event.at)),
             ("relay", times(&self.relay, |event| event.at)),
+            ("babble", times(&self.babble, |event| event.at)),
             ("bus", times(&self.bus, BusEvent::at)),
             (
                 "distance_fault",
