@@ -1,0 +1,77 @@
+//! The logs of other tools: what is written is read back, and what is no frame is counted by its
+//! kind. The fuzz target with random bytes is here too.
+
+#[path = "log/candump.rs"]
+mod candump;
+#[path = "log/common.rs"]
+mod common;
+#[path = "common/frames.rs"]
+mod frames;
+#[path = "../fuzz/src/lib.rs"]
+#[expect(unreachable_pub, dead_code, reason = "a library of its own in `fuzz/`")]
+mod fuzz;
+
+use can_bus::log::{Item, LONGEST_LINE, Skip};
+use common::{kinds, read};
+use proptest::prelude::*;
+
+proptest! {
+    #[test]
+    fn any_bytes_are_read(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        fuzz::log(&bytes);
+    }
+
+    #[test]
+    fn any_bytes_of_the_formats_are_read(
+        text in "([ (),.:/#_\\[\\]0-9a-fA-FRTxd\r\n]|can0|Rx|Tx|ErrorFrame|CANFD|base dec|Time,){0,120}",
+    ) {
+        fuzz::log(text.as_bytes());
+    }
+}
+
+const FRAME: &str = "(1194.396200) can0 064#00004ABB82";
+
+#[test]
+fn a_byte_order_mark_and_the_ends_of_lines_do_not_count() {
+    let lines = format!("\u{FEFF}{FRAME}\r\n\r\n  {FRAME}  \n");
+    let items = read(lines.as_bytes());
+    assert!(matches!(
+        items[..],
+        [Item::Frame(_), Item::Nothing, Item::Frame(_)]
+    ));
+    // Elsewhere it is no part of a line.
+    let later = format!("{FRAME}\n\u{FEFF}{FRAME}\n");
+    assert_eq!(kinds(later.as_bytes()), [(Skip::Unreadable, 1)]);
+}
+
+#[test]
+fn what_is_not_text_is_counted() {
+    let mut log = format!("{FRAME}\n").into_bytes();
+    log.extend_from_slice(b"(1194.4) can0 \xFF\xFE#00\n(1194.4) can0 064#\xE4\n");
+    assert_eq!(kinds(&log), [(Skip::NotText, 2)]);
+}
+
+#[test]
+fn a_last_line_without_an_end_is_cut_unless_it_is_whole() {
+    let cut = format!("{FRAME}\n(1194.397260) can0 19");
+    assert_eq!(kinds(cut.as_bytes()), [(Skip::Cut, 1)]);
+    let whole = format!("{FRAME}\n{FRAME}");
+    assert_eq!(kinds(whole.as_bytes()), []);
+    assert_eq!(read(whole.as_bytes()).len(), 2);
+}
+
+#[test]
+fn of_an_endless_line_only_the_beginning_is_kept() {
+    let mut log = vec![b'x'; 3 * LONGEST_LINE];
+    log.extend_from_slice(format!("\n{FRAME}{}\n{FRAME}\n", " ".repeat(LONGEST_LINE)).as_bytes());
+    let items = read(&log);
+    assert_eq!(items[0], Item::Skipped(Skip::Unreadable));
+    assert!(matches!(items[1..], [Item::Frame(_), Item::Frame(_)]));
+}
+
+#[test]
+fn a_log_of_nothing_has_no_format() {
+    for log in ["", "\n", "hello\nworld\n", "1 2 3\n", "date Mon\n"] {
+        assert_eq!(common::format(log.as_bytes()), None, "{log:?}");
+    }
+}
