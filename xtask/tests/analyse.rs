@@ -1,0 +1,334 @@
+//! `cargo xtask analyse`: what it says of real logs, what it counts, and what it refuses.
+
+use std::{
+    env,
+    ffi::OsString,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use vehicle_model::Vehicle;
+use xtask::{
+    Failure, Workspace,
+    analyse::{EventKind, Summary, analyse, text},
+    cli::{Analyse, Command, Request},
+    vehicle,
+};
+
+/// The logged basic period of the thesis (Figure 6.33), in `firmware/vehicles/uagv/tests/data`.
+const THESIS: &str = "firmware/vehicles/uagv/tests/data/thesis_fig6_33.candump.log";
+/// The first 10 s of `cargo xtask sim`.
+const DRIVE: &str = "xtask/tests/data/straight-line.candump.log";
+
+fn root() -> PathBuf {
+    Workspace::find().unwrap().root().to_owned()
+}
+
+fn uagv() -> Vehicle {
+    vehicle::find(&Workspace::find().unwrap(), "uagv").unwrap()
+}
+
+fn of_file(path: &Path) -> Result<Summary, Failure> {
+    analyse(&uagv(), &[path.to_owned()], None)
+}
+
+/// The analysis of a log with this text.
+fn of_text(log: impl AsRef<[u8]>) -> Summary {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bus.log");
+    fs::write(&path, log).unwrap();
+    of_file(&path).unwrap()
+}
+
+/// Compares a report with the one that is kept; `ANALYSES=renew` writes it instead.
+fn compare(log: &str, kept: &str) {
+    let mut summary = of_file(&root().join(log)).unwrap();
+    log.clone_into(&mut summary.log.files[0].file);
+    let report = text(&summary);
+    let path = root().join("xtask/tests/data").join(kept);
+    if env::var("ANALYSES").is_ok_and(|value| value == "renew") {
+        fs::write(path, report).unwrap();
+        return;
+    }
+    let kept = fs::read_to_string(path).unwrap();
+    assert_eq!(report, kept, "ANALYSES=renew writes the report anew");
+}
+
+#[test]
+fn the_report_of_the_thesis_log_is_the_kept_one() {
+    compare(THESIS, "analyse-thesis.txt");
+}
+
+#[test]
+fn the_report_of_a_drive_is_the_kept_one() {
+    compare(DRIVE, "analyse-straight-line.txt");
+}
+
+/// `summary.json` of the run says: settled in 3.96 s, then -0.09 cm in the mean over 60 s, no
+/// missed window, no frame outside its window. The positions have a noise of 1 cm.
+#[test]
+fn the_figures_of_a_drive_are_those_of_the_run() {
+    let summary = of_file(&root().join(DRIVE)).unwrap();
+    let guidance = summary.guidance.unwrap();
+    let [run] = &guidance.runs[..] else {
+        panic!("{:?}", guidance.runs);
+    };
+    assert!((run.initial_cross_track_error_cm - 100.0).abs() < 3.0);
+    assert!((run.settling_seconds.unwrap() - 3.96).abs() < 0.3);
+    assert!(run.mean_cross_track_error_cm.abs() < 0.8);
+    assert!((0.8..1.6).contains(&run.standard_deviation_cm));
+    let bars = guidance.histogram.unwrap();
+    let counted: u64 = bars.positions.iter().sum();
+    assert!(counted > 30 && counted < run.positions);
+    let schedule = summary.schedule.unwrap();
+    assert_eq!(schedule.missed_windows, 0);
+    assert_eq!(schedule.frames_outside_their_window, 0);
+    assert!(schedule.foreign.is_empty());
+    let modes: Vec<&str> = summary
+        .modes
+        .iter()
+        .map(|mode| mode.mode.as_str())
+        .collect();
+    assert_eq!(modes, ["Idle", "AutonomousReady", "AutonomousRun"]);
+    let buttons = summary.events.iter();
+    let buttons = buttons.filter(|event| event.kind == EventKind::Button);
+    assert_eq!(buttons.count(), 4);
+}
+
+fn drive() -> String {
+    fs::read_to_string(root().join(DRIVE)).unwrap()
+}
+
+#[test]
+fn what_is_no_frame_of_the_bus_is_counted_and_changes_nothing() {
+    let clean = of_text(drive());
+    let mut messy = b"\xEF\xBB\xBF".to_vec();
+    for (index, line) in drive().lines().enumerate() {
+        messy.extend_from_slice(line.as_bytes());
+        messy.extend_from_slice(b"\r\n");
+        let stamp = &line[..20];
+        if index % 100 == 0 {
+            for extra in [
+                &b"can1 12C#0000000000000000"[..],
+                b"can0 20000004#0004000000000000",
+                b"can0 064##100112233",
+                b"can0 064#\xFF",
+                b"can0 064#0",
+            ] {
+                messy.extend_from_slice(stamp.as_bytes());
+                messy.extend_from_slice(extra);
+                messy.push(b'\n');
+            }
+        }
+    }
+    messy.extend_from_slice(b"(0000000010.0000");
+    let found = of_text(&messy);
+    let times = found.log.frames_of_other_interfaces;
+    assert_eq!(times, 13);
+    let skipped = [
+        ("CAN FD frames", times),
+        ("cut last lines", 1),
+        ("error frames", times),
+        ("lines that are not UTF-8", times),
+        ("unreadable lines", times),
+    ];
+    assert_eq!(found.log.skipped, skipped.into());
+    let report = text(&found);
+    assert!(report.contains("can1: 13"), "{report}");
+    for (name, count) in skipped {
+        assert!(report.contains(&format!("{name}: {count}")), "{report}");
+    }
+    assert_eq!(found.messages, clean.messages);
+    assert_eq!(found.schedule, clean.schedule);
+    assert_eq!(found.guidance, clean.guidance);
+    assert_eq!(found.events, clean.events);
+}
+
+#[test]
+fn unknown_identifiers_remote_frames_and_wrong_lengths_are_counted() {
+    let log = format!(
+        "{}(9.999991) can0 7F0#01\n(9.999992) can0 18FF0102#02\n(9.999993) can0 12C#R8\n\
+         (9.999994) can0 12C#00\n",
+        drive()
+    );
+    let clean = of_text(drive());
+    let found = of_text(log);
+    let unknown: Vec<_> = found
+        .unknown
+        .iter()
+        .map(|one| (one.id, one.extended))
+        .collect();
+    assert_eq!(unknown, [(0x7F0, false), (0x18FF_0102, true)]);
+    assert_eq!((found.log.remote_frames, found.log.wrong_length), (1, 1));
+    assert_eq!(found.log.frames, clean.log.frames + 4);
+    assert_eq!(found.steering, clean.steering);
+}
+
+#[test]
+fn gaps_missing_references_and_a_time_that_goes_back_are_events() {
+    let keep = |from: f64, until: f64| {
+        drive()
+            .lines()
+            .filter(|line| (from..until).contains(&line[1..18].parse().unwrap()))
+            .flat_map(|line| [line, "\n"])
+            .collect::<String>()
+    };
+    let log = format!("{}{}{}", keep(0.0, 3.0), keep(4.0, 5.0), keep(4.5, 6.0));
+    let found = of_text(log);
+    let of_kind = |kind| {
+        let events = found.events.iter().filter(move |event| event.kind == kind);
+        events.map(|event| event.what.as_str()).collect::<Vec<_>>()
+    };
+    let gaps = of_kind(EventKind::Gap);
+    assert!(
+        gaps.len() == 1 && gaps[0].starts_with("no frame for 1.0"),
+        "{gaps:?}"
+    );
+    let missing = of_kind(EventKind::MissingReference);
+    assert_eq!(missing, ["10 reference messages missing after this one"]);
+    let back = of_kind(EventKind::Time);
+    assert!(back.len() == 1 && back[0].contains("earlier"), "{back:?}");
+    assert_eq!(found.log.time_goes_back, 1);
+}
+
+#[test]
+fn a_drive_in_several_logs_is_one_drive() {
+    let folder = tempfile::tempdir().unwrap();
+    let (one, two) = (folder.path().join("one.log"), folder.path().join("two.log"));
+    let all = drive();
+    let middle = all.match_indices('\n').nth(600).unwrap().0 + 1;
+    fs::write(&one, &all[..middle]).unwrap();
+    fs::write(&two, &all[middle..]).unwrap();
+    let whole = of_text(&all);
+    let parts = analyse(&uagv(), &[one.clone(), two.clone()], None).unwrap();
+    assert_eq!(parts.messages, whole.messages);
+    assert_eq!(parts.schedule, whole.schedule);
+    assert_eq!(parts.guidance, whole.guidance);
+    let error = analyse(&uagv(), &[two, one], None).unwrap_err();
+    assert_eq!(error.exit_code(), 2);
+    assert!(error.to_string().contains("in order of time"), "{error}");
+}
+
+#[test]
+fn what_cannot_be_analysed_is_refused_in_one_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &[u8]| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        path
+    };
+    let errors = "(1.0) can0 20000004#0004000000000000\n";
+    for (path, named) in [
+        (
+            folder.path().join("absent.log"),
+            "absent.log: it cannot be read",
+        ),
+        (folder.path().to_owned(), "it is a folder"),
+        (file("empty.log", b""), "it is empty"),
+        (
+            file("words.log", b"hello\nworld\n"),
+            "no line is one of a log: candump",
+        ),
+        (
+            file("zeros.log", &[0; 20_000]),
+            "no line is one of a log: candump",
+        ),
+        (
+            file("errors.log", errors.as_bytes()),
+            "there is no frame of classical CAN",
+        ),
+    ] {
+        let error = of_file(&path).unwrap_err();
+        assert_eq!(error.exit_code(), 2, "{error}");
+        assert!(error.to_string().contains(named), "{error}");
+        assert!(!error.to_string().contains('\n'), "{error}");
+    }
+    let log = [root().join(THESIS)];
+    let error = analyse(&uagv(), &log, Some("can7")).unwrap_err();
+    assert_eq!(error.exit_code(), 2);
+    assert_eq!(
+        error.to_string(),
+        "no frame is of interface \"can7\": can0 is accepted"
+    );
+}
+
+#[test]
+fn a_vehicle_without_machine_or_schedule_is_analysed_too() {
+    let workspace = Workspace::find().unwrap();
+    let log = [root().join(DRIVE)];
+    for (name, set) in [
+        ("two-boards", ""),
+        ("row-follower", ""),
+        ("two-boards", "bus.protocol=event-triggered"),
+    ] {
+        let overrides = vehicle_model::Overrides::parse(set).unwrap();
+        let vehicle = vehicle::with(&workspace, name, &overrides).unwrap();
+        let found = analyse(&vehicle, &log, None).unwrap();
+        assert_eq!(found.guidance, None);
+        assert_eq!(found.schedule.is_none(), !set.is_empty());
+        assert!(text(&found).contains("Messages of"));
+    }
+}
+
+fn options(line: &[&str]) -> Analyse {
+    let words = ["xtask", "analyse"].iter().chain(line).map(OsString::from);
+    match xtask::cli::parse(words) {
+        Ok(Request::Run(Command::Analyse(options))) => options,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn the_folder_has_tables_and_figures() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let log = root().join(DRIVE);
+    let words = [log.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let workspace = Workspace::find().unwrap();
+    xtask::analyse::run(&workspace, &options(&words)).unwrap();
+    let read = |name| fs::read_to_string(out.join(name)).unwrap();
+
+    let messages = read("messages.csv");
+    let mut lines = messages.lines();
+    assert_eq!(lines.next(), Some("time_s,message,signal,value,unit"));
+    assert!(
+        messages.contains("\n1.806869,Command,Mode,3,\n"),
+        "{}",
+        &messages[..2000]
+    );
+    let columns = |line: &str| line.split(',').count();
+    assert!(messages.lines().all(|line| columns(line) == 5));
+    let events = read("events.csv");
+    assert!(
+        events.contains(",mode,\"AutonomousReady to AutonomousRun, reason ButtonC\"\n"),
+        "{events}"
+    );
+    let json: serde_json::Value = serde_json::from_str(&read("summary.json")).unwrap();
+    assert_eq!(json["log"]["frames"], 1255);
+    assert_eq!(json["schedule"]["missed_windows"], 0);
+}
+
+/// A million frames; the time is measured by hand: `cargo test -p xtask --test analyse -- --ignored
+/// --nocapture`.
+#[test]
+#[ignore = "slow: it writes a log of a million frames"]
+fn a_million_frames_are_analysed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("million.log");
+    let lines: Vec<(f64, String)> = drive()
+        .lines()
+        .map(|line| (line[1..18].parse().unwrap(), line[19..].to_owned()))
+        .collect();
+    let mut log = String::new();
+    for turn in 0..800 {
+        for (at, rest) in &lines {
+            let at = at + f64::from(turn) * 10.0;
+            log += &format!("({at:017.6}){rest}\n");
+        }
+    }
+    fs::write(&path, &log).unwrap();
+    let start = std::time::Instant::now();
+    let found = of_file(&path).unwrap();
+    println!("{} frames in {:?}", found.log.frames, start.elapsed());
+    assert_eq!(found.log.frames, 800 * lines.len() as u64);
+}
