@@ -1,6 +1,7 @@
 //! `cargo xtask analyse`: what it says of real logs, what it counts, and what it refuses.
 
 use std::{
+    collections::BTreeSet,
     env,
     ffi::OsString,
     fs,
@@ -306,6 +307,49 @@ fn the_folder_has_tables_and_figures() {
     let json: serde_json::Value = serde_json::from_str(&read("summary.json")).unwrap();
     assert_eq!(json["log"]["frames"], 1255);
     assert_eq!(json["schedule"]["missed_windows"], 0);
+}
+
+/// The values of an attribute of a page.
+fn attributes<'p>(page: &'p str, name: &str) -> Vec<&'p str> {
+    let begin = format!(" {name}=\"");
+    let values = page.split(begin.as_str()).skip(1);
+    values.map(|rest| rest.split('"').next().unwrap()).collect()
+}
+
+#[test]
+fn the_page_stands_alone_and_can_be_read_without_seeing_it() {
+    let workspace = Workspace::find().unwrap();
+    for (vehicle, charts) in [("uagv", 8), ("two-boards", 1), ("row-follower", 1)] {
+        let folder = tempfile::tempdir().unwrap();
+        let log = root().join(DRIVE);
+        let out = folder.path().to_str().unwrap();
+        let words = [log.to_str().unwrap(), "--vehicle", vehicle, "--out", out];
+        xtask::analyse::run(&workspace, &options(&words)).unwrap();
+        let page = fs::read_to_string(folder.path().join("analysis.html")).unwrap();
+        for foreign in ["http", "<script", "<link", "<img", "@import", "src="] {
+            assert!(!page.contains(foreign), "{vehicle}: {foreign}");
+        }
+        assert!(page.contains("<html lang=\"en\">"));
+        assert_eq!(
+            page.matches("<svg role=\"img\"").count(),
+            charts,
+            "{vehicle}"
+        );
+        let ids = attributes(&page, "id");
+        let unique: BTreeSet<&str> = ids.iter().copied().collect();
+        assert_eq!(unique.len(), ids.len(), "{vehicle}: {ids:?}");
+        let links = attributes(&page, "href");
+        let targets = links.iter().map(|link| link.strip_prefix('#').unwrap());
+        let named = attributes(&page, "aria-labelledby");
+        let named = named.iter().flat_map(|names| names.split(' '));
+        for target in targets.chain(named) {
+            assert!(unique.contains(target), "{vehicle}: {target}");
+        }
+        let tables = page.matches("<table").count();
+        assert!(tables >= 2);
+        assert_eq!(page.matches("<caption>").count(), tables);
+        assert_eq!(page.matches("tabindex=\"0\"").count(), tables);
+    }
 }
 
 /// A million frames; the time is measured by hand: `cargo test -p xtask --test analyse -- --ignored

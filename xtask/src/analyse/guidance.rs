@@ -173,7 +173,7 @@ impl Guidance {
     /// The figures; `None` without a position.
     pub(super) fn figures(&self, modes: &[ModeFigures]) -> Option<GuidanceFigures> {
         let (first, last) = (self.positions.first()?, self.positions.last()?);
-        let point = |position: &Position| [rounded(position.north, 4), rounded(position.east, 4)];
+        let point = |position: &Position| [rounded(position.north, 2), rounded(position.east, 2)];
         let autonomous = modes.iter().filter(|mode| mode.autonomous);
         let spans: Vec<&[Position]> = autonomous
             .filter(|_| self.line.is_some())

@@ -1,9 +1,12 @@
 //! `analyse`: what happened in the log of a CAN bus.
 
+mod chart;
 mod decode;
+mod drawings;
 mod events;
 mod figures;
 mod guidance;
+mod page;
 mod series;
 mod source;
 mod steering;
@@ -65,11 +68,12 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
         if let Some(messages) = messages {
             messages.finish()?;
         }
+        folder.write("analysis.html", page::page(&found).as_bytes())?;
         folder.write("events.csv", table::events(&summary.events).as_bytes())?;
         folder.write("summary.json", json(summary).as_bytes())?;
         let path = folder.finish()?;
         eprintln!(
-            "Wrote messages.csv, events.csv, summary.json to {}.",
+            "Wrote analysis.html, messages.csv, events.csv, summary.json to {}.",
             path.display()
         );
     }
@@ -112,9 +116,7 @@ struct Input {
 /// Everything that an analysis found.
 struct Found {
     summary: Summary,
-    #[expect(dead_code, reason = "for the page")]
     guidance: Guidance,
-    #[expect(dead_code, reason = "for the page")]
     steering: Option<Steering>,
 }
 
