@@ -253,6 +253,44 @@ fn what_cannot_be_analysed_is_refused_in_one_sentence() {
     );
 }
 
+/// Time in seconds, identifier and data of the drive's frames, in hexadecimal.
+fn frames(log: &str) -> Vec<(&str, &str, Vec<&str>)> {
+    log.lines()
+        .map(|line| {
+            let (id, data) = line[25..].split_once('#').unwrap();
+            let data = (0..data.len()).step_by(2).map(|at| &data[at..at + 2]);
+            (&line[1..18], id, data.collect())
+        })
+        .collect()
+}
+
+/// The drive as Vector ASC.
+fn asc(log: &str) -> String {
+    let mut text =
+        String::from("date Fri Nov 27 07:50:46.555 2026\nbase hex  timestamps absolute\n");
+    for (at, id, data) in frames(log) {
+        text += &format!("{at} 1  {id} Rx   d {} {}\n", data.len(), data.join(" "));
+    }
+    text
+}
+
+#[test]
+fn a_drive_has_the_same_figures_in_every_format() {
+    let drive = drive();
+    let expected = of_text(&drive);
+    for (format, log) in [("Vector ASC", asc(&drive))] {
+        let found = of_text(log);
+        assert_eq!(found.log.files[0].format, format);
+        assert_eq!(found.log.start_seconds, expected.log.start_seconds);
+        assert_eq!(found.messages, expected.messages, "{format}");
+        assert_eq!(found.schedule, expected.schedule, "{format}");
+        assert_eq!(found.modes, expected.modes, "{format}");
+        assert_eq!(found.guidance, expected.guidance, "{format}");
+        assert_eq!(found.steering, expected.steering, "{format}");
+        assert_eq!(found.events, expected.events, "{format}");
+    }
+}
+
 #[test]
 fn a_vehicle_without_machine_or_schedule_is_analysed_too() {
     let workspace = Workspace::find().unwrap();

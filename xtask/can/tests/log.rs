@@ -1,6 +1,8 @@
 //! The logs of other tools: what is written is read back, and what is no frame is counted by its
 //! kind. The fuzz target with random bytes is here too.
 
+#[path = "log/asc.rs"]
+mod asc;
 #[path = "log/candump.rs"]
 mod candump;
 #[path = "log/common.rs"]
@@ -10,6 +12,8 @@ mod frames;
 #[path = "../fuzz/src/lib.rs"]
 #[expect(unreachable_pub, dead_code, reason = "a library of its own in `fuzz/`")]
 mod fuzz;
+#[path = "log/python_can.rs"]
+mod python_can;
 
 use can_bus::log::{Item, LONGEST_LINE, Skip};
 use common::{kinds, read};

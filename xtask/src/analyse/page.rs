@@ -111,7 +111,7 @@ fn sections(found: &Found) -> Vec<(&'static str, &'static str, Markup)> {
 fn about(s: &Summary) -> String {
     let files: Vec<&str> = s.log.files.iter().map(|file| file.file.as_str()).collect();
     format!(
-        "{}: {} in {:.3} s on {}. Times count from the first frame, which is stamped {:.6} s.",
+        "{}: {} in {:.3} s on interface {}. Times count from the first frame, which is stamped {:.6} s.",
         files.join(", "),
         counted(s.log.frames, "frame", "frames"),
         s.log.span_seconds,

@@ -100,7 +100,7 @@ fn log(t: &mut String, log: &LogFigures) -> fmt::Result {
     }
     writeln!(
         t,
-        "  {} in {:.3} s on {}; the first is stamped {:.6} s, and times count from there",
+        "  {} in {:.3} s on interface {}; the first is stamped {:.6} s, and times count from there",
         counted(log.frames, "frame", "frames"),
         log.span_seconds,
         log.interface,

@@ -7,12 +7,8 @@ use super::{Direction, Entry, Item, LogTime, Skip};
 use crate::Frame;
 use embedded_can::Id;
 
-/// Reads a line.
-pub(super) fn line(line: &[u8], channels: &mut Channels) -> Item {
-    read(line, channels).unwrap_or(Item::Skipped(Skip::Unreadable))
-}
-
-fn read(line: &[u8], channels: &mut Channels) -> Option<Item> {
+/// Reads a line; `None` if it is none of this format.
+pub(super) fn line(line: &[u8], channels: &mut Channels) -> Option<Item> {
     let mut words = words(line);
     let stamp = words.next()?.strip_prefix(b"(")?.strip_suffix(b")")?;
     let at = seconds(stamp)?;

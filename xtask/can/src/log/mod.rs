@@ -19,6 +19,7 @@
 //! assert_eq!(items[1], Item::Skipped(Skip::ErrorFrame));
 //! ```
 
+mod asc;
 mod candump;
 mod channels;
 mod fields;
@@ -26,6 +27,7 @@ mod fields;
 use std::io::{self, BufRead};
 
 use crate::Frame;
+use asc::Asc;
 use channels::Channels;
 
 /// Time stamp of a log line, in nanoseconds; its zero depends on the logger: the Unix epoch, the
@@ -40,14 +42,20 @@ pub const LONGEST_LINE: usize = 4096;
 pub enum Format {
     /// The lines of can-utils' `candump`: `-l` and `-L`, or its screen with time stamps.
     Candump,
+    /// Vector's ASC, which CANalyzer, CANoe and python-can write.
+    Asc,
 }
 
 impl Format {
+    /// All formats.
+    pub const ALL: [Self; 2] = [Self::Candump, Self::Asc];
+
     /// The name that users know it by.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Candump => "candump",
+            Self::Asc => "Vector ASC",
         }
     }
 }
@@ -132,6 +140,7 @@ pub enum Item {
 pub struct Reader {
     format: Option<Format>,
     channels: Channels,
+    asc: Asc,
     /// Whether the next line is the first one, which may begin with a byte order mark.
     first: bool,
 }
@@ -152,6 +161,7 @@ impl Reader {
         Self {
             format: None,
             channels: Channels::default(),
+            asc: Asc::default(),
             first: true,
         }
     }
@@ -218,15 +228,33 @@ impl Reader {
         }
     }
 
+    /// The line's item by the log's format. Before its first frame all formats are tried, so that
+    /// a heading can say how the lines behind it are to be read.
     fn of_format(&mut self, line: &[u8]) -> Item {
-        let item = candump::line(line, &mut self.channels);
-        if matches!(
-            item,
-            Item::Frame(_) | Item::Skipped(Skip::FdFrame | Skip::ErrorFrame)
-        ) {
-            self.format = Some(Format::Candump);
+        const UNREADABLE: Item = Item::Skipped(Skip::Unreadable);
+        if let Some(format) = self.format {
+            return self.read_as(format, line).unwrap_or(UNREADABLE);
         }
-        item
+        let mut best = UNREADABLE;
+        for format in Format::ALL {
+            match self.read_as(format, line) {
+                Some(item @ (Item::Frame(_) | Item::Skipped(Skip::FdFrame | Skip::ErrorFrame))) => {
+                    self.format = Some(format);
+                    return item;
+                }
+                Some(item) if best == UNREADABLE => best = item,
+                _ => {}
+            }
+        }
+        best
+    }
+
+    /// The line's item in a format; `None` if it has none.
+    fn read_as(&mut self, format: Format, line: &[u8]) -> Option<Item> {
+        match format {
+            Format::Candump => candump::line(line, &mut self.channels),
+            Format::Asc => self.asc.line(line, &mut self.channels),
+        }
     }
 }
 
