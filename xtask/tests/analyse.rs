@@ -274,11 +274,57 @@ fn asc(log: &str) -> String {
     text
 }
 
+/// The drive as the text log of CanKing.
+fn canking(log: &str) -> String {
+    let mut text = String::from(
+        "Chn Identifier Flg   DLC  D0...1...2...3...4...5...6..D7       Time     Dir\n",
+    );
+    for (at, id, data) in frames(log) {
+        text += &format!(
+            " 0    {id:0>8}         {}  {}  {at} R\n",
+            data.len(),
+            data.join("  ")
+        );
+    }
+    text
+}
+
+/// The drive as the text of a Memorator's log.
+fn memorator(log: &str) -> String {
+    let mut text = String::from(
+        "Kvaser Memorator Log\nSettings:\n   Format of data field: HEX\n   Format of id field:   HEX\n",
+    );
+    for (at, id, data) in frames(log) {
+        text += &format!(
+            " {at}  1  {id}     Rx   {}  {}  7\n",
+            data.len(),
+            data.join(" ")
+        );
+    }
+    text
+}
+
+/// The drive as the CSV of a Memorator's log.
+fn csv(log: &str) -> String {
+    let mut text = String::from(
+        "CSV CAN data\nFormat of data field,HEX\nFormat of id field,HEX\nTime,Channel,id,Flags,DLC,Data0\n",
+    );
+    for (at, id, data) in frames(log) {
+        text += &format!("{at},1,{id},2,{},{},7\n", data.len(), data.join(","));
+    }
+    text
+}
+
 #[test]
 fn a_drive_has_the_same_figures_in_every_format() {
     let drive = drive();
     let expected = of_text(&drive);
-    for (format, log) in [("Vector ASC", asc(&drive))] {
+    for (format, log) in [
+        ("Vector ASC", asc(&drive)),
+        ("Kvaser CanKing text", canking(&drive)),
+        ("Kvaser Memorator text", memorator(&drive)),
+        ("Kvaser CSV", csv(&drive)),
+    ] {
         let found = of_text(log);
         assert_eq!(found.log.files[0].format, format);
         assert_eq!(found.log.start_seconds, expected.log.start_seconds);

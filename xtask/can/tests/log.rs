@@ -12,6 +12,8 @@ mod frames;
 #[path = "../fuzz/src/lib.rs"]
 #[expect(unreachable_pub, dead_code, reason = "a library of its own in `fuzz/`")]
 mod fuzz;
+#[path = "log/kvaser.rs"]
+mod kvaser;
 #[path = "log/python_can.rs"]
 mod python_can;
 
@@ -27,7 +29,7 @@ proptest! {
 
     #[test]
     fn any_bytes_of_the_formats_are_read(
-        text in "([ (),.:/#_\\[\\]0-9a-fA-FRTxd\r\n]|can0|Rx|Tx|ErrorFrame|CANFD|base dec|Time,){0,120}",
+        text in "([ (),.:/#_\\[\\]0-9a-fA-FRTxd\r\n]|can0|Rx|Tx|ErrorFrame|CANFD|base dec\n|Kvaser Memorator Log\n|Time,Channel,id,Flags,DLC,Data0\n|DEC|HEX){0,120}",
     ) {
         fuzz::log(text.as_bytes());
     }

@@ -16,8 +16,7 @@ use can_bus::{
 use crate::{Failure, progress::Display};
 
 /// The formats, for those whose log has none of them.
-pub(super) const ACCEPTED: &str =
-    "candump (-l, -L, or its screen with time stamps) and Vector ASC are accepted";
+pub(super) const ACCEPTED: &str = "candump (-l, -L, or its screen with time stamps), Vector ASC, and Kvaser's CanKing text and Memorator text or CSV are accepted";
 
 /// Size of the pieces in which a log is read, bytes.
 const PIECE: usize = 1 << 16;

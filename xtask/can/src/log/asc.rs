@@ -105,7 +105,8 @@ impl Asc {
         frame: Option<Frame>,
         channels: &mut Channels,
     ) -> Item {
-        let entry = frame.zip(channels.index(channel));
+        // A line that cannot be read names no interface.
+        let entry = frame.and_then(|frame| Some((frame, channels.index(channel)?)));
         entry.map_or(UNREADABLE, |(frame, channel)| {
             Item::Frame(Entry {
                 at: LogTime::from_ticks(self.now),

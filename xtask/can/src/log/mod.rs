@@ -23,12 +23,14 @@ mod asc;
 mod candump;
 mod channels;
 mod fields;
+mod kvaser;
 
 use std::io::{self, BufRead};
 
 use crate::Frame;
 use asc::Asc;
 use channels::Channels;
+use kvaser::{Csv, Memorator};
 
 /// Time stamp of a log line, in nanoseconds; its zero depends on the logger: the Unix epoch, the
 /// start of the log, or the start of the computer.
@@ -44,11 +46,24 @@ pub enum Format {
     Candump,
     /// Vector's ASC, which CANalyzer, CANoe and python-can write.
     Asc,
+    /// The text log of Kvaser's CanKing.
+    CanKing,
+    /// The log of a Kvaser Memorator as plain text.
+    Memorator,
+    /// The log of a Kvaser Memorator as CSV.
+    KvaserCsv,
 }
 
 impl Format {
-    /// All formats.
-    pub const ALL: [Self; 2] = [Self::Candump, Self::Asc];
+    /// All formats, in the order in which they are tried. A Memorator's log is only recognised by its
+    /// heading, so it comes before ASC, whose lines look like its own.
+    pub const ALL: [Self; 5] = [
+        Self::Candump,
+        Self::KvaserCsv,
+        Self::Memorator,
+        Self::CanKing,
+        Self::Asc,
+    ];
 
     /// The name that users know it by.
     #[must_use]
@@ -56,6 +71,9 @@ impl Format {
         match self {
             Self::Candump => "candump",
             Self::Asc => "Vector ASC",
+            Self::CanKing => "Kvaser CanKing text",
+            Self::Memorator => "Kvaser Memorator text",
+            Self::KvaserCsv => "Kvaser CSV",
         }
     }
 }
@@ -141,6 +159,8 @@ pub struct Reader {
     format: Option<Format>,
     channels: Channels,
     asc: Asc,
+    memorator: Memorator,
+    csv: Csv,
     /// Whether the next line is the first one, which may begin with a byte order mark.
     first: bool,
 }
@@ -162,6 +182,8 @@ impl Reader {
             format: None,
             channels: Channels::default(),
             asc: Asc::default(),
+            memorator: Memorator::default(),
+            csv: Csv::default(),
             first: true,
         }
     }
@@ -254,6 +276,9 @@ impl Reader {
         match format {
             Format::Candump => candump::line(line, &mut self.channels),
             Format::Asc => self.asc.line(line, &mut self.channels),
+            Format::CanKing => kvaser::canking(line, &mut self.channels),
+            Format::Memorator => self.memorator.line(line, &mut self.channels),
+            Format::KvaserCsv => self.csv.line(line, &mut self.channels),
         }
     }
 }
