@@ -192,6 +192,31 @@ fn gaps_missing_references_and_a_time_that_goes_back_are_events() {
     assert_eq!(found.log.time_goes_back, 1);
 }
 
+/// Stamps up to the end of 64 bits of nanoseconds, in both directions.
+#[test]
+fn impossible_times_are_analysed_too() {
+    let stamps = [
+        "0.0",
+        "18446744073.709551615",
+        "9223372036.854775807",
+        "1.0",
+        "18446744073.0",
+    ];
+    for first in stamps {
+        let lines = stamps.iter().flat_map(|second| [first, second]);
+        let log: String = lines
+            .flat_map(|at| {
+                ["064#0000000000000000", "12C#0000000000000000"].map(|frame| (at, frame))
+            })
+            .map(|(at, frame)| format!("({at}) can0 {frame}\n"))
+            .collect();
+        let found = of_text(log);
+        assert_eq!(found.log.frames, 20);
+        assert!(found.log.time_goes_back > 0);
+        assert!(!text(&found).is_empty());
+    }
+}
+
 #[test]
 fn a_drive_in_several_logs_is_one_drive() {
     let folder = tempfile::tempdir().unwrap();

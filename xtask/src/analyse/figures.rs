@@ -44,6 +44,8 @@ pub struct LogFigures {
     pub span_seconds: f64,
     /// Frames of the vehicle's bus.
     pub frames: u64,
+    /// Share of the time in which these frames and the intermissions behind them take the bus.
+    pub load_percent: f64,
     /// Frames of other interfaces, which were left out.
     pub frames_of_other_interfaces: u64,
     /// Remote frames, which carry no data.
@@ -160,7 +162,9 @@ pub struct WindowFigures {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ForeignFigures {
     /// Their identifier.
-    pub id: u16,
+    pub id: u32,
+    /// Whether it has 29 bits.
+    pub extended: bool,
     /// The message with it; `null` if the network has none.
     pub message: Option<String>,
     /// Begin of the window that they were in; `null` for time that belongs to nobody.
@@ -307,6 +311,15 @@ impl EventKind {
             Self::Gap => "gap",
             Self::Time => "time",
         }
+    }
+}
+
+/// An identifier as people write it: of 11 bits decimal with its hexadecimal digits, of 29 bits
+/// hexadecimal.
+pub(super) fn identifier(id: u32, extended: bool) -> String {
+    match extended {
+        true => format!("{id:08X}"),
+        false => format!("{id} (0x{id:03X})"),
     }
 }
 

@@ -15,9 +15,12 @@ mod text;
 mod timing;
 mod traffic;
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::path::PathBuf;
 
-use can_bus::Frame;
+use can_bus::{
+    Frame,
+    wire::{self, INTERMISSION_BITS},
+};
 use embedded_can::Id;
 use vehicle_model::Vehicle;
 use world::report::OutputFolder;
@@ -167,6 +170,11 @@ struct Analysis<'d> {
     events: Events,
     /// Longest time without a frame that is no gap, ns.
     gap: i64,
+    bit_rate: i64,
+    /// Start of the first frame, ns.
+    begin: Option<i64>,
+    /// Bits of all frames with their intermissions.
+    bits: u64,
     last: Option<i64>,
     end: i64,
     time_goes_back: u64,
@@ -186,6 +194,9 @@ impl<'d> Analysis<'d> {
             steering: Steering::new(vehicle, decoder),
             events: Events::new(mode),
             gap: GAP_CYCLES * i64::from(vehicle.network().basic_cycle_us) * 1000,
+            bit_rate: i64::from(vehicle.network().bit_rate.max(1)),
+            begin: None,
+            bits: 0,
             last: None,
             end: 0,
             time_goes_back: 0,
@@ -200,8 +211,12 @@ impl<'d> Analysis<'d> {
         }
         self.last = Some(at);
         self.end = self.end.max(at);
+        let bits = wire::frame_bits(frame);
+        let start = at - i64::from(bits) * 1_000_000_000 / self.bit_rate;
+        self.begin.get_or_insert(start);
+        self.bits += u64::from(bits + INTERMISSION_BITS);
         if let Some(timing) = &mut self.timing {
-            timing.take(at, frame);
+            timing.take(start, frame);
         }
         if !self.traffic.count(self.decoder, at, frame) {
             return None;
@@ -240,15 +255,19 @@ impl<'d> Analysis<'d> {
         }
     }
 
-    fn finish(mut self, vehicle: &Vehicle, survey: &Survey) -> Found {
-        let end = self.end as f64 * 1e-9;
-        if let Some(timing) = &mut self.timing {
-            timing.finish(self.end);
-            self.events.irregular(self.decoder, timing.irregularities());
+    /// Share of the time that the frames take, in percent.
+    fn load(&self) -> f64 {
+        let all = (self.end - self.begin.unwrap_or(self.end)) as f64 * 1e-9;
+        let busy = self.bits as f64 / self.bit_rate as f64;
+        if all > 0.0 {
+            rounded(busy / all * 100.0, 3)
+        } else {
+            0.0
         }
-        let modes = self.guidance.modes(end);
-        let messages = self.traffic.messages(self.decoder);
-        let (events, events_left_out) = self.events.finish(&modes);
+    }
+
+    /// The figures of the logs.
+    fn log(&self, survey: &Survey, messages: &[MessageFigures]) -> LogFigures {
         let frames = self.traffic.frames();
         let all: u64 = survey.interfaces.values().map(|one| one.frames).sum();
         let files = survey.logs.iter().map(|log| FileFigures {
@@ -257,26 +276,34 @@ impl<'d> Analysis<'d> {
             frames: log.frames,
         });
         let interfaces = survey.interfaces.iter();
-        let skipped: BTreeMap<&'static str, u64> = survey
-            .skipped
-            .iter()
-            .map(|(skip, count)| (skip.name(), *count))
-            .collect();
-        let log = LogFigures {
+        let skipped = survey.skipped.iter();
+        LogFigures {
             files: files.collect(),
             interface: survey.interface.clone(),
             interfaces: interfaces
                 .map(|(name, one)| (name.clone(), one.frames))
                 .collect(),
             start_seconds: survey.start.as_ticks() as f64 * 1e-9,
-            span_seconds: rounded(end, 6),
+            span_seconds: rounded(self.end as f64 * 1e-9, 6),
             frames,
+            load_percent: self.load(),
             frames_of_other_interfaces: all - frames,
             remote_frames: self.traffic.remote(),
             wrong_length: messages.iter().map(|one| one.wrong_length).sum(),
             time_goes_back: self.time_goes_back,
-            skipped,
-        };
+            skipped: skipped.map(|(skip, count)| (skip.name(), *count)).collect(),
+        }
+    }
+
+    fn finish(mut self, vehicle: &Vehicle, survey: &Survey) -> Found {
+        if let Some(timing) = &mut self.timing {
+            timing.finish(self.end);
+            self.events.irregular(self.decoder, timing.irregularities());
+        }
+        let modes = self.guidance.modes(self.end as f64 * 1e-9);
+        let messages = self.traffic.messages(self.decoder);
+        let log = self.log(survey, &messages);
+        let (events, events_left_out) = self.events.finish(&modes);
         let summary = Summary {
             vehicle: vehicle.name().to_owned(),
             log,

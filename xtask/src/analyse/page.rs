@@ -4,7 +4,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::{
     Found, drawings,
-    figures::{EventKind, ScheduleFigures, Summary},
+    figures::{EventKind, ScheduleFigures, Summary, identifier},
     text::{counted, left_out},
 };
 
@@ -136,6 +136,7 @@ fn tiles(s: &Summary) -> Markup {
             all.push((name, count.to_string(), count > 0));
         }
     }
+    all.push(("bus load", format!("{:.2} %", s.log.load_percent), false));
     let unknown: u64 = s.unknown.iter().map(|one| one.frames).sum();
     all.push((
         "frames with unknown identifiers",
@@ -345,7 +346,12 @@ fn timing(s: &ScheduleFigures) -> Markup {
         let name = one.message.clone().unwrap_or_else(|| "unknown".to_owned());
         (
             true,
-            vec![name, one.id.to_string(), window, one.frames.to_string()],
+            vec![
+                name,
+                identifier(one.id, one.extended),
+                window,
+                one.frames.to_string(),
+            ],
         )
     });
     html! {
@@ -402,10 +408,7 @@ fn messages(s: &Summary) -> Markup {
         (one.wrong_length > 0, cells)
     });
     let unknown = s.unknown.iter().map(|one| {
-        let id = match one.extended {
-            true => format!("{:08X}", one.id),
-            false => format!("{} (0x{:03X})", one.id, one.id),
-        };
+        let id = identifier(one.id, one.extended);
         (true, vec![id, one.frames.to_string()])
     });
     html! {

@@ -109,6 +109,15 @@ pub(super) fn survey(
     })
 }
 
+/// Longest time between two frames, ns: 73 years. Differences of such times do not overflow.
+const LONGEST: i128 = 1 << 61;
+
+/// From one time stamp to another one, ns.
+fn since(start: LogTime, at: LogTime) -> i64 {
+    let difference = i128::from(at.as_ticks()) - i128::from(start.as_ticks());
+    difference.clamp(-LONGEST, LONGEST) as i64
+}
+
 /// The time stamp of the first frame, if the logs are in order of time.
 fn in_order(logs: &[Log]) -> Result<LogTime, Failure> {
     let mut with_frames = logs.iter().filter_map(|log| Some((log, log.span?)));
@@ -232,7 +241,6 @@ impl Survey {
         display: &mut Display,
         each: &mut dyn FnMut(i64, &Frame),
     ) -> Result<(), Failure> {
-        let start = self.start.as_ticks() as i64;
         for log in &self.logs {
             let failed = |error| {
                 let path = log.path.display();
@@ -252,7 +260,7 @@ impl Survey {
                     if let Item::Frame(entry) = item
                         && Some(usize::from(entry.channel)) == own
                     {
-                        each(entry.at.as_ticks() as i64 - start, &entry.frame);
+                        each(since(self.start, entry.at), &entry.frame);
                     }
                 },
             )

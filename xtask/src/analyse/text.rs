@@ -3,7 +3,7 @@
 use std::fmt::{self, Write};
 
 use super::figures::{
-    EventKind, GuidanceFigures, LogFigures, ScheduleFigures, SteeringFigures, Summary,
+    EventKind, GuidanceFigures, LogFigures, ScheduleFigures, SteeringFigures, Summary, identifier,
 };
 
 /// Most events that are printed.
@@ -100,10 +100,12 @@ fn log(t: &mut String, log: &LogFigures) -> fmt::Result {
     }
     writeln!(
         t,
-        "  {} in {:.3} s on interface {}; the first is stamped {:.6} s, and times count from there",
+        "  {} in {:.3} s on interface {}, bus load {:.2} %; the first is stamped {:.6} s, and times count \
+         from there",
         counted(log.frames, "frame", "frames"),
         log.span_seconds,
         log.interface,
+        log.load_percent,
         log.start_seconds
     )?;
     let left_out = left_out(log);
@@ -115,6 +117,12 @@ fn log(t: &mut String, log: &LogFigures) -> fmt::Result {
     if log.time_goes_back > 0 {
         let times = counted(log.time_goes_back, "time", "times");
         writeln!(t, "  the time stamps go back {times}")?;
+        if log.time_goes_back > log.frames / 10 {
+            writeln!(
+                t,
+                "  are they times between frames, as candump -t d writes them? Then nothing below is right"
+            )?;
+        }
     }
     Ok(())
 }
@@ -144,10 +152,7 @@ fn messages(t: &mut String, s: &Summary) -> fmt::Result {
     let unknown: Vec<String> = s
         .unknown
         .iter()
-        .map(|one| match one.extended {
-            true => format!("{:08X}: {}", one.id, one.frames),
-            false => format!("{} (0x{:03X}): {}", one.id, one.id, one.frames),
-        })
+        .map(|one| format!("{}: {}", identifier(one.id, one.extended), one.frames))
         .collect();
     if !unknown.is_empty() {
         writeln!(t, "  unknown identifiers: {}", unknown.join(", "))?;
@@ -213,7 +218,8 @@ fn timing(t: &mut String, s: &ScheduleFigures) -> fmt::Result {
             None => "in time that belongs to nobody".to_owned(),
         };
         let frames = counted(one.frames, "frame", "frames");
-        writeln!(t, "  foreign: {} {name}, {frames} {place}", one.id)?;
+        let id = identifier(one.id, one.extended);
+        writeln!(t, "  foreign: {id} {name}, {frames} {place}")?;
     }
     Ok(())
 }

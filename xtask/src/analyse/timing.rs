@@ -7,7 +7,7 @@
 
 use std::collections::BTreeMap;
 
-use can_bus::{Frame, wire};
+use can_bus::Frame;
 use embedded_can::Id;
 use vehicle_model::Vehicle;
 use world::report::{Due, Window, WindowKind};
@@ -18,6 +18,33 @@ use super::{
     series::Spread,
 };
 use crate::sim::matrix::Matrix;
+
+/// An identifier of 11 or 29 bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Identifier {
+    extended: bool,
+    raw: u32,
+}
+
+impl Identifier {
+    fn of(frame: &Frame) -> Self {
+        match frame.id() {
+            Id::Standard(id) => Self {
+                extended: false,
+                raw: u32::from(id.as_raw()),
+            },
+            Id::Extended(id) => Self {
+                extended: true,
+                raw: id.as_raw(),
+            },
+        }
+    }
+
+    /// Whether it is the one of 11 bits.
+    fn is(self, id: u16) -> bool {
+        !self.extended && self.raw == u32::from(id)
+    }
+}
 
 /// A window and what was seen of it.
 struct Slot {
@@ -50,10 +77,10 @@ impl Slot {
 
     /// How long after its beginning a start of frame is, if the frame belongs to it; one that is
     /// early by up to half the window is an early frame of it.
-    fn own(&self, count: u8, id: u16, offset: i64) -> Option<i64> {
+    fn own(&self, count: u8, id: Identifier, offset: i64) -> Option<i64> {
         let after = offset - self.start;
         let inside = after >= -self.length / 2 && after < self.length;
-        (self.window.id == id && inside && self.comes(count)).then_some(after)
+        (id.is(self.window.id) && inside && self.comes(count)).then_some(after)
     }
 
     /// Whether an instant of the basic cycle is in it.
@@ -69,7 +96,7 @@ struct Cycle {
     count: u8,
     fixed: bool,
     /// Starts of frame of the others, ns after the reference's.
-    frames: Vec<(i64, u16)>,
+    frames: Vec<(i64, Identifier)>,
 }
 
 /// Something that the schedule does not foresee.
@@ -83,14 +110,13 @@ pub(super) enum Irregularity {
 
 /// Where a frame was that was in none of its windows: its identifier, and the beginning of the
 /// window it was in, if it was in one.
-type Place = (u16, Option<i64>);
+type Place = (Identifier, Option<i64>);
 
 /// Compares the frames with the schedule.
 pub(super) struct Timing {
     slots: Vec<Slot>,
     references: Vec<u16>,
     count_byte: usize,
-    bit_rate: i64,
     basic_cycle: i64,
     cycle: Option<Cycle>,
     master: Option<u16>,
@@ -130,7 +156,6 @@ impl Timing {
             slots,
             references,
             count_byte: matrix.cycle_count_byte(),
-            bit_rate: i64::from(network.bit_rate.max(1)),
             basic_cycle: i64::from(network.basic_cycle_us) * 1000,
             cycle: None,
             master: None,
@@ -143,16 +168,14 @@ impl Timing {
         })
     }
 
-    /// Takes the next frame, whose stamp is `at`.
-    pub(super) fn take(&mut self, at: i64, frame: &Frame) {
-        let Id::Standard(id) = frame.id() else {
-            return;
-        };
-        let id = id.as_raw();
-        let length = i64::from(wire::frame_bits(frame)) * 1_000_000_000 / self.bit_rate;
-        let start = at - length;
-        if self.references.contains(&id) && !frame.is_remote() {
-            self.begin(start, id, frame);
+    /// Takes the next frame, which begins at `start`.
+    pub(super) fn take(&mut self, start: i64, frame: &Frame) {
+        let id = Identifier::of(frame);
+        let mut references = self.references.iter();
+        if let Some(&reference) = references.find(|one| id.is(**one))
+            && !frame.is_remote()
+        {
+            self.begin(start, reference, frame);
             return;
         }
         match &mut self.cycle {
@@ -279,9 +302,12 @@ impl Timing {
                 .iter()
                 .filter(|slot| window == Some(slot.start))
                 .map(|slot| slot.window.message.clone());
+            let standard = u16::try_from(id.raw).ok().filter(|_| !id.extended);
+            let known = standard.and_then(|id| decoder.message(id));
             ForeignFigures {
-                id,
-                message: decoder.message(id).map(|known| known.name.clone()),
+                id: id.raw,
+                extended: id.extended,
+                message: known.map(|known| known.name.clone()),
                 window_start_us: window.map(|ns| rounded(ns as f64 * 1e-3, 3)),
                 window_of: owners.collect(),
                 frames,
@@ -309,6 +335,7 @@ const fn longest(basic_cycle: i64) -> i64 {
 
 #[cfg(test)]
 mod tests {
+    use can_bus::wire;
     use world::report::{FrameRecord, Run, Summary};
     use world::{Scenario, SimDuration, SimTime};
 
@@ -430,7 +457,7 @@ mod tests {
 
             let mut timing = Timing::new(&vehicle).unwrap();
             for (at, frame) in &frames {
-                timing.take(at + length(frame), frame);
+                timing.take(*at, frame);
             }
             timing.finish((end.as_ticks() / 1000) as i64);
             let found = timing.figures(&Decoder::new(vehicle.network()));
@@ -478,13 +505,18 @@ mod tests {
         let mut timing = Timing::new(&vehicle).unwrap();
         let mut take = |at: i64, id: u16, data: &[u8]| {
             let frame = Frame::standard(id, data).unwrap();
-            timing.take(at + length(&frame), &frame);
+            timing.take(at, &frame);
+            if id == 206 {
+                // A frame with 29 bits has the windows of nobody.
+                let frame = Frame::extended(0x18FF_0102, &[]).unwrap();
+                timing.take(at + 2_000_000, &frame);
+            }
         };
         take(0, 100, &[0; 8]);
         // 300 in the window of 206, an unknown one in free time, and 206 where it belongs.
         take(6_000_000, 300, &[0; 8]);
         take(50_000_000, 0x7F0, &[]);
-        take(106_000_000 - 100_000_000 + 600_000, 206, &[0; 2]);
+        take(6_600_000, 206, &[0; 2]);
         take(100_000_000, 100, &[0; 8]);
         take(350_000_000, 100, &[0; 8]);
         timing.finish(350_000_000);
@@ -505,7 +537,8 @@ mod tests {
             foreign,
             [
                 (300, Some(6000.0), "SteeringPot".to_owned(), 1),
-                (0x7F0, None, String::new(), 1)
+                (0x7F0, None, String::new(), 1),
+                (0x18FF_0102, Some(8000.0), "LogPosition".to_owned(), 1)
             ]
         );
         assert_eq!((found.basic_cycles, found.missing_references), (3, 2));
