@@ -430,7 +430,7 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
     cargo xtask analyse one.log two.log           a drive whose log was split, in order of time\n  \
     cargo xtask analyse bench.log --vehicle two-boards --interface can1\n  \
     cargo xtask analyse drive.log --json          everything as JSON, times in seconds\n\n\
-    Formats, recognised by the lines: candump (-l, -L, and its screen with -t a or -t z),\n\
+    Formats, recognised by the lines: candump (-l, -L, and its screen with -t a, z or A),\n\
     Vector ASC, Kvaser CanKing text, Kvaser Memorator text and CSV.\n\
     CAN FD frames, error frames and lines that cannot be read are skipped and counted. Loggers stamp\n\
     the end of a frame; its start is taken to be its length in bits earlier.\n\n\

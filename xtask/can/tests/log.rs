@@ -35,6 +35,56 @@ proptest! {
     }
 }
 
+/// Logs of all formats, whole.
+const LOGS: [&str; 4] = [
+    include_str!("data/python-can.asc"),
+    include_str!("data/python-can.log"),
+    "Chn Identifier Flg   DLC  D0...1...2...3...4...5...6..D7       Time     Dir\n \
+     0    0000014B         1  00                                1675.570498 T\n \
+     0    00002102 X       8  60  00  00  5F  60  60  E2  F2   46055.090598 R\n",
+    "CSV CAN data\nFormat of id field;HEX\nTime;Channel;id;Flags;DLC;Data0;Counter\n1,5;1;64;2;1;ff;1\n",
+];
+
+proptest! {
+    /// Damage of a few bytes costs at most the lines that it touches, and every line is counted.
+    #[test]
+    fn a_damaged_log_is_read_beside_the_damage(
+        log in prop::sample::select(&LOGS[..2]),
+        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+    ) {
+        let count = |items: &[Item]| {
+            let frames = items.iter().filter(|item| matches!(item, Item::Frame(_)));
+            frames.count()
+        };
+        // The heading says how numbers are meant: it stays whole here.
+        let heading = log.find("measurement").unwrap_or(0);
+        let mut bytes = log.as_bytes().to_vec();
+        for (at, byte) in &damage {
+            let at = heading + at.index(bytes.len() - heading);
+            bytes[at] = *byte;
+        }
+        let (whole, damaged) = (read(log.as_bytes()), fuzz::log(&bytes));
+        prop_assert!(count(&damaged) + 2 * damage.len() >= count(&whole));
+        let ends = bytes.iter().filter(|byte| **byte == b'\n').count();
+        let last = usize::from(bytes.last() != Some(&b'\n'));
+        prop_assert_eq!(damaged.len(), ends + last);
+    }
+
+    #[test]
+    fn any_damage_is_read(
+        log in prop::sample::select(&LOGS[..]),
+        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..60),
+        cut in any::<prop::sample::Index>(),
+    ) {
+        let mut bytes = log.as_bytes().to_vec();
+        for (at, byte) in &damage {
+            let at = at.index(bytes.len());
+            bytes[at] = *byte;
+        }
+        fuzz::log(&bytes[..cut.index(bytes.len())]);
+    }
+}
+
 const FRAME: &str = "(1194.396200) can0 064#00004ABB82";
 
 #[test]

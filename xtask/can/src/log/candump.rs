@@ -1,8 +1,8 @@
 //! The lines of can-utils' `candump`: of its logs (`-l`, `-L`) and of its screen with time stamps
-//! (`-t a`, `-t z`), as its source `lib.c` writes them.
+//! (`-t a`, `-t z`, `-t A`), as its source `lib.c` writes them.
 
 use super::channels::Channels;
-use super::fields::{Base, byte, bytes, extended, number, seconds, standard, words};
+use super::fields::{Base, byte, bytes, date, extended, number, seconds, standard, words};
 use super::{Direction, Entry, Item, LogTime, Skip};
 use crate::Frame;
 use embedded_can::Id;
@@ -10,8 +10,11 @@ use embedded_can::Id;
 /// Reads a line; `None` if it is none of this format.
 pub(super) fn line(line: &[u8], channels: &mut Channels) -> Option<Item> {
     let mut words = words(line);
-    let stamp = words.next()?.strip_prefix(b"(")?.strip_suffix(b")")?;
-    let at = seconds(stamp)?;
+    let stamp = words.next()?.strip_prefix(b"(")?;
+    let at = match stamp.strip_suffix(b")") {
+        Some(stamp) => seconds(stamp)?,
+        None => date(stamp, words.next()?.strip_suffix(b")")?)?,
+    };
     let channel = words.next()?;
     let third = words.next()?;
     let log = third.iter().position(|byte| *byte == b'#');

@@ -61,6 +61,38 @@ pub(super) fn seconds(text: &[u8]) -> Option<LogTime> {
     Some(LogTime::from_ticks(ns))
 }
 
+/// Seconds of a day.
+const DAY: u64 = 86_400;
+
+/// A date as `2015-07-10` and a time of day as `06:17:32.249713`, counted from 1970 as if without a
+/// time zone; `None` before 1970.
+pub(super) fn date(date: &[u8], time: &[u8]) -> Option<LogTime> {
+    let mut parts = date.split(|byte| *byte == b'-');
+    let mut next = || number(parts.next()?, Base::Decimal);
+    let (year, month, day) = (next()?, next()?, next()?);
+    let valid =
+        (1970..=9999).contains(&year) && (1..=12).contains(&month) && (1..=31).contains(&day);
+    valid.then_some(())?;
+    // Years that begin in March have the leap day at their end; the months' days then follow a line.
+    let (year, month) = if month > 2 {
+        (year, month - 3)
+    } else {
+        (year - 1, month + 9)
+    };
+    let days = 365 * year + year / 4 - year / 100 + year / 400 + (153 * month + 2) / 5 + day;
+    // The same for 1 January 1970.
+    let days = days.checked_sub(719_469)?;
+
+    let mut parts = time.splitn(3, |byte| *byte == b':');
+    let mut next = || number(parts.next()?, Base::Decimal);
+    let (hour, minute) = (next()?, next()?);
+    let (hour, minute) = (hour < 24 && minute < 60).then_some((hour, minute))?;
+    let second = seconds(parts.next()?)?;
+    let whole = days * DAY + hour * 3600 + minute * 60;
+    let ns = whole.checked_mul(NS_IN_S)?.checked_add(second.as_ticks())?;
+    Some(LogTime::from_ticks(ns))
+}
+
 /// An 11-bit identifier.
 pub(super) fn standard(raw: u64) -> Option<Id> {
     StandardId::new(u16::try_from(raw).ok()?).map(Id::Standard)

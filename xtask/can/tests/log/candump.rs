@@ -111,6 +111,36 @@ fn lines_of_real_tools_are_read() {
 }
 
 #[test]
+fn dates_are_read() {
+    // Seconds since 1970 as GNU date gives them: `date -u -d "2015-07-10 06:17:32" +%s`.
+    for (stamp, seconds) in [
+        ("1970-01-01 00:00:00", 0),
+        ("1972-02-29 00:00:01", 68_169_601),
+        ("2000-03-01 12:00:00", 951_912_000),
+        ("2015-07-10 06:17:32", 1_436_509_052),
+        ("2026-11-27 23:59:59", 1_795_823_999),
+        ("2100-12-31 00:00:00", 4_133_894_400),
+    ] {
+        let log = format!(" ({stamp}.249713)  vcan0  123   [1]  11\n");
+        let read = entries(log.as_bytes());
+        assert_eq!(
+            read[0].1.at.as_ticks(),
+            seconds * 1_000_000_000 + 249_713_000,
+            "{stamp}"
+        );
+    }
+    for stamp in [
+        "1969-12-31 23:59:59.0",
+        "2015-13-01 00:00:00.0",
+        "2015-01-01 24:00:00.0",
+        "2015-01-01 00:00",
+    ] {
+        let log = format!("({stamp}) vcan0 123 [1] 11\n");
+        assert_eq!(kinds(log.as_bytes()), [(Skip::Unreadable, 1)], "{stamp}");
+    }
+}
+
+#[test]
 fn what_is_no_frame_is_counted_by_its_kind() {
     let log = "\
         (1.000000) can0 064#00\n\
