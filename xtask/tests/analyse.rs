@@ -78,6 +78,9 @@ fn the_figures_of_a_drive_are_those_of_the_run() {
     assert!((run.settling_seconds.unwrap() - 3.96).abs() < 0.3);
     assert!(run.mean_cross_track_error_cm.abs() < 0.8);
     assert!((0.8..1.6).contains(&run.standard_deviation_cm));
+    // The estimator takes most of the noise away.
+    assert!(run.estimated_mean_cm.unwrap().abs() < 0.8);
+    assert!(run.estimated_deviation_cm.unwrap() < run.standard_deviation_cm);
     let bars = guidance.histogram.unwrap();
     let counted: u64 = bars.positions.iter().sum();
     assert!(counted > 30 && counted < run.positions);

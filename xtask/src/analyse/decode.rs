@@ -124,12 +124,15 @@ impl Field {
 impl Known {
     fn new(network: &Network, message: &Message) -> Self {
         let fields = message.signals.iter();
+        // A master that has sent no reference yet cannot say when the last one was: its first frame
+        // ends with the control byte.
+        let first = network_model::Reference::of(message).map(|layout| layout.control + 1);
         Self {
             id: message.id,
             name: message.name.clone(),
             sender: message.sender.clone(),
             is_event: matches!(message.send_type, SendType::Event { .. }),
-            shortest: message.shortest,
+            shortest: first.map_or(message.shortest, |first| message.shortest.min(first)),
             length: message.length,
             fields: fields.map(|signal| Field::new(network, signal)).collect(),
         }
@@ -211,6 +214,21 @@ mod tests {
             }
         }
         assert!(compared > 5000, "{compared}");
+    }
+
+    #[test]
+    fn the_first_reference_of_a_master_may_be_short() {
+        let workspace = crate::Workspace::find().unwrap();
+        let vehicle = crate::vehicle::find(&workspace, "two-boards").unwrap();
+        let decoder = Decoder::new(vehicle.network());
+        let accepted = |id| {
+            let message = decoder.message(id).unwrap();
+            (0..=8)
+                .filter(|bytes| message.accepts(*bytes))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(accepted(100), [6, 7, 8]);
+        assert_eq!(accepted(300), [8]);
     }
 
     #[test]

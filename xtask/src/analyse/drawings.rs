@@ -122,6 +122,9 @@ pub(super) fn cross_track(found: &Found) -> Markup {
     let errors: Vec<(f64, f64)> = positions.map(|one| (one.at, one.error * 100.0)).collect();
     let y = Span::of(errors.iter().map(|point| point.1)).unwrap_or(span(0.0, 0.0));
     let errors = thinned(pieces(&errors, apart));
+    let estimates = found.guidance.estimates.iter();
+    let estimates: Vec<(f64, f64)> = estimates.map(|(at, error)| (*at, error * 100.0)).collect();
+    let estimates = thinned(pieces(&estimates, apart));
     let band = BAND * 100.0;
     let draw = |id, y: Span, height| {
         let mut chart = Chart::new(id, time(found), y, height);
@@ -131,13 +134,14 @@ pub(super) fn cross_track(found: &Found) -> Markup {
         chart.y_axis("right of the line (cm)");
         chart.level(0.0, "zero");
         chart.curve(&errors, "blue");
+        chart.curve(&estimates, "green");
         chart
     };
     let y = y.with(-band).with(band).padded(0.08, 0.5);
     let whole = draw("cross-track", y, 190.0).finish(
         "Cross-track error over time.",
-        "Of the measured positions, positive right of the line; autonomous runs are shaded, and so is the band of \
-         5 cm to either side.",
+        "Of the measured positions (blue) and by the vehicle's own estimate (green), positive right of the line; \
+         autonomous runs are shaded, and so is the band of 5 cm to either side.",
     );
     let runs = found
         .summary

@@ -223,6 +223,11 @@ pub struct RunFigures {
     pub standard_deviation_cm: f64,
     /// Largest of the same errors, either side.
     pub largest_cross_track_error_cm: f64,
+    /// Mean of the vehicle's own estimate of its cross-track error (a signal `CrossTrackError`) in the
+    /// same time; `null` if no message has it.
+    pub estimated_mean_cm: Option<f64>,
+    /// Standard deviation of the same estimates.
+    pub estimated_deviation_cm: Option<f64>,
 }
 
 /// How often the cross-track error was in which range.

@@ -69,6 +69,8 @@ pub(super) struct Guidance {
     mode: Option<Mode>,
     north: Option<Place>,
     east: Option<Place>,
+    /// Where a node tells its estimate of the cross-track error.
+    estimate: Option<Place>,
     /// The line of the vehicle file.
     pub(super) line: Option<Line>,
     /// From the centre line to the antenna, m.
@@ -76,7 +78,12 @@ pub(super) struct Guidance {
     last_mode: Option<i64>,
     modes: Vec<(f64, String)>,
     pub(super) positions: Vec<Position>,
+    /// Estimates of the cross-track error: seconds, metres to the right.
+    pub(super) estimates: Vec<(f64, f64)>,
 }
+
+/// Name of a signal with an estimate of the cross-track error.
+const ESTIMATE: &str = "CrossTrackError";
 
 /// Width of a bar of the histogram, cm.
 const BAR: f64 = 0.5;
@@ -113,6 +120,13 @@ impl Guidance {
             mode,
             north: signals.and_then(|signals| place(&signals.north)),
             east: signals.and_then(|signals| place(&signals.east)),
+            estimate: decoder.messages().iter().find_map(|message| {
+                let path = SignalPath {
+                    message: message.name.clone(),
+                    signal: ESTIMATE.to_owned(),
+                };
+                place(&path)
+            }),
             line,
             antenna_right: manifest
                 .machine
@@ -121,6 +135,7 @@ impl Guidance {
             last_mode: None,
             modes: Vec::new(),
             positions: Vec::new(),
+            estimates: Vec::new(),
         }
     }
 
@@ -136,6 +151,11 @@ impl Guidance {
                 let name = name.map_or_else(|| format!("mode {raw}"), str::to_owned);
                 self.modes.push((at, name));
             }
+        }
+        if let Some(estimate) = &self.estimate
+            && estimate.id == id
+        {
+            self.estimates.push((at, estimate.value(data)));
         }
         if let (Some(north), Some(east)) = (&self.north, &self.east)
             && north.id == id
@@ -215,6 +235,10 @@ impl Guidance {
         let settling = settling.map(|one| (one.at - mode.from_seconds).max(0.0));
         let largest = errors.least()?.abs().max(errors.greatest()?.abs());
         let cm = |metres: f64| rounded(metres * 100.0, 3);
+        let from = steady.and_then(|steady| steady.first()).unwrap_or(first).at;
+        let same = self.estimates.iter();
+        let same = same.filter(|(at, _)| (from..=mode.until_seconds).contains(at));
+        let estimates: Spread = same.map(|(_, error)| *error).collect();
         Some(RunFigures {
             from_seconds: mode.from_seconds,
             until_seconds: mode.until_seconds,
@@ -224,6 +248,8 @@ impl Guidance {
             mean_cross_track_error_cm: cm(errors.mean()?),
             standard_deviation_cm: cm(errors.deviation()?),
             largest_cross_track_error_cm: cm(largest),
+            estimated_mean_cm: estimates.mean().map(cm),
+            estimated_deviation_cm: estimates.deviation().map(cm),
         })
     }
 }

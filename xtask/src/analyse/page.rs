@@ -31,7 +31,7 @@ const STYLE: &str = "\
     svg text{font-size:12px;fill:var(--soft)}\
     .grid{stroke:var(--grid)}.frame{fill:none;stroke:var(--line)}.zero{stroke:var(--ink)}\
     .blue{fill:none;stroke:var(--blue);stroke-width:1.6;stroke-linejoin:round}\
-    .orange{fill:none;stroke:var(--orange);stroke-width:1.6;stroke-dasharray:7 4}\
+    .green{fill:none;stroke:var(--green);stroke-width:1.3}.orange{fill:none;stroke:var(--orange);stroke-width:1.6;stroke-dasharray:7 4}\
     .dot{fill:var(--page);stroke:var(--blue);stroke-width:2}\
     .auto{fill:var(--shade)}.band{fill:var(--green);fill-opacity:.16}.dead{fill:var(--orange);fill-opacity:.16}\
     .bar{fill:var(--blue)}.range{fill:var(--blue);fill-opacity:.45}.mean{stroke:var(--orange);stroke-width:2.5}\
@@ -216,6 +216,8 @@ fn guidance(found: &Found) -> Markup {
         ("mean (cm)", false),
         ("SD (cm)", false),
         ("largest (cm)", false),
+        ("estimated mean (cm)", false),
+        ("estimated SD (cm)", false),
     ];
     let rows: Vec<_> = figures
         .runs
@@ -230,6 +232,8 @@ fn guidance(found: &Found) -> Markup {
                 format!("{:.2}", run.mean_cross_track_error_cm),
                 format!("{:.2}", run.standard_deviation_cm),
                 format!("{:.2}", run.largest_cross_track_error_cm),
+                figure(run.estimated_mean_cm, 2),
+                figure(run.estimated_deviation_cm, 2),
             ];
             (false, cells)
         })

@@ -250,6 +250,12 @@ fn guidance(t: &mut String, g: &GuidanceFigures) -> fmt::Result {
             run.standard_deviation_cm,
             run.largest_cross_track_error_cm
         )?;
+        if let Some((mean, deviation)) = run.estimated_mean_cm.zip(run.estimated_deviation_cm) {
+            writeln!(
+                t,
+                "    by the vehicle's own estimate: mean {mean:.2} cm, standard deviation {deviation:.2} cm"
+            )?;
+        }
     }
     if g.runs.is_empty() {
         writeln!(t, "  no autonomous run")?;
