@@ -220,6 +220,44 @@ fn impossible_times_are_analysed_too() {
     }
 }
 
+/// A bus in trouble: the mode changes with every command, and a neighbour has a new identifier for
+/// each of its frames.
+#[test]
+fn a_restless_bus_gives_a_report_that_can_be_read() {
+    let mut log = String::new();
+    for cycle in 0..3000 {
+        let (second, tenth) = (cycle / 10, cycle % 10);
+        let mode = 2 + cycle % 2;
+        log += &format!(
+            "({second}.{tenth}00000) can0 064#000000000000{:02X}00\n\
+             ({second}.{tenth}07000) can0 12C#00000000{mode:02X}000000\n\
+             ({second}.{tenth}20000) can0 18FF{cycle:04X}#00\n",
+            cycle % 64
+        );
+    }
+    let found = of_text(&log);
+    assert_eq!((found.modes.len(), found.unknown.len()), (3000, 3000));
+    let changes = found.events.iter();
+    let changes = changes.filter(|event| event.kind == EventKind::Mode);
+    assert_eq!(changes.count(), 2999);
+    let report = text(&found);
+    assert!(report.lines().count() < 200, "{}", report.lines().count());
+    assert!(
+        report.contains("and 2960 more: --json has them all"),
+        "{report}"
+    );
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bus.log");
+    fs::write(&path, &log).unwrap();
+    let out = folder.path().join("out");
+    let words = [path.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    xtask::analyse::run(&Workspace::find().unwrap(), &options(&words)).unwrap();
+    let page = fs::read_to_string(out.join("analysis.html")).unwrap();
+    assert!(page.contains("1000 more rows are in summary.json."));
+    assert!(page.len() < 2_000_000, "{}", page.len());
+}
+
 #[test]
 fn a_drive_in_several_logs_is_one_drive() {
     let folder = tempfile::tempdir().unwrap();

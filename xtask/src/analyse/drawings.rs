@@ -8,6 +8,7 @@ use super::{
     chart::{Chart, pieces, thinned},
     figures::{HistogramFigures, ScheduleFigures},
     guidance::Position,
+    page::MOST,
 };
 
 /// Longest time between two points of a curve, s.
@@ -28,7 +29,8 @@ fn time(found: &Found) -> Span {
 
 /// Shades the autonomous runs.
 fn runs(chart: &mut Chart, found: &Found) {
-    for mode in found.summary.modes.iter().filter(|mode| mode.autonomous) {
+    let runs = found.summary.modes.iter().filter(|mode| mode.autonomous);
+    for mode in runs.take(MOST) {
         let x = span(mode.from_seconds, mode.until_seconds);
         chart.shade(x, "auto", &mode.mode);
     }
@@ -189,6 +191,7 @@ pub(super) fn histogram(bars: &HistogramFigures) -> Markup {
 /// The modes over time.
 pub(super) fn modes(found: &Found) -> Markup {
     let modes = &found.summary.modes;
+    let modes = &modes[..modes.len().min(MOST)];
     let mut names: Vec<&str> = Vec::new();
     for mode in modes {
         if !names.contains(&mode.mode.as_str()) {

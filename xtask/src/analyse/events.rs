@@ -96,16 +96,22 @@ impl Events {
 
     /// All events in order of time. Changes of the mode without a message of their own are added.
     pub(super) fn finish(mut self, modes: &[ModeFigures]) -> (Vec<Event>, u64) {
+        let told: Vec<(f64, String)> = self
+            .all
+            .iter()
+            .filter(|event| event.kind == EventKind::Mode)
+            .map(|event| (event.at_seconds, event.what.clone()))
+            .collect();
         for pair in modes.windows(2) {
             let [before, after] = pair else {
                 continue;
             };
-            let told = self.all.iter().any(|event| {
-                let near = (event.at_seconds - after.from_seconds).abs() < SAME_CHANGE;
-                event.kind == EventKind::Mode && near && event.what.contains(&after.mode)
-            });
-            if !told {
-                self.add(after.from_seconds, EventKind::Mode, || {
+            let at = after.from_seconds;
+            let first = told.partition_point(|(told, _)| *told < at - SAME_CHANGE);
+            let near = told.get(first..).unwrap_or_default().iter();
+            let mut near = near.take_while(|(told, _)| *told < at + SAME_CHANGE);
+            if !near.any(|(_, what)| what.contains(&after.mode)) {
+                self.add(at, EventKind::Mode, || {
                     format!(
                         "{} to {}, without a message that tells the reason",
                         before.mode, after.mode

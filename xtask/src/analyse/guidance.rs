@@ -236,9 +236,12 @@ impl Guidance {
         let largest = errors.least()?.abs().max(errors.greatest()?.abs());
         let cm = |metres: f64| rounded(metres * 100.0, 3);
         let from = steady.and_then(|steady| steady.first()).unwrap_or(first).at;
-        let same = self.estimates.iter();
-        let same = same.filter(|(at, _)| (from..=mode.until_seconds).contains(at));
-        let estimates: Spread = same.map(|(_, error)| *error).collect();
+        let begin = self.estimates.partition_point(|(at, _)| *at < from);
+        let end = self
+            .estimates
+            .partition_point(|(at, _)| *at <= mode.until_seconds);
+        let same = self.estimates.get(begin..end).unwrap_or_default();
+        let estimates: Spread = same.iter().map(|(_, error)| *error).collect();
         Some(RunFigures {
             from_seconds: mode.from_seconds,
             until_seconds: mode.until_seconds,

@@ -43,8 +43,8 @@ const STYLE: &str = "\
     tr.bad{background:var(--bad)}\
     @media print{nav,.skip{display:none}}";
 
-/// Most events on the page.
-const EVENTS: usize = 2000;
+/// Most events, modes and other rows of one kind on the page.
+pub(super) const MOST: usize = 2000;
 
 /// The page.
 pub(super) fn page(found: &Found) -> String {
@@ -120,6 +120,9 @@ fn about(s: &Summary) -> String {
     )
 }
 
+/// Most autonomous runs among the figures on top.
+const TILES: usize = 6;
+
 /// The figures that matter most: name, value, whether it is bad.
 fn tiles(s: &Summary) -> Markup {
     let mut all: Vec<(&str, String, bool)> = Vec::new();
@@ -150,7 +153,7 @@ fn tiles(s: &Summary) -> Markup {
     let faults = faults.count();
     all.push(("statuses with a fault", faults.to_string(), faults > 0));
     let runs = s.guidance.iter().flat_map(|guidance| &guidance.runs);
-    for run in runs {
+    for run in runs.take(TILES) {
         let value = format!(
             "{:.2} cm, SD {:.2} cm",
             run.mean_cross_track_error_cm, run.standard_deviation_cm
@@ -185,7 +188,7 @@ fn table(caption: &str, columns: &[Column], rows: &[(bool, Vec<String>)]) -> Mar
                     tr { @for (name, word) in columns { th scope="col" class=[class(*word)] { (name) } } }
                 }
                 tbody {
-                    @for (bad, cells) in rows {
+                    @for (bad, cells) in rows.iter().take(MOST) {
                         tr class=[bad.then_some("bad")] {
                             @for (cell, (_, word)) in cells.iter().zip(columns) { td class=[class(*word)] { (cell) } }
                         }
@@ -193,6 +196,7 @@ fn table(caption: &str, columns: &[Column], rows: &[(bool, Vec<String>)]) -> Mar
                 }
             }
         }
+        @if rows.len() > MOST { p { (rows.len() - MOST) " more rows are in summary.json." } }
     }
 }
 
@@ -428,8 +432,8 @@ fn messages(s: &Summary) -> Markup {
 }
 
 fn events(s: &Summary) -> Markup {
-    let shown = s.events.iter().take(EVENTS);
-    let rest = s.events.len().saturating_sub(EVENTS) as u64 + s.events_left_out;
+    let shown = s.events.iter().take(MOST);
+    let rest = s.events.len().saturating_sub(MOST) as u64 + s.events_left_out;
     let bad = |kind: EventKind| {
         !matches!(
             kind,

@@ -6,8 +6,16 @@ use super::figures::{
     EventKind, GuidanceFigures, LogFigures, ScheduleFigures, SteeringFigures, Summary, identifier,
 };
 
-/// Most events that are printed.
-const EVENTS: usize = 40;
+/// Most events, modes, runs, and other things of one kind that are printed.
+const MOST: usize = 40;
+
+/// Says that a list goes on.
+fn more(t: &mut String, count: usize) -> fmt::Result {
+    match count.saturating_sub(MOST) {
+        0 => Ok(()),
+        rest => writeln!(t, "  and {rest} more: --json has them all"),
+    }
+}
 
 /// The summary as text.
 #[must_use]
@@ -36,13 +44,14 @@ fn all(t: &mut String, s: &Summary) -> fmt::Result {
     if !s.modes.is_empty() {
         writeln!(t, "\nModes")?;
     }
-    for mode in &s.modes {
+    for mode in s.modes.iter().take(MOST) {
         writeln!(
             t,
             "  {:>12.3} s to {:>12.3} s  {}",
             mode.from_seconds, mode.until_seconds, mode.mode
         )?;
     }
+    more(t, s.modes.len())?;
     if let Some(figures) = &s.guidance {
         guidance(t, figures)?;
     }
@@ -152,10 +161,12 @@ fn messages(t: &mut String, s: &Summary) -> fmt::Result {
     let unknown: Vec<String> = s
         .unknown
         .iter()
+        .take(MOST)
         .map(|one| format!("{}: {}", identifier(one.id, one.extended), one.frames))
         .collect();
     if !unknown.is_empty() {
         writeln!(t, "  unknown identifiers: {}", unknown.join(", "))?;
+        more(t, s.unknown.len())?;
     }
     Ok(())
 }
@@ -208,7 +219,7 @@ fn timing(t: &mut String, s: &ScheduleFigures) -> fmt::Result {
             figure(window.jitter_us, 1)
         )?;
     }
-    for one in &s.foreign {
+    for one in s.foreign.iter().take(MOST) {
         let name = one.message.as_deref().unwrap_or("unknown");
         let place = match one.window_start_us {
             Some(start) => format!(
@@ -221,7 +232,7 @@ fn timing(t: &mut String, s: &ScheduleFigures) -> fmt::Result {
         let id = identifier(one.id, one.extended);
         writeln!(t, "  foreign: {id} {name}, {frames} {place}")?;
     }
-    Ok(())
+    more(t, s.foreign.len())
 }
 
 fn guidance(t: &mut String, g: &GuidanceFigures) -> fmt::Result {
@@ -234,7 +245,7 @@ fn guidance(t: &mut String, g: &GuidanceFigures) -> fmt::Result {
         g.last_m[0],
         g.last_m[1]
     )?;
-    for run in &g.runs {
+    for run in g.runs.iter().take(MOST) {
         let settled = match run.settling_seconds {
             Some(seconds) => format!("settled to 5 cm in {seconds:.2} s, then"),
             None => "not settled to 5 cm,".to_owned(),
@@ -257,6 +268,7 @@ fn guidance(t: &mut String, g: &GuidanceFigures) -> fmt::Result {
             )?;
         }
     }
+    more(t, g.runs.len())?;
     if g.runs.is_empty() {
         writeln!(t, "  no autonomous run")?;
     }
@@ -309,12 +321,12 @@ fn events(t: &mut String, s: &Summary) -> fmt::Result {
     writeln!(t, "\nEvents")?;
     // A fault is not to be lost among many changes of a status.
     let told: Vec<_> = match s.events.len() {
-        0..=EVENTS => s.events.iter().collect(),
+        0..=MOST => s.events.iter().collect(),
         _ => s
             .events
             .iter()
             .filter(|event| event.kind != EventKind::Status)
-            .take(EVENTS)
+            .take(MOST)
             .collect(),
     };
     for event in &told {
