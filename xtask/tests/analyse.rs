@@ -2,17 +2,15 @@
 
 use std::{
     collections::BTreeSet,
-    env,
-    ffi::OsString,
-    fs,
+    env, fs,
     path::{Path, PathBuf},
+    process,
 };
 
 use vehicle_model::Vehicle;
 use xtask::{
     Failure, Workspace,
     analyse::{EventKind, Summary, analyse, text},
-    cli::{Analyse, Command, Request},
     vehicle,
 };
 
@@ -252,7 +250,7 @@ fn a_restless_bus_gives_a_report_that_can_be_read() {
     fs::write(&path, &log).unwrap();
     let out = folder.path().join("out");
     let words = [path.to_str().unwrap(), "--out", out.to_str().unwrap()];
-    xtask::analyse::run(&Workspace::find().unwrap(), &options(&words)).unwrap();
+    run(&words);
     let page = fs::read_to_string(out.join("analysis.html")).unwrap();
     assert!(page.contains("1000 more rows are in summary.json."));
     assert!(page.len() < 2_000_000, "{}", page.len());
@@ -421,12 +419,15 @@ fn a_vehicle_without_machine_or_schedule_is_analysed_too() {
     }
 }
 
-fn options(line: &[&str]) -> Analyse {
-    let words = ["xtask", "analyse"].iter().chain(line).map(OsString::from);
-    match xtask::cli::parse(words) {
-        Ok(Request::Run(Command::Analyse(options))) => options,
-        other => panic!("{other:?}"),
-    }
+/// Runs the command, which must succeed.
+fn run(words: &[&str]) {
+    let program = process::Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .arg("analyse")
+        .args(words)
+        .current_dir(root())
+        .output()
+        .unwrap();
+    assert!(program.status.success(), "{program:?}");
 }
 
 #[test]
@@ -435,8 +436,7 @@ fn the_folder_has_tables_and_figures() {
     let out = folder.path().join("out");
     let log = root().join(DRIVE);
     let words = [log.to_str().unwrap(), "--out", out.to_str().unwrap()];
-    let workspace = Workspace::find().unwrap();
-    xtask::analyse::run(&workspace, &options(&words)).unwrap();
+    run(&words);
     let read = |name| fs::read_to_string(out.join(name)).unwrap();
 
     let messages = read("messages.csv");
@@ -468,13 +468,12 @@ fn attributes<'p>(page: &'p str, name: &str) -> Vec<&'p str> {
 
 #[test]
 fn the_page_stands_alone_and_can_be_read_without_seeing_it() {
-    let workspace = Workspace::find().unwrap();
     for (vehicle, charts) in [("uagv", 8), ("two-boards", 1), ("row-follower", 1)] {
         let folder = tempfile::tempdir().unwrap();
         let log = root().join(DRIVE);
         let out = folder.path().to_str().unwrap();
         let words = [log.to_str().unwrap(), "--vehicle", vehicle, "--out", out];
-        xtask::analyse::run(&workspace, &options(&words)).unwrap();
+        run(&words);
         let page = fs::read_to_string(folder.path().join("analysis.html")).unwrap();
         for foreign in ["http", "<script", "<link", "<img", "@import", "src="] {
             assert!(!page.contains(foreign), "{vehicle}: {foreign}");
@@ -499,6 +498,24 @@ fn the_page_stands_alone_and_can_be_read_without_seeing_it() {
         assert!(tables >= 2);
         assert_eq!(page.matches("<caption>").count(), tables);
         assert_eq!(page.matches("tabindex=\"0\"").count(), tables);
+    }
+}
+
+/// As `| head` does.
+#[test]
+fn a_reader_who_stops_reading_is_no_failure() {
+    for option in ["--json", "--vehicle=uagv"] {
+        let mut program = process::Command::new(env!("CARGO_BIN_EXE_xtask"))
+            .args(["analyse", DRIVE, option])
+            .current_dir(root())
+            .stdout(process::Stdio::piped())
+            .stderr(process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(program.stdout.take());
+        let done = program.wait_with_output().unwrap();
+        assert!(done.status.success(), "{done:?}");
+        assert_eq!(String::from_utf8(done.stderr).unwrap(), "");
     }
 }
 
