@@ -1,4 +1,4 @@
-//! `cargo xtask analyse`: what it says of real logs, what it counts, and what it refuses.
+//! `cargo xtask analyse`: reports of real logs, counts of skipped lines, and refusals.
 
 use std::{
     collections::BTreeSet,

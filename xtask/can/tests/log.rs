@@ -1,5 +1,5 @@
-//! The logs of other tools: what is written is read back, and what is no frame is counted by its
-//! kind. The fuzz target with random bytes is here too.
+//! The readers of logs: written frames are read back, and all other lines are counted by their kind.
+//! The fuzz target with random bytes is here too.
 
 #[path = "log/asc.rs"]
 mod asc;
@@ -95,7 +95,7 @@ fn a_byte_order_mark_and_the_ends_of_lines_do_not_count() {
         items[..],
         [Item::Frame(_), Item::Nothing, Item::Frame(_)]
     ));
-    // Elsewhere it is no part of a line.
+    // In any other line it is an error.
     let later = format!("{FRAME}\n\u{FEFF}{FRAME}\n");
     assert_eq!(kinds(later.as_bytes()), [(Skip::Unreadable, 1)]);
 }

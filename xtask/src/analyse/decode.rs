@@ -195,7 +195,7 @@ mod tests {
             for message in &network.messages {
                 let known = decoder.message(message.id).unwrap();
                 for round in 0..40 {
-                    // Marsaglia's xorshift; all zeros and all ones besides.
+                    // Marsaglia's xorshift, and also all zeros and all ones.
                     state ^= state << 13;
                     state ^= state >> 7;
                     state ^= state << 17;

@@ -36,7 +36,7 @@ fn runs(chart: &mut Chart, found: &Found) {
     }
 }
 
-/// The way seen from above.
+/// The vehicle's track, seen from above.
 pub(super) fn track(found: &Found) -> Markup {
     let positions = &found.guidance.positions;
     let line = found.guidance.line;
@@ -101,8 +101,8 @@ fn far(one: (f64, f64), other: (f64, f64)) -> bool {
     (one.0 - other.0).hypot(one.1 - other.1) > JUMP
 }
 
-/// Positions without those that are near the one kept before: most that lie along a way of some
-/// length.
+/// The positions without those within 2 cm of the last one kept, so that a vehicle that stands still
+/// adds nothing.
 fn nearby(all: &[(f64, f64)]) -> Vec<(f64, f64)> {
     const LEAST: f64 = 0.02;
     let mut kept: Vec<(f64, f64)> = Vec::new();

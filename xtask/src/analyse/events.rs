@@ -1,4 +1,4 @@
-//! Events: messages that are sent when something happens, and what is missing on the bus.
+//! Events: event messages, missing references, gaps, and time stamps that go back.
 
 use super::{
     decode::{Decoder, Field, Known},
@@ -10,7 +10,7 @@ use super::{
 const MOST: usize = 100_000;
 /// Time within which a change of the mode and the message that tells it belong together, s.
 const SAME_CHANGE: f64 = 0.5;
-/// Signals that count or tell the time: no part of what happened.
+/// Signals that only number or time-stamp an event; they are left out of its description.
 const BESIDE: [&str; 2] = ["Counter", "SystemTime"];
 
 /// The events so far.
@@ -73,7 +73,7 @@ impl Events {
         }
     }
 
-    /// Adds what the schedule does not foresee.
+    /// Adds missing references and changes of the time master.
     pub(super) fn irregular(&mut self, decoder: &Decoder, all: &[Irregularity]) {
         for one in all {
             match *one {

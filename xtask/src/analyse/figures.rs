@@ -274,7 +274,7 @@ pub struct Event {
     pub at_seconds: f64,
     /// Its kind.
     pub kind: EventKind,
-    /// What happened.
+    /// Its description.
     pub what: String,
 }
 

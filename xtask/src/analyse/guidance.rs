@@ -36,7 +36,8 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// The signal of that path; `None` if the network has none, or its unit is no one of the kind.
+    /// The signal of that path; `None` if the network has no such signal, or its unit is
+    /// not one of that kind.
     pub(super) fn find(
         decoder: &Decoder,
         path: &SignalPath,
@@ -64,7 +65,7 @@ struct Mode {
     autonomous: String,
 }
 
-/// What the log shows of the vehicle's way.
+/// Modes, positions and cross-track errors of a log.
 pub(super) struct Guidance {
     mode: Option<Mode>,
     north: Option<Place>,

@@ -1,4 +1,4 @@
-//! `analyse`: what happened in the log of a CAN bus.
+//! `analyse`: reads the log of a CAN bus and reports traffic, timing, guidance and events.
 
 mod chart;
 mod decode;
@@ -184,7 +184,7 @@ struct Analysis<'d> {
     guidance: Guidance,
     steering: Option<Steering>,
     events: Events,
-    /// Longest time without a frame that is no gap, ns.
+    /// A longer time without a frame is a gap, ns.
     gap: i64,
     bit_rate: i64,
     /// Start of the first frame, ns.

@@ -91,7 +91,7 @@ fn sections(found: &Found) -> Vec<(&'static str, &'static str, Markup)> {
     let summary = &found.summary;
     let mut all = Vec::new();
     if summary.guidance.is_some() {
-        all.push(("guidance", "Way and cross-track error", guidance(found)));
+        all.push(("guidance", "Track and cross-track error", guidance(found)));
     }
     if !summary.modes.is_empty() {
         all.push(("modes", "Modes", modes(found)));

@@ -43,7 +43,7 @@ pub(super) struct Interface {
     known: u64,
 }
 
-/// What the first reading shows.
+/// Result of the first reading.
 #[derive(Debug)]
 pub(super) struct Survey {
     pub(super) logs: Vec<Log>,
@@ -55,7 +55,7 @@ pub(super) struct Survey {
     pub(super) start: LogTime,
 }
 
-/// What a survey counts.
+/// Counters of the first reading.
 #[derive(Default)]
 struct Counts {
     interfaces: BTreeMap<String, Interface>,
@@ -161,7 +161,7 @@ fn one(
     }
     if !about.is_file() {
         return Err(usage(
-            "it is no file: a log is read twice, so a pipe cannot be one".into(),
+            "it is not a regular file: a log is read twice, so a pipe is not accepted".into(),
         ));
     }
     let bytes = about.len();

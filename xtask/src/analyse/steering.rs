@@ -1,4 +1,4 @@
-//! The commands to the steering, and what its actuator can do of them.
+//! The steering commands, and whether the actuator's dead band swallows them.
 
 use control::calibration::{Actuator, Potentiometer};
 use control::feedback::Limits;

@@ -41,7 +41,7 @@ pub(super) struct Messages {
     result: io::Result<()>,
 }
 
-/// What writing a table can fail with.
+/// The failure of writing a table.
 fn unwritten(error: io::Error) -> Failure {
     Failure::Usage(format!("messages.csv cannot be written: {error}"))
 }
@@ -102,7 +102,7 @@ impl Messages {
         Ok(())
     }
 
-    /// Writes what is left.
+    /// Writes the buffered rest.
     ///
     /// # Errors
     /// A part of the table could not be written.

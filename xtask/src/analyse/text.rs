@@ -69,7 +69,7 @@ pub(super) fn counted(count: u64, one: &str, many: &str) -> String {
     }
 }
 
-/// What is not in the figures, in words.
+/// Everything that was skipped, in words.
 pub(super) fn left_out(log: &LogFigures) -> Vec<String> {
     let mut all = Vec::new();
     if log.frames_of_other_interfaces > 0 {

@@ -46,7 +46,7 @@ impl Identifier {
     }
 }
 
-/// A window and what was seen of it.
+/// A window and the statistics of its frames.
 struct Slot {
     window: Window,
     /// Beginning and length, ns.
@@ -99,7 +99,7 @@ struct Cycle {
     frames: Vec<(i64, Identifier)>,
 }
 
-/// Something that the schedule does not foresee.
+/// A deviation of the references from the schedule.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Irregularity {
     /// References are missing: when the last one came, and how many.
@@ -223,7 +223,7 @@ impl Timing {
         });
     }
 
-    /// Counts what the current basic cycle had, which lasts until `end` at the longest.
+    /// Evaluates the current basic cycle, which lasts until `end` at the longest.
     fn close(&mut self, end: i64) {
         let Some(cycle) = &self.cycle else {
             return;
@@ -267,7 +267,7 @@ impl Timing {
         self.cycle = None;
     }
 
-    /// What the schedule does not foresee.
+    /// Missing references and changes of the time master, in order of time.
     pub(super) fn irregularities(&self) -> &[Irregularity] {
         &self.irregularities
     }

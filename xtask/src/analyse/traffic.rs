@@ -1,4 +1,4 @@
-//! What went over the bus, by identifier: how often and at which distances.
+//! Frames by identifier: counts and periods.
 
 use std::collections::BTreeMap;
 

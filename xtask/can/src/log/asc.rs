@@ -6,7 +6,7 @@ use super::{Direction, Entry, Item, LogTime, Skip};
 use crate::Frame;
 use embedded_can::Id;
 
-/// What the heading says, and the time so far.
+/// Base and kind of time stamps from the heading, and the time of the last line.
 #[derive(Clone, Debug)]
 pub(super) struct Asc {
     base: Base,
@@ -66,7 +66,7 @@ impl Asc {
         let direction = match direction {
             b"Rx" => Direction::Received,
             b"Tx" => Direction::Sent,
-            // A request to send is no frame yet.
+            // A transmit request is logged before the frame is on the bus.
             b"TxRq" => return Some(Item::Skipped(Skip::Event)),
             _ => return Some(UNREADABLE),
         };

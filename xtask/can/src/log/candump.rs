@@ -33,7 +33,7 @@ pub(super) fn line(line: &[u8], channels: &mut Channels) -> Option<Item> {
     item(at, channel, direction, content, channels)
 }
 
-/// What a line tells of.
+/// Content of a line.
 enum Content {
     Frame(Frame),
     Skipped(Skip),

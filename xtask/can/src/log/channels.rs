@@ -19,7 +19,8 @@ impl Channels {
         &self.names
     }
 
-    /// The index of a name; `None` if it is no name, or there are too many.
+    /// The index of a name; `None` if it is too long or not text, or there are too
+    /// many names.
     pub(super) fn index(&mut self, name: &[u8]) -> Option<u8> {
         let is = |known: &String| known.as_bytes() == name;
         if !self.names.get(self.last).is_some_and(is) {

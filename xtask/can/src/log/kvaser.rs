@@ -1,5 +1,5 @@
-//! Kvaser's formats: the text log of CanKing, and what Kvaser's converter writes of a Memorator's
-//! log, as plain text or as CSV (`KvaLogWriter_PlainAsc` and `KvaLogWriter_CsvFrame` of its canlib).
+//! Kvaser's formats: the text log of CanKing, and the log of a Memorator converted to plain text or
+//! CSV (`KvaLogWriter_PlainAsc` and `KvaLogWriter_CsvFrame` of its canlib).
 
 use super::channels::Channels;
 use super::fields::{Base, byte, bytes, extended, number, seconds, standard, words};
@@ -65,7 +65,7 @@ pub(super) fn canking(line: &[u8], channels: &mut Channels) -> Option<Item> {
     }))
 }
 
-/// What the heading of a converted log says of its numbers.
+/// Bases of the numbers of a converted log, from its heading.
 #[derive(Clone, Copy, Debug)]
 struct Numbers {
     id: Base,
@@ -73,7 +73,7 @@ struct Numbers {
 }
 
 impl Default for Numbers {
-    /// What is usual without a heading.
+    /// The bases if the heading does not state them.
     fn default() -> Self {
         Self {
             id: Base::Decimal,

@@ -1,8 +1,8 @@
 //! Reads the logs of CAN tools: `candump`, Vector ASC, Kvaser.
 //!
 //! [`Reader`] recognises the format from the lines, not from the file's name, and hands out one
-//! [`Item`] for each line. What is no frame of classical CAN is not refused, but named by its kind
-//! ([`Skip`]), so that a caller can count it: real logs have a second interface, CAN FD frames,
+//! [`Item`] for each line. A line without a classical CAN frame is not refused: the reader names its
+//! kind ([`Skip`]), so that a caller can count it. Real logs have a second interface, CAN FD frames,
 //! error frames, statistics and a cut last line. Strings are not kept: a frame names its interface
 //! by an index into [`Reader::channels`].
 //!
@@ -128,7 +128,7 @@ impl Skip {
         Self::Unreadable,
     ];
 
-    /// What was skipped, in the plural.
+    /// Name of the kind, in the plural.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
