@@ -257,6 +257,31 @@ fn a_restless_bus_gives_a_report_that_can_be_read() {
 }
 
 #[test]
+fn a_backup_master_is_one_event() {
+    let references = |id: &'static str, from: u32| {
+        (from..from + 20).map(move |cycle| {
+            let (second, tenth) = (cycle / 10, cycle % 10);
+            format!(
+                "({second}.{tenth}00000) can0 {id}#0000000000{:02X}0000\n",
+                cycle % 64
+            )
+        })
+    };
+    let log: String = references("064", 0).chain(references("065", 20)).collect();
+    let found = of_text(log);
+    let [event] = &found.events[..] else {
+        panic!("{:?}", found.events);
+    };
+    assert_eq!(event.kind, EventKind::Master);
+    assert_eq!(event.what, "controller leads the bus with reference 101");
+    let schedule = found.schedule.unwrap();
+    assert_eq!(
+        (schedule.basic_cycles, schedule.missing_references),
+        (40, 0)
+    );
+}
+
+#[test]
 fn a_drive_in_several_logs_is_one_drive() {
     let folder = tempfile::tempdir().unwrap();
     let (one, two) = (folder.path().join("one.log"), folder.path().join("two.log"));

@@ -1,7 +1,7 @@
 //! The messages of the network, prepared so that the signals of millions of frames are read in
 //! little time.
 
-use network_model::{ByteOrder, Message, Network, SendType, Signal};
+use network_model::{ByteOrder, Message, Network, SendType, Signal, WindowKind};
 
 /// Identifiers of 11 bits.
 const IDS: usize = 1 << 11;
@@ -17,7 +17,8 @@ pub(super) struct Known {
     pub(super) id: u16,
     pub(super) name: String,
     pub(super) sender: String,
-    /// Whether it is sent when something happens.
+    /// Whether it is sent when something happens. A reference of a backup master is no such message,
+    /// though the network file has no period for it.
     pub(super) is_event: bool,
     shortest: u8,
     length: u8,
@@ -131,7 +132,8 @@ impl Known {
             id: message.id,
             name: message.name.clone(),
             sender: message.sender.clone(),
-            is_event: matches!(message.send_type, SendType::Event { .. }),
+            is_event: matches!(message.send_type, SendType::Event { .. })
+                && message.window.kind != WindowKind::Reference,
             shortest: first.map_or(message.shortest, |first| message.shortest.min(first)),
             length: message.length,
             fields: fields.map(|signal| Field::new(network, signal)).collect(),
