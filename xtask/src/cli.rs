@@ -55,6 +55,8 @@ pub enum Command {
     Keys(Keys),
     /// Write the folder of a new vehicle.
     New(New),
+    /// Show what happened in the log of a CAN bus.
+    Analyse(Analyse),
     /// Compute the steering's calibration from a recorded drive.
     Calibrate(Calibrate),
     /// Measure the cycles, code and RAM of the protocol stack and the control step.
@@ -418,6 +420,41 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
             DURATIONS.end()
         )),
     }
+}
+
+/// Options of `analyse`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask analyse run/bus.log               the log of a run of `sim --out run`\n  \
+    cargo xtask analyse drive.log --out drive     and drive/analysis.html, a page with tracks and timing\n  \
+    cargo xtask analyse one.log two.log           a drive whose log was split, in order of time\n  \
+    cargo xtask analyse bench.log --vehicle two-boards --interface can1\n  \
+    cargo xtask analyse drive.log --json          everything as JSON, times in seconds\n\n\
+    Formats, recognised by the lines: candump (-l, -L, and its screen with -t a, z or A),\n\
+    Vector ASC, Kvaser CanKing text, Kvaser Memorator text and CSV.\n\
+    CAN FD frames, error frames and lines that cannot be read are skipped and counted. Loggers stamp\n\
+    the end of a frame; its start is taken to be its length in bits earlier.\n\n\
+    --out writes analysis.html, summary.json, events.csv and messages.csv (a row for each signal of\n\
+    each frame).")]
+pub struct Analyse {
+    /// Logs of one drive, in order of time
+    #[arg(value_name = "LOG", required = true)]
+    pub logs: Vec<PathBuf>,
+    /// Vehicle, a folder below firmware/vehicles
+    #[arg(long, value_name = "NAME", default_value = DEFAULT)]
+    pub vehicle: String,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
+    /// Interface of the vehicle's bus [default: the one with most frames of its messages]
+    #[arg(long, value_name = "NAME")]
+    pub interface: Option<String>,
+    /// Folder for the page, tables and figures [default: no files]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `calibrate`.

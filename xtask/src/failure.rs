@@ -10,9 +10,12 @@ use crate::{
 /// Why a command ends without success; displays as one sentence.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// `calibrate` and `schedule`: an input file is wrong.
+    /// `analyse`, `calibrate` and `schedule`: an input file is wrong.
     #[error("{0}")]
     Usage(String),
+    /// `analyse`: the output folder.
+    #[error(transparent)]
+    Folder(#[from] world::report::FolderError),
     /// An image's audit.
     #[error(transparent)]
     Audit(#[from] audit::Error),
@@ -79,7 +82,7 @@ impl Failure {
     /// The exit code of the program: 2 when the command line or an input file is wrong, else 1.
     pub fn exit_code(&self) -> u8 {
         let usage = match self {
-            Failure::Usage(_) => true,
+            Failure::Usage(_) | Failure::Folder(_) => true,
             Failure::Cli(_) | Failure::File(_) | Failure::Vehicle(_) => true,
             Failure::Bench(error) => error.is_usage(),
             Failure::Keys(error) => error.is_usage(),

@@ -4,6 +4,7 @@
 //! command that fails returns a [`Failure`], which displays as one sentence. The exit code is 2
 //! when the command line or an input file is wrong, else 1.
 
+pub mod analyse;
 pub mod audit;
 pub mod bench;
 pub mod board;
@@ -61,6 +62,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
     let workspace = Workspace::find()?;
     match command {
         cli::Command::Build(options) => build::run(&workspace, &options),
+        cli::Command::Analyse(options) => analyse::run(&workspace, &options),
         cli::Command::Calibrate(options) => calibrate::run(&workspace, &options),
         cli::Command::Bench(options) => bench::run(&workspace, &options),
         cli::Command::Flash(options) => {

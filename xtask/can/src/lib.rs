@@ -8,6 +8,7 @@
 //! - [`Tester`]s are foreign nodes: loggers, spoofers, babbling idiots.
 //! - [`Disturbance`]s flip bits, raise the bit error rate, or hold the bus at one level.
 //! - [`candump`] reads and writes the log format of can-utils.
+//! - [`log`] reads the logs of other tools, whatever their format, and counts what it cannot use.
 //! - [`slcan`] reads and writes the lines of CAN adapters on a serial port.
 //!
 //! # Time
@@ -54,6 +55,7 @@ pub mod candump;
 mod confinement;
 mod disturbance;
 mod frame;
+pub mod log;
 mod mac;
 mod node_id;
 mod record;

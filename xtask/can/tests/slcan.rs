@@ -3,7 +3,7 @@
 #[path = "common/frames.rs"]
 mod frames;
 #[path = "../fuzz/src/lib.rs"]
-#[expect(unreachable_pub, reason = "a library of its own in `fuzz/`")]
+#[expect(unreachable_pub, dead_code, reason = "a library of its own in `fuzz/`")]
 mod fuzz;
 
 use can_bus::Frame;

@@ -1,6 +1,7 @@
 //! The fuzz targets as functions of the fuzzer's bytes. The tests of the crate call them with
 //! random bytes, because a fuzzer needs a nightly toolchain.
 
+use can_bus::log::{Item, Reader};
 use can_bus::slcan::{Answer, Decoder, encode};
 
 /// All answers in the bytes of a serial port. Every frame among them must be read back as it is
@@ -24,4 +25,22 @@ pub fn slcan(bytes: &[u8]) -> Vec<Answer> {
         }
     }
     answers
+}
+
+/// All lines of a log. A frame among them must name an interface of the reader, and a log with a frame
+/// has a format.
+pub fn log(bytes: &[u8]) -> Vec<Item> {
+    let mut reader = Reader::new();
+    let mut items = Vec::new();
+    let mut input = bytes;
+    reader
+        .read(&mut input, &mut |item| items.push(item))
+        .expect("bytes can be read");
+    for item in &items {
+        if let Item::Frame(entry) = item {
+            assert!(usize::from(entry.channel) < reader.channels().len());
+            assert!(reader.format().is_some());
+        }
+    }
+    items
 }

@@ -10,7 +10,7 @@ use crate::time::Span as _;
 use crate::time::{SimTime, at, seconds};
 
 /// The cross-track error that counts as settled, metres.
-pub(super) const BAND: f64 = 0.05;
+pub const BAND: f64 = 0.05;
 
 /// Time for which the error must stay within the band, seconds, so that merely crossing the line
 /// does not count.
@@ -47,8 +47,10 @@ pub(super) fn errors<'a>(run: &'a Run) -> impl Iterator<Item = (f64, f64)> + 'a 
     })
 }
 
-/// The index from which the errors stay within the band for [`HOLD`] seconds.
-fn settled(errors: &[(f64, f64)]) -> Option<usize> {
+/// The index from which the errors (time in seconds, cross-track error in metres, in order of time)
+/// stay within [`BAND`] for at least 3 s; `None` if they never do.
+#[must_use]
+pub fn settled(errors: &[(f64, f64)]) -> Option<usize> {
     let mut candidate: Option<usize> = None;
     for (i, (time, error)) in errors.iter().enumerate() {
         if error.abs() > BAND {

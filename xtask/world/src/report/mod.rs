@@ -32,8 +32,10 @@ pub use figures::{
     TakeoverFigures, TaskFigures, WindowFigures,
 };
 pub use folder::{FolderError, OutputFolder};
+pub use guidance::{BAND, settled};
 pub use latency::{LatencyBar, LatencySeries, latency_svg};
 pub use map::{MapAxis, MapCell, MapPanel, MapPicture, map_svg};
+pub use plot::Span;
 pub use rover::{ContactFigures, DistancePair, RoverFigures, RoverRun, rover_csv, rover_svg};
 pub use row::{RowPicture, row_svg};
 pub use states::states_csv;

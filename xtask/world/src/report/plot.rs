@@ -177,14 +177,17 @@ const SCALE: usize = 3;
 
 /// A range of values along an axis.
 #[derive(Copy, Clone, Debug, PartialEq)]
-pub(super) struct Span {
+pub struct Span {
+    /// Its least value.
     pub from: f64,
+    /// Its greatest value.
     pub to: f64,
 }
 
 impl Span {
     /// The smallest span that holds all values; `None` without values.
-    pub(super) fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
+    #[must_use]
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
         values.into_iter().fold(None, |span: Option<Self>, value| {
             Some(span.map_or(
                 Self {
@@ -197,7 +200,8 @@ impl Span {
     }
 
     /// The span widened to hold `value`.
-    pub(super) fn with(self, value: f64) -> Self {
+    #[must_use]
+    pub fn with(self, value: f64) -> Self {
         Self {
             from: self.from.min(value),
             to: self.to.max(value),
@@ -205,7 +209,8 @@ impl Span {
     }
 
     /// The span with `share` of its length, or at least `least`, added at both ends.
-    pub(super) fn padded(self, share: f64, least: f64) -> Self {
+    #[must_use]
+    pub fn padded(self, share: f64, least: f64) -> Self {
         let more = (share * self.length()).max(least);
         Self {
             from: self.from - more,
@@ -213,14 +218,17 @@ impl Span {
         }
     }
 
-    pub(super) fn length(self) -> f64 {
+    /// From the least value to the greatest.
+    #[must_use]
+    pub fn length(self) -> f64 {
         self.to - self.from
     }
 
     /// Round values within the span, 1, 2 or 5 times a power of ten apart, and the number of decimals
     /// that they need. They are at most `count`, unless that leaves fewer than three, which are no
     /// scale: then they are the next closer ones.
-    pub(super) fn ticks(self, count: usize) -> (Vec<f64>, usize) {
+    #[must_use]
+    pub fn ticks(self, count: usize) -> (Vec<f64>, usize) {
         let raw = self.length().max(1e-12) / count.max(1) as f64;
         let power = 10_f64.powf(raw.log10().floor());
         let steps = [0.2, 0.5, 1.0, 2.0, 5.0, 10.0].map(|factor| factor * power);

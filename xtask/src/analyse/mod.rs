@@ -1,0 +1,341 @@
+//! `analyse`: reads the log of a CAN bus and reports traffic, timing, guidance and events.
+
+mod chart;
+mod decode;
+mod drawings;
+mod events;
+mod figures;
+mod guidance;
+mod page;
+mod series;
+mod source;
+mod steering;
+mod table;
+mod text;
+mod timing;
+mod traffic;
+
+use std::{
+    io::{self, Write as _},
+    path::PathBuf,
+};
+
+use can_bus::{
+    Frame,
+    wire::{self, INTERMISSION_BITS},
+};
+use embedded_can::Id;
+use vehicle_model::Vehicle;
+use world::report::OutputFolder;
+
+use crate::{Failure, Workspace, cli::Analyse, progress::Display, vehicle};
+use decode::Decoder;
+use events::Events;
+use figures::rounded;
+pub use figures::{
+    Event, EventKind, FileFigures, ForeignFigures, GuidanceFigures, HistogramFigures, LogFigures,
+    MessageFigures, ModeFigures, RunFigures, ScheduleFigures, SteeringFigures, Summary,
+    UnknownFigures, WindowFigures,
+};
+use guidance::Guidance;
+use source::Survey;
+use steering::Steering;
+use table::Messages;
+pub use text::text;
+use timing::Timing;
+use traffic::Traffic;
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// [`Failure::Usage`] when a log cannot be read or has no known format, or the report cannot be
+/// printed; [`Failure::Folder`] when the files cannot be written.
+pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
+    let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
+    let interface = options.interface.as_deref();
+    let mut display = Display::new();
+    let input = Input::survey(&vehicle, &options.logs, interface, &mut display)?;
+    let mut folder = match &options.out {
+        Some(path) => Some(OutputFolder::create(path)?),
+        None => None,
+    };
+    let mut messages = match &mut folder {
+        Some(folder) => Some(Messages::create(
+            folder.file("messages.csv")?,
+            &input.decoder,
+        )?),
+        None => None,
+    };
+    let found = input.analyse(&vehicle, messages.as_mut(), &mut display)?;
+    display.end();
+    let summary = &found.summary;
+    if let Some(mut folder) = folder {
+        if let Some(messages) = messages {
+            messages.finish()?;
+        }
+        folder.write("analysis.html", page::page(&found).as_bytes())?;
+        folder.write("events.csv", table::events(&summary.events).as_bytes())?;
+        folder.write("summary.json", json(summary).as_bytes())?;
+        let path = folder.finish()?;
+        eprintln!(
+            "Wrote analysis.html, messages.csv, events.csv, summary.json to {}.",
+            path.display()
+        );
+    }
+    print(&if options.json {
+        json(summary)
+    } else {
+        text(summary)
+    })
+}
+
+/// Prints a report, which may be long: a reader such as `head` may stop reading.
+fn print(report: &str) -> Result<(), Failure> {
+    let mut output = io::stdout().lock();
+    let written = output
+        .write_all(report.as_bytes())
+        .and_then(|()| output.flush());
+    match written {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Usage(format!(
+            "the report cannot be printed: {error}"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Analyses the logs of a vehicle's bus, without output.
+///
+/// # Errors
+///
+/// [`Failure::Usage`]: a log cannot be read or has no known format, or there is no frame.
+pub fn analyse(
+    vehicle: &Vehicle,
+    logs: &[PathBuf],
+    interface: Option<&str>,
+) -> Result<Summary, Failure> {
+    let mut display = Display::new();
+    let input = Input::survey(vehicle, logs, interface, &mut display)?;
+    let found = input.analyse(vehicle, None, &mut display)?;
+    display.end();
+    Ok(found.summary)
+}
+
+fn json(summary: &Summary) -> String {
+    let text = serde_json::to_string_pretty(summary).unwrap_or_default();
+    format!("{text}\n")
+}
+
+/// The logs with the network that they are read with.
+struct Input {
+    decoder: Decoder,
+    survey: Survey,
+}
+
+/// Everything that an analysis found.
+struct Found {
+    summary: Summary,
+    guidance: Guidance,
+    steering: Option<Steering>,
+}
+
+impl Input {
+    fn survey(
+        vehicle: &Vehicle,
+        logs: &[PathBuf],
+        interface: Option<&str>,
+        display: &mut Display,
+    ) -> Result<Self, Failure> {
+        let decoder = Decoder::new(vehicle.network());
+        let known = |frame: &Frame| match frame.id() {
+            Id::Standard(id) => decoder.message(id.as_raw()).is_some(),
+            Id::Extended(_) => false,
+        };
+        let survey = source::survey(logs, &known, interface, display)?;
+        Ok(Self { decoder, survey })
+    }
+
+    fn analyse(
+        &self,
+        vehicle: &Vehicle,
+        mut messages: Option<&mut Messages>,
+        display: &mut Display,
+    ) -> Result<Found, Failure> {
+        let mut analysis = Analysis::new(vehicle, &self.decoder);
+        self.survey.replay(display, &mut |at, frame| {
+            if let Some((id, data)) = analysis.take(at, frame)
+                && let Some(messages) = &mut messages
+            {
+                messages.add(at, id, &data);
+            }
+        })?;
+        Ok(analysis.finish(vehicle, &self.survey))
+    }
+}
+
+/// Basic cycles without a frame that make a gap.
+const GAP_CYCLES: i64 = 2;
+
+/// The analysis so far.
+struct Analysis<'d> {
+    decoder: &'d Decoder,
+    traffic: Traffic,
+    timing: Option<Timing>,
+    guidance: Guidance,
+    steering: Option<Steering>,
+    events: Events,
+    /// A longer time without a frame is a gap, ns.
+    gap: i64,
+    bit_rate: i64,
+    /// Start of the first frame, ns.
+    begin: Option<i64>,
+    /// Bits of all frames with their intermissions.
+    bits: u64,
+    last: Option<i64>,
+    end: i64,
+    time_goes_back: u64,
+}
+
+impl<'d> Analysis<'d> {
+    fn new(vehicle: &Vehicle, decoder: &'d Decoder) -> Self {
+        let mode = vehicle.manifest().mode.as_ref().and_then(|mode| {
+            let message = decoder.named(&mode.message)?;
+            message.field(&mode.signal)?.table.clone()
+        });
+        Self {
+            decoder,
+            traffic: Traffic::new(),
+            timing: Timing::new(vehicle),
+            guidance: Guidance::new(vehicle, decoder),
+            steering: Steering::new(vehicle, decoder),
+            events: Events::new(mode),
+            gap: GAP_CYCLES * i64::from(vehicle.network().basic_cycle_us) * 1000,
+            bit_rate: i64::from(vehicle.network().bit_rate.max(1)),
+            begin: None,
+            bits: 0,
+            last: None,
+            end: 0,
+            time_goes_back: 0,
+        }
+    }
+
+    /// Takes the next frame; returns identifier and data of one that can be decoded.
+    fn take(&mut self, at: i64, frame: &Frame) -> Option<(u16, [u8; 8])> {
+        let seconds = at as f64 * 1e-9;
+        if let Some(last) = self.last {
+            self.between(last, at);
+        }
+        self.last = Some(at);
+        self.end = self.end.max(at);
+        let bits = wire::frame_bits(frame);
+        let start = at - i64::from(bits) * 1_000_000_000 / self.bit_rate;
+        self.begin.get_or_insert(start);
+        self.bits += u64::from(bits + INTERMISSION_BITS);
+        if let Some(timing) = &mut self.timing {
+            timing.take(start, frame);
+        }
+        if !self.traffic.count(self.decoder, at, frame) {
+            return None;
+        }
+        let Id::Standard(id) = frame.id() else {
+            return None;
+        };
+        let id = id.as_raw();
+        // Missing bytes read as zero.
+        let mut data = [0; 8];
+        for (place, byte) in data.iter_mut().zip(frame.data()) {
+            *place = *byte;
+        }
+        self.guidance.take(seconds, id, &data);
+        if let Some(steering) = &mut self.steering {
+            steering.take(seconds, id, &data);
+        }
+        if let Some(message) = self.decoder.message(id).filter(|known| known.is_event) {
+            self.events.take(seconds, message, &data);
+        }
+        Some((id, data))
+    }
+
+    /// Looks at the time between two frames.
+    fn between(&mut self, last: i64, at: i64) {
+        let (from, since) = (last as f64 * 1e-9, (at - last) as f64 * 1e-9);
+        if at < last {
+            self.time_goes_back += 1;
+            self.events.add(from, EventKind::Time, || {
+                format!("the next time stamp is {:.6} s earlier", -since)
+            });
+        } else if at - last > self.gap {
+            self.events.add(from, EventKind::Gap, || {
+                format!("no frame for {since:.3} s")
+            });
+        }
+    }
+
+    /// Share of the time that the frames take, in percent.
+    fn load(&self) -> f64 {
+        let all = (self.end - self.begin.unwrap_or(self.end)) as f64 * 1e-9;
+        let busy = self.bits as f64 / self.bit_rate as f64;
+        if all > 0.0 {
+            rounded(busy / all * 100.0, 3)
+        } else {
+            0.0
+        }
+    }
+
+    /// The figures of the logs.
+    fn log(&self, survey: &Survey, messages: &[MessageFigures]) -> LogFigures {
+        let frames = self.traffic.frames();
+        let all: u64 = survey.interfaces.values().map(|one| one.frames).sum();
+        let files = survey.logs.iter().map(|log| FileFigures {
+            file: log.path.display().to_string(),
+            format: log.format.name(),
+            frames: log.frames,
+        });
+        let interfaces = survey.interfaces.iter();
+        let skipped = survey.skipped.iter();
+        LogFigures {
+            files: files.collect(),
+            interface: survey.interface.clone(),
+            interfaces: interfaces
+                .map(|(name, one)| (name.clone(), one.frames))
+                .collect(),
+            start_seconds: survey.start.as_ticks() as f64 * 1e-9,
+            span_seconds: rounded(self.end as f64 * 1e-9, 6),
+            frames,
+            load_percent: self.load(),
+            frames_of_other_interfaces: all - frames,
+            remote_frames: self.traffic.remote(),
+            wrong_length: messages.iter().map(|one| one.wrong_length).sum(),
+            time_goes_back: self.time_goes_back,
+            skipped: skipped.map(|(skip, count)| (skip.name(), *count)).collect(),
+        }
+    }
+
+    fn finish(mut self, vehicle: &Vehicle, survey: &Survey) -> Found {
+        if let Some(timing) = &mut self.timing {
+            timing.finish(self.end);
+            self.events.irregular(self.decoder, timing.irregularities());
+        }
+        let modes = self.guidance.modes(self.end as f64 * 1e-9);
+        let messages = self.traffic.messages(self.decoder);
+        let log = self.log(survey, &messages);
+        let (events, events_left_out) = self.events.finish(&modes);
+        let summary = Summary {
+            vehicle: vehicle.name().to_owned(),
+            log,
+            messages,
+            unknown: self.traffic.unknown(self.decoder),
+            schedule: self.timing.map(|timing| timing.figures(self.decoder)),
+            guidance: self.guidance.figures(&modes),
+            steering: self.steering.as_ref().and_then(Steering::figures),
+            modes,
+            events,
+            events_left_out,
+        };
+        Found {
+            summary,
+            guidance: self.guidance,
+            steering: self.steering,
+        }
+    }
+}

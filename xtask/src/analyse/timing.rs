@@ -1,0 +1,550 @@
+//! The frames against the schedule: when each message came in its window, which windows stayed
+//! empty, and which frames were in a window of somebody else.
+//!
+//! A basic cycle begins with the start of frame of its reference message and lasts until the next
+//! one, but at most one and a half basic cycles, as in the report of a simulated run
+//! (`world::report`). Loggers stamp the end of a frame; its start is that less its length in bits.
+
+use std::collections::BTreeMap;
+
+use can_bus::Frame;
+use embedded_can::Id;
+use vehicle_model::Vehicle;
+use world::report::{Due, Window, WindowKind};
+
+use super::{
+    decode::Decoder,
+    figures::{ForeignFigures, ScheduleFigures, WindowFigures, rounded},
+    series::Spread,
+};
+use crate::sim::matrix::Matrix;
+
+/// An identifier of 11 or 29 bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Identifier {
+    extended: bool,
+    raw: u32,
+}
+
+impl Identifier {
+    fn of(frame: &Frame) -> Self {
+        match frame.id() {
+            Id::Standard(id) => Self {
+                extended: false,
+                raw: u32::from(id.as_raw()),
+            },
+            Id::Extended(id) => Self {
+                extended: true,
+                raw: id.as_raw(),
+            },
+        }
+    }
+
+    /// Whether it is the one of 11 bits.
+    fn is(self, id: u16) -> bool {
+        !self.extended && self.raw == u32::from(id)
+    }
+}
+
+/// A window and the statistics of its frames.
+struct Slot {
+    window: Window,
+    /// Beginning and length, ns.
+    start: i64,
+    length: i64,
+    /// Starts of frame after its beginning, ns.
+    starts: Spread,
+    /// Basic cycles in which it stayed empty although its message was due and had come before.
+    missed: u64,
+}
+
+impl Slot {
+    fn new(window: Window) -> Self {
+        let ns = |span: world::SimDuration| (span.as_ticks() / 1000) as i64;
+        Self {
+            start: ns(window.start),
+            length: ns(window.length),
+            window,
+            starts: Spread::default(),
+            missed: 0,
+        }
+    }
+
+    /// Whether it comes in the basic cycle of that number.
+    fn comes(&self, count: u8) -> bool {
+        count % self.window.repeat.max(1) == self.window.offset
+    }
+
+    /// How long after its beginning a start of frame is, if the frame belongs to it; one that is
+    /// early by up to half the window is an early frame of it.
+    fn own(&self, count: u8, id: Identifier, offset: i64) -> Option<i64> {
+        let after = offset - self.start;
+        let inside = after >= -self.length / 2 && after < self.length;
+        (id.is(self.window.id) && inside && self.comes(count)).then_some(after)
+    }
+
+    /// Whether an instant of the basic cycle is in it.
+    fn holds(&self, count: u8, offset: i64) -> bool {
+        self.comes(count) && (self.start..self.start + self.length).contains(&offset)
+    }
+}
+
+/// A basic cycle so far.
+struct Cycle {
+    /// Start of frame of its reference.
+    start: i64,
+    count: u8,
+    fixed: bool,
+    /// Starts of frame of the others, ns after the reference's.
+    frames: Vec<(i64, Identifier)>,
+}
+
+/// A deviation of the references from the schedule.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Irregularity {
+    /// References are missing: when the last one came, and how many.
+    MissingReferences(i64, u64),
+    /// Another master leads: when its first reference came, and the identifier.
+    Master(i64, u16),
+}
+
+/// Where a frame was that was in none of its windows: its identifier, and the beginning of the
+/// window it was in, if it was in one.
+type Place = (Identifier, Option<i64>);
+
+/// Compares the frames with the schedule.
+pub(super) struct Timing {
+    slots: Vec<Slot>,
+    references: Vec<u16>,
+    count_byte: usize,
+    basic_cycle: i64,
+    cycle: Option<Cycle>,
+    master: Option<u16>,
+    cycles: u64,
+    missing: u64,
+    /// Between two references without a missing one, ns.
+    periods: Spread,
+    misplaced: BTreeMap<Place, u64>,
+    without_reference: u64,
+    irregularities: Vec<Irregularity>,
+}
+
+impl Timing {
+    /// The schedule of a vehicle; `None` if its nodes send at once.
+    pub(super) fn new(vehicle: &Vehicle) -> Option<Self> {
+        let matrix = Matrix::new(vehicle);
+        let of_kind = |kind| {
+            matrix
+                .windows
+                .iter()
+                .filter(move |window| window.kind == kind)
+        };
+        let references: Vec<u16> = of_kind(WindowKind::Reference)
+            .map(|window| window.id)
+            .collect();
+        if references.is_empty() {
+            return None;
+        }
+        let network = vehicle.network();
+        let others = matrix
+            .windows
+            .iter()
+            .filter(|one| one.kind != WindowKind::Reference);
+        let mut slots: Vec<Slot> = others.cloned().map(Slot::new).collect();
+        slots.sort_by_key(|slot| (slot.start, slot.window.offset, slot.window.id));
+        Some(Self {
+            slots,
+            references,
+            count_byte: matrix.cycle_count_byte(),
+            basic_cycle: i64::from(network.basic_cycle_us) * 1000,
+            cycle: None,
+            master: None,
+            cycles: 0,
+            missing: 0,
+            periods: Spread::default(),
+            misplaced: BTreeMap::new(),
+            without_reference: 0,
+            irregularities: Vec::new(),
+        })
+    }
+
+    /// Takes the next frame, which begins at `start`.
+    pub(super) fn take(&mut self, start: i64, frame: &Frame) {
+        let id = Identifier::of(frame);
+        let mut references = self.references.iter();
+        if let Some(&reference) = references.find(|one| id.is(**one))
+            && !frame.is_remote()
+        {
+            self.begin(start, reference, frame);
+            return;
+        }
+        match &mut self.cycle {
+            Some(cycle) if (0..longest(self.basic_cycle)).contains(&(start - cycle.start)) => {
+                cycle.frames.push((start - cycle.start, id));
+            }
+            _ => self.without_reference += 1,
+        }
+    }
+
+    /// A basic cycle begins.
+    fn begin(&mut self, start: i64, id: u16, frame: &Frame) {
+        if let Some(before) = &self.cycle {
+            let period = start - before.start;
+            if period < longest(self.basic_cycle) {
+                self.periods.add(period as f64);
+            } else {
+                let missing = (period + self.basic_cycle / 2) / self.basic_cycle - 1;
+                let missing = u64::try_from(missing).unwrap_or(0);
+                self.missing += missing;
+                let at = before.start;
+                self.irregularities
+                    .push(Irregularity::MissingReferences(at, missing));
+            }
+        }
+        self.close(start);
+        if self.master.is_some_and(|master| master != id) {
+            self.irregularities.push(Irregularity::Master(start, id));
+        }
+        self.master = Some(id);
+        self.cycles += 1;
+        let data = frame.data();
+        let count = data.get(self.count_byte).map_or(0, |byte| byte & 0x3F);
+        let fixed = data.first().is_some_and(|byte| byte & 1 == 1);
+        let mut frames = self
+            .cycle
+            .take()
+            .map_or_else(Vec::new, |cycle| cycle.frames);
+        frames.clear();
+        self.cycle = Some(Cycle {
+            start,
+            count,
+            fixed,
+            frames,
+        });
+    }
+
+    /// Evaluates the current basic cycle, which lasts until `end` at the longest.
+    fn close(&mut self, end: i64) {
+        let Some(cycle) = &self.cycle else {
+            return;
+        };
+        let lasts = (end - cycle.start).min(longest(self.basic_cycle));
+        for &(offset, id) in &cycle.frames {
+            let mut own = false;
+            for slot in &mut self.slots {
+                if let Some(after) = slot.own(cycle.count, id, offset) {
+                    slot.starts.add(after as f64);
+                    own = true;
+                }
+            }
+            if !own {
+                let mut slots = self.slots.iter();
+                let other = slots.find(|slot| slot.holds(cycle.count, offset));
+                let place = (id, other.map(|slot| slot.start));
+                *self.misplaced.entry(place).or_default() += 1;
+            }
+        }
+        for slot in &mut self.slots {
+            let due = match slot.window.due {
+                Due::Always => true,
+                Due::WhileFixed => cycle.fixed,
+                Due::Sometimes => false,
+            };
+            let ended = slot.start + slot.length <= lasts;
+            if !due || !ended || !slot.comes(cycle.count) || slot.starts.count() == 0 {
+                continue;
+            }
+            let mut frames = cycle.frames.iter();
+            if !frames.any(|&(offset, id)| slot.own(cycle.count, id, offset).is_some()) {
+                slot.missed += 1;
+            }
+        }
+    }
+
+    /// The log ends at `end`.
+    pub(super) fn finish(&mut self, end: i64) {
+        self.close(end);
+        self.cycle = None;
+    }
+
+    /// Missing references and changes of the time master, in order of time.
+    pub(super) fn irregularities(&self) -> &[Irregularity] {
+        &self.irregularities
+    }
+
+    /// The figures.
+    pub(super) fn figures(&self, decoder: &Decoder) -> ScheduleFigures {
+        let us = |ns: Option<f64>| ns.map(|ns| rounded(ns * 1e-3, 3));
+        let shown = self
+            .slots
+            .iter()
+            .filter(|slot| slot.window.kind == WindowKind::Exclusive || slot.starts.count() > 0);
+        let windows = shown.map(|slot| {
+            let jitter = slot.starts.greatest().zip(slot.starts.least());
+            WindowFigures {
+                id: slot.window.id,
+                message: slot.window.message.clone(),
+                sender: slot.window.sender.clone(),
+                arbitrating: slot.window.kind == WindowKind::Arbitrating,
+                window_start_us: rounded(slot.start as f64 * 1e-3, 3),
+                frames: slot.starts.count(),
+                missed: slot.missed,
+                earliest_start_us: us(slot.starts.least()),
+                mean_start_us: us(slot.starts.mean()),
+                latest_start_us: us(slot.starts.greatest()),
+                jitter_us: us(jitter.map(|(greatest, least)| greatest - least)),
+                deviation_us: us(slot.starts.deviation()),
+            }
+        });
+        let foreign = self.misplaced.iter().map(|(&(id, window), &frames)| {
+            let owners = self
+                .slots
+                .iter()
+                .filter(|slot| window == Some(slot.start))
+                .map(|slot| slot.window.message.clone());
+            let standard = u16::try_from(id.raw).ok().filter(|_| !id.extended);
+            let known = standard.and_then(|id| decoder.message(id));
+            ForeignFigures {
+                id: id.raw,
+                extended: id.extended,
+                message: known.map(|known| known.name.clone()),
+                window_start_us: window.map(|ns| rounded(ns as f64 * 1e-3, 3)),
+                window_of: owners.collect(),
+                frames,
+            }
+        });
+        ScheduleFigures {
+            basic_cycles: self.cycles,
+            missing_references: self.missing,
+            mean_cycle_us: us(self.periods.mean()),
+            shortest_cycle_us: us(self.periods.least()),
+            longest_cycle_us: us(self.periods.greatest()),
+            missed_windows: self.slots.iter().map(|slot| slot.missed).sum(),
+            frames_outside_their_window: self.misplaced.values().sum(),
+            frames_without_reference: self.without_reference,
+            windows: windows.collect(),
+            foreign: foreign.collect(),
+        }
+    }
+}
+
+/// Longest time that a basic cycle lasts without a next one.
+const fn longest(basic_cycle: i64) -> i64 {
+    basic_cycle + basic_cycle / 2
+}
+
+#[cfg(test)]
+mod tests {
+    use can_bus::wire;
+    use world::report::{FrameRecord, Run, Summary};
+    use world::{Scenario, SimDuration, SimTime};
+
+    use super::*;
+
+    /// Marsaglia's xorshift.
+    struct Random(u64);
+
+    impl Random {
+        fn below(&mut self, limit: u64) -> u64 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            self.0 % limit
+        }
+    }
+
+    fn uagv() -> Vehicle {
+        let workspace = crate::Workspace::find().unwrap();
+        crate::vehicle::find(&workspace, "uagv").unwrap()
+    }
+
+    /// Traffic with jitter, empty windows, misplaced frames, missing references and unknown
+    /// identifiers: start of frame in ns, and the frame.
+    fn traffic(windows: &[Window], seed: u64) -> Vec<(i64, Frame)> {
+        let mut random = Random(seed);
+        let mut frames = Vec::new();
+        for cycle in 1..300_u64 {
+            let begin = cycle * 100_000_000 + random.below(20_000);
+            if random.below(12) > 0 {
+                let mut data = [0; 8];
+                data[0] = random.below(2) as u8;
+                data[5] = (cycle % 64) as u8;
+                let master = if cycle < 200 { 100 } else { 101 };
+                frames.push((begin, Frame::standard(master, &data).unwrap()));
+            }
+            for window in windows {
+                let start = begin + window.start.as_ticks() / 1000;
+                let at = match random.below(12) {
+                    0 => continue,
+                    1 => begin + 50_000_000 + random.below(30_000_000),
+                    2 => start.saturating_sub(random.below(400_000)),
+                    _ => start + random.below(60_000),
+                };
+                let frame = Frame::standard(window.id, &[random.below(256) as u8; 4]).unwrap();
+                frames.push((at, frame));
+            }
+            if random.below(5) == 0 {
+                let at = begin + random.below(90_000_000);
+                frames.push((at, Frame::standard(0x7F0, &[]).unwrap()));
+            }
+        }
+        frames.sort_by_key(|(at, _)| *at);
+        frames
+            .into_iter()
+            .map(|(at, frame)| (at as i64, frame))
+            .collect()
+    }
+
+    fn length(frame: &Frame) -> i64 {
+        i64::from(wire::frame_bits(frame)) * 4000
+    }
+
+    fn record(at: i64, frame: &Frame) -> FrameRecord {
+        let Id::Standard(id) = frame.id() else {
+            panic!("{frame:?}");
+        };
+        let ps = |ns: i64| SimTime::from_ticks(ns as u64 * 1000);
+        let mut data = [0; 8];
+        data[..frame.data().len()].copy_from_slice(frame.data());
+        FrameRecord {
+            id: id.as_raw(),
+            dlc: frame.dlc(),
+            data,
+            start: ps(at),
+            end: ps(at + length(frame)),
+            complete: true,
+        }
+    }
+
+    /// The report of a simulated run is computed from the bus itself, by other code.
+    #[test]
+    fn the_figures_are_those_of_the_report_of_a_run() {
+        let vehicle = uagv();
+        let matrix = Matrix::new(&vehicle);
+        let of_kind = |kind: WindowKind| {
+            let mut all = matrix.windows.clone();
+            all.retain(|window| window.kind == kind);
+            all
+        };
+        let exclusive = of_kind(WindowKind::Exclusive);
+        let scenario = Scenario::uneventful(&vehicle, "still");
+        let mut outside = 0;
+        for seed in 1..=8 {
+            let frames = traffic(&exclusive, seed);
+            let records: Vec<FrameRecord> = frames
+                .iter()
+                .map(|(at, frame)| record(*at, frame))
+                .collect();
+            let end = records.iter().map(|one| one.end).max().unwrap();
+            let run = Run {
+                scenario: &scenario,
+                nodes: &[],
+                seed,
+                duration: SimDuration::from_ticks(end.as_ticks()),
+                states: &[],
+                efforts: &[],
+                frames: &records,
+                windows: &matrix.windows,
+                cycle_count_byte: matrix.cycle_count_byte(),
+                basic_cycle: matrix.basic_cycle(),
+                bit_time: matrix.bit_time(),
+                modes: &[],
+                tasks: &[],
+                rover: None,
+                crop: None,
+            };
+            let expected = Summary::of(&run).bus;
+
+            let mut timing = Timing::new(&vehicle).unwrap();
+            for (at, frame) in &frames {
+                timing.take(*at, frame);
+            }
+            timing.finish((end.as_ticks() / 1000) as i64);
+            let found = timing.figures(&Decoder::new(vehicle.network()));
+
+            assert_eq!(found.basic_cycles, expected.basic_cycles);
+            assert_eq!(found.missed_windows, expected.missed_windows);
+            assert!(found.missing_references > 10);
+            for (found, expected) in found
+                .windows
+                .iter()
+                .filter(|window| !window.arbitrating)
+                .zip(&expected.windows)
+            {
+                assert_eq!(found.id, expected.id);
+                assert_eq!(found.frames, expected.frames, "{found:?}");
+                assert_eq!(found.missed, expected.missed, "{found:?}");
+                let pairs = [
+                    (found.earliest_start_us, expected.earliest_start_us),
+                    (found.mean_start_us, expected.mean_start_us),
+                    (found.latest_start_us, expected.latest_start_us),
+                ];
+                for (found, expected) in pairs {
+                    let (found, expected) = (found.unwrap(), expected.unwrap());
+                    assert!((found - expected).abs() < 2e-3, "{found} {expected}");
+                }
+            }
+            // The report counts only frames of exclusive messages, without a reference, too.
+            let unknown = found.foreign.iter().filter(|one| one.message.is_none());
+            let unknown: u64 = unknown.map(|one| one.frames).sum();
+            assert!(unknown > 0);
+            let known = found.frames_outside_their_window - unknown;
+            let late = records.iter().filter(|one| one.id != 0x7F0).count() as u64
+                - found.basic_cycles
+                - found.windows.iter().map(|one| one.frames).sum::<u64>();
+            assert_eq!(expected.frames_outside_their_window, late);
+            assert!(known <= late);
+            outside += known;
+        }
+        assert!(outside > 100, "{outside}");
+    }
+
+    #[test]
+    fn a_frame_in_the_window_of_another_message_is_named_with_it() {
+        let vehicle = uagv();
+        let mut timing = Timing::new(&vehicle).unwrap();
+        let mut take = |at: i64, id: u16, data: &[u8]| {
+            let frame = Frame::standard(id, data).unwrap();
+            timing.take(at, &frame);
+            if id == 206 {
+                // A frame with 29 bits has the windows of nobody.
+                let frame = Frame::extended(0x18FF_0102, &[]).unwrap();
+                timing.take(at + 2_000_000, &frame);
+            }
+        };
+        take(0, 100, &[0; 8]);
+        // 300 in the window of 206, an unknown one in free time, and 206 where it belongs.
+        take(6_000_000, 300, &[0; 8]);
+        take(50_000_000, 0x7F0, &[]);
+        take(6_600_000, 206, &[0; 2]);
+        take(100_000_000, 100, &[0; 8]);
+        take(350_000_000, 100, &[0; 8]);
+        timing.finish(350_000_000);
+        let found = timing.figures(&Decoder::new(vehicle.network()));
+        let foreign: Vec<_> = found
+            .foreign
+            .iter()
+            .map(|one| {
+                (
+                    one.id,
+                    one.window_start_us,
+                    one.window_of.join(" "),
+                    one.frames,
+                )
+            })
+            .collect();
+        assert_eq!(
+            foreign,
+            [
+                (300, Some(6000.0), "SteeringPot".to_owned(), 1),
+                (0x7F0, None, String::new(), 1),
+                (0x18FF_0102, Some(8000.0), "LogPosition".to_owned(), 1)
+            ]
+        );
+        assert_eq!((found.basic_cycles, found.missing_references), (3, 2));
+        assert_eq!(
+            timing.irregularities(),
+            [Irregularity::MissingReferences(100_000_000, 2)]
+        );
+    }
+}
