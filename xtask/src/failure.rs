@@ -10,7 +10,8 @@ use crate::{
 /// Why a command ends without success; displays as one sentence.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// `analyse`, `calibrate` and `schedule`: an input file is wrong.
+    /// `analyse`, `calibrate` and `schedule`: an input file is wrong. Any command: what it prints cannot be
+    /// written.
     #[error("{0}")]
     Usage(String),
     /// `analyse`: the output folder.

@@ -4,6 +4,10 @@
 //! command that fails returns a [`Failure`], which displays as one sentence. The exit code is 2
 //! when the command line or an input file is wrong, else 1.
 
+// Its macros are for all that follow.
+#[macro_use]
+mod output;
+
 pub mod analyse;
 pub mod audit;
 pub mod bench;
@@ -38,10 +42,10 @@ use std::{ffi::OsString, process::ExitCode};
 
 /// Runs the command that the arguments (the program's name first) ask for.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    match cli::parse(arguments)
+    let done = cli::parse(arguments)
         .map_err(Failure::from)
-        .and_then(execute)
-    {
+        .and_then(execute);
+    match output::end(done) {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Shown) => ExitCode::FAILURE,
         Err(failure) => {

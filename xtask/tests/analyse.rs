@@ -526,24 +526,6 @@ fn the_page_stands_alone_and_can_be_read_without_seeing_it() {
     }
 }
 
-/// As `| head` does.
-#[test]
-fn a_reader_who_stops_reading_is_no_failure() {
-    for option in ["--json", "--vehicle=uagv"] {
-        let mut program = process::Command::new(env!("CARGO_BIN_EXE_xtask"))
-            .args(["analyse", DRIVE, option])
-            .current_dir(root())
-            .stdout(process::Stdio::piped())
-            .stderr(process::Stdio::piped())
-            .spawn()
-            .unwrap();
-        drop(program.stdout.take());
-        let done = program.wait_with_output().unwrap();
-        assert!(done.status.success(), "{done:?}");
-        assert_eq!(String::from_utf8(done.stderr).unwrap(), "");
-    }
-}
-
 /// A million frames; the time is measured by hand: `cargo test -p xtask --test analyse -- --ignored
 /// --nocapture`.
 #[test]

@@ -15,10 +15,7 @@ mod text;
 mod timing;
 mod traffic;
 
-use std::{
-    io::{self, Write as _},
-    path::PathBuf,
-};
+use std::path::PathBuf;
 
 use can_bus::{
     Frame,
@@ -49,8 +46,7 @@ use traffic::Traffic;
 ///
 /// # Errors
 ///
-/// [`Failure::Usage`] when a log cannot be read or has no known format, or the report cannot be
-/// printed; [`Failure::Folder`] when the files cannot be written.
+/// [`Failure::Usage`] when a log cannot be read or has no known format; [`Failure::Folder`] when the files cannot be written.
 pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
     let vehicle = vehicle::with(workspace, &options.vehicle, &options.changes.overrides())?;
     let interface = options.interface.as_deref();
@@ -83,25 +79,12 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
             path.display()
         );
     }
-    print(&if options.json {
-        json(summary)
+    if options.json {
+        print!("{}", json(summary));
     } else {
-        text(summary)
-    })
-}
-
-/// Prints a report, which may be long: a reader such as `head` may stop reading.
-fn print(report: &str) -> Result<(), Failure> {
-    let mut output = io::stdout().lock();
-    let written = output
-        .write_all(report.as_bytes())
-        .and_then(|()| output.flush());
-    match written {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Usage(format!(
-            "the report cannot be printed: {error}"
-        ))),
-        _ => Ok(()),
+        print!("{}", text(summary));
     }
+    Ok(())
 }
 
 /// Analyses the logs of a vehicle's bus, without output.
