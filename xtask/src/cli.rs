@@ -434,7 +434,10 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
     Vector ASC, Kvaser CanKing text, Kvaser Memorator text and CSV.\n\
     CAN FD frames, error frames and lines that cannot be read are skipped and counted. Loggers stamp\n\
     the end of a frame; its start is taken to be its length in bits earlier.\n\n\
-    --out writes analysis.html, summary.json, events.csv and messages.csv (a row for each signal of\n\
+    A frame is in its window if it starts in it, or early by up to half of it. A window is missed if it\n\
+    stays empty after its message has come once. Where the time stamps go back, the time goes on; behind\n\
+    a gap nothing is known until it is told again.\n\n\
+    --out writes analysis.html, analysis.json, events.csv and messages.csv (a row for each signal of\n\
     each frame).")]
 pub struct Analyse {
     /// Logs of one drive, in order of time

@@ -193,6 +193,162 @@ fn gaps_missing_references_and_a_time_that_goes_back_are_events() {
     assert_eq!(found.log.time_goes_back, 1);
 }
 
+/// The lines of the drive, each stamp so many seconds later.
+fn later(seconds: f64) -> String {
+    drive()
+        .lines()
+        .map(|line| {
+            let at: f64 = line[1..18].parse().unwrap();
+            format!("({:017.6}){}\n", at + seconds, &line[19..])
+        })
+        .collect()
+}
+
+/// Two drives in one log, as a logger has them whose vehicle was switched off in between.
+#[test]
+fn nothing_is_carried_over_a_gap_or_a_time_that_goes_back() {
+    let one = of_text(drive());
+    for (seconds, back) in [(15.0, 0), (10_800.0, 0), (0.0, 1), (-5.0, 1)] {
+        let log = format!("{}{}", later(20.0), later(20.0 + seconds));
+        let both = of_text(log);
+        assert_eq!(both.log.time_goes_back, back, "{seconds}");
+        let (alone, runs) = (one.guidance.as_ref().unwrap(), both.guidance.unwrap().runs);
+        assert_eq!(runs.len(), 2, "{seconds}: {runs:?}");
+        for run in &runs {
+            assert_eq!(
+                run.settling_seconds, alone.runs[0].settling_seconds,
+                "{seconds}"
+            );
+            assert_eq!(
+                run.mean_cross_track_error_cm, alone.runs[0].mean_cross_track_error_cm,
+                "{seconds}"
+            );
+        }
+        let (schedule, alone) = (both.schedule.unwrap(), one.schedule.as_ref().unwrap());
+        assert_eq!(
+            schedule.shortest_cycle_us, alone.shortest_cycle_us,
+            "{seconds}"
+        );
+        assert_eq!(
+            schedule.longest_cycle_us, alone.longest_cycle_us,
+            "{seconds}"
+        );
+        assert_eq!(schedule.frames_outside_their_window, 0, "{seconds}");
+        let away = both.log.load_percent - one.log.load_percent;
+        assert!(away.abs() < 0.01, "{seconds}: {} %", both.log.load_percent);
+        // Of a pause of hours nothing is known.
+        let missing = schedule.missing_references;
+        assert!(missing < 60, "{seconds}: {missing} references missing");
+    }
+}
+
+/// A node that falls silent, one that never sends, and a stranger: when, not only how often.
+#[test]
+fn what_is_missing_or_misplaced_has_its_time() {
+    let log: String = drive()
+        .lines()
+        .flat_map(|line| {
+            let at: f64 = line[1..18].parse().unwrap();
+            let kept = match &line[25..28] {
+                // The steering node falls silent, and returns.
+                "0CE" => !(5.0..7.0).contains(&at),
+                // The drive node never sends.
+                "0D0" => false,
+                _ => true,
+            };
+            let stranger = (&line[25..28] == "12C" && at > 8.0)
+                .then(|| format!("({:017.6}) can0 123#00\n", at - 0.001));
+            let own = kept.then(|| format!("{line}\n"));
+            stranger.into_iter().chain(own)
+        })
+        .collect();
+    let found = of_text(log);
+    let of_kind = |kind| {
+        let events = found.events.iter().filter(move |event| event.kind == kind);
+        events
+            .map(|event| (event.at_seconds.floor(), event.what.as_str()))
+            .collect::<Vec<_>>()
+    };
+    let start = found.log.start_seconds;
+    let empty = of_kind(EventKind::EmptyWindow);
+    assert_eq!(empty.len(), 1, "{empty:?}");
+    assert!(
+        empty[0]
+            .1
+            .starts_with("SteeringPot of steering: 20 windows"),
+        "{empty:?}"
+    );
+    assert!(
+        (empty[0].0 - (5.0 - start).floor()).abs() < 1.5,
+        "{empty:?}"
+    );
+    let misplaced = of_kind(EventKind::Misplaced);
+    assert_eq!(misplaced.len(), 1, "{misplaced:?}");
+    assert!(
+        misplaced[0].1.starts_with("first frame of 291"),
+        "{misplaced:?}"
+    );
+    assert!(text(&found).contains("never came, and is not counted as missed: DriveState (drive)"));
+}
+
+#[test]
+fn relative_stamps_are_refused() {
+    let mut last = 0.0;
+    let relative = drive()
+        .lines()
+        .map(|line| {
+            let at: f64 = line[1..18].parse().unwrap();
+            let since = at - std::mem::replace(&mut last, at);
+            format!("({since:017.6}){}\n", &line[19..])
+        })
+        .collect::<String>();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("relative.log");
+    fs::write(&path, relative).unwrap();
+    let error = of_file(&path).unwrap_err();
+    assert_eq!(error.exit_code(), 2);
+    assert!(error.to_string().contains("candump -t d"), "{error}");
+}
+
+/// Neither a log nor the report of a run is replaced.
+#[test]
+fn the_folder_of_a_log_keeps_what_is_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let out = folder.path().to_str().unwrap().to_owned();
+    fs::write(path("summary.json"), "of the run").unwrap();
+    fs::write(path("bus.log"), drive()).unwrap();
+    run(&[path("bus.log").to_str().unwrap(), "--out", &out]);
+    assert_eq!(
+        fs::read_to_string(path("summary.json")).unwrap(),
+        "of the run"
+    );
+    fs::write(path("messages.csv"), drive()).unwrap();
+    let log = path("messages.csv");
+    let done = process::Command::new(env!("CARGO_BIN_EXE_xtask"))
+        .args(["analyse", log.to_str().unwrap(), "--out", &out])
+        .current_dir(root())
+        .output()
+        .unwrap();
+    assert_eq!(done.status.code(), Some(2), "{done:?}");
+    assert_eq!(fs::read_to_string(log).unwrap(), drive());
+}
+
+/// Opening a pipe would wait for its writer.
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe");
+    let made = process::Command::new("mkfifo").arg(&pipe).status().unwrap();
+    assert!(made.success());
+    let error = of_file(&pipe).unwrap_err();
+    assert!(
+        error.to_string().contains("a pipe is not accepted"),
+        "{error}"
+    );
+}
+
 /// Stamps up to the end of 64 bits of nanoseconds, in both directions.
 #[test]
 fn impossible_times_are_analysed_too() {
@@ -252,7 +408,7 @@ fn a_restless_bus_gives_a_report_that_can_be_read() {
     let words = [path.to_str().unwrap(), "--out", out.to_str().unwrap()];
     run(&words);
     let page = fs::read_to_string(out.join("analysis.html")).unwrap();
-    assert!(page.contains("1000 more rows are in summary.json."));
+    assert!(page.contains("1000 more rows are in analysis.json."));
     assert!(page.len() < 2_000_000, "{}", page.len());
 }
 
@@ -479,7 +635,7 @@ fn the_folder_has_tables_and_figures() {
         events.contains(",mode,\"AutonomousReady to AutonomousRun, reason ButtonC\"\n"),
         "{events}"
     );
-    let json: serde_json::Value = serde_json::from_str(&read("summary.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&read("analysis.json")).unwrap();
     assert_eq!(json["log"]["frames"], 1255);
     assert_eq!(json["schedule"]["missed_windows"], 0);
 }

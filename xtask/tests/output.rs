@@ -41,11 +41,7 @@ fn a_reader_who_stops_reading_is_no_failure() {
         drop(program.stdout.take());
         let done = program.wait_with_output().unwrap();
         assert!(done.status.success(), "{arguments:?}: {done:?}");
-        assert_eq!(
-            String::from_utf8(done.stderr).unwrap(),
-            "",
-            "{arguments:?}"
-        );
+        assert_eq!(String::from_utf8(done.stderr).unwrap(), "", "{arguments:?}");
     }
 }
 

@@ -143,7 +143,9 @@ impl<'s, const P: usize> Judge<'s, P> {
         }
     }
 
-    /// What the spells may be that have begun, and what is to be counted of the others.
+    /// What the spells may be that have begun, and what is to be counted of the others. Of two spells of a
+    /// sender between two calls only the later one is judged. So a reference must be told before the flag behind
+    /// it: call this at least once in the length of one.
     pub fn rule(&mut self, news: &News<P>, now: Stamp) {
         self.struck |= news.marks.struck;
         self.freed |= news.marks.freed;

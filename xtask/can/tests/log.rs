@@ -108,12 +108,14 @@ fn what_is_not_text_is_counted() {
 }
 
 #[test]
-fn a_last_line_without_an_end_is_cut_unless_it_is_whole() {
+fn a_last_line_without_an_end_is_cut() {
     let cut = format!("{FRAME}\n(1194.397260) can0 19");
     assert_eq!(kinds(cut.as_bytes()), [(Skip::Cut, 1)]);
-    let whole = format!("{FRAME}\n{FRAME}");
-    assert_eq!(kinds(whole.as_bytes()), []);
-    assert_eq!(read(whole.as_bytes()).len(), 2);
+    // It may look like a frame: its last byte may have had another digit, or one more behind it.
+    for left in 0..2 {
+        let cut = format!("{FRAME}\n{}", &FRAME[..FRAME.len() - left]);
+        assert_eq!(kinds(cut.as_bytes()), [(Skip::Cut, 1)]);
+    }
 }
 
 #[test]

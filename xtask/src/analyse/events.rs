@@ -2,7 +2,8 @@
 
 use super::{
     decode::{Decoder, Field, Known},
-    figures::{Event, EventKind, ModeFigures, rounded},
+    figures::{Event, EventKind, ModeFigures, identifier, rounded},
+    guidance::UNKNOWN,
     timing::Irregularity,
 };
 
@@ -77,6 +78,24 @@ impl Events {
     pub(super) fn irregular(&mut self, decoder: &Decoder, all: &[Irregularity]) {
         for one in all {
             match *one {
+                Irregularity::Empty(at, id, windows) => {
+                    self.add(at as f64 * 1e-9, EventKind::EmptyWindow, || {
+                        let message = decoder.message(id);
+                        let (name, sender) =
+                            message.map_or(("?", "?"), |known| (&known.name, &known.sender));
+                        let s = if windows == 1 { "" } else { "s" };
+                        format!("{name} of {sender}: {windows} window{s} in a row stayed empty from here on")
+                    });
+                }
+                Irregularity::Misplaced(at, id, extended, ref window) => {
+                    self.add(at as f64 * 1e-9, EventKind::Misplaced, || {
+                        let place = window.as_ref().map_or_else(
+                            || "outside all windows".to_owned(),
+                            |window| format!("in the window of {window}"),
+                        );
+                        format!("first frame of {} {place}", identifier(id, extended))
+                    });
+                }
                 Irregularity::MissingReferences(at, missing) => {
                     let last = at as f64 * 1e-9;
                     self.add(last, EventKind::MissingReference, || {
@@ -106,6 +125,9 @@ impl Events {
             let [before, after] = pair else {
                 continue;
             };
+            if [&before.mode, &after.mode].contains(&&UNKNOWN.to_owned()) {
+                continue;
+            }
             let at = after.from_seconds;
             let first = told.partition_point(|(told, _)| *told < at - SAME_CHANGE);
             let near = told.get(first..).unwrap_or_default().iter();

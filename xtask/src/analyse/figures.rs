@@ -296,6 +296,10 @@ pub enum EventKind {
     MissingReference,
     /// Another master leads the bus.
     Master,
+    /// Windows of a message stayed empty.
+    EmptyWindow,
+    /// A frame was in the window of another message, for the first time.
+    Misplaced,
     /// No frame for a long time.
     Gap,
     /// The time stamps go back.
@@ -313,9 +317,24 @@ impl EventKind {
             Self::Message => "message",
             Self::MissingReference => "missing-reference",
             Self::Master => "master",
+            Self::EmptyWindow => "empty-window",
+            Self::Misplaced => "misplaced",
             Self::Gap => "gap",
             Self::Time => "time",
         }
+    }
+}
+
+impl ScheduleFigures {
+    /// The messages of exclusive windows that never came, with their senders. A window counts as missed only
+    /// once its message has come.
+    pub(super) fn never_came(&self) -> Option<String> {
+        let never = self.windows.iter();
+        let never = never.filter(|one| !one.arbitrating && one.frames == 0);
+        let names: Vec<String> = never
+            .map(|one| format!("{} ({})", one.message, one.sender))
+            .collect();
+        (!names.is_empty()).then(|| names.join(", "))
     }
 }
 

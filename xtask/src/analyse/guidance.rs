@@ -86,6 +86,9 @@ pub(super) struct Guidance {
 /// Name of a signal with an estimate of the cross-track error.
 const ESTIMATE: &str = "CrossTrackError";
 
+/// Name of the mode while no frame tells it.
+pub(super) const UNKNOWN: &str = "not known";
+
 /// Width of a bar of the histogram, cm.
 const BAR: f64 = 0.5;
 /// Most bars to either side.
@@ -173,6 +176,13 @@ impl Guidance {
                 // The vehicle points along the line, nearly.
                 error: error - self.antenna_right,
             });
+        }
+    }
+
+    /// From `at` on the mode is not known, until it is told again.
+    pub(super) fn interrupt(&mut self, at: f64) {
+        if self.last_mode.take().is_some() {
+            self.modes.push((at, UNKNOWN.to_owned()));
         }
     }
 

@@ -15,7 +15,7 @@ mod text;
 mod timing;
 mod traffic;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use can_bus::{
     Frame,
@@ -52,6 +52,9 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
     let interface = options.interface.as_deref();
     let mut display = Display::new();
     let input = Input::survey(&vehicle, &options.logs, interface, &mut display)?;
+    if let Some(out) = &options.out {
+        keep_logs(out, &options.logs)?;
+    }
     let mut folder = match &options.out {
         Some(path) => Some(OutputFolder::create(path)?),
         None => None,
@@ -72,17 +75,40 @@ pub fn run(workspace: &Workspace, options: &Analyse) -> Result<(), Failure> {
         }
         folder.write("analysis.html", page::page(&found).as_bytes())?;
         folder.write("events.csv", table::events(&summary.events).as_bytes())?;
-        folder.write("summary.json", json(summary).as_bytes())?;
+        folder.write("analysis.json", json(summary).as_bytes())?;
         let path = folder.finish()?;
-        eprintln!(
-            "Wrote analysis.html, messages.csv, events.csv, summary.json to {}.",
-            path.display()
-        );
+        eprintln!("Wrote {} to {}.", FILES.join(", "), path.display());
     }
     if options.json {
         print!("{}", json(summary));
     } else {
         print!("{}", text(summary));
+    }
+    Ok(())
+}
+
+/// The files of an analysis.
+const FILES: [&str; 4] = [
+    "analysis.html",
+    "messages.csv",
+    "events.csv",
+    "analysis.json",
+];
+
+/// Refuses a folder in which a file of the analysis would take the place of a log.
+fn keep_logs(out: &Path, logs: &[PathBuf]) -> Result<(), Failure> {
+    for name in FILES {
+        let Ok(file) = out.join(name).canonicalize() else {
+            continue;
+        };
+        let same = |log: &&PathBuf| log.canonicalize().is_ok_and(|log| log == file);
+        if let Some(log) = logs.iter().find(same) {
+            return Err(Failure::Usage(format!(
+                "--out {}: {name} would take the place of the log {}: name another folder",
+                out.display(),
+                log.display()
+            )));
+        }
     }
     Ok(())
 }
@@ -146,18 +172,25 @@ impl Input {
     ) -> Result<Found, Failure> {
         let mut analysis = Analysis::new(vehicle, &self.decoder);
         self.survey.replay(display, &mut |at, frame| {
-            if let Some((id, data)) = analysis.take(at, frame)
+            if let Some((at, id, data)) = analysis.take(at, frame)
                 && let Some(messages) = &mut messages
             {
                 messages.add(at, id, &data);
             }
         })?;
+        analysis.check_time()?;
         Ok(analysis.finish(vehicle, &self.survey))
     }
 }
 
 /// Basic cycles without a frame that make a gap.
 const GAP_CYCLES: i64 = 2;
+/// A longer gap is a pause of the logger: nothing that is missing in it counts, ns.
+const PAUSE: i64 = 10_000_000_000;
+/// If the time goes back more often than this, and than once in so many frames, the stamps are no times since one
+/// instant.
+const OFTEN: u64 = 20;
+const SELDOM: u64 = 50;
 
 /// The analysis so far.
 struct Analysis<'d> {
@@ -170,13 +203,15 @@ struct Analysis<'d> {
     /// A longer time without a frame is a gap, ns.
     gap: i64,
     bit_rate: i64,
-    /// Start of the first frame, ns.
-    begin: Option<i64>,
     /// Bits of all frames with their intermissions.
     bits: u64,
+    /// Time of the log without its gaps, ns.
+    watched: i64,
     last: Option<i64>,
     end: i64,
     time_goes_back: u64,
+    /// What is added to the time stamps, so that time goes on where they go back, ns.
+    shift: i64,
 }
 
 impl<'d> Analysis<'d> {
@@ -194,25 +229,30 @@ impl<'d> Analysis<'d> {
             events: Events::new(mode),
             gap: GAP_CYCLES * i64::from(vehicle.network().basic_cycle_us) * 1000,
             bit_rate: i64::from(vehicle.network().bit_rate.max(1)),
-            begin: None,
             bits: 0,
+            watched: 0,
             last: None,
             end: 0,
             time_goes_back: 0,
+            shift: 0,
         }
     }
 
-    /// Takes the next frame; returns identifier and data of one that can be decoded.
-    fn take(&mut self, at: i64, frame: &Frame) -> Option<(u16, [u8; 8])> {
-        let seconds = at as f64 * 1e-9;
-        if let Some(last) = self.last {
-            self.between(last, at);
-        }
-        self.last = Some(at);
-        self.end = self.end.max(at);
+    /// Takes the next frame; returns time, identifier and data of one that can be decoded.
+    fn take(&mut self, stamp: i64, frame: &Frame) -> Option<(i64, u16, [u8; 8])> {
         let bits = wire::frame_bits(frame);
-        let start = at - i64::from(bits) * 1_000_000_000 / self.bit_rate;
-        self.begin.get_or_insert(start);
+        let length = i64::from(bits) * 1_000_000_000 / self.bit_rate;
+        let at = match self.last {
+            Some(last) => self.between(last, stamp),
+            None => {
+                self.watched = length;
+                stamp
+            }
+        };
+        let seconds = at as f64 * 1e-9;
+        self.last = Some(at);
+        self.end = at;
+        let start = at - length;
         self.bits += u64::from(bits + INTERMISSION_BITS);
         if let Some(timing) = &mut self.timing {
             timing.take(start, frame);
@@ -236,30 +276,66 @@ impl<'d> Analysis<'d> {
         if let Some(message) = self.decoder.message(id).filter(|known| known.is_event) {
             self.events.take(seconds, message, &data);
         }
-        Some((id, data))
+        Some((at, id, data))
     }
 
-    /// Looks at the time between two frames.
-    fn between(&mut self, last: i64, at: i64) {
-        let (from, since) = (last as f64 * 1e-9, (at - last) as f64 * 1e-9);
-        if at < last {
+    /// Looks at the time between two frames, and returns that of the later one. Where the stamps go back, time
+    /// goes on; what happened between the two is not known.
+    fn between(&mut self, last: i64, stamp: i64) -> i64 {
+        let at = stamp.saturating_add(self.shift);
+        let since = at.saturating_sub(last);
+        let (from, seconds) = (last as f64 * 1e-9, since as f64 * 1e-9);
+        if since < 0 {
             self.time_goes_back += 1;
+            self.shift = self.shift.saturating_sub(since);
             self.events.add(from, EventKind::Time, || {
-                format!("the next time stamp is {:.6} s earlier", -since)
+                format!("the next time stamp is {:.6} s earlier", -seconds)
             });
-        } else if at - last > self.gap {
-            self.events.add(from, EventKind::Gap, || {
-                format!("no frame for {since:.3} s")
-            });
+            self.interrupt(last);
+            return last;
         }
+        if since <= self.gap {
+            self.watched += since;
+            return at;
+        }
+        self.events.add(from, EventKind::Gap, || {
+            format!("no frame for {seconds:.3} s")
+        });
+        self.guidance.interrupt(from);
+        if since > PAUSE {
+            self.interrupt(last);
+        }
+        at
+    }
+
+    /// Nothing is known of the bus behind `last`, until the next frame.
+    fn interrupt(&mut self, last: i64) {
+        self.guidance.interrupt(last as f64 * 1e-9);
+        if let Some(timing) = &mut self.timing {
+            timing.finish(last);
+        }
+    }
+
+    /// Refuses stamps that are no times since one instant.
+    fn check_time(&self) -> Result<(), Failure> {
+        let frames = self.traffic.frames();
+        if self.time_goes_back > OFTEN.max(frames / SELDOM) {
+            return Err(Failure::Usage(format!(
+                "the time goes back {} times in {frames} frames: are the stamps relative, as of candump -t d? Times \
+                 since one instant are accepted, as of candump -L",
+                self.time_goes_back
+            )));
+        }
+        Ok(())
     }
 
     /// Share of the time that the frames take, in percent.
     fn load(&self) -> f64 {
-        let all = (self.end - self.begin.unwrap_or(self.end)) as f64 * 1e-9;
+        let all = self.watched as f64 * 1e-9;
         let busy = self.bits as f64 / self.bit_rate as f64;
         if all > 0.0 {
-            rounded(busy / all * 100.0, 3)
+            // The intermission of the last frame is not in the time.
+            rounded((busy / all * 100.0).min(100.0), 3)
         } else {
             0.0
         }

@@ -196,7 +196,7 @@ fn table(caption: &str, columns: &[Column], rows: &[(bool, Vec<String>)]) -> Mar
                 }
             }
         }
-        @if rows.len() > MOST { p { (rows.len() - MOST) " more rows are in summary.json." } }
+        @if rows.len() > MOST { p { (rows.len() - MOST) " more rows are in analysis.json." } }
     }
 }
 
@@ -381,6 +381,9 @@ fn timing(s: &ScheduleFigures) -> Markup {
             &columns,
             &windows.collect::<Vec<_>>(),
         ))
+        @if let Some(never) = s.never_came() {
+            p { "Never came, and is not counted as missed: " (never) "." }
+        }
         @if s.foreign.is_empty() {
             p { "No frame was outside its window." }
         } @else {

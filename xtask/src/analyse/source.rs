@@ -3,7 +3,7 @@
 
 use std::{
     collections::BTreeMap,
-    fs::File,
+    fs::{self, File},
     io::{BufReader, Read},
     path::{Path, PathBuf},
 };
@@ -149,8 +149,8 @@ fn one(
 ) -> Result<Log, Failure> {
     let usage = |what: String| Failure::Usage(format!("{}: {what}", path.display()));
     let unreadable = |error| usage(format!("it cannot be read: {error}"));
-    let file = File::open(path).map_err(unreadable)?;
-    let about = file.metadata().map_err(unreadable)?;
+    // Before it is opened: that of a pipe waits for its writer.
+    let about = fs::metadata(path).map_err(unreadable)?;
     if about.is_dir() {
         return Err(usage(
             "it is a folder: the file of a log is accepted".into(),
@@ -164,6 +164,7 @@ fn one(
             "it is not a regular file: a log is read twice, so a pipe is not accepted".into(),
         ));
     }
+    let file = File::open(path).map_err(unreadable)?;
     let bytes = about.len();
     let mut reader = Reader::new();
     let mut channels: Vec<Interface> = Vec::new();

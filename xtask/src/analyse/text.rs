@@ -219,6 +219,9 @@ fn timing(t: &mut String, s: &ScheduleFigures) -> fmt::Result {
             figure(window.jitter_us, 1)
         )?;
     }
+    if let Some(never) = s.never_came() {
+        writeln!(t, "  never came, and is not counted as missed: {never}")?;
+    }
     for one in s.foreign.iter().take(MOST) {
         let name = one.message.as_deref().unwrap_or("unknown");
         let place = match one.window_start_us {

@@ -56,6 +56,8 @@ struct Slot {
     starts: Spread,
     /// Basic cycles in which it stayed empty although its message was due and had come before.
     missed: u64,
+    /// Since when it stays empty, ns, and for how many of these cycles.
+    empty: Option<(i64, u64)>,
 }
 
 impl Slot {
@@ -67,6 +69,7 @@ impl Slot {
             window,
             starts: Spread::default(),
             missed: 0,
+            empty: None,
         }
     }
 
@@ -106,7 +109,15 @@ pub(super) enum Irregularity {
     MissingReferences(i64, u64),
     /// Another master leads: when its first reference came, and the identifier.
     Master(i64, u16),
+    /// The windows of a message stayed empty: since when, its identifier, and how many.
+    Empty(i64, u16, u64),
+    /// The first frame in a window of another message: when it began, its identifier, whether that has 29 bits,
+    /// and the message of the window.
+    Misplaced(i64, u32, bool, Option<String>),
 }
+
+/// Most irregularities that are kept; a bus in trouble may have millions.
+const MOST: usize = 100_000;
 
 /// Where a frame was that was in none of its windows: its identifier, and the beginning of the
 /// window it was in, if it was in one.
@@ -197,13 +208,12 @@ impl Timing {
                 let missing = u64::try_from(missing).unwrap_or(0);
                 self.missing += missing;
                 let at = before.start;
-                self.irregularities
-                    .push(Irregularity::MissingReferences(at, missing));
+                self.note(Irregularity::MissingReferences(at, missing));
             }
         }
         self.close(start);
         if self.master.is_some_and(|master| master != id) {
-            self.irregularities.push(Irregularity::Master(start, id));
+            self.note(Irregularity::Master(start, id));
         }
         self.master = Some(id);
         self.cycles += 1;
@@ -223,11 +233,35 @@ impl Timing {
         });
     }
 
+    fn note(&mut self, what: Irregularity) {
+        if self.irregularities.len() < MOST {
+            self.irregularities.push(what);
+        }
+    }
+
+    /// Notes the windows that have stayed empty, of those that are `over`.
+    fn note_empty(&mut self, over: impl Fn(&Slot) -> bool) {
+        for at in 0..self.slots.len() {
+            let slot = &mut self.slots[at];
+            if over(slot)
+                && let Some((since, windows)) = slot.empty.take()
+            {
+                let id = slot.window.id;
+                self.note(Irregularity::Empty(since, id, windows));
+            }
+        }
+    }
+
     /// Evaluates the current basic cycle, which lasts until `end` at the longest.
     fn close(&mut self, end: i64) {
-        let Some(cycle) = &self.cycle else {
+        let Some(cycle) = self.cycle.take() else {
             return;
         };
+        self.evaluate(&cycle, end);
+        self.cycle = Some(cycle);
+    }
+
+    fn evaluate(&mut self, cycle: &Cycle, end: i64) {
         let lasts = (end - cycle.start).min(longest(self.basic_cycle));
         for &(offset, id) in &cycle.frames {
             let mut own = false;
@@ -241,7 +275,13 @@ impl Timing {
                 let mut slots = self.slots.iter();
                 let other = slots.find(|slot| slot.holds(cycle.count, offset));
                 let place = (id, other.map(|slot| slot.start));
-                *self.misplaced.entry(place).or_default() += 1;
+                let message = other.map(|slot| slot.window.message.clone());
+                let count = self.misplaced.entry(place).or_default();
+                *count += 1;
+                if *count == 1 {
+                    let at = cycle.start + offset;
+                    self.note(Irregularity::Misplaced(at, id.raw, id.extended, message));
+                }
             }
         }
         for slot in &mut self.slots {
@@ -257,14 +297,22 @@ impl Timing {
             let mut frames = cycle.frames.iter();
             if !frames.any(|&(offset, id)| slot.own(cycle.count, id, offset).is_some()) {
                 slot.missed += 1;
+                let (_, windows) = slot.empty.get_or_insert((cycle.start + slot.start, 0));
+                *windows += 1;
             }
         }
+        let came = |slot: &Slot| {
+            let mut frames = cycle.frames.iter();
+            frames.any(|&(offset, id)| slot.own(cycle.count, id, offset).is_some())
+        };
+        self.note_empty(came);
     }
 
-    /// The log ends at `end`.
+    /// The log ends at `end`, or what happened from then on is not known.
     pub(super) fn finish(&mut self, end: i64) {
         self.close(end);
         self.cycle = None;
+        self.note_empty(|_| true);
     }
 
     /// Missing references and changes of the time master, in order of time.
@@ -544,7 +592,18 @@ mod tests {
         assert_eq!((found.basic_cycles, found.missing_references), (3, 2));
         assert_eq!(
             timing.irregularities(),
-            [Irregularity::MissingReferences(100_000_000, 2)]
+            [
+                Irregularity::Misplaced(6_000_000, 300, false, Some("SteeringPot".to_owned())),
+                Irregularity::Misplaced(50_000_000, 2032, false, None),
+                Irregularity::Misplaced(
+                    8_600_000,
+                    419_365_122,
+                    true,
+                    Some("LogPosition".to_owned())
+                ),
+                Irregularity::MissingReferences(100_000_000, 2),
+                Irregularity::Empty(106_000_000, 206, 1),
+            ]
         );
     }
 }

@@ -19,7 +19,7 @@ impl Channels {
         &self.names
     }
 
-    /// The index of a name; `None` if it is too long or not text, or there are too
+    /// The index of a name; `None` if it is too long or not text that can be shown, or there are too
     /// many names.
     pub(super) fn index(&mut self, name: &[u8]) -> Option<u8> {
         let is = |known: &String| known.as_bytes() == name;
@@ -27,7 +27,11 @@ impl Channels {
             self.last = match self.names.iter().position(is) {
                 Some(index) => index,
                 None if self.names.len() < MOST && name.len() <= LONGEST => {
-                    self.names.push(std::str::from_utf8(name).ok()?.to_owned());
+                    let name = std::str::from_utf8(name).ok()?;
+                    if name.chars().any(char::is_control) {
+                        return None;
+                    }
+                    self.names.push(name.to_owned());
                     self.names.len() - 1
                 }
                 None => return None,

@@ -111,7 +111,7 @@ pub enum Skip {
     Event,
     /// The line is not UTF-8 text and cannot be read.
     NotText,
-    /// The last line has no end and cannot be read: the log was cut off.
+    /// The last line has no end: the log was cut off, and so may its last value be.
     Cut,
     /// The line cannot be read.
     Unreadable,
@@ -242,11 +242,12 @@ impl Reader {
         }
     }
 
-    /// Reads the last line of a log, which has no line feed.
+    /// Reads the last line of a log, which has no line feed. A frame in it is not trusted: `A0` may be what is
+    /// left of `A01`.
     pub fn last_line(&mut self, line: &[u8]) -> Item {
         match self.line(line) {
-            Item::Skipped(Skip::Unreadable | Skip::NotText) => Item::Skipped(Skip::Cut),
-            item => item,
+            Item::Nothing => Item::Nothing,
+            Item::Frame(_) | Item::Skipped(_) => Item::Skipped(Skip::Cut),
         }
     }
 
