@@ -17,10 +17,9 @@ macro_rules! print {
 
 /// As in the standard library, without a panic.
 macro_rules! println {
-    ($($text:tt)*) => {{
-        $crate::output::put(::std::format_args!($($text)*));
-        $crate::output::put(::std::format_args!("\n"));
-    }};
+    ($($text:tt)*) => {
+        $crate::output::put(::std::format_args!("{}\n", ::std::format_args!($($text)*)))
+    };
 }
 
 /// As in the standard library, but where nobody reads it the text is lost.

@@ -125,7 +125,7 @@ impl Events {
             let [before, after] = pair else {
                 continue;
             };
-            if [&before.mode, &after.mode].contains(&&UNKNOWN.to_owned()) {
+            if before.mode == UNKNOWN || after.mode == UNKNOWN {
                 continue;
             }
             let at = after.from_seconds;

@@ -301,9 +301,10 @@ impl<'d> Analysis<'d> {
         self.events.add(from, EventKind::Gap, || {
             format!("no frame for {seconds:.3} s")
         });
-        self.guidance.interrupt(from);
         if since > PAUSE {
             self.interrupt(last);
+        } else {
+            self.guidance.interrupt(from);
         }
         at
     }
