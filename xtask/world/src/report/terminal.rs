@@ -270,10 +270,14 @@ fn write_bus(t: &mut String, bus: &BusFigures) -> core::fmt::Result {
             || "is closed at the end".to_owned(),
             |seconds| format!("is open again since {seconds:.3} s"),
         );
+        let often = match gate.closings {
+            1 => "once".to_owned(),
+            closings => format!("{closings} times"),
+        };
         writeln!(
             t,
-            "  {:>10.3} s  guardian closed the gate of {}, {} times in all; it {again}",
-            gate.first_closed_seconds, gate.node, gate.closings
+            "  {:>10.3} s  guardian closed the gate of {}, {often}; it {again}",
+            gate.first_closed_seconds, gate.node
         )?;
     }
     for takeover in &bus.takeovers {
