@@ -328,7 +328,7 @@ pub enum Kind {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     cargo xtask sim                                straight-line, figures on the terminal\n  \
-    cargo xtask sim gps-lost --seed 7 --out run    and bus.log, states.csv, summary.json, track.svg\n  \
+    cargo xtask sim gps-lost --seed 7 --out run    and run/run.html, which plays the run; bus.log, states.csv, ...\n  \
     cargo xtask sim my.toml --seconds 30 --json    a scenario of your own, figures as JSON\n  \
     cargo xtask sim departures/steering-reversed   a vehicle that does not do what it is told, and is stopped\n  \
     cargo xtask sim --list                         the scenarios of the vehicle\n  \
@@ -399,8 +399,8 @@ pub struct Sim {
     #[arg(long, value_name = "I/N", requires = "faults",
         conflicts_with_all = ["scenario", "seconds", "experiment"])]
     pub shard: Option<campaign::Shard>,
-    /// Folder for bus.log, states.csv, summary.json and track.svg (row.svg of a rover), an experiment's
-    /// experiment.json and runs.csv, or the fault sequences' faults.json [default: no files]
+    /// Folder for a run's run.html, run.mcap, bus.log, states.csv, consoles, logs, display.txt, motors.csv,
+    /// summary.json and pictures, an experiment's experiment.json and runs.csv, or the fault sequences' faults.json [default: no files]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print the figures as JSON

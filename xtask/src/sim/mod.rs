@@ -4,12 +4,14 @@ pub(crate) mod bus;
 pub(crate) mod distances;
 mod faults;
 pub(crate) mod matrix;
+mod recording;
 mod sense;
 mod tasks;
 
 pub(crate) use faults::{Trouble, first as first_faults};
 
 use std::{
+    collections::BTreeMap,
     fs, io,
     path::PathBuf,
     time::{Duration, Instant},
@@ -19,7 +21,7 @@ use world::time::Span as _;
 use campaign::agreement::{self, Agreement};
 use serde_json::json;
 use twin::{Images, NodeOutcome, Outcome, Twin, TwinError};
-use vehicle_model::Vehicle;
+use vehicle_model::{NodeIndex, Vehicle};
 use world::{
     EffortChange, Scenario, ScenarioError, SimDuration, SimTime,
     report::{
@@ -33,6 +35,7 @@ use world::{
 use crate::{Failure, Workspace, build, cli::Sim, progress::Display, vehicle};
 use bus::Log;
 use matrix::Matrix;
+use recording::{NodeRecording, Recorder};
 
 /// Why a simulation fails.
 #[derive(Debug, thiserror::Error)]
@@ -86,6 +89,12 @@ pub enum Error {
     /// The output folder is wrong.
     #[error(transparent)]
     Folder(#[from] FolderError),
+    /// The recording cannot be made.
+    #[error("run.mcap cannot be made: {0}")]
+    Recording(#[source] ::mcap::McapError),
+    /// The page cannot be made.
+    #[error("run.html cannot be made: {0}")]
+    Page(#[source] io::Error),
     /// The virtual vehicle cannot be built.
     #[error(transparent)]
     Twin(#[from] TwinError),
@@ -194,17 +203,14 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         &scenario,
         options.seed,
         options.seconds,
+        folder.is_some(),
     )?;
     finished.warn();
     let run = finished.run();
     let summary = finished.judged(&vehicle);
-    if let Some(mut folder) = folder {
-        let (files, path) = folder
-            .write("bus.log", finished.log.candump().as_bytes())
-            .and_then(|()| report::write(&run, &summary, &mut folder))
-            .and_then(|written| Ok((written, folder.finish()?)))
-            .map_err(Error::from)?;
-        eprintln!("Wrote bus.log, {} to {}.", files.join(", "), path.display());
+    if let Some(folder) = folder {
+        let (files, path) = finished.write(&summary, folder)?;
+        eprintln!("Wrote {} to {}.", files.join(", "), path.display());
     }
     if options.json {
         println!("{}", summary.json().trim_end());
@@ -371,6 +377,7 @@ fn json_list(listed: &[Listed]) -> serde_json::Value {
 
 /// A finished simulation with everything that a report needs.
 pub(crate) struct Finished<'s> {
+    vehicle: &'s Vehicle,
     scenario: &'s Scenario,
     nodes: Vec<String>,
     seed: u64,
@@ -383,11 +390,17 @@ pub(crate) struct Finished<'s> {
     modes: Vec<ModeChange>,
     guides: Vec<ModeChange>,
     tasks: Vec<TaskTime>,
+    /// Of each node, the tasks by the names of their handlers.
+    task_names: Vec<BTreeMap<String, String>>,
+    recordings: Vec<NodeRecording>,
     agreement: Option<agreement::Figures>,
     wall: Duration,
 }
 
-/// Builds the images and runs a scenario.
+/// The sender of a frame that no node has sent.
+const FOREIGN: &str = "foreign";
+
+/// Builds the images and runs a scenario; `record_tasks` keeps what the cores execute.
 ///
 /// # Errors
 ///
@@ -395,10 +408,11 @@ pub(crate) struct Finished<'s> {
 /// microcontroller does not allow.
 pub(crate) fn simulate<'s>(
     workspace: &Workspace,
-    vehicle: &Vehicle,
+    vehicle: &'s Vehicle,
     scenario: &'s Scenario,
     seed: u64,
     length: Option<SimDuration>,
+    record_tasks: bool,
 ) -> Result<Finished<'s>, Failure> {
     let matrix = Matrix::new(vehicle);
     let images = images(workspace, vehicle)?;
@@ -406,10 +420,11 @@ pub(crate) fn simulate<'s>(
     let mut display = Display::new();
     let mut twin = Twin::new(vehicle, scenario, seed, &images).map_err(Error::from)?;
     let mut agreement = Agreement::new(&images);
+    let mut recorder = Recorder::new(&mut twin, &images, record_tasks);
     let end = SimTime::from_ticks(0) + length.unwrap_or_else(|| scenario.duration.span());
     while twin.now() < end {
-        twin.run_until(end.min(twin.now() + agreement::SPAN))
-            .map_err(Error::from)?;
+        let step = end.min(twin.now() + agreement::SPAN);
+        recorder.run_until(&mut twin, step).map_err(Error::from)?;
         if let Some(agreement) = &mut agreement {
             agreement.compare(&mut twin);
         }
@@ -426,8 +441,10 @@ pub(crate) fn simulate<'s>(
     let log = Log::new(&outcome.records, matrix.bit_time());
     let modes = matrix.modes(&log.frames);
     let guides = matrix.guides(&log.frames);
-    let tasks = tasks(vehicle, &outcome)?;
+    let task_names = task_names(vehicle, &outcome)?;
+    let tasks = tasks(&outcome, &task_names);
     Ok(Finished {
+        vehicle,
         scenario,
         nodes: vehicle::node_names(vehicle),
         seed,
@@ -443,6 +460,8 @@ pub(crate) fn simulate<'s>(
         modes,
         guides,
         tasks,
+        task_names,
+        recordings: recorder.finish(),
         agreement: agreement.and_then(|agreement| agreement.figures()),
         wall,
     })
@@ -475,6 +494,48 @@ impl Finished<'_> {
                 guides: &self.guides,
             }),
         }
+    }
+
+    /// Writes all that is known of the run. Returns the names of the files and the folder.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    fn write(
+        &self,
+        summary: &Summary,
+        mut folder: OutputFolder,
+    ) -> Result<(Vec<String>, PathBuf), Error> {
+        let states = recording::files::states(self);
+        let mut names = vec!["bus.log".to_owned()];
+        folder.write("bus.log", self.log.candump().as_bytes())?;
+        let written = report::write(&self.run(), summary, states.as_ref(), &mut folder)?;
+        names.extend(written.into_iter().map(str::to_owned));
+        for (name, text) in recording::files::texts(self) {
+            folder.write(&name, text.as_bytes())?;
+            names.push(name);
+        }
+        let recorded = recording::mcap::mcap(self, states.as_ref()).map_err(Error::Recording)?;
+        folder.write("run.mcap", &recorded)?;
+        let page = recording::replay::page(self, summary, states.as_ref()).map_err(Error::Page)?;
+        folder.write("run.html", page.as_bytes())?;
+        names.extend(["run.mcap", "run.html"].map(str::to_owned));
+        Ok((names, folder.finish()?))
+    }
+
+    /// Who sent the frame of that index.
+    fn sender(&self, index: usize) -> &str {
+        let node = self.log.senders.get(index);
+        let node = node.and_then(|&node| self.outcome.node_at(node));
+        let name = node.and_then(|node| self.nodes.get(node.0));
+        name.map_or(FOREIGN, String::as_str)
+    }
+
+    /// The task of a node whose handler has that name; an exception that is no task keeps its own.
+    fn task_name<'n>(&'n self, node: NodeIndex, handler: &'n str) -> &'n str {
+        let names = self.task_names.get(node.0);
+        names
+            .and_then(|names| names.get(handler))
+            .map_or(handler, String::as_str)
     }
 
     /// The figures, including those that are not in the recordings.
@@ -557,9 +618,12 @@ pub(crate) fn images(workspace: &Workspace, vehicle: &Vehicle) -> Result<Images,
     build::read(&build::images(workspace, vehicle, &nodes)?)
 }
 
-/// The tasks, named as in the nodes' sources. An exception that is no task keeps its own name.
-fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Error> {
-    let mut times = Vec::new();
+/// Of each node, the tasks of its source by the names of their handlers.
+fn task_names(
+    vehicle: &Vehicle,
+    outcome: &Outcome,
+) -> Result<Vec<BTreeMap<String, String>>, Error> {
+    let mut all = Vec::new();
     for node in &outcome.nodes {
         let file = vehicle.source(node.node);
         let unreadable = |error| Error::Source {
@@ -567,7 +631,15 @@ fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Error> {
             error,
         };
         let source = fs::read_to_string(&file).map_err(|error| unreadable(error.into()))?;
-        let names = tasks::names(&source).map_err(|error| unreadable(error.into()))?;
+        all.push(tasks::names(&source).map_err(|error| unreadable(error.into()))?);
+    }
+    Ok(all)
+}
+
+/// The tasks with their names. An exception that is no task keeps its own name.
+fn tasks(outcome: &Outcome, names: &[BTreeMap<String, String>]) -> Vec<TaskTime> {
+    let mut times = Vec::new();
+    for (node, names) in outcome.nodes.iter().zip(names) {
         for task in &node.load.tasks {
             times.push(TaskTime {
                 node: node.name.clone(),
@@ -578,7 +650,7 @@ fn tasks(vehicle: &Vehicle, outcome: &Outcome) -> Result<Vec<TaskTime>, Error> {
             });
         }
     }
-    Ok(times)
+    times
 }
 
 #[cfg(test)]

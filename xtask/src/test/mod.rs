@@ -461,7 +461,7 @@ const LATEST_START_US: f64 = 40.0;
 fn drive(workspace: &Workspace, vehicle: &Vehicle) -> Result<Vec<String>, Failure> {
     let scenario = sim::usual_scenario(vehicle)?;
     let length = from_seconds(DRIVE_SECONDS);
-    let finished = sim::simulate(workspace, vehicle, &scenario, 1, Some(length))?;
+    let finished = sim::simulate(workspace, vehicle, &scenario, 1, Some(length), false)?;
     let summary = Summary::of(&finished.run());
     eprint!("{}", report::terminal(&summary, Some(finished.wall())));
     let mut wrong = judge(&summary);

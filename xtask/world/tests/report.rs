@@ -7,7 +7,7 @@ use std::time::Duration;
 use world::receiver::Fix;
 use world::report::{
     CropRun, Due, FrameRecord, Judgement, ModeChange, OutputFolder, Run, Summary, TaskTime, Window,
-    WindowKind, expectations, states_csv, terminal, track_svg,
+    WindowKind, expectations, states, terminal, track_svg,
 };
 use world::time::{at, from_seconds};
 use world::{EffortChange, NodeIndex, Scenario, SimDuration, SimTime, StateSample, World};
@@ -679,7 +679,7 @@ fn the_table_of_states() {
     let mut made = driven();
     made.states.truncate(2);
     assert_eq!(
-        states_csv(&made.run()).unwrap(),
+        states(&made.run()).unwrap().csv(),
         "time_s,north_m,east_m,heading_deg,steering_angle_deg,speed_m_s,along_m,\
          cross_track_error_m,heading_error_deg,steering_effort,drive_effort,fix\n\
          0.00,0.0000,1.0000,5.730,-11.459,1.0000,0.0000,1.0000,5.730,0.0000,0.5000,fixed\n\
