@@ -49,6 +49,9 @@ pub enum Command {
     Run(Run),
     /// Run the release images in the virtual vehicle and report the results.
     Sim(Sim),
+    /// Put the parts of a campaign of random faults or attacks together, or let machines run them.
+    #[command(subcommand)]
+    Campaign(Campaign),
     /// Ask the nodes on a bus for their self-test and show the results.
     Selftest(Selftest),
     /// Make the key of a network, and write it to the nodes.
@@ -337,7 +340,9 @@ pub enum Kind {
     cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
     \x20 messages are sent at once instead of in their windows\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
-    cargo xtask sim --faults 200                   random faults; --shard 1/8 for an eighth of them\n  \
+    cargo xtask sim --faults 200                   random faults\n  \
+    cargo xtask sim --faults 800 --shard 1/8 --out parts --resume\n                                                 \
+    \x20 an eighth of them, which goes on where it was interrupted; see campaign merge\n  \
     cargo xtask sim --faults 200 --attacker        a node that knows the sources, but not the key: floods,\n                                                 \
     \x20 forged and replayed frames, destroyed ones\n\n\
     Experiments:\n  \
@@ -399,8 +404,12 @@ pub struct Sim {
     #[arg(long, value_name = "I/N", requires = "faults",
         conflicts_with_all = ["scenario", "seconds", "experiment"])]
     pub shard: Option<campaign::Shard>,
+    /// Go on with fault sequences that were interrupted: what is done stands in the folder of --out
+    #[arg(long, requires_all = ["faults", "out"])]
+    pub resume: bool,
     /// Folder for a run's run.html, run.mcap, bus.log, states.csv, consoles, logs, display.txt, motors.csv,
-    /// summary.json and pictures, an experiment's experiment.json and runs.csv, or the fault sequences' faults.json [default: no files]
+    /// summary.json and pictures, an experiment's experiment.json and runs.csv, or the fault sequences'
+    /// faults.json (faults-I-of-N.json of a shard) [default: no files]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print the figures as JSON
@@ -420,6 +429,95 @@ fn seconds(text: &str) -> Result<SimDuration, String> {
             DURATIONS.end()
         )),
     }
+}
+
+/// What `campaign` does.
+#[derive(Debug, Subcommand)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask sim --faults 800 --shard 1/8 --out parts       on each machine with its number\n  \
+    cargo xtask campaign merge parts/faults-*-of-8.json        the report of all 800\n  \
+    cargo xtask campaign batch --engine parallel --faults 800 --shards 8 --out campaign.sh\n  \
+    cargo xtask campaign batch --engine slurm --faults 100000 --shards 200 --attacker > campaign.slurm")]
+pub enum Campaign {
+    /// Report the whole campaign from the files of its parts: as if one machine had run it.
+    Merge(Merge),
+    /// Write the file with which an engine runs the parts and collects them.
+    Batch(Batch),
+}
+
+/// Options of `campaign merge`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask campaign merge parts/faults-*-of-8.json\n  \
+    cargo xtask campaign merge parts/faults-*-of-8.json --out parts/faults.json --json\n\n\
+    Exit code 1 if a sequence broke a rule, 2 if the files are not all the parts of one campaign: same\n\
+    vehicle, sequences, seed and images.")]
+pub struct Merge {
+    /// The files of all parts, as `sim --faults --shard I/N --out` writes them
+    #[arg(value_name = "FILE", required = true)]
+    pub files: Vec<PathBuf>,
+    /// File for the report of the whole campaign, equal to that of one run
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print the report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What runs the parts of a campaign.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Engine {
+    /// GNU parallel, on one machine or several.
+    Parallel,
+    /// A job array of Slurm.
+    Slurm,
+    /// Indexed Jobs of Kubernetes, 1.33 or newer.
+    Kubernetes,
+}
+
+/// Options of `campaign batch`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask campaign batch --engine parallel --faults 800 --shards 8 --out campaign.sh; sh campaign.sh\n  \
+    cargo xtask campaign batch --engine slurm --faults 100000 --shards 200 --attacker --dir /shared/parts\n  \
+    cargo xtask campaign batch --engine kubernetes --faults 100000 --shards 200 --dir /parts \\\n      \
+    --image lab/furrow:1 --claim results\n\n\
+    A part that fails is tried three times, and each try goes on where the last one ended. The file's first\n\
+    lines say how it is run.")]
+pub struct Batch {
+    /// What runs the parts
+    #[arg(long, value_name = "ENGINE")]
+    pub engine: Engine,
+    /// Sequences of all parts
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    pub faults: u64,
+    /// Parts
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub shards: u64,
+    /// Attacks in place of faults
+    #[arg(long)]
+    pub attacker: bool,
+    /// Seed of the first sequence
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Vehicle, a folder below firmware/vehicles
+    #[arg(long, value_name = "NAME", default_value = DEFAULT)]
+    pub vehicle: String,
+    /// Values in place of the manifest's.
+    #[command(flatten)]
+    pub changes: Changes,
+    /// Folder for the files of the parts, which all machines share
+    #[arg(long, value_name = "DIR", default_value = "campaign")]
+    pub dir: String,
+    /// Container for Kubernetes
+    #[arg(long, value_name = "NAME")]
+    pub image: Option<String>,
+    /// Volume claim for the results, for Kubernetes
+    #[arg(long, value_name = "NAME")]
+    pub claim: Option<String>,
+    /// File to write [default: print it]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
 }
 
 /// Options of `analyse`.

@@ -52,10 +52,37 @@ pub(crate) fn replace(path: &Path, text: &str) -> Result<(), Error> {
     try_replace(path, text).map_err(|error| Error::of(path, Why::Write(error)))
 }
 
+/// Writes a file whole, or replaces one by a rename. What is no regular file stays as it is.
+///
+/// # Errors
+///
+/// It cannot be written; what was there stays.
+pub(crate) fn put(path: &Path, text: &str) -> Result<(), Error> {
+    let put = || {
+        if fs::metadata(path).is_ok() {
+            return try_replace(path, text);
+        }
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let temporary = path.with_file_name(format!(".{name}.{}", process::id()));
+        let written = fs::write(&temporary, text).and_then(|()| fs::rename(&temporary, path));
+        if written.is_err() {
+            // An incomplete temporary file is of no use.
+            let _ = fs::remove_file(&temporary);
+        }
+        written
+    };
+    put().map_err(|error| Error::of(path, Why::Write(error)))
+}
+
 fn try_replace(path: &Path, text: &str) -> io::Result<()> {
     // A link is followed, so that the file is replaced and not the link.
     let path = fs::canonicalize(path)?;
-    let permissions = fs::metadata(&path)?.permissions();
+    let metadata = fs::metadata(&path)?;
+    if !metadata.is_file() {
+        let why = "something that is no regular file is in the way";
+        return Err(io::Error::other(why));
+    }
+    let permissions = metadata.permissions();
     if permissions.readonly() {
         return Err(io::Error::new(
             io::ErrorKind::PermissionDenied,

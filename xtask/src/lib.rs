@@ -14,6 +14,7 @@ pub mod bench;
 pub mod board;
 pub mod build;
 pub mod calibrate;
+pub mod campaigns;
 pub mod cli;
 pub mod experiment;
 pub mod keys;
@@ -68,6 +69,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
     match command {
         cli::Command::Build(options) => build::run(&workspace, &options),
         cli::Command::Analyse(options) => analyse::run(&workspace, &options),
+        cli::Command::Campaign(options) => campaigns::run(&workspace, &options),
         cli::Command::Calibrate(options) => calibrate::run(&workspace, &options),
         cli::Command::Bench(options) => bench::run(&workspace, &options),
         cli::Command::Flash(options) => {
