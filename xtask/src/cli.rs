@@ -376,6 +376,7 @@ pub struct Sim {
         long,
         value_name = "N",
         default_value_t = 1,
+        value_parser = whole::<u64>(0..=u64::MAX),
         allow_hyphen_values = true
     )]
     pub seed: u64,
@@ -385,7 +386,7 @@ pub struct Sim {
     /// Number of seeds of an experiment, from --seed upwards
     #[arg(long, value_name = "N", default_value_t = 20, requires = "experiment",
         conflicts_with_all = ["scenario", "seconds", "faults"],
-        value_parser = clap::value_parser!(u64).range(1..=1000))]
+        value_parser = whole::<u64>(1..=1000))]
     pub seeds: u64,
     /// Run an experiment with the control law alone, without images and bus: seconds
     /// instead of an hour
@@ -394,7 +395,7 @@ pub struct Sim {
     /// Run N random fault sequences instead, with seeds from --seed upwards, and report
     /// those that broke a rule
     #[arg(long, value_name = "N", conflicts_with_all = ["scenario", "seconds", "list", "experiment"],
-        value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+        allow_hyphen_values = true, value_parser = whole::<u64>(1..=100_000_000))]
     pub faults: Option<u64>,
     /// In the fault sequences, an attacker on the bus of a vehicle with a key: it floods, forges, replays
     /// and destroys frames, and forges the time
@@ -418,6 +419,18 @@ pub struct Sim {
     /// List the scenarios instead of running one
     #[arg(long, conflicts_with_all = ["scenario", "seconds", "seed", "seeds", "quick", "shard", "attacker", "out"])]
     pub list: bool,
+}
+
+/// Reads a whole number of a range.
+fn whole<N: TryFrom<u64> + 'static>(
+    range: std::ops::RangeInclusive<u64>,
+) -> impl Fn(&str) -> Result<N, String> + Clone + Send + Sync {
+    move |text| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        let number = number.and_then(|number| N::try_from(number).ok());
+        let (from, to) = (range.start(), range.end());
+        number.ok_or_else(|| format!("a whole number from {from} to {to} is accepted"))
+    }
 }
 
 fn seconds(text: &str) -> Result<SimDuration, String> {
@@ -489,16 +502,16 @@ pub struct Batch {
     #[arg(long, value_name = "ENGINE")]
     pub engine: Engine,
     /// Sequences of all parts
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1..=100_000_000))]
     pub faults: u64,
     /// Parts
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1..=100_000))]
     pub shards: u64,
     /// Attacks in place of faults
     #[arg(long)]
     pub attacker: bool,
     /// Seed of the first sequence
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX), allow_hyphen_values = true)]
     pub seed: u64,
     /// Vehicle, a folder below firmware/vehicles
     #[arg(long, value_name = "NAME", default_value = DEFAULT)]
@@ -635,19 +648,19 @@ pub struct Schedule {
     pub json: bool,
     /// Share of time for arbitrating windows, in thousandths [default: that of the file, or one window]
     #[arg(long, value_name = "N", requires = "method",
-        value_parser = clap::value_parser!(u16).range(0..=1000))]
+        value_parser = whole::<u16>(0..=1000))]
     pub arbitrating: Option<u16>,
     /// Share of time that must stay free, in thousandths
     #[arg(long, value_name = "N", requires = "method", default_value_t = 0,
-        value_parser = clap::value_parser!(u16).range(0..=1000))]
+        value_parser = whole::<u16>(0..=1000))]
     pub free: u16,
     /// Starts and lengths of windows are multiples of this, in microseconds
     #[arg(long, value_name = "US", requires = "method", default_value_t = 1,
-        value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        value_parser = whole::<u32>(1..=100_000))]
     pub grain: u32,
     /// Longest basic cycle to consider, in milliseconds [default: the reference's period in the file]
     #[arg(long, value_name = "MS", requires = "method",
-        value_parser = clap::value_parser!(u32).range(1..=1000))]
+        value_parser = whole::<u32>(1..=1000))]
     pub longest_cycle: Option<u32>,
 }
 
@@ -772,10 +785,14 @@ pub struct Test {
 pub enum Error {
     /// There is no command.
     #[error(
-        "no command is given: {} are accepted; see `cargo xtask --help`",
-        commands().join(", ")
+        "no command is given: {} are accepted; see `cargo xtask {}--help`",
+        commands(command.as_deref()).join(", "),
+        word(command)
     )]
-    NoCommand,
+    NoCommand {
+        /// The command that has further ones; `None` if there is none at all.
+        command: Option<String>,
+    },
     /// An argument is not accepted, or one is missing.
     #[error("{}; see `cargo xtask {}--help`", sentence(error), word(command))]
     Words {
@@ -810,8 +827,7 @@ pub enum Request {
 /// One sentence that says what is wrong and what is accepted.
 pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, Error> {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
-    let command = arguments.get(1).and_then(|word| word.to_str());
-    let command = command.map(String::from);
+    let command = named(&arguments);
     let read = Cli::command().try_get_matches_from(arguments);
     match read.and_then(|words| Ok((Cli::from_arg_matches(&words)?, words))) {
         Ok((cli, words)) => match values_once(&words) {
@@ -823,21 +839,18 @@ pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Request, E
                 Ok(Request::Show(error.render().to_string()))
             }
             ErrorKind::MissingSubcommand | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-                Err(Error::NoCommand)
+                Err(Error::NoCommand { command })
             }
-            _ => Err(Error::Words {
-                error,
-                command: command.filter(|word| commands().contains(word)),
-            }),
+            _ => Err(Error::Words { error, command }),
         },
     }
 }
 
 /// Checks that no value of the manifest is given twice, be it by --bus or by --set.
 fn values_once(words: &ArgMatches) -> Result<(), String> {
-    let Some((_, words)) = words.subcommand() else {
-        return Ok(());
-    };
+    if let Some((_, words)) = words.subcommand() {
+        return values_once(words);
+    }
     // Not every command has --set, and the --bus of `selftest` is a place.
     let set = words.try_get_many::<Override>("set").ok().flatten();
     let set = Overrides::each_once(set.into_iter().flatten().cloned())?;
@@ -851,10 +864,28 @@ fn values_once(words: &ArgMatches) -> Result<(), String> {
     Ok(())
 }
 
-fn commands() -> Vec<String> {
+/// The command that a command line names, with the one of its own that follows, as in `keys new`.
+fn named(arguments: &[OsString]) -> Option<String> {
+    let mut words = arguments.iter().skip(1).map_while(|word| word.to_str());
+    let first = words
+        .next()
+        .filter(|&word| commands(None).iter().any(|one| one == word))?;
+    let own = commands(Some(first));
+    let second = words
+        .next()
+        .filter(|&word| own.iter().any(|one| one == word));
+    Some(second.map_or_else(|| first.to_owned(), |second| format!("{first} {second}")))
+}
+
+/// The names of all commands, or of those that a command has itself.
+fn commands(of: Option<&str>) -> Vec<String> {
     let cli = Cli::command();
-    let names = cli.get_subcommands().map(|command| command.get_name());
-    names.map(String::from).collect()
+    let command = match of {
+        Some(name) => cli.find_subcommand(name),
+        None => Some(&cli),
+    };
+    let own = command.into_iter().flat_map(clap::Command::get_subcommands);
+    own.map(|command| command.get_name().to_owned()).collect()
 }
 
 /// The first paragraph of a clap error, which describes the error, on one line.
@@ -1048,7 +1079,7 @@ mod tests {
 
     #[test]
     fn every_command_has_help_with_examples() {
-        for command in std::iter::once(String::new()).chain(commands()) {
+        for command in std::iter::once(String::new()).chain(commands(None)) {
             let line = format!("xtask {command} --help").replace("  ", " ");
             let Ok(Request::Show(text)) = words(&line) else {
                 panic!("no help: {line}");

@@ -52,6 +52,33 @@ pub(crate) fn replace(path: &Path, text: &str) -> Result<(), Error> {
     try_replace(path, text).map_err(|error| Error::of(path, Why::Write(error)))
 }
 
+/// Whether [`put`] can write a file, found out before a long computation.
+///
+/// # Errors
+///
+/// It cannot.
+pub(crate) fn check(path: &Path) -> Result<(), Error> {
+    let check = || match fs::metadata(path) {
+        Ok(there) if !there.is_file() => Err(in_the_way()),
+        _ => {
+            let temporary = temporary(path);
+            private(&temporary)?;
+            fs::remove_file(&temporary)
+        }
+    };
+    check().map_err(|error| Error::of(path, Why::Write(error)))
+}
+
+fn in_the_way() -> io::Error {
+    io::Error::other("something that is no regular file is in the way")
+}
+
+/// A hidden name beside a file.
+fn temporary(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".{name}.{}", process::id()))
+}
+
 /// Writes a file whole, or replaces one by a rename. What is no regular file stays as it is.
 ///
 /// # Errors
@@ -62,8 +89,7 @@ pub(crate) fn put(path: &Path, text: &str) -> Result<(), Error> {
         if fs::metadata(path).is_ok() {
             return try_replace(path, text);
         }
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let temporary = path.with_file_name(format!(".{name}.{}", process::id()));
+        let temporary = temporary(path);
         let written = fs::write(&temporary, text).and_then(|()| fs::rename(&temporary, path));
         if written.is_err() {
             // An incomplete temporary file is of no use.
@@ -79,8 +105,7 @@ fn try_replace(path: &Path, text: &str) -> io::Result<()> {
     let path = fs::canonicalize(path)?;
     let metadata = fs::metadata(&path)?;
     if !metadata.is_file() {
-        let why = "something that is no regular file is in the way";
-        return Err(io::Error::other(why));
+        return Err(in_the_way());
     }
     let permissions = metadata.permissions();
     if permissions.readonly() {
@@ -89,8 +114,7 @@ fn try_replace(path: &Path, text: &str) -> io::Result<()> {
             "it is read-only",
         ));
     }
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = path.with_file_name(format!(".{name}.{}", process::id()));
+    let temporary = temporary(&path);
     let written = (|| {
         let mut file = private(&temporary)?;
         file.write_all(text.as_bytes())?;

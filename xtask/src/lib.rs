@@ -17,6 +17,7 @@ pub mod calibrate;
 pub mod campaigns;
 pub mod cli;
 pub mod experiment;
+pub mod interrupt;
 pub mod keys;
 pub mod new;
 pub mod probe;

@@ -31,7 +31,7 @@ pub enum Error {
     Merge(#[from] MergeError),
     /// More parts than sequences.
     #[error(
-        "--shards: {shards} parts of {sequences} sequences would be empty; up to {sequences} are accepted"
+        "--shards: of {shards} parts of {sequences} sequences some would be empty; up to {sequences} parts are accepted"
     )]
     TooMany {
         /// Parts.
@@ -78,7 +78,16 @@ fn merge_files(options: &Merge) -> Result<(), Failure> {
         file::put(path, &report.json())?;
         eprintln!("Wrote {}.", path.display());
     }
-    if options.json {
+    show(&report, options.json)
+}
+
+/// Prints a report.
+///
+/// # Errors
+///
+/// A sequence broke a rule.
+pub(crate) fn show(report: &Report, json: bool) -> Result<(), Failure> {
+    if json {
         println!("{}", report.json().trim_end());
     } else {
         print!("{report}");

@@ -11,7 +11,7 @@ use twin::Images;
 use vehicle_model::Vehicle;
 
 use super::Error;
-use crate::{Failure, Workspace, cli::Sim, file, progress::Display};
+use crate::{Failure, Workspace, campaigns, cli::Sim, file, progress::Display};
 
 /// Runs `sequences` sequences, or this shard's part of them.
 ///
@@ -56,16 +56,7 @@ pub(super) fn run(
         )?,
         None => judged(vehicle, &images, &campaign, Vec::new(), |_| {})?,
     };
-    if options.json {
-        println!("{}", report.json().trim_end());
-    } else {
-        print!("{report}");
-    }
-    if report.failures.is_empty() {
-        Ok(())
-    } else {
-        Err(Failure::Shown)
-    }
+    campaigns::show(&report, options.json)
 }
 
 /// Runs a part whose journal and report are kept in files.

@@ -767,6 +767,47 @@ fn an_unfinished_folder_leaves_nothing() {
 }
 
 #[test]
+fn of_two_runs_into_one_folder_the_second_is_refused() {
+    let parent = tempfile::tempdir().unwrap();
+    let target = parent.path().join("out");
+    for exists in [false, true] {
+        let mut first = OutputFolder::create(&target).unwrap();
+        first.write("a.txt", b"A").unwrap();
+        let error = OutputFolder::create(&target).unwrap_err().to_string();
+        assert!(error.contains("another run writes to it"), "{error}");
+        first.finish().unwrap();
+        assert_eq!(std::fs::read_dir(&target).unwrap().count(), 1, "{exists}");
+    }
+    // What a killed run has left is in nobody's way.
+    let left = target.join(".unfinished");
+    std::fs::create_dir(&left).unwrap();
+    std::fs::write(left.join(".lock"), b"").unwrap();
+    std::fs::write(left.join("b.txt"), b"B").unwrap();
+    let folder = OutputFolder::create(&target).unwrap();
+    folder.finish().unwrap();
+    assert_eq!(std::fs::read_dir(&target).unwrap().count(), 1);
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_file_is_not_replaced() {
+    let parent = tempfile::tempdir().unwrap();
+    let (kept, target) = (parent.path().join("kept.txt"), parent.path().join("out"));
+    std::fs::write(&kept, b"K").unwrap();
+    std::fs::create_dir(&target).unwrap();
+    let link = target.join("b.txt");
+    std::os::unix::fs::symlink(&kept, &link).unwrap();
+    let mut folder = OutputFolder::create(&target).unwrap();
+    folder.write("a.txt", b"A").unwrap();
+    folder.write("b.txt", b"B").unwrap();
+    let error = folder.finish().unwrap_err().to_string();
+    assert!(error.contains("its b.txt is no regular file"), "{error}");
+    assert!(link.is_symlink() && std::fs::read(&kept).unwrap() == b"K");
+    assert!(!target.join("a.txt").exists(), "all or nothing");
+    assert_eq!(std::fs::read_dir(&target).unwrap().count(), 1);
+}
+
+#[test]
 fn a_folder_that_cannot_be_is_refused_in_a_sentence() {
     let parent = tempfile::tempdir().unwrap();
     let file = parent.path().join("file");

@@ -32,7 +32,7 @@ pub use figures::{
     AutonomousRun, BusFigures, GateFigures, GlobalTimeFigures, IdFigures, ModeFigures, StopFigures,
     TakeoverFigures, TaskFigures, WindowFigures,
 };
-pub use folder::{FolderError, OutputFolder};
+pub use folder::{FolderError, OutputFolder, remove_unfinished};
 pub use guidance::{BAND, settled};
 pub use latency::{LatencyBar, LatencySeries, latency_svg};
 pub use map::{MapAxis, MapCell, MapPanel, MapPicture, map_svg};
