@@ -3,7 +3,7 @@
 use vehicle_model::Vehicle;
 use vehicle_model::manifest::SignalPath;
 use vehicle_model::units::{LengthKind, factor};
-use world::report::settled;
+use world::report::{approached, settled};
 use world::scenario::{Line, Point};
 
 use super::{
@@ -244,7 +244,11 @@ impl Guidance {
         let errors: Spread = steady.unwrap_or(all).iter().map(|one| one.error).collect();
         let settling = steady.and_then(|steady| steady.first());
         let settling = settling.map(|one| (one.at - mode.from_seconds).max(0.0));
-        let largest = errors.least()?.abs().max(errors.greatest()?.abs());
+        let shown = steady.unwrap_or(all);
+        let timed: Vec<(f64, f64)> = shown.iter().map(|one| (one.at, one.error)).collect();
+        let over = steady.map_or(0, |_| approached(&timed));
+        let after = timed.get(over..).unwrap_or_default().iter();
+        let largest = after.map(|(_, error)| error.abs()).fold(0.0, f64::max);
         let cm = |metres: f64| rounded(metres * 100.0, 3);
         let from = steady.and_then(|steady| steady.first()).unwrap_or(first).at;
         let begin = self.estimates.partition_point(|(at, _)| *at < from);

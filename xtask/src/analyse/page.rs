@@ -259,7 +259,7 @@ fn guidance(found: &Found) -> Markup {
         } @else {
             (table(
                 "Autonomous runs: cross-track error of the measured positions, positive right of the line; mean, \
-                 SD and largest from settling on, or of the whole run if it did not settle",
+                 and SD from settling on, largest from the first pass of the mean on; of the whole run if it did not settle",
                 &columns,
                 &rows,
             ))

@@ -7,7 +7,7 @@ use std::time::Duration;
 use world::receiver::Fix;
 use world::report::{
     CropRun, Due, FrameRecord, Judgement, ModeChange, OutputFolder, Run, Summary, TaskTime, Window,
-    WindowKind, expectations, states, terminal, track_svg,
+    WindowKind, approached, expectations, states, terminal, track_svg,
 };
 use world::time::{at, from_seconds};
 use world::{EffortChange, NodeIndex, Scenario, SimDuration, SimTime, StateSample, World};
@@ -145,6 +145,22 @@ fn driven() -> Made {
     made.mode(0.0, "Idle", false);
     made.mode(1.0, "AutonomousRun", true);
     made
+}
+
+#[test]
+fn the_approach_is_over_when_the_mean_is_passed() {
+    let errors = |values: &[f64]| -> Vec<(f64, f64)> {
+        let timed = values.iter().enumerate();
+        timed.map(|(i, error)| (i as f64, *error)).collect()
+    };
+    // The mean is 0.01.
+    assert_eq!(
+        approached(&errors(&[0.05, 0.03, 0.02, -0.02, 0.0, -0.02])),
+        3
+    );
+    assert_eq!(approached(&errors(&[-0.05, -0.03, 0.02])), 2);
+    assert_eq!(approached(&errors(&[0.01, 0.01])), 0);
+    assert_eq!(approached(&[]), 0);
 }
 
 #[test]

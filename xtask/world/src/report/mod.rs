@@ -33,7 +33,7 @@ pub use figures::{
     TakeoverFigures, TaskFigures, WindowFigures,
 };
 pub use folder::{FolderError, OutputFolder, remove_unfinished};
-pub use guidance::{BAND, settled};
+pub use guidance::{BAND, approached, settled};
 pub use latency::{LatencyBar, LatencySeries, latency_svg};
 pub use map::{MapAxis, MapCell, MapPanel, MapPicture, map_svg};
 pub use plot::Span;
