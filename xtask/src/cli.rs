@@ -12,6 +12,7 @@ use world::{DURATIONS, SimDuration, time::from_seconds};
 
 use crate::{
     selftest::Bus,
+    sim::Can,
     vehicle::{DEFAULT, SMALLEST},
 };
 
@@ -340,6 +341,8 @@ pub enum Kind {
     cargo xtask sim --vehicle two-boards --bus event-triggered\n                                                 \
     \x20 messages are sent at once instead of in their windows\n  \
     cargo xtask sim --experiment thesis-7          many runs, checked against aims; --quick: no images\n  \
+    cargo xtask sim --can slcan:/tmp/bus           other programs join the bus: slcand, python-can, SavvyCAN,\n                                                 \
+    \x20 cargo xtask selftest --bus slcan:/tmp/bus\n  \
     cargo xtask sim --faults 200                   random faults\n  \
     cargo xtask sim --faults 800 --shard 1/8 --out parts --resume\n                                                 \
     \x20 an eighth of them, which goes on where it was interrupted; see campaign merge\n  \
@@ -408,6 +411,14 @@ pub struct Sim {
     /// Go on with fault sequences that were interrupted: what is done stands in the folder of --out
     #[arg(long, requires_all = ["faults", "out"])]
     pub resume: bool,
+    /// Run at the pace of real time, or at SPEED times that
+    #[arg(long, value_name = "SPEED", num_args = 0..=1, default_missing_value = "1", value_parser = speed,
+        allow_hyphen_values = true, conflicts_with_all = ["faults", "experiment", "list"])]
+    pub real_time: Option<f64>,
+    /// Let other programs join the virtual bus, at the pace of real time: slcan, slcan:LINK or
+    /// socketcan:INTERFACE
+    #[arg(long, value_name = "BUS", conflicts_with_all = ["faults", "experiment", "list"])]
+    pub can: Option<Can>,
     /// Folder for a run's run.html, run.mcap, bus.log, states.csv, consoles, logs, display.txt, motors.csv,
     /// summary.json and pictures, an experiment's experiment.json and runs.csv, or the fault sequences'
     /// faults.json (faults-I-of-N.json of a shard) [default: no files]
@@ -431,6 +442,12 @@ fn whole<N: TryFrom<u64> + 'static>(
         let (from, to) = (range.start(), range.end());
         number.ok_or_else(|| format!("a whole number from {from} to {to} is accepted"))
     }
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok();
+    let speed = number.filter(|speed| (0.001..=100.0).contains(speed));
+    speed.ok_or_else(|| "a number from 0.001 to 100 is accepted".to_owned())
 }
 
 fn seconds(text: &str) -> Result<SimDuration, String> {
@@ -813,6 +830,10 @@ pub enum Error {
 
 /// The request of a command line.
 #[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one in a run of the program"
+)]
 pub enum Request {
     /// Run a command.
     Run(Command),

@@ -108,7 +108,7 @@ pub fn run(workspace: &Workspace, options: &Selftest) -> Result<(), Failure> {
 }
 
 /// Opens a bus.
-fn open(
+pub(crate) fn open(
     workspace: &Workspace,
     vehicle: &Vehicle,
     bus: &Bus,
@@ -138,11 +138,11 @@ fn open(
 }
 
 #[cfg(target_os = "linux")]
-fn socketcan(name: &str, bit_rate: u32) -> Result<Box<dyn Transport>, TransportError> {
+pub(crate) fn socketcan(name: &str, bit_rate: u32) -> Result<Box<dyn Transport>, TransportError> {
     Ok(Box::new(socket::SocketCan::open(name, bit_rate)?))
 }
 
 #[cfg(not(target_os = "linux"))]
-fn socketcan(_: &str, _: u32) -> Result<Box<dyn Transport>, TransportError> {
+pub(crate) fn socketcan(_: &str, _: u32) -> Result<Box<dyn Transport>, TransportError> {
     Err(TransportError::NoSocketCan)
 }

@@ -3,12 +3,14 @@
 pub(crate) mod bus;
 pub(crate) mod distances;
 mod faults;
+mod live;
 pub(crate) mod matrix;
 mod recording;
 mod sense;
 mod tasks;
 
 pub(crate) use faults::{Trouble, first as first_faults};
+pub use live::{Can, Error as LiveError};
 
 use std::{
     collections::BTreeMap,
@@ -34,6 +36,7 @@ use world::{
 
 use crate::{Failure, Workspace, build, cli::Sim, progress::Display, vehicle};
 use bus::Log;
+use live::Live;
 use matrix::Matrix;
 use recording::{NodeRecording, Recorder};
 
@@ -89,6 +92,9 @@ pub enum Error {
     /// The output folder is wrong.
     #[error(transparent)]
     Folder(#[from] FolderError),
+    /// Other programs cannot take part.
+    #[error(transparent)]
+    Live(#[from] live::Error),
     /// The recording cannot be made.
     #[error("run.mcap cannot be made: {0}")]
     Recording(#[source] ::mcap::McapError),
@@ -147,6 +153,7 @@ impl Error {
                 | Self::NoScenario { .. }
                 | Self::NeverOn { .. }
                 | Self::Folder(_)
+                | Self::Live(_)
         )
     }
 }
@@ -197,14 +204,14 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         None => None,
     };
 
-    let finished = simulate(
-        workspace,
-        &vehicle,
-        &scenario,
-        options.seed,
-        options.seconds,
-        folder.is_some(),
-    )?;
+    let live = live(&vehicle, options).map_err(Error::from)?;
+    let wish = Wish {
+        seed: options.seed,
+        length: options.seconds,
+        tasks: folder.is_some(),
+        live,
+    };
+    let finished = simulate(workspace, &vehicle, &scenario, wish)?;
     finished.warn();
     let run = finished.run();
     let summary = finished.judged(&vehicle);
@@ -229,6 +236,16 @@ pub fn run(workspace: &Workspace, options: &Sim) -> Result<(), Failure> {
         None => Ok(()),
         Some(node) => Err(Error::IdleMotor { node: node.into() }.into()),
     }
+}
+
+/// The pace of the run, and the way of other programs to its bus; `None` if it runs as fast as it can.
+fn live(vehicle: &Vehicle, options: &Sim) -> Result<Option<Live>, live::Error> {
+    let wanted = options.can.is_some() || options.real_time.is_some();
+    let open = || {
+        let speed = options.real_time.unwrap_or(1.0);
+        Live::open(options.can.as_ref(), speed, vehicle.network().bit_rate)
+    };
+    wanted.then(open).transpose()
 }
 
 /// Fails with the first expectation that the run does not show.
@@ -400,7 +417,20 @@ pub(crate) struct Finished<'s> {
 /// The sender of a frame that no node has sent.
 const FOREIGN: &str = "foreign";
 
-/// Builds the images and runs a scenario; `record_tasks` keeps what the cores execute.
+/// How a scenario is run.
+#[derive(Default)]
+pub(crate) struct Wish {
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// How long to simulate; `None` takes the scenario's duration.
+    pub length: Option<SimDuration>,
+    /// Whether to keep what the cores execute.
+    pub tasks: bool,
+    /// The pace, and the way of other programs to the bus.
+    pub live: Option<Live>,
+}
+
+/// Builds the images and runs a scenario.
 ///
 /// # Errors
 ///
@@ -410,10 +440,14 @@ pub(crate) fn simulate<'s>(
     workspace: &Workspace,
     vehicle: &'s Vehicle,
     scenario: &'s Scenario,
-    seed: u64,
-    length: Option<SimDuration>,
-    record_tasks: bool,
+    wish: Wish,
 ) -> Result<Finished<'s>, Failure> {
+    let Wish {
+        seed,
+        length,
+        tasks: record_tasks,
+        mut live,
+    } = wish;
     let matrix = Matrix::new(vehicle);
     let images = images(workspace, vehicle)?;
     let start = Instant::now();
@@ -424,7 +458,7 @@ pub(crate) fn simulate<'s>(
     let end = SimTime::from_ticks(0) + length.unwrap_or_else(|| scenario.duration.span());
     while twin.now() < end {
         let step = end.min(twin.now() + agreement::SPAN);
-        recorder.run_until(&mut twin, step).map_err(Error::from)?;
+        recorder.run_until(&mut twin, step, live.as_mut())?;
         if let Some(agreement) = &mut agreement {
             agreement.compare(&mut twin);
         }
@@ -436,6 +470,13 @@ pub(crate) fn simulate<'s>(
     }
     let outcome = twin.finish();
     display.end();
+    if let Some(late) = live.as_ref().and_then(Live::late) {
+        eprintln!(
+            "note: the simulation fell up to {} ms behind the time, so what others send came that late",
+            late.as_millis()
+        );
+    }
+    drop(live);
     let wall = start.elapsed();
 
     let log = Log::new(&outcome.records, matrix.bit_time());

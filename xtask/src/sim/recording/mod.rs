@@ -5,9 +5,10 @@ pub(super) mod files;
 pub(super) mod mcap;
 pub(super) mod replay;
 
-use twin::{Images, TaskSwitch, Twin, TwinError};
+use twin::{Images, TaskSwitch, Twin};
 use world::{SimDuration, SimTime};
 
+use super::{Error, live::Live};
 use crate::log::Log;
 
 /// How often the logs are fetched. A program's buffer for its log holds several lines.
@@ -93,14 +94,22 @@ impl Recorder {
         }
     }
 
-    /// Lets the vehicle run up to `end`.
+    /// Lets the vehicle run up to `end`, at the pace of `live` if there is one.
     ///
     /// # Errors
-    /// As [`Twin::run_until`].
-    pub(crate) fn run_until(&mut self, twin: &mut Twin, end: SimTime) -> Result<(), TwinError> {
+    /// As [`Twin::run_until`] and [`Live::keep_up`].
+    pub(crate) fn run_until(
+        &mut self,
+        twin: &mut Twin,
+        end: SimTime,
+        mut live: Option<&mut Live>,
+    ) -> Result<(), Error> {
         while twin.now() < end {
             twin.run_until(end.min(twin.now() + STEP))?;
             self.fetch(twin);
+            if let Some(live) = &mut live {
+                live.keep_up(twin)?;
+            }
         }
         Ok(())
     }
