@@ -1,6 +1,6 @@
 //! Definition and parsing of the command line.
 
-use std::{ffi::OsString, path::PathBuf};
+use std::{ffi::OsString, path::PathBuf, time::Duration};
 
 use clap::{
     ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind,
@@ -61,6 +61,8 @@ pub enum Command {
     New(New),
     /// Show what happened in the log of a CAN bus.
     Analyse(Analyse),
+    /// Watch a bus against its schedule, as it happens.
+    Monitor(Monitor),
     /// Compute the steering's calibration from a recorded drive.
     Calibrate(Calibrate),
     /// Measure the cycles, code and RAM of the protocol stack and the control step.
@@ -444,6 +446,11 @@ fn whole<N: TryFrom<u64> + 'static>(
     }
 }
 
+fn wall_seconds(text: &str) -> Result<Duration, String> {
+    let simulated = seconds(text)?;
+    Ok(Duration::from_nanos(simulated.as_ticks() / 1000))
+}
+
 fn speed(text: &str) -> Result<f64, String> {
     let number = text.parse().ok();
     let speed = number.filter(|speed| (0.001..=100.0).contains(speed));
@@ -548,6 +555,38 @@ pub struct Batch {
     /// File to write [default: print it]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+}
+
+/// Options of `monitor`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    cargo xtask monitor --vehicle uagv socketcan:can0      nodes, messages and windows, until Ctrl-C\n  \
+    cargo xtask monitor --vehicle uagv slcan:/dev/ttyACM0 --record drive.log\n  \
+    cargo xtask monitor --vehicle uagv slcan:/tmp/bus --seconds 5 --json    beside cargo xtask sim --can slcan:/tmp/bus\n  \
+    cargo xtask monitor twin --seconds 5                   the virtual vehicle\n\n\
+    A node is dead when nothing has come of it for three basic cycles, lost when half of its frames are out of\n\
+    their windows, and babbles when it sends more than twice what is planned. Adapters report a frame up to some\n\
+    milliseconds late, so a frame counts as outside its window only if it is more than 4 ms away from it.\n\
+    cargo xtask analyse reads the record, and any other log.")]
+pub struct Monitor {
+    /// twin, socketcan:INTERFACE or slcan:PORT[@BAUD]
+    #[arg(value_name = "BUS")]
+    pub bus: Bus,
+    /// Vehicle, a folder below firmware/vehicles [default: uagv on the twin]
+    #[arg(long, value_name = "NAME")]
+    pub vehicle: Option<String>,
+    /// Value in place of the manifest's, as rover.law=thesis; may be given again for another one
+    #[arg(long, value_name = "KEY=VALUE", value_parser = Override::parse)]
+    pub set: Vec<Override>,
+    /// Stop after N seconds [default: at Ctrl-C]
+    #[arg(long, value_name = "N", value_parser = wall_seconds, allow_hyphen_values = true)]
+    pub seconds: Option<Duration>,
+    /// File for the frames, in the format of candump -l; one that is there is not replaced
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// Print the last picture as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `analyse`.

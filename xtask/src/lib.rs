@@ -19,6 +19,7 @@ pub mod cli;
 pub mod experiment;
 pub mod interrupt;
 pub mod keys;
+pub mod monitor;
 pub mod new;
 pub mod probe;
 pub mod schedulability;
@@ -81,6 +82,7 @@ fn execute(request: cli::Request) -> Result<(), Failure> {
         }
         cli::Command::Run(options) => probe::run(&workspace, probe::Action::Run, &options.board),
         cli::Command::Keys(options) => keys::run(&workspace, &options),
+        cli::Command::Monitor(options) => monitor::run(&workspace, &options),
         cli::Command::New(options) => new::run(&workspace, &options),
         cli::Command::Schedule(options) => schedule::run(&workspace, &options),
         cli::Command::Schedulability(options) => schedulability::run(&workspace, &options),

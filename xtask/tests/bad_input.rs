@@ -1,6 +1,8 @@
 //! Bad input of every command: one sentence that says what is wrong and what is accepted, exit code 2,
 //! and nothing on the standard output.
 
+#![cfg(target_os = "linux")]
+
 use std::{
     env, fs,
     path::Path,
