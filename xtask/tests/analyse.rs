@@ -193,6 +193,37 @@ fn gaps_missing_references_and_a_time_that_goes_back_are_events() {
     assert_eq!(found.log.time_goes_back, 1);
 }
 
+/// A logger that loses frames: the nodes have heard the reference that it has not.
+#[test]
+fn frames_behind_a_lost_reference_are_in_their_windows() {
+    let without = |lost: std::ops::Range<usize>| {
+        let mut references = 0;
+        let kept = |line: &&str| {
+            let is_reference = &line[25..28] == "064";
+            references += usize::from(is_reference);
+            !(is_reference && lost.contains(&references))
+        };
+        let log: Vec<&str> = drive().leak().lines().filter(kept).collect();
+        of_text(log.join("\n") + "\n").schedule.unwrap()
+    };
+    let all = without(0..0);
+    let one = without(50..51);
+    assert_eq!(one.missing_references, 1);
+    assert_eq!(one.basic_cycles + 1, all.basic_cycles);
+    assert_eq!(
+        (one.frames_outside_their_window, one.missed_windows),
+        (0, 0)
+    );
+    assert_eq!(one.frames_without_reference, all.frames_without_reference);
+    // Without two in a row nobody leads any more, as far as the log tells.
+    let two = without(50..52);
+    assert_eq!(
+        (two.missing_references, two.frames_outside_their_window),
+        (2, 0)
+    );
+    assert!(two.frames_without_reference > all.frames_without_reference + 5);
+}
+
 /// The lines of the drive, each stamp so many seconds later.
 fn later(seconds: f64) -> String {
     drive()

@@ -3,7 +3,8 @@
 //!
 //! A basic cycle begins with the start of frame of its reference message and lasts until the next
 //! one, but at most one and a half basic cycles, as in the report of a simulated run
-//! (`world::report`). Loggers stamp the end of a frame; its start is that less its length in bits.
+//! (`world::report`). A log may have lost a reference that the nodes have heard: frames behind it are
+//! placed from where it was due. Loggers stamp the end of a frame; its start is that less its length in bits.
 
 use std::collections::BTreeMap;
 
@@ -94,12 +95,25 @@ impl Slot {
 
 /// A basic cycle so far.
 struct Cycle {
-    /// Start of frame of its reference.
+    /// Start of frame of its reference, or where it was due.
     start: i64,
+    /// Whether its reference is not in the log.
+    lost: bool,
     count: u8,
     fixed: bool,
     /// Starts of frame of the others, ns after the reference's.
     frames: Vec<(i64, Identifier)>,
+}
+
+impl Cycle {
+    /// How long it lasts at the longest.
+    fn longest(&self, basic_cycle: i64) -> i64 {
+        if self.lost {
+            basic_cycle
+        } else {
+            longest(basic_cycle)
+        }
+    }
 }
 
 /// A deviation of the references from the schedule.
@@ -130,6 +144,8 @@ pub(super) struct Timing {
     count_byte: usize,
     basic_cycle: i64,
     cycle: Option<Cycle>,
+    /// Start of the last reference.
+    reference: Option<i64>,
     master: Option<u16>,
     cycles: u64,
     missing: u64,
@@ -169,6 +185,7 @@ impl Timing {
             count_byte: matrix.cycle_count_byte(),
             basic_cycle: i64::from(network.basic_cycle_us) * 1000,
             cycle: None,
+            reference: None,
             master: None,
             cycles: 0,
             missing: 0,
@@ -189,28 +206,53 @@ impl Timing {
             self.begin(start, reference, frame);
             return;
         }
+        self.go_on_without(start);
         match &mut self.cycle {
-            Some(cycle) if (0..longest(self.basic_cycle)).contains(&(start - cycle.start)) => {
+            Some(cycle)
+                if (0..cycle.longest(self.basic_cycle)).contains(&(start - cycle.start)) =>
+            {
                 cycle.frames.push((start - cycle.start, id));
             }
             _ => self.without_reference += 1,
         }
     }
 
+    /// A frame behind the end of a basic cycle begins: the reference of the next one, which comes first, is
+    /// not in the log. The schedule goes on for one cycle; if there is none behind it either, nobody
+    /// leads.
+    fn go_on_without(&mut self, start: i64) {
+        let Some(cycle) = self.cycle.as_ref().filter(|cycle| !cycle.lost) else {
+            return;
+        };
+        let due = cycle.start.saturating_add(self.basic_cycle);
+        if !(due..due.saturating_add(self.basic_cycle)).contains(&start) {
+            return;
+        }
+        let (count, fixed) = (cycle.count.wrapping_add(1) & 0x3F, cycle.fixed);
+        self.close(due);
+        self.cycle = Some(Cycle {
+            start: due,
+            lost: true,
+            count,
+            fixed,
+            frames: Vec::new(),
+        });
+    }
+
     /// A basic cycle begins.
     fn begin(&mut self, start: i64, id: u16, frame: &Frame) {
-        if let Some(before) = &self.cycle {
-            let period = start - before.start;
+        if let Some(before) = self.reference {
+            let period = start - before;
             if period < longest(self.basic_cycle) {
                 self.periods.add(period as f64);
             } else {
                 let missing = (period + self.basic_cycle / 2) / self.basic_cycle - 1;
                 let missing = u64::try_from(missing).unwrap_or(0);
                 self.missing += missing;
-                let at = before.start;
-                self.note(Irregularity::MissingReferences(at, missing));
+                self.note(Irregularity::MissingReferences(before, missing));
             }
         }
+        self.reference = Some(start);
         self.close(start);
         if self.master.is_some_and(|master| master != id) {
             self.note(Irregularity::Master(start, id));
@@ -227,6 +269,7 @@ impl Timing {
         frames.clear();
         self.cycle = Some(Cycle {
             start,
+            lost: false,
             count,
             fixed,
             frames,
@@ -267,8 +310,11 @@ impl Timing {
             let mut own = false;
             for slot in &mut self.slots {
                 if let Some(after) = slot.own(cycle.count, id, offset) {
-                    slot.starts.add(after as f64);
                     own = true;
+                    // Where a lost reference was due is not known as well as where one was.
+                    if !cycle.lost {
+                        slot.starts.add(after as f64);
+                    }
                 }
             }
             if !own {
@@ -291,7 +337,8 @@ impl Timing {
                 Due::Sometimes => false,
             };
             let ended = slot.start + slot.length <= lasts;
-            if !due || !ended || !slot.comes(cycle.count) || slot.starts.count() == 0 {
+            if cycle.lost || !due || !ended || !slot.comes(cycle.count) || slot.starts.count() == 0
+            {
                 continue;
             }
             let mut frames = cycle.frames.iter();
@@ -312,6 +359,7 @@ impl Timing {
     pub(super) fn finish(&mut self, end: i64) {
         self.close(end);
         self.cycle = None;
+        self.reference = None;
         self.note_empty(|_| true);
     }
 
