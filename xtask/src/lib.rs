@@ -30,6 +30,7 @@ pub mod vehicle;
 
 mod failure;
 mod file;
+mod log;
 mod progress;
 mod seal;
 mod workspace;

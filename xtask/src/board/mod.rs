@@ -2,7 +2,6 @@
 //! otherwise on the virtual microcontroller. The image is the same: `boards/tests`.
 
 mod image;
-mod log;
 mod on_board;
 mod on_twin;
 mod report;

@@ -13,8 +13,8 @@ use twin::{
 
 use parts::Sled;
 
-use super::{BoardTest, Error, Outcome, TestImage, Verdict, log::Log};
-use crate::Failure;
+use super::{BoardTest, Error, Outcome, TestImage, Verdict};
+use crate::{Failure, log::Log};
 
 /// How often the log is read and the surroundings may change. Shorter than defmt's buffer lasts.
 const SLICE: SimDuration = SimDuration::from_ticks(50_000_000);

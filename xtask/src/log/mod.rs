@@ -1,4 +1,4 @@
-//! The log of a test on the virtual microcontroller: defmt's frames, taken from its memory as a
+//! The log of a program on a virtual microcontroller: defmt's frames, taken from its memory as a
 //! debug probe does (RTT), and made readable with the format strings of the image.
 //!
 //! `defmt-decoder` does the same for probe-rs, but it makes every number of `serde_json` in this
@@ -15,7 +15,7 @@ use twin::mcu::Mcu;
 
 /// The frames of an image.
 #[derive(Debug)]
-pub(super) struct Log {
+pub(crate) struct Log {
     formats: BTreeMap<u16, Format>,
     /// Address of RTT's control block.
     control: Option<u32>,
@@ -54,7 +54,7 @@ const READ: u32 = 40;
 
 impl Log {
     /// The frames of this image. Without defmt it has none.
-    pub(super) fn of(elf: &[u8]) -> Self {
+    pub(crate) fn of(elf: &[u8]) -> Self {
         let file = object::File::parse(elf).ok();
         let mut formats = BTreeMap::new();
         let mut control = None;
@@ -85,7 +85,7 @@ impl Log {
     }
 
     /// The lines that the program has written since the last call.
-    pub(super) fn take(&mut self, mcu: &mut Mcu) -> Vec<String> {
+    pub(crate) fn take(&mut self, mcu: &mut Mcu) -> Vec<String> {
         if let Some(bytes) = self.control.and_then(|control| drain(mcu, control)) {
             self.pending.extend(bytes);
         }
@@ -178,7 +178,7 @@ impl Log {
                     }
                 }
             }
-            // No test logs anything else.
+            // No program of this workspace logs anything else.
             _ => return None,
         })
     }
