@@ -7,7 +7,7 @@ use crate::image::Image;
 use crate::part::{Family, Part, Pin};
 use crate::peripheral::{
     Burst, CanLink, Oscillators, Peripherals, PinChange, REFERENCE_COUNT, Ram, ResetCause,
-    SharedBus, UartByte, lock,
+    SharedBus, UartByte, lock, transfer,
 };
 use crate::silicon::Violation;
 use crate::statistics::{Load, Observer, Switch};
@@ -144,6 +144,8 @@ struct Stuck {
 pub struct Mcu {
     image: Arc<Image>,
     core: ArmV7m,
+    /// The contents of the flash, for the core and for its copies.
+    rom: Arc<RomStore>,
     shared: Arc<Shared>,
     /// Only with wait states.
     flash: Option<Arc<TimedFlash>>,
@@ -243,15 +245,15 @@ impl Mcu {
             memories.clone(),
         )?;
         let shared = Arc::new(Shared::new(peripherals, flash.is_some()));
-        let space = address_space(&image, flash.as_ref(), &memories, &shared)?;
-        let config = Config::CORTEX_M4F
-            .with_priority_bits(part.priority_bits)
-            .with_reset_vtor(part.flash.base);
-        let core = ArmV7m::new(config);
-        core.attach_space(Arc::new(space));
+        let rom = Arc::new(RomStore::from_slice(image.flash()));
+        let core = core(
+            part,
+            address_space(part, &rom, flash.as_ref(), &memories, &shared)?,
+        );
         Ok(Self {
             image,
             core,
+            rom,
             shared,
             flash,
             finds_caches_empty: board.flash == FlashTiming::EmptyCaches,
@@ -275,6 +277,41 @@ impl Mcu {
             stuck: None,
             resets: vec![(board.power_on, ResetCause::PowerOn)],
         })
+    }
+
+    /// A microcontroller in the same state, which becomes the same node of `bus`, a copy of this one's
+    /// bus. Traces and watched stores stay behind.
+    ///
+    /// # Panics
+    /// Never: what could be built once can be built again.
+    #[must_use]
+    pub fn copy(&self, bus: Option<&SharedBus>) -> Self {
+        let memories: Vec<Ram> = self.memories.iter().map(Ram::copy).collect();
+        let link = bus.zip(self.node).map(|(bus, node)| CanLink {
+            bus: Arc::clone(bus),
+            node,
+        });
+        let peripherals = lock(&self.shared.peripherals).copy(link, memories.clone());
+        let shared = Arc::new(self.shared.copy(peripherals));
+        let flash = self.flash.as_ref().map(|flash| Arc::new(flash.copy()));
+        let space = address_space(self.part(), &self.rom, flash.as_ref(), &memories, &shared);
+        let core = core(self.part(), space.expect("it was built before"));
+        transfer(&self.core, &core);
+        Self {
+            image: Arc::clone(&self.image),
+            core,
+            rom: Arc::clone(&self.rom),
+            shared,
+            flash,
+            memories,
+            it_states: self.it_states.clone(),
+            observer: self.observer.clone(),
+            trace: None,
+            watched: None,
+            debugger: self.debugger.clone(),
+            resets: self.resets.clone(),
+            ..*self
+        }
     }
 
     /// The program it runs.
@@ -1313,22 +1350,29 @@ fn give_back(sys: &mut rsemu::cpu::arm::v7m::sys::Sys, excess: u32, owed: u32) -
     0
 }
 
+/// The core of a part, at its power-on.
+fn core(part: &Part, space: AddressSpace) -> ArmV7m {
+    let config = Config::CORTEX_M4F
+        .with_priority_bits(part.priority_bits)
+        .with_reset_vtor(part.flash.base);
+    let core = ArmV7m::new(config);
+    core.attach_space(Arc::new(space));
+    core
+}
+
 fn address_space(
-    image: &Image,
+    part: &Part,
+    rom: &Arc<RomStore>,
     timed: Option<&Arc<TimedFlash>>,
     memories: &[Ram],
     shared: &Arc<Shared>,
 ) -> Result<AddressSpace, rsemu::Error> {
-    let part = image.part();
     let space = AddressSpace::new("node", 32);
     {
         let mut map = space.topology();
         let region = Arc::new(match timed {
             Some(timed) => Region::io("flash", u64::from(part.flash.size), timed.clone()),
-            None => {
-                let flash = Arc::new(RomStore::from_slice(image.flash()));
-                Region::rom("flash", flash, RomWrite::Fault)
-            }
+            None => Region::rom("flash", Arc::clone(rom), RomWrite::Fault),
         });
         map.map(Arc::clone(&region), u64::from(part.flash.base))?;
         // The boot pins map the flash to address zero.

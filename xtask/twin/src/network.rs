@@ -26,6 +26,7 @@ pub struct Network {
 }
 
 /// A bus guardian and the nodes that it guards.
+#[derive(Clone)]
 struct Guard {
     /// Index of the guardian.
     guardian: usize,
@@ -33,6 +34,7 @@ struct Guard {
 }
 
 /// The wires between the guardian and one node.
+#[derive(Clone)]
 struct Tap {
     /// The node on the bus.
     node: NodeId,
@@ -68,6 +70,19 @@ impl Network {
             now: SimTime::from_ticks(0),
             slice,
             guard: None,
+        }
+    }
+
+    /// The same nodes on the same bus, in the same state, as [`Mcu::copy`] makes them.
+    #[must_use]
+    pub fn copy(&self) -> Self {
+        let bus = Arc::new(Mutex::new(self.bus().clone()));
+        let nodes = self.nodes.iter().map(|node| node.copy(Some(&bus)));
+        Self {
+            nodes: nodes.collect(),
+            bus,
+            guard: self.guard.clone(),
+            ..*self
         }
     }
 

@@ -136,6 +136,7 @@ pub struct GateChange {
 }
 
 /// A node of the vehicle.
+#[derive(Clone)]
 struct Node {
     name: String,
     wiring: Wiring,
@@ -277,6 +278,23 @@ impl Twin {
             twin.babble(babble);
         }
         Ok(twin)
+    }
+
+    /// The same vehicle in the same state, as [`Mcu::copy`] makes its nodes. Both run on alike.
+    #[must_use]
+    pub fn copy(&self) -> Self {
+        Self {
+            network: self.network.copy(),
+            world: self.world.clone(),
+            nodes: self.nodes.clone(),
+            ahead: self.ahead.clone(),
+            records: self.records.clone(),
+            chain: self.chain.clone(),
+            steps: self.steps.clone(),
+            guarded: self.guarded.clone(),
+            gates: self.gates.clone(),
+            ..*self
+        }
     }
 
     /// Lets a node babble.

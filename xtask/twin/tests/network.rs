@@ -84,7 +84,7 @@ fn receiver() -> Program {
     program
 }
 
-fn exchange(pins: bool, crystal_ppb: i32) -> Network {
+fn powered(pins: bool, crystal_ppb: i32) -> Network {
     let mut network = Network::new();
     let board = Board {
         rc_ppb: crystal_ppb,
@@ -92,6 +92,11 @@ fn exchange(pins: bool, crystal_ppb: i32) -> Network {
     };
     network.add(sender(pins).image(Part::F446), &board);
     network.add(receiver().image(Part::F303), &Board::default());
+    network
+}
+
+fn exchange(pins: bool, crystal_ppb: i32) -> Network {
+    let mut network = powered(pins, crystal_ppb);
     network.run_until(SimTime::from_ticks(5 * MS));
     for node in 0..2 {
         assert_eq!(network.node(node).violations(), []);
@@ -146,4 +151,39 @@ fn a_clock_that_is_two_percent_off_does_not_get_through() {
         .filter(|record| matches!(record.kind, RecordKind::Error { .. }))
         .count();
     assert!(errors > 0);
+}
+
+#[test]
+fn a_copy_goes_on_as_the_original_does() {
+    for copied_at in [1, 2_150, 4_000] {
+        let mut network = powered(true, 300_000);
+        network.run_until(SimTime::from_ticks(copied_at * US));
+        let mut copy = network.copy();
+        for network in [&mut network, &mut copy] {
+            network.run_until(SimTime::from_ticks(5 * MS));
+        }
+        let expected = network.bus().drain_records();
+        assert_eq!(expected.len(), 2);
+        assert_eq!(copy.bus().drain_records(), expected);
+        for node in 0..2 {
+            let ends = [&network, &copy].map(|network| {
+                let mcu = network.node(node);
+                let registers: Vec<_> = (0..16).map(|number| mcu.register(number)).collect();
+                (mcu.cycles(), registers, mcu.memory(0x2000_0000, 0x2000))
+            });
+            assert_eq!(ends[0], ends[1], "node {node}, copied at {copied_at} us");
+        }
+        let pins = [&mut network, &mut copy].map(|network| network.node_mut(1).drain_pins());
+        assert_eq!(pins[0], pins[1]);
+        assert_eq!(pins[0].len(), 1);
+    }
+}
+
+#[test]
+fn a_copy_has_memory_of_its_own() {
+    let mut network = powered(true, 0);
+    network.run_until(SimTime::from_ticks(MS));
+    let copy = network.copy();
+    assert!(network.node_mut(0).set_memory(0x2000_0000, b"changed"));
+    assert_eq!(copy.node(0).memory(0x2000_0000, 7), Some(vec![0; 7]));
 }

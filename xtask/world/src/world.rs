@@ -220,7 +220,17 @@ struct Screen {
     line_free: SimTime,
 }
 
+impl Clone for Screen {
+    fn clone(&self) -> Self {
+        Self {
+            display: self.display.copy(),
+            ..*self
+        }
+    }
+}
+
 /// Everything around the nodes.
+#[derive(Clone)]
 pub struct World {
     scenario: Scenario,
     now: SimTime,

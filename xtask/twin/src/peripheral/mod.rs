@@ -29,6 +29,7 @@ use can_bus::{ClockRate, NodeId, SimTime};
 use parts::{Role, Signal, Sled, TimerOutput, interrupt};
 use rsemu::core::device::Device;
 use rsemu::core::space::{MemAttrs, MemOps, RamStore, RegionKind};
+use rsemu::core::state::{ChunkReader, MachineShape, StateReader, StateWriter};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -88,6 +89,21 @@ pub(crate) struct Ram {
     pub dma: bool,
 }
 
+impl Ram {
+    /// Another memory with the same contents.
+    pub(crate) fn copy(&self) -> Self {
+        let mut contents = vec![0; self.store.len() as usize];
+        let store = RamStore::new(self.store.len());
+        // Both have this length.
+        let _ = self.store.read_at(0, &mut contents);
+        let _ = store.write_at(0, &contents);
+        Self {
+            store: Arc::new(store),
+            ..*self
+        }
+    }
+}
+
 /// The node's place on the bus.
 #[derive(Debug, Clone)]
 pub(crate) struct CanLink {
@@ -106,7 +122,7 @@ pub(crate) struct Oscillators {
     pub watchdog_hz: u64,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Peripherals {
     part: &'static Part,
     /// The board around the part, which says what its pins are wired to.
@@ -262,6 +278,15 @@ impl Peripherals {
         peripherals.connect_can();
         peripherals.refresh();
         Ok(peripherals)
+    }
+
+    /// The same state, for a copy of the microcontroller with these memories and this place on the bus.
+    pub(crate) fn copy(&self, can: Option<CanLink>, memories: Vec<Ram>) -> Self {
+        Self {
+            can,
+            memories,
+            ..self.clone()
+        }
     }
 
     pub(crate) fn clock(&self) -> &LocalClock {
@@ -1394,6 +1419,22 @@ pub(crate) fn registers_of(device: &dyn Device) -> Arc<dyn MemOps> {
         Some(RegionKind::Io(registers)) => Arc::clone(registers),
         _ => panic!("{} has no register block", device.class().name),
     }
+}
+
+/// Brings a device of the emulator into the state of another one of its kind.
+pub(crate) fn transfer(from: &dyn Device, to: &dyn Device) {
+    carry(from, to).expect("a device reads the state that one of its kind has written");
+}
+
+fn carry(from: &dyn Device, to: &dyn Device) -> Result<(), rsemu::Error> {
+    const PATH: &str = "device";
+    let mut writer = StateWriter::new(MachineShape::new());
+    from.save(&mut writer.chunk(PATH, from.class().name, 0)?)?;
+    let bytes = writer.to_vec()?;
+    let (_, _, state) = StateReader::new(&bytes)?.load_raw(PATH)?;
+    let mut reader = ChunkReader::new(state);
+    to.load(&mut reader)?;
+    reader.end()
 }
 
 pub(crate) fn read_word(registers: &dyn MemOps, offset: u32) -> Option<u32> {
